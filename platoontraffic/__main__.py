@@ -1,0 +1,3 @@
+from platoontraffic.cli import main
+
+main()

@@ -1,0 +1,230 @@
+"""The command line. Exit codes: 0 fine, 1 a run failed, 2 bad input or usage, 130 interrupted."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable
+from contextlib import contextmanager
+from functools import wraps
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from platoontraffic import data
+from platoontraffic.errors import InputError, RunError
+
+app = typer.Typer(
+    help="Platoons that drive by laser scanner, in SUMO traffic.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+
+
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """A command whose every expected trouble is one line a fault on stderr, and an exit code."""
+
+    @wraps(function)
+    def guarded(*args: object, **kwargs: object) -> None:
+        try:
+            function(*args, **kwargs)
+        except InputError as error:
+            raise _ended(2, *error.faults) from None
+        except RunError as error:
+            raise _ended(1, str(error), *getattr(error, "__notes__", ())) from None
+        except KeyboardInterrupt as error:
+            raise _ended(130, "interrupted", *getattr(error, "__notes__", ())) from None
+
+    return app.command(function.__name__.rstrip("_"))(guarded)
+
+
+def _ended(code: int, *lines: str) -> typer.Exit:
+    for line in lines:
+        print(line, file=sys.stderr)
+    return typer.Exit(code)
+
+
+ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="a scenario file, or the name of a shipped one")]
+Changes = Annotated[
+    list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="keys of the scenario to change: platoon.size=3")
+]
+Seed = Annotated[int | None, typer.Option(help="instead of the scenario's")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="no progress and no summary: print the folder only")]
+
+
+@command
+def run(
+    scenario: ScenarioName,
+    changes: Changes = None,
+    seed: Seed = None,
+    results: Annotated[Path, typer.Option("--out", help="folder for results")] = Path("results"),
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, start nothing")] = False,
+    force: Annotated[bool, typer.Option(help="run again although an equal run has been finished")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run a scenario; leave its tables in OUT/NAME/RUN."""
+    from platoontraffic import scenario as scenarios
+    from platoontraffic import simulation
+
+    checked = scenarios.load(scenario, changes or (), seed)
+    prepared = simulation.prepare(checked)
+    folder = simulation.result_folder(checked, results)
+    if dry_run:
+        n = len(prepared.members)
+        out.print(f"{checked.source}: fine: {n} {'member' if n == 1 else 'members'}; would write {folder}")
+        return
+    from platoontraffic.recording import is_done
+
+    if is_done(folder) and not force:
+        if not quiet:
+            err.print(f"an equal run is already there and is not repeated (--force would): {folder}")
+    else:
+        if folder.exists():
+            shutil.rmtree(folder)
+        with _progress(checked.spec.run.duration_s, checked.spec.name, quiet) as progress:
+            simulation.simulate(prepared, folder, progress)
+    if not quiet:
+        _show(folder)
+    print(folder)
+
+
+@command
+def check(files: Annotated[list[str], typer.Argument(metavar="SCENARIO...", help="files, or shipped names")]) -> None:
+    """Say what is wrong with scenario files, without running them."""
+    from platoontraffic import scenario as scenarios
+    from platoontraffic import simulation
+
+    faults: list[str] = []
+    for name in files:
+        try:
+            simulation.prepare(scenarios.load(name))
+            out.print(f"{name}: fine")
+        except InputError as error:
+            faults += error.faults
+    if faults:
+        raise InputError(*faults)
+
+
+@command
+def list_(
+    what: Annotated[str, typer.Argument(help="scenarios, nets, laws, vehicles or lidars")] = "scenarios",
+) -> None:
+    """List what there is by name."""
+    from lidar import PRESETS
+    from platoontraffic.registry import did_you_mean, law_class, law_names
+    from platoontraffic.vehicle import VEHICLES
+
+    listings: dict[str, Callable[[], dict[str, str]]] = {
+        "scenarios": lambda: {name: _title(file) for name, file in data.scenarios().items()},
+        "nets": lambda: {name: str(file) for name, file in data.networks().items()},
+        "laws": lambda: {name: _first_line(law_class(name, Path())) for name in law_names()},
+        "vehicles": lambda: {name: f"{v.length:g} x {v.width:g} m" for name, v in VEHICLES.items()},
+        "lidars": lambda: {
+            name: f"{m.samples} beams, {m.angle_max - m.angle_min:.4g} rad, {m.range_min:g} to {m.range_max:g} m"
+            for name, m in PRESETS.items()
+        },
+    }
+    if what not in listings:
+        raise InputError(f"argument 1: {what!r}: nothing to list{did_you_mean(what, listings)}")
+    for name, text in listings[what]().items():
+        out.print(f"{name:16} {text}", soft_wrap=True)
+
+
+@command
+def new(name: Annotated[str, typer.Argument(help="folder to make; also the scenario's name")]) -> None:
+    """Make a folder with a scenario and a follower of your own to start from."""
+    from platoontraffic.starter import write_starter
+
+    folder = write_starter(Path(name))
+    out.print(
+        f"made {folder}: the scenario and the law in follower.py are yours to change; run it with", soft_wrap=True
+    )
+    out.print(f"  platoontraffic run {folder / folder.name}.toml", soft_wrap=True)
+
+
+@command
+def plot(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="the folder of a run")],
+    to: Annotated[Path | None, typer.Option("--to", help="picture file; default RUN/plot.png")] = None,
+) -> None:
+    """Draw the paths on the road and the gaps over time."""
+    from analysis.pictures import ResultsError, picture
+
+    try:
+        print(picture(run_folder, to or run_folder / "plot.png"))
+    except ResultsError as error:
+        raise InputError(str(error)) from error
+
+
+def main() -> None:
+    """Entry point."""
+    app()
+
+
+@contextmanager
+def _progress(duration: float, name: str, quiet: bool):
+    """A bar on stderr, where that is a terminal; yields what the run reports its time to."""
+    if quiet or not err.is_terminal:
+        yield lambda time: None
+        return
+    columns = [
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} of at most {task.total:.0f} s"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    ]
+    with Progress(*columns, console=err, transient=True) as bar:
+        task = bar.add_task(name, total=duration)
+        yield lambda time: bar.update(task, completed=time)
+
+
+def _show(folder: Path) -> None:
+    """The figures one looks at first."""
+    import json
+
+    import pandas as pd
+
+    metrics = pd.read_csv(folder / "metrics.csv")
+    facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
+    columns = {
+        "laps": "laps",
+        "right lane": "right_lane_share",
+        "gap mean [m]": "gap_mean",
+        "min": "gap_min",
+        "max": "gap_max",
+        "cross-track max [m]": "cross_track_max",
+        "lock-on": "lock_on_ratio",
+        "losses": "lock_losses",
+        "stood": "standstill_share",
+        "contacts": "collisions",
+    }
+    table = Table("member", *columns, box=None, header_style="bold", pad_edge=False)
+    members = metrics[metrics.scope == "vehicle"]
+    for vehicle, rows in members.groupby("vehicle_id", sort=False):
+        values = rows.set_index("metric").value
+        table.add_row(vehicle, *(f"{values[m]:.3g}" if m in values else "" for m in columns.values()))
+    out.print(table)
+    whole = metrics[metrics.scope == "run"].set_index("metric").value
+    out.print(
+        f"{facts['simulated_s']:g} s simulated at {facts['real_time_factor']:g} x real time; "
+        f"contacts {whole['collisions']:g}, losses of lock {whole.get('lock_losses', 0):g}",
+        soft_wrap=True,
+    )
+
+
+def _title(file: Path) -> str:
+    import tomllib
+
+    return tomllib.loads(file.read_text(encoding="utf-8")).get("title", "")
+
+
+def _first_line(kind: type) -> str:
+    return (kind.__doc__ or "").strip().partition("\n")[0]

@@ -1,0 +1,113 @@
+"""From a scenario and its road to the members of the platoons, each at its start pose."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+
+from lidar import Scene
+from platoontraffic.errors import InputError
+from platoontraffic.fleet import Member
+from platoontraffic.network import Network, read_polygons
+from platoontraffic.polyline import Polyline
+from platoontraffic.scenario import Platoon, Scenario, default_preset
+
+
+def static_scene(scenario: Scenario, network: Network) -> Scene:
+    """What stands still and stops a beam or a robot: walls and obstacles."""
+    walls = list(network.outline()) if scenario.spec.scene.walls == "outline" else []
+    solids = []
+    for file in scenario.additional:
+        for shape in read_polygons(file):
+            if shape.kind == "wall":
+                walls.append(shapely.LineString(shape.coordinates))
+            else:
+                solids.append(shapely.Polygon(shape.coordinates))
+    return Scene.from_shapely(walls, solids)
+
+
+def deploy(scenario: Scenario, network: Network) -> tuple[Member, ...]:
+    """All members, in the order of the file.
+
+    raises: InputError where an edge or lane does not exist, or a start pose is off the road or on another's
+    """
+    members: list[Member] = []
+    faults: list[str] = []
+    for i, platoon in enumerate(scenario.spec.platoon):
+        try:
+            members += _platoon(scenario, network, i, platoon)
+        except InputError as error:
+            faults += [f"{scenario.source}: platoon.{i}: {fault}" for fault in error.faults]
+    if not faults:
+        faults = [f"{scenario.source}: {fault}" for fault in _misplaced(members, network)]
+    if faults:
+        raise InputError(*faults)
+    return tuple(members)
+
+
+def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon) -> list[Member]:
+    model = platoon.vehicle.model()
+    start = platoon.start
+    path = _path(network, platoon)
+    members = []
+    for place in range(platoon.size):
+        role = "leader" if place == 0 else "follower"
+        position = start.position_m - place * (model.length + platoon.gap_m)
+        on_lane = max(position, 0.0)
+        x, y, heading = network.lane_pose(start.edge, start.lane, on_lane)
+        # The position is that of the front bumper, the pose that of the centre; behind the lane's start members stand
+        # on its straight prolongation, which must be road too.
+        back = model.length / 2 + on_lane - position
+        x += -back * math.cos(heading) - start.lateral_m * math.sin(heading)
+        y += -back * math.sin(heading) + start.lateral_m * math.cos(heading)
+        driver = getattr(platoon, role)
+        members.append(
+            Member(
+                id=f"{platoon.id}.{place}",
+                platoon=platoon.id,
+                place=place,
+                model=model,
+                lidar=driver.lidar.model(default_preset(role), model.length),
+                law=scenario.laws[i, role],
+                edge=start.edge,
+                lane=start.lane,
+                position=on_lane,
+                pose=(x, y, heading),
+                route=tuple(platoon.route),
+                path=path,
+            )
+        )
+    return members
+
+
+def _path(network: Network, platoon: Platoon) -> Polyline | None:
+    if not platoon.route:
+        return None
+    if platoon.start.edge not in platoon.route:
+        raise InputError(f"route: does not contain the start edge {platoon.start.edge!r}: {platoon.route}")
+    return Polyline(network.route_line(platoon.route, platoon.start.lane, closed=platoon.loop), closed=platoon.loop)
+
+
+def _misplaced(members: list[Member], network: Network) -> list[str]:
+    """Footprints that are not wholly on the road, or overlap."""
+    footprints = [_footprint(m) for m in members]
+    faults = [
+        f"{m.id}: start pose ({m.pose[0]:.2f}, {m.pose[1]:.2f}) is off the road"
+        for m, footprint in zip(members, footprints, strict=True)
+        if not network.drivable.contains(footprint)
+    ]
+    tree = shapely.STRtree(footprints)
+    for a, b in np.sort(tree.query(footprints, predicate="intersects"), axis=0).T:
+        if a < b and (fault := f"{members[a].id} and {members[b].id} start at one place") not in faults:
+            faults.append(fault)
+    return faults
+
+
+def _footprint(member: Member) -> shapely.Polygon:
+    x, y, heading = member.pose
+    along, aside = member.model.length / 2, member.model.width / 2
+    box = shapely.box(-along, -aside, along, aside)
+    cos, sin = math.cos(heading), math.sin(heading)
+    return shapely.affinity.affine_transform(box, [cos, -sin, sin, cos, x, y])

@@ -1,0 +1,226 @@
+"""What a run leaves behind: a folder of tidy CSV that is there whole, or not at all.
+
+Rows are written while the run goes, into a folder beside that is renamed when all is complete. A run that is
+interrupted or fails keeps what it has, in a folder whose name ends in `.unfinished`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple, TextIO
+
+import numpy as np
+
+from platoontraffic.errors import RunError
+from platoontraffic.fleet import Fleet
+from platoontraffic.observation import NOTHING, WALL, Event, Measures
+from platoontraffic.traffic import TrafficSnapshot
+
+DONE = "DONE"
+UNFINISHED = ".unfinished"
+
+
+class Column(NamedTuple):
+    name: str
+    type: str
+    unit: str
+    meaning: str
+    format: str = "%s"
+
+
+def _number(name: str, unit: str, meaning: str, format: str = "%.6f") -> Column:
+    return Column(name, "number", unit, meaning, format)
+
+
+def _text(name: str, meaning: str) -> Column:
+    return Column(name, "string", "", meaning)
+
+
+TRAJECTORIES = (
+    _number("time_s", "s", "SUMO's time of the instant", "%.3f"),
+    _text("platoon_id", "platoon"),
+    _text("vehicle_id", "member"),
+    Column("place", "integer", "", "0 leads, 1 follows it, and so on", "%d"),
+    _number("x_m", "m", "centre of the footprint, east"),
+    _number("y_m", "m", "centre of the footprint, north"),
+    _number("heading_rad", "rad", "counter-clockwise from east, in (-pi, pi]"),
+    _number("turned_rad", "rad", "change of heading since the start, not wrapped"),
+    _number("speed_mps", "m/s", "forward speed of the driven axle's middle"),
+    _number("accel_mps2", "m/s2", "change of that speed over the last step"),
+    _number("yaw_rate_radps", "rad/s", "turn to the left"),
+    _number("gap_m", "m", "front bumper to predecessor's rear bumper, along the path that the predecessor drove"),
+    _number("gap_error_m", "m", "gap minus the gap that the law wants at this speed; empty if it names none"),
+    _number("time_gap_s", "s", "gap over own speed; empty at a standstill"),
+    _number("seen_gap_m", "m", "distance of what the law takes for its predecessor, from the front bumper"),
+    _number("seen_bearing_rad", "rad", "its bearing from the laser, to the left"),
+    _text("target_id", "whom those returns belong to: a vehicle, 'wall', or empty when the law sees none"),
+    _number("cross_track_m", "m", "driven axle to the left of the path that the predecessor's drove"),
+    _number("right_of_middle_m", "m", "centre to the right of the road's middle line; empty inside intersections"),
+    _text("edge_id", "SUMO's edge, or junction"),
+    _text("lane_id", "SUMO's lane; empty off the road"),
+)
+
+EVENTS = (
+    _number("time_s", "s", "SUMO's time of the instant", "%.3f"),
+    _text("kind", "see the kinds below"),
+    _text("vehicle_id", "whom it happened to"),
+    _text("other_id", "with whom, or 'wall'"),
+    _number("x_m", "m", "where: the vehicle's centre, east"),
+    _number("y_m", "m", "where: the vehicle's centre, north"),
+    _text("edge_id", "SUMO's edge, or junction"),
+    _text("detail", "cause, or duration"),
+)
+
+METRICS = (
+    _text("scope", "'vehicle', 'platoon' or 'run'"),
+    _text("platoon_id", "platoon; empty for a run"),
+    _text("vehicle_id", "member; empty for a platoon or a run"),
+    _text("metric", "see metrics.py for the definitions"),
+    _number("value", "", "value", "%.9g"),
+    _text("unit", "unit of the value; empty for counts and shares"),
+)
+
+KINDS = {
+    "locked": "the law takes its true predecessor for the first time",
+    "lock_lost": "the law no longer takes its true predecessor for it; detail says why",
+    "lock_regained": "it does again; detail says after how long",
+    "wrong_target": "it takes something else",
+    "standstill": "has stood still for more than 10 s",
+    "standstill_end": "moves again; detail says after how long",
+    "collision": "touches another vehicle or a wall; once for every episode",
+    "off_road": "its driven axle has left the drivable area",
+    "end": "the run ended; detail says why",
+}
+
+
+class Recorder:
+    """The folder of a run while it is written."""
+
+    def __init__(self, folder: Path) -> None:
+        """folder: the final one; it must not be there yet."""
+        self._final = folder
+        self.folder = folder.with_name(f"{folder.name}.{os.getpid()}.partial")
+        try:
+            self.folder.mkdir(parents=True)
+            self._trajectories = self._open("trajectories.csv", TRAJECTORIES)
+            self._events = self._open("events.csv", EVENTS)
+        except OSError as error:
+            raise RunError(f"{folder.parent}: results cannot be written: {error.strerror}") from error
+
+    def record(self, traffic: TrafficSnapshot, fleet: Fleet, measures: Measures, roads: list[tuple[str, str]]) -> None:
+        """One row a member, ordered by platoon and place whatever the order of the fleet."""
+        motion = fleet.motion
+        rows = []
+        for i, m in enumerate(fleet.members):
+            target = measures.target[i]
+            target_id = {NOTHING: "", WALL: "wall"}[target] if target < 0 else traffic.ids[target]
+            rows.append(
+                (
+                    traffic.time, m.platoon, m.id, m.place, traffic.x[i], traffic.y[i], traffic.heading[i],
+                    motion.turned[i], motion.speed[i], motion.acceleration[i], motion.yaw_rate[i],
+                    measures.gap[i], measures.gap_error[i], measures.time_gap[i], measures.seen_gap[i],
+                    measures.seen_bearing[i], target_id, measures.cross_track[i], measures.right_of_middle[i],
+                    *roads[i],
+                )
+            )  # fmt: skip
+        rows.sort(key=lambda row: row[1:4:2])
+        self._trajectories.write(_lines(rows, TRAJECTORIES))
+
+    def note(self, events: Iterable[Event]) -> None:
+        self._events.write(_lines(sorted(events), EVENTS))
+
+    def flush(self) -> None:
+        """What was written is safe even if the process is killed."""
+        self._trajectories.flush()
+        self._events.flush()
+
+    def write(self, name: str, text: str) -> None:
+        """A further file of the run."""
+        (self.folder / name).write_text(text, encoding="utf-8", newline="\n")
+
+    def write_table(self, name: str, rows: Iterable[tuple], columns: tuple[Column, ...]) -> None:
+        with self._open(name, columns) as file:
+            file.write(_lines(rows, columns))
+
+    def close_tables(self) -> None:
+        self._trajectories.close()
+        self._events.close()
+
+    def finish(self) -> Path:
+        """Mark as complete and put in place; where an equal run has just been finished, that one stays."""
+        self.write(DONE, "")
+        try:
+            self.folder.rename(self._final)
+        except OSError:
+            if not is_done(self._final):
+                raise
+            shutil.rmtree(self.folder)
+        return self._final
+
+    def keep_unfinished(self) -> Path:
+        """Put what there is beside the place of a finished run."""
+        self.close_tables()
+        kept = self._final.with_name(self._final.name + UNFINISHED)
+        shutil.rmtree(kept, ignore_errors=True)
+        return self.folder.rename(kept)
+
+    def discard(self) -> None:
+        self.close_tables()
+        shutil.rmtree(self.folder)
+        for empty in (self.folder.parent, self.folder.parent.parent):
+            if not any(empty.iterdir()):
+                empty.rmdir()
+
+    def _open(self, name: str, columns: tuple[Column, ...]) -> TextIO:
+        file = (self.folder / name).open("w", encoding="utf-8", newline="\n")
+        file.write(",".join(c.name for c in columns) + "\n")
+        return file
+
+
+def is_done(folder: Path) -> bool:
+    return (folder / DONE).is_file()
+
+
+def datapackage(name: str, title: str) -> dict[str, Any]:
+    """Frictionless data package: every table's columns with unit and meaning."""
+    tables = {"trajectories": TRAJECTORIES, "events": EVENTS, "metrics": METRICS}
+    resources = []
+    for table, columns in tables.items():
+        schema = {"fields": [c._asdict() for c in columns], "missingValues": [""]}
+        for field in schema["fields"]:
+            del field["format"]
+            field["description"] = field.pop("meaning")
+        resources.append({"name": table, "path": f"{table}.csv", "format": "csv", "schema": schema})
+    resources[1]["kinds"] = KINDS
+    resources.append(
+        {
+            "name": "summary",
+            "path": "summary.csv",
+            "format": "csv",
+            "description": "one row: the run, its varied values, and every metric of scope 'run' as <metric>_<unit>",
+        }
+    )
+    resources.append({"name": "scene", "path": "scene.geojson", "description": "road, middle lines and walls [m]"})
+    return {"name": name.lower(), "title": title or name, "resources": resources}
+
+
+def as_json(table: Any) -> str:
+    return json.dumps(table, indent=2, ensure_ascii=False) + "\n"
+
+
+def _lines(rows: Iterable[tuple], columns: tuple[Column, ...]) -> str:
+    return "".join(",".join(_field(v, c) for v, c in zip(row, columns, strict=True)) + "\n" for row in rows)
+
+
+def _field(value: Any, column: Column) -> str:
+    if column.type == "string":
+        return f'"{value.replace(chr(34), chr(34) * 2)}"' if set(value) & set(',"\n') else value
+    if value is None or (isinstance(value, float | np.floating) and np.isnan(value)):
+        return ""
+    text = column.format % value
+    # -0.000000 and 0.000000 are one number: which of them comes out must not depend on the order of additions.
+    return text.removeprefix("-") if float(text) == 0 else text

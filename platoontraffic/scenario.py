@@ -1,0 +1,458 @@
+"""Scenario files: TOML in, checked and resolved, before anything starts.
+
+Keys carry their unit; here, once, they become SI and radians. What is wrong is said in one line a fault:
+`file:line: key: what; what is allowed`.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tomllib
+import typing
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, field_validator, model_validator
+
+from lidar import PRESETS, LidarModel, Mount
+from platoontraffic import data, tomlkeys
+from platoontraffic.errors import InputError
+from platoontraffic.registry import did_you_mean, law_class, plug_in_file
+from platoontraffic.vehicle import VEHICLES, DifferentialDrive
+
+Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+
+# A UTM-30LX is 60 mm deep: with its face flush with the front bumper, its centre is 30 mm behind.
+LASER_BEHIND_BUMPER = 0.03
+
+
+class Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Sumo(Table):
+    net: str  # name of a shipped network, or a .net.xml file
+    additional: list[str] = []  # files with <poly>s: walls and obstacles; a shipped network brings its own
+
+
+class SceneTable(Table):
+    walls: Literal["outline", "none"] = "outline"  # of the drivable area
+    lidar_engine: Literal["numpy", "pymunk"] = "numpy"
+
+
+class Run(Table):
+    step_s: Length = 0.025
+    duration_s: Length
+    laps: Length | None = None  # ends the run as soon as every member has turned through so many full circles
+
+    @field_validator("step_s")
+    @classmethod
+    def whole_milliseconds(cls, step: float) -> float:
+        if abs(step * 1000 - round(step * 1000)) > 1e-9:
+            raise ValueError("must be whole milliseconds, as SUMO counts")
+        return step
+
+
+class Record(Table):
+    every_s: Length = 0.1
+
+
+class Vehicle(Table):
+    type: str = "paper-robot"
+    length_m: Length | None = None
+    width_m: Length | None = None
+    axle_m: Number | None = None
+    wheel_separation_m: Length | None = None
+    wheel_radius_m: Length | None = None
+    max_wheel_speed_radps: Length | None = None
+    lag_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def by_name(cls, value: Any) -> Any:
+        return {"type": value} if isinstance(value, str) else value
+
+    @field_validator("type")
+    @classmethod
+    def known(cls, name: str) -> str:
+        return _one_of(name, VEHICLES)
+
+    def model(self) -> DifferentialDrive:
+        values = {f.name: getattr(VEHICLES[self.type], f.name) for f in fields(DifferentialDrive)}
+        given = {key.rsplit("_", 1)[0]: value for key, value in self if key != "type" and value is not None}
+        return DifferentialDrive(**values | given)
+
+
+class Lidar(Table):
+    preset: str | None = None  # default: the paper's, for a leader or a follower
+    fov_deg: Annotated[float, Field(gt=0, le=360)] | None = None
+    samples: Annotated[int, Field(ge=2)] | None = None
+    range_min_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    range_max_m: Length | None = None
+    rate_hz: Length | None = None
+    mount_x_m: Number | None = None  # ahead of the vehicle's centre; default 0.03 m behind the front bumper
+    mount_y_m: Number = 0.0
+    mount_yaw_deg: Number = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def by_name(cls, value: Any) -> Any:
+        return {"preset": value} if isinstance(value, str) else value
+
+    @field_validator("preset")
+    @classmethod
+    def known(cls, name: str | None) -> str | None:
+        return name and _one_of(name, PRESETS)
+
+    def model(self, default_preset: str, vehicle_length: float) -> LidarModel:
+        base = PRESETS[self.preset or default_preset]
+        half = math.radians(self.fov_deg) / 2 if self.fov_deg is not None else None
+        mount_x = vehicle_length / 2 - LASER_BEHIND_BUMPER if self.mount_x_m is None else self.mount_x_m
+        return LidarModel(
+            samples=_or(self.samples, base.samples),
+            angle_min=base.angle_min if half is None else -half,
+            angle_max=base.angle_max if half is None else half,
+            range_min=_or(self.range_min_m, base.range_min),
+            range_max=_or(self.range_max_m, base.range_max),
+            rate=_or(self.rate_hz, base.rate),
+            mount=Mount(mount_x, self.mount_y_m, math.radians(self.mount_yaw_deg)),
+        )
+
+
+class Driver(BaseModel):
+    """A law, its gains (all further keys), and the lidar it looks through."""
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+
+    law: str
+    lidar: Lidar = Lidar()
+
+    @model_validator(mode="before")
+    @classmethod
+    def by_name(cls, value: Any) -> Any:
+        return {"law": value} if isinstance(value, str) else value
+
+
+class Start(Table):
+    edge: str
+    lane: Annotated[int, Field(ge=0)] = 0
+    position_m: Number  # of the leader's front bumper, from the lane's start
+    lateral_m: Number = 0.0  # to the left of the lane's centre line
+
+
+class Platoon(Table):
+    id: Identifier = "platoon"
+    size: Annotated[int, Field(ge=1)] = 1
+    vehicle: Vehicle = Vehicle()
+    start: Start
+    gap_m: Length = 0.5  # bumper to bumper, at the start
+    route: list[str] = []
+    loop: bool = False  # the route begins again at its end
+    leader: Driver
+    follower: Driver | None = None
+
+    @model_validator(mode="after")
+    def followers_have_a_law(self) -> Platoon:
+        if self.size > 1 and self.follower is None:
+            raise ValueError("a platoon of more than one needs a [platoon.follower]")
+        return self
+
+
+class Spec(Table):
+    """A scenario file."""
+
+    name: Identifier = "scenario"
+    title: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    sumo: Sumo
+    scene: SceneTable = SceneTable()
+    run: Run
+    record: Record = Record()
+    platoon: Annotated[list[Platoon], Field(min_length=1)]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A checked scenario: what the file and the arguments say, and everything they name."""
+
+    spec: Spec
+    source: Path
+    net: Path
+    additional: tuple[Path, ...]
+    laws: dict[tuple[int, str], Any]  # (platoon's number, "leader" or "follower") -> law
+    plug_ins: dict[tuple[int, str], Path]
+    varied: dict[str, Any]  # what the arguments changed
+
+    @property
+    def seed(self) -> int:
+        return self.spec.seed
+
+    def files(self) -> dict[str, Path]:
+        """Every input file, by a name that says what it is for."""
+        plug_ins = {file.name: file for file in self.plug_ins.values()}
+        return {"net": self.net, **{f"additional.{f.name}": f for f in self.additional}, **plug_ins}
+
+    def resolved(self, folder: Path | None = None) -> dict[str, Any]:
+        """All keys with their values, as for TOML. Files are named relative to `folder`; without one, not at all."""
+        table = self.spec.model_dump(exclude_none=True)
+
+        def named(file: Path) -> str:
+            return Path(os.path.relpath(file, folder)).as_posix() if folder else ""
+
+        if self.spec.sumo.net not in data.networks():
+            table["sumo"]["net"] = named(self.net)
+        table["sumo"]["additional"] = [
+            named(file) for file in self.additional if file.parent.parent != data.shipped("sumo_nets")
+        ]
+        for (i, role), law in self.laws.items():
+            driver = table["platoon"][i][role]
+            keys = {alias: getattr(law, name) for name, alias in _keys(type(law)).items()}
+            driver.clear()
+            driver |= {"law": getattr(self.spec.platoon[i], role).law, **keys}
+            lidar = getattr(self.spec.platoon[i], role).lidar.model_dump(exclude_none=True)
+            driver["lidar"] = {"preset": default_preset(role)} | lidar
+            if file := self.plug_ins.get((i, role)):
+                driver["law"] = f"{named(file)}:{driver['law'].rsplit(':', 1)[1]}"
+        return table
+
+
+def default_preset(role: str) -> str:
+    return f"paper-{role}"
+
+
+def load(name_or_file: str | Path, arguments: Sequence[str] = (), seed: int | None = None) -> Scenario:
+    """The scenario of a file, or a shipped one by name, changed by `key=value` arguments.
+
+    raises: InputError with one line for every fault found
+    """
+    source = _find(name_or_file)
+    try:
+        text = source.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{source}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        line = getattr(error, "lineno", None) or _line_in(str(error))
+        raise InputError(f"{source}:{line}: not valid TOML: {str(error).split(' (at')[0]}") from error
+    lines = tomlkeys.key_lines(text)
+    places: dict[tuple, str] = {}
+    varied = {}
+    for number, argument in enumerate(arguments, start=1):
+        key, value, paths = _override(table, argument, number)
+        varied[key] = value
+        places |= dict.fromkeys(paths, f"argument {number}")
+    table.setdefault("name", source.stem)
+    if seed is not None:
+        table["seed"] = seed
+        places["seed",] = "--seed"
+
+    def place(path: tuple) -> str:
+        for n in range(len(path), 0, -1):
+            if path[:n] in places:
+                return places[path[:n]]
+        line = tomlkeys.line_of(lines, path)
+        return f"{source}:{line}" if line else str(source)
+
+    try:
+        spec = Spec.model_validate(table)
+    except ValidationError as error:
+        raise InputError(*(f"{place(f['loc'])}: {_fault(f, Spec)}" for f in error.errors())) from None
+    return _resolve(spec, source, varied, place)
+
+
+def _resolve(spec: Spec, source: Path, varied: dict, place: Any) -> Scenario:
+    faults: list[str] = []
+    folder = source.parent
+
+    def fault(path: tuple, what: str) -> None:
+        faults.append(f"{place(path)}: {_dotted(path)}: {what}")
+
+    nets = data.networks()
+    net = nets.get(spec.sumo.net, folder / spec.sumo.net)
+    if not net.is_file():
+        what = "no such file, nor a shipped network"
+        fault(("sumo", "net"), f"{spec.sumo.net!r}: {what}{did_you_mean(spec.sumo.net, nets)}")
+    own = net.with_name(net.name.replace(".net.xml", ".poly.xml"))
+    additional = [own] if spec.sumo.net in nets and own.is_file() else []
+    for i, name in enumerate(spec.sumo.additional):
+        additional.append(folder / name)
+        if not (folder / name).is_file():
+            fault(("sumo", "additional", i), f"{name!r}: no such file")
+
+    if not _whole(spec.record.every_s / spec.run.step_s):
+        fault(("record", "every_s"), f"{spec.record.every_s}: must be a multiple of run.step_s = {spec.run.step_s}")
+    if len({p.id for p in spec.platoon}) < len(spec.platoon):
+        fault(("platoon",), "two platoons have the same id")
+
+    laws, plug_ins = {}, {}
+    for i, platoon in enumerate(spec.platoon):
+        for role in ("leader", "follower"):
+            driver: Driver | None = getattr(platoon, role)
+            if driver is None:
+                continue
+            at = ("platoon", i, role)
+            try:
+                kind = law_class(driver.law, folder)
+                laws[i, role] = _law(kind, driver.model_extra or {}, lambda key, what, at=at: fault((*at, key), what))
+            except LookupError as error:
+                fault((*at, "law"), str(error))
+                continue
+            if file := plug_in_file(driver.law, folder):
+                plug_ins[i, role] = file
+            if "route" in getattr(kind, "needs", ()) and not platoon.route:
+                fault((*at, "law"), f"{driver.law!r} needs platoon.{i}.route, the edges to drive")
+            try:
+                lidar = driver.lidar.model(default_preset(role), platoon.vehicle.model().length)
+            except ValueError as error:
+                fault((*at, "lidar"), str(error))
+                continue
+            if not _whole(1 / (lidar.rate * spec.run.step_s)):
+                what = f"{lidar.rate:g}: a scan must take whole steps of run.step_s = {spec.run.step_s}"
+                fault((*at, "lidar", "rate_hz"), what)
+    if faults:
+        raise InputError(*faults)
+    return Scenario(spec, source, net, tuple(additional), laws, plug_ins, varied)
+
+
+def _law(kind: type, gains: dict[str, Any], fault: Any) -> Any:
+    """An instance of a law's class from the keys of a scenario file."""
+    if not (is_dataclass(kind) and kind.__dataclass_params__.frozen):
+        raise LookupError(f"{kind.__qualname__} must be a frozen dataclass, of its gains")
+    hints = typing.get_type_hints(kind, include_extras=True)
+    model = create_model(
+        kind.__name__,
+        __config__=ConfigDict(extra="forbid", strict=True, populate_by_name=False),
+        **{f.name: (hints[f.name], _default(f)) for f in fields(kind)},
+    )
+    try:
+        checked = model.model_validate(gains)
+        return kind(**{f.name: getattr(checked, f.name) for f in fields(kind)})
+    except ValidationError as error:
+        for e in error.errors():
+            fault(e["loc"][0] if e["loc"] else "law", _fault(e, model).split(": ", 1)[-1])
+    except ValueError as error:
+        fault("law", str(error))
+    return None
+
+
+def _default(field: Any) -> Any:
+    """A dataclass field's default as pydantic wants it: `...` for none."""
+    from dataclasses import MISSING
+
+    if field.default_factory is not MISSING:
+        return field.default_factory()
+    return ... if field.default is MISSING else field.default
+
+
+def _keys(kind: type) -> dict[str, str]:
+    """Field name -> key in a scenario file."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    keys = {}
+    for f in fields(kind):
+        notes = getattr(hints[f.name], "__metadata__", ())
+        keys[f.name] = next((a for n in notes if (a := getattr(n, "alias", None))), f.name)
+    return keys
+
+
+def _find(name_or_file: str | Path) -> Path:
+    known = data.scenarios()
+    if str(name_or_file) in known:
+        return known[str(name_or_file)]
+    file = Path(name_or_file)
+    if file.is_file():
+        return file
+    hint = did_you_mean(str(name_or_file), known)
+    raise InputError(f"{name_or_file}: no such scenario file, nor a shipped scenario{hint}")
+
+
+def _override(table: dict, argument: str, number: int) -> tuple[str, Any, list[tuple]]:
+    """Set `key=value` in the table; a key of `platoon` without a number is set in every platoon."""
+    key, equals, text = argument.partition("=")
+    if not equals or not key:
+        raise InputError(f"argument {number}: {argument!r}: must be key=value")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text  # a bare word is a string
+    names = key.split(".")
+    targets: list[tuple[Any, tuple]] = [(table, ())]
+    for name in names[:-1]:
+        targets = [step for node, path in targets for step in _into(node, path, name, argument, number)]
+    paths = []
+    for node, path in [step for target in targets for step in _last(*target)]:
+        if not isinstance(node, dict):
+            raise InputError(f"argument {number}: {argument!r}: {_dotted(path)} is not a table")
+        node[names[-1]] = value
+        paths.append((*path, names[-1]))
+    return key, value, paths
+
+
+def _into(node: Any, path: tuple, name: str, argument: str, number: int) -> list[tuple[Any, tuple]]:
+    if isinstance(node, list):
+        if not name.isdigit():
+            return [s for i, item in enumerate(node) for s in _into(item, (*path, i), name, argument, number)]
+        if int(name) >= len(node):
+            raise InputError(f"argument {number}: {argument!r}: there are {len(node)}, numbered from 0")
+        return [(node[int(name)], (*path, int(name)))]
+    if not isinstance(node, dict):
+        raise InputError(f"argument {number}: {argument!r}: {_dotted(path)} is not a table")
+    if isinstance(node.get(name), str) and name in ("leader", "follower", "lidar", "vehicle"):
+        short = {"leader": "law", "follower": "law", "lidar": "preset", "vehicle": "type"}[name]
+        node[name] = {short: node[name]}
+    return [(node.setdefault(name, {}), (*path, name))]
+
+
+def _last(node: Any, path: tuple) -> list[tuple[Any, tuple]]:
+    return [(item, (*path, i)) for i, item in enumerate(node)] if isinstance(node, list) else [(node, path)]
+
+
+def _fault(error: dict, model: type[BaseModel]) -> str:
+    """pydantic's error as `key: what; what is allowed`."""
+    path = error["loc"]
+    if error["type"] == "extra_forbidden":
+        return f"{_dotted(path)}: unknown key{did_you_mean(str(path[-1]), _known_keys(model, path[:-1]))}"
+    if error["type"] == "missing":
+        return f"{_dotted(path)}: missing"
+    what = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    value = error["input"]
+    shown = "" if isinstance(value, dict | BaseModel) else f"{value!r}: "
+    return f"{_dotted(path)}: {shown}{what}"
+
+
+def _known_keys(model: type[BaseModel], path: tuple) -> list[str]:
+    for name in path:
+        if isinstance(name, int):
+            continue
+        inner = model.model_fields[name].annotation
+        while typing.get_args(inner):
+            inner = typing.get_args(inner)[0]
+        model = inner
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def _one_of(name: str, known: dict[str, Any]) -> str:
+    if name not in known:
+        raise ValueError(f"not known{did_you_mean(name, known)}")
+    return name
+
+
+def _or(value: Any, default: Any) -> Any:
+    return default if value is None else value
+
+
+def _whole(ratio: float) -> bool:
+    return ratio > 0.5 and abs(ratio - round(ratio)) < 1e-6
+
+
+def _dotted(path: tuple) -> str:
+    return ".".join(map(str, path))
+
+
+def _line_in(message: str) -> str:
+    return message.rpartition("line ")[2].partition(",")[0]

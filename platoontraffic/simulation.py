@@ -1,0 +1,150 @@
+"""A run, from a checked scenario to a folder of results. The loop in `simulate` is the table of contents."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import shapely
+import tomli_w
+
+from platoontraffic import metrics, provenance, recording
+from platoontraffic.contact import Contacts
+from platoontraffic.deployment import deploy, static_scene
+from platoontraffic.errors import InputError, RunError
+from platoontraffic.fleet import Fleet, Member
+from platoontraffic.network import Network
+from platoontraffic.observation import Event, Observer
+from platoontraffic.recording import Recorder
+from platoontraffic.scenario import Scenario
+from platoontraffic.sensing import Sensing
+from platoontraffic.sumo import World
+
+Progress = Callable[[float], None]  # told the simulated time [s] now and then
+SAFE_EVERY = 10.0  # what was recorded is flushed to disk every so many simulated seconds
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A scenario with its road read and its members placed: all that can be wrong with the input has been seen."""
+
+    scenario: Scenario
+    network: Network
+    members: tuple[Member, ...]
+
+
+def prepare(scenario: Scenario) -> Prepared:
+    """raises: InputError"""
+    network = Network.read(scenario.net)
+    return Prepared(scenario, network, deploy(scenario, network))
+
+
+def result_folder(scenario: Scenario, results: Path) -> Path:
+    return results / scenario.spec.name / provenance.run_id(scenario)
+
+
+def simulate(prepared: Prepared, folder: Path, progress: Progress = lambda time: None) -> Path:
+    """Run, and leave everything in `folder`; returns it.
+
+    raises: RunError (SUMO or the disk failed), KeyboardInterrupt: what was recorded is kept in `<folder>.unfinished`;
+            InputError (a plug-in failed): nothing is kept
+    """
+    recorder = Recorder(folder)
+    try:
+        return _simulate(prepared, recorder, progress)
+    except InputError:
+        recorder.discard()
+        raise
+    except (Exception, KeyboardInterrupt) as error:
+        kept = recorder.keep_unfinished()
+        if isinstance(error, OSError):
+            raise RunError(f"{kept}: {error.strerror}; what was recorded until then is kept there") from error
+        error.add_note(f"what was recorded until then is kept in {kept}")
+        raise
+
+
+def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Path:
+    scenario, network = prepared.scenario, prepared.network
+    run, record = scenario.spec.run, scenario.spec.record
+    dt = run.step_s
+    facts = provenance.provenance(scenario, provenance.command_line())
+    scene = static_scene(scenario, network)
+    fleet = Fleet.deployed(prepared.members, dt)
+    world = World(network, dt, scenario.seed, recorder.folder / "run.log")
+    sensing = Sensing(scene, scenario.spec.scene.lidar_engine)
+    observer = Observer(fleet, network, Contacts(scene, {m.id for m in prepared.members}))
+    steps = round(run.duration_s / dt)
+    record_every = round(record.every_s / dt)
+    safe_every = round(SAFE_EVERY / dt)
+
+    watch = provenance.Stopwatch()
+    read, scan = watch("read", world.snapshot), watch("scan", sensing.scan)
+    observe, measure = watch("observe", observer.watch), watch("measure", observer.measure)
+    write, place, advance = watch("record", recorder.record), watch("place", world.place), watch("step", world.advance)
+    decide, move = watch("decide", Fleet.decided), watch("move", Fleet.moved)
+
+    began = time.perf_counter()
+    with world:
+        world.deploy(fleet)
+        ended = "duration"
+        for step in range(steps + 1):
+            traffic = read(fleet)
+            scans = scan(traffic, fleet, step)
+            fleet = decide(fleet, scans, dt)
+            roads = world.roads(fleet)
+            recorder.note(observe(traffic, fleet, scans, roads))
+            if step % record_every == 0:
+                write(traffic, fleet, measure(fleet), roads)
+            if step % safe_every == 0:
+                recorder.flush()
+                progress(traffic.time)
+            if run.laps and (np.abs(fleet.motion.turned) >= 2 * np.pi * run.laps).all():
+                ended = "laps"
+            if step == steps or ended == "laps":
+                break
+            fleet = move(fleet, dt)
+            place(fleet)
+            advance(fleet)
+    wall = time.perf_counter() - began
+    recorder.note([Event(traffic.time, "end", "", "", np.nan, np.nan, "", ended)])
+    facts["simulated_s"] = traffic.time
+    facts["wall_s"] = round(wall, 3)
+    facts["real_time_factor"] = round(traffic.time / wall, 2)
+    facts["stage_s"] = {stage: round(seconds, 3) for stage, seconds in watch.seconds.items()}
+    facts["sumo_words"] = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:100]
+    return _conclude(prepared, recorder, facts)
+
+
+def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> Path:
+    """The files that are made of the whole run."""
+    scenario, spec = prepared.scenario, prepared.scenario.spec
+    recorder.close_tables()
+    values = metrics.compute(*(pd.read_csv(recorder.folder / f"{t}.csv") for t in ("trajectories", "events")))
+    recorder.write_table("metrics.csv", values, recording.METRICS)
+    recorder.write("summary.csv", metrics.summary(spec.name, spec.seed, scenario.varied, values))
+    recorder.write("config.toml", tomli_w.dumps(scenario.resolved(recorder.folder)))
+    recorder.write("scene.geojson", recording.as_json(_scene(prepared)))
+    recorder.write("datapackage.json", recording.as_json(recording.datapackage(spec.name, spec.title)))
+    recorder.write("provenance.json", recording.as_json(facts))
+    return recorder.finish()
+
+
+def _scene(prepared: Prepared) -> dict:
+    """Road, middle lines and walls as GeoJSON, in the network's metres: what pictures are drawn on."""
+    walls = static_scene(prepared.scenario, prepared.network).segments.reshape(-1, 2, 2)
+    parts = {
+        "road": prepared.network.drivable,
+        "middle": shapely.MultiLineString(prepared.network.middle_lines()),
+        "walls": shapely.MultiLineString(list(walls)),
+    }
+    return {
+        "type": "FeatureCollection",
+        "features": [
+            {"type": "Feature", "properties": {"kind": kind}, "geometry": shapely.geometry.mapping(shape)}
+            for kind, shape in parts.items()
+        ],
+    }

@@ -1,0 +1,211 @@
+"""The SUMO world, in process: the only module that talks to libsumo.
+
+SUMO's frame, degrees clockwise from north and the middle of the front bumper, exists in this file only. What the calls
+rely on was found by experiment with SUMO 1.28 and is kept by tests/test_sumo.py.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import libsumo
+import numpy as np
+
+from platoontraffic.errors import RunError
+from platoontraffic.fleet import Fleet, Member
+from platoontraffic.network import Network
+from platoontraffic.traffic import TrafficSnapshot
+
+# keepRoute 2: the exact pose, on whatever lane lies there, never an error. 5 m, where the search for a lane ends,
+# makes the call four times cheaper than the default 100 m and finds the same lanes.
+KEEP_ROUTE = 2
+MATCH_THRESHOLD = 5.0
+ANYWHERE = ("", -1)
+
+ALL_OFF = 32  # speed mode: SUMO believes the speed that follows from the displacement
+NO_LANE_CHANGE = 0
+
+_running: list[Path] = []  # libsumo holds one simulation a process; a second start would replace the first in silence
+
+
+def sumo_angle(heading):
+    """Heading (counter-clockwise from east [rad]) as SUMO's angle (clockwise from north [deg], in [0, 360))."""
+    return (90.0 - np.degrees(heading)) % 360.0
+
+
+def heading_of(angle):
+    """SUMO's angle as heading in (-pi, pi]; the inverse of `sumo_angle`."""
+    return np.pi - (np.pi - np.radians(90.0 - angle)) % (2 * np.pi)
+
+
+def front_of(x, y, heading, length):
+    """Middle of the front bumper, SUMO's position, of a vehicle with its centre at x, y."""
+    return x + length / 2 * np.cos(heading), y + length / 2 * np.sin(heading)
+
+
+def centre_of(x, y, heading, length):
+    """Centre of a vehicle with its front bumper at x, y; the inverse of `front_of`."""
+    return x - length / 2 * np.cos(heading), y - length / 2 * np.sin(heading)
+
+
+class World:
+    """SUMO from start to close: a context manager. Steps are `step` seconds long (whole milliseconds).
+
+    words: the file that everything SUMO says goes to.
+    """
+
+    def __init__(self, network: Network, step: float, seed: int, words: Path) -> None:
+        self._network, self._step, self._words = network, step, words
+        self._options = [
+            "sumo",
+            *("--net-file", str(network.path), "--step-length", str(step), "--seed", str(seed)),
+            *("--time-to-teleport", "-1", "--collision.action", "warn", "--collision.check-junctions", "true"),
+            *("--collision.mingap-factor", "0", "--emergencydecel.warning-threshold", "1000000"),
+            *("--no-step-log", "true", "--duration-log.disable", "true", "--precision", "6"),
+        ]
+        self._routed: dict[str, str] = {}  # the edge from which each member's route was last set
+        self._sizes: dict[str, tuple[float, float]] = {}  # length, width of SUMO's own vehicles
+
+    def __enter__(self) -> World:
+        if _running:
+            raise RunError(f"SUMO already runs {_running[0]} in this process; libsumo holds one simulation a process")
+        with self._listening():
+            try:
+                libsumo.start(self._options)
+            except libsumo.TraCIException as error:
+                raise RunError(f"SUMO did not start: {self._reason(error)}") from error
+        _running.append(self._network.path)
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        _running.clear()
+        died = isinstance(error, libsumo.TraCIException | libsumo.FatalTraCIError)
+        when = f"{libsumo.simulation.getTime():g} s" if died else ""
+        with self._listening():
+            libsumo.close()
+        if died:
+            raise RunError(f"SUMO failed at {when}: {error}") from error
+
+    def deploy(self, fleet: Fleet) -> None:
+        """Insert all members at their start poses and take the wheel."""
+        for member in fleet.members:
+            self._insert(member)
+        self.place(fleet)
+        self._simulate()
+        missing = {m.id for m in fleet.members} - set(libsumo.vehicle.getIDList())
+        if missing:
+            raise RunError(f"SUMO did not insert {', '.join(sorted(missing))}; its words are in {self._words.name}")
+        for member in fleet.members:
+            libsumo.vehicle.setSpeedMode(member.id, ALL_OFF)
+            libsumo.vehicle.setLaneChangeMode(member.id, NO_LANE_CHANGE)
+        self._settle(fleet)
+
+    def snapshot(self, fleet: Fleet) -> TrafficSnapshot:
+        """All vehicles at this instant; the members as the fleet knows them, the others as SUMO does."""
+        members = {m.id for m in fleet.members}
+        others = [name for name in libsumo.vehicle.getIDList() if name not in members]
+        length, width = np.array([self._size(name) for name in others]).reshape(-1, 2).T
+        front = np.array([libsumo.vehicle.getPosition(name) for name in others]).reshape(-1, 2)
+        heading = heading_of(np.array([libsumo.vehicle.getAngle(name) for name in others]))
+        x, y = centre_of(*front.T, heading, length)
+        speed = np.array([libsumo.vehicle.getSpeed(name) for name in others])
+        own = fleet.motion
+        return TrafficSnapshot(
+            # SUMO's clock already shows the next step.
+            round(libsumo.simulation.getTime() - self._step, 6),
+            (*(m.id for m in fleet.members), *others),
+            np.concatenate([own.x, x]),
+            np.concatenate([own.y, y]),
+            np.concatenate([own.heading, heading]),
+            np.concatenate([own.speed, speed]),
+            np.concatenate([fleet.model.length, length]),
+            np.concatenate([fleet.model.width, width]),
+        )
+
+    def place(self, fleet: Fleet) -> None:
+        """Tell SUMO where every member is at the end of the coming step."""
+        motion = fleet.motion
+        x, y = front_of(motion.x, motion.y, motion.heading, fleet.model.length)
+        angle = sumo_angle(motion.heading)
+        if not (np.isfinite(x).all() and np.isfinite(y).all() and np.isfinite(angle).all()):  # SUMO would take a NaN
+            raise RunError("a member's pose is not finite")
+        for i, member in enumerate(fleet.members):
+            libsumo.vehicle.moveToXY(member.id, *ANYWHERE, x[i], y[i], angle[i], KEEP_ROUTE, MATCH_THRESHOLD)
+
+    def advance(self, fleet: Fleet) -> None:
+        """One step of SUMO; then members' speeds and routes are set right again."""
+        self._simulate()
+        self._settle(fleet)
+
+    def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
+        """Edge and lane that SUMO has each member on; the lane is "" off the road."""
+        vehicle = libsumo.vehicle
+        return [(vehicle.getRoadID(m.id), vehicle.getLaneID(m.id)) for m in fleet.members]
+
+    def _insert(self, member: Member) -> None:
+        kind = f"platoontraffic.{member.id}"
+        model = member.model
+        libsumo.vehicletype.copy("DEFAULT_VEHTYPE", kind)
+        libsumo.vehicletype.setLength(kind, model.length)
+        libsumo.vehicletype.setWidth(kind, model.width)
+        libsumo.vehicletype.setMinGap(kind, min(2.5, model.length / 2))
+        # SUMO clips the speed it believes to lane limit x factor, and to the maximum of the type.
+        libsumo.vehicletype.setSpeedFactor(kind, 10)
+        libsumo.vehicletype.setSpeedDeviation(kind, 0)
+        libsumo.vehicletype.setMaxSpeed(kind, 1.5 * model.max_wheel_speed * model.wheel_radius)
+        libsumo.route.add(kind, [member.edge])
+        libsumo.vehicle.add(
+            member.id, kind, typeID=kind, depart="now", departLane=str(member.lane),
+            departPos=str(member.position), departSpeed="0",
+        )  # fmt: skip
+
+    def _settle(self, fleet: Fleet) -> None:
+        for member, speed in zip(fleet.members, fleet.motion.speed, strict=True):
+            # The speed SUMO derives is wrong where a lane's length is not that of the path driven: at corners.
+            libsumo.vehicle.setPreviousSpeed(member.id, abs(speed))
+            edge = libsumo.vehicle.getRoadID(member.id)
+            if edge == self._routed.get(member.id) or edge not in self._network.edges:  # a junction
+                continue
+            if libsumo.vehicle.getRoute(member.id)[libsumo.vehicle.getRouteIndex(member.id)] != edge:
+                continue  # for a few steps after a junction SUMO still counts it to the edge before
+            # Other drivers judge right of way by the route, which leaving it has replaced.
+            libsumo.vehicle.setRoute(member.id, self._onward(member, edge))
+            self._routed[member.id] = edge
+
+    def _onward(self, member: Member, edge: str) -> list[str]:
+        """The intended edges from this one; for a law that goes where it likes, the straightest."""
+        if edge in member.route:
+            return list(member.route[member.route.index(edge) :])
+        return list(self._network.onward(edge))
+
+    def _size(self, name: str) -> tuple[float, float]:
+        if name not in self._sizes:
+            self._sizes[name] = libsumo.vehicle.getLength(name), libsumo.vehicle.getWidth(name)
+        return self._sizes[name]
+
+    def _simulate(self) -> None:
+        with self._listening():
+            libsumo.simulationStep()
+
+    def _reason(self, error: Exception) -> str:
+        """SUMO's own first error; what it raises is often only 'Process Error'."""
+        errors = [line for line in self._words.read_text(errors="replace").splitlines() if line.startswith("Error")]
+        return errors[0].removeprefix("Error:").strip() if errors else str(error)
+
+    @contextlib.contextmanager
+    def _listening(self) -> Iterator[None]:
+        """SUMO prints from C++ to file descriptor 2, past Python's stderr: into the file of its words."""
+        sys.stderr.flush()
+        kept = os.dup(2)
+        words = os.open(self._words, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        try:
+            os.dup2(words, 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            os.close(words)

@@ -1,0 +1,27 @@
+"""All vehicles on the road at one instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidar import Boxes
+
+
+@dataclass(frozen=True)
+class TrafficSnapshot:
+    """Platoon members first, in the fleet's order, then SUMO's own vehicles. Arrays (n,)."""
+
+    time: float
+    ids: tuple[str, ...]
+    x: np.ndarray  # centre of the footprint
+    y: np.ndarray
+    heading: np.ndarray
+    speed: np.ndarray
+    length: np.ndarray
+    width: np.ndarray
+
+    def boxes(self) -> Boxes:
+        """What a lidar sees of the vehicles; the owner of a box is its row here."""
+        return Boxes(self.x, self.y, self.heading, self.length, self.width, owner=np.arange(len(self.ids)))

@@ -1,0 +1,112 @@
+"""Motion models: how a command becomes motion, for many vehicles at once.
+
+World frame: x east, y north, heading counter-clockwise from east. The pose of a vehicle is that of the centre of its
+footprint. Everything is SI and radians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class Twist(NamedTuple):
+    """A command, or a motion, of the body: floats, or arrays (n,)."""
+
+    speed: np.ndarray  # forward [m/s]
+    yaw_rate: np.ndarray  # to the left [rad/s]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where vehicles are and how they move, at one instant. Arrays (n,)."""
+
+    x: np.ndarray
+    y: np.ndarray
+    heading: np.ndarray  # in (-pi, pi]
+    turned: np.ndarray  # heading since the start, not wrapped
+    speed: np.ndarray  # of the driven axle's middle
+    yaw_rate: np.ndarray
+    acceleration: np.ndarray
+
+    @classmethod
+    def at_rest(cls, x, y, heading) -> Motion:
+        x, y, heading = (np.array(value, dtype=float) for value in (x, y, heading))
+        still = np.zeros_like(x)
+        return cls(x, y, heading, still, still, still, still)
+
+
+@dataclass(frozen=True)
+class DifferentialDrive:
+    """A robot on two driven rear wheels and a castor in front; the paper's robot.
+
+    Each field is a float, or an array (n,) for n robots at once (`stack`). The defaults are those of `paper-robot`:
+    the paper names its robot (like an EMoRo) and gives no size. Length, width and wheels are this project's
+    assumption, chosen so that the closed forms of the follower (width 0.15 m) have room on a 1 m lane.
+    """
+
+    length: Positive = 0.20  # of the footprint rectangle [m]
+    width: Positive = 0.15
+    axle: float = -0.06  # driven axle, ahead of the centre [m]; negative: behind it
+    wheel_separation: Positive = 0.13  # between the two driven wheels [m]
+    wheel_radius: Positive = 0.03
+    max_wheel_speed: Positive = 40.0  # [rad/s]; 1.2 m/s straight ahead
+    lag: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0  # first order, of both wheel speeds [s]; 0: none
+
+    def saturated(self, twist: Twist) -> Twist:
+        """The nearest twist of the same curvature that both wheels can turn."""
+        swing = twist.yaw_rate * self.wheel_separation / 2
+        fastest = np.maximum(np.abs(twist.speed - swing), np.abs(twist.speed + swing)) / self.wheel_radius
+        keep = np.minimum(1.0, self.max_wheel_speed / np.maximum(fastest, 1e-300))
+        return Twist(twist.speed * keep, twist.yaw_rate * keep)
+
+    def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+        """The middle of the driven axle, the point whose path the wheels draw. Arrays (n,)."""
+        return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
+
+    def moved(self, motion: Motion, twist: Twist, dt: float) -> Motion:
+        """Motion after dt under one command.
+
+        The axle's middle drives an arc: exact for a constant twist, and, since both wheels share one lag, exact too
+        for a start from rest at constant curvature. With a lag, distance and turned angle are exact always.
+        """
+        wanted = self.saturated(twist)
+        lag = np.maximum(self.lag, 1e-12)
+        left_over = np.exp(-dt / lag)  # share of the difference that is still there after dt
+        mean_left_over = -np.expm1(-dt / lag) * lag / dt
+        speed, mean_speed = _relax(motion.speed, wanted.speed, left_over, mean_left_over)
+        yaw_rate, mean_yaw_rate = _relax(motion.yaw_rate, wanted.yaw_rate, left_over, mean_left_over)
+
+        angle = mean_yaw_rate * dt
+        chord = mean_speed * dt * np.sinc(angle / (2 * np.pi))  # numpy's sinc(x) is sin(pi x) / (pi x)
+        along = motion.heading + angle / 2
+        heading = motion.heading + angle
+        # The axle moves along the chord; the centre keeps its place before the axle.
+        x = motion.x + chord * np.cos(along) + self.axle * (np.cos(motion.heading) - np.cos(heading))
+        y = motion.y + chord * np.sin(along) + self.axle * (np.sin(motion.heading) - np.sin(heading))
+        return Motion(
+            x, y, wrap(heading), motion.turned + angle, speed, yaw_rate, acceleration=(speed - motion.speed) / dt
+        )
+
+
+VEHICLES = {"paper-robot": DifferentialDrive()}
+
+
+def stack(models: list[DifferentialDrive]) -> DifferentialDrive:
+    """Many robots as one model with arrays (n,)."""
+    return DifferentialDrive(*(np.array([getattr(m, f.name) for m in models]) for f in fields(DifferentialDrive)))
+
+
+def wrap(angle):
+    """The same angle in (-pi, pi]."""
+    return np.pi - (np.pi - angle) % (2 * np.pi)
+
+
+def _relax(value, target, left_over, mean_left_over):
+    """First-order approach to a target over one step: the value at its end, and its mean over the step."""
+    return target + (value - target) * left_over, target + (value - target) * mean_left_over
