@@ -1,0 +1,6 @@
+"""Platoons that drive by laser scanner, in SUMO traffic."""
+
+from platoontraffic.controllers import Decision, Sensed, Target, per_vehicle
+from platoontraffic.vehicle import Twist
+
+__all__ = ["Decision", "Sensed", "Target", "Twist", "per_vehicle"]

@@ -83,7 +83,7 @@ class Fleet:
             motion=Motion.at_rest(*zip(*(m.pose for m in members), strict=True)),
             twist=Twist(np.zeros(n), np.zeros(n)),
             target=Target(np.full(n, np.nan), np.full(n, np.nan)),
-            station=np.zeros(n),
+            station=np.array([m.path.project(*m.pose[:2], near=0.0, window=np.inf)[0] if m.path else 0.0 for m in members]),
             memories=(None,) * len(groups),
         )
 

@@ -44,7 +44,7 @@ class Polyline:
 
     def project(self, x: float, y: float, near: float, window: float) -> tuple[float, float]:
         """Station of the nearest point among those within `window` of station `near`, and the offset to the left."""
-        if self.closed:
+        if self.closed and window < np.inf:
             near = near % self.length + (self.length if near % self.length < self.length / 2 else 0)
         station = self._station[: self._size]
         first = max(np.searchsorted(station, near - window, side="right") - 1, 0)
