@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import cos, sin
 from pathlib import Path
 
 import pandas as pd
@@ -27,11 +28,16 @@ def picture(folder: Path | str, to: Path | str) -> Path:
     gaps = results.trajectories.dropna(subset="gap_m")
     figure = Figure(figsize=(11, 5) if len(gaps) else (6.5, 5), layout="constrained")
     FigureCanvasAgg(figure)
-    road, *beside = figure.subplots(1, 2 if len(gaps) else 1, squeeze=False)[0]
+    if len(gaps):
+        parts = figure.subplot_mosaic([["road", "gaps"], ["road", "locks"]], height_ratios=[6, 1])
+        draw_gaps(parts["gaps"], results)
+        draw_losses(parts["locks"], results)
+        parts["locks"].sharex(parts["gaps"])
+        road = parts["road"]
+    else:
+        road = figure.subplots()
     draw_road(road, results)
     draw_paths(road, results)
-    for axes in beside:
-        draw_gaps(axes, results)
     figure.legend(*road.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
     to = Path(to)
     try:
@@ -69,18 +75,37 @@ def draw_paths(axes: Axes, results: Results) -> None:
 
 
 def draw_gaps(axes: Axes, results: Results) -> None:
-    """Gap of every follower of the main platoon over time; ticks at zero where its lock was lost."""
-    main = results.trajectories[results.trajectories.platoon_id == _main_platoon(results)]
-    for (place, vehicle), rows in main[main.place > 0].groupby(["place", "vehicle_id"]):
-        axes.plot(rows.time_s, rows.gap_m, color=COLOURS[place % len(COLOURS)], linewidth=1, label=vehicle)
-        lost = rows[rows.target_id != _ahead(main, place)]
-        if len(lost):
-            axes.plot(lost.time_s, [0.0] * len(lost), "|", color=COLOURS[place % len(COLOURS)], markersize=4 + 4 * place)
-    axes.set_xlabel("time [s]")
+    """Gap of every follower of the main platoon over time."""
+    for place, _, rows in _followers(results):
+        axes.plot(rows.time_s, rows.gap_m, color=COLOURS[place % len(COLOURS)], linewidth=1)
     axes.set_ylabel("gap to the member ahead [m]")
     axes.set_ylim(bottom=0)
+    axes.tick_params(labelbottom=False)
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def draw_losses(axes: Axes, results: Results) -> None:
+    """When each follower of the main platoon did not take its true predecessor for it: one line a follower."""
+    end = results.trajectories.time_s.max()
+    for place, vehicle, _ in _followers(results):
+        events = results.events[results.events.vehicle_id == vehicle]
+        lost = events.loc[events.kind == "lock_lost", "time_s"].to_list()
+        until = [*events.loc[events.kind == "lock_regained", "time_s"], end]
+        spans = [(a, b - a) for a, b in zip(lost, until, strict=False)]
+        axes.broken_barh(spans, (-place - 0.4, 0.8), facecolor=COLOURS[place % len(COLOURS)])
+    axes.set_ylim(-max(place for place, *_ in _followers(results)) - 0.6, -0.4)
+    axes.set_yticks([])
+    axes.set_ylabel("lock lost", rotation=0, ha="right", va="center")
+    axes.set_xlabel("time [s]")
+    axes.spines[["top", "right", "left"]].set_visible(False)
+
+
+def _followers(results: Results) -> list[tuple[int, str, pd.DataFrame]]:
+    """(place, vehicle, its rows) of the main platoon."""
+    rows = results.trajectories
+    rows = rows[(rows.platoon_id == _main_platoon(results)) & (rows.place > 0)]
+    return [(place, vehicle, own) for (place, vehicle), own in rows.groupby(["place", "vehicle_id"])]
 
 
 def _main_platoon(results: Results) -> str:
@@ -89,14 +114,8 @@ def _main_platoon(results: Results) -> str:
     return sizes.idxmax()
 
 
-def _ahead(rows: pd.DataFrame, place: int) -> str:
-    return rows.loc[rows.place == place - 1, "vehicle_id"].iloc[0]
-
-
 def _arrowhead(row: pd.Series) -> list[tuple[float, float]]:
     """A triangle at a vehicle's pose, pointing where it heads."""
-    from math import cos, sin
-
     shape = [(0.16, 0), (-0.12, 0.1), (-0.12, -0.1)]
     c, s = cos(row.heading_rad), sin(row.heading_rad)
     return [(row.x_m + c * x - s * y, row.y_m + s * x + c * y) for x, y in shape]

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 
 from platoontraffic import data
-from platoontraffic.errors import InputError, RunError
+from platoontraffic.errors import InputError, RunError, did_you_mean
 
 app = typer.Typer(
     help="Platoons that drive by laser scanner, in SUMO traffic.",
@@ -118,7 +118,7 @@ def list_(
 ) -> None:
     """List what there is by name."""
     from lidar import PRESETS
-    from platoontraffic.registry import did_you_mean, law_class, law_names
+    from platoontraffic.registry import law_class, law_names
     from platoontraffic.vehicle import VEHICLES
 
     listings: dict[str, Callable[[], dict[str, str]]] = {
@@ -196,26 +196,34 @@ def _show(folder: Path) -> None:
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     columns = {
         "laps": "laps",
-        "right lane": "right_lane_share",
-        "gap mean [m]": "gap_mean",
-        "min": "gap_min",
-        "max": "gap_max",
-        "cross-track max [m]": "cross_track_max",
+        "right": "right_lane_share",
+        "gap": "gap_mean",
+        "least": "gap_min",
+        "most": "gap_max",
+        "off path": "cross_track_max",
         "lock-on": "lock_on_ratio",
         "losses": "lock_losses",
-        "stood": "standstill_share",
         "contacts": "collisions",
     }
-    table = Table("member", *columns, box=None, header_style="bold", pad_edge=False)
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("member", no_wrap=True)
+    for column in columns:
+        table.add_column(column, justify="right", no_wrap=True)
     members = metrics[metrics.scope == "vehicle"]
     for vehicle, rows in members.groupby("vehicle_id", sort=False):
         values = rows.set_index("metric").value
-        table.add_row(vehicle, *(f"{values[m]:.3g}" if m in values else "" for m in columns.values()))
+        table.add_row(
+            vehicle, *(f"{values[m]:.3g}" if m in values and values[m] == values[m] else "" for m in columns.values())
+        )
     out.print(table)
     whole = metrics[metrics.scope == "run"].set_index("metric").value
+    stood = (
+        f", {whole['standstill_share_mean']:.0%} of the time at a standstill" if whole["standstill_share_mean"] else ""
+    )
     out.print(
-        f"{facts['simulated_s']:g} s simulated at {facts['real_time_factor']:g} x real time; "
-        f"contacts {whole['collisions']:g}, losses of lock {whole.get('lock_losses', 0):g}",
+        f"{facts['simulated_s']:g} s at {facts['real_time_factor']:g} x real time, "
+        f"contacts {whole['collisions']:g}{stood}. Gaps and distance off the predecessor's path in m; "
+        "right: share of the time right of the road's middle",
         soft_wrap=True,
     )
 

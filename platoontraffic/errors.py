@@ -1,4 +1,7 @@
-"""The two kinds of trouble the command line tells apart."""
+"""The two kinds of trouble the command line tells apart, and how it hints."""
+
+import difflib
+from collections.abc import Iterable
 
 
 class InputError(ValueError):
@@ -14,3 +17,12 @@ class InputError(ValueError):
 
 class RunError(RuntimeError):
     """The run failed although its input was sound: SUMO died, the disk is full. Exit code 1."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """`; did you mean 'x'?`, or what is known, as far as there is something to say."""
+    known = sorted(known)
+    if close := difflib.get_close_matches(word, known, n=1):
+        return f"; did you mean {close[0]!r}?"
+    some = ", ".join(known[:8]) + (f", … ({len(known)} in all)" if len(known) > 8 else "")
+    return f"; known: {some}" if known else ""

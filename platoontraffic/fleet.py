@@ -83,7 +83,9 @@ class Fleet:
             motion=Motion.at_rest(*zip(*(m.pose for m in members), strict=True)),
             twist=Twist(np.zeros(n), np.zeros(n)),
             target=Target(np.full(n, np.nan), np.full(n, np.nan)),
-            station=np.array([m.path.project(*m.pose[:2], near=0.0, window=np.inf)[0] if m.path else 0.0 for m in members]),
+            station=np.array(
+                [m.path.project(*m.pose[:2], near=0.0, window=np.inf)[0] if m.path else 0.0 for m in members]
+            ),
             memories=(None,) * len(groups),
         )
 
@@ -156,3 +158,8 @@ class Fleet:
                 f"{self.members[group.rows[row]].id} {at}; a command must be finite"
             )
         return decision
+
+
+def _first_station(member: Member) -> float:
+    """Where on its path a member starts; it may be anywhere on it."""
+    return member.path.project(*member.pose[:2], near=0.0, window=np.inf)[0] if member.path else 0.0

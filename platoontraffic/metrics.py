@@ -10,6 +10,7 @@ right_lane_share              share of the recorded instants with a defined righ
 lock_on_ratio                 share of the time from the first lock to the end in which the law's target was its true
                               predecessor, by the events, that is of all steps; 0 if it was never locked
 lock_losses, lock_loss_longest  number and longest duration of the losses, the last one up to the end
+lost_for_good                 time of the loss that lasted to the end; none if there was no such loss
 standstill_share              share of the run spent in standstills of more than 10 s
 collisions                    episodes of contact with a vehicle or a wall
 laps                          |turned_rad| / 2 pi at the end; corners are its quarters, the last counted from 80 deg
@@ -105,11 +106,13 @@ def _locking(own: pd.DataFrame, end: float) -> dict[tuple[str, str], float]:
     lost = own.loc[own.kind == "lock_lost", "time_s"].to_list()
     regained = own.loc[own.kind == "lock_regained", "time_s"].to_list()
     losses = [b - a for a, b in zip(lost, [*regained, end][: len(lost)], strict=True)]
+    for_good = lost[-1] if len(lost) > len(regained) else math.nan
     since = end - first.iloc[0] if len(first) else 0.0
     return {
         ("lock_on_ratio", ""): 1 - sum(losses) / since if since else 0.0,
         ("lock_losses", ""): float(len(losses)),
         ("lock_loss_longest", "s"): max(losses, default=0.0),
+        ("lost_for_good", "s"): for_good,
     }
 
 
@@ -134,6 +137,7 @@ def _together(members: list[Metric], trajectories: pd.DataFrame, events: pd.Data
     yield "cross_track_max", over("cross_track_max", max), "m"
     yield "lock_on_ratio_min", over("lock_on_ratio", min), ""
     yield "lock_losses", over("lock_losses", sum), ""
+    yield "lost_for_good_first", over("lost_for_good", min), "s"
     yield "standstill_share_mean", over("standstill_share", np.mean), ""
     yield "leader_right_lane_share", (leader > 0).mean() if len(leader) else math.nan, ""
     yield "right_lane_share_min", over("right_lane_share", min), ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import gzip
 import math
 import os
@@ -21,7 +20,7 @@ import numpy as np
 import shapely
 from shapely.geometry import LinearRing, LineString, Point, Polygon
 
-from platoontraffic.errors import InputError
+from platoontraffic.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     import sumolib.net
@@ -304,7 +303,7 @@ class Network:
 
     def _known(self, edge_id: str) -> str:
         if edge_id not in self.edges:
-            raise InputError(f"no edge '{edge_id}' in {self.path.name}; {_suggestion(edge_id, self.edges)}")
+            raise InputError(f"no edge '{edge_id}' in {self.path.name}{did_you_mean(edge_id, self.edges)}")
         return edge_id
 
     def _links(self, here: Any, there: Any) -> list[Any]:
@@ -391,13 +390,6 @@ def _heading(two: Sequence[Sequence[float]]) -> float:
 
 def _wrapped(angle: float) -> float:
     return math.remainder(angle, math.tau)
-
-
-def _suggestion(name: str, names: Mapping[str, object]) -> str:
-    if near := difflib.get_close_matches(name, names, n=1):
-        return f"did you mean '{near[0]}'?"
-    some = sorted(names)
-    return "must be one of " + ", ".join(some[:8]) + (f", … ({len(some)} in all)" if len(some) > 8 else "")
 
 
 def _fault(path: str | Path, parser: expat.XMLParserType, words: str) -> InputError:

@@ -66,7 +66,6 @@ class Observer:
         self._at_standstill = np.zeros(n, dtype=bool)
         self._touching: set[tuple[str, str]] = set()
         self._off_road = np.zeros(n, dtype=bool)
-        shapely.prepare(network.drivable)
 
     def watch(
         self, traffic: TrafficSnapshot, fleet: Fleet, scans: Sequence[ScanBatch | None], roads: list[tuple[str, str]]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import importlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Iterable
 from importlib.metadata import entry_points
 from pathlib import Path
+
+from platoontraffic.errors import did_you_mean
 
 LAWS = "platoontraffic.laws"  # entry point group
 
@@ -51,13 +51,6 @@ def plug_in_file(name: str, folder: Path) -> Path | None:
     module = name.rsplit(":", 1)[0]
     file = folder / (module if module.endswith(".py") else module.replace(".", "/") + ".py")
     return file if ":" in name and file.is_file() else None
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """`; did you mean 'x'? (known: x, y)`, as far as there is something to say."""
-    known = sorted(known)
-    close = difflib.get_close_matches(word, known, n=1)
-    return (f"; did you mean {close[0]!r}?" if close else "") + (f" (known: {', '.join(known)})" if known else "")
 
 
 def _load(file: Path):

@@ -19,8 +19,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from lidar import PRESETS, LidarModel, Mount
 from platoontraffic import data, tomlkeys
-from platoontraffic.errors import InputError
-from platoontraffic.registry import did_you_mean, law_class, plug_in_file
+from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.registry import law_class, plug_in_file
 from platoontraffic.vehicle import VEHICLES, DifferentialDrive
 
 Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]

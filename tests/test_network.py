@@ -128,7 +128,7 @@ def test_lane_pose_follows_a_bend(curves):
     ("place", "words"),
     [
         (("sw_es", 0, 0), "did you mean 'sw_se'"),
-        (("q", 0, 0), "must be one of ne_nw, "),
+        (("q", 0, 0), "known: ne_nw, "),
         (("sw_se", 1, 0), "must be 0..0"),
         (("sw_se", 0, 2.1), "must be 0..2 m"),
         (("sw_se", 0, float("nan")), "must be 0..2 m"),
