@@ -36,21 +36,25 @@ def deploy(scenario: Scenario, network: Network) -> tuple[Member, ...]:
     members: list[Member] = []
     faults: list[str] = []
     for i, platoon in enumerate(scenario.spec.platoon):
+        key = "route"
         try:
-            members += _platoon(scenario, network, i, platoon)
+            path = _path(network, platoon)
+            key = "start"
+            members += _platoon(scenario, network, i, platoon, path)
         except InputError as error:
-            faults += [f"{scenario.source}: platoon.{i}: {fault}" for fault in error.faults]
+            faults += [scenario.fault(("platoon", i, key), fault) for fault in error.faults]
     if not faults:
-        faults = [f"{scenario.source}: {fault}" for fault in _misplaced(members, network)]
+        numbers = {platoon.id: i for i, platoon in enumerate(scenario.spec.platoon)}
+        misplaced = _misplaced(members, network)
+        faults = [scenario.fault(("platoon", numbers[m.platoon], "start"), what) for m, what in misplaced]
     if faults:
         raise InputError(*faults)
     return tuple(members)
 
 
-def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon) -> list[Member]:
+def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon, path: Polyline | None) -> list[Member]:
     model = platoon.vehicle.model()
     start = platoon.start
-    path = _path(network, platoon)
     members = []
     for place in range(platoon.size):
         role = "leader" if place == 0 else "follower"
@@ -86,22 +90,21 @@ def _path(network: Network, platoon: Platoon) -> Polyline | None:
     if not platoon.route:
         return None
     if platoon.start.edge not in platoon.route:
-        raise InputError(f"route: does not contain the start edge {platoon.start.edge!r}: {platoon.route}")
+        raise InputError(f"{platoon.route}: does not contain the start edge {platoon.start.edge!r}")
     return Polyline(network.route_line(platoon.route, platoon.start.lane, closed=platoon.loop), closed=platoon.loop)
 
 
-def _misplaced(members: list[Member], network: Network) -> list[str]:
-    """Footprints that are not wholly on the road, or overlap."""
-    footprints = [_footprint(m) for m in members]
-    faults = [
-        f"{m.id}: start pose ({m.pose[0]:.2f}, {m.pose[1]:.2f}) is off the road"
-        for m, footprint in zip(members, footprints, strict=True)
-        if not network.drivable.contains(footprint)
-    ]
-    tree = shapely.STRtree(footprints)
-    for a, b in np.sort(tree.query(footprints, predicate="intersects"), axis=0).T:
-        if a < b and (fault := f"{members[a].id} and {members[b].id} start at one place") not in faults:
-            faults.append(fault)
+def _misplaced(members: list[Member], network: Network) -> list[tuple[Member, str]]:
+    """Members whose footprint is not wholly on the road, or overlaps another's, and what to say of them."""
+    footprints = np.array([_footprint(m) for m in members])
+    faults = []
+    for member, on_road in zip(members, shapely.contains(network.drivable, footprints), strict=True):
+        if not on_road:
+            where = f"({member.pose[0]:.2f}, {member.pose[1]:.2f}) m"
+            faults.append((member, f"{member.id} would start at {where}, not wholly on the road"))
+    for a, b in shapely.STRtree(footprints).query(footprints, predicate="intersects").T:
+        if a < b:
+            faults.append((members[b], f"{members[b].id} would start on {members[a].id}"))
     return faults
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -138,26 +139,30 @@ class Fleet:
 
     def _ask(self, group: Group, sensed: Sensed, memory: Any, dt: float) -> Decision:
         """The law's decision; a law from a plug-in that fails, or gives no number, is the user's to mend."""
-        name = type(group.law).__qualname__
+        law = type(group.law)
         at = f"at {sensed.scan.stamp:.3f} s"
         try:
             decision = group.law(sensed, memory, dt)
             twist = np.broadcast_arrays(*decision.twist, sensed.speed)[:2]
         except Exception as error:
-            if type(group.law).__module__.startswith("platoontraffic."):
+            if law.__module__.startswith("platoontraffic."):
                 raise
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            raise InputError(
-                f"{place.filename}:{place.lineno}: law {name} failed {at}: {type(error).__name__}: {error}"
-            ) from error
+            what = f"failed {at}: {type(error).__name__}: {error}"
+            raise InputError(f"{_place(law, error)}: law {law.__qualname__} {what}") from error
         nonsense = np.flatnonzero(~np.isfinite(twist).all(axis=0))
         if len(nonsense):
             row = nonsense[0]
-            raise InputError(
-                f"law {name} gave speed {twist[0][row]}, yaw rate {twist[1][row]} for vehicle "
-                f"{self.members[group.rows[row]].id} {at}; a command must be finite"
-            )
+            vehicle = self.members[group.rows[row]].id
+            what = f"gave speed {twist[0][row]}, yaw rate {twist[1][row]} for {vehicle} {at}; both must be finite"
+            raise InputError(f"{_place(law)}: law {law.__qualname__} {what}")
         return decision
+
+
+def _place(law: type, error: Exception | None = None) -> str:
+    """`file:line` in the law's own file: where it failed, or else where it is written."""
+    file, line = inspect.getsourcefile(law), inspect.getsourcelines(law)[1]
+    frames = traceback.extract_tb(error.__traceback__) if error else []
+    return f"{file}:{next((f.lineno for f in reversed(frames) if f.filename == file), line)}"
 
 
 def _first_station(member: Member) -> float:

@@ -45,13 +45,14 @@ def run_id(scenario: Scenario) -> str:
     return f"{hashlib.sha256(chr(10).join(parts).encode()).hexdigest()[:10]}-s{seed}"
 
 
-def provenance(scenario: Scenario, command_line: list[str]) -> dict[str, Any]:
-    """All that is known before the run; the times are added at its end."""
+def provenance(scenario: Scenario) -> dict[str, Any]:
+    """All that is known before the run; status and times are set at its end."""
     return {
+        "status": "unfinished",
         "tool": "platoontraffic",
         "version": version("platoontraffic"),
         "git": _git(),
-        "command_line": command_line,
+        "command_line": ["platoontraffic", *sys.argv[1:]],
         "seed": scenario.seed,
         "input_sha256": {name: sha256(file) for name, file in scenario.files().items()},
         "python": platform.python_version(),
@@ -101,7 +102,3 @@ def _git() -> str | None:
         return subprocess.run(ask, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return None
-
-
-def command_line() -> list[str]:
-    return ["platoontraffic", *sys.argv[1:]]

@@ -6,6 +6,7 @@ interrupted or fails keeps what it has, in a folder whose name ends in `.unfinis
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -163,7 +164,8 @@ class Recorder:
 
     def keep_unfinished(self) -> Path:
         """Put what there is beside the place of a finished run."""
-        self.close_tables()
+        with contextlib.suppress(OSError):  # a full disk takes no last rows either
+            self.close_tables()
         kept = self._final.with_name(self._final.name + UNFINISHED)
         shutil.rmtree(kept, ignore_errors=True)
         return self.folder.rename(kept)

@@ -10,8 +10,8 @@ import math
 import os
 import tomllib
 import typing
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -187,6 +187,11 @@ class Scenario:
     laws: dict[tuple[int, str], Any]  # (platoon's number, "leader" or "follower") -> law
     plug_ins: dict[tuple[int, str], Path]
     varied: dict[str, Any]  # what the arguments changed
+    place: Callable[[tuple], str]  # where a key stands: `file:line`, or the argument that set it
+
+    def fault(self, path: tuple, what: str) -> str:
+        """`file:line: key: what`."""
+        return f"{self.place(path)}: {_dotted(path)}: {what}"
 
     @property
     def seed(self) -> int:
@@ -266,7 +271,7 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = (), seed: int | No
     return _resolve(spec, source, varied, place)
 
 
-def _resolve(spec: Spec, source: Path, varied: dict, place: Any) -> Scenario:
+def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], str]) -> Scenario:
     faults: list[str] = []
     folder = source.parent
 
@@ -287,8 +292,10 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Any) -> Scenario:
 
     if not _whole(spec.record.every_s / spec.run.step_s):
         fault(("record", "every_s"), f"{spec.record.every_s}: must be a multiple of run.step_s = {spec.run.step_s}")
-    if len({p.id for p in spec.platoon}) < len(spec.platoon):
-        fault(("platoon",), "two platoons have the same id")
+    ids = [p.id for p in spec.platoon]
+    for i, name in enumerate(ids):
+        if name in ids[:i]:
+            fault(("platoon", i, "id"), f"{name!r}: platoon.{ids.index(name)} has this id too")
 
     laws, plug_ins = {}, {}
     for i, platoon in enumerate(spec.platoon):
@@ -317,7 +324,7 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Any) -> Scenario:
                 fault((*at, "lidar", "rate_hz"), what)
     if faults:
         raise InputError(*faults)
-    return Scenario(spec, source, net, tuple(additional), laws, plug_ins, varied)
+    return Scenario(spec, source, net, tuple(additional), laws, plug_ins, varied, place)
 
 
 def _law(kind: type, gains: dict[str, Any], fault: Any) -> Any:
@@ -343,8 +350,6 @@ def _law(kind: type, gains: dict[str, Any], fault: Any) -> Any:
 
 def _default(field: Any) -> Any:
     """A dataclass field's default as pydantic wants it: `...` for none."""
-    from dataclasses import MISSING
-
     if field.default_factory is not MISSING:
         return field.default_factory()
     return ... if field.default is MISSING else field.default

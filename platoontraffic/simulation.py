@@ -71,7 +71,9 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Pat
     scenario, network = prepared.scenario, prepared.network
     run, record = scenario.spec.run, scenario.spec.record
     dt = run.step_s
-    facts = provenance.provenance(scenario, provenance.command_line())
+    facts = provenance.provenance(scenario)
+    recorder.write("config.toml", tomli_w.dumps(scenario.resolved(recorder.folder)))
+    recorder.write("provenance.json", recording.as_json(facts))
     scene = static_scene(scenario, network)
     fleet = Fleet.deployed(prepared.members, dt)
     world = World(network, dt, scenario.seed, recorder.folder / "run.log")
@@ -111,6 +113,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Pat
             advance(fleet)
     wall = time.perf_counter() - began
     recorder.note([Event(traffic.time, "end", "", "", np.nan, np.nan, "", ended)])
+    facts["status"] = "finished"
     facts["simulated_s"] = traffic.time
     facts["wall_s"] = round(wall, 3)
     facts["real_time_factor"] = round(traffic.time / wall, 2)
@@ -126,7 +129,6 @@ def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> Path:
     values = metrics.compute(*(pd.read_csv(recorder.folder / f"{t}.csv") for t in ("trajectories", "events")))
     recorder.write_table("metrics.csv", values, recording.METRICS)
     recorder.write("summary.csv", metrics.summary(spec.name, spec.seed, scenario.varied, values))
-    recorder.write("config.toml", tomli_w.dumps(scenario.resolved(recorder.folder)))
     recorder.write("scene.geojson", recording.as_json(_scene(prepared)))
     recorder.write("datapackage.json", recording.as_json(recording.datapackage(spec.name, spec.title)))
     recorder.write("provenance.json", recording.as_json(facts))

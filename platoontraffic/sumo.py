@@ -201,11 +201,10 @@ class World:
         """SUMO prints from C++ to file descriptor 2, past Python's stderr: into the file of its words."""
         sys.stderr.flush()
         kept = os.dup(2)
-        words = os.open(self._words, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-        try:
-            os.dup2(words, 2)
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-            os.close(words)
+        with self._words.open("ab") as words:
+            os.dup2(words.fileno(), 2)
+            try:
+                yield
+            finally:
+                os.dup2(kept, 2)
+                os.close(kept)
