@@ -178,9 +178,11 @@ class World:
 
     def _onward(self, member: Member, edge: str) -> list[str]:
         """The intended edges from this one; for a law that goes where it likes, the straightest."""
-        if edge in member.route:
-            return list(member.route[member.route.index(edge) :])
-        return list(self._network.onward(edge))
+        if edge not in member.route:
+            return list(self._network.onward(edge))
+        here = member.route.index(edge)
+        again = member.route[:here] if member.path.closed else ()
+        return [*member.route[here:], *again]
 
     def _size(self, name: str) -> tuple[float, float]:
         if name not in self._sizes:

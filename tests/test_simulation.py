@@ -1,0 +1,192 @@
+"""Whole runs: what they show, and that they come out the same."""
+
+from __future__ import annotations
+
+import filecmp
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import ONE_CORNER, run
+
+from platoontraffic import scenario, simulation
+from platoontraffic.errors import InputError
+from platoontraffic.provenance import run_id
+
+TABLES = ["trajectories.csv", "events.csv", "metrics.csv", "summary.csv"]
+
+pytestmark = pytest.mark.sumo
+
+
+def metric(folder: Path, name: str, vehicle: str | None = None) -> float | pd.Series:
+    """A metric of one vehicle, or of every vehicle that has it."""
+    table = pd.read_csv(folder / "metrics.csv")
+    values = table[(table.scope == "vehicle") & (table.metric == name)].set_index("vehicle_id").value
+    return values if vehicle is None else values[vehicle]
+
+
+def equal_tables(one: Path, other: Path, tables: list[str] = TABLES) -> bool:
+    match, _, _ = filecmp.cmpfiles(one, other, tables, shallow=False)
+    return match == tables
+
+
+def test_three_robots_go_round_the_first_corner_and_keep_their_lock(one_corner):
+    assert (metric(one_corner, "corners") == 1).all()
+    assert (metric(one_corner, "collisions") == 0).all()
+    assert (metric(one_corner, "lock_on_ratio") == 1).all()
+    assert metric(one_corner, "right_lane_share", "robot.0") == 1
+    assert metric(one_corner, "gap_min").min() > 0.3
+    assert metric(one_corner, "gap_max").max() < 1.0
+
+
+def test_twice_in_one_process_is_the_same_bytes(one_corner, tmp_path):
+    assert equal_tables(one_corner, run(tmp_path / "again", "paper_loop", *ONE_CORNER))
+
+
+def test_another_process_writes_the_same_bytes(one_corner, tmp_path):
+    command = [sys.executable, "-m", "platoontraffic", "run", "paper_loop", *ONE_CORNER, "-q", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert equal_tables(one_corner, Path(done.stdout.strip()))
+
+
+def test_the_order_of_the_members_changes_nothing(one_corner, tmp_path):
+    assert equal_tables(one_corner, run(tmp_path / "reversed", "paper_loop", *ONE_CORNER, members=lambda m: m[::-1]))
+
+
+def test_the_configuration_that_a_run_leaves_repeats_it(one_corner, tmp_path):
+    again = scenario.load(one_corner / "config.toml")
+    assert run_id(again) == run_id(scenario.load("paper_loop", ONE_CORNER))
+    # Its summary has no columns for arguments: there were none.
+    assert equal_tables(one_corner, run(tmp_path / "again", one_corner / "config.toml"), TABLES[:3])
+
+
+def test_the_pymunk_engine_drives_the_same_way(tmp_path):
+    short = ("run.duration_s=8", "platoon.size=2")
+    one = run(tmp_path / "numpy", "paper_loop", *short)
+    other = run(tmp_path / "pymunk", "paper_loop", *short, "scene.lidar_engine=pymunk")
+    numbers = [pd.read_csv(f / "trajectories.csv").select_dtypes("number") for f in (one, other)]
+    # Ranges are rounded to 32 bits before the laws see them; an ulp at 3 m is 2e-7 m.
+    assert np.allclose(*numbers, atol=1e-5, equal_nan=True)
+
+
+def test_the_printed_follower_loses_the_platoon_at_the_first_corner(tmp_path):
+    folder = run(tmp_path / "printed", "paper_printed", "run.duration_s=60", "platoon.size=2")
+    lost = metric(folder, "lost_for_good", "robot.1")
+    assert 14 < lost < 20  # while the leader stops to turn at the first corner
+    assert metric(folder, "corners", "robot.1") == 0
+    events = pd.read_csv(folder / "events.csv")
+    assert events[events.time_s == lost].detail.iloc[0] == "not recognised, though 720 beams hit it"
+
+
+def test_a_lap_goes_by_a_path_of_several_radii(tmp_path):
+    folder = run(tmp_path / "path", "paper_path", "run.duration_s=60", "platoon.size=2")
+    rows = pd.read_csv(folder / "trajectories.csv")
+    leader = rows[rows.place == 0]
+    assert leader.speed_mps[leader.time_s > 0].eq(0.1).all()
+    assert leader.right_of_middle_m.between(0.45, 0.55).all()
+    assert (metric(folder, "lock_on_ratio") == 1).all()
+
+
+def test_a_run_tells_where_it_came_from(one_corner):
+    facts = json.loads((one_corner / "provenance.json").read_text())
+    assert facts["status"] == "finished"
+    assert set(facts["input_sha256"]) == {"net", "additional.lab_loop.poly.xml"}
+    assert facts["given_to_laws"]["platoon.0.follower"] == ["scan", "own motion"]
+    assert set(facts["stage_s"]) == {"read", "scan", "decide", "observe", "measure", "record", "move", "place", "step"}
+
+
+def test_every_column_has_its_unit_and_meaning(one_corner):
+    package = json.loads((one_corner / "datapackage.json").read_text())
+    for table in package["resources"][:3]:
+        header = (one_corner / table["path"]).read_text().splitlines()[0].split(",")
+        assert header == [field["name"] for field in table["schema"]["fields"]]
+        assert all(field["description"] for field in table["schema"]["fields"])
+    kinds = set(pd.read_csv(one_corner / "events.csv").kind)
+    assert kinds <= set(package["resources"][1]["kinds"])
+
+
+def test_the_summary_is_one_row_with_what_was_varied(one_corner):
+    (row,) = pd.read_csv(one_corner / "summary.csv").to_dict("records")
+    assert row["platoon.size"] == 3
+    assert row["lock_on_ratio_min"] == 1
+    assert 0.4 < row["gap_mean_m"] < 0.6
+
+
+NAN_LAW = """
+from dataclasses import dataclass
+from platoontraffic import Decision, Twist, per_vehicle
+
+@dataclass(frozen=True)
+class Law:
+    wait_s: float = 0.5
+
+    @per_vehicle
+    def __call__(self, sensed, memory, dt):
+        {body}
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("return Decision(Twist(float('nan'), 0.0))", "law.py:5: law Law gave speed nan, yaw rate 0.0 for robot.1"),
+        ("return 1 / 0", "law.py:11: law Law failed at 0.000 s: ZeroDivisionError"),
+        ("return None", "law.py:5: law Law failed at 0.000 s: AttributeError"),
+    ],
+)
+def test_a_plug_in_that_fails_leaves_no_results(scenario_file, tmp_path, body, said):
+    (tmp_path / "law.py").write_text(NAN_LAW.format(body=body))
+    file = scenario_file(('law = "repaired"', 'law = "law:Law"\nwait_s = 1.0'))
+    with pytest.raises(InputError, match="law") as caught:
+        run(tmp_path / "results" / "run", file)
+    assert said in str(caught.value)
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_lidar_slower_than_the_step_holds_the_command_between_scans(tmp_path):
+    slow = 'platoon.follower.lidar={ preset = "paper-follower", rate_hz = 10.0 }'
+    folder = run(tmp_path / "slow", "paper_loop", "run.duration_s=3", "platoon.size=2", "record.every_s=0.025", slow)
+    rows = pd.read_csv(folder / "trajectories.csv")
+    speed = rows[(rows.place == 1) & (rows.time_s > 0)].speed_mps.to_numpy()
+    assert (speed[:120].reshape(-1, 4) == speed[:120:4, None]).all()
+    assert len(set(speed)) > 10
+
+
+@pytest.mark.slow
+def test_the_papers_platoon_drives_two_laps(tmp_path):
+    folder = run(tmp_path / "loop", "paper_loop")
+    turned = pd.read_csv(folder / "trajectories.csv").groupby("vehicle_id").turned_rad.last()
+    assert (turned > 4 * np.pi - 0.01).all()  # the last row is up to one recording interval before the end
+    assert (metric(folder, "corners") >= 8).all()
+    assert (metric(folder, "collisions") == 0).all()
+    assert metric(folder, "right_lane_share", "robot.0") == 1
+    assert (metric(folder, "lock_on_ratio") >= 0.99).all()
+    assert metric(folder, "gap_max").max() < 1.0
+
+
+@pytest.mark.slow
+def test_ten_robots_move_about_the_papers_world_for_ten_minutes(tmp_path):
+    folder = run(tmp_path / "world", "paper_world")
+    assert len(metric(folder, "collisions")) == 10
+    assert (metric(folder, "collisions") == 0).all()
+    assert (metric(folder, "distance") > 30).all()
+    assert pd.read_csv(folder / "events.csv").time_s.max() == 600
+
+
+@pytest.mark.slow
+def test_five_robots_follow_a_path_of_several_radii_for_a_lap(tmp_path):
+    folder = run(tmp_path / "path", "paper_path")
+    assert (metric(folder, "laps") >= 1 - 1e-3).all()
+    assert (metric(folder, "lock_on_ratio") == 1).all()
+    assert (metric(folder, "collisions") == 0).all()
+
+
+def test_prepared_twice_is_one_run(tmp_path):
+    prepared = simulation.prepare(scenario.load("paper_loop", ["run.duration_s=0.1", "run.laps=1"]))
+    folder = simulation.simulate(prepared, tmp_path / "one")
+    assert simulation.simulate(prepared, tmp_path / "one") == folder
+    assert [f.name for f in tmp_path.iterdir()] == ["one"]
