@@ -1,0 +1,173 @@
+"""The command line as a user meets it: words, exit codes, what lies in the folder afterwards."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import ONE_CORNER
+from typer.testing import CliRunner, Result
+
+from platoontraffic.cli import app
+
+COMMAND = [sys.executable, "-m", "platoontraffic"]
+SHORT = ("run.duration_s=1", "platoon.size=2")
+
+
+def call(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+@pytest.mark.sumo
+def test_run_says_where_the_results_are_and_does_not_repeat_them(tmp_path):
+    first = call("run", "paper_loop", *SHORT, "--out", tmp_path)
+    folder = Path(first.stdout.splitlines()[-1])
+    assert first.exit_code == 0
+    assert folder.parent == tmp_path / "paper_loop"
+    assert sorted(f.name for f in folder.iterdir()) == [
+        "DONE", "config.toml", "datapackage.json", "events.csv", "metrics.csv", "provenance.json", "run.log",
+        "scene.geojson", "summary.csv", "trajectories.csv",
+    ]  # fmt: skip
+    written = (folder / "DONE").stat().st_mtime_ns
+    second = call("run", "paper_loop", *SHORT, "--out", tmp_path)
+    assert "is not repeated" in second.stderr
+    assert (folder / "DONE").stat().st_mtime_ns == written
+    assert call("run", "paper_loop", *SHORT, "--out", tmp_path, "--force").exit_code == 0
+    assert (folder / "DONE").stat().st_mtime_ns > written
+
+
+@pytest.mark.sumo
+def test_another_seed_is_another_run(tmp_path):
+    folders = {call("run", "paper_loop", *SHORT, "-q", "--seed", s, "--out", tmp_path).stdout.strip() for s in (1, 2)}
+    assert {f.rpartition("-")[2] for f in folders} == {"s1", "s2"}
+
+
+def test_a_dry_run_starts_nothing(tmp_path):
+    done = call("run", "paper_loop", "--dry-run", "--out", tmp_path)
+    assert (done.exit_code, list(tmp_path.iterdir())) == (0, [])
+    assert "5 members" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["run", "paper_lop"], "paper_lop: no such scenario file, nor a shipped scenario; did you mean 'paper_loop'?"),
+        (["run", "paper_loop", "platoon.siz=3"], "argument 1: platoon.0.siz: unknown key; did you mean 'size'?"),
+        (["run", "paper_loop", "--seed", "-1"], "--seed: seed: -1: should be greater than or equal to 0"),
+        (["check", "paper_loop", "nowhere.toml"], "nowhere.toml: no such scenario file"),
+        (["list", "scenery"], "argument 1: 'scenery': nothing to list"),
+        (["new", "1st"], "argument 1: '1st': must begin with a letter"),
+        (["plot", "nowhere"], "nowhere: no such folder"),
+        (["run", "paper_loop", "--sed", "1"], "No such option"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
+    done = call(*arguments)
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("what", "names"),
+    [
+        ("scenarios", ["paper_loop", "paper_path", "paper_printed", "paper_world"]),
+        ("nets", ["lab_curves", "lab_loop", "lab_world"]),
+        ("laws", ["path", "printed", "reactive", "repaired"]),
+        ("vehicles", ["paper-robot"]),
+        ("lidars", ["paper-leader", "paper-follower"]),
+    ],
+)
+def test_list_names_what_is_shipped(what, names):
+    lines = call("list", what).stdout.splitlines()
+    assert [line.split()[0] for line in lines] == names
+    assert all(len(line.split()) > 1 for line in lines)
+
+
+@pytest.mark.sumo
+def test_new_writes_a_scenario_with_a_law_that_runs_as_it_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert call("new", "mine").exit_code == 0
+    assert call("check", "mine/mine.toml").exit_code == 0
+    done = call("run", "mine/mine.toml", "run.duration_s=60", "-q")
+    assert done.exit_code == 0
+    summary = (Path(done.stdout.strip()) / "summary.csv").read_text().splitlines()
+    values = dict(zip(summary[0].split(","), summary[1].split(","), strict=True))
+    assert (values["collisions"], values["lock_on_ratio_min"]) == ("0", "1")
+    again = call("new", "mine")
+    assert (again.exit_code, "nothing was changed" in again.stderr) == (2, True)
+
+
+@pytest.mark.sumo
+def test_plot_draws_a_picture(one_corner, tmp_path):
+    done = call("plot", one_corner, "--to", tmp_path / "picture.png")
+    assert done.exit_code == 0
+    assert (tmp_path / "picture.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert "cannot be written" in call("plot", one_corner, "--to", tmp_path / "picture.nonsense").stderr
+
+
+def _started(folder: Path, deadline: float = 60) -> Path:
+    """The unfinished folder of a run, once it holds some rows."""
+    until = time.monotonic() + deadline
+    while time.monotonic() < until:
+        for table in folder.glob("*/*.partial/trajectories.csv"):
+            if table.stat().st_size > 10_000:
+                return table.parent
+        time.sleep(0.1)
+    raise TimeoutError
+
+
+@pytest.mark.sumo
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path):
+    run = subprocess.Popen(
+        [*COMMAND, "run", "paper_loop", "--out", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    _started(tmp_path)
+    run.send_signal(signal.SIGINT)
+    out, err = run.communicate(timeout=60)
+    (kept,) = (tmp_path / "paper_loop").iterdir()
+    assert (run.returncode, out) == (130, "")
+    assert err == f"interrupted\nwhat was recorded until then is kept in {kept}\n"
+    assert kept.name.endswith(".unfinished")
+    assert not (kept / "DONE").exists()
+    assert (kept / "trajectories.csv").read_text().endswith("\n")
+    assert '"status": "unfinished"' in (kept / "provenance.json").read_text()
+    assert "an unfinished run" in call("plot", kept).stderr
+
+
+@pytest.mark.sumo
+def test_two_at_once_leave_one_result(tmp_path):
+    command = [*COMMAND, "run", "paper_loop", *ONE_CORNER, "-q", "--out", str(tmp_path)]
+    runs = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    said = [run.communicate(timeout=120) for run in runs]
+    assert [run.returncode for run in runs] == [0, 0]
+    assert len(set(said)) == 1
+    assert len(list((tmp_path / "paper_loop").iterdir())) == 1
+
+
+@pytest.mark.sumo
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk_is_one_line_and_exit_code_1(tmp_path, monkeypatch):
+    from platoontraffic import recording
+
+    monkeypatch.setattr(recording.Recorder, "_open", lambda self, name, columns: open("/dev/full", "w"))  # noqa: SIM115
+    done = call("run", "paper_loop", *SHORT, "--out", tmp_path)
+    assert done.exit_code == 1
+    assert "No space left on device" in done.stderr
+    assert [f.name.partition(".")[2] for f in (tmp_path / "paper_loop").iterdir()] == ["unfinished"]
+
+
+def test_results_that_cannot_be_written_are_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    done = call("run", "paper_loop", *SHORT, "--out", tmp_path / "file")
+    assert (done.exit_code, done.stderr.count("\n")) == (1, 1)
+    assert "results cannot be written" in done.stderr

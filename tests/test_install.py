@@ -1,0 +1,45 @@
+"""An installed package finds its networks and scenarios; a checkout's own come first."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import pytest
+
+from platoontraffic import data
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_a_checkout_uses_its_own_folders():
+    assert data.shipped("sumo_nets") == ROOT / "sumo_nets"
+    assert data.shipped("scenarios") == ROOT / "scenarios"
+
+
+@pytest.mark.install
+def test_the_wheel_installed_elsewhere_finds_its_scenarios_and_nets(tmp_path):
+    environment = {**os.environ, "HOME": str(tmp_path / "home")}
+    (tmp_path / "home").mkdir()
+    subprocess.run([sys.executable, "-m", "build", "--wheel", "-o", tmp_path, ROOT], check=True, env=environment)
+    (wheel,) = tmp_path.glob("*.whl")
+    venv.create(tmp_path / "venv", with_pip=True)
+    programs = tmp_path / "venv" / ("Scripts" if os.name == "nt" else "bin")
+    subprocess.run([programs / "python", "-m", "pip", "install", "-q", wheel], check=True, env=environment)
+
+    def call(*arguments: str) -> str:
+        done = subprocess.run(
+            [programs / "platoontraffic", *arguments], cwd=tmp_path, env=environment, text=True, capture_output=True
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert [line.split()[0] for line in call("list").splitlines()] == list(data.scenarios())
+    assert all(str(tmp_path) in line for line in call("list", "nets").splitlines())
+    for name in data.scenarios():
+        call("check", name)
+    folder = tmp_path / call("run", "paper_loop", "run.duration_s=5", "-q").strip()
+    assert Path(call("plot", str(folder)).strip()).is_file()
