@@ -66,7 +66,7 @@ def run(
     seed: Seed = None,
     results: Annotated[Path, typer.Option("--out", help="folder for results")] = Path("results"),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, start nothing")] = False,
-    force: Annotated[bool, typer.Option(help="run again although an equal run has been finished")] = False,
+    force: Annotated[bool, typer.Option("--force", help="run again although an equal run is there")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a scenario; leave its tables in OUT/NAME/RUN."""
@@ -195,25 +195,25 @@ def _show(folder: Path) -> None:
     metrics = pd.read_csv(folder / "metrics.csv")
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     columns = {
-        "laps": "laps",
-        "right": "right_lane_share",
-        "gap": "gap_mean",
-        "least": "gap_min",
-        "most": "gap_max",
-        "off path": "cross_track_max",
-        "lock-on": "lock_on_ratio",
-        "losses": "lock_losses",
-        "contacts": "collisions",
+        "laps": ("laps", ".2f"),
+        "right": ("right_lane_share", ".3f"),
+        "gap": ("gap_mean", ".2f"),
+        "least": ("gap_min", ".2f"),
+        "most": ("gap_max", ".2f"),
+        "off path": ("cross_track_max", ".2f"),
+        "lock-on": ("lock_on_ratio", ".3f"),
+        "losses": ("lock_losses", ".0f"),
+        "contacts": ("collisions", ".0f"),
     }
     table = Table(box=None, header_style="bold", pad_edge=False)
     table.add_column("member", no_wrap=True)
     for column in columns:
         table.add_column(column, justify="right", no_wrap=True)
-    members = metrics[metrics.scope == "vehicle"]
+    members = metrics[metrics.scope == "vehicle"].dropna(subset="value")
     for vehicle, rows in members.groupby("vehicle_id", sort=False):
         values = rows.set_index("metric").value
         table.add_row(
-            vehicle, *(f"{values[m]:.3g}" if m in values and values[m] == values[m] else "" for m in columns.values())
+            vehicle, *(format(values[name], form) if name in values else "" for name, form in columns.values())
         )
     out.print(table)
     whole = metrics[metrics.scope == "run"].set_index("metric").value

@@ -1,0 +1,99 @@
+"""Rasterise segments in angle, with a buffer of inverse ranges.
+
+Along a straight segment the inverse range is linear in the beam's direction d: a point r·d lies on the line n·p = 1
+just when 1/r = n·d. So each segment is drawn over the beams between its ends, the buffer keeps the largest inverse
+range, and one division per beam ends the scan. All sensors are drawn at once; no sensor's arithmetic touches
+another's, so a row does not depend on what else is in the batch, nor on the order of the obstacles.
+"""
+
+import numpy as np
+
+from ..scan import NO_HIT
+from ..scene import STATIC, blocks, bounds, pairs_near
+
+SLACK = 1 + 1e-9  # draw a little beyond range_max; the caller decides what is in range
+
+
+def cast(model, scene, boxes, x, y, yaw, owner):
+    """See `lidar.engines`."""
+    edges, edge_bounds, edge_owner = _edges(scene, boxes)
+    inverse = np.zeros((len(x), model.samples))
+    hits = np.full((len(x), model.samples), np.iinfo(np.int32).max, dtype=np.int32)
+    for rows in blocks(len(x), edges.shape[1] + model.samples):
+        sensor, edge = pairs_near(edge_bounds, x[rows], y[rows], model.range_max * SLACK)
+        _draw(
+            model,
+            edges[:, edge],
+            edge_owner[edge],
+            sensor,
+            (x[rows], y[rows], yaw[rows], owner[rows]),
+            inverse[rows].reshape(-1),
+            hits[rows].reshape(-1),
+        )
+    hits[inverse == 0] = NO_HIT
+    with np.errstate(divide="ignore"):
+        return np.divide(1.0, inverse, out=inverse), hits
+
+
+def _edges(scene, boxes):
+    """Walls and box faces: ends as rows x0, y0, x1, y1, (4, s); their bounding boxes, (4, s); owners, (s,)."""
+    return (
+        np.concatenate([scene.columns, boxes.faces], axis=1),
+        np.concatenate([scene.bounds, bounds(boxes.faces)], axis=1),
+        np.concatenate([np.full(len(scene.segments), STATIC, dtype=np.int32), np.repeat(boxes.owner, 4)]),
+    )
+
+
+def _draw(model, edges, edge_owner, sensor, poses, inverse, hits):
+    """Draw edge i, (4, p), into the beams of sensor i, an index into poses; inverse and hits (n·k,) are updated."""
+    x, y, yaw, owner = (values[sensor] for values in poses)
+
+    # Ends in the sensor frame, rows: first, second.
+    east, north = edges[0::2] - x, edges[1::2] - y
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    px, py = cos * east + sin * north, cos * north - sin * east
+    ex, ey = px[1] - px[0], py[1] - py[0]
+
+    # Twice the area of the triangle sensor, first, second: its sign tells the turn, its size the distance of the line.
+    area = px[0] * ey - py[0] * ex
+    static = edge_owner == STATIC
+    facing = np.where(static, area != 0, area < 0)  # boxes are counter-clockwise; their far faces are hidden anyway
+    facing &= edge_owner != owner
+    facing &= np.abs(area) <= model.range_max * SLACK * np.hypot(ex, ey)
+    keep = np.flatnonzero(facing)
+    px, py, ex, ey, area = px[:, keep], py[:, keep], ex[keep], ey[keep], area[keep]
+    sensor, edge_owner = sensor[keep], edge_owner[keep]
+    turn = np.sign(area)
+    normal_x, normal_y = ey / area, -ex / area
+
+    # First and last beam of the wedge, seen counter-clockwise.
+    angle = np.arctan2(py, px)
+    start = np.where(turn > 0, angle[0], angle[1])
+    span = np.mod(turn * (angle[1] - angle[0]), 2 * np.pi)
+    span[span > 1.5 * np.pi] = 0.0  # seen all but edge-on; rounding turned it the other way round
+    increment, last_beam = model.angle_increment, model.samples - 1
+    start = np.mod(start - model.angle_min - increment, 2 * np.pi) + increment
+    # A wedge that crosses the direction of angle_min meets the fan once more, a turn earlier.
+    start = np.concatenate([start, start - 2 * np.pi])
+    stop = start + np.concatenate([span, span])
+    first = np.clip(np.rint(start / increment), 0, last_beam + 1).astype(np.intp)
+    last = np.clip(np.rint(stop / increment), -1, last_beam).astype(np.intp)
+    run = np.flatnonzero(first <= last)
+    first, last, edge = first[run], last[run], run % len(keep)
+
+    # Rounded angles are good to half a beam; which beam is the first and last is decided by the side it passes an end.
+    dx, dy = model.directions
+    swap = (turn[edge] < 0).astype(np.intp)
+    first += px[swap, edge] * dy[first] < py[swap, edge] * dx[first]
+    last -= px[1 - swap, edge] * dy[last] > py[1 - swap, edge] * dx[last]
+    count = np.maximum(last - first + 1, 0)
+
+    # One entry for each edge and beam.
+    begin = np.cumsum(count) - count
+    entry = np.repeat(edge, count)
+    beam = np.arange(len(entry)) + np.repeat(first - begin, count)
+    cell = np.repeat(sensor[edge] * model.samples, count) + beam
+    value = normal_x[entry] * dx[beam] + normal_y[entry] * dy[beam]
+    np.maximum.at(inverse, cell, value)
+    nearest = np.flatnonzero(value == inverse[cell])
+    np.minimum.at(hits, cell[nearest], edge_owner[entry[nearest]])

@@ -1,0 +1,42 @@
+"""Reference: one Chipmunk segment query for each beam. Slow and plain; a second opinion on the numpy engine."""
+
+import numpy as np
+import pymunk
+
+from ..scan import NO_HIT
+from ..scene import STATIC
+
+SLACK = 1 + 1e-9  # look a little beyond range_max; the caller decides what is in range
+
+
+def cast(model, scene, boxes, x, y, yaw, owner):
+    """See `lidar.engines`."""
+    space, owner_of = _space(scene, boxes)
+    reach = model.range_max * SLACK
+    ranges = np.full((len(x), model.samples), np.inf)
+    hits = np.full((len(x), model.samples), NO_HIT, dtype=np.int32)
+    for row in range(len(x)):
+        # Chipmunk skips shapes of the same group; group 0 is none.
+        others = pymunk.ShapeFilter(group=int(owner[row]) + 1)
+        origin = (x[row], y[row])
+        bearing = yaw[row] + model.angles
+        ends = np.stack([x[row] + reach * np.cos(bearing), y[row] + reach * np.sin(bearing)], axis=1).tolist()
+        for beam, end in enumerate(ends):
+            hit = space.segment_query_first(origin, end, 0, others)
+            if hit is not None:
+                ranges[row, beam] = hit.alpha * reach
+                hits[row, beam] = owner_of[hit.shape]
+    return ranges, hits
+
+
+def _space(scene, boxes):
+    space = pymunk.Space()
+    owner_of = {}
+    for x0, y0, x1, y1 in scene.segments.tolist():
+        owner_of[pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0)] = STATIC
+    for corners, owner in zip(boxes.corners().tolist(), boxes.owner.tolist(), strict=True):
+        box = pymunk.Poly(space.static_body, corners)
+        box.filter = pymunk.ShapeFilter(group=owner + 1)
+        owner_of[box] = owner
+    space.add(*owner_of)
+    return space, owner_of

@@ -1,0 +1,121 @@
+"""What a scanner returns. Fields as in sensor_msgs/LaserScan; special values as in REP 117.
+
+Nothing within range_max: +inf. Nearer than range_min, or the sensor is inside a solid: −inf. Erroneous: NaN.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .model import LidarModel
+
+NO_HIT = -2
+"""In `hits`: the beam met nothing within range_max."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserScan:
+    """One scan of one sensor; ranges and hits are (k,), angles in the sensor frame.
+
+    stamp    : time of the scan [s]
+    frame_id : id of the vehicle
+    ranges   : distance to the first surface on each beam [m], or ±inf, NaN
+    hits     : owner of that surface, also where it is too close; −1 the static scene, −2 nothing
+    inside   : the sensor is inside a solid
+    """
+
+    stamp: float
+    frame_id: str
+    angle_min: float
+    angle_max: float
+    angle_increment: float
+    time_increment: float
+    scan_time: float
+    range_min: float
+    range_max: float
+    ranges: np.ndarray
+    hits: np.ndarray
+    inside: bool
+
+    def angles(self) -> np.ndarray:
+        """Beam angles, (k,) [rad]."""
+        return self.angle_min + self.angle_increment * np.arange(len(self.ranges))
+
+    def valid(self) -> np.ndarray:
+        """Which beams measured a distance, (k,) bool."""
+        return np.isfinite(self.ranges)
+
+    def points(self) -> np.ndarray:
+        """Measured points in the sensor frame, in beam order, (p, 2) [m]."""
+        valid = self.valid()
+        angles, ranges = self.angles()[valid], self.ranges[valid].astype(np.float64)
+        return np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
+
+    def filled(self, no_return=None, too_close=None, error=None) -> np.ndarray:
+        """Ranges with numbers for +inf (default range_max), −inf (range_min) and NaN (range_max), (k,) float64."""
+        return _filled(self.ranges, self, no_return, too_close, error)
+
+
+@dataclass(frozen=True, eq=False)
+class ScanBatch:
+    """Scans of n sensors of one model at one time: `batch[0]` and `batch["veh.3"]` are LaserScans on the same memory.
+
+    ids          : vehicle of each row
+    ranges, hits : as in LaserScan, (n, k)
+    inside       : (n,) bool
+    """
+
+    model: LidarModel
+    stamp: float
+    ids: tuple[str, ...]
+    ranges: np.ndarray
+    hits: np.ndarray
+    inside: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __getitem__(self, key: int | str) -> LaserScan:
+        row = self._row[key] if isinstance(key, str) else key
+        model = self.model
+        return LaserScan(
+            stamp=self.stamp,
+            frame_id=self.ids[row],
+            angle_min=model.angle_min,
+            angle_max=model.angle_max,
+            angle_increment=model.angle_increment,
+            time_increment=0.0,
+            scan_time=1.0 / model.rate,
+            range_min=model.range_min,
+            range_max=model.range_max,
+            ranges=self.ranges[row],
+            hits=self.hits[row],
+            inside=bool(self.inside[row]),
+        )
+
+    @cached_property
+    def _row(self):
+        return {name: row for row, name in enumerate(self.ids)}
+
+    def rows(self, indices) -> ScanBatch:
+        """The batch of some rows, in the order given."""
+        indices = np.asarray(indices, dtype=np.intp)
+        ids = tuple(self.ids[row] for row in indices)
+        return ScanBatch(self.model, self.stamp, ids, self.ranges[indices], self.hits[indices], self.inside[indices])
+
+    def filled(self, no_return=None, too_close=None, error=None) -> np.ndarray:
+        """As LaserScan.filled, (n, k) float64."""
+        return _filled(self.ranges, self.model, no_return, too_close, error)
+
+
+def _filled(ranges, limits, no_return, too_close, error):
+    return np.nan_to_num(
+        ranges.astype(np.float64),
+        copy=False,
+        nan=limits.range_max if error is None else error,
+        posinf=limits.range_max if no_return is None else no_return,
+        neginf=limits.range_min if too_close is None else too_close,
+    )

@@ -1,0 +1,235 @@
+"""The meaning of a scan, and who may ask for one."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import shapely
+from oracle import world
+
+from lidar import ENGINES, PRESETS, Boxes, LidarModel, Mount, Scene, scan
+from lidar.pose import compose, wrap
+
+INF = math.inf
+THREE = LidarModel(3, -math.pi / 2, math.pi / 2, 0.5, 10.0)
+MIDDLE = 1
+
+
+@pytest.fixture(params=ENGINES)
+def look(request):
+    """Scan with THREE beams, right, ahead and left, from one pose; owner 0."""
+
+    def look(scene, boxes, x=0.0, y=0.0, heading=0.0, owner=0, model=THREE):
+        return scan(model, scene, boxes, x, y, heading, owner, engine=request.param)
+
+    return look
+
+
+def test_nothing_there_is_plus_infinity(look):
+    batch = look(*world([(11, -5, 11, 5)]))
+    assert (batch.ranges == INF).all()
+    assert (batch.hits == -2).all()
+
+
+def test_object_nearer_than_range_min_blocks_what_is_behind(look):
+    batch = look(*world([(3, -1, 3, 1)], [(0.4, 0, 0, 0.2, 0.2, 5)]))
+    assert batch.ranges[0, MIDDLE] == -INF
+    assert batch.hits[0, MIDDLE] == 5
+
+
+@pytest.mark.parametrize("limit", [0.3, 0.7, 1.0, 3.0, 29.9])
+def test_exactly_at_a_limit_is_a_hit(look, limit):
+    near = dataclasses.replace(THREE, range_min=limit, range_max=2 * limit)
+    far = dataclasses.replace(THREE, range_min=0.1, range_max=limit)
+    for model in (near, far):
+        assert look(*world([(limit, -1.1, limit, 0.7)]), model=model).ranges[0, MIDDLE] == np.float32(limit)
+
+
+@pytest.mark.parametrize("boxes", [[(1, 0, 0.3, 4, 2, 3)], [(0, 1, 0, 2, 2, 3)]], ids=["inside", "on a face"])
+def test_inside_another_box_every_beam_is_minus_infinity(look, boxes):
+    batch = look(*world([(3, -1, 3, 1)], boxes))
+    assert batch.inside.tolist() == [True]
+    assert (batch.ranges == -INF).all()
+    assert (batch.hits == 3).all()
+
+
+def test_inside_a_static_solid_or_on_a_wall_every_beam_is_minus_infinity(look):
+    solid = Scene.from_shapely(solids=[shapely.box(-1, -1, 1, 1)])
+    for scene in (solid, world([(-1, -1, 1, 1)])[0]):
+        batch = look(scene, Boxes.empty())
+        assert batch.inside[0]
+        assert (batch.ranges == -INF).all()
+        assert (batch.hits == -1).all()
+
+
+def test_walls_around_a_free_area_do_not_enclose(look):
+    room = Scene.from_shapely(walls=[shapely.box(-2, -2, 2, 2)])
+    batch = look(room, Boxes.empty())
+    assert not batch.inside[0]
+    np.testing.assert_allclose(batch.ranges[0], 2.0)
+
+
+def test_own_vehicle_and_own_trailer_are_never_seen(look):
+    scene, boxes = world([(8, -1, 8, 1)], [(0, 0, 0, 4, 2, 0), (4, 0, 0, 2, 2, 0), (6, 0, 0, 1, 1, 1)])
+    batch = look(scene, boxes)
+    assert not batch.inside[0]
+    assert batch.ranges[0, MIDDLE] == 5.5
+    assert batch.hits[0, MIDDLE] == 1
+    assert look(scene, boxes, x=-4, owner=1).ranges[0, MIDDLE] == 2.0
+
+
+def test_mount_turns_with_the_body(look):
+    model = dataclasses.replace(THREE, mount=Mount(1.0, -0.5, math.pi / 2))
+    batch = look(*world([(-20, 4, 20, 4), (-5, -20, -5, 20)]), heading=math.pi / 2, model=model)
+    # The body looks north, the sensor sits at (0.5, 1) and looks west: its right-hand beam points north.
+    np.testing.assert_allclose(batch.ranges[0], [3.0, 5.5, INF])
+
+
+def test_own_rows_have_own_poses(look):
+    batch = look(*world([(8, -9, 8, 9)]), x=[0, 2], y=[0, 1], heading=[0, 0], owner=[0, 1])
+    np.testing.assert_allclose(batch.ranges[:, MIDDLE], [8, 6])
+
+
+def test_ranges_are_float32_unless_asked_otherwise():
+    scene, boxes = world([(3.3, -1, 3.3, 1)])
+    assert scan(THREE, scene, boxes, 0, 0, 0, 0).ranges.dtype == np.float32
+    assert scan(THREE, scene, boxes, 0, 0, 0, 0, dtype=np.float64).ranges[0, MIDDLE] == 3.3
+
+
+def two_scans():
+    scene, boxes = world([(3, -1, 3, 1), (-1, 0.2, 1, 0.2)])
+    return scan(THREE, scene, boxes, [0, 0], [0, -3], [0, 0], [0, 1], ids=["veh.3", "veh.1"], stamp=2.5)
+
+
+def test_filled_puts_limits_in_place_of_infinities():
+    batch = two_scans()
+    np.testing.assert_array_equal(batch.ranges[0], np.float32([INF, 3, -INF]))
+    np.testing.assert_array_equal(batch["veh.3"].filled(), [10, 3, 0.5])
+    np.testing.assert_array_equal(batch["veh.3"].filled(no_return=20, too_close=0), [20, 3, 0])
+    np.testing.assert_array_equal(batch.filled()[0], batch[0].filled())
+    assert batch.filled().dtype == np.float64
+    erroneous = dataclasses.replace(batch[0], ranges=np.array([1, math.nan, 2]))
+    np.testing.assert_array_equal(erroneous.filled(), [1, 10, 2])
+    np.testing.assert_array_equal(erroneous.filled(error=-1), [1, -1, 2])
+
+
+def test_scan_is_a_view_of_its_row():
+    batch = two_scans()
+    one = batch["veh.1"]
+    assert one.ranges.base is batch.ranges
+    assert np.shares_memory(one.hits, batch.hits[1])
+    assert (one.frame_id, one.stamp, one.scan_time, one.time_increment) == ("veh.1", 2.5, 1 / 40, 0.0)
+    assert [s.frame_id for s in batch] == ["veh.3", "veh.1"]
+    assert len(batch) == 2
+
+
+def test_rows_keep_ids_and_ranges_together():
+    batch = two_scans()
+    swapped = batch.rows([1, 0])
+    assert swapped.ids == ("veh.1", "veh.3")
+    np.testing.assert_array_equal(swapped["veh.3"].ranges, batch["veh.3"].ranges)
+
+
+def test_points_are_where_the_walls_are():
+    one = two_scans()["veh.3"]
+    np.testing.assert_array_equal(one.valid(), [False, True, False])
+    np.testing.assert_allclose(one.points(), [[3, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize("model", [*PRESETS.values(), LidarModel(1081, -2.356, 2.356, 0.1, 30)])
+def test_last_beam_is_first_plus_increments(model):
+    one = scan(model, *world(), 0, 0, 0, 0)[0]
+    assert one.angle_max == pytest.approx(one.angle_min + one.angle_increment * (len(one.ranges) - 1), abs=1e-12)
+    np.testing.assert_array_equal(one.angles(), model.angles)
+
+
+def test_presets_are_those_of_the_paper():
+    leader, follower = PRESETS["paper-leader"], PRESETS["paper-follower"]
+    assert (leader.samples, leader.range_min, leader.range_max, leader.rate) == (720, 0.30, 3.0, 40.0)
+    assert (follower.samples, follower.range_min, follower.range_max, follower.rate) == (720, 0.30, 1.0, 40.0)
+    np.testing.assert_allclose(np.degrees([leader.angle_min, leader.angle_max]), [-90, 90])
+    np.testing.assert_allclose(np.degrees([follower.angle_min, follower.angle_max]), [-11.5, 11.5])
+    assert hash(leader) == hash(dataclasses.replace(leader)) != hash(follower)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("samples", 1),
+        ("samples", 2.5),
+        ("angle_max", -2.0),
+        ("angle_max", 5.0),
+        ("angle_min", math.nan),
+        ("range_min", -0.1),
+        ("range_min", 10.0),
+        ("range_max", INF),
+        ("rate", 0.0),
+    ],
+)
+def test_bad_model_is_refused_by_the_name_of_its_field(field, value):
+    named = field if (field, value) != ("angle_max", 5.0) else "field of view"
+    if (field, value) == ("range_min", 10.0):
+        named = "range_max"
+    with pytest.raises(ValueError, match=named):
+        dataclasses.replace(THREE, **{field: value})
+
+
+def test_bad_mount_is_refused():
+    with pytest.raises(ValueError, match="yaw"):
+        Mount(yaw=math.nan)
+
+
+def test_bad_pose_is_refused_by_id():
+    with pytest.raises(ValueError, match=r"veh\.7"):
+        scan(THREE, *world(), [0, math.nan], [0, 0], [0, 0], [0, 1], ids=["veh.1", "veh.7"])
+
+
+def test_misspelt_engine_is_corrected():
+    with pytest.raises(ValueError, match=r"did you mean 'numpy'\? must be one of numpy, pymunk"):
+        scan(THREE, *world(), 0, 0, 0, 0, engine="nunpy")
+
+
+def test_shapes_and_ids_must_match():
+    with pytest.raises(ValueError, match="shapes"):
+        scan(THREE, *world(), [0, 1], 0, 0, 0)
+    with pytest.raises(ValueError, match="ids"):
+        scan(THREE, *world(), [0, 1], [0, 1], [0, 1], [0, 1], ids=["a", "a"])
+
+
+@pytest.mark.parametrize(
+    "row", [(math.nan, 0, 0, 4, 2, 1), (0, 0, INF, 4, 2, 1), (0, 0, 0, 0, 2, 1), (0, 0, 0, 4, 2, -1)]
+)
+def test_bad_box_is_refused(row):
+    with pytest.raises(ValueError, match="must be"):
+        world(boxes=[row])
+
+
+def test_bad_segment_is_refused_and_empty_one_dropped():
+    with pytest.raises(ValueError, match="segment 1"):
+        world([(0, 0, 1, 1), (0, 0, INF, 1)])
+    assert world([(1, 1, 1, 1), (0, 0, 1, 1)])[0].segments.tolist() == [[0, 0, 1, 1]]
+
+
+def test_scene_takes_lines_rings_holes_and_parts():
+    ring = shapely.LinearRing([(0, 0), (1, 0), (0, 1)])
+    holed = shapely.box(0, 0, 9, 9).difference(shapely.box(3, 3, 6, 6))
+    two = shapely.MultiLineString([[(0, 0), (1, 1)], [(2, 2), (3, 3), (4, 2)]])
+    assert len(Scene.from_shapely([ring]).segments) == 3
+    assert len(Scene.from_shapely([two], [holed]).segments) == 3 + 8
+    with pytest.raises(ValueError, match="Point"):
+        Scene.from_shapely([shapely.Point(0, 0)])
+
+
+def test_corners_go_counter_clockwise_around_the_centre():
+    corners = Boxes([3], [4], [math.pi / 2], [4], [2], [0]).corners()[0]
+    np.testing.assert_allclose(corners, [[4, 2], [4, 6], [2, 6], [2, 2]])
+    assert shapely.LinearRing(corners).is_ccw
+
+
+def test_wrap_keeps_directions_and_ends_at_plus_pi():
+    np.testing.assert_allclose(wrap([3 * math.pi, -math.pi, 0.1, 7.0]), [math.pi, math.pi, 0.1, 7 - 2 * math.pi])
+
+
+def test_compose_with_no_mount_is_the_body():
+    assert [float(v) for v in compose(1.0, 2.0, 0.3, Mount())] == [1.0, 2.0, 0.3]
