@@ -29,22 +29,23 @@ class Middle(NamedTuple):
     theta: float  # polar angle; straight ahead at pi/2
 
 
-def points_of(scan: LaserScan, ranges: np.ndarray) -> np.ndarray:
-    """Returns as points (k, 2), x to the right and y forward of the laser."""
-    theta = scan.angles() + np.pi / 2
-    return np.column_stack([ranges * np.cos(theta), ranges * np.sin(theta)])
+def points(scan: LaserScan, ranges: np.ndarray, beams: np.ndarray) -> np.ndarray:
+    """Returns of some beams (m,) as points (m, 2), x to the right and y forward of the laser."""
+    theta = scan.angle_min + scan.angle_increment * beams + np.pi / 2
+    return ranges[beams, None] * np.column_stack([np.cos(theta), np.sin(theta)])
 
 
-def edges(ranges: np.ndarray, points: np.ndarray, rule: str = "absolute") -> np.ndarray:
+def edges(scan: LaserScan, ranges: np.ndarray, rule: str = "absolute") -> np.ndarray:
     """Indices i of the edges between beam i and beam i + 1: lines 1-16 of Algorithm 2."""
     step = np.diff(ranges)
     found = np.flatnonzero((np.abs(step) if rule == "absolute" else step) > EDGE_STEP)
-    width = np.hypot(*(points[found + 1] - points[found]).T)
+    width = np.hypot(*(points(scan, ranges, found + 1) - points(scan, ranges, found)).T)
     return found[width > EDGE_STEP]
 
 
-def polar(point: np.ndarray) -> Middle:
-    x, y = point
+def middle(scan: LaserScan, ranges: np.ndarray, first: int, last: int) -> Middle:
+    """Midway between the returns of two beams: lines 17-19 and 21."""
+    x, y = points(scan, ranges, np.array([first, last])).mean(axis=0)
     return Middle(float(np.hypot(x, y)), float(np.arctan2(y, x)))
 
 
@@ -70,11 +71,11 @@ class PrintedFollower:
 
     @per_vehicle
     def __call__(self, sensed: Sensed, memory: Twist | None, dt: float) -> Decision:
-        middle = self.find(sensed.scan)
-        if middle is None:
+        found = self.find(sensed.scan)
+        if found is None:
             twist = memory if memory is not None and self.on_loss == "hold" else Twist(0.0, 0.0)
             return Decision(twist, twist, NO_TARGET)
-        distance, theta = middle
+        distance, theta = found
         bearing = theta - np.pi / 2
         twist = Twist(0.0, 0.0)
         if distance > self.sufficient_distance:
@@ -86,12 +87,8 @@ class PrintedFollower:
     def find(self, scan: LaserScan) -> Middle | None:
         """Lines 1-19: the middle between the second point of the first edge and the first point of the second."""
         ranges = scan.filled(no_return=FAR if self.no_return == "infinity" else None)
-        points = points_of(scan, ranges)
-        found = edges(ranges, points, self.edge)
-        if len(found) < 2:
-            return None
-        first, second = found[:2]
-        return polar((points[first + 1] + points[second]) / 2)
+        found = edges(scan, ranges, self.edge)
+        return middle(scan, ranges, found[0] + 1, found[1]) if len(found) >= 2 else None
 
     def desired_distance(self, speed):
         """Distance from laser to rear at which a steady speed is kept straight ahead [m]."""

@@ -26,8 +26,7 @@ from platoontraffic.controllers.printed import (
     Middle,
     arc_speed,
     edges,
-    points_of,
-    polar,
+    middle,
 )
 from platoontraffic.vehicle import Positive, Twist
 
@@ -45,10 +44,10 @@ class RepairedFollower:
 
     @per_vehicle
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
-        middle = self.find(sensed.scan)
-        if middle is None:
+        found = self.find(sensed.scan)
+        if found is None:
             return Decision(Twist(0.0, 0.0))
-        distance, theta = middle
+        distance, theta = found
         bearing = theta - np.pi / 2
         target = Target(distance, bearing)
         if self.stand_off == 0 and distance <= SUFFICIENT_DISTANCE:
@@ -59,33 +58,32 @@ class RepairedFollower:
     def find(self, scan: LaserScan) -> Middle | None:
         """The middle between the first and the last return of the predecessor, or None."""
         ranges = scan.filled()
-        points = points_of(scan, ranges)
-        span = self._nearest_group(scan, ranges) if self.nearest_group else self._between_edges(ranges, points)
+        span = self._nearest_group(scan, ranges) if self.nearest_group else self._between_edges(scan, ranges)
         if span is None:
             return None
         first, last = span
         if not self.visible_middle and (first == 0 or last == len(ranges) - 1):
             return None
-        return polar((points[first] + points[last]) / 2)
+        return middle(scan, ranges, first, last)
 
     def _nearest_group(self, scan: LaserScan, ranges: np.ndarray) -> tuple[int, int] | None:
         """First and last beam of the run of neighbouring returns around the nearest one."""
-        returned = ~np.isposinf(scan.ranges) & ~np.isnan(scan.ranges)
-        if not returned.any():
+        met = returned(scan)
+        if not met.any():
             return None
-        nearest = int(np.argmin(np.where(returned, ranges, np.inf)))
-        breaks = np.flatnonzero((np.abs(np.diff(ranges)) > self.group_step) | ~returned[1:] | ~returned[:-1])
+        nearest = int(np.argmin(np.where(met, ranges, np.inf)))
+        breaks = np.flatnonzero((np.abs(np.diff(ranges)) > self.group_step) | ~met[1:] | ~met[:-1])
         after = np.searchsorted(breaks, nearest)
         first = 0 if after == 0 else breaks[after - 1] + 1
         last = len(ranges) - 1 if after == len(breaks) else breaks[after]
         return int(first), int(last)
 
-    def _between_edges(self, ranges: np.ndarray, points: np.ndarray) -> tuple[int, int] | None:
+    def _between_edges(self, scan: LaserScan, ranges: np.ndarray) -> tuple[int, int] | None:
         """First and last beam between the first two edges of Algorithm 2, borders of the view counted if wanted."""
-        found = edges(ranges, points)
+        found = edges(scan, ranges)
         if self.visible_middle:
             if len(found) == 0:
-                return (0, len(ranges) - 1) if ranges.min() < ranges.max() else None
+                return (0, len(ranges) - 1) if returned(scan).all() else None
             # A first edge that steps out, away from the robot, is the far end of something cut by the border.
             if ranges[found[0] + 1] > ranges[found[0]]:
                 return 0, int(found[0])
@@ -96,3 +94,8 @@ class RepairedFollower:
     def desired_distance(self, speed):
         """Distance from laser to rear at which a steady speed is kept straight ahead [m]."""
         return self.stand_off + speed / SPEED_GAIN
+
+
+def returned(scan: LaserScan) -> np.ndarray:
+    """Which beams met something, be it too close to be measured, (k,)."""
+    return ~(np.isposinf(scan.ranges) | np.isnan(scan.ranges))
