@@ -2,7 +2,7 @@
 
 from .engines import ENGINES
 from .model import PRESETS, LidarModel, Mount
-from .scan import LaserScan, ScanBatch
+from .laserscan import LaserScan, ScanBatch
 from .scene import Boxes, Scene
 from .sense import scan
 

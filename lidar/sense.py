@@ -16,7 +16,7 @@ import shapely
 from .engines import ENGINES
 from .model import LidarModel
 from .pose import compose
-from .scan import NO_HIT, ScanBatch
+from .laserscan import NO_HIT, ScanBatch
 from .scene import STATIC, Boxes, Scene, blocks, pairs_near
 
 TOUCHING = 1e-9  # [m]

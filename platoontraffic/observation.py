@@ -60,6 +60,7 @@ class Observer:
         self._driven = [_path_so_far(fleet, i) for i in range(n)]
         self._station = [0.0] * n  # of each member on its predecessor's path
         self._target = np.full(n, NOTHING)
+        self._target_before = self._target
         self._locked: list[float | None] = [None] * n  # since when; None: not locked
         self._lost: list[float | None] = [None] * n  # since when; None: not lost, or never locked
         self._standing_since = np.full(n, np.nan)
@@ -137,7 +138,9 @@ class Observer:
         for i, ahead in enumerate(fleet.predecessor):
             if ahead < 0 or seen[i] < 0:
                 continue
-            target = self._target[i]
+            target, before = self._target[i], self._target_before[i]
+            if target not in (ahead, before, NOTHING):
+                yield event("wrong_target", i, _name(traffic, target))
             if target == ahead:
                 if self._locked[i] is None:
                     lost = self._lost[i]
@@ -153,8 +156,7 @@ class Observer:
                 else:
                     cause = "out of sight"
                 yield event("lock_lost", i, _name(traffic, target), cause)
-                if target != NOTHING:
-                    yield event("wrong_target", i, _name(traffic, target))
+        self._target_before = self._target.copy()
 
     def _standstill_events(self, traffic: TrafficSnapshot, fleet: Fleet, event) -> Iterator[Event]:
         """One event a standstill, when it has lasted STANDSTILL_AFTER; one more when it ends, with its duration."""

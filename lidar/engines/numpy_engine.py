@@ -8,7 +8,7 @@ another's, so a row does not depend on what else is in the batch, nor on the ord
 
 import numpy as np
 
-from ..scan import NO_HIT
+from ..laserscan import NO_HIT
 from ..scene import STATIC, blocks, bounds, pairs_near
 
 SLACK = 1 + 1e-9  # draw a little beyond range_max; the caller decides what is in range

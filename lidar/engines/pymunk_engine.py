@@ -3,7 +3,7 @@
 import numpy as np
 import pymunk
 
-from ..scan import NO_HIT
+from ..laserscan import NO_HIT
 from ..scene import STATIC
 
 SLACK = 1 + 1e-9  # look a little beyond range_max; the caller decides what is in range

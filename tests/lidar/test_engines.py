@@ -42,19 +42,17 @@ def exact(model, scene, boxes, x, y, heading, owner, engine="numpy"):
     return scan(model, scene, boxes, x, y, heading, owner, engine=engine, dtype=np.float64)
 
 
-@pytest.mark.parametrize(("engine", "tolerance"), [("numpy", 1e-9), ("pymunk", 1e-8)])
+@pytest.mark.parametrize("engine", ENGINES)
 @given(seed=seeds, fov=st.sampled_from(FOVS), offset=st.sampled_from([0.0, -137.0, 1e5]))
 @few
-def test_engine_agrees_with_shapely(engine, tolerance, seed, fov, offset):
-    # Chipmunk multiplies world coordinates before it subtracts them, so far from the origin it keeps fewer digits.
-    tolerance = tolerance * 100 if engine == "pymunk" and offset == 1e5 else tolerance
+def test_engine_agrees_with_shapely(engine, seed, fov, offset):
     model = fan(fov)
     scene, boxes, x, y, heading, owner = street(seed, offset)
     batch = exact(model, scene, boxes, x, y, heading, owner, engine)
     for row in np.flatnonzero(~batch.inside):
         pose = (model, scene, boxes, x[row], y[row], heading[row], owner[row])
         expected, hits = oracle_scan(*pose)
-        allowed = tolerance * (1 + model.range_max) / grazing(*pose)
+        allowed = 1e-10 * (1 + model.range_max) / grazing(*pose)
         clear = endpoint_miss(*pose) > allowed
         at_limit = np.isfinite(expected) & (model.range_max - expected < allowed)
         at_limit |= np.isfinite(batch.ranges[row]) & (model.range_max - batch.ranges[row] < allowed)
@@ -112,7 +110,7 @@ def test_moving_world_and_sensor_together_changes_nothing(seed, turn, shift):
     moved_boxes = Boxes(*move(boxes.x, boxes.y), boxes.heading + turn, boxes.length, boxes.width, boxes.owner)
     before = exact(model, scene, boxes, x, y, heading, owner)
     after = exact(model, moved, moved_boxes, *move(x, y), heading + turn, owner)
-    np.testing.assert_allclose(after.filled(), before.filled(), rtol=0, atol=1e-7)
+    np.testing.assert_allclose(after.filled(), before.filled(), rtol=0, atol=1e-9)
 
 
 @given(seed=seeds)
