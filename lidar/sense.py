@@ -14,9 +14,9 @@ import numpy as np
 import shapely
 
 from .engines import ENGINES
+from .laserscan import NO_HIT, ScanBatch
 from .model import LidarModel
 from .pose import compose
-from .laserscan import NO_HIT, ScanBatch
 from .scene import STATIC, Boxes, Scene, blocks, pairs_near
 
 TOUCHING = 1e-9  # [m]

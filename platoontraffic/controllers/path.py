@@ -11,6 +11,8 @@ from pydantic import Field
 from platoontraffic.controllers.base import Decision, Sensed
 from platoontraffic.vehicle import Positive, Twist
 
+NOWHERE = 1e9  # range of a beam that met nothing: farther than any distance to stop at [m]
+
 
 @dataclass(frozen=True)
 class PathLeader:
@@ -29,7 +31,7 @@ class PathLeader:
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
         x, y, last = self._aim(sensed.route)
-        ranges, angles = sensed.scan.filled(), sensed.scan.model.angles
+        ranges, angles = sensed.scan.filled(no_return=NOWHERE), sensed.scan.model.angles
         ahead, aside = ranges * np.cos(angles), ranges * np.sin(angles)
         blocked = ((np.abs(aside) < self.half_width) & (ahead < self.stop_distance) & (ahead > 0)).any(axis=1)
         arrived = last & (x < 1e-3)
