@@ -15,6 +15,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 
+from lidar.pose import wrap
 from platoontraffic.errors import RunError
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.network import Network
@@ -39,7 +40,7 @@ def sumo_angle(heading):
 
 def heading_of(angle):
     """SUMO's angle as heading in (-pi, pi]; the inverse of `sumo_angle`."""
-    return np.pi - (np.pi - np.radians(90.0 - angle)) % (2 * np.pi)
+    return wrap(np.radians(90.0 - angle))
 
 
 def front_of(x, y, heading, length):

@@ -12,6 +12,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from lidar.pose import wrap
+
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -100,11 +102,6 @@ VEHICLES = {"paper-robot": DifferentialDrive()}
 def stack(models: list[DifferentialDrive]) -> DifferentialDrive:
     """Many robots as one model with arrays (n,)."""
     return DifferentialDrive(*(np.array([getattr(m, f.name) for m in models]) for f in fields(DifferentialDrive)))
-
-
-def wrap(angle):
-    """The same angle in (-pi, pi]."""
-    return np.pi - (np.pi - angle) % (2 * np.pi)
 
 
 def _relax(value, target, left_over, mean_left_over):

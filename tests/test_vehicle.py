@@ -5,7 +5,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from platoontraffic.vehicle import DifferentialDrive, Motion, Twist, stack, wrap
+from lidar.pose import wrap
+from platoontraffic.vehicle import DifferentialDrive, Motion, Twist, stack
 
 ROBOT = DifferentialDrive()
 CENTRED = replace(ROBOT, axle=0.0)
