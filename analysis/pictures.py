@@ -40,6 +40,8 @@ def picture(folder: Path | str, to: Path | str) -> Path:
     draw_paths(road, results)
     figure.legend(*road.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
     to = Path(to)
+    if to.is_dir():
+        raise ResultsError(f"{to}: is a folder; must be a picture file: .png, .svg or .pdf")
     try:
         figure.savefig(to, dpi=150, metadata={"Software": None} if to.suffix == ".png" else None)
     except (OSError, ValueError) as error:
@@ -94,6 +96,8 @@ def draw_losses(axes: Axes, results: Results) -> None:
         until = [*events.loc[events.kind == "lock_regained", "time_s"], end]
         spans = [(a, b - a) for a, b in zip(lost, until, strict=False)]
         axes.broken_barh(spans, (-place - 0.4, 0.8), facecolor=COLOURS[place % len(COLOURS)])
+    if not any(results.events.kind == "lock_lost"):
+        axes.text(0.5, 0.5, "never", transform=axes.transAxes, ha="center", va="center", color=WALL)
     axes.set_ylim(-max(place for place, *_ in _followers(results)) - 0.6, -0.4)
     axes.set_yticks([])
     axes.set_ylabel("lock lost", rotation=0, ha="right", va="center")

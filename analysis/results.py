@@ -8,7 +8,12 @@ from pathlib import Path
 
 import pandas as pd
 
-TABLES = ("trajectories", "events", "metrics")
+# The tables of a run, and the columns without which nothing can be made of them.
+NEEDED = {
+    "trajectories": ("time_s", "platoon_id", "vehicle_id", "place", "x_m", "y_m", "heading_rad", "gap_m"),
+    "events": ("time_s", "kind", "vehicle_id", "x_m", "y_m"),
+    "metrics": ("scope", "vehicle_id", "metric", "value"),
+}
 
 
 class ResultsError(ValueError):
@@ -33,17 +38,29 @@ def load(folder: Path | str) -> Results:
     """raises: ResultsError naming what is missing"""
     folder = Path(folder)
     if not folder.is_dir():
-        raise ResultsError(f"{folder}: no such folder")
+        raise ResultsError(
+            f"{folder}: {'is a file; must be the folder of a run' if folder.exists() else 'no such folder'}"
+        )
     if not (folder / "DONE").is_file():
         what = "an unfinished run" if (folder / "trajectories.csv").is_file() else "not the folder of a run"
         raise ResultsError(f"{folder}: {what}: there is no DONE")
-    files = {name: folder / f"{name}.csv" for name in TABLES}
+    files = {name: folder / f"{name}.csv" for name in NEEDED}
     for file in (*files.values(), folder / "scene.geojson"):
         if not file.is_file():
             raise ResultsError(f"{folder}: {file.name} is missing")
-    tables = {name: pd.read_csv(file) for name, file in files.items()}
-    scene = json.loads((folder / "scene.geojson").read_text(encoding="utf-8"))
-    shapes = {f["properties"]["kind"]: _lines(f["geometry"]) for f in scene["features"]}
+    tables = {}
+    for name, file in files.items():
+        try:
+            tables[name] = pd.read_csv(file)
+        except ValueError as error:  # pandas' errors of parsing, and of decoding
+            raise ResultsError(f"{file}: cannot be read: {' '.join(str(error).split())}") from error
+        if missing := set(NEEDED[name]) - set(tables[name].columns):
+            raise ResultsError(f"{file}: columns are missing: {', '.join(sorted(missing))}")
+    try:
+        scene = json.loads((folder / "scene.geojson").read_text(encoding="utf-8"))
+        shapes = {f["properties"]["kind"]: _lines(f["geometry"]) for f in scene["features"]}
+    except (ValueError, TypeError, KeyError) as error:
+        raise ResultsError(f"{folder / 'scene.geojson'}: is not the scene of a run: {error}") from error
     return Results(folder, **tables, scene=shapes)
 
 

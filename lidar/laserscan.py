@@ -23,7 +23,8 @@ class LaserScan:
     stamp    : time of the scan [s]
     frame_id : id of the vehicle
     ranges   : distance to the first surface on each beam [m], or ±inf, NaN
-    hits     : owner of that surface, also where it is too close; −1 the static scene, −2 nothing
+    hits     : owner of that surface, also where it is too close; −1 the static scene, −2 nothing. None where it is
+               kept from whom the scan is given to
     inside   : the sensor is inside a solid
     """
 
@@ -37,7 +38,7 @@ class LaserScan:
     range_min: float
     range_max: float
     ranges: np.ndarray
-    hits: np.ndarray
+    hits: np.ndarray | None
     inside: bool
 
     def angles(self) -> np.ndarray:
@@ -72,7 +73,7 @@ class ScanBatch:
     stamp: float
     ids: tuple[str, ...]
     ranges: np.ndarray
-    hits: np.ndarray
+    hits: np.ndarray | None
     inside: np.ndarray
 
     def __len__(self) -> int:
@@ -92,7 +93,7 @@ class ScanBatch:
             range_min=model.range_min,
             range_max=model.range_max,
             ranges=self.ranges[row],
-            hits=self.hits[row],
+            hits=None if self.hits is None else self.hits[row],
             inside=bool(self.inside[row]),
         )
 
@@ -104,7 +105,8 @@ class ScanBatch:
         """The batch of some rows, in the order given."""
         indices = np.asarray(indices, dtype=np.intp)
         ids = tuple(self.ids[row] for row in indices)
-        return ScanBatch(self.model, self.stamp, ids, self.ranges[indices], self.hits[indices], self.inside[indices])
+        hits = None if self.hits is None else self.hits[indices]
+        return ScanBatch(self.model, self.stamp, ids, self.ranges[indices], hits, self.inside[indices])
 
     def filled(self, no_return=None, too_close=None, error=None) -> np.ndarray:
         """As LaserScan.filled, (n, k) float64."""

@@ -73,7 +73,9 @@ def scan(
     inside = around != NO_HIT
     if inside.any():
         ranges[inside], hits[inside] = -np.inf, around[inside, None]
-    return ScanBatch(model, stamp, ids, ranges.astype(dtype, copy=False), hits, inside)
+    ranges = ranges.astype(dtype, copy=False)
+    ranges.setflags(write=False)
+    return ScanBatch(model, stamp, ids, ranges, hits, inside)
 
 
 def enclosing(scene, boxes, x, y, owner):

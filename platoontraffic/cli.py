@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+import signal
 import sys
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -73,12 +73,13 @@ def run(
     from platoontraffic import scenario as scenarios
     from platoontraffic import simulation
 
+    # A cluster ends jobs by SIGTERM; what was recorded is kept then as at Ctrl-C.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     checked = scenarios.load(scenario, changes or (), seed)
     prepared = simulation.prepare(checked)
     folder = simulation.result_folder(checked, results)
     if dry_run:
-        n = len(prepared.members)
-        out.print(f"{checked.source}: fine: {n} {'member' if n == 1 else 'members'}; would write {folder}")
+        out.print(f"{checked.source}: fine, {len(prepared.members)} in all; would write {folder}", soft_wrap=True)
         return
     from platoontraffic.recording import is_done
 
@@ -86,10 +87,8 @@ def run(
         if not quiet:
             err.print(f"an equal run is already there and is not repeated (--force would): {folder}")
     else:
-        if folder.exists():
-            shutil.rmtree(folder)
         with _progress(checked.spec.run.duration_s, checked.spec.name, quiet) as progress:
-            simulation.simulate(prepared, folder, progress)
+            simulation.simulate(prepared, folder, progress, replace=force)
     if not quiet:
         _show(folder)
     print(folder)
@@ -118,13 +117,13 @@ def list_(
 ) -> None:
     """List what there is by name."""
     from lidar import PRESETS
-    from platoontraffic.registry import law_class, law_names
+    from platoontraffic.registry import find_law, law_names
     from platoontraffic.vehicle import VEHICLES
 
     listings: dict[str, Callable[[], dict[str, str]]] = {
         "scenarios": lambda: {name: _title(file) for name, file in data.scenarios().items()},
         "nets": lambda: {name: str(file) for name, file in data.networks().items()},
-        "laws": lambda: {name: _first_line(law_class(name, Path())) for name in law_names()},
+        "laws": lambda: {name: _first_line(find_law(name, Path()).kind) for name in law_names()},
         "vehicles": lambda: {name: f"{v.length:g} x {v.width:g} m" for name, v in VEHICLES.items()},
         "lidars": lambda: {
             name: f"{m.samples} beams, {m.angle_max - m.angle_min:.4g} rad, {m.range_min:g} to {m.range_max:g} m"
@@ -190,9 +189,12 @@ def _show(folder: Path) -> None:
     """The figures one looks at first."""
     import json
 
-    import pandas as pd
+    from analysis.results import ResultsError, load
 
-    metrics = pd.read_csv(folder / "metrics.csv")
+    try:
+        metrics = load(folder).metrics
+    except ResultsError as error:
+        raise InputError(f"{error}; --force runs again") from error
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     columns = {
         "laps": ("laps", ".2f"),

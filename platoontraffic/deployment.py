@@ -28,7 +28,7 @@ def static_scene(scenario: Scenario, network: Network) -> Scene:
     return Scene.from_shapely(walls, solids)
 
 
-def deploy(scenario: Scenario, network: Network) -> tuple[Member, ...]:
+def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, ...]:
     """All members, in the order of the file.
 
     raises: InputError where an edge or lane does not exist, or a start pose is off the road or on another's
@@ -45,8 +45,9 @@ def deploy(scenario: Scenario, network: Network) -> tuple[Member, ...]:
             faults += [scenario.fault(("platoon", i, key), fault) for fault in error.faults]
     if not faults:
         numbers = {platoon.id: i for i, platoon in enumerate(scenario.spec.platoon)}
-        misplaced = _misplaced(members, network)
+        misplaced = _misplaced(members, network, scene)
         faults = [scenario.fault(("platoon", numbers[m.platoon], "start"), what) for m, what in misplaced]
+        faults = list({fault.partition(": ")[0]: fault for fault in reversed(faults)}.values())[::-1]  # one a platoon
     if faults:
         raise InputError(*faults)
     return tuple(members)
@@ -91,17 +92,26 @@ def _path(network: Network, platoon: Platoon) -> Polyline | None:
         return None
     if platoon.start.edge not in platoon.route:
         raise InputError(f"{platoon.route}: does not contain the start edge {platoon.start.edge!r}")
-    return Polyline(network.route_line(platoon.route, platoon.start.lane, closed=platoon.loop), closed=platoon.loop)
+    here = platoon.route.index(platoon.start.edge)
+    onward = [*platoon.route[here:], *(platoon.route[:here] if platoon.loop else [])]
+    return Polyline(network.route_line(onward, platoon.start.lane, closed=platoon.loop), closed=platoon.loop)
 
 
-def _misplaced(members: list[Member], network: Network) -> list[tuple[Member, str]]:
-    """Members whose footprint is not wholly on the road, or overlaps another's, and what to say of them."""
+def _misplaced(members: list[Member], network: Network, scene: Scene) -> list[tuple[Member, str]]:
+    """Members whose footprint is not wholly on the road, or is on something or someone; and what to say of them."""
     footprints = np.array([_footprint(m) for m in members])
     faults = []
     for member, on_road in zip(members, shapely.contains(network.drivable, footprints), strict=True):
         if not on_road:
             where = f"({member.pose[0]:.2f}, {member.pose[1]:.2f}) m"
             faults.append((member, f"{member.id} would start at {where}, not wholly on the road"))
+    walls = shapely.linestrings(scene.segments.reshape(-1, 2, 2))
+    for wall, a in shapely.STRtree(footprints).query(walls, predicate="intersects").T:
+        where = f"({walls[wall].centroid.x:.2f}, {walls[wall].centroid.y:.2f}) m"
+        faults.append((members[a], f"{members[a].id} would start in contact with the wall or obstacle at {where}"))
+    if scene.solids is not None:
+        for a in np.flatnonzero(shapely.contains(scene.solids, footprints)):
+            faults.append((members[a], f"{members[a].id} would start inside an obstacle"))
     for a, b in shapely.STRtree(footprints).query(footprints, predicate="intersects").T:
         if a < b:
             faults.append((members[b], f"{members[b].id} would start on {members[a].id}"))

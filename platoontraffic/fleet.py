@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -84,9 +84,8 @@ class Fleet:
             motion=Motion.at_rest(*zip(*(m.pose for m in members), strict=True)),
             twist=Twist(np.zeros(n), np.zeros(n)),
             target=Target(np.full(n, np.nan), np.full(n, np.nan)),
-            station=np.array(
-                [m.path.project(*m.pose[:2], near=0.0, window=np.inf)[0] if m.path else 0.0 for m in members]
-            ),
+            # A path begins at the lane where the platoon does.
+            station=np.array([m.path.project(*m.pose[:2], 0.0, window=np.inf)[0] if m.path else 0.0 for m in members]),
             memories=(None,) * len(groups),
         )
 
@@ -105,7 +104,8 @@ class Fleet:
             rows, route = group.rows, None
             if "route" in getattr(group.law, "needs", ()):
                 station[rows], route = self._route_ahead(rows)
-            sensed = Sensed(scan, self.motion.speed[rows], self.motion.yaw_rate[rows], route)
+            seen = replace(scan, hits=None)  # whose surface a beam met is for the observer, not for a law
+            sensed = Sensed(seen, self.motion.speed[rows], self.motion.yaw_rate[rows], route)
             decision = self._ask(group, sensed, memories[g], group.every * dt)
             speed[rows], yaw_rate[rows] = decision.twist
             distance[rows], bearing[rows] = decision.target
@@ -138,33 +138,64 @@ class Fleet:
         return np.array(stations), np.array(points)
 
     def _ask(self, group: Group, sensed: Sensed, memory: Any, dt: float) -> Decision:
-        """The law's decision; a law from a plug-in that fails, or gives no number, is the user's to mend."""
-        law = type(group.law)
-        at = f"at {sensed.scan.stamp:.3f} s"
+        """The law's decision with arrays (n,); a law from a plug-in that gives none is the user's to mend."""
+        rows = sensed.speed.shape
+        decision = _call(group.law, f"at {sensed.scan.stamp:.3f} s", group.law, sensed, memory, dt)
         try:
-            decision = group.law(sensed, memory, dt)
-            twist = np.broadcast_arrays(*decision.twist, sensed.speed)[:2]
-        except Exception as error:
-            if law.__module__.startswith("platoontraffic."):
+            speed, yaw_rate = (np.broadcast_to(_numbers(values), rows) for values in decision.twist)
+            distance, bearing = (np.broadcast_to(_numbers(values), rows) for values in decision.target)
+            memory = decision.memory
+        except (AttributeError, TypeError, ValueError) as error:
+            if _is_ours(group.law):
                 raise
-            what = f"failed {at}: {type(error).__name__}: {error}"
-            raise InputError(f"{_place(law, error)}: law {law.__qualname__} {what}") from error
-        nonsense = np.flatnonzero(~np.isfinite(twist).all(axis=0))
+            what = f"gave {decision!r:.200}; must be a Decision of a Twist and a Target with numbers, {rows[0]} rows"
+            raise InputError(f"{_place(group.law)}: law {type(group.law).__qualname__} {what}") from error
+        sound = np.isfinite(speed) & np.isfinite(yaw_rate) & ~np.isinf(distance) & ~np.isinf(bearing)
+        nonsense = np.flatnonzero(~sound)
         if len(nonsense):
             row = nonsense[0]
-            vehicle = self.members[group.rows[row]].id
-            what = f"gave speed {twist[0][row]}, yaw rate {twist[1][row]} for {vehicle} {at}; both must be finite"
-            raise InputError(f"{_place(law)}: law {law.__qualname__} {what}")
-        return decision
+            vehicle = f"{self.members[group.rows[row]].id} at {sensed.scan.stamp:.3f} s"
+            given = f"speed {speed[row]}, yaw rate {yaw_rate[row]}, target {distance[row]}, {bearing[row]}"
+            what = f"gave {given} for {vehicle}; must be finite, a target may be NaN"
+            raise InputError(f"{_place(group.law)}: law {type(group.law).__qualname__} {what}")
+        return Decision(Twist(speed, yaw_rate), memory, Target(distance, bearing))
 
 
-def _place(law: type, error: Exception | None = None) -> str:
+def desired_distance(member: Member, speed: float) -> float:
+    """What the member's law wants from laser to rear at a steady speed [m]; NaN if it names nothing."""
+    wanted = getattr(member.law, "desired_distance", None)
+    if not callable(wanted):
+        return np.nan
+    return float(_call(member.law, f"in desired_distance({speed:g})", lambda: float(wanted(speed))))
+
+
+def _call(law: Any, when: str, function: Callable, *arguments: Any) -> Any:
+    """function(*arguments), where what fails in a plug-in is said with its file and line."""
+    try:
+        return function(*arguments)
+    except (Exception, SystemExit) as error:
+        if _is_ours(law):
+            raise
+        what = f"failed {when}: {type(error).__name__}: {error}"
+        raise InputError(f"{_place(law, error)}: law {type(law).__qualname__} {what}") from error
+
+
+def _is_ours(law: Any) -> bool:
+    return type(law).__module__.startswith("platoontraffic.")
+
+
+def _numbers(values: Any) -> np.ndarray:
+    values = np.asarray(values)
+    if values.dtype.kind not in "iuf":
+        raise TypeError(f"{values.dtype} is no number")
+    return values.astype(float)
+
+
+def _place(law: Any, error: BaseException | None = None) -> str:
     """`file:line` in the law's own file: where it failed, or else where it is written."""
-    file, line = inspect.getsourcefile(law), inspect.getsourcelines(law)[1]
+    try:
+        file, line = inspect.getsourcefile(type(law)), inspect.getsourcelines(type(law))[1]
+    except (OSError, TypeError):  # no source at hand
+        return type(law).__module__
     frames = traceback.extract_tb(error.__traceback__) if error else []
     return f"{file}:{next((f.lineno for f in reversed(frames) if f.filename == file), line)}"
-
-
-def _first_station(member: Member) -> float:
-    """Where on its path a member starts; it may be anywhere on it."""
-    return member.path.project(*member.pose[:2], near=0.0, window=np.inf)[0] if member.path else 0.0

@@ -4,7 +4,7 @@ vehicle scope (followers only where a predecessor is needed):
 
 gap_mean, gap_min, gap_max    of gap_m over the recorded instants
 gap_error_rms                 root mean square of gap_error_m
-time_gap_mean                 of time_gap_s
+time_gap_median               of time_gap_s; a mean would be that of the slowest instants
 cross_track_rms, _max         of |cross_track_m|
 right_lane_share              share of the recorded instants with a defined right_of_middle_m at which it is positive
 lock_on_ratio                 share of the time from the first lock to the end in which the law's target was its true
@@ -28,6 +28,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+
+from platoontraffic.observation import STANDSTILL_AFTER
 
 
 class Metric(NamedTuple):
@@ -78,10 +80,11 @@ def _motion(rows: pd.DataFrame) -> dict[tuple[str, str], float]:
 
 
 def _standing(own: pd.DataFrame, start: float, end: float) -> dict[tuple[str, str], float]:
-    ended = own.loc[own.kind == "standstill_end", "detail"].str.extract(r"after ([\d.]+)")[0].astype(float)
-    began = own.loc[own.kind == "standstill", "detail"].str.extract(r"since ([\d.]+)")[0].astype(float)
-    total = ended.sum() + (end - began.iloc[-1] if len(began) > len(ended) else 0.0)
-    return {("standstills", ""): float(len(began)), ("standstill_share", ""): total / (end - start)}
+    began = own.loc[own.kind == "standstill", "time_s"]
+    ended = own.loc[own.kind == "standstill_end", "duration_s"]
+    last = end - began.iloc[-1] + STANDSTILL_AFTER if len(began) > len(ended) else 0.0
+    share = (ended.sum() + last) / (end - start)
+    return {("standstills", ""): float(len(began)), ("standstill_share", ""): share}
 
 
 def _collisions(events: pd.DataFrame, vehicles: Collection[str]) -> float:
@@ -95,7 +98,7 @@ def _following(rows: pd.DataFrame) -> dict[tuple[str, str], float]:
         ("gap_min", "m"): rows.gap_m.min(),
         ("gap_max", "m"): rows.gap_m.max(),
         ("gap_error_rms", "m"): _rms(rows.gap_error_m),
-        ("time_gap_mean", "s"): rows.time_gap_s.mean(),
+        ("time_gap_median", "s"): rows.time_gap_s.median(),
         ("cross_track_rms", "m"): _rms(rows.cross_track_m),
         ("cross_track_max", "m"): rows.cross_track_m.abs().max(),
     }

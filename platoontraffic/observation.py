@@ -14,7 +14,7 @@ import shapely
 
 from lidar import ScanBatch
 from platoontraffic.contact import Contacts
-from platoontraffic.fleet import Fleet
+from platoontraffic.fleet import Fleet, desired_distance
 from platoontraffic.network import Network
 from platoontraffic.polyline import Polyline
 from platoontraffic.traffic import TrafficSnapshot
@@ -33,6 +33,7 @@ class Event(NamedTuple):
     x: float
     y: float
     edge: str
+    duration: float  # of what has ended with this event; NaN: nothing has
     detail: str
 
 
@@ -59,6 +60,7 @@ class Observer:
         self._contacts = contacts
         self._driven = [_path_so_far(fleet, i) for i in range(n)]
         self._station = [0.0] * n  # of each member on its predecessor's path
+        self._measured = list(zip(*fleet.model.axle_position(fleet.motion), strict=True))  # where it was then
         self._target = np.full(n, NOTHING)
         self._target_before = self._target
         self._locked: list[float | None] = [None] * n  # since when; None: not locked
@@ -74,14 +76,17 @@ class Observer:
         """The events of this step."""
         seen = self._take_targets(fleet, scans)
         x, y = fleet.model.axle_position(fleet.motion)
-        for path, point_x, point_y in zip(self._driven, x, y, strict=True):
-            path.append(point_x, point_y)
+        for path, point_x, point_y, speed in zip(self._driven, x, y, fleet.motion.speed, strict=True):
+            if speed < 0:
+                path.retract(point_x, point_y)
+            else:
+                path.append(point_x, point_y)
 
         row = {m.id: i for i, m in enumerate(fleet.members)}
 
-        def event(kind: str, i: int, other: str = "", detail: str = "") -> Event:
-            edge = roads[i][0]
-            return Event(traffic.time, kind, fleet.members[i].id, other, traffic.x[i], traffic.y[i], edge, detail)
+        def event(kind: str, i: int, other: str = "", duration: float = np.nan, detail: str = "") -> Event:
+            where = traffic.x[i], traffic.y[i], roads[i][0]
+            return Event(traffic.time, kind, fleet.members[i].id, other, *where, duration, detail)
 
         return [
             *self._lock_events(traffic, fleet, seen, event),
@@ -98,14 +103,15 @@ class Observer:
             if ahead < 0:
                 continue
             path = self._driven[ahead]
-            reach = 2 * model.length[i] + 4 * abs(motion.speed[i])
+            driven = np.hypot(x[i] - self._measured[i][0], y[i] - self._measured[i][1])
+            reach = 2 * model.length[i] + 2 * driven
             self._station[i], cross_track[i] = path.project(x[i], y[i], near=self._station[i], window=reach)
+            self._measured[i] = x[i], y[i]
             front = self._station[i] + model.length[i] / 2 - model.axle[i]
             rear = path.end - model.length[ahead] / 2 - model.axle[ahead]
             gap[i] = rear - front
             member = fleet.members[i]
-            if wanted := getattr(member.law, "desired_distance", None):
-                gap_error[i] = gap[i] - (wanted(motion.speed[i]) - member.seen_ahead_of_gap)
+            gap_error[i] = gap[i] - (desired_distance(member, motion.speed[i]) - member.seen_ahead_of_gap)
         laser_to_bumper = np.array([m.seen_ahead_of_gap for m in fleet.members])
         with np.errstate(divide="ignore"):
             time_gap = np.where(motion.speed > STANDING, gap / motion.speed, np.nan)
@@ -128,7 +134,7 @@ class Observer:
                 if np.isnan(bearing[k]):
                     continue
                 beam = round((bearing[k] - model.angle_min) / model.angle_increment)
-                about = hits[max(beam - BEAMS_ABOUT, 0) : beam + BEAMS_ABOUT + 1]
+                about = hits[max(beam - BEAMS_ABOUT, 0) : max(beam + BEAMS_ABOUT + 1, 0)]
                 found = about[about != NOTHING]
                 if len(found):
                     self._target[i] = np.bincount(found - WALL).argmax() + WALL
@@ -143,9 +149,10 @@ class Observer:
                 yield event("wrong_target", i, _name(traffic, target))
             if target == ahead:
                 if self._locked[i] is None:
-                    lost = self._lost[i]
-                    detail = "" if lost is None else f"after {traffic.time - lost:.3f} s"
-                    yield event("locked" if lost is None else "lock_regained", i, fleet.members[ahead].id, detail)
+                    if self._lost[i] is None:
+                        yield event("locked", i, fleet.members[ahead].id)
+                    else:
+                        yield event("lock_regained", i, fleet.members[ahead].id, traffic.time - self._lost[i])
                     self._locked[i], self._lost[i] = traffic.time, None
             elif self._locked[i] is not None:
                 self._locked[i], self._lost[i] = None, traffic.time
@@ -155,7 +162,7 @@ class Observer:
                     cause = f"not recognised, though {seen[i]} beams hit it"
                 else:
                     cause = "out of sight"
-                yield event("lock_lost", i, _name(traffic, target), cause)
+                yield event("lock_lost", i, _name(traffic, target), detail=cause)
         self._target_before = self._target.copy()
 
     def _standstill_events(self, traffic: TrafficSnapshot, fleet: Fleet, event) -> Iterator[Event]:
@@ -170,7 +177,7 @@ class Observer:
             yield event("standstill", i, detail=f"since {self._standing_since[i]:.3f} s")
         for i in np.flatnonzero(moving & self._at_standstill):
             self._at_standstill[i] = False
-            yield event("standstill_end", i, detail=f"after {duration[i]:.3f} s")
+            yield event("standstill_end", i, duration=duration[i])
             self._standing_since[i] = np.nan
 
     def _contact_events(self, traffic: TrafficSnapshot, row: dict[str, int], event) -> Iterator[Event]:

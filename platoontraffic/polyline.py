@@ -42,6 +42,14 @@ class Polyline:
         self._station[self._size] = self._station[self._size - 1] + step
         self._size += 1
 
+    def retract(self, x: float, y: float) -> None:
+        """Shorten an open line to the point on it nearest to x, y: its end has been driven backwards."""
+        near = self.end - np.hypot(*(self._points[self._size - 1] - (x, y)))
+        station, _ = self.project(x, y, near, window=self.end - near + 1e-9)
+        point = self.at(np.array([station]))[0]
+        self._size = max(int(np.searchsorted(self._station[: self._size], station)), 1)
+        self.append(*point)
+
     def project(self, x: float, y: float, near: float, window: float) -> tuple[float, float]:
         """Station of the nearest point among those within `window` of station `near`, and the offset to the left."""
         if self.closed and window < np.inf:

@@ -35,8 +35,7 @@ def run_id(scenario: Scenario) -> str:
     """
     resolved = scenario.resolved()
     seed = resolved.pop("seed")
-    for key in ("name", "title"):
-        resolved.pop(key)
+    resolved.pop("name")
     parts = [
         json.dumps(resolved, sort_keys=True),
         *(sha256(file) for file in scenario.files().values()),

@@ -42,7 +42,7 @@ def _text(name: str, meaning: str) -> Column:
 
 
 TRAJECTORIES = (
-    _number("time_s", "s", "SUMO's time of the instant", "%.3f"),
+    _number("time_s", "s", "since the platoons were placed", "%.3f"),
     _text("platoon_id", "platoon"),
     _text("vehicle_id", "member"),
     Column("place", "integer", "", "0 leads, 1 follows it, and so on", "%d"),
@@ -66,14 +66,15 @@ TRAJECTORIES = (
 )
 
 EVENTS = (
-    _number("time_s", "s", "SUMO's time of the instant", "%.3f"),
+    _number("time_s", "s", "since the platoons were placed", "%.3f"),
     _text("kind", "see the kinds below"),
     _text("vehicle_id", "whom it happened to"),
     _text("other_id", "with whom, or 'wall'"),
     _number("x_m", "m", "where: the vehicle's centre, east"),
     _number("y_m", "m", "where: the vehicle's centre, north"),
     _text("edge_id", "SUMO's edge, or junction"),
-    _text("detail", "cause, or duration"),
+    _number("duration_s", "s", "of what ended with this event: a loss of lock, a standstill", "%.3f"),
+    _text("detail", "cause"),
 )
 
 METRICS = (
@@ -88,10 +89,10 @@ METRICS = (
 KINDS = {
     "locked": "the law takes its true predecessor for the first time",
     "lock_lost": "the law no longer takes its true predecessor for it; detail says why",
-    "lock_regained": "it does again; detail says after how long",
+    "lock_regained": "it does again, after duration_s",
     "wrong_target": "it takes something else",
     "standstill": "has stood still for more than 10 s",
-    "standstill_end": "moves again; detail says after how long",
+    "standstill_end": "moves again, after duration_s",
     "collision": "touches another vehicle or a wall; once for every episode",
     "off_road": "its driven axle has left the drivable area",
     "end": "the run ended; detail says why",
@@ -105,6 +106,8 @@ class Recorder:
         """folder: the final one; it must not be there yet."""
         self._final = folder
         self.folder = folder.with_name(f"{folder.name}.{os.getpid()}.partial")
+        missing = (parent for parent in self.folder.parents if not parent.exists())
+        self._made = list(missing)  # innermost first
         try:
             self.folder.mkdir(parents=True)
             self._trajectories = self._open("trajectories.csv", TRAJECTORIES)
@@ -151,9 +154,11 @@ class Recorder:
         self._trajectories.close()
         self._events.close()
 
-    def finish(self) -> Path:
-        """Mark as complete and put in place; where an equal run has just been finished, that one stays."""
+    def finish(self, replace: bool) -> Path:
+        """Mark as complete and put in place; where an equal run has been finished meanwhile, one of them stays."""
         self.write(DONE, "")
+        if replace or not is_done(self._final):
+            shutil.rmtree(self._final, ignore_errors=True)
         try:
             self.folder.rename(self._final)
         except OSError:
@@ -173,9 +178,9 @@ class Recorder:
     def discard(self) -> None:
         self.close_tables()
         shutil.rmtree(self.folder)
-        for empty in (self.folder.parent, self.folder.parent.parent):
-            if not any(empty.iterdir()):
-                empty.rmdir()
+        for made in self._made:
+            with contextlib.suppress(OSError):  # somebody else has put something there
+                made.rmdir()
 
     def _open(self, name: str, columns: tuple[Column, ...]) -> TextIO:
         file = (self.folder / name).open("w", encoding="utf-8", newline="\n")

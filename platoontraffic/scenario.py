@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import tomllib
 import typing
 from collections.abc import Callable, Sequence
@@ -20,12 +21,16 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from lidar import PRESETS, LidarModel, Mount
 from platoontraffic import data, tomlkeys
 from platoontraffic.errors import InputError, did_you_mean
-from platoontraffic.registry import law_class, plug_in_file
+from platoontraffic.registry import Law, find_law, plug_in_file
 from platoontraffic.vehicle import VEHICLES, DifferentialDrive
 
 Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Size = Annotated[float, Field(gt=0, le=100)]  # of a vehicle [m]
+Offset = Annotated[float, Field(ge=-100, le=100)]  # on a vehicle [m]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+
+NEEDS = frozenset({"route"})  # what a law may declare beside scan and own motion
 
 # A UTM-30LX is 60 mm deep: with its face flush with the front bumper, its centre is 30 mm behind.
 LASER_BEHIND_BUMPER = 0.03
@@ -36,7 +41,7 @@ class Table(BaseModel):
 
 
 class Sumo(Table):
-    net: str  # name of a shipped network, or a .net.xml file
+    net: Annotated[str, Field(min_length=1)]  # name of a shipped network, or a .net.xml file
     additional: list[str] = []  # files with <poly>s: walls and obstacles; a shipped network brings its own
 
 
@@ -64,10 +69,10 @@ class Record(Table):
 
 class Vehicle(Table):
     type: str = "paper-robot"
-    length_m: Length | None = None
-    width_m: Length | None = None
-    axle_m: Number | None = None
-    wheel_separation_m: Length | None = None
+    length_m: Size | None = None
+    width_m: Size | None = None
+    axle_m: Offset | None = None
+    wheel_separation_m: Size | None = None
     wheel_radius_m: Length | None = None
     max_wheel_speed_radps: Length | None = None
     lag_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
@@ -91,13 +96,13 @@ class Vehicle(Table):
 class Lidar(Table):
     preset: str | None = None  # default: the paper's, for a leader or a follower
     fov_deg: Annotated[float, Field(gt=0, le=360)] | None = None
-    samples: Annotated[int, Field(ge=2)] | None = None
-    range_min_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    range_max_m: Length | None = None
+    samples: Annotated[int, Field(ge=5, le=100_000)] | None = None  # Algorithm 1 has five sectors
+    range_min_m: Annotated[float, Field(ge=0, le=10_000)] | None = None
+    range_max_m: Annotated[float, Field(gt=0, le=10_000)] | None = None
     rate_hz: Length | None = None
-    mount_x_m: Number | None = None  # ahead of the vehicle's centre; default 0.03 m behind the front bumper
-    mount_y_m: Number = 0.0
-    mount_yaw_deg: Number = 0.0
+    mount_x_m: Offset | None = None  # ahead of the vehicle's centre; default 0.03 m behind the front bumper
+    mount_y_m: Offset = 0.0
+    mount_yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 
     @model_validator(mode="before")
     @classmethod
@@ -147,7 +152,7 @@ class Start(Table):
 
 class Platoon(Table):
     id: Identifier = "platoon"
-    size: Annotated[int, Field(ge=1)] = 1
+    size: Annotated[int, Field(ge=1, le=10_000)] = 1
     vehicle: Vehicle = Vehicle()
     start: Start
     gap_m: Length = 0.5  # bumper to bumper, at the start
@@ -185,7 +190,8 @@ class Scenario:
     net: Path
     additional: tuple[Path, ...]
     laws: dict[tuple[int, str], Any]  # (platoon's number, "leader" or "follower") -> law
-    plug_ins: dict[tuple[int, str], Path]
+    plug_ins: dict[tuple[int, str], Path]  # files beside the scenario that laws are named by
+    sources: tuple[Path, ...]  # of all laws that are not shipped
     varied: dict[str, Any]  # what the arguments changed
     place: Callable[[tuple], str]  # where a key stands: `file:line`, or the argument that set it
 
@@ -199,15 +205,18 @@ class Scenario:
 
     def files(self) -> dict[str, Path]:
         """Every input file, by a name that says what it is for."""
-        plug_ins = {file.name: file for file in self.plug_ins.values()}
-        return {"net": self.net, **{f"additional.{f.name}": f for f in self.additional}, **plug_ins}
+        return {
+            f"net.{self.net.name}": self.net,
+            **{f"additional.{i}.{file.name}": file for i, file in enumerate(self.additional)},
+            **{f"law.{i}.{file.name}": file for i, file in enumerate(self.sources)},
+        }
 
     def resolved(self, folder: Path | None = None) -> dict[str, Any]:
         """All keys with their values, as for TOML. Files are named relative to `folder`; without one, not at all."""
         table = self.spec.model_dump(exclude_none=True)
 
         def named(file: Path) -> str:
-            return Path(os.path.relpath(file, folder)).as_posix() if folder else ""
+            return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix() if folder else ""
 
         if self.spec.sumo.net not in data.networks():
             table["sumo"]["net"] = named(self.net)
@@ -218,7 +227,8 @@ class Scenario:
             driver = table["platoon"][i][role]
             keys = {alias: getattr(law, name) for name, alias in _keys(type(law)).items()}
             driver.clear()
-            driver |= {"law": getattr(self.spec.platoon[i], role).law, **keys}
+            given = {key: value for key, value in keys.items() if value is not None}
+            driver |= {"law": getattr(self.spec.platoon[i], role).law, **given}
             lidar = getattr(self.spec.platoon[i], role).lidar.model_dump(exclude_none=True)
             driver["lidar"] = {"preset": default_preset(role)} | lidar
             if file := self.plug_ins.get((i, role)):
@@ -237,7 +247,7 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = (), seed: int | No
     """
     source = _find(name_or_file)
     try:
-        text = source.read_text(encoding="utf-8")
+        text = source.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{source}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     try:
@@ -252,7 +262,7 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = (), seed: int | No
         key, value, paths = _override(table, argument, number)
         varied[key] = value
         places |= dict.fromkeys(paths, f"argument {number}")
-    table.setdefault("name", source.stem)
+    table.setdefault("name", re.sub(r"[^A-Za-z0-9_-]", "_", source.stem))
     if seed is not None:
         table["seed"] = seed
         places["seed",] = "--seed"
@@ -280,16 +290,20 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
 
     nets = data.networks()
     net = nets.get(spec.sumo.net, folder / spec.sumo.net)
+    found: dict[str, Law] = {}  # one class a name, so that members may share a call
+    sources: set[Path] = set()
     if not net.is_file():
         what = "no such file, nor a shipped network"
         fault(("sumo", "net"), f"{spec.sumo.net!r}: {what}{did_you_mean(spec.sumo.net, nets)}")
-    own = net.with_name(net.name.replace(".net.xml", ".poly.xml"))
+    own = net.parent / f"{spec.sumo.net}.poly.xml"
     additional = [own] if spec.sumo.net in nets and own.is_file() else []
     for i, name in enumerate(spec.sumo.additional):
         additional.append(folder / name)
         if not (folder / name).is_file():
             fault(("sumo", "additional", i), f"{name!r}: no such file")
 
+    if not _whole(spec.run.duration_s / spec.run.step_s):
+        fault(("run", "duration_s"), f"{spec.run.duration_s}: must be a multiple of run.step_s = {spec.run.step_s}")
     if not _whole(spec.record.every_s / spec.run.step_s):
         fault(("record", "every_s"), f"{spec.record.every_s}: must be a multiple of run.step_s = {spec.run.step_s}")
     ids = [p.id for p in spec.platoon]
@@ -305,14 +319,22 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 continue
             at = ("platoon", i, role)
             try:
-                kind = law_class(driver.law, folder)
+                law = found.setdefault(driver.law, None) or find_law(driver.law, folder)
+                found[driver.law], kind = law, law.kind
+                sources |= set(law.sources)
                 laws[i, role] = _law(kind, driver.model_extra or {}, lambda key, what, at=at: fault((*at, key), what))
             except LookupError as error:
                 fault((*at, "law"), str(error))
                 continue
             if file := plug_in_file(driver.law, folder):
                 plug_ins[i, role] = file
-            if "route" in getattr(kind, "needs", ()) and not platoon.route:
+            needs = frozenset(getattr(kind, "needs", ()))
+            if not needs <= NEEDS:
+                fault(
+                    (*at, "law"),
+                    f"{driver.law!r} needs {', '.join(sorted(needs - NEEDS))}; there is: {', '.join(NEEDS)}",
+                )
+            if "route" in needs and not platoon.route:
                 fault((*at, "law"), f"{driver.law!r} needs platoon.{i}.route, the edges to drive")
             try:
                 lidar = driver.lidar.model(default_preset(role), platoon.vehicle.model().length)
@@ -324,28 +346,35 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 fault((*at, "lidar", "rate_hz"), what)
     if faults:
         raise InputError(*faults)
-    return Scenario(spec, source, net, tuple(additional), laws, plug_ins, varied, place)
+    return Scenario(spec, source, net, tuple(additional), laws, plug_ins, tuple(sorted(sources)), varied, place)
 
 
 def _law(kind: type, gains: dict[str, Any], fault: Any) -> Any:
     """An instance of a law's class from the keys of a scenario file."""
     if not (is_dataclass(kind) and kind.__dataclass_params__.frozen):
         raise LookupError(f"{kind.__qualname__} must be a frozen dataclass, of its gains")
-    hints = typing.get_type_hints(kind, include_extras=True)
-    model = create_model(
-        kind.__name__,
-        __config__=ConfigDict(extra="forbid", strict=True, populate_by_name=False),
-        **{f.name: (hints[f.name], _default(f)) for f in fields(kind)},
-    )
+    try:
+        hints = typing.get_type_hints(kind, include_extras=True)
+        model = create_model(
+            kind.__name__,
+            __config__=ConfigDict(extra="forbid", strict=True),
+            **{f.name: (hints[f.name], _default(f)) for f in fields(kind)},
+        )
+    except Exception as error:  # whatever a user's annotations may come to
+        raise LookupError(f"{kind.__qualname__}: its fields cannot be keys: {error}") from error
+    # TOML has no tuples, and a gain must be hashable.
+    gains = {key: tuple(value) if isinstance(value, list) else value for key, value in gains.items()}
     try:
         checked = model.model_validate(gains)
-        return kind(**{f.name: getattr(checked, f.name) for f in fields(kind)})
+        law = kind(**{f.name: getattr(checked, f.name) for f in fields(kind)})
+        hash(law)
     except ValidationError as error:
         for e in error.errors():
             fault(e["loc"][0] if e["loc"] else "law", _fault(e, model).split(": ", 1)[-1])
-    except ValueError as error:
-        fault("law", str(error))
-    return None
+        return None
+    except Exception as error:  # whatever a user's __post_init__ may raise
+        raise LookupError(f"{kind.__qualname__}: {type(error).__name__}: {error}") from error
+    return law
 
 
 def _default(field: Any) -> Any:
@@ -372,6 +401,10 @@ def _find(name_or_file: str | Path) -> Path:
     file = Path(name_or_file)
     if file.is_file():
         return file
+    if (file / "config.toml").is_file():
+        raise InputError(f"{file}: is the folder of a run; its scenario is {file / 'config.toml'}")
+    if file.is_dir():
+        raise InputError(f"{file}: is a folder; must be a scenario file, or one of: {', '.join(known)}")
     hint = did_you_mean(str(name_or_file), known)
     raise InputError(f"{name_or_file}: no such scenario file, nor a shipped scenario{hint}")
 
@@ -379,13 +412,13 @@ def _find(name_or_file: str | Path) -> Path:
 def _override(table: dict, argument: str, number: int) -> tuple[str, Any, list[tuple]]:
     """Set `key=value` in the table; a key of `platoon` without a number is set in every platoon."""
     key, equals, text = argument.partition("=")
-    if not equals or not key:
+    names = key.split(".")
+    if not equals or not all(names):
         raise InputError(f"argument {number}: {argument!r}: must be key=value")
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
+        value = tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
     except tomllib.TOMLDecodeError:
         value = text  # a bare word is a string
-    names = key.split(".")
     targets: list[tuple[Any, tuple]] = [(table, ())]
     for name in names[:-1]:
         targets = [step for node, path in targets for step in _into(node, path, name, argument, number)]
@@ -400,6 +433,8 @@ def _override(table: dict, argument: str, number: int) -> tuple[str, Any, list[t
 
 def _into(node: Any, path: tuple, name: str, argument: str, number: int) -> list[tuple[Any, tuple]]:
     if isinstance(node, list):
+        if name.lstrip("-").isdigit() and not name.isdigit():
+            raise InputError(f"argument {number}: {argument!r}: they are numbered from 0")
         if not name.isdigit():
             return [s for i, item in enumerate(node) for s in _into(item, (*path, i), name, argument, number)]
         if int(name) >= len(node):

@@ -12,6 +12,7 @@ import pandas as pd
 import shapely
 import tomli_w
 
+from lidar import Scene
 from platoontraffic import metrics, provenance, recording
 from platoontraffic.contact import Contacts
 from platoontraffic.deployment import deploy, static_scene
@@ -34,28 +35,33 @@ class Prepared:
 
     scenario: Scenario
     network: Network
+    scene: Scene
     members: tuple[Member, ...]
 
 
 def prepare(scenario: Scenario) -> Prepared:
     """raises: InputError"""
     network = Network.read(scenario.net)
-    return Prepared(scenario, network, deploy(scenario, network))
+    scene = static_scene(scenario, network)
+    return Prepared(scenario, network, scene, deploy(scenario, network, scene))
 
 
 def result_folder(scenario: Scenario, results: Path) -> Path:
     return results / scenario.spec.name / provenance.run_id(scenario)
 
 
-def simulate(prepared: Prepared, folder: Path, progress: Progress = lambda time: None) -> Path:
+def simulate(prepared: Prepared, folder: Path, progress: Progress = lambda time: None, replace: bool = False) -> Path:
     """Run, and leave everything in `folder`; returns it.
+
+    replace: put the results in the place of an equal run's, which is there until then
 
     raises: RunError (SUMO or the disk failed), KeyboardInterrupt: what was recorded is kept in `<folder>.unfinished`;
             InputError (a plug-in failed): nothing is kept
     """
     recorder = Recorder(folder)
     try:
-        return _simulate(prepared, recorder, progress)
+        _simulate(prepared, recorder, progress)
+        return recorder.finish(replace)
     except InputError:
         recorder.discard()
         raise
@@ -67,18 +73,17 @@ def simulate(prepared: Prepared, folder: Path, progress: Progress = lambda time:
         raise
 
 
-def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Path:
+def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> None:
     scenario, network = prepared.scenario, prepared.network
     run, record = scenario.spec.run, scenario.spec.record
     dt = run.step_s
     facts = provenance.provenance(scenario)
     recorder.write("config.toml", tomli_w.dumps(scenario.resolved(recorder.folder)))
     recorder.write("provenance.json", recording.as_json(facts))
-    scene = static_scene(scenario, network)
     fleet = Fleet.deployed(prepared.members, dt)
     world = World(network, dt, scenario.seed, recorder.folder / "run.log")
-    sensing = Sensing(scene, scenario.spec.scene.lidar_engine)
-    observer = Observer(fleet, network, Contacts(scene, {m.id for m in prepared.members}))
+    sensing = Sensing(prepared.scene, scenario.spec.scene.lidar_engine)
+    observer = Observer(fleet, network, Contacts(prepared.scene, {m.id for m in prepared.members}))
     steps = round(run.duration_s / dt)
     record_every = round(record.every_s / dt)
     safe_every = round(SAFE_EVERY / dt)
@@ -112,17 +117,17 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Pat
             place(fleet)
             advance(fleet)
     wall = time.perf_counter() - began
-    recorder.note([Event(traffic.time, "end", "", "", np.nan, np.nan, "", ended)])
+    recorder.note([Event(traffic.time, "end", "", "", np.nan, np.nan, "", np.nan, ended)])
     facts["status"] = "finished"
     facts["simulated_s"] = traffic.time
     facts["wall_s"] = round(wall, 3)
     facts["real_time_factor"] = round(traffic.time / wall, 2)
     facts["stage_s"] = {stage: round(seconds, 3) for stage, seconds in watch.seconds.items()}
     facts["sumo_words"] = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:100]
-    return _conclude(prepared, recorder, facts)
+    _conclude(prepared, recorder, facts)
 
 
-def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> Path:
+def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> None:
     """The files that are made of the whole run."""
     scenario, spec = prepared.scenario, prepared.scenario.spec
     recorder.close_tables()
@@ -132,12 +137,11 @@ def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> Path:
     recorder.write("scene.geojson", recording.as_json(_scene(prepared)))
     recorder.write("datapackage.json", recording.as_json(recording.datapackage(spec.name, spec.title)))
     recorder.write("provenance.json", recording.as_json(facts))
-    return recorder.finish()
 
 
 def _scene(prepared: Prepared) -> dict:
     """Road, middle lines and walls as GeoJSON, in the network's metres: what pictures are drawn on."""
-    walls = static_scene(prepared.scenario, prepared.network).segments.reshape(-1, 2, 2)
+    walls = prepared.scene.segments.reshape(-1, 2, 2)
     parts = {
         "road": prepared.network.drivable,
         "middle": shapely.MultiLineString(prepared.network.middle_lines()),

@@ -16,7 +16,7 @@ import libsumo
 import numpy as np
 
 from lidar.pose import wrap
-from platoontraffic.errors import RunError
+from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.network import Network
 from platoontraffic.traffic import TrafficSnapshot
@@ -60,7 +60,7 @@ class World:
     """
 
     def __init__(self, network: Network, step: float, seed: int, words: Path) -> None:
-        self._network, self._step, self._words = network, step, words
+        self._network, self._words = network, words
         self._options = [
             "sumo",
             *("--net-file", str(network.path), "--step-length", str(step), "--seed", str(seed)),
@@ -68,6 +68,7 @@ class World:
             *("--collision.mingap-factor", "0", "--emergencydecel.warning-threshold", "1000000"),
             *("--no-step-log", "true", "--duration-log.disable", "true", "--precision", "6"),
         ]
+        self._start = 0.0  # SUMO's time when the members stood at their start poses
         self._routed: dict[str, str] = {}  # the edge from which each member's route was last set
         self._sizes: dict[str, tuple[float, float]] = {}  # length, width of SUMO's own vehicles
 
@@ -78,7 +79,7 @@ class World:
             try:
                 libsumo.start(self._options)
             except libsumo.TraCIException as error:
-                raise RunError(f"SUMO did not start: {self._reason(error)}") from error
+                raise InputError(f"{self._network.path}: SUMO refuses it: {self._reason(error)}") from error
         _running.append(self._network.path)
         return self
 
@@ -92,11 +93,18 @@ class World:
             raise RunError(f"SUMO failed at {when}: {error}") from error
 
     def deploy(self, fleet: Fleet) -> None:
-        """Insert all members at their start poses and take the wheel."""
+        """Insert all members at their start poses and take the wheel; this is time 0."""
         for member in fleet.members:
             self._insert(member)
+        # A vehicle must have been on a lane before it may stand where there is none, as in the outer corner of a bend;
+        # and moving it onto one inserts it even where another waits at the same position.
+        for member in fleet.members:
+            x, y, heading = self._network.lane_pose(member.edge, member.lane, member.position)
+            libsumo.vehicle.moveToXY(member.id, *ANYWHERE, x, y, sumo_angle(heading), KEEP_ROUTE, MATCH_THRESHOLD)
+        self._simulate()
         self.place(fleet)
         self._simulate()
+        self._start = libsumo.simulation.getTime()
         missing = {m.id for m in fleet.members} - set(libsumo.vehicle.getIDList())
         if missing:
             raise RunError(f"SUMO did not insert {', '.join(sorted(missing))}; its words are in {self._words.name}")
@@ -116,8 +124,7 @@ class World:
         speed = np.array([libsumo.vehicle.getSpeed(name) for name in others])
         own = fleet.motion
         return TrafficSnapshot(
-            # SUMO's clock already shows the next step.
-            round(libsumo.simulation.getTime() - self._step, 6),
+            round(libsumo.simulation.getTime() - self._start, 6),
             (*(m.id for m in fleet.members), *others),
             np.concatenate([own.x, x]),
             np.concatenate([own.y, y]),

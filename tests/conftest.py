@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,8 +15,7 @@ ONE_CORNER = ("run.duration_s=70", "platoon.size=3")
 def run(folder: Path, name: str | Path, *changes: str, seed: int | None = None, members=lambda m: m) -> Path:
     """Run a scenario into `folder`; `members` may change the tuple of deployed members."""
     prepared = simulation.prepare(scenario.load(name, changes, seed))
-    prepared = simulation.Prepared(prepared.scenario, prepared.network, members(prepared.members))
-    return simulation.simulate(prepared, folder)
+    return simulation.simulate(replace(prepared, members=members(prepared.members)), folder)
 
 
 @pytest.fixture(scope="session")

@@ -20,12 +20,12 @@ def trajectories(**columns: list) -> pd.DataFrame:
 
 
 def events(*rows: tuple) -> pd.DataFrame:
-    table = [dict(zip(("time_s", "kind", "vehicle_id", "other_id", "detail"), row, strict=False)) for row in rows]
+    table = [dict(zip(("time_s", "kind", "vehicle_id", "other_id", "duration_s"), row, strict=False)) for row in rows]
     return pd.DataFrame(table, columns=[c.name for c in EVENTS], dtype=object).fillna("")
 
 
-def values(trajectories: pd.DataFrame, *rows: tuple, scope="vehicle", vehicle="p.1") -> dict[str, float]:
-    metrics = compute(trajectories, events(*rows, (10.0, "end")))
+def values(table: pd.DataFrame, *rows: tuple, scope="vehicle", vehicle="p.1", end=10.0) -> dict[str, float]:
+    metrics = compute(table, events(*rows, (end, "end")))
     return {m.name: m.value for m in metrics if m.scope == scope and m.vehicle == vehicle}
 
 
@@ -50,10 +50,9 @@ def test_lock_on_counts_from_the_first_lock_to_the_end():
 
 
 def test_the_share_of_standstills_counts_the_one_that_lasts_to_the_end():
-    stood = [(12.0, "standstill", "p.1", "", "since 2.000 s"), (4.0, "standstill_end", "p.1", "", "after 2.500 s")]
-    rows = [(3.0, "standstill", "p.1", "", "since 1.500 s"), stood[1], (9.0, "standstill", "p.1", "", "since 8.000 s")]
-    of = values(trajectories(gap_m=[1.0]), *rows)
-    assert (of["standstills"], of["standstill_share"]) == (2, pytest.approx((2.5 + 2.0) / 10))
+    rows = [(12.0, "standstill", "p.1"), (15.0, "standstill_end", "p.1", "", 13.0), (95.0, "standstill", "p.1")]
+    of = values(trajectories(gap_m=[1.0]), *rows, end=100.0)
+    assert (of["standstills"], of["standstill_share"]) == (2, pytest.approx((13 + 15) / 100))
 
 
 def test_right_lane_leaves_out_where_it_is_undefined():

@@ -69,3 +69,14 @@ def test_repeated_points_count_once():
     doubled = Polyline(np.repeat(BENT, 2, axis=0))
     assert doubled.length == Polyline(BENT).length
     assert doubled.project(3.0, 1.0, near=4.0, window=9.0) == (4.0, 0.0)
+
+
+def test_driven_backwards_a_path_ends_where_the_vehicle_is():
+    path = Polyline([(0.0, 0.0), (1.0, 0.0)])
+    path.append(1.0, 1.0)
+    path.retract(1.0, 0.6)
+    assert path.end == pytest.approx(1.6)
+    path.retract(0.7, 0.0)
+    assert path.end == pytest.approx(0.7)
+    path.append(0.7, -0.5)
+    assert path.end == pytest.approx(1.2)

@@ -58,6 +58,19 @@ def test_platoons_may_not_share_an_id_or_a_place(scenario_file):
     assert faults(file) == [f"{file}:26: platoon.1.start: other.0 would start on robot.0"]
 
 
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [("3.5,0.3 4.5,0.3 4.5,0.7 3.5,0.7", "robot.0 would start inside an obstacle"),
+     ("3.75,0.3 3.85,0.3 3.85,0.7 3.75,0.7", "robot.0 would start in contact with the wall or obstacle at"),
+     ("3.5,0.3 nonsense", "boxes.poly.xml:2: poly 'box'")],
+)  # fmt: skip
+def test_a_start_on_an_obstacle_and_a_broken_one_are_refused(scenario_file, tmp_path, shape, said):
+    poly = f'<additional>\n<poly id="box" type="obstacle" shape="{shape}"/>\n</additional>'
+    (tmp_path / "boxes.poly.xml").write_text(poly)
+    (fault,) = faults(scenario_file(('net = "lab_loop"', 'net = "lab_loop"\nadditional = ["boxes.poly.xml"]')))
+    assert said in fault
+
+
 def test_a_start_between_roads_and_a_route_that_does_not_connect(scenario_file):
     route = 'gap_m = 0.45\nroute = ["sw_se", "ne_nw"]'
     said = faults(scenario_file(("gap_m = 0.45", route), ('law = "reactive"', 'law = "path"')))
@@ -91,7 +104,7 @@ def test_a_broken_net_is_refused_before_sumo_sees_it(scenario_file, tmp_path, co
         ("import nothing_of_that_name\n", "law.py:1: cannot be imported: ModuleNotFoundError"),
         ("def broken(:\n", "law.py:1: cannot be imported: SyntaxError"),
         ("1 / 0\n", "law.py:1: cannot be imported: ZeroDivisionError"),
-        ("class Lew: ...\n", "law has no law 'Law'; did you mean 'Lew'?"),
+        ("class Lew: ...\n", "law has no law 'Law', a class with __call__; did you mean 'Lew'?"),
         ("class Law:\n    def __call__(self): ...\n", "Law must be a frozen dataclass, of its gains"),
     ],
 )

@@ -94,7 +94,7 @@ def test_a_lap_goes_by_a_path_of_several_radii(tmp_path):
 def test_a_run_tells_where_it_came_from(one_corner):
     facts = json.loads((one_corner / "provenance.json").read_text())
     assert facts["status"] == "finished"
-    assert set(facts["input_sha256"]) == {"net", "additional.lab_loop.poly.xml"}
+    assert set(facts["input_sha256"]) == {"net.lab_loop.net.xml", "additional.0.lab_loop.poly.xml"}
     assert facts["given_to_laws"]["platoon.0.follower"] == ["scan", "own motion"]
     assert set(facts["stage_s"]) == {"read", "scan", "decide", "observe", "measure", "record", "move", "place", "step"}
 
@@ -133,9 +133,14 @@ class Law:
 @pytest.mark.parametrize(
     ("body", "said"),
     [
-        ("return Decision(Twist(float('nan'), 0.0))", "law.py:5: law Law gave speed nan, yaw rate 0.0 for robot.1"),
+        ("return Decision(Twist(float('nan'), 0.0))", "law.py:5: law Law gave speed nan, yaw rate 0.0, target nan"),
         ("return 1 / 0", "law.py:11: law Law failed at 0.000 s: ZeroDivisionError"),
         ("return None", "law.py:5: law Law failed at 0.000 s: AttributeError"),
+        ("raise SystemExit(5)", "law.py:11: law Law failed at 0.000 s: SystemExit: 5"),
+        ("raise ValueError('a\\nb')", "ValueError: a b"),
+        ("return Decision(Twist(0.0, 0.0), target=(1.0, float('inf')))", "target 1.0, inf for robot.1 at 0.000 s"),
+        ("return sensed.scan.hits[0]", "law Law failed at 0.000 s: TypeError"),  # the truth is not for laws
+        ("sensed.scan.ranges[:] = 1.0", "law Law failed at 0.000 s: ValueError"),
     ],
 )
 def test_a_plug_in_that_fails_leaves_no_results(scenario_file, tmp_path, body, said):
@@ -154,6 +159,57 @@ def test_a_lidar_slower_than_the_step_holds_the_command_between_scans(tmp_path):
     speed = rows[(rows.place == 1) & (rows.time_s > 0)].speed_mps.to_numpy()
     assert (speed[:120].reshape(-1, 4) == speed[:120:4, None]).all()
     assert len(set(speed)) > 10
+
+
+ROWS_LAW = """
+from dataclasses import dataclass
+import numpy as np
+from platoontraffic import Decision, Target, Twist
+
+@dataclass(frozen=True)
+class Law:
+    def __call__(self, sensed, memory, dt):
+        n = len(sensed.speed)
+        return {decision}
+"""
+
+
+@pytest.mark.parametrize(
+    "decision",
+    [
+        "Decision(Twist(np.zeros(5), np.zeros(n)))",
+        "Decision(Twist(np.zeros((n, 1)), 0.0))",
+        "Decision((0.0, 0.0, 0.0))",
+        "Decision(Twist('fast', 0.0))",
+        "Decision(Twist(1j, 0.0))",
+        "Decision(Twist(0.0, 0.0), target=None)",
+        "Decision(Twist(0.0, 0.0), target=Target(np.zeros(7), 0.0))",
+        "3",
+    ],
+)
+def test_what_is_no_decision_is_said_in_one_line(scenario_file, tmp_path, decision):
+    (tmp_path / "law.py").write_text(ROWS_LAW.format(decision=decision))
+    file = scenario_file(('law = "repaired"', 'law = "law:Law"'))
+    with pytest.raises(InputError, match=r"law.py:6: law Law gave .*; must be a Decision of a Twist and a Target"):
+        run(tmp_path / "results" / "run", file, "run.duration_s=0.1")
+
+
+def test_gaps_do_not_depend_on_how_often_they_are_recorded(tmp_path):
+    short = ("run.duration_s=50", "platoon.size=2")
+    rows = [pd.read_csv(run(tmp_path / e, "paper_loop", *short, f"record.every_s={e}") / "trajectories.csv")
+            for e in ("0.1", "25")]  # fmt: skip
+    often, seldom = (r[(r.place == 1) & (r.time_s == 50)].iloc[0] for r in rows)
+    assert (often.gap_m, often.cross_track_m) == pytest.approx((seldom.gap_m, seldom.cross_track_m))
+
+
+def test_a_run_is_another_when_a_module_that_its_law_imports_has_changed(scenario_file, tmp_path):
+    file = scenario_file(('law = "repaired"', 'law = "law:Law"'))
+    (tmp_path / "law.py").write_text("import gains\n" + NAN_LAW.format(body="return gains.SPEED"))
+    ids = []
+    for speed in (0.1, 0.2):
+        (tmp_path / "gains.py").write_text(f"SPEED = {speed}\n")
+        ids.append(run_id(scenario.load(file)))
+    assert ids[0] != ids[1]
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from lidar import PRESETS
 from platoontraffic import data
 from platoontraffic.controllers.reactive import ReactiveLeader
-from platoontraffic.errors import RunError
+from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.network import Network
 from platoontraffic.polyline import Polyline
@@ -77,6 +77,21 @@ def test_members_are_inserted_at_their_start_poses(world):
     assert np.allclose(fronts, [(3.9, 0.5), (3.2, 0.5), (2.5, 0.5)], atol=1e-9)
     assert world.roads(fleet) == [("sw_se", "sw_se_0")] * 3
     assert world.snapshot(fleet).time == 0.0
+
+
+@pytest.mark.sumo
+def test_members_behind_the_start_of_their_lane_stand_there_even_where_sumo_has_no_lane(world):
+    model = DifferentialDrive()
+    fleet = fleet_of(1.0, 0.0, 0.0)
+    members = [replace(m, pose=(x, 0.5, 0.0)) for m, x in zip(fleet.members, (2.9, 0.9, 0.2), strict=True)]
+    fleet = Fleet.deployed(members, STEP)
+    world.deploy(fleet)
+    fronts = [libsumo.vehicle.getPosition(m.id)[0] for m in fleet.members]
+    assert fronts == pytest.approx([x + model.length / 2 for x in (2.9, 0.9, 0.2)])
+    assert [lane for _, lane in world.roads(fleet)][2] == ""
+    for _ in range(3):
+        world.place(fleet)
+        world.advance(fleet)
 
 
 @pytest.mark.sumo
@@ -154,7 +169,9 @@ def test_what_sumo_says_reaches_the_user(tmp_path):
     broken = tmp_path / "broken.net.xml"
     text = data.networks()["lab_loop"].read_text().replace('type="priority"', 'type="no_such_type"')
     broken.write_text(text)
-    with pytest.raises(RunError, match="SUMO did not start: Attribute 'type' in definition of junction"):
+    with pytest.raises(
+        InputError, match=r"broken.net.xml: SUMO refuses it: Attribute 'type' in definition of junction"
+    ):
         World(Network.read(broken), STEP, 1, tmp_path / "words.log").__enter__()
     with World(network(), STEP, 1, tmp_path / "words.log") as world:  # and the process can go on
         world.deploy(fleet_of(1.0))

@@ -20,7 +20,7 @@ class Sensed:
     scan: ScanBatch | LaserScan
     speed: np.ndarray  # own, by odometry [m/s], (n,)
     yaw_rate: np.ndarray  # own, to the left [rad/s], (n,)
-    route: np.ndarray | None = None  # (n, k, 2) points of the given path ahead; see `simulation.RouteView`
+    route: np.ndarray | None = None  # (n, k, 2) points of the given path ahead; see `Fleet.decided`
 
     def row(self, i: int) -> Sensed:
         route = None if self.route is None else self.route[i]
