@@ -38,9 +38,7 @@ def load(folder: Path | str) -> Results:
     """raises: ResultsError naming what is missing"""
     folder = Path(folder)
     if not folder.is_dir():
-        raise ResultsError(
-            f"{folder}: {'is a file; must be the folder of a run' if folder.exists() else 'no such folder'}"
-        )
+        raise ResultsError(f"{folder}: {'a file, not the folder of a run' if folder.exists() else 'no such folder'}")
     if not (folder / "DONE").is_file():
         what = "an unfinished run" if (folder / "trajectories.csv").is_file() else "not the folder of a run"
         raise ResultsError(f"{folder}: {what}: there is no DONE")

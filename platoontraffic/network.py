@@ -139,6 +139,8 @@ class Network:
             net = sumolib.net.readNet(str(path), withInternal=True, withFoes=False)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             raise InputError(f"{path}: something is missing ({error!r}); must be as netconvert writes it") from error
+        if fault := _incomplete(net):
+            raise InputError(f"{path}: {fault}; must be as netconvert writes it")
         return cls(Path(path), net)
 
     @cached_property
@@ -321,6 +323,27 @@ class Network:
             parts.append(np.array(inside.getShape()))
             link = inside.getOutgoing()[0]
         return parts
+
+
+def _incomplete(net: sumolib.net.Net) -> str:
+    """What is missing of a network that was read but would crash SUMO, or what follows here; "" if nothing is."""
+    reached = set()  # lanes inside junctions that a connection leads over
+    for edge in net.getEdges():
+        reached |= {link.getViaLaneID() for links in edge.getOutgoing().values() for link in links}
+        for end, node in (("from", edge.getFromNode()), ("to", edge.getToNode())):
+            if node.getType() is None:
+                return f"edge '{edge.getID()}' goes {end} junction '{node.getID()}', which is not there"
+        for lane in edge.getLanes():
+            shape = np.array(lane.getShape() or [], dtype=float)
+            if len(shape) < 2 or not np.isfinite(shape).all():
+                return f"lane '{lane.getID()}' has no shape of two or more points"
+    for node in net.getNodes():
+        for name in filter(None, node.getInternal() if node.getType() != "internal" else ()):
+            if not net.hasEdge(name.rpartition("_")[0]):
+                return f"junction '{node.getID()}' names lane '{name}', which is not there"
+            if net.getLane(name).getEdge().getFunction() == "internal" and name not in reached:
+                return f"no connection leads over lane '{name}' in junction '{node.getID()}'"
+    return ""
 
 
 class _Middles(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import pytest
 from conftest import ONE_CORNER
 from typer.testing import CliRunner, Result
 
+from platoontraffic import data
 from platoontraffic.cli import app
 
 COMMAND = [sys.executable, "-m", "platoontraffic"]
@@ -171,3 +173,32 @@ def test_results_that_cannot_be_written_are_one_line(tmp_path):
     done = call("run", "paper_loop", *SHORT, "--out", tmp_path / "file")
     assert (done.exit_code, done.stderr.count("\n")) == (1, 1)
     assert "results cannot be written" in done.stderr
+
+
+@pytest.mark.parametrize("file", ["metrics.csv", "trajectories.csv", "scene.geojson"])
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b'nonsense\n"'])
+def test_a_damaged_result_is_one_line(one_corner, tmp_path, file, content):
+    damaged = shutil.copytree(one_corner, tmp_path / "damaged")
+    (damaged / file).write_bytes(content)
+    done = call("plot", damaged)
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert file in done.stderr
+
+
+@pytest.mark.sumo
+def test_an_empty_results_folder_of_the_users_survives_a_law_that_fails(tmp_path):
+    (tmp_path / "law.py").write_text(
+        "from dataclasses import dataclass\n@dataclass(frozen=True)\nclass Law:\n    def __call__(self, s, m, dt): 1 / 0\n"
+    )
+    (tmp_path / "mine.toml").write_text(data.scenarios()["paper_loop"].read_text().replace('"repaired"', '"law:Law"'))
+    (tmp_path / "out").mkdir()
+    assert call("run", tmp_path / "mine.toml", "--out", tmp_path / "out").exit_code == 2
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.sumo
+def test_force_keeps_the_finished_run_until_the_new_one_is_there(tmp_path, monkeypatch):
+    first = Path(call("run", "paper_loop", *SHORT, "-q", "--out", tmp_path).stdout.strip())
+    monkeypatch.setattr("platoontraffic.sumo.World.advance", lambda *_: 1 / 0)
+    call("run", "paper_loop", *SHORT, "-q", "--out", tmp_path, "--force")
+    assert (first / "DONE").is_file()

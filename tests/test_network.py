@@ -1,11 +1,13 @@
 """Reading a network: faults in the file, lanes and routes, the side of the road."""
 
 import gzip
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from platoontraffic import data
 from platoontraffic.errors import InputError
 from platoontraffic.network import Network, check_net_file, read_polygons
 
@@ -235,3 +237,24 @@ def test_middle_lines_of_the_loop_close_on_its_nodes(loop):
     (middle,) = loop.middle_lines()
     assert middle.is_ring
     assert middle.length == pytest.approx(14)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "new", "said"),
+    [
+        (r"\s*<connection .*?/>", "", "no connection leads over lane ':ne_0_0' in junction 'ne'"),
+        (r"<connection from=\"sw_se\".*?/>", "", "no connection leads over lane ':se_"),
+        (r"<junction .*</junction>", "", "goes from junction 'ne', which is not there"),
+        ('from="sw" to="se"', 'from="xx" to="se"', "edge 'sw_se' goes from junction 'xx', which is not there"),
+        (r'(<lane id="sw_se_0"[^>]*?) shape="[^"]*"', r"\1", "lane 'sw_se_0' has no shape of two or more points"),
+        (r'(<lane id="sw_se_0"[^>]*?) shape="[^"]*"', r'\1 shape="nan,nan 1,1"', "lane 'sw_se_0' has no shape"),
+        ('<edge id="se_ne"', '<edge id="sw_se"', "something is missing"),
+    ],
+)
+def test_a_net_that_lacks_a_part_is_refused_before_it_kills_the_process(tmp_path, pattern, new, said):
+    whole = data.networks()["lab_loop"].read_text(encoding="utf-8")
+    broken = re.sub(pattern, new, whole, flags=re.DOTALL)
+    assert broken != whole
+    (tmp_path / "broken.net.xml").write_text(broken)
+    with pytest.raises(InputError, match=re.escape(said)):
+        Network.read(tmp_path / "broken.net.xml")
