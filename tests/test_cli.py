@@ -187,9 +187,8 @@ def test_a_damaged_result_is_one_line(one_corner, tmp_path, file, content):
 
 @pytest.mark.sumo
 def test_an_empty_results_folder_of_the_users_survives_a_law_that_fails(tmp_path):
-    (tmp_path / "law.py").write_text(
-        "from dataclasses import dataclass\n@dataclass(frozen=True)\nclass Law:\n    def __call__(self, s, m, dt): 1 / 0\n"
-    )
+    law = "@dataclass(frozen=True)\nclass Law:\n    def __call__(self, sensed, memory, dt): 1 / 0\n"
+    (tmp_path / "law.py").write_text("from dataclasses import dataclass\n" + law)
     (tmp_path / "mine.toml").write_text(data.scenarios()["paper_loop"].read_text().replace('"repaired"', '"law:Law"'))
     (tmp_path / "out").mkdir()
     assert call("run", tmp_path / "mine.toml", "--out", tmp_path / "out").exit_code == 2
