@@ -1,4 +1,4 @@
-"""A planar laser scanner among walls and boxes. Needs numpy, shapely and, for one engine, pymunk; nothing else."""
+"""A planar laser scanner among walls and boxes. Needs numpy and shapely, and pymunk or numba for one engine each."""
 
 from .engines import ENGINES
 from .laserscan import LaserScan, ScanBatch

@@ -47,7 +47,7 @@ class Sumo(Table):
 
 class SceneTable(Table):
     walls: Literal["outline", "none"] = "outline"  # of the drivable area
-    lidar_engine: Literal["numpy", "pymunk"] = "numpy"
+    lidar_engine: Literal["numpy", "raster", "pymunk"] = "numpy"
 
 
 class Run(Table):

@@ -64,10 +64,11 @@ def test_the_configuration_that_a_run_leaves_repeats_it(one_corner, tmp_path):
     assert equal_tables(one_corner, run(tmp_path / "again", one_corner / "config.toml"), TABLES[:3])
 
 
-def test_the_pymunk_engine_drives_the_same_way(tmp_path):
+@pytest.mark.parametrize("engine", ["pymunk", "raster"])
+def test_every_engine_drives_the_same_way(tmp_path, engine):
     short = ("run.duration_s=8", "platoon.size=2")
     one = run(tmp_path / "numpy", "paper_loop", *short)
-    other = run(tmp_path / "pymunk", "paper_loop", *short, "scene.lidar_engine=pymunk")
+    other = run(tmp_path / engine, "paper_loop", *short, f"scene.lidar_engine={engine}")
     numbers = [pd.read_csv(f / "trajectories.csv").select_dtypes("number") for f in (one, other)]
     # Ranges are rounded to 32 bits before the laws see them; an ulp at 3 m is 2e-7 m.
     assert np.allclose(*numbers, atol=1e-5, equal_nan=True)

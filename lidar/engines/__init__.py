@@ -21,4 +21,10 @@ def _pymunk(*args):
     return pymunk_engine.cast(*args)
 
 
-ENGINES = MappingProxyType({"numpy": numpy_engine.cast, "pymunk": _pymunk})
+def _raster(*args):
+    from . import raster_engine  # here, for it costs a second to import numba
+
+    return raster_engine.cast(*args)
+
+
+ENGINES = MappingProxyType({"numpy": numpy_engine.cast, "pymunk": _pymunk, "raster": _raster})
