@@ -319,8 +319,8 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 continue
             at = ("platoon", i, role)
             try:
-                law = found.setdefault(driver.law, None) or find_law(driver.law, folder)
-                found[driver.law], kind = law, law.kind
+                law = found[driver.law] = found.get(driver.law) or find_law(driver.law, folder)
+                kind = law.kind
                 sources |= set(law.sources)
                 laws[i, role] = _law(kind, driver.model_extra or {}, lambda key, what, at=at: fault((*at, key), what))
             except LookupError as error:
