@@ -60,7 +60,7 @@ class Observer:
         self._contacts = contacts
         self._driven = [_path_so_far(fleet, i) for i in range(n)]
         self._station = [0.0] * n  # of each member on its predecessor's path
-        self._measured = list(zip(*fleet.model.axle_position(fleet.motion), strict=True))  # where it was then
+        self._measured = [path.end for path in self._driven]  # how far each had driven when it was last measured
         self._target = np.full(n, NOTHING)
         self._target_before = self._target
         self._locked: list[float | None] = [None] * n  # since when; None: not locked
@@ -103,10 +103,10 @@ class Observer:
             if ahead < 0:
                 continue
             path = self._driven[ahead]
-            driven = np.hypot(x[i] - self._measured[i][0], y[i] - self._measured[i][1])
-            reach = 2 * model.length[i] + 2 * driven
+            driven = abs(self._driven[i].end - self._measured[i])
+            reach = 2 * (model.length[i] + driven)
             self._station[i], cross_track[i] = path.project(x[i], y[i], near=self._station[i], window=reach)
-            self._measured[i] = x[i], y[i]
+            self._measured[i] = self._driven[i].end
             front = self._station[i] + model.length[i] / 2 - model.axle[i]
             rear = path.end - model.length[ahead] / 2 - model.axle[ahead]
             gap[i] = rear - front

@@ -126,7 +126,8 @@ def _started(folder: Path, deadline: float = 60) -> Path:
 
 @pytest.mark.sumo
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path, number):
     run = subprocess.Popen(
         [*COMMAND, "run", "paper_loop", "--out", str(tmp_path)],
         stdout=subprocess.PIPE,
@@ -134,7 +135,7 @@ def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path):
         text=True,
     )
     _started(tmp_path)
-    run.send_signal(signal.SIGINT)
+    run.send_signal(number)
     out, err = run.communicate(timeout=60)
     (kept,) = (tmp_path / "paper_loop").iterdir()
     assert (run.returncode, out) == (130, "")
