@@ -142,9 +142,7 @@ def new(name: Annotated[str, typer.Argument(help="folder to make; also the scena
     from platoontraffic.starter import write_starter
 
     folder = write_starter(Path(name))
-    out.print(
-        f"made {folder}: the scenario and the law in follower.py are yours to change; run it with", soft_wrap=True
-    )
+    out.print(f"made {folder}: a scenario, and in follower.py a law, both yours to change; run it with", soft_wrap=True)
     out.print(f"  platoontraffic run {folder / folder.name}.toml", soft_wrap=True)
 
 

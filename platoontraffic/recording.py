@@ -157,7 +157,7 @@ class Recorder:
     def finish(self, replace: bool) -> Path:
         """Mark as complete and put in place; where an equal run has been finished meanwhile, one of them stays."""
         self.write(DONE, "")
-        if replace or not is_done(self._final):
+        if self._final.exists() and (replace or not is_done(self._final)):
             shutil.rmtree(self._final, ignore_errors=True)
         try:
             self.folder.rename(self._final)

@@ -329,11 +329,8 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
             if file := plug_in_file(driver.law, folder):
                 plug_ins[i, role] = file
             needs = frozenset(getattr(kind, "needs", ()))
-            if not needs <= NEEDS:
-                fault(
-                    (*at, "law"),
-                    f"{driver.law!r} needs {', '.join(sorted(needs - NEEDS))}; there is: {', '.join(NEEDS)}",
-                )
+            if unknown := sorted(needs - NEEDS):
+                fault((*at, "law"), f"{driver.law!r} needs {', '.join(unknown)}; there is: {', '.join(sorted(NEEDS))}")
             if "route" in needs and not platoon.route:
                 fault((*at, "law"), f"{driver.law!r} needs platoon.{i}.route, the edges to drive")
             try:

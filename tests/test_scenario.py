@@ -150,3 +150,10 @@ v = 1
         ("a",): 1, ("b", "c"): 2, ("t", "u"): 6, ("t", "u", "d e"): 7,
         ("p", 0): 11, ("p", 0, "q"): 12, ("p", 1): 13, ("p", 1, "s"): 14, ("p", 1, "s", "v"): 15,
     }  # fmt: skip
+
+
+def test_a_law_that_needs_what_there_is_not_is_refused(scenario_file, tmp_path):
+    law = '@dataclass(frozen=True)\nclass Law:\n    needs = {"v2v"}\n    def __call__(self, sensed, memory, dt): ...\n'
+    (tmp_path / "law.py").write_text("from dataclasses import dataclass\n" + law)
+    (fault,) = faults(scenario_file(('law = "repaired"', 'law = "law:Law"')))
+    assert fault.endswith("'law:Law' needs v2v; there is: route")
