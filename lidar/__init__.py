@@ -1,9 +1,24 @@
-"""A planar laser scanner among walls and boxes. Needs numpy and shapely, and pymunk or numba for one engine each."""
+"""A planar laser scanner among walls and boxes: see README.md beside this file."""
 
 from .engines import ENGINES
 from .laserscan import LaserScan, ScanBatch
 from .model import PRESETS, LidarModel, Mount
+from .noise import Noise
 from .scene import Boxes, Scene
+from .segments import Segments, find_segments
 from .sense import scan
 
-__all__ = ["ENGINES", "PRESETS", "Boxes", "LaserScan", "LidarModel", "Mount", "ScanBatch", "Scene", "scan"]
+__all__ = [
+    "ENGINES",
+    "PRESETS",
+    "Boxes",
+    "LaserScan",
+    "LidarModel",
+    "Mount",
+    "Noise",
+    "ScanBatch",
+    "Scene",
+    "Segments",
+    "find_segments",
+    "scan",
+]

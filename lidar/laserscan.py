@@ -20,7 +20,7 @@ NO_HIT = -2
 class LaserScan:
     """One scan of one sensor; ranges and hits are (k,), angles in the sensor frame.
 
-    stamp    : time of the scan [s]
+    stamp    : time of the first beam [s]
     frame_id : id of the vehicle
     ranges   : distance to the first surface on each beam [m], or ±inf, NaN
     hits     : owner of that surface, also where it is too close; −1 the static scene, −2 nothing. None where it is
@@ -49,11 +49,26 @@ class LaserScan:
         """Which beams measured a distance, (k,) bool."""
         return np.isfinite(self.ranges)
 
-    def points(self) -> np.ndarray:
-        """Measured points in the sensor frame, in beam order, (p, 2) [m]."""
+    def points(self, sensor=(0.0, 0.0, 0.0)) -> np.ndarray:
+        """Measured points in beam order, (p, 2) [m].
+
+        sensor : its pose x, y, yaw in the frame that is wanted; by default the points are in the sensor's own
+        """
+        x, y, yaw = sensor
         valid = self.valid()
-        angles, ranges = self.angles()[valid], self.ranges[valid].astype(np.float64)
-        return np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
+        angles, ranges = yaw + self.angles()[valid], self.ranges[valid].astype(np.float64)
+        return np.stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)], axis=1)
+
+    def to_ros_dict(self) -> dict:
+        """The fields of a sensor_msgs/LaserScan message, as plain Python."""
+        sec, nanosec = divmod(round(self.stamp * 1e9), 10**9)
+        names = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
+        return {
+            "header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": self.frame_id},
+            **{name: getattr(self, name) for name in names},
+            "ranges": self.ranges.tolist(),
+            "intensities": [],
+        }
 
     def filled(self, no_return=None, too_close=None, error=None) -> np.ndarray:
         """Ranges with numbers for +inf (default range_max), −inf (range_min) and NaN (range_max), (k,) float64."""
@@ -62,8 +77,10 @@ class LaserScan:
 
 @dataclass(frozen=True, eq=False)
 class ScanBatch:
-    """Scans of n sensors of one model at one time: `batch[0]` and `batch["veh.3"]` are LaserScans on the same memory.
+    """Scans of n sensors of one model, begun at one time; `batch[0]` and `batch["veh.3"]` are LaserScans that share its
+    memory.
 
+    stamp        : time of the first beams [s]
     ids          : vehicle of each row
     ranges, hits : as in LaserScan, (n, k)
     inside       : (n,) bool
@@ -88,7 +105,7 @@ class ScanBatch:
             angle_min=model.angle_min,
             angle_max=model.angle_max,
             angle_increment=model.angle_increment,
-            time_increment=0.0,
+            time_increment=model.sweep_time / (model.samples - 1),
             scan_time=1.0 / model.rate,
             range_min=model.range_min,
             range_max=model.range_max,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -35,17 +36,39 @@ class Scene:
             shapely.prepare(self.solids)
 
     @classmethod
-    def from_shapely(cls, walls=(), solids=()) -> Scene:
-        """A scene from geometry.
+    def from_shapely(cls, walls=(), solids=(), tolerance: float = 1e-6) -> Scene:
+        """A scene from geometry, in few segments: the pieces of a straight wall become one.
 
-        walls  : lines, rings or polygons (also multi-part); lines and boundaries stop a beam, interiors stay free
-        solids : polygons (also multi-part); a sensor inside one sees nothing
+        walls     : lines, rings or polygons (also multi-part); lines and boundaries stop a beam, interiors stay free
+        solids    : polygons (also multi-part); a sensor inside one sees nothing
+        tolerance : how far walls may move for that [m]; points where three or more pieces meet do not
         """
         walls, solids = list(walls), list(solids)
-        union = shapely.union_all(solids) if solids else None
+        union = _union(solids) if solids else None
         lines = [_lines(geometry) for geometry in (walls if union is None else [*walls, union])]
         segments = [_segments(line) for parts in lines for line in parts]
-        return cls(np.concatenate(segments) if segments else np.empty((0, 4)), union)
+        if not segments:
+            return cls((), union)
+        return cls(_straightened(cls(np.concatenate(segments)).segments, tolerance), union)
+
+    def enclosed(self, x, y) -> np.ndarray:
+        """Which points are inside a solid, (n,) bool: what shapely.contains_xy says, sooner.
+
+        Only near the borders of solids shapely is asked. It compares a point with all sides as far north or south.
+        """
+        x, y = np.array(x, dtype=np.float64, ndmin=1), np.array(y, dtype=np.float64, ndmin=1)
+        if self.solids is None or self.solids.is_empty:
+            return np.zeros(len(x), dtype=bool)
+        kind = self._cells.at(x, y)
+        inside = kind == _INSIDE
+        near = np.flatnonzero(kind == _BORDER)
+        if len(near):
+            inside[near] = shapely.contains_xy(self.solids, x[near], y[near])
+        return inside
+
+    @cached_property
+    def _cells(self) -> _Cells:
+        return _Cells.of(self.solids)
 
     @cached_property
     def columns(self) -> np.ndarray:
@@ -67,6 +90,7 @@ class Boxes:
     length  : along the heading [m]
     width   : across it [m]
     owner   : id of what the box belongs to, 0 or more; a tractor and its trailer share one
+    vx, vy, yaw_rate : motion in the world frame [m/s, rad/s], 0 if not given; felt by scanners that take time
     """
 
     x: np.ndarray
@@ -75,11 +99,16 @@ class Boxes:
     length: np.ndarray
     width: np.ndarray
     owner: np.ndarray
+    vx: np.ndarray = 0.0
+    vy: np.ndarray = 0.0
+    yaw_rate: np.ndarray = 0.0
 
     def __post_init__(self):
         owner = np.array(self.owner, dtype=np.int32, ndmin=1)
-        for name in ("x", "y", "heading", "length", "width"):
+        for name in ("x", "y", "heading", "length", "width", "vx", "vy", "yaw_rate"):
             values = np.array(getattr(self, name), dtype=np.float64, ndmin=1)
+            if name in ("vx", "vy", "yaw_rate") and values.size == 1:
+                values = np.full(owner.shape, values[0])
             if values.shape != owner.shape:
                 raise ValueError(f"boxes: {name} has shape {values.shape}, owner {owner.shape}; must be equal")
             good = np.isfinite(values) & (values > 0) if name in ("length", "width") else np.isfinite(values)
@@ -100,6 +129,15 @@ class Boxes:
 
     def __len__(self) -> int:
         return len(self.owner)
+
+    def after(self, time: float) -> Boxes:
+        """Where they are when they have moved on for a while [s]; negative is where they were."""
+        return replace(
+            self,
+            x=self.x + time * self.vx,
+            y=self.y + time * self.vy,
+            heading=self.heading + time * self.yaw_rate,
+        )
 
     def corners(self) -> np.ndarray:
         """Corners, world frame, counter-clockwise from the rear right, (v, 4, 2)."""
@@ -155,6 +193,92 @@ def blocks(n, width, size=1 << 17):
     """Slices of range(n), so short that a block by width table has about `size` entries: bounds the temporaries."""
     step = max(1, size // max(width, 1))
     return [slice(start, min(start + step, n)) for start in range(0, n, step)]
+
+
+_FREE, _INSIDE, _BORDER = range(3)
+
+
+class _Cells(NamedTuple):
+    """Squares around solids; each is wholly free, wholly inside or has a border in it. The outermost ones are free.
+
+    x, y : where the first one begins [m]
+    size : of their sides [m]
+    kind : one of the above, (columns, rows) uint8
+    """
+
+    x: float
+    y: float
+    size: float
+    kind: np.ndarray
+
+    @classmethod
+    def of(cls, solids) -> _Cells:
+        sides = np.array(_lines(solids))
+        low, high = shapely.bounds(solids).reshape(2, 2)
+        # Some 60 for each side of a solid: few points on a street share one with a wall. At most 4 MB of them.
+        wanted = min(64 * shapely.get_num_coordinates(solids), 1 << 22)
+        size = max(np.sqrt(np.prod(high - low) / wanted), 2 * (high - low).max() / wanted)  # the latter if slender
+        low = low - 1.5 * size
+        kind = np.full(np.ceil((high - low) / size).astype(int) + 2, _FREE, dtype=np.uint8)
+
+        # A piece shorter than a side is in no other cells than the corners of its bounding box. The margin makes
+        # rounding harmless, here and in `at`.
+        pieces = [_segments(line) for line in shapely.segmentize(sides, 0.9 * size)]
+        xmin, ymin, xmax, ymax = bounds((np.concatenate(pieces).T - np.tile(low, 2)[:, None]) / size)
+        for column in (xmin - 0.01, xmax + 0.01):
+            for row in (ymin - 0.01, ymax + 0.01):
+                kind[column.astype(int), row.astype(int)] = _BORDER
+
+        # From one border to the next all cells of a column are alike: the first tells.
+        clear = kind != _BORDER
+        first = clear.copy()
+        first[:, 1:] &= ~clear[:, :-1]
+        column, row = np.nonzero(first)
+        inside = shapely.contains_xy(solids, low[0] + (column + 0.5) * size, low[1] + (row + 0.5) * size)
+        kind[clear] = np.where(inside, _INSIDE, _FREE)[np.cumsum(first)[clear.ravel()] - 1]
+        return cls(*low, size, kind)
+
+    def at(self, x, y):
+        columns, rows = self.kind.shape
+        # fmax and fmin pass over NaN, which is nowhere and thus free
+        column = np.fmin(np.fmax((x - self.x) / self.size, 0), columns - 1).astype(np.intp)
+        row = np.fmin(np.fmax((y - self.y) / self.size, 0), rows - 1).astype(np.intp)
+        return self.kind[column, row]
+
+
+def _union(solids):
+    """Of polygons. In floating point GEOS may lose a whole one (libgeos/geos issues 965, 1344), on a grid it won't."""
+    union = shapely.union_all(solids)
+    shapely.prepare(union)
+    amid = shapely.point_on_surface(solids)
+    whole = (shapely.covers(union, amid) | shapely.is_empty(solids)).all()
+    return union if whole else shapely.union_all(solids, grid_size=1e-6)
+
+
+def _straightened(segments, tolerance):
+    """The same walls in fewer segments: each only once, and in one piece from corner to corner; (m, 4) both."""
+    points, ends = np.unique(segments.view(complex).ravel(), return_inverse=True)
+    ends = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0)
+    meeting = np.bincount(ends.ravel())  # how many segments at each point
+    pieces = shapely.linestrings(points[ends].view(float).reshape(-1, 2, 2))
+    lines = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(pieces)))  # where two meet and no more
+    for i in np.flatnonzero(shapely.is_closed(lines)):
+        ring = shapely.get_coordinates(lines[i])[:-1]
+        if meeting[np.searchsorted(points, ring.view(complex)[0, 0])] == 2:
+            # It began anywhere; let it begin at a corner, and what is farthest from a point surely is one.
+            ring = np.roll(ring, -np.argmax(np.hypot(*(ring - ring[0]).T)), axis=0)
+            lines[i] = shapely.LineString([*ring, ring[0]])
+    lines = shapely.simplify(lines, tolerance / 2, preserve_topology=False)
+    # Of vertices equally far from a chord this keeps any, though it may be amid a straight wall parallel to the
+    # chord; one more look at each and its neighbours finds it. Never two in a row go, or errors would add up.
+    vertices, line = shapely.get_coordinates(lines, return_index=True)
+    inner = np.flatnonzero(line[2:] == line[:-2]) + 1
+    chords = shapely.linestrings(np.stack([vertices[inner - 1], vertices[inner + 1]], axis=1))
+    flat = inner[shapely.distance(shapely.points(vertices[inner]), chords) <= tolerance / 2]
+    flat = flat[~np.isin(flat - 1, flat)]
+    vertices, line = np.delete(vertices, flat, axis=0), np.delete(line, flat)
+    fewer = np.hstack([vertices[:-1], vertices[1:]])[line[1:] == line[:-1]]
+    return fewer if len(fewer) < len(segments) else segments  # in their own order
 
 
 def _lines(geometry):

@@ -6,21 +6,24 @@
 4. Sensor inside a solid, or within 1 nm of a wall: every beam −inf, and `inside`.
 5. A lone segment exactly edge-on is invisible. Solids never are: another face is hit.
 6. A vehicle's own boxes are never seen.
+7. Then come the errors of the model, in this order: mixed pixels, noise, resolution, limits, loss. Only returns have
+   them: a beam that met nothing stays +inf.
+8. A scanner whose beams are not of one instant ends its sweep at the instant of the world it is given.
 """
 
 import difflib
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
-import shapely
 
 from .engines import ENGINES
+from .engines.protocol import Sensors
 from .laserscan import NO_HIT, ScanBatch
 from .model import LidarModel
+from .noise import biases, scan_keys, sensor_keys
 from .pose import compose
-from .scene import STATIC, Boxes, Scene, blocks, pairs_near
-
-TOUCHING = 1e-9  # [m]
-ROUNDING = 1e-12  # relative; so that a wall exactly at a limit counts as in range, however it was computed
+from .scene import Boxes, Scene
 
 
 def scan(
@@ -32,87 +35,86 @@ def scan(
     heading,
     owner,
     *,
+    motion=(0.0, 0.0, 0.0),
     ids=None,
     stamp: float = 0.0,
-    engine: str = "numpy",
+    seed: int = 0,
+    number: int = 0,
+    engine: str = "raster",
     dtype=np.float32,
+    hits: bool = True,
+    out: ScanBatch | None = None,
 ) -> ScanBatch:
     """Scan once from each of n vehicles.
 
     x, y, heading : centre of each vehicle in the world frame, (n,) [m, rad]; the model's mount is added here
     owner         : owner id of each vehicle, (n,); its own boxes are transparent to it
-    ids           : names of the rows, (n,); row numbers if not given
-    stamp         : time of the scan [s]
+    motion        : vx, vy, yaw rate of each vehicle in the world frame, (n,) each or one for all [m/s, rad/s]; felt
+                    only where the model has sweeps
+    ids           : names of the rows, (n,); row numbers if not given. Errors belong to the name, not to the row
+    stamp         : time of the world that is given [s]; the last beam is measured then
+    seed, number  : of the run, and of the scan in it: the same numbers give the same errors
     engine        : a name of ENGINES
     dtype         : of the ranges; all decisions are taken in float64
+    hits          : whether to tell what each beam met
+    out           : a batch that is no longer needed: its arrays are written over and become those of the result
     """
-    cast = _engine(engine)
+    measure = _engine(engine)
     x, y, heading = (np.array(values, dtype=np.float64, ndmin=1) for values in (x, y, heading))
     owner = np.array(owner, dtype=np.int32, ndmin=1)
     if not x.shape == y.shape == heading.shape == owner.shape:
         shapes = ", ".join(str(values.shape) for values in (x, y, heading, owner))
         raise ValueError(f"x, y, heading, owner have shapes {shapes}; must be equal")
-    ids = tuple(str(row) for row in range(len(x))) if ids is None else tuple(ids)
-    if len(ids) != len(x) or len(set(ids)) != len(ids):
-        raise ValueError(f"{len(ids)} ids, {len(set(ids))} different, for {len(x)} sensors; must be one name each")
+    ids = _numbers(len(x)) if ids is None else tuple(ids)
+    if len(ids) != len(x) or _different(ids) != len(ids):
+        raise ValueError(f"{len(ids)} ids, {_different(ids)} different, for {len(x)} sensors; must be one name each")
     finite = np.isfinite(x) & np.isfinite(y) & np.isfinite(heading)
     if not finite.all():
         row = int(np.flatnonzero(~finite)[0])
         raise ValueError(f"row {row} ({ids[row]}): pose {x[row]}, {y[row]}, {heading[row]}; must be finite")
+    vx, vy, yaw_rate = motion
+    if not (np.isfinite(vx).all() and np.isfinite(vy).all() and np.isfinite(yaw_rate).all()):
+        raise ValueError(f"motion = {motion}; must be finite")
 
-    x, y, yaw = compose(x, y, heading, model.mount)
-    ranges, hits = cast(model, scene, boxes, x, y, yaw, owner)
-
-    too_far = ranges > model.range_max * (1 + ROUNDING)
-    too_close = ranges < model.range_min * (1 - ROUNDING)
-    np.clip(ranges, model.range_min, model.range_max, out=ranges)
-    ranges[too_far], hits[too_far] = np.inf, NO_HIT
-    ranges[too_close] = -np.inf
-
-    around = enclosing(scene, boxes, x, y, owner)
-    inside = around != NO_HIT
-    if inside.any():
-        ranges[inside], hits[inside] = -np.inf, around[inside, None]
-    ranges = ranges.astype(dtype, copy=False)
-    ranges.setflags(write=False)
-    return ScanBatch(model, stamp, ids, ranges, hits, inside)
-
-
-def enclosing(scene, boxes, x, y, owner):
-    """Owner of what a sensor is inside of or touches, the smallest if several; NO_HIT if it is free.
-
-    x, y, owner : sensors, world frame, (n,)
-    returns     : (n,) int32
-    """
-    around = np.full(len(x), np.iinfo(np.int32).max, dtype=np.int32)
-    for rows in blocks(len(x), max(len(boxes), len(scene.segments))):
-        sensor, box = pairs_near(boxes.bounds, x[rows], y[rows], TOUCHING)
-        sensor += rows.start
-        others = boxes.owner[box] != owner[sensor]
-        sensor, box = sensor[others], box[others]
-        if len(sensor):
-            dx, dy = x[sensor] - boxes.x[box], y[sensor] - boxes.y[box]
-            cos, sin = np.cos(boxes.heading[box]), np.sin(boxes.heading[box])
-            within = np.abs(cos * dx + sin * dy) <= boxes.length[box] / 2 + TOUCHING
-            within &= np.abs(cos * dy - sin * dx) <= boxes.width[box] / 2 + TOUCHING
-            np.minimum.at(around, sensor[within], boxes.owner[box[within]])
-        sensor, wall = pairs_near(scene.bounds, x[rows], y[rows], TOUCHING)
-        sensor += rows.start
-        if len(sensor):
-            distance = _distance(scene.segments[wall], x[sensor], y[sensor])
-            around[sensor[distance <= TOUCHING]] = STATIC
-    if scene.solids is not None:
-        around[shapely.contains_xy(scene.solids, x, y)] = STATIC
-    around[around == np.iinfo(np.int32).max] = NO_HIT
-    return around
+    keys = sensor_keys(seed, ids)
+    bias = biases(model.noise, keys)
+    keys = scan_keys(keys, number)
+    ranges, met, inside = _buffers(out, (len(x), model.samples), np.dtype(dtype), hits)
+    inside[:] = False
+    ends = np.linspace(0, model.samples, model.sweeps + 1).astype(int)
+    for first, end in pairwise(ends.tolist()):
+        # Every slice is measured at the time of its middle beam.
+        later = model.sweep_time * ((first + end - 1) / 2 / (model.samples - 1) - 1) if model.sweeps > 1 else 0.0
+        world = boxes.after(later) if later else boxes
+        poses = compose(x + later * vx, y + later * vy, heading + later * yaw_rate, model.mount)
+        sensors = Sensors(*poses, owner, keys, bias)
+        inside |= measure(model, slice(first, end), scene, world, sensors, ranges, met) != NO_HIT
+    for array in (ranges, met, inside):
+        array.setflags(write=False)
+    return ScanBatch(model, stamp - model.sweep_time, ids, ranges, met if hits else None, inside)
 
 
-def _distance(segments, x, y):
-    """Distance of point i from segment i, (p,) [m]."""
-    x0, y0, x1, y1 = segments.T
-    ex, ey, px, py = x1 - x0, y1 - y0, x - x0, y - y0
-    along = np.clip((px * ex + py * ey) / (ex * ex + ey * ey), 0.0, 1.0)
-    return np.hypot(px - along * ex, py - along * ey)
+@lru_cache(maxsize=64)  # the same vehicles scan again and again
+def _different(ids):
+    return len(set(ids))
+
+
+@lru_cache(maxsize=64)
+def _numbers(n):
+    return tuple(str(row) for row in range(n))
+
+
+def _buffers(out, shape, dtype, hits):
+    """Memory for ranges, hits and inside: that of `out`, or new."""
+    if out is None:
+        return np.empty(shape, dtype), np.empty(shape if hits else (shape[0], 0), np.int32), np.empty(shape[0], bool)
+    if out.ranges.shape != shape or out.ranges.dtype != dtype or (out.hits is not None) != hits:
+        have = f"{out.ranges.shape} {out.ranges.dtype}, hits {out.hits is not None}"
+        raise ValueError(f"out has ranges {have}; must be {shape} {dtype}, hits {hits}")
+    arrays = (out.ranges, out.hits if hits else np.empty((shape[0], 0), np.int32), out.inside)
+    for array in arrays:
+        array.setflags(write=True)  # refused for a view: only a batch that scan() made can be written over
+    return arrays
 
 
 def _engine(name):

@@ -128,7 +128,7 @@ class Observer:
             bearing = fleet.target.bearing[group.rows]
             model = batch.model
             for k, i in enumerate(group.rows):
-                hits = batch.hits[k]
+                hits = np.where(batch.ranges[k] < np.inf, batch.hits[k], NOTHING)  # without returns that were lost
                 seen[i] = np.count_nonzero(hits == fleet.predecessor[i]) if fleet.predecessor[i] >= 0 else 0
                 self._target[i] = NOTHING
                 if np.isnan(bearing[k]):

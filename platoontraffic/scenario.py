@@ -12,13 +12,13 @@ import re
 import tomllib
 import typing
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, field_validator, model_validator
 
-from lidar import PRESETS, LidarModel, Mount
+from lidar import PRESETS, LidarModel, Mount, Noise
 from platoontraffic import data, tomlkeys
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.registry import Law, find_law, plug_in_file
@@ -31,6 +31,9 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 
 NEEDS = frozenset({"route"})  # what a law may declare beside scan and own motion
+
+# Tables that may be given by a name alone, and the key that this name is.
+SHORT = {"leader": "law", "follower": "law", "lidar": "preset", "noise": "preset", "vehicle": "type"}
 
 # A UTM-30LX is 60 mm deep: with its face flush with the front bumper, its centre is 30 mm behind.
 LASER_BEHIND_BUMPER = 0.03
@@ -47,7 +50,7 @@ class Sumo(Table):
 
 class SceneTable(Table):
     walls: Literal["outline", "none"] = "outline"  # of the drivable area
-    lidar_engine: Literal["numpy", "raster", "pymunk"] = "numpy"
+    lidar_engine: Literal["raster", "numpy", "pymunk", "shapely"] = "raster"
 
 
 class Run(Table):
@@ -93,6 +96,50 @@ class Vehicle(Table):
         return DifferentialDrive(**values | given)
 
 
+Share = Annotated[float, Field(ge=0, le=1)]
+Error = Annotated[float, Field(ge=0, le=100)]
+
+
+class NoiseTable(Table):
+    """A scanner's errors; what is not given is as in the preset, by default that of the lidar."""
+
+    preset: str | None = None  # "none", or a lidar preset, whose errors are meant
+    sigma_m: Error | None = None
+    sigma_m_per_m: Error | None = None
+    bias_m: Error | None = None
+    resolution_m: Error | None = None
+    dropout: Share | None = None
+    dropout_at_range_max: Share | None = None
+    dropout_grazing: Share | None = None
+    grazing_from_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
+    dropped: Literal["error", "no_return"] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def by_name(cls, value: Any) -> Any:
+        return {"preset": value} if isinstance(value, str) else value
+
+    @field_validator("preset")
+    @classmethod
+    def known(cls, name: str | None) -> str | None:
+        return name and _one_of(name, ["none", *PRESETS])
+
+    def model(self, default: Noise) -> Noise:
+        base = Noise() if self.preset == "none" else PRESETS[self.preset].noise if self.preset else default
+        given = {
+            "sigma": self.sigma_m,
+            "sigma_per_metre": self.sigma_m_per_m,
+            "bias": self.bias_m,
+            "resolution": self.resolution_m,
+            "dropout": self.dropout,
+            "dropout_at_range_max": self.dropout_at_range_max,
+            "dropout_grazing": self.dropout_grazing,
+            "grazing_from": None if self.grazing_from_deg is None else math.radians(self.grazing_from_deg),
+            "dropped": self.dropped,
+        }
+        return replace(base, **{name: value for name, value in given.items() if value is not None})
+
+
 class Lidar(Table):
     preset: str | None = None  # default: the paper's, for a leader or a follower
     fov_deg: Annotated[float, Field(gt=0, le=360)] | None = None
@@ -103,6 +150,11 @@ class Lidar(Table):
     mount_x_m: Offset | None = None  # ahead of the vehicle's centre; default 0.03 m behind the front bumper
     mount_y_m: Offset = 0.0
     mount_yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    noise: NoiseTable | None = None
+    divergence_deg: Annotated[float, Field(ge=0, le=5)] | None = None
+    subbeams: Annotated[int, Field(ge=1, le=64)] | None = None
+    merging_m: Annotated[float, Field(ge=0, le=100)] | None = None
+    sweeps: Annotated[int, Field(ge=1)] | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -126,6 +178,11 @@ class Lidar(Table):
             range_max=_or(self.range_max_m, base.range_max),
             rate=_or(self.rate_hz, base.rate),
             mount=Mount(mount_x, self.mount_y_m, math.radians(self.mount_yaw_deg)),
+            noise=self.noise.model(base.noise) if self.noise else base.noise,
+            divergence=base.divergence if self.divergence_deg is None else math.radians(self.divergence_deg),
+            subbeams=_or(self.subbeams, base.subbeams),
+            merging=_or(self.merging_m, base.merging),
+            sweeps=_or(self.sweeps, base.sweeps),
         )
 
 
@@ -439,9 +496,8 @@ def _into(node: Any, path: tuple, name: str, argument: str, number: int) -> list
         return [(node[int(name)], (*path, int(name)))]
     if not isinstance(node, dict):
         raise InputError(f"argument {number}: {argument!r}: {_dotted(path)} is not a table")
-    if isinstance(node.get(name), str) and name in ("leader", "follower", "lidar", "vehicle"):
-        short = {"leader": "law", "follower": "law", "lidar": "preset", "vehicle": "type"}[name]
-        node[name] = {short: node[name]}
+    if isinstance(node.get(name), str) and name in SHORT:
+        node[name] = {SHORT[name]: node[name]}
     return [(node.setdefault(name, {}), (*path, name))]
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lidar import ScanBatch, Scene, scan
+import numpy as np
+
+from lidar import Boxes, ScanBatch, Scene, scan
 from platoontraffic.fleet import Fleet
 from platoontraffic.traffic import TrafficSnapshot
 
@@ -12,14 +14,15 @@ from platoontraffic.traffic import TrafficSnapshot
 @dataclass(frozen=True)
 class Sensing:
     scene: Scene  # what stands still
-    engine: str = "numpy"
+    engine: str = "raster"
+    seed: int = 0  # of the lidars' errors
 
     def scan(self, traffic: TrafficSnapshot, fleet: Fleet, step: int) -> list[ScanBatch | None]:
         """A batch for each of the fleet's groups; None where the lidar is not due in this step.
 
         All members sense the same instant. The owner of a return is a row of `traffic`.
         """
-        boxes = traffic.boxes()
+        boxes = _boxes(traffic, fleet)
         scans: list[ScanBatch | None] = []
         for group in fleet.groups:
             rows = group.rows
@@ -33,11 +36,27 @@ class Sensing:
                     traffic.y[rows],
                     traffic.heading[rows],
                     owner=rows,
+                    motion=(boxes.vx[rows], boxes.vy[rows], boxes.yaw_rate[rows]),
                     ids=tuple(fleet.members[i].id for i in rows),
                     stamp=traffic.time,
+                    seed=self.seed,
+                    number=step,
                     engine=self.engine,
                 )
                 if due
                 else None
             )
         return scans
+
+
+def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:
+    """The vehicles with their motion, which lidars feel whose beams are not of one instant.
+
+    Members turn about the middle of their driven axle; SUMO tells no yaw rate of its own vehicles, taken as 0.
+    """
+    cos, sin = np.cos(traffic.heading), np.sin(traffic.heading)
+    yaw_rate, aside = np.zeros(len(cos)), np.zeros(len(cos))
+    yaw_rate[: len(fleet)] = fleet.motion.yaw_rate
+    aside[: len(fleet)] = -fleet.model.axle * fleet.motion.yaw_rate
+    vx, vy = traffic.speed * cos - aside * sin, traffic.speed * sin + aside * cos
+    return traffic.boxes(vx, vy, yaw_rate)

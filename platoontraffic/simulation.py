@@ -82,7 +82,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     recorder.write("provenance.json", recording.as_json(facts))
     fleet = Fleet.deployed(prepared.members, dt)
     world = World(network, dt, scenario.seed, recorder.folder / "run.log")
-    sensing = Sensing(prepared.scene, scenario.spec.scene.lidar_engine)
+    sensing = Sensing(prepared.scene, scenario.spec.scene.lidar_engine, scenario.seed)
     observer = Observer(fleet, network, Contacts(prepared.scene, {m.id for m in prepared.members}))
     steps = round(run.duration_s / dt)
     record_every = round(record.every_s / dt)

@@ -22,6 +22,7 @@ class TrafficSnapshot:
     length: np.ndarray
     width: np.ndarray
 
-    def boxes(self) -> Boxes:
-        """What a lidar sees of the vehicles; the owner of a box is its row here."""
-        return Boxes(self.x, self.y, self.heading, self.length, self.width, owner=np.arange(len(self.ids)))
+    def boxes(self, vx=0.0, vy=0.0, yaw_rate=0.0) -> Boxes:
+        """What a lidar sees of the vehicles; the owner of a box is its row here. Their motion is as in lidar.Boxes."""
+        owner = np.arange(len(self.ids))
+        return Boxes(self.x, self.y, self.heading, self.length, self.width, owner, vx, vy, yaw_rate)

@@ -3,11 +3,15 @@
 import gzip
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import platformdirs
 import pytest
+import shapely
 
 from platoontraffic import data
+from platoontraffic.deployment import static_scene
 from platoontraffic.errors import InputError
 from platoontraffic.network import Network, check_net_file, read_polygons
 
@@ -218,16 +222,21 @@ def test_no_side_inside_intersections_or_off_the_road(world):
     assert right(world, 0.5, 13.5, -135) == pytest.approx(0.5**0.5)  # round the corner of two arms
 
 
-def test_one_way_road_has_no_side(tmp_path):
-    file = tmp_path / "one_way.net.xml"
+def one_way(folder, lane=LANE):
+    """A network of one lane."""
+    file = folder / "one_way.net.xml"
     file.write_text(
         '<net version="1.20">'
         '<location netOffset="0,0" convBoundary="0,0,1,0" origBoundary="0,0,1,0" projParameter="!"/>'
-        f'<edge id="a" from="p" to="q">{LANE}</edge>'
+        f'<edge id="a" from="p" to="q">{lane}</edge>'
         '<junction id="p" type="dead_end" x="0" y="0" incLanes="" intLanes="" shape="0,0"/>'
         '<junction id="q" type="dead_end" x="1" y="0" incLanes="a_0" intLanes="" shape="1,0"/></net>'
     )
-    network = Network.read(file)
+    return Network.read(file)
+
+
+def test_one_way_road_has_no_side(tmp_path):
+    network = one_way(tmp_path)
     assert network.drivable.area == pytest.approx(1)
     assert network.middle_lines() == []
     assert np.isnan(right(network, 0.5, 0.2, 0))
@@ -258,3 +267,31 @@ def test_a_net_that_lacks_a_part_is_refused_before_it_kills_the_process(tmp_path
     (tmp_path / "broken.net.xml").write_text(broken)
     with pytest.raises(InputError, match=re.escape(said)):
         Network.read(tmp_path / "broken.net.xml")
+
+
+# ---- its borders
+
+
+@pytest.mark.parametrize(("width", "tolerance"), [(3.2, 0.01), (2.0, 0.01), (1.0, 0.0)])
+def test_kerbs_of_streets_are_true_to_a_centimetre_and_those_of_robots_exact(tmp_path, width, tolerance):
+    bend = " ".join(f"{50 * np.sin(a):.2f},{50 * np.cos(a):.2f}" for a in np.linspace(0, 1.5, 60))
+    network = one_way(tmp_path, LANE.replace('width="1"', f'width="{width}"').replace("0,0 1,0", bend))
+    exact = network.outline()
+    scenario = SimpleNamespace(spec=SimpleNamespace(scene=SimpleNamespace(walls="outline")), additional=())
+    kerbs = static_scene(scenario, network).segments
+    moved = shapely.hausdorff_distance(
+        shapely.MultiLineString(list(kerbs.reshape(-1, 2, 2))), shapely.MultiLineString(exact), densify=0.1
+    )
+    assert moved <= tolerance + 1e-6
+    assert (len(kerbs) < sum(len(ring.coords) - 1 for ring in exact)) == (tolerance > 0)
+
+
+def test_only_large_networks_are_kept_in_the_users_cache(tmp_path, monkeypatch):
+    monkeypatch.setattr(platformdirs, "user_cache_path", lambda name: tmp_path / name)
+    file = data.networks()["lab_world"]
+    new = Network.read(file).drivable
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setattr("platoontraffic.network.CACHED_LANES", 20)
+    for _ in range(2):
+        assert shapely.to_wkb(Network.read(file).drivable) == shapely.to_wkb(new)
+        assert len(list((tmp_path / "platoontraffic").iterdir())) == 1

@@ -64,11 +64,14 @@ def test_the_configuration_that_a_run_leaves_repeats_it(one_corner, tmp_path):
     assert equal_tables(one_corner, run(tmp_path / "again", one_corner / "config.toml"), TABLES[:3])
 
 
-@pytest.mark.parametrize("engine", ["pymunk", "raster"])
-def test_every_engine_drives_the_same_way(tmp_path, engine):
-    short = ("run.duration_s=8", "platoon.size=2")
-    one = run(tmp_path / "numpy", "paper_loop", *short)
-    other = run(tmp_path / engine, "paper_loop", *short, f"scene.lidar_engine={engine}")
+@pytest.mark.parametrize(
+    ("name", "engine"),
+    [*((name, "pymunk") for name in ("paper_loop", "paper_path", "paper_world")), ("paper_loop", "numpy"),
+     ("paper_loop", "shapely")],
+)  # fmt: skip
+def test_every_engine_drives_the_same_way(tmp_path, name, engine):
+    one = run(tmp_path / "raster", name, "run.duration_s=6")
+    other = run(tmp_path / engine, name, "run.duration_s=6", f"scene.lidar_engine={engine}")
     numbers = [pd.read_csv(f / "trajectories.csv").select_dtypes("number") for f in (one, other)]
     # Ranges are rounded to 32 bits before the laws see them; an ulp at 3 m is 2e-7 m.
     assert np.allclose(*numbers, atol=1e-5, equal_nan=True)

@@ -1,30 +1,32 @@
-"""Engines measure; what the numbers mean is decided in `lidar.sense`.
+"""Engines by name; see `protocol`. What numbers mean is in `lidar.sense`, and is the same for all of them.
 
-An engine is a function (model, scene, boxes, x, y, yaw, owner) -> (ranges, hits):
-
-x, y, yaw, owner : sensor poses, world frame, and the owner whose boxes each does not see, (n,)
-ranges           : distance to the first surface on each beam, (n, k) float64, new memory. Exact up to range_max;
-                   beyond, the distance to any surface there, or +inf
-hits             : owner of that surface, the smallest if several are equally near, (n, k) int32
-
-Sensors that are inside a solid may get anything.
+raster  : compiled; draws what is near into each sensor's beams. For everything
+numpy   : the same idea without numba
+pymunk  : one query of the physics engine for each beam; the reference
+shapely : exact intersections of lines, beam by beam; the slowest, and what the others are judged by
 """
 
+from importlib import import_module
+from importlib.util import find_spec
 from types import MappingProxyType
 
-from . import numpy_engine
+
+def _late(name, needs):
+    """The engine in module `<name>_engine`, imported when it is first used: numba alone takes half a second."""
+
+    def measure(*args):
+        if find_spec(needs) is None:
+            raise ValueError(f"engine = {name!r}: needs the package {needs}, which is not installed; 'numpy' does not")
+        return import_module(f".{name}_engine", __name__).measure(*args)
+
+    return measure
 
 
-def _pymunk(*args):
-    from . import pymunk_engine  # here, so that numpy users need no pymunk
-
-    return pymunk_engine.cast(*args)
-
-
-def _raster(*args):
-    from . import raster_engine  # here, for it costs a second to import numba
-
-    return raster_engine.cast(*args)
-
-
-ENGINES = MappingProxyType({"numpy": numpy_engine.cast, "pymunk": _pymunk, "raster": _raster})
+ENGINES = MappingProxyType(
+    {
+        "raster": _late("raster", "numba"),
+        "numpy": _late("numpy", "numpy"),
+        "pymunk": _late("pymunk", "pymunk"),
+        "shapely": _late("shapely", "shapely"),
+    }
+)

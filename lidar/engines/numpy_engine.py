@@ -10,19 +10,19 @@ import numpy as np
 
 from ..laserscan import NO_HIT
 from ..scene import STATIC, blocks, bounds, pairs_near
+from .protocol import NOBODY, engine
 
-SLACK = 1 + 1e-9  # draw a little beyond range_max; the caller decides what is in range
 
-
-def cast(model, scene, boxes, x, y, yaw, owner):
-    """See `lidar.engines`."""
+@engine
+def measure(fan, scene, boxes, x, y, yaw, owner):
+    """See `protocol.engine`."""
     edges, edge_bounds, edge_owner = _edges(scene, boxes)
-    inverse = np.zeros((len(x), model.samples))
-    hits = np.full((len(x), model.samples), np.iinfo(np.int32).max, dtype=np.int32)
-    for rows in blocks(len(x), edges.shape[1] + model.samples):
-        sensor, edge = pairs_near(edge_bounds, x[rows], y[rows], model.range_max * SLACK)
+    inverse = np.zeros((len(x), len(fan.angles)))
+    hits = np.full(inverse.shape, NOBODY, dtype=np.int32)
+    for rows in blocks(len(x), edges.shape[1] + len(fan.angles)):
+        sensor, edge = pairs_near(edge_bounds, x[rows], y[rows], fan.reach)
         _draw(
-            model,
+            fan,
             edges[:, edge],
             edge_owner[edge],
             sensor,
@@ -44,7 +44,7 @@ def _edges(scene, boxes):
     )
 
 
-def _draw(model, edges, edge_owner, sensor, poses, inverse, hits):
+def _draw(fan, edges, edge_owner, sensor, poses, inverse, hits):
     """Draw edge i, (4, p), into the beams of sensor i, an index into poses; inverse and hits (n·k,) are updated."""
     x, y, yaw, owner = (values[sensor] for values in poses)
 
@@ -59,7 +59,7 @@ def _draw(model, edges, edge_owner, sensor, poses, inverse, hits):
     static = edge_owner == STATIC
     facing = np.where(static, area != 0, area < 0)  # boxes are counter-clockwise; their far faces are hidden anyway
     facing &= edge_owner != owner
-    facing &= np.abs(area) <= model.range_max * SLACK * np.hypot(ex, ey)
+    facing &= np.abs(area) <= fan.reach * np.hypot(ex, ey)
     keep = np.flatnonzero(facing)
     px, py, ex, ey, area = px[:, keep], py[:, keep], ex[keep], ey[keep], area[keep]
     sensor, edge_owner = sensor[keep], edge_owner[keep]
@@ -71,8 +71,8 @@ def _draw(model, edges, edge_owner, sensor, poses, inverse, hits):
     start = np.where(turn > 0, angle[0], angle[1])
     span = np.mod(turn * (angle[1] - angle[0]), 2 * np.pi)
     span[span > 1.5 * np.pi] = 0.0  # seen all but edge-on; rounding turned it the other way round
-    increment, last_beam = model.angle_increment, model.samples - 1
-    start = np.mod(start - model.angle_min - increment, 2 * np.pi) + increment
+    increment, last_beam = fan.increment, len(fan.angles) - 1
+    start = np.mod(start - fan.angles[0], 2 * np.pi)
     # A wedge that crosses the direction of angle_min meets the fan once more, a turn earlier.
     start = np.concatenate([start, start - 2 * np.pi])
     stop = start + np.concatenate([span, span])
@@ -82,7 +82,7 @@ def _draw(model, edges, edge_owner, sensor, poses, inverse, hits):
     first, last, edge = first[run], last[run], run % len(keep)
 
     # Rounded angles are good to half a beam; which beam is the first and last is decided by the side it passes an end.
-    dx, dy = model.directions
+    dx, dy = fan.directions
     swap = (turn[edge] < 0).astype(np.intp)
     first += px[swap, edge] * dy[first] < py[swap, edge] * dx[first]
     last -= px[1 - swap, edge] * dy[last] > py[1 - swap, edge] * dx[last]
@@ -92,7 +92,7 @@ def _draw(model, edges, edge_owner, sensor, poses, inverse, hits):
     begin = np.cumsum(count) - count
     entry = np.repeat(edge, count)
     beam = np.arange(len(entry)) + np.repeat(first - begin, count)
-    cell = np.repeat(sensor[edge] * model.samples, count) + beam
+    cell = np.repeat(sensor[edge] * len(fan.angles), count) + beam
     value = normal_x[entry] * dx[beam] + normal_y[entry] * dy[beam]
     np.maximum.at(inverse, cell, value)
     nearest = np.flatnonzero(value == inverse[cell])

@@ -1,35 +1,41 @@
-"""Reference: one Chipmunk segment query for each beam. Slow and plain; a second opinion on the numpy engine."""
+"""Reference: one Chipmunk segment query for each beam. Slow and plain; a second opinion on the others."""
+
+import weakref
 
 import numpy as np
 import pymunk
 
 from ..laserscan import NO_HIT
 from ..scene import STATIC
+from .protocol import engine
 
-SLACK = 1 + 1e-9  # look a little beyond range_max; the caller decides what is in range
+_spaces = weakref.WeakKeyDictionary()  # boxes -> their space: several models scan the same world
 
 
-def cast(model, scene, boxes, x, y, yaw, owner):
-    """See `lidar.engines`."""
+@engine
+def measure(fan, scene, boxes, x, y, yaw, owner):
+    """See `protocol.engine`."""
     space, owner_of = _space(scene, boxes)
-    reach = model.range_max * SLACK
-    ranges = np.full((len(x), model.samples), np.inf)
-    hits = np.full((len(x), model.samples), NO_HIT, dtype=np.int32)
+    ranges = np.full((len(x), len(fan.angles)), np.inf)
+    hits = np.full(ranges.shape, NO_HIT, dtype=np.int32)
     for row in range(len(x)):
         # Chipmunk skips shapes of the same group; group 0 is none.
         others = pymunk.ShapeFilter(group=int(owner[row]) + 1)
         origin = (x[row], y[row])
-        bearing = yaw[row] + model.angles
-        ends = np.stack([x[row] + reach * np.cos(bearing), y[row] + reach * np.sin(bearing)], axis=1).tolist()
+        bearing = yaw[row] + fan.angles
+        ends = np.stack([x[row] + fan.reach * np.cos(bearing), y[row] + fan.reach * np.sin(bearing)], axis=1).tolist()
         for beam, end in enumerate(ends):
             hit = space.segment_query_first(origin, end, 0, others)
             if hit is not None:
-                ranges[row, beam] = hit.alpha * reach
+                ranges[row, beam] = hit.alpha * fan.reach
                 hits[row, beam] = owner_of[hit.shape]
     return ranges, hits
 
 
 def _space(scene, boxes):
+    known = _spaces.get(boxes)
+    if known is not None and known[0] is scene:
+        return known[1:]
     space = pymunk.Space()
     owner_of = {}
     for x0, y0, x1, y1 in scene.segments.tolist():
@@ -39,4 +45,5 @@ def _space(scene, boxes):
         box.filter = pymunk.ShapeFilter(group=owner + 1)
         owner_of[box] = owner
     space.add(*owner_of)
+    _spaces[boxes] = scene, space, owner_of
     return space, owner_of

@@ -1,43 +1,69 @@
-"""The fast engine: segments drawn one by one into a buffer of inverse ranges, compiled by numba.
+"""The fast engine: what is near a sensor is drawn into a buffer of inverse ranges, one value for each beam.
 
-The idea is that of the numpy engine: along a straight segment the inverse range is linear in the beam's direction, so
-a segment costs two angles, and one multiply-add for each beam it covers. Compiled, it can also look only where
-something can be: walls and boxes lie in the cells of a grid, the walls once for a scene, the boxes anew at every call.
+Along a straight segment the inverse range is linear in the beam's direction d: a point r·d lies on the line n·p = 1
+just when 1/r = n·d. So a segment costs two angles, and one multiply-add for each beam it covers; the buffer keeps the
+largest inverse range, and one division a beam ends the scan. What is near a sensor is known from a grid: walls lie in
+its cells once for a scene, boxes anew at every call. A box shows at most two faces, and their distances and directions
+follow from its pose. Rows do not depend on what else is in the batch, nor on the order of the obstacles.
+
+For each sensor: gather the faces that may be in view, place them among the beams, draw them, and make of the buffer
+what the scanner reports. What goes over arrays has no branches, so that the processor does several at a time.
+
+All compiled functions are in this file (see `lidar.compiled`).
 """
 
 import math
 import weakref
 
-import numba
 import numpy as np
 
+from ..compiled import compiled
 from ..laserscan import NO_HIT
+from ..noise import DROPOUT, GAUSS, GOLDEN, PURPOSES, gauss, mixed, uniform
 from ..scene import STATIC
+from .protocol import NOBODY, ROUNDING, TOUCHING
 
-SLACK = 1 + 1e-9  # draw a little beyond range_max; the caller decides what is in range
 CELL = 30.0  # [m]; walls are cut to it, so that none reaches far beyond its cell
-NOBODY = np.iinfo(np.int32).max  # no owner yet; any owner is less
+MOST_CELLS = 16  # for each wall or box; a grid that would have more has larger cells
 TURN = 2 * math.pi
+FINE = 4e4  # beams a radian from which rough angles are not good to half a beam
 
-_walls = weakref.WeakKeyDictionary()  # scene -> Grid
+_mixed, _gauss, _uniform = compiled(mixed), compiled(gauss), compiled(uniform)
+
+_walls = weakref.WeakKeyDictionary()  # scene -> grid of its walls
 
 
-def cast(model, scene, boxes, x, y, yaw, owner):
-    """See `lidar.engines`."""
-    walls = _walls.get(scene)
-    if walls is None:
-        walls = _walls[scene] = _wall_grid(scene.segments)
-    around = _box_grid(boxes)
-    inverse = np.zeros((len(x), model.samples))
-    hits = np.full((len(x), model.samples), NOBODY, dtype=np.int32)
-    fan = (model.angle_min, model.angle_increment, model.range_max * SLACK)
-    sensors = np.column_stack([x, y, np.cos(yaw), np.sin(yaw)])
-    _scan(sensors, owner, model.directions, fan, *walls, *around, inverse, hits)
-    return inverse, hits
+def measure(model, beams, scene, boxes, sensors, ranges, hits):
+    """See `protocol`."""
+    if scene not in _walls:
+        _walls[scene] = _wall_grid(scene.segments)
+    x, y, yaw, owner, keys, bias = sensors
+    around = np.where(scene.enclosed(x, y), np.int32(STATIC), np.int32(NOBODY))
+    poses = np.stack([x, y, np.cos(yaw), np.sin(yaw)], axis=1)
+    fans = [fan.part(beams) for fan in model.fans]
+    angles = np.array([[fan.angles[0], fan.increment] for fan in fans])
+    directions = np.stack([fan.directions for fan in fans])
+    noise = model.noise
+    limits = (model.range_min, model.range_max, model.reach, model.merging)
+    errors = (
+        not noise.none,
+        noise.sigma,
+        noise.sigma_per_metre,
+        noise.resolution,
+        noise.dropout,
+        noise.dropout_at_range_max,
+        noise.dropout_grazing,
+        math.cos(noise.grazing_from) ** 2,
+        noise.lost,
+        model.angle_increment,
+    )
+    _scan(poses, owner, around, angles, directions, limits, errors, keys, bias,
+          _walls[scene], _box_grid(boxes, x, y, model.reach), np.uint64(beams.start), ranges, hits)  # fmt: skip
+    return around
 
 
 def _wall_grid(segments):
-    """Walls, cut into pieces no longer than a cell."""
+    """Walls, cut into pieces no longer than a cell: see _sorted."""
     vector = segments[:, 2:] - segments[:, :2]
     pieces = np.maximum(np.ceil(np.hypot(*vector.T) / CELL), 1).astype(np.intp)
     wall = np.repeat(np.arange(len(segments)), pieces)
@@ -46,115 +72,419 @@ def _wall_grid(segments):
     start = segments[wall, :2] + (number / pieces[wall])[:, None] * vector[wall]
     stop = segments[wall, :2] + ((number + 1) / pieces[wall])[:, None] * vector[wall]
     stop[last] = segments[wall[last], 2:]
-    middle, reach = (start + stop) / 2, np.hypot(*(stop - start).T) / 2
-    return _grid(np.hstack([start, stop])[:, None, :], *middle.T, reach, np.full(len(wall), STATIC))
+    middle = (start + stop) / 2
+    extent = (middle.min(axis=0), middle.max(axis=0)) if len(middle) else (np.zeros(2), np.zeros(2))
+    cell = _cell(*extent, len(wall))
+    reach = float(np.hypot(*(stop - start).T).max(initial=0.0)) / 2
+    columns, rows = (int(n) + 1 for n in (extent[1] - extent[0]) // cell)
+    place = (extent[0][0], extent[0][1], cell, columns, rows, reach)
+    column, row = ((middle - extent[0]) // cell).astype(np.intp).T
+    index = row * columns + column
+    order = np.argsort(index, kind="stable")
+    first = np.searchsorted(index[order], np.arange(columns * rows + 1))
+    return place, first, np.ascontiguousarray(np.hstack([start, stop])[order].T)
 
 
-def _box_grid(boxes):
-    """Boxes, each of four faces."""
-    faces = np.ascontiguousarray(boxes.faces.T).reshape(-1, 4, 4)
-    return _grid(faces, boxes.x, boxes.y, np.hypot(boxes.length, boxes.width) / 2, boxes.owner)
+def _cell(lower, upper, n):
+    """Size of the cells for n things between two corners: larger where they are few and far between."""
+    cell = CELL
+    while ((upper - lower) // cell + 1).prod() > MOST_CELLS * n + 1000:
+        cell *= 2
+    return cell
 
 
-def _grid(shapes, x, y, reach, owner):
-    """Shapes of one or four segments, (m, 1 or 4, 4), sorted by the cell of their middle.
-
-    returns: (west, south, farthest end from a middle, columns, rows), the first shape of each cell, shapes, owners
-    """
-    if not len(x):
-        return (0.0, 0.0, 0.0, 0, 0), np.zeros(1, dtype=np.intp), shapes, np.zeros(0, dtype=np.int32)
-    west, south = float(x.min()), float(y.min())
-    column, row = ((x - west) // CELL).astype(np.intp), ((y - south) // CELL).astype(np.intp)
-    columns, rows = int(column.max()) + 1, int(row.max()) + 1
-    cell = row * columns + column
-    order = np.argsort(cell, kind="stable")
-    first = np.searchsorted(cell[order], np.arange(columns * rows + 1))
-    place = (west, south, float(reach.max()), columns, rows)
-    return place, first, np.ascontiguousarray(shapes[order]), owner[order].astype(np.int32)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _scan(sensors, owner, directions, fan, wall_place, wall_first, walls, wall_owner,
-          box_place, box_first, boxes, box_owner, inverse, hits):  # fmt: skip
-    for i in range(len(sensors)):
-        sensor, own, nearest, hit = sensors[i], owner[i], inverse[i], hits[i]
-        _draw_grid(sensor, own, directions, fan, wall_place, wall_first, walls, wall_owner, nearest, hit)
-        _draw_grid(sensor, own, directions, fan, box_place, box_first, boxes, box_owner, nearest, hit)
-        for beam in range(len(nearest)):
-            if nearest[beam] == 0.0:
-                hit[beam] = NO_HIT
-            nearest[beam] = 1.0 / nearest[beam]
+def _box_grid(boxes, x, y, reach):
+    """The boxes that sensors at x, y could see, in a grid: its place, first box of each cell, boxes, owners."""
+    half_length, half_width = boxes.length / 2, boxes.width / 2
+    radius = np.hypot(half_length, half_width)
+    most = float(radius.max(initial=0.0))
+    lower, upper = np.zeros(2), np.zeros(2)
+    if len(x):
+        lower = np.array([x.min(), y.min()]) - (reach + most)
+        upper = np.array([x.max(), y.max()]) + (reach + most)
+    cell = _cell(lower, upper, len(boxes))
+    columns, rows = (int(n) + 1 for n in (upper - lower) // cell)
+    place = (lower[0], lower[1], cell, columns, rows, most)
+    cos, sin = np.cos(boxes.heading), np.sin(boxes.heading)
+    return place, *_sorted(place, boxes.x, boxes.y, cos, sin, half_length, half_width, radius, boxes.owner)
 
 
-@numba.njit(cache=True)
-def _draw_grid(sensor, own, directions, fan, place, first, shapes, owners, inverse, hits):
-    """Draw what lies in the cells within range."""
-    west, south, reach, columns, rows = place
-    x, y, cos, sin = sensor
-    far = fan[2] + reach
-    left = max(math.floor((x - far - west) / CELL), 0)
-    right = min(math.floor((x + far - west) / CELL), columns - 1)
-    bottom = max(math.floor((y - far - south) / CELL), 0)
-    top = min(math.floor((y + far - south) / CELL), rows - 1)
+@compiled
+def _sorted(place, x, y, cos, sin, half_length, half_width, radius, owner):
+    """Boxes in the order of their cells; those outside of the grid come last, and belong to no cell."""
+    west, south, cell, columns, rows, _ = place
+    index = np.empty(len(x), np.intp)
+    first = np.zeros(columns * rows + 2, np.intp)
+    for i in range(len(x)):
+        column, row = math.floor((x[i] - west) / cell), math.floor((y[i] - south) / cell)
+        inside = (0.0 <= column < columns) & (0.0 <= row < rows)
+        index[i] = np.intp(row) * columns + np.intp(column) if inside else columns * rows
+        first[index[i] + 1] += 1
+    for i in range(columns * rows + 1):
+        first[i + 1] += first[i]
+    following = first[:-1].copy()
+    boxes, owners = np.empty((len(x), 7)), np.empty(len(x), np.int32)
+    for i in range(len(x)):
+        k = following[index[i]]
+        following[index[i]] += 1
+        boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = x[i], y[i], cos[i], sin[i]
+        boxes[k, 4], boxes[k, 5], boxes[k, 6] = half_length[i], half_width[i], radius[i]
+        owners[k] = owner[i]
+    return first[:-1], boxes, owners
+
+
+@compiled
+def _scan(poses, owner, around, angles, directions, limits, errors, keys, bias, walls, boxes, begin, ranges, hits):
+    """Fill a row of ranges and hits for each pose, from the column `begin` on, and what is around it."""
+    range_min, range_max, reach, merging = limits
+    rays, beams = directions.shape[0], directions.shape[2]
+    inverse, met = np.empty((rays, beams)), np.empty((rays, beams), np.int64)
+    exact, errant = np.empty(beams), np.empty(beams)
+    squared, spare = np.empty(beams), np.empty(beams)
+    near, faces, owners = np.empty((5, 256)), np.empty((8, 256)), np.empty(256, np.int64)
+    for i in range(len(poses)):
+        for ray in range(rays):
+            inverse[ray, :] = 0.0
+            met[ray, :] = NOBODY
+            fan = _fan(angles[ray], directions[ray], reach)
+            wall_cells, box_cells = _cells(poses[i], fan, walls[0]), _cells(poses[i], fan, boxes[0])
+            most = _count(wall_cells, walls[0], walls[1]) + 2 * _count(box_cells, boxes[0], boxes[1])
+            if most > len(owners):
+                near, faces, owners = np.empty((5, 2 * most)), np.empty((8, 2 * most)), np.empty(2 * most, np.int64)
+            n, touched = _gather_walls(poses[i], fan, walls, wall_cells, near, faces, owners)
+            n, enclosed = _gather_boxes(poses[i], owner[i], fan, boxes, box_cells, n, faces, owners)
+            around[i] = min(around[i], touched, enclosed)
+            _place(fan, n, faces)
+            _draw(directions[ray], TURN * fan[1], n, faces, owners, inverse[ray], met[ray])
+        if around[i] != NOBODY:
+            ranges[i, begin : begin + beams] = -np.inf
+            hits[i, begin : begin + beams] = around[i]
+            continue
+        around[i] = NO_HIT
+        if rays > 1:
+            _merge(inverse, met, merging, exact, spare, errant)
+        for beam in range(np.uint64(beams)):
+            r = 1.0 / inverse[0, beam]
+            value = min(max(r, range_min), range_max)
+            value = -np.inf if r < range_min * (1 - ROUNDING) else value
+            exact[beam] = np.inf if r > range_max * (1 + ROUNDING) else value
+        if hits.shape[1]:
+            for beam in range(np.uint64(beams)):
+                hits[i, begin + beam] = NO_HIT if exact[beam] == np.inf else met[0, beam]
+        if errors[0]:
+            _perturb(errors, range_min, range_max, begin, exact, met[0], keys[i], bias[i], squared, spare, errant)
+            for beam in range(np.uint64(beams)):
+                ranges[i, begin + beam] = errant[beam]
+        else:
+            for beam in range(np.uint64(beams)):
+                ranges[i, begin + beam] = exact[beam]
+
+
+@compiled
+def _fan(angles, directions, reach):
+    """What drawing needs to know of the fan: first angle, beams a radian, reach, whether it is convex, its borders."""
+    angle_min, increment = angles
+    last = directions.shape[1] - 1
+    convex = last * increment <= math.pi
+    angle_min -= TURN * math.floor((angle_min + math.pi) / TURN)  # into [-pi, pi), as the angles of ends
+    return (angle_min, 1.0 / increment, reach, convex,
+            directions[0, 0], directions[1, 0], directions[0, last], directions[1, last])  # fmt: skip
+
+
+@compiled
+def _in_view(x, y, fan):
+    """Whether a direction in the sensor frame is within the fan or on its border."""
+    _, _, _, convex, x0, y0, x1, y1 = fan
+    after, before = x0 * y - y0 * x >= 0.0, x1 * y - y1 * x <= 0.0
+    return after and before if convex else after or before
+
+
+@compiled
+def _cells(pose, fan, place):
+    """Columns and rows of the cells in which lies the middle of everything that may be in view."""
+    x, y, cos, sin = pose
+    west, south, cell, columns, rows, radius = place
+    _, _, reach, _, x0, y0, x1, y1 = fan
+    # The sector's bounding box: the sensor, both ends of its arc, and where the arc passes an axis.
+    ax, ay, bx, by = cos * x0 - sin * y0, sin * x0 + cos * y0, cos * x1 - sin * y1, sin * x1 + cos * y1
+    left, right, bottom, top = min(ax, bx, 0.0), max(ax, bx, 0.0), min(ay, by, 0.0), max(ay, by, 0.0)
+    if _in_view(-cos, sin, fan):
+        left = -1.0
+    if _in_view(cos, -sin, fan):
+        right = 1.0
+    if _in_view(-sin, -cos, fan):
+        bottom = -1.0
+    if _in_view(sin, cos, fan):
+        top = 1.0
+    far = radius + 1e-6 * reach  # rounding is not to leave out what is just at the border
+    return (
+        np.intp(max(math.floor((x + reach * left - far - west) / cell), 0)),
+        np.intp(min(math.floor((x + reach * right + far - west) / cell), columns - 1)),
+        np.intp(max(math.floor((y + reach * bottom - far - south) / cell), 0)),
+        np.intp(min(math.floor((y + reach * top + far - south) / cell), rows - 1)),
+    )
+
+
+@compiled
+def _count(cells, place, first):
+    """How many things lie in these cells."""
+    left, right, bottom, top = cells
+    columns = place[3]
+    count = 0
+    if left <= right:
+        for row in range(bottom, top + 1):
+            count += first[row * columns + right + 1] - first[row * columns + left]
+    return count
+
+
+@compiled
+def _gather_walls(pose, fan, walls, cells, near, faces, owners):
+    """Walls that may be in view, into `faces`: their number, and STATIC if the sensor is on one, else NOBODY."""
+    place, first, segments = walls
+    x, y, cos, sin = pose
+    _, _, reach, convex, x0, y0, x1, y1 = fan
+    left, right, bottom, top = cells
+    columns = place[3]
+    n, touched = 0, np.int64(NOBODY)
     if left > right:
-        return
-    solid = shapes.shape[1] == 4
+        return n, touched
+    for row in range(bottom, top + 1):
+        start, stop = first[row * columns + left], first[row * columns + right + 1]
+        xs0, ys0, xs1, ys1 = (segments[0, start:stop], segments[1, start:stop],
+                              segments[2, start:stop], segments[3, start:stop])  # fmt: skip
+        near_ax, near_ay, near_bx, near_by, keep = near[0], near[1], near[2], near[3], near[4]
+        on_line = False
+        for k in range(stop - start):  # vectorised: no branches
+            e0, n0, e1, n1 = xs0[k] - x, ys0[k] - y, xs1[k] - x, ys1[k] - y
+            ax, ay = cos * e0 + sin * n0, cos * n0 - sin * e0
+            bx, by = cos * e1 + sin * n1, cos * n1 - sin * e1
+            ex, ey = bx - ax, by - ay
+            # Twice the area of the triangle sensor, a, b: its sign tells the turn, its size the distance of the line.
+            area, square, far = ax * ey - ay * ex, ex * ex + ey * ey, reach * reach
+            out = area * area > far * square
+            # The nearest point of the line is not between the ends, and the nearer end is beyond reach.
+            out |= (ax * ex + ay * ey > 0.0) & (ax * ax + ay * ay > far)
+            out |= (bx * ex + by * ey < 0.0) & (bx * bx + by * by > far)
+            before = (x0 * ay - y0 * ax < 0.0) & (x0 * by - y0 * bx < 0.0)
+            behind = (x1 * ay - y1 * ax > 0.0) & (x1 * by - y1 * bx > 0.0)
+            out |= (before | behind) if convex else (before & behind)
+            on_line |= area * area <= TOUCHING * TOUCHING * square
+            turn = area > 0.0
+            near_ax[k], near_ay[k] = ax if turn else bx, ay if turn else by
+            near_bx[k], near_by[k] = bx if turn else ax, by if turn else ay
+            keep[k] = 0.0 if out | (area == 0.0) else 1.0
+        if on_line:
+            for k in range(stop - start):
+                if _touches(xs0[k] - x, ys0[k] - y, xs1[k] - x, ys1[k] - y):
+                    touched = np.int64(STATIC)
+        for k in range(stop - start):
+            faces[0, n], faces[1, n], faces[2, n], faces[3, n] = near_ax[k], near_ay[k], near_bx[k], near_by[k]
+            owners[n] = STATIC
+            n += np.intp(keep[k])
+    for k in range(n):
+        ax, ay, bx, by = faces[0, k], faces[1, k], faces[2, k], faces[3, k]
+        ex, ey = bx - ax, by - ay
+        scale = 1.0 / (ax * ey - ay * ex)
+        faces[4, k], faces[5, k] = ey * scale, -ex * scale
+    return n, touched
+
+
+@compiled
+def _touches(ax, ay, bx, by):
+    """Whether the sensor is on the segment a-b."""
+    ex, ey = bx - ax, by - ay
+    along = min(max(-(ax * ex + ay * ey) / (ex * ex + ey * ey), 0.0), 1.0)
+    dx, dy = ax + along * ex, ay + along * ey
+    return dx * dx + dy * dy <= TOUCHING * TOUCHING
+
+
+@compiled
+def _gather_boxes(pose, own, fan, grid, cells, n, faces, owners):
+    """Append faces of boxes that may be in view: how many there are now, and the smallest owner around the sensor."""
+    place, first, boxes, box_owner = grid
+    x, y, cos, sin = pose
+    _, _, reach, convex, x0, y0, x1, y1 = fan
+    left, right, bottom, top = cells
+    columns = place[3]
+    enclosed = np.int64(NOBODY)
+    if left > right:
+        return n, enclosed
     for row in range(bottom, top + 1):
         for k in range(first[row * columns + left], first[row * columns + right + 1]):
-            if owners[k] == own:
+            if box_owner[k] == own:
                 continue
-            for face in range(shapes.shape[1]):
-                e0, n0 = shapes[k, face, 0] - x, shapes[k, face, 1] - y
-                e1, n1 = shapes[k, face, 2] - x, shapes[k, face, 3] - y
-                _draw(cos * e0 + sin * n0, cos * n0 - sin * e0, cos * e1 + sin * n1, cos * n1 - sin * e1,
-                      solid, owners[k], directions, fan, inverse, hits)  # fmt: skip
+            east, north = boxes[k, 0] - x, boxes[k, 1] - y
+            radius = boxes[k, 6]
+            far = reach + radius
+            if east * east + north * north > far * far:
+                continue
+            mx, my = cos * east + sin * north, cos * north - sin * east
+            if convex and (x0 * my - y0 * mx < -radius or x1 * my - y1 * mx > radius):
+                continue
+            # Direction of the box in the sensor frame, and of the sensor from its middle in the frame of the box.
+            hx, hy = cos * boxes[k, 2] + sin * boxes[k, 3], cos * boxes[k, 3] - sin * boxes[k, 2]
+            along, across = -(hx * mx + hy * my), hy * mx - hx * my
+            half, side = boxes[k, 4], boxes[k, 5]
+            ahead, aside = abs(along) - half, abs(across) - side
+            if ahead <= TOUCHING and aside <= TOUCHING:
+                enclosed = min(enclosed, np.int64(box_owner[k]))
+                continue
+            if ahead > 0.0:  # the front or the rear is in sight, from left to right as seen from the box
+                s = 1.0 if along > 0.0 else -1.0
+                fx, fy, wx, wy = mx + s * half * hx, my + s * half * hy, -s * side * hy, s * side * hx
+                faces[0, n], faces[1, n], faces[2, n], faces[3, n] = fx + wx, fy + wy, fx - wx, fy - wy
+                faces[4, n], faces[5, n] = -s * hx / ahead, -s * hy / ahead
+                owners[n] = box_owner[k]
+                n += 1
+            if aside > 0.0:
+                s = 1.0 if across > 0.0 else -1.0
+                fx, fy, wx, wy = mx - s * side * hy, my + s * side * hx, s * half * hx, s * half * hy
+                faces[0, n], faces[1, n], faces[2, n], faces[3, n] = fx - wx, fy - wy, fx + wx, fy + wy
+                faces[4, n], faces[5, n] = s * hy / aside, -s * hx / aside
+                owners[n] = box_owner[k]
+                n += 1
+    return n, enclosed
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _draw(ax, ay, bx, by, solid, owner, directions, fan, inverse, hits):
-    """Draw the segment a-b, in the sensor frame, over the beams between its ends."""
-    angle_min, increment, reach = fan
-    ex, ey = bx - ax, by - ay
-    # Twice the area of the triangle sensor, a, b: its sign tells the turn, its size the distance of the line.
-    area = ax * ey - ay * ex
-    if area == 0.0 or (solid and area > 0.0):  # boxes are counter-clockwise; their far faces are hidden anyway
+@compiled
+def _place(fan, n, faces):
+    """Where each face begins and ends, counted in beams from the first, to about half a beam: rows 6 and 7."""
+    angle_min, per_radian = fan[0], fan[1]
+    if per_radian < FINE:
+        for k in range(n):
+            faces[6, k] = _angle(faces[0, k], faces[1, k])
+            faces[7, k] = _angle(faces[2, k], faces[3, k])
+    else:
+        for k in range(n):
+            faces[6, k] = math.atan2(faces[1, k], faces[0, k])
+            faces[7, k] = math.atan2(faces[3, k], faces[2, k])
+    for k in range(n):
+        start, span = faces[6, k] - angle_min, faces[7, k] - faces[6, k]
+        span = span + TURN if span < -math.pi else max(span, 0.0)
+        start = start + TURN if start < 0.0 else start
+        faces[6, k], faces[7, k] = start * per_radian, (start + span) * per_radian
+
+
+@compiled
+def _draw(directions, turn, n, faces, owners, inverse, met):
+    """Draw n faces, each counter-clockwise as seen from the sensor; `turn` is a full turn in beams."""
+    last_beam = np.float64(directions.shape[1] - 1)
+    for k in range(n):
+        begin, end = faces[6, k] + 0.5, faces[7, k] + 0.5
+        if begin < last_beam + 1.0:
+            _draw_span(begin, end, last_beam, directions, k, faces, owners[k], inverse, met)
+        if end >= turn:  # it crosses the direction of the first beam, and meets the fan once more
+            _draw_span(begin - turn, end - turn, last_beam, directions, k, faces, owners[k], inverse, met)
+
+
+@compiled
+def _draw_span(begin, end, last_beam, directions, k, faces, owner, inverse, met):
+    """Draw face k over the beams between two places that are good to half a beam."""
+    dx, dy = directions[0], directions[1]
+    first, last = np.uint64(max(begin, 0.0)), np.uint64(min(end, last_beam))
+    # The side on which a beam passes an end decides which is the first and which the last.
+    stop = last + np.uint64(faces[2, k] * dy[last] <= faces[3, k] * dx[last])
+    first += np.uint64(faces[0, k] * dy[first] < faces[1, k] * dx[first])
+    normal_x, normal_y = faces[4, k], faces[5, k]
+    # Unsigned indices are not tested for wrapping round, and the loops are vectorised.
+    if owner == STATIC:  # walls come first, and have the least of all owners: what is equally near changes nothing
+        for beam in range(first, stop):
+            value, best = normal_x * dx[beam] + normal_y * dy[beam], inverse[beam]
+            inverse[beam] = max(value, best)
+            met[beam] = owner if value > best else met[beam]
         return
-    if area * area > reach * reach * (ex * ex + ey * ey):
-        return
-    normal_x, normal_y = ey / area, -ex / area
-    if area < 0.0:
-        ax, ay, bx, by = bx, by, ax, ay
-    dx, dy = directions
-    last_beam = len(dx) - 1
-    if last_beam * increment <= math.pi:  # both ends beyond one border of a convex view
-        if dx[0] * ay < dy[0] * ax and dx[0] * by < dy[0] * bx:
-            return
-        if dx[last_beam] * ay > dy[last_beam] * ax and dx[last_beam] * by > dy[last_beam] * bx:
-            return
-    start = math.atan2(ay, ax)
-    span = math.atan2(by, bx) - start
-    if span < 0.0:
-        span += TURN
-    if span > 0.75 * TURN:  # seen all but edge-on; rounding turned it the other way round
-        span = 0.0
-    start -= angle_min + increment
-    start += increment - TURN * math.floor(start / TURN)
-    # A wedge that crosses the direction of angle_min meets the fan once more, a turn earlier.
-    for begin in (start, start - TURN):
-        first = max(round(begin / increment), 0)
-        last = min(round((begin + span) / increment), last_beam)
-        if first > last:
-            continue
-        # Rounded angles are good to half a beam; the side on which a beam passes an end decides which is the first, the
-        # last.
-        if ax * dy[first] < ay * dx[first]:
-            first += 1
-        if bx * dy[last] > by * dx[last]:
-            last -= 1
-        for beam in range(np.uint64(first), np.uint64(last + 1)):  # unsigned indices need no test for wrapping round
-            value = normal_x * dx[beam] + normal_y * dy[beam]
-            if value > inverse[beam]:
-                inverse[beam] = value
-                hits[beam] = owner
-            elif value == inverse[beam] and owner < hits[beam]:
-                hits[beam] = owner
+    for beam in range(first, stop):
+        value, best, known = normal_x * dx[beam] + normal_y * dy[beam], inverse[beam], met[beam]
+        nearer = (value > best) | ((value == best) & (owner < known))
+        inverse[beam] = max(value, best)
+        met[beam] = owner if nearer else known
+
+
+@compiled
+def _angle(x, y):
+    """Direction of a point, within 3e-6 rad, in a fraction of the time that all digits take."""
+    across, along = abs(y), abs(x)
+    least, most = min(across, along), max(across, along)
+    t = least / max(most, 1e-300)
+    s = t * t
+    # Interpolates atan(t) / t at the Chebyshev points of s in [0, 1].
+    angle = t * (
+        0.99999483 + s * (-0.33295711 + s * (0.19534659 + s * (-0.12044859 + s * (0.05658999 - s * 0.01313038))))
+    )
+    angle = math.pi / 2 - angle if across > along else angle
+    angle = math.pi - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
+
+
+@compiled
+def _merge(inverse, met, merging, limit, total, count):
+    """One inverse range for each beam of those of its sub-beams, into inverse[0]; its owner into met[0]."""
+    rays, beams = inverse.shape[0], np.uint64(inverse.shape[1])
+    limit[:] = inverse[0]
+    for ray in range(1, rays):
+        for beam in range(beams):
+            best, value, other = limit[beam], inverse[ray, beam], met[ray, beam]
+            nearer = (value > best) | ((value == best) & (other < met[0, beam]))
+            limit[beam] = max(value, best)
+            met[0, beam] = other if nearer else met[0, beam]
+    for beam in range(beams):
+        limit[beam] = 1.0 / limit[beam] + merging
+    total[:], count[:] = 0.0, 0.0
+    for ray in range(rays):
+        for beam in range(beams):
+            r = 1.0 / inverse[ray, beam]
+            total[beam] += r if r <= limit[beam] else 0.0
+            count[beam] += 1.0 if r <= limit[beam] else 0.0
+    for beam in range(beams):
+        inverse[0, beam] = count[beam] / total[beam]
+
+
+@compiled
+def _perturb(errors, range_min, range_max, begin, exact, met, key, bias, squared, spare, errant):
+    """As lidar.noise.perturbed, for one scan."""
+    _, sigma, per_metre, resolution, dropout, dropout_far, dropout_grazing, limit, lost, increment = errors
+    beams = np.uint64(len(exact))
+    for beam in range(beams):
+        r = exact[beam]
+        counter = (begin + beam) * np.uint64(PURPOSES) + np.uint64(GAUSS)
+        value = (r + bias) + (sigma + per_metre * r) * _gauss(_mixed(key + counter * GOLDEN))
+        errant[beam] = value
+    if resolution > 0.0:
+        for beam in range(beams):
+            errant[beam] = np.rint(errant[beam] / resolution) * resolution
+    for beam in range(beams):
+        value = errant[beam]
+        value = -np.inf if value < range_min else value
+        errant[beam] = np.inf if value > range_max else value
+    if dropout > 0.0 or dropout_far > 0.0 or dropout_grazing > 0.0:
+        if dropout_grazing > 0.0:
+            _incidence_cosine_squared(exact, met, increment, squared, spare)
+        else:
+            squared[:] = 1.0
+        for beam in range(beams):
+            r = exact[beam]
+            chance = dropout + dropout_far * ((r / range_max) * (r / range_max))
+            chance += dropout_grazing * max(1.0 - squared[beam] / limit, 0.0)
+            counter = (begin + beam) * np.uint64(PURPOSES) + np.uint64(DROPOUT)
+            draw = _uniform(_mixed(key + counter * GOLDEN))
+            errant[beam] = lost if draw < chance else errant[beam]
+    for beam in range(beams):
+        errant[beam] = errant[beam] if abs(exact[beam]) < np.inf else exact[beam]
+
+
+@compiled
+def _incidence_cosine_squared(ranges, met, increment, squared, backward):
+    """As lidar.noise.incidence_cosine_squared, for one scan."""
+    sine_squared, versine = math.sin(increment) ** 2, 2.0 * math.sin(increment / 2) ** 2
+    for beam in range(np.uint64(len(ranges) - 1)):
+        after = beam + np.uint64(1)
+        a, b = ranges[beam], ranges[after]
+        apart_squared = (a - b) * (a - b) + 2.0 * versine * (a * b)
+        same = (abs(a) < np.inf) & (abs(b) < np.inf) & (met[beam] == met[after]) & (apart_squared > 0.0)
+        q = sine_squared / (apart_squared if same else 1.0)
+        squared[beam] = b * b * q if same else -1.0
+        backward[after] = a * a * q if same else -1.0
+    squared[-1], backward[0] = -1.0, -1.0
+    for beam in range(np.uint64(len(ranges))):
+        value = max(squared[beam], backward[beam])
+        squared[beam] = 1.0 if value < 0.0 else value

@@ -1,31 +1,35 @@
-"""The slow second opinion: for each beam, shapely intersects one line with every wall and every box outline."""
+"""The slow second opinion: for each beam, shapely intersects one line with every single wall and side of a box."""
 
 import numpy as np
 import shapely
 
 from lidar import Boxes, Scene
 
+LINE = int(shapely.GeometryType.LINESTRING)
+
 
 def oracle_scan(model, scene, boxes, x, y, yaw, owner):
-    """Distance to the nearest surface up to range_max, and its owner, for one sensor; (k,) each."""
-    walls = list(shapely.linestrings(scene.segments.reshape(-1, 2, 2))) if len(scene.segments) else []
-    seen = np.flatnonzero(boxes.owner != owner)
-    rings = list(shapely.linearrings(boxes.corners()[seen])) if len(seen) else []
-    shapes = np.array(walls + rings, dtype=object)
-    owners = np.concatenate([np.full(len(walls), -1), boxes.owner[seen]])
+    """For one sensor: distance to the nearest surface up to range_max, its owner, and the sine of the angle between
+    beam and surface; (k,) each. A side exactly edge-on is not met; another one is, if it belongs to a box."""
+    sides = edges(scene, boxes, owner)
+    owners = np.concatenate([np.full(len(scene.segments), -1), np.repeat(boxes.owner[boxes.owner != owner], 4)])
     origin = np.array([x, y])
     bearings = yaw + model.angles
-    ends = origin + model.range_max * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    directions = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    ends = origin + model.range_max * directions
     beams = shapely.linestrings(np.stack([np.broadcast_to(origin, ends.shape), ends], axis=1))
-    ranges, hits = np.full(model.samples, np.inf), np.full(model.samples, -2)
-    if len(shapes):
-        met = shapely.intersection(beams[:, None], shapes[None, :])
+    ranges, hits, sine = np.full(model.samples, np.inf), np.full(model.samples, -2), np.ones(model.samples)
+    if len(sides):
+        met = shapely.intersection(beams[:, None], shapely.linestrings(sides)[None, :])
         distances = shapely.distance(shapely.Point(x, y), met)
-        distances = np.where(np.isnan(distances), np.inf, distances)
+        distances[np.isnan(distances) | (shapely.get_type_id(met) == LINE)] = np.inf
         nearest = distances.argmin(axis=1)
         ranges = distances[np.arange(model.samples), nearest]
         hits = np.where(np.isfinite(ranges), owners[nearest], -2)
-    return ranges, hits
+        along = np.diff(sides, axis=1)[nearest, 0]
+        across = np.abs(directions[:, 0] * along[:, 1] - directions[:, 1] * along[:, 0]) / np.hypot(*along.T)
+        sine = np.where(np.isfinite(ranges), across, 1.0)
+    return ranges, hits, sine
 
 
 def edges(scene, boxes, owner):

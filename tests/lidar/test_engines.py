@@ -1,4 +1,4 @@
-"""Both engines against shapely, and against themselves after the world is moved, mirrored, cut or shuffled."""
+"""All engines against an oracle, and against themselves after the world is moved, mirrored, cut or shuffled."""
 
 import math
 from dataclasses import replace
@@ -38,30 +38,31 @@ def street(seed, offset=0.0):
     return scene, boxes, x, y, rng.uniform(-np.pi, np.pi, 3), np.arange(3)
 
 
-def exact(model, scene, boxes, x, y, heading, owner, engine="numpy"):
+def exact(model, scene, boxes, x, y, heading, owner, engine="raster"):
     return scan(model, scene, boxes, x, y, heading, owner, engine=engine, dtype=np.float64)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@given(seed=seeds, fov=st.sampled_from(FOVS), offset=st.sampled_from([0.0, -137.0, 1e5]))
+@given(seed=seeds, fov=st.sampled_from(FOVS), offset=st.sampled_from([0.0, -137.0, 1e5, 1e6]))
 @few
-def test_engine_agrees_with_shapely(engine, seed, fov, offset):
+def test_engine_agrees_with_the_oracle(engine, seed, fov, offset):
     model = fan(fov)
     scene, boxes, x, y, heading, owner = street(seed, offset)
     batch = exact(model, scene, boxes, x, y, heading, owner, engine)
     for row in np.flatnonzero(~batch.inside):
         pose = (model, scene, boxes, x[row], y[row], heading[row], owner[row])
-        expected, hits = oracle_scan(*pose)
-        allowed = 1e-10 * (1 + model.range_max) / grazing(*pose)
-        clear = endpoint_miss(*pose) > allowed
-        at_limit = np.isfinite(expected) & (model.range_max - expected < allowed)
-        at_limit |= np.isfinite(batch.ranges[row]) & (model.range_max - batch.ranges[row] < allowed)
-        clear &= ~at_limit
-        assert clear.mean() > 0.9
-        np.testing.assert_array_equal(np.isfinite(batch.ranges[row])[clear], np.isfinite(expected)[clear])
-        near = clear & np.isfinite(expected)
-        error = np.abs(batch.ranges[row][near] - expected[near])
-        assert (error <= allowed[near]).all(), error.max()
+        expected, hits, sine = oracle_scan(*pose)
+        ranges = batch.ranges[row]
+        allowed = 1e-9 * (1 + np.where(np.isfinite(expected), expected, model.range_max)) / sine
+        # Only two things may come out otherwise, and they are rare: a beam that passes an end within the rounding of
+        # coordinates, and a surface just at the end of the range.
+        at_end = endpoint_miss(*pose) < 1e-9 * (1 + model.range_max)
+        at_limit = np.isclose(np.minimum(ranges, expected), model.range_max, rtol=0, atol=1e-9 * (1 + model.range_max))
+        clear = ~(at_end | at_limit)
+        assert clear.mean() > 0.98
+        with np.errstate(invalid="ignore"):
+            agree = (ranges == expected) | (np.abs(ranges - expected) <= allowed)
+        np.testing.assert_array_equal(agree | ~clear, True)
         tied = np.abs(_other_owner_range(pose, hits) - expected) <= allowed
         np.testing.assert_array_equal(batch.hits[row][clear & ~tied], hits[clear & ~tied])
 
@@ -74,7 +75,7 @@ def _other_owner_range(pose, hits):
         keep = boxes.owner != owner
         fields = (boxes.x, boxes.y, boxes.heading, boxes.length, boxes.width, boxes.owner)
         others = Boxes(*(field[keep] for field in fields))
-        ranges, _ = oracle_scan(model, world()[0] if owner == -1 else scene, others, *rest)
+        ranges, *_ = oracle_scan(model, world()[0] if owner == -1 else scene, others, *rest)
         second[hits == owner] = ranges[hits == owner]
     return np.where(np.isfinite(second), second, -1e9)
 
@@ -91,7 +92,7 @@ def test_on_a_lattice_only_endpoints_and_edge_on_walls_may_differ(engine, seed):
     if batch.inside[0]:
         return
     pose = (model, scene, boxes, 0.0, 0.0, 0.0, 0)
-    expected, _ = oracle_scan(*pose)
+    expected, *_ = oracle_scan(*pose)
     differ = ~np.isclose(batch.ranges[0], expected, rtol=0, atol=1e-9)
     classified = (endpoint_miss(*pose) < 1e-9) | (grazing(*pose) < 1e-9)
     assert not (differ & ~classified).any()

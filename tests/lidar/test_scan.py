@@ -2,11 +2,14 @@
 
 import dataclasses
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import shapely
-from oracle import world
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracle import endpoint_miss, grazing, world
 
 from lidar import ENGINES, PRESETS, Boxes, LidarModel, Mount, Scene, scan
 from lidar.pose import compose, wrap
@@ -186,7 +189,7 @@ def test_bad_pose_is_refused_by_id():
 
 
 def test_misspelt_engine_is_corrected():
-    with pytest.raises(ValueError, match=r"did you mean 'numpy'\? must be one of numpy, pymunk"):
+    with pytest.raises(ValueError, match=r"did you mean 'numpy'\? must be one of raster, numpy, pymunk, shapely"):
         scan(THREE, *world(), 0, 0, 0, 0, engine="nunpy")
 
 
@@ -219,6 +222,142 @@ def test_scene_takes_lines_rings_holes_and_parts():
     assert len(Scene.from_shapely([two], [holed]).segments) == 3 + 8
     with pytest.raises(ValueError, match="Point"):
         Scene.from_shapely([shapely.Point(0, 0)])
+
+
+# ---- few segments for the same walls
+
+
+def cut(line, rng):
+    """A line in pieces of random lengths and senses."""
+    cuts = np.sort(rng.random(rng.integers(1, 20)))
+    points = [*shapely.line_interpolate_point(line, [0, *cuts, 1], normalized=True), *map(shapely.Point, line.coords)]
+    points = sorted(points, key=line.project)
+    if line.is_closed:
+        points.append(points[0])
+    pieces = [shapely.LineString(two if rng.random() < 0.5 else two[::-1]) for two in pairwise(points)]
+    return [pieces[i] for i in rng.permutation(len(pieces)) if pieces[i].length]
+
+
+def lines_of(scene):
+    return shapely.MultiLineString(list(scene.segments.reshape(-1, 2, 2)))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_pieces_of_straight_walls_become_one_and_scans_stay(seed):
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-20, 20, (4, 6, 2)) + rng.choice([0, 1e4])
+    walls = [*map(shapely.LineString, corners[:2]), *map(shapely.LinearRing, corners[2:])]
+    pieces = [piece for wall in walls for piece in cut(wall, rng)]
+    straight, rugged = Scene.from_shapely(pieces), Scene(np.array([p.coords for p in pieces]).reshape(-1, 4))
+    assert len(straight.segments) == 2 * 5 + 2 * 6 < len(rugged.segments)
+    assert shapely.hausdorff_distance(lines_of(straight), lines_of(rugged), densify=0.01) <= 1e-6
+
+    x, y = corners.mean(axis=(0, 1))[:, None] + rng.uniform(-20, 20, (2, 5))
+    model = LidarModel(360, -math.pi, math.pi, 0.01, 100.0)
+    a, b = (
+        scan(model, scene, Boxes.empty(), x, y, np.zeros(5), np.arange(5), engine="numpy", dtype=float).ranges
+        for scene in (straight, rugged)
+    )
+    for i in range(5):
+        place = (model, straight, Boxes.empty(), x[i], y[i], 0.0, 0)
+        clear = endpoint_miss(*place) > 1e-4  # a beam may just pass the end of a wall that has moved
+        np.testing.assert_array_equal(np.isfinite(a[i, clear]), np.isfinite(b[i, clear]))
+        seen = clear & np.isfinite(a[i])
+        assert seen.any()
+        assert (np.abs(a[i, seen] - b[i, seen]) <= 1e-6 / grazing(*place)[seen]).all()
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-3, 0.1])
+def test_walls_move_no_further_than_the_tolerance(tolerance):
+    angle = np.linspace(0, 2 * np.pi, 2000)
+    bent = np.random.default_rng(1).normal(0, tolerance / 3, (2, 2000))
+    round_, rough = shapely.LinearRing(10 * np.exp(1j * angle).view(float).reshape(-1, 2)), np.linspace(0, 30, 2000)
+    walls = [round_, shapely.LineString(np.stack([rough, 20 + bent[0]], axis=1))]
+    scene = Scene.from_shapely(walls, tolerance=tolerance)
+    assert len(scene.segments) < sum(len(wall.coords) - 1 for wall in walls)
+    assert shapely.hausdorff_distance(lines_of(scene), shapely.MultiLineString(walls), densify=0.5) <= tolerance
+
+
+def test_ring_that_begins_amid_a_wall_stays_closed_with_its_corners_only():
+    square = shapely.LinearRing([(1, 0), (2, 0), (2, 1), (2, 2), (0.5, 2), (0, 2), (-1e-12, 1), (0, 0)])
+    segments = Scene.from_shapely([square]).segments
+    assert len(segments) == 4
+    assert (
+        sorted(map(tuple, segments[:, :2])) == sorted(map(tuple, segments[:, 2:])) == [(0, 0), (0, 2), (2, 0), (2, 2)]
+    )
+
+
+def test_midpoint_of_a_wall_parallel_to_the_line_between_its_ends_goes_too():
+    u = np.array([(0, 0), (0, 1), (0.3, 1), (0.5, 1 + 1e-9), (0.7, 1), (1, 1), (1, 0)])
+    assert len(Scene.from_shapely([shapely.LineString(u)]).segments) == 3
+
+
+def test_point_where_three_walls_meet_stays_though_two_are_in_line():
+    bent = shapely.LineString([(0, 0), (5, 4e-7), (10, 0)])
+    leg = shapely.LineString([(5, 4e-7), (5, 3)])
+    assert len(Scene.from_shapely([bent]).segments) == 1
+    assert {(5, 4e-7), (5, 3)} <= {tuple(end) for end in Scene.from_shapely([bent, leg]).segments.reshape(-1, 2)}
+    ring = shapely.LinearRing([(5, 0), (10, 0), (10, 9), (0, 9), (0, 0)])
+    assert len(Scene.from_shapely([ring, shapely.LineString([(5, 0), (5, 3)])]).segments) == 6
+
+
+def test_wall_given_twice_counts_once():
+    wall = shapely.LineString([(0, 0), (1, 0), (1, 1)])
+    assert len(Scene.from_shapely([wall, wall.reverse(), shapely.LineString([(1, 0), (1, 1)])]).segments) == 2
+
+
+def test_walls_with_nothing_to_merge_keep_their_order_and_sense():
+    rows = [(3, 0, 0, 0), (0, 5, 0, 1), (1, 1, 2, 2)]
+    scene = Scene.from_shapely([shapely.LineString([row[:2], row[2:]]) for row in rows])
+    assert scene.segments.tolist() == [list(row) for row in rows]
+
+
+# ---- inside solids
+
+
+def test_nothing_is_inside_where_there_are_no_solids():
+    for scene in (Scene(()), Scene.from_shapely(solids=[shapely.Polygon()])):
+        assert scene.enclosed([0.0, 1.0], [0.0, math.nan]).tolist() == [False, False]
+
+
+@given(seed=st.integers(0, 2**32), offset=st.sampled_from([0.0, -3.7, 1e5]), lattice=st.booleans())
+@settings(deadline=None)
+def test_enclosed_is_what_shapely_says(seed, offset, lattice):
+    rng = np.random.default_rng(seed)
+
+    def some(n, low=-30, high=30):
+        values = rng.uniform(low, high, (n, 2))
+        return (np.round(values) if lattice else values) + offset
+
+    solids = [shapely.MultiPoint(some(n)).convex_hull for n in rng.integers(3, 9, rng.integers(1, 6))]
+    solids.append(shapely.box(0, 0, 10, 0.01).difference(shapely.box(2, 0.001, 3, 0.002)))
+    scene = Scene.from_shapely(solids=[solid for solid in solids if solid.geom_type == "Polygon"])
+    cells, corners = scene._cells, shapely.get_coordinates(scene.solids)
+    on_cells = np.array([cells.x, cells.y]) + cells.size * rng.integers(-2, max(cells.kind.shape) + 3, (200, 2))
+    on_sides = shapely.line_interpolate_point(scene.solids.boundary, rng.random(200), normalized=True)
+    points = [some(300), some(50, -90, 90), corners, shapely.get_coordinates(on_sides), on_cells]
+    points += [corners[:, None].repeat(5, 1).reshape(-1, 2) + rng.normal(0, 1e-9, (5 * len(corners), 2))]
+    points += [[(math.nan, 0), (math.inf, 0), (0, -math.inf), (1e300, -1e300)]]
+    x, y = np.concatenate(points).T
+    np.testing.assert_array_equal(scene.enclosed(x, y), shapely.contains_xy(scene.solids, x, y))
+
+
+def test_most_points_amid_streets_and_blocks_need_no_second_look():
+    blocks = [shapely.box(x, y, x + 30, y + 30) for x in range(0, 400, 40) for y in range(0, 400, 40)]
+    cells = Scene.from_shapely(solids=blocks)._cells
+    street, block = np.arange(-5.0, 400, 40), np.full(11, 15.0)
+    assert set(cells.at(street, block)) == {0}
+    assert set(cells.at(block[:10], street[:10] + 20)) == {1}
+    assert (cells.kind == 2).mean() < 0.25
+
+
+def test_grid_over_solids_is_bounded_however_slender_the_world():
+    for solid in (shapely.box(0, 0, 1e6, 1e-3), shapely.box(1e6, 1e6, 1e6 + 1e-4, 1e6 + 5e-5)):
+        scene = Scene.from_shapely(solids=[solid])
+        assert scene._cells.kind.size < 10_000
+        assert scene.enclosed(*shapely.get_coordinates(solid.centroid).T).tolist() == [True]
+    flat = Scene.from_shapely(solids=[shapely.Polygon([(5, 5), (6, 6), (7, 7)])])
+    assert not flat.enclosed([6.0], [6.0])
 
 
 def test_corners_go_counter_clockwise_around_the_centre():

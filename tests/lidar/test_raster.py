@@ -1,0 +1,146 @@
+"""What only the compiled engine has: its grid, its rough angles, its compilation."""
+
+import dataclasses
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracle import world
+
+from lidar import Boxes, LidarModel, Scene, scan
+from lidar.engines import raster_engine
+from lidar.engines.raster_engine import CELL
+
+few = settings(derandomize=True, deadline=None, max_examples=60)
+VIEW = LidarModel(181, -math.pi / 2, math.pi / 2, 0.0, 45.0)
+
+
+def both(model, scene, boxes, x, y, heading, owner):
+    """Ranges of raster and of numpy, which knows no grid."""
+    return (scan(model, scene, boxes, x, y, heading, owner, engine=e, dtype=float) for e in ("raster", "numpy"))
+
+
+def same(raster, plain):
+    np.testing.assert_array_equal(raster.hits, plain.hits)
+    np.testing.assert_allclose(raster.filled(), plain.filled(), rtol=0, atol=1e-9)
+
+
+@given(seed=st.integers(0, 2**32 - 1), fov=st.sampled_from([3.0, 23.0, 180.0, 270.0, 360.0]))
+@few
+def test_grid_leaves_nothing_out(seed, fov):
+    # Sensors and vehicles also exactly on borders of cells and outside of the grid of walls; walls longer than cells.
+    rng = np.random.default_rng(seed)
+    start = rng.uniform(0, 300, (60, 2))
+    scene = Scene(np.hstack([start, start + rng.normal(0, 10, (60, 2)) * rng.choice([1, 10], (60, 1))]))
+    place = rng.uniform(-100, 400, (2, 50))
+    snapped = rng.random((2, 50)) < 0.3
+    place[snapped] = np.rint(place[snapped] / CELL) * CELL
+    boxes = Boxes(*place, rng.uniform(-3, 3, 50), rng.uniform(1, 20, 50), rng.uniform(1, 3, 50), np.arange(50))
+    model = dataclasses.replace(VIEW, angle_min=-math.radians(fov) / 2, angle_max=math.radians(fov) / 2)
+    same(*both(model, scene, boxes, boxes.x[:20], boxes.y[:20], boxes.heading[:20], boxes.owner[:20]))
+
+
+@given(seed=st.integers(0, 2**32 - 1), angle_min=st.floats(-6.28, 3.0), span=st.floats(0.01, 6.28))
+@few
+def test_fan_may_begin_anywhere(seed, angle_min, span):
+    rng = np.random.default_rng(seed)
+    model = LidarModel(50, angle_min, min(angle_min + span, 6.28), 0.0, 45.0)
+    scene, boxes = Scene(rng.uniform(-30, 30, (20, 4))), Boxes.empty()
+    same(*both(model, scene, boxes, *rng.uniform(-30, 30, (2, 3)), rng.uniform(-9, 9, 3), [0, 0, 0]))
+
+
+@pytest.mark.parametrize("samples", [2, 3, 100_000])
+def test_few_beams_and_very_many(samples):
+    rng = np.random.default_rng(samples)
+    scene, boxes = Scene(rng.uniform(-30, 30, (200, 4))), Boxes.empty()
+    for half in (math.pi, 2.6, 0.2, 1e-3):
+        model = LidarModel(samples, -half, half, 0.0, 45.0)
+        same(*both(model, scene, boxes, *rng.uniform(-30, 30, (2, 5)), rng.uniform(-3, 3, 5), [0] * 5))
+
+
+def test_more_in_sight_than_there_was_room_for():
+    rng = np.random.default_rng(0)
+    boxes = Boxes(*rng.uniform(-40, 40, (2, 2000)), *[np.full(2000, 0.1)] * 3, np.arange(2000))
+    scene = Scene(rng.uniform(-40, 40, (2000, 4)))
+    same(*both(VIEW, scene, boxes, [0.0, 1.0], [0.0, 2.0], [0.0, 2.0], [0, 1]))
+
+
+def test_world_far_flung_takes_no_more_memory():
+    # SUMO has vehicles that are not on the road yet at -2^30 m.
+    scene = Scene([(0, 5, 10, 5), (1e6, 1e6, 1e6 + 1, 1e6)])
+    boxes = Boxes([20, -(2.0**30)], [0, -(2.0**30)], [0, 0], [4, 4], [2, 2], [1, 2])
+    raster, plain = both(VIEW, scene, boxes, [0, 1e6], [0, 1e6 - 3], [0, 1.5], [0, 0])
+    same(raster, plain)
+    assert raster.hits[0, 90] == 1
+    assert len(raster_engine._walls[scene][1]) < 2000
+
+
+def test_nothing_and_nobody():
+    for scene, boxes in (world(), world([(1, -1, 1, 1)]), world(boxes=[(3, 0, 0, 1, 1, 1)])):
+        same(*both(VIEW, scene, boxes, [0], [0], [0], [0]))
+        assert scan(VIEW, scene, boxes, [], [], [], []).ranges.shape == (0, 181)
+
+
+def test_rough_angle_is_good_to_half_a_beam_of_the_finest_fan_it_serves():
+    angles = np.linspace(-math.pi, math.pi, 100_001)[1:]
+    for size in (1e-9, 1.0, 1e9):
+        rough = np.array([raster_engine._angle(size * math.cos(a), size * math.sin(a)) for a in angles])
+        assert np.abs(rough - angles).max() < 3e-6 < 0.25 / raster_engine.FINE
+
+
+def test_scanning_on_takes_no_more_memory():
+    rng = np.random.default_rng(0)
+    scene = Scene(rng.uniform(0, 100, (300, 4)))
+    boxes = Boxes(*rng.uniform(0, 100, (2, 50)), *[np.ones(50)] * 3, np.arange(50))
+    out = None
+    for number in range(1500):
+        before = out
+        out = scan(VIEW, scene, boxes, boxes.x, boxes.y, boxes.heading, boxes.owner, number=number, out=out)
+        assert before is None or (out.ranges is before.ranges and out.hits is before.hits)
+        if number == 999:  # caches are full by then
+            settled = sys.getallocatedblocks()
+    assert sys.getallocatedblocks() < settled + 100  # 500 scans of 50 sensors
+
+
+def python(code, **environment):
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, **environment},
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_lidar_is_imported_without_numba_and_pymunk():
+    assert python("import sys, lidar; print({'numba', 'pymunk'} & set(sys.modules))") == "set()"
+
+
+def test_commands_without_a_lidar_never_import_numba():
+    commands = [["list"], ["list", "lidars"], ["check", "paper_loop"], ["run", "paper_loop", "--dry-run"]]
+    code = (
+        "import sys\nfrom platoontraffic.cli import app\n"
+        f"for words in {commands}:\n"
+        "    app(words, standalone_mode=False)\n"
+        "print('numba' in sys.modules)"
+    )
+    assert python(code).splitlines()[-1] == "False"
+
+
+def test_where_nothing_can_be_kept_it_compiles_anew(tmp_path):
+    # No place for the cache: neither beside the source nor in a home folder.
+    code = (
+        "import numba.core.caching as c\n"
+        "c.CacheImpl._locator_classes = []\nc.CompileResultCacheImpl._locator_classes = []\n"
+        "from lidar.compiled import compiled\n"
+        "print(compiled(lambda x: x + 1)(1))"
+    )
+    assert python(code) == "2"
