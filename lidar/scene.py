@@ -83,7 +83,7 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Oriented rectangles that move, one vehicle or one part of a vehicle each; every field (v,).
+    """Oriented rectangles that move, one vehicle or one part of a vehicle each; every field (v,), or one for all.
 
     x, y    : centre [m]
     heading : of the length axis, counter-clockwise from east [rad]
@@ -107,7 +107,7 @@ class Boxes:
         owner = np.array(self.owner, dtype=np.int32, ndmin=1)
         for name in ("x", "y", "heading", "length", "width", "vx", "vy", "yaw_rate"):
             values = np.array(getattr(self, name), dtype=np.float64, ndmin=1)
-            if name in ("vx", "vy", "yaw_rate") and values.size == 1:
+            if values.shape == (1,):
                 values = np.full(owner.shape, values[0])
             if values.shape != owner.shape:
                 raise ValueError(f"boxes: {name} has shape {values.shape}, owner {owner.shape}; must be equal")

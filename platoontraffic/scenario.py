@@ -513,6 +513,8 @@ def _fault(error: dict, model: type[BaseModel]) -> str:
     if error["type"] == "missing":
         return f"{_dotted(path)}: missing"
     what = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    if error["type"] == "model_type":
+        what = "should be a table, or a name" if path[-1] in SHORT else "should be a table"
     value = error["input"]
     shown = "" if isinstance(value, dict | BaseModel) else f"{value!r}: "
     return f"{_dotted(path)}: {shown}{what}"

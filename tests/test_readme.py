@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,17 @@ def test_your_own_follower_in_twenty_lines_runs(tmp_path, monkeypatch):
     assert (values["collisions"], values["lock_on_ratio_min"]) == ("0", "1")
 
 
-def test_links_and_pictures_are_there():
-    for target in re.findall(r"\]\(([^)#]+)\)", README):
-        assert target.startswith("https://") or (ROOT / target).exists(), target
+def test_ten_lines_draw_a_scan(tmp_path, monkeypatch):
+    text = (ROOT / "lidar/README.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    assert len(code.splitlines()) <= 10
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert (tmp_path / "scan.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize("file", ["README.md", "lidar/README.md", "CONTRIBUTING.md"])
+def test_links_and_pictures_are_there(file):
+    for target in re.findall(r"\]\(([^)#]+)\)", (ROOT / file).read_text(encoding="utf-8")):
+        assert target.startswith("https://") or (ROOT / file).parent.joinpath(target).exists(), target

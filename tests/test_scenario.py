@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import pytest
 
+from lidar import PRESETS, Noise
 from platoontraffic import data, scenario, simulation
 from platoontraffic.errors import InputError
 from platoontraffic.tomlkeys import key_lines
@@ -32,6 +36,11 @@ def faults(name, *changes) -> list[str]:
         ('"paper-follower"', '"paper-folower"', "lidar.preset: 'paper-folower': not known; did you mean"),
         ('"paper-follower"', "{ range_min_m = 2.0 }", "mine.toml:22: platoon.0.follower.lidar: range_max = 1.0"),
         ('"paper-follower"', "{ rate_hz = 30.0 }", "rate_hz: 30: a scan must take whole steps of run.step_s = 0.025"),
+        ('"paper-follower"', '{ noise = "utm30l" }', "follower.lidar.noise.preset: 'utm30l': not known; did you mean"),
+        ('"paper-follower"', "{ noise = 5 }", "follower.lidar.noise: 5: should be a table, or a name"),
+        ('"paper-follower"', "{ noise = { sigma = 1 } }", "lidar.noise.sigma: unknown key; did you mean 'sigma_m'?"),
+        ('"paper-follower"', "{ noise = { dropout = 2 } }", "noise.dropout: 2: should be less than or equal to 1"),
+        ('"paper-follower"', "{ sweeps = 1000 }", "sweeps = 1000; must be a whole number from 1 to samples = 720"),
         ('edge = "sw_se"', 'edge = "sw_es"', "mine.toml:13: platoon.0.start: no edge 'sw_es'"),
         ("position_m = 1.9", "position_m = 9.9", "mine.toml:13: platoon.0.start: edge 'sw_se': position 9.9 m is not"),
         ("position_m = 1.9", "position_m = 1.9, lateral_m = -0.45", "robot.0 would start at (3.80, 0.05) m, not"),
@@ -41,6 +50,20 @@ def faults(name, *changes) -> list[str]:
 )  # fmt: skip
 def test_a_fault_is_named_with_line_and_key(scenario_file, old, new, said):
     assert any(said in fault for fault in faults(scenario_file((old, new))))
+
+
+def test_errors_of_a_lidar_are_those_of_its_preset_unless_given():
+    def noise(*changes):
+        changes = [f"platoon.follower.lidar.{change}" for change in changes]
+        return simulation.prepare(scenario.load("paper_loop", changes)).members[1].lidar.noise
+
+    assert noise() == Noise()
+    assert noise("noise=utm30lx") == PRESETS["utm30lx"].noise
+    given = noise("noise=utm30lx", "noise.sigma_m=0.02", "noise.grazing_from_deg=60", "noise.dropout_grazing=0.1")
+    assert given == replace(PRESETS["utm30lx"].noise, sigma=0.02, grazing_from=math.pi / 3, dropout_grazing=0.1)
+    car = ("preset=car-follower", "range_min_m=0.3", "range_max_m=3")
+    assert noise(*car) == PRESETS["car-follower"].noise
+    assert noise(*car, "noise=none", "noise.bias_m=0.1") == Noise(bias=0.1)
 
 
 def test_all_faults_are_said_at_once(scenario_file):

@@ -64,6 +64,21 @@ def test_the_configuration_that_a_run_leaves_repeats_it(one_corner, tmp_path):
     assert equal_tables(one_corner, run(tmp_path / "again", one_corner / "config.toml"), TABLES[:3])
 
 
+def test_errors_of_lidars_follow_the_seed_and_the_vehicle_alone(tmp_path):
+    noisy = (
+        "run.duration_s=5",
+        "platoon.follower.lidar.noise.sigma_m=0.01",
+        "platoon.follower.lidar.noise.dropout=0.05",
+    )
+    one = run(tmp_path / "one", "paper_loop", *noisy)
+    assert equal_tables(one, run(tmp_path / "reversed", "paper_loop", *noisy, members=lambda m: m[::-1]))
+    assert not equal_tables(one, run(tmp_path / "other", "paper_loop", *noisy, seed=2), TABLES[:1])
+    # Whoever is not there draws nothing: the others' errors stay, and so do their ways.
+    fewer = run(tmp_path / "fewer", "paper_loop", *noisy, "platoon.size=3")
+    ways = [pd.read_csv(folder / "trajectories.csv").query("place < 3") for folder in (one, fewer)]
+    assert ways[0].reset_index(drop=True).equals(ways[1].reset_index(drop=True))
+
+
 @pytest.mark.parametrize(
     ("name", "engine"),
     [*((name, "pymunk") for name in ("paper_loop", "paper_path", "paper_world")), ("paper_loop", "numpy"),
