@@ -106,6 +106,28 @@ def test_a_placed_vehicle_is_exactly_there(world, heading):
 
 
 @pytest.mark.sumo
+@pytest.mark.parametrize("heading", np.radians([0, 45, 90, 135, 180, -45, -90, -135]))
+def test_boxes_stand_where_sumo_has_the_vehicles(world, heading):
+    fleet = fleet_of(1.0)
+    world.deploy(fleet)
+    libsumo.route.add("back", ["ne_nw"])
+    libsumo.vehicle.add("other", "back")
+    there = at(fleet, 5.4, 2.5, heading)
+    world.place(there)
+    libsumo.vehicle.moveToXY("other", "", -1, 3.0, 4.5, sumo_angle(heading), 2)
+    world.advance(there)
+    traffic = world.snapshot(there)
+    for name, corners in zip(traffic.ids, traffic.boxes().corners(), strict=True):
+        angle = np.radians(libsumo.vehicle.getAngle(name))  # clockwise from north
+        ahead, right = np.array([np.sin(angle), np.cos(angle)]), np.array([np.cos(angle), -np.sin(angle)])
+        front = np.array(libsumo.vehicle.getPosition(name))
+        rear = front - libsumo.vehicle.getLength(name) * ahead
+        side = libsumo.vehicle.getWidth(name) / 2 * right
+        assert corners == pytest.approx(np.array([rear + side, front + side, front - side, rear - side]), abs=1e-9)
+    assert traffic.ids == ("r.0", "other")
+
+
+@pytest.mark.sumo
 def test_a_vehicle_off_the_road_is_not_lost(world):
     fleet = fleet_of(1.0)
     world.deploy(fleet)
