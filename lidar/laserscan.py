@@ -5,6 +5,7 @@ Nothing within range_max: +inf. Nearer than range_min, or the sensor is inside a
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,8 +24,8 @@ class LaserScan:
     stamp    : time of the first beam [s]
     frame_id : id of the vehicle
     ranges   : distance to the first surface on each beam [m], or ±inf, NaN
-    hits     : owner of that surface, also where it is too close; −1 the static scene, −2 nothing. None where it is
-               kept from whom the scan is given to
+    hits     : owner of that surface, also where it is too close or the return is lost; −1 the static scene, −2
+               nothing. None where it is kept from whom the scan is given to
     inside   : the sensor is inside a solid
     """
 
@@ -97,7 +98,7 @@ class ScanBatch:
         return len(self.ids)
 
     def __getitem__(self, key: int | str) -> LaserScan:
-        row = self._row[key] if isinstance(key, str) else key
+        row = self._row[key] if isinstance(key, str) else operator.index(key)
         model = self.model
         return LaserScan(
             stamp=self.stamp,
@@ -118,9 +119,18 @@ class ScanBatch:
     def _row(self):
         return {name: row for row, name in enumerate(self.ids)}
 
-    def rows(self, indices) -> ScanBatch:
-        """The batch of some rows, in the order given."""
-        indices = np.asarray(indices, dtype=np.intp)
+    def rows(self, which) -> ScanBatch:
+        """The batch of some rows: their numbers or ids, in the order given, or a mask (n,) bool."""
+        which = np.asarray(which)
+        if which.dtype.kind == "U":
+            indices = np.array([self._row[name] for name in which.tolist()], dtype=np.intp)
+        elif which.dtype == bool and which.shape == (len(self),):
+            indices = np.flatnonzero(which)
+        elif which.dtype.kind in "iu" or which.size == 0:
+            indices = which.astype(np.intp)
+        else:
+            given = f"rows are given as {which.dtype} {which.shape}"
+            raise TypeError(f"{given}; must be row numbers, ids, or a mask ({len(self)},) bool")
         ids = tuple(self.ids[row] for row in indices)
         hits = None if self.hits is None else self.hits[indices]
         return ScanBatch(self.model, self.stamp, ids, self.ranges[indices], hits, self.inside[indices])

@@ -1,8 +1,10 @@
 """What a scanner is: its beams, its limits and where it sits on the vehicle."""
 
 import math
-from dataclasses import dataclass, field
+import numbers
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from itertools import pairwise
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -29,6 +31,7 @@ class Fan(NamedTuple):
         return self._replace(angles=self.angles[beams], directions=self.directions[:, beams])
 
 
+LARGEST_RANGE = 1e9  # [m]
 SLACK = 1 + 1e-9  # of Fan.reach over range_max
 ROUNDING = 1 + 1e-12  # an angle of just a full turn is allowed however it was computed
 
@@ -59,7 +62,8 @@ class LidarModel:
     subbeams             : rays by which a beam is sampled over its divergence; the nearest return counts
     merging              : returns of one beam that lie less than this behind the nearest are not told apart: their
                            mean is measured, a point between two surfaces ("mixed pixel") [m]
-    sweeps               : parts into which a scan is cut in time, as the mirror turns; 1 is all beams at one instant
+    sweeps               : parts into which a scan is cut in time, as the mirror turns; 1 is all beams at one instant.
+                           Incidence, for the noise, is known from neighbours within a part
     """
 
     samples: int
@@ -76,9 +80,15 @@ class LidarModel:
     sweeps: int = 1
 
     def __post_init__(self):
-        numbers = ("angle_min", "angle_max", "range_min", "range_max", "rate", "divergence", "merging")
-        _refuse_non_finite(self, *numbers)
-        if self.samples != int(self.samples) or self.samples < 2:
+        _refuse_non_finite(self, "angle_min", "angle_max", "range_min", "range_max", "rate", "divergence", "merging")
+        for name in ("samples", "subbeams", "sweeps"):
+            value = getattr(self, name)
+            if not isinstance(value, numbers.Real) or value != value // 1:
+                raise ValueError(f"{name} = {value!r}; must be a whole number")
+            object.__setattr__(self, name, int(value))
+        if not isinstance(self.mount, Mount) or not isinstance(self.noise, Noise):
+            raise ValueError(f"mount = {self.mount!r}, noise = {self.noise!r}; must be a Mount and a Noise")
+        if self.samples < 2:
             raise ValueError(f"samples = {self.samples}; must be a whole number, 2 or more")
         if self.angle_max <= self.angle_min:
             raise ValueError(f"angle_max = {self.angle_max}; must be above angle_min = {self.angle_min}")
@@ -91,16 +101,21 @@ class LidarModel:
             raise ValueError(f"range_min = {self.range_min}; must not be negative")
         if self.range_max <= self.range_min:
             raise ValueError(f"range_max = {self.range_max}; must be above range_min = {self.range_min}")
+        if self.range_max > LARGEST_RANGE:
+            raise ValueError(f"range_max = {self.range_max}; must be {LARGEST_RANGE:g} m or less")
         if self.rate <= 0:
             raise ValueError(f"rate = {self.rate}; must be positive")
         if not 0 <= self.divergence <= 0.1:
             raise ValueError(f"divergence = {self.divergence} rad; must be 0 to 0.1")
         if self.merging < 0:
             raise ValueError(f"merging = {self.merging}; must not be negative")
-        if self.subbeams != int(self.subbeams) or not 1 <= self.subbeams <= 64:
+        if not 1 <= self.subbeams <= 64:
             raise ValueError(f"subbeams = {self.subbeams}; must be a whole number from 1 to 64")
-        if self.sweeps != int(self.sweeps) or not 1 <= self.sweeps <= self.samples:
+        if not 1 <= self.sweeps <= self.samples:
             raise ValueError(f"sweeps = {self.sweeps}; must be a whole number from 1 to samples = {self.samples}")
+
+    def __reduce__(self):  # copies and pickles keep the tables below read-only
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def angle_increment(self) -> float:
@@ -126,6 +141,16 @@ class LidarModel:
             for offset in offsets
         )
 
+    @cached_property
+    def slices(self) -> tuple[tuple[slice, float], ...]:
+        """Parts of a scan, and when each is measured: as its middle beam is, before the scan ends (negative) [s]."""
+        ends = [self.samples * i // self.sweeps for i in range(self.sweeps + 1)]
+        middles = [(first + end - 1) / 2 / (self.samples - 1) for first, end in pairwise(ends)]
+        return tuple(
+            (slice(first, end), self.sweep_time * (middle - 1))
+            for (first, end), middle in zip(pairwise(ends), middles, strict=True)
+        )
+
     @property
     def reach(self) -> float:
         """How far engines look [m]."""
@@ -141,8 +166,8 @@ class LidarModel:
 def _refuse_non_finite(record, *names):
     for name in names:
         value = getattr(record, name)
-        if not math.isfinite(value):
-            raise ValueError(f"{name} = {value}; must be finite")
+        if not isinstance(value, numbers.Real) or not math.isfinite(value):
+            raise ValueError(f"{name} = {value!r}; must be a finite number")
 
 
 def _read_only(array):
@@ -159,9 +184,9 @@ def _fan(half_angle_deg, range_min, range_max, samples=720, noise=Noise()):  # n
     return LidarModel(samples, -half, half, range_min, range_max, noise=noise)
 
 
-# Errors are bounded at 3.46 sigma (see Noise). The data sheet allows 30 mm to 10 m and 50 mm to 30 m: this is 30 mm at
-# 10 m and 50 mm at 30 m, on the millimetre, as it reports.
-_UTM30LX = Noise(sigma=0.00577, sigma_per_metre=0.000289, resolution=0.001)
+# Errors are bounded at 3.46 sigma (see Noise). The data sheet allows 30 mm to 10 m and 50 mm to 30 m; with half a step
+# of the millimetres that it reports, this is just less at 10 m and at 30 m.
+_UTM30LX = Noise(sigma=0.00562, sigma_per_metre=0.000288, resolution=0.001)
 
 # 1 cm is the custom in simulators. How often returns are lost is an assumption: one of 500 always, one of 50 more at
 # the end of the range, half of them where a surface is seen edge-on, beginning 15 degrees before.

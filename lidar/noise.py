@@ -53,6 +53,8 @@ class Noise:
         for name in ("dropout", "dropout_at_range_max", "dropout_grazing"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"noise: {name} = {getattr(self, name)}; must be a probability, 0 to 1")
+        if self.dropout + self.dropout_at_range_max + self.dropout_grazing > 1:
+            raise ValueError("noise: dropout, dropout_at_range_max and dropout_grazing; must add up to 1 or less")
         if not 0 <= self.grazing_from < math.pi / 2:
             raise ValueError(f"noise: grazing_from = {self.grazing_from} rad; must be 0 to below pi/2")
         if self.dropped not in ("error", "no_return"):
@@ -67,6 +69,14 @@ class Noise:
     def lost(self) -> float:
         """What a lost return becomes."""
         return math.nan if self.dropped == "error" else math.inf
+
+
+def draws(noise: Noise, seed: int, ids: tuple[str, ...], number: int):
+    """What the errors of one scan are made of: a key and a bias [m] for each sensor, (n,); (0,) if there are none."""
+    if noise.none:
+        return np.empty(0, np.uint64), np.empty(0)
+    sensors = sensor_keys(seed, ids)
+    return scan_keys(sensors, number), biases(noise, sensors)
 
 
 def sensor_keys(seed: int, ids: tuple[str, ...]) -> np.ndarray:
@@ -141,8 +151,7 @@ def incidence_cosine_squared(ranges, hits, met, increment):
     return np.where(squared < 0.0, 1.0, squared)
 
 
-# The raster engine compiles the following three as they stand: for arrays and for single numbers alike. numba does not
-# notice when they change.
+# The raster engine compiles the following three as they stand: for arrays and for single numbers alike.
 
 
 def mixed(z):

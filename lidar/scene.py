@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -11,6 +12,9 @@ import shapely
 
 STATIC = -1
 """Owner id of everything in the static scene."""
+
+FARTHEST = 1e12
+"""No coordinate may be larger [m]. Ranges are exact to the rounding of coordinates: a nanometre at 1e6 m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,15 +29,26 @@ class Scene:
     solids: shapely.Geometry | None = None
 
     def __post_init__(self):
-        segments = np.array(self.segments, dtype=np.float64).reshape(-1, 4)
-        if not np.isfinite(segments).all():
-            raise ValueError(f"segment {_first_bad(np.isfinite(segments).all(axis=1))}; coordinates must be finite")
+        segments = np.array(self.segments, dtype=np.float64)
+        if segments.size == 0:
+            segments = segments.reshape(0, 4)
+        if segments.ndim != 2 or segments.shape[1] != 4:
+            raise ValueError(f"segments have shape {segments.shape}; must be (m, 4), rows x0, y0, x1, y1")
+        good = (np.abs(segments) <= FARTHEST).all(axis=1)
+        if not good.all():
+            row = _first_bad(good)
+            raise ValueError(f"segment {row}: {segments[row]}; must be finite, and within {FARTHEST:g} m of the origin")
         longer_than_zero = (segments[:, :2] != segments[:, 2:]).any(axis=1)
         segments = segments[longer_than_zero]
         segments.setflags(write=False)
         object.__setattr__(self, "segments", segments)
         if self.solids is not None:
+            if not isinstance(self.solids, shapely.Geometry):
+                raise ValueError(f"solids = {self.solids!r:.60}; must be one shapely geometry: see Scene.from_shapely")
             shapely.prepare(self.solids)
+
+    def __reduce__(self):  # copies and pickles are made from what it was made of, and read-only as well
+        return type(self), (self.segments, self.solids)
 
     @classmethod
     def from_shapely(cls, walls=(), solids=(), tolerance: float = 1e-6) -> Scene:
@@ -41,9 +56,15 @@ class Scene:
 
         walls     : lines, rings or polygons (also multi-part); lines and boundaries stop a beam, interiors stay free
         solids    : polygons (also multi-part); a sensor inside one sees nothing
-        tolerance : how far walls may move for that [m]; points where three or more pieces meet do not
+        tolerance : how far walls may move for that [m]; points where three or more pieces meet do not, and rings that
+                    are smaller vanish
         """
-        walls, solids = list(walls), list(solids)
+        if not (math.isfinite(tolerance) and tolerance >= 0):
+            raise ValueError(f"tolerance = {tolerance}; must be finite and not negative")
+        walls, solids = ([g] if isinstance(g, shapely.Geometry) else list(g) for g in (walls, solids))
+        for kind, shapes in (("walls", walls), ("solids", solids)):
+            for i, shape in enumerate(shapes):
+                _check(f"{kind}[{i}]", shape, area=kind == "solids")
         union = _union(solids) if solids else None
         lines = [_lines(geometry) for geometry in (walls if union is None else [*walls, union])]
         segments = [_segments(line) for parts in lines for line in parts]
@@ -83,7 +104,8 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Oriented rectangles that move, one vehicle or one part of a vehicle each; every field (v,), or one for all.
+    """Oriented rectangles that move, one vehicle or one part of a vehicle each. Every field (v,); all but owner may
+    be one value for all.
 
     x, y    : centre [m]
     heading : of the length axis, counter-clockwise from east [rad]
@@ -104,22 +126,24 @@ class Boxes:
     yaw_rate: np.ndarray = 0.0
 
     def __post_init__(self):
-        owner = np.array(self.owner, dtype=np.int32, ndmin=1)
+        owner = owners(self.owner)
+        if owner.ndim != 1:
+            raise ValueError(f"boxes: owner has shape {owner.shape}; must be (v,)")
         for name in ("x", "y", "heading", "length", "width", "vx", "vy", "yaw_rate"):
             values = np.array(getattr(self, name), dtype=np.float64, ndmin=1)
             if values.shape == (1,):
                 values = np.full(owner.shape, values[0])
             if values.shape != owner.shape:
                 raise ValueError(f"boxes: {name} has shape {values.shape}, owner {owner.shape}; must be equal")
-            good = np.isfinite(values) & (values > 0) if name in ("length", "width") else np.isfinite(values)
+            good = np.abs(values) <= FARTHEST
+            if name in ("length", "width"):
+                good &= values > 0
             if not good.all():
                 row = _first_bad(good)
                 allowed = "positive and finite" if name in ("length", "width") else "finite"
                 raise ValueError(f"box {row} of owner {owner[row]}: {name} = {values[row]}; must be {allowed}")
             values.setflags(write=False)
             object.__setattr__(self, name, values)
-        if (owner < 0).any():
-            raise ValueError(f"boxes: owner = {owner.min()}; must be 0 or more, negative ids are reserved")
         owner.setflags(write=False)
         object.__setattr__(self, "owner", owner)
 
@@ -129,6 +153,9 @@ class Boxes:
 
     def __len__(self) -> int:
         return len(self.owner)
+
+    def __reduce__(self):
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     def after(self, time: float) -> Boxes:
         """Where they are when they have moved on for a while [s]; negative is where they were."""
@@ -164,6 +191,17 @@ class Boxes:
     def bounds(self) -> np.ndarray:
         """Bounding box of each box as rows xmin, ymin, xmax, ymax, (4, v)."""
         return np.concatenate([self.corners().min(axis=1), self.corners().max(axis=1)], axis=1).T
+
+
+def owners(ids) -> np.ndarray:
+    """Owner ids as whole numbers, (n,) int32. raises: ValueError"""
+    ids = np.array(ids, ndmin=1)
+    whole = ids.astype(np.int32) if ids.dtype.kind in "iuf" else np.full(ids.shape, -1, dtype=np.int32)
+    good = (whole == ids) & (whole >= 0) & (whole < np.iinfo(np.int32).max)
+    if not good.all():
+        what = f"owner = {ids[~good][0]}"
+        raise ValueError(f"{what}; must be a whole number, 0 to 2^31 - 2; negative ones are reserved")
+    return whole
 
 
 def bounds(columns):
@@ -281,15 +319,29 @@ def _straightened(segments, tolerance):
     return fewer if len(fewer) < len(segments) else segments  # in their own order
 
 
+def _check(name, geometry, area):
+    """Raise ValueError unless it is of the kinds that a scene is made of."""
+    allowed = ("Polygon", "MultiPolygon") if area else _WALLS
+    kind = getattr(geometry, "geom_type", type(geometry).__name__)
+    if kind == "GeometryCollection":
+        for part in geometry.geoms:
+            _check(name, part, area)
+    elif kind not in allowed:
+        raise ValueError(f"{name} is a {kind}; must be one of {', '.join(allowed)}")
+    elif area and not geometry.is_valid:
+        raise ValueError(f"{name}: {shapely.is_valid_reason(geometry)}; must be valid, shapely.make_valid may help")
+
+
+_WALLS = ("LineString", "LinearRing", "Polygon", "MultiLineString", "MultiPolygon")
+
+
 def _lines(geometry):
     """The lines of which a geometry consists, or of which its boundary does."""
     if geometry.geom_type in ("LineString", "LinearRing"):
         return [geometry]
     if geometry.geom_type == "Polygon":
         return [geometry.exterior, *geometry.interiors]
-    if hasattr(geometry, "geoms"):
-        return [line for part in geometry.geoms for line in _lines(part)]
-    raise ValueError(f"{geometry.geom_type} in a scene; must be made of lines, rings or polygons")
+    return [line for part in geometry.geoms for line in _lines(part)]
 
 
 def _segments(line):

@@ -145,7 +145,8 @@ def _rule(model: LidarModel, jump, grazing, min_beams, bridge):
     step = model.angle_increment
     widest = (bridge + 1) * step
     if widest >= grazing:
-        raise ValueError(f"grazing = {grazing} rad; must be above {widest}, the angle over {bridge} bridged beams")
+        angles = f"grazing = {math.degrees(grazing):.3g} deg; must be above {math.degrees(widest):.3g} deg"
+        raise ValueError(f"{angles}, the angle over {bridge} bridged beams; fewer may be bridged")
     seam = 2 * math.pi - (model.angle_max - model.angle_min)
     seam = min(seam, step) if seam < step * (1 + 1e-6) else math.nan
     angle = np.array([[step], [seam]]) + step * np.arange(bridge + 1)

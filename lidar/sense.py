@@ -4,7 +4,7 @@
 2. Beyond range_max: +inf. Exactly range_max is a hit.
 3. Nearer than range_min: −inf, and the beam is blocked; nothing behind is reported.
 4. Sensor inside a solid, or within 1 nm of a wall: every beam −inf, and `inside`.
-5. A lone segment exactly edge-on is invisible. Solids never are: another face is hit.
+5. A lone segment edge-on, its line within 1 nm of the sensor, is invisible. Solids never are: another face is hit.
 6. A vehicle's own boxes are never seen.
 7. Then come the errors of the model, in this order: mixed pixels, noise, resolution, limits, loss. Only returns have
    them: a beam that met nothing stays +inf.
@@ -12,8 +12,8 @@
 """
 
 import difflib
+import operator
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
@@ -21,9 +21,9 @@ from .engines import ENGINES
 from .engines.protocol import Sensors
 from .laserscan import NO_HIT, ScanBatch
 from .model import LidarModel
-from .noise import biases, scan_keys, sensor_keys
+from .noise import draws
 from .pose import compose
-from .scene import Boxes, Scene
+from .scene import FARTHEST, Boxes, Scene, owners
 
 
 def scan(
@@ -57,38 +57,42 @@ def scan(
     engine        : a name of ENGINES
     dtype         : of the ranges; all decisions are taken in float64
     hits          : whether to tell what each beam met
-    out           : a batch that is no longer needed: its arrays are written over and become those of the result
+    out           : a batch of the same model and size that is no longer needed, nor any scan taken from it: its arrays
+                    are written over and become those of the result
     """
     measure = _engine(engine)
     x, y, heading = (np.array(values, dtype=np.float64, ndmin=1) for values in (x, y, heading))
-    owner = np.array(owner, dtype=np.int32, ndmin=1)
-    if not x.shape == y.shape == heading.shape == owner.shape:
+    owner = owners(owner)
+    if not (x.shape == y.shape == heading.shape == owner.shape and x.ndim == 1):
         shapes = ", ".join(str(values.shape) for values in (x, y, heading, owner))
-        raise ValueError(f"x, y, heading, owner have shapes {shapes}; must be equal")
+        raise ValueError(f"x, y, heading, owner have shapes {shapes}; must be equal, one value a sensor")
     ids = _numbers(len(x)) if ids is None else tuple(ids)
     if len(ids) != len(x) or _different(ids) != len(ids):
         raise ValueError(f"{len(ids)} ids, {_different(ids)} different, for {len(x)} sensors; must be one name each")
-    finite = np.isfinite(x) & np.isfinite(y) & np.isfinite(heading)
-    if not finite.all():
-        row = int(np.flatnonzero(~finite)[0])
-        raise ValueError(f"row {row} ({ids[row]}): pose {x[row]}, {y[row]}, {heading[row]}; must be finite")
-    vx, vy, yaw_rate = motion
-    if not (np.isfinite(vx).all() and np.isfinite(vy).all() and np.isfinite(yaw_rate).all()):
-        raise ValueError(f"motion = {motion}; must be finite")
+    good = (np.abs(x) <= FARTHEST) & (np.abs(y) <= FARTHEST) & np.isfinite(heading)
+    if not good.all():
+        row = int(np.flatnonzero(~good)[0])
+        pose = f"{x[row]}, {y[row]}, {heading[row]}"
+        raise ValueError(f"row {row} ({ids[row]}): pose {pose}; must be finite, within {FARTHEST:g} m of the origin")
+    vx, vy, yaw_rate = (np.asarray(values, dtype=np.float64) for values in motion)
+    for name, values in (("vx", vx), ("vy", vy), ("yaw_rate", yaw_rate)):
+        if values.shape not in ((), x.shape) or not np.isfinite(values).all():
+            raise ValueError(f"motion: {name} = {values}; must be finite, one value or one a sensor")
+    dtype = np.dtype(dtype)
+    if dtype not in (np.float32, np.float64):
+        raise ValueError(f"dtype = {dtype}; must be float32 or float64")
+    number = operator.index(number)
+    if number < 0:
+        raise ValueError(f"number = {number}; must be 0 or more")
 
-    keys = sensor_keys(seed, ids)
-    bias = biases(model.noise, keys)
-    keys = scan_keys(keys, number)
-    ranges, met, inside = _buffers(out, (len(x), model.samples), np.dtype(dtype), hits)
+    keys, bias = draws(model.noise, operator.index(seed), ids, number)
+    ranges, met, inside = _buffers(out, model, len(x), dtype, hits)
     inside[:] = False
-    ends = np.linspace(0, model.samples, model.sweeps + 1).astype(int)
-    for first, end in pairwise(ends.tolist()):
-        # Every slice is measured at the time of its middle beam.
-        later = model.sweep_time * ((first + end - 1) / 2 / (model.samples - 1) - 1) if model.sweeps > 1 else 0.0
+    for beams, later in model.slices:
         world = boxes.after(later) if later else boxes
         poses = compose(x + later * vx, y + later * vy, heading + later * yaw_rate, model.mount)
         sensors = Sensors(*poses, owner, keys, bias)
-        inside |= measure(model, slice(first, end), scene, world, sensors, ranges, met) != NO_HIT
+        inside |= measure(model, beams, scene, world, sensors, ranges, met) != NO_HIT
     for array in (ranges, met, inside):
         array.setflags(write=False)
     return ScanBatch(model, stamp - model.sweep_time, ids, ranges, met if hits else None, inside)
@@ -104,16 +108,20 @@ def _numbers(n):
     return tuple(str(row) for row in range(n))
 
 
-def _buffers(out, shape, dtype, hits):
+def _buffers(out, model, n, dtype, hits):
     """Memory for ranges, hits and inside: that of `out`, or new."""
+    shape = n, model.samples
     if out is None:
         return np.empty(shape, dtype), np.empty(shape if hits else (shape[0], 0), np.int32), np.empty(shape[0], bool)
-    if out.ranges.shape != shape or out.ranges.dtype != dtype or (out.hits is not None) != hits:
+    if out.model != model or out.ranges.shape != shape or out.ranges.dtype != dtype or (out.hits is not None) != hits:
         have = f"{out.ranges.shape} {out.ranges.dtype}, hits {out.hits is not None}"
-        raise ValueError(f"out has ranges {have}; must be {shape} {dtype}, hits {hits}")
-    arrays = (out.ranges, out.hits if hits else np.empty((shape[0], 0), np.int32), out.inside)
-    for array in arrays:
-        array.setflags(write=True)  # refused for a view: only a batch that scan() made can be written over
+        raise ValueError(f"out has ranges {have}; must be {shape} {dtype}, hits {hits}, of the same model")
+    arrays = (out.ranges, out.hits if hits else np.empty((n, 0), np.int32), out.inside)
+    try:
+        for array in arrays:
+            array.setflags(write=True)
+    except ValueError:
+        raise ValueError("out holds views of other arrays; must be a batch that scan() returned") from None
     return arrays
 
 

@@ -160,6 +160,32 @@ def plot(
         raise InputError(str(error)) from error
 
 
+@command
+def bench(
+    what: Annotated[str, typer.Argument(help="lidar: what scans cost on this machine")],
+    quick: Annotated[bool, typer.Option("--quick", help="small towns only, some seconds")] = False,
+    json: Annotated[bool, typer.Option("--json", help="one JSON document instead of tables")] = False,
+) -> None:
+    """Measure how fast it is here, in CPU time of one thread."""
+    if what != "lidar":
+        raise InputError(f"argument 1: {what!r}: nothing to measure by that name; must be lidar")
+    import subprocess
+
+    from lidar import benchmark
+
+    def progress(stage: str) -> None:
+        if err.is_terminal:
+            print(f"\r\x1b[K{stage}", end="", file=sys.stderr, flush=True)
+
+    try:
+        report = benchmark.run(benchmark.QUICK if quick else benchmark.FULL, progress)
+    except subprocess.CalledProcessError as error:
+        raise RunError(f"a process of the benchmark failed: {error.stderr.strip().rpartition(chr(10))[2]}") from error
+    finally:
+        progress("")
+    print(report.json() if json else benchmark.text(report))
+
+
 def main() -> None:
     """Entry point."""
     app()

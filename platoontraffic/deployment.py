@@ -27,7 +27,8 @@ def static_scene(scenario: Scenario, network: Network) -> Scene:
             if shape.kind == "wall":
                 walls.append(shapely.LineString(shape.coordinates))
             else:
-                solids.append(shapely.Polygon(shape.coordinates))
+                solid = shapely.Polygon(shape.coordinates)  # outlines drawn by hand may cross themselves
+                solids.append(shapely.make_valid(solid, method="structure", keep_collapsed=False))
     return Scene.from_shapely(walls, solids)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -63,6 +64,7 @@ def test_a_dry_run_starts_nothing(tmp_path):
         (["run", "paper_loop", "--seed", "-1"], "--seed: seed: -1: should be greater than or equal to 0"),
         (["check", "paper_loop", "nowhere.toml"], "nowhere.toml: no such scenario file"),
         (["list", "scenery"], "argument 1: 'scenery': nothing to list"),
+        (["bench", "ladar"], "argument 1: 'ladar': nothing to measure by that name; must be lidar"),
         (["new", "1st"], "argument 1: '1st': must begin with a letter"),
         (["plot", "nowhere"], "nowhere: no such folder"),
         (["run", "paper_loop", "--sed", "1"], "No such option"),
@@ -82,13 +84,33 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
         ("nets", ["lab_curves", "lab_loop", "lab_world"]),
         ("laws", ["path", "printed", "reactive", "repaired"]),
         ("vehicles", ["paper-robot"]),
-        ("lidars", ["paper-leader", "paper-follower"]),
+        ("lidars", ["paper-leader", "paper-follower", "utm30lx", "car-leader", "car-follower"]),
     ],
 )
 def test_list_names_what_is_shipped(what, names):
     lines = call("list", what).stdout.splitlines()
     assert [line.split()[0] for line in lines] == names
     assert all(len(line.split()) > 1 for line in lines)
+
+
+def test_bench_prints_json_for_programs_and_tables_for_people(monkeypatch):
+    from lidar import benchmark
+
+    row = benchmark.Memory("nothing", 0.5)
+    empty = {key: [] for key in ("cases", "scans", "noise", "ticks", "flat", "linear", "starts", "bars")}
+    asked = []
+
+    def run(plan, progress):
+        asked.append(plan)
+        progress("all of it")
+        return benchmark.Report({"python": "3"}, memory=[row], **empty)
+
+    monkeypatch.setattr(benchmark, "run", run)
+    done = call("bench", "lidar", "--quick", "--json")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["memory"] == [{"what": "nothing", "megabytes": 0.5}]
+    assert "megabytes" in call("bench", "lidar").stdout
+    assert asked == [benchmark.QUICK, benchmark.FULL]
 
 
 @pytest.mark.sumo

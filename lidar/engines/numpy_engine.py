@@ -10,7 +10,7 @@ import numpy as np
 
 from ..laserscan import NO_HIT
 from ..scene import STATIC, blocks, bounds, pairs_near
-from .protocol import NOBODY, engine
+from .protocol import NOBODY, TOUCHING, engine
 
 
 @engine
@@ -56,10 +56,10 @@ def _draw(fan, edges, edge_owner, sensor, poses, inverse, hits):
 
     # Twice the area of the triangle sensor, first, second: its sign tells the turn, its size the distance of the line.
     area = px[0] * ey - py[0] * ex
-    static = edge_owner == STATIC
-    facing = np.where(static, area != 0, area < 0)  # boxes are counter-clockwise; their far faces are hidden anyway
+    length = np.hypot(ex, ey)
+    facing = (edge_owner == STATIC) | (area < 0)  # boxes are counter-clockwise; their far faces are hidden anyway
     facing &= edge_owner != owner
-    facing &= np.abs(area) <= fan.reach * np.hypot(ex, ey)
+    facing &= (np.abs(area) > TOUCHING * length) & (np.abs(area) <= fan.reach * length)  # neither edge-on nor too far
     keep = np.flatnonzero(facing)
     px, py, ex, ey, area = px[:, keep], py[:, keep], ex[keep], ey[keep], area[keep]
     sensor, edge_owner = sensor[keep], edge_owner[keep]

@@ -8,8 +8,6 @@ follow from its pose. Rows do not depend on what else is in the batch, nor on th
 
 For each sensor: gather the faces that may be in view, place them among the beams, draw them, and make of the buffer
 what the scanner reports. What goes over arrays has no branches, so that the processor does several at a time.
-
-All compiled functions are in this file (see `lidar.compiled`).
 """
 
 import math
@@ -23,14 +21,15 @@ from ..noise import DROPOUT, GAUSS, GOLDEN, PURPOSES, gauss, mixed, uniform
 from ..scene import STATIC
 from .protocol import NOBODY, ROUNDING, TOUCHING
 
-CELL = 30.0  # [m]; walls are cut to it, so that none reaches far beyond its cell
-MOST_CELLS = 16  # for each wall or box; a grid that would have more has larger cells
+CELL = 60.0  # [m]; walls are cut to it, so that none reaches far beyond its cell. Half or twice as much is slower
+MOST_CELLS = 16  # for each wall or box, and pieces for each wall; a grid that would have more has larger ones
 TURN = 2 * math.pi
 FINE = 4e4  # beams a radian from which rough angles are not good to half a beam
 
 _mixed, _gauss, _uniform = compiled(mixed), compiled(gauss), compiled(uniform)
 
 _walls = weakref.WeakKeyDictionary()  # scene -> grid of its walls
+_shapes = weakref.WeakKeyDictionary()  # boxes -> their shapes: several models scan the same world
 
 
 def measure(model, beams, scene, boxes, sensors, ranges, hits):
@@ -42,7 +41,7 @@ def measure(model, beams, scene, boxes, sensors, ranges, hits):
     poses = np.stack([x, y, np.cos(yaw), np.sin(yaw)], axis=1)
     fans = [fan.part(beams) for fan in model.fans]
     angles = np.array([[fan.angles[0], fan.increment] for fan in fans])
-    directions = np.stack([fan.directions for fan in fans])
+    directions = np.array([fan.directions for fan in fans])
     noise = model.noise
     limits = (model.range_min, model.range_max, model.reach, model.merging)
     errors = (
@@ -65,7 +64,9 @@ def measure(model, beams, scene, boxes, sensors, ranges, hits):
 def _wall_grid(segments):
     """Walls, cut into pieces no longer than a cell: see _sorted."""
     vector = segments[:, 2:] - segments[:, :2]
-    pieces = np.maximum(np.ceil(np.hypot(*vector.T) / CELL), 1).astype(np.intp)
+    length = np.hypot(*vector.T)
+    longest = max(CELL, length.sum() / (MOST_CELLS * len(segments) + 1000))  # few walls of many kilometres
+    pieces = np.maximum(np.ceil(length / longest), 1).astype(np.intp)
     wall = np.repeat(np.arange(len(segments)), pieces)
     number = np.arange(len(wall)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     last = number + 1 == pieces[wall]
@@ -74,7 +75,7 @@ def _wall_grid(segments):
     stop[last] = segments[wall[last], 2:]
     middle = (start + stop) / 2
     extent = (middle.min(axis=0), middle.max(axis=0)) if len(middle) else (np.zeros(2), np.zeros(2))
-    cell = _cell(*extent, len(wall))
+    cell = _cell(*(extent[1] - extent[0]), len(wall))
     reach = float(np.hypot(*(stop - start).T).max(initial=0.0)) / 2
     columns, rows = (int(n) + 1 for n in (extent[1] - extent[0]) // cell)
     place = (extent[0][0], extent[0][1], cell, columns, rows, reach)
@@ -85,52 +86,55 @@ def _wall_grid(segments):
     return place, first, np.ascontiguousarray(np.hstack([start, stop])[order].T)
 
 
-def _cell(lower, upper, n):
-    """Size of the cells for n things between two corners: larger where they are few and far between."""
+def _cell(width, height, n):
+    """Size of the cells for n things in a rectangle: larger where they are few and far between."""
     cell = CELL
-    while ((upper - lower) // cell + 1).prod() > MOST_CELLS * n + 1000:
+    while (width // cell + 1) * (height // cell + 1) > MOST_CELLS * n + 1000:
         cell *= 2
     return cell
 
 
 def _box_grid(boxes, x, y, reach):
-    """The boxes that sensors at x, y could see, in a grid: its place, first box of each cell, boxes, owners."""
+    """Boxes in a grid about the sensors at x, y: its place, first of each cell, their middles, rows, shapes, owners."""
+    if boxes not in _shapes:
+        _shapes[boxes] = _shape(boxes)
+    shapes, radius = _shapes[boxes]
+    west, east, south, north = (x.min(), x.max(), y.min(), y.max()) if len(x) else (0.0, 0.0, 0.0, 0.0)
+    far = reach + radius
+    cell = _cell(east - west + 2 * far, north - south + 2 * far, len(boxes))
+    columns, rows = int((east - west + 2 * far) // cell) + 1, int((north - south + 2 * far) // cell) + 1
+    place = (float(west - far), float(south - far), cell, columns, rows, radius)
+    return place, *_sorted(place, boxes.x, boxes.y), shapes, boxes.owner
+
+
+def _shape(boxes):
+    """Rows cos, sin, half length, half width, (v, 4); and the largest distance of a corner from its middle."""
     half_length, half_width = boxes.length / 2, boxes.width / 2
-    radius = np.hypot(half_length, half_width)
-    most = float(radius.max(initial=0.0))
-    lower, upper = np.zeros(2), np.zeros(2)
-    if len(x):
-        lower = np.array([x.min(), y.min()]) - (reach + most)
-        upper = np.array([x.max(), y.max()]) + (reach + most)
-    cell = _cell(lower, upper, len(boxes))
-    columns, rows = (int(n) + 1 for n in (upper - lower) // cell)
-    place = (lower[0], lower[1], cell, columns, rows, most)
-    cos, sin = np.cos(boxes.heading), np.sin(boxes.heading)
-    return place, *_sorted(place, boxes.x, boxes.y, cos, sin, half_length, half_width, radius, boxes.owner)
+    radius = math.sqrt((half_length * half_length + half_width * half_width).max(initial=0.0))
+    return np.stack([np.cos(boxes.heading), np.sin(boxes.heading), half_length, half_width], axis=1), radius
 
 
 @compiled
-def _sorted(place, x, y, cos, sin, half_length, half_width, radius, owner):
-    """Boxes in the order of their cells; those outside of the grid come last, and belong to no cell."""
+def _sorted(place, x, y):
+    """Middles and rows of boxes by cells, and the first of each; those outside of the grid come last, in no cell."""
     west, south, cell, columns, rows, _ = place
+    per_metre = 1.0 / cell
     index = np.empty(len(x), np.intp)
-    first = np.zeros(columns * rows + 2, np.intp)
     for i in range(len(x)):
-        column, row = math.floor((x[i] - west) / cell), math.floor((y[i] - south) / cell)
-        inside = (0.0 <= column < columns) & (0.0 <= row < rows)
-        index[i] = np.intp(row) * columns + np.intp(column) if inside else columns * rows
-        first[index[i] + 1] += 1
-    for i in range(columns * rows + 1):
-        first[i + 1] += first[i]
-    following = first[:-1].copy()
-    boxes, owners = np.empty((len(x), 7)), np.empty(len(x), np.int32)
+        column, row = math.floor((x[i] - west) * per_metre), math.floor((y[i] - south) * per_metre)
+        inside = (column >= 0.0) & (column < columns) & (row >= 0.0) & (row < rows)
+        index[i] = np.intp(row * columns + column if inside else columns * rows)
+    first = np.zeros(columns * rows + 2, np.intp)  # how many there are in each cell, then where the next cell begins
     for i in range(len(x)):
-        k = following[index[i]]
-        following[index[i]] += 1
-        boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = x[i], y[i], cos[i], sin[i]
-        boxes[k, 4], boxes[k, 5], boxes[k, 6] = half_length[i], half_width[i], radius[i]
-        owners[k] = owner[i]
-    return first[:-1], boxes, owners
+        first[index[i]] += 1
+    for i in range(1, columns * rows + 2):
+        first[i] += first[i - 1]
+    middles, order = np.empty((len(x), 2)), np.empty(len(x), np.int32)
+    for i in range(len(x) - 1, -1, -1):
+        first[index[i]] -= 1
+        k = first[index[i]]
+        middles[k, 0], middles[k, 1], order[k] = x[i], y[i], i
+    return first, middles, order
 
 
 @compiled
@@ -268,11 +272,12 @@ def _gather_walls(pose, fan, walls, cells, near, faces, owners):
             before = (x0 * ay - y0 * ax < 0.0) & (x0 * by - y0 * bx < 0.0)
             behind = (x1 * ay - y1 * ax > 0.0) & (x1 * by - y1 * bx > 0.0)
             out |= (before | behind) if convex else (before & behind)
-            on_line |= area * area <= TOUCHING * TOUCHING * square
+            edge_on = area * area <= TOUCHING * TOUCHING * square
+            on_line |= edge_on
             turn = area > 0.0
             near_ax[k], near_ay[k] = ax if turn else bx, ay if turn else by
             near_bx[k], near_by[k] = bx if turn else ax, by if turn else ay
-            keep[k] = 0.0 if out | (area == 0.0) else 1.0
+            keep[k] = 0.0 if out | edge_on else 1.0
         if on_line:
             for k in range(stop - start):
                 if _touches(xs0[k] - x, ys0[k] - y, xs1[k] - x, ys1[k] - y):
@@ -301,47 +306,47 @@ def _touches(ax, ay, bx, by):
 @compiled
 def _gather_boxes(pose, own, fan, grid, cells, n, faces, owners):
     """Append faces of boxes that may be in view: how many there are now, and the smallest owner around the sensor."""
-    place, first, boxes, box_owner = grid
+    place, first, middles, order, boxes, box_owner = grid
     x, y, cos, sin = pose
     _, _, reach, convex, x0, y0, x1, y1 = fan
     left, right, bottom, top = cells
-    columns = place[3]
+    columns, radius = place[3], place[5]  # the largest of all boxes
+    far = reach + radius
     enclosed = np.int64(NOBODY)
     if left > right:
         return n, enclosed
     for row in range(bottom, top + 1):
         for k in range(first[row * columns + left], first[row * columns + right + 1]):
-            if box_owner[k] == own:
-                continue
-            east, north = boxes[k, 0] - x, boxes[k, 1] - y
-            radius = boxes[k, 6]
-            far = reach + radius
+            east, north = middles[k, 0] - x, middles[k, 1] - y
             if east * east + north * north > far * far:
                 continue
             mx, my = cos * east + sin * north, cos * north - sin * east
             if convex and (x0 * my - y0 * mx < -radius or x1 * my - y1 * mx > radius):
                 continue
+            i = order[k]
+            if box_owner[i] == own:
+                continue
             # Direction of the box in the sensor frame, and of the sensor from its middle in the frame of the box.
-            hx, hy = cos * boxes[k, 2] + sin * boxes[k, 3], cos * boxes[k, 3] - sin * boxes[k, 2]
+            hx, hy = cos * boxes[i, 0] + sin * boxes[i, 1], cos * boxes[i, 1] - sin * boxes[i, 0]
             along, across = -(hx * mx + hy * my), hy * mx - hx * my
-            half, side = boxes[k, 4], boxes[k, 5]
+            half, side = boxes[i, 2], boxes[i, 3]
             ahead, aside = abs(along) - half, abs(across) - side
             if ahead <= TOUCHING and aside <= TOUCHING:
-                enclosed = min(enclosed, np.int64(box_owner[k]))
+                enclosed = min(enclosed, np.int64(box_owner[i]))
                 continue
-            if ahead > 0.0:  # the front or the rear is in sight, from left to right as seen from the box
+            if ahead > TOUCHING:  # the front or the rear is in sight, from left to right as seen from the box
                 s = 1.0 if along > 0.0 else -1.0
                 fx, fy, wx, wy = mx + s * half * hx, my + s * half * hy, -s * side * hy, s * side * hx
                 faces[0, n], faces[1, n], faces[2, n], faces[3, n] = fx + wx, fy + wy, fx - wx, fy - wy
                 faces[4, n], faces[5, n] = -s * hx / ahead, -s * hy / ahead
-                owners[n] = box_owner[k]
+                owners[n] = box_owner[i]
                 n += 1
-            if aside > 0.0:
+            if aside > TOUCHING:
                 s = 1.0 if across > 0.0 else -1.0
                 fx, fy, wx, wy = mx - s * side * hy, my + s * side * hx, s * half * hx, s * half * hy
                 faces[0, n], faces[1, n], faces[2, n], faces[3, n] = fx - wx, fy - wy, fx + wx, fy + wy
                 faces[4, n], faces[5, n] = s * hy / aside, -s * hx / aside
-                owners[n] = box_owner[k]
+                owners[n] = box_owner[i]
                 n += 1
     return n, enclosed
 
@@ -420,7 +425,8 @@ def _angle(x, y):
 def _merge(inverse, met, merging, limit, total, count):
     """One inverse range for each beam of those of its sub-beams, into inverse[0]; its owner into met[0]."""
     rays, beams = inverse.shape[0], np.uint64(inverse.shape[1])
-    limit[:] = inverse[0]
+    for beam in range(beams):  # assigning the whole row would take numba two seconds to compile
+        limit[beam] = inverse[0, beam]
     for ray in range(1, rays):
         for beam in range(beams):
             best, value, other = limit[beam], inverse[ray, beam], met[ray, beam]

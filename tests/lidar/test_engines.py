@@ -236,6 +236,28 @@ def test_walls_edge_on_but_for_rounding_stay_in_their_direction():
     assert np.isinf(exact(fan(180), *world(np.hstack([near, 3.3 * near])), [0], [0], [0], [0]).ranges).all()
 
 
+@pytest.mark.parametrize("engine", ["raster", "numpy"])
+@given(seed=seeds)
+@few
+def test_sides_that_point_at_the_sensor_give_ranges_on_themselves_or_none(engine, seed):
+    # Walls and sides of boxes on beams, at coordinates that rounding moves off them a little.
+    rng = np.random.default_rng(seed)
+    model = fan(360, samples=721, range_max=45.0)
+    x, y, heading = *rng.uniform(-60, 60, 2), rng.integers(0, 720) * model.angle_increment
+    along = np.array([np.cos(heading), np.sin(heading)])
+    near = rng.uniform(1, 20)
+    wall = np.concatenate([(x, y) + near * along, (x, y) + (near + rng.uniform(1, 20)) * along])
+    aside = np.array([-along[1], along[0]])
+    middle = (x, y) - (near + 2.25) * along + 1.25 * aside  # a side of this box points at the sensor, from behind
+    boxes = Boxes([middle[0]], [middle[1]], [heading], [4.5], [2.5], [3])
+    batch = exact(model, Scene([wall]), boxes, [x], [y], [rng.choice([0.0, heading])], [0], engine)
+    ranges, hits = batch.ranges[0], batch.hits[0]
+    assert not np.isnan(ranges).any()
+    assert set(hits.tolist()) <= {-2, -1, 3}
+    assert (ranges[hits == 3] >= near - 1e-9).all()
+    assert (ranges[hits == -1] >= near - 1e-9).all()
+
+
 def test_full_turn_sees_the_same_behind_on_its_first_and_last_beam():
     ranges = exact(fan(360), *world([(-3, -1, -3, 1)]), [0], [0], [0], [0]).ranges[0]
     np.testing.assert_allclose(ranges[[0, -1]], 3.0)

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import world
 
+import lidar
 from lidar import Boxes, LidarModel, Scene, scan
+from lidar.compiled import sources
 from lidar.engines import raster_engine
 from lidar.engines.raster_engine import CELL
 
@@ -27,6 +30,7 @@ def both(model, scene, boxes, x, y, heading, owner):
 
 
 def same(raster, plain):
+    assert not np.isnan(raster.ranges).any()
     np.testing.assert_array_equal(raster.hits, plain.hits)
     np.testing.assert_allclose(raster.filled(), plain.filled(), rtol=0, atol=1e-9)
 
@@ -81,6 +85,12 @@ def test_world_far_flung_takes_no_more_memory():
     assert len(raster_engine._walls[scene][1]) < 2000
 
 
+def test_few_long_walls_take_no_more_memory():
+    scene = Scene([(-1e8, 5, 1e8, 5), (3, -1, 3, 1)])
+    same(*both(VIEW, scene, Boxes.empty(), [0.0, 9e7], [0.0, 0.0], [0.0, 1.0], [0, 0]))
+    assert raster_engine._walls[scene][2].shape[1] < 2000
+
+
 def test_nothing_and_nobody():
     for scene, boxes in (world(), world([(1, -1, 1, 1)]), world(boxes=[(3, 0, 0, 1, 1, 1)])):
         same(*both(VIEW, scene, boxes, [0], [0], [0], [0]))
@@ -133,6 +143,18 @@ def test_commands_without_a_lidar_never_import_numba():
         "print('numba' in sys.modules)"
     )
     assert python(code).splitlines()[-1] == "False"
+
+
+def test_what_is_kept_is_of_these_sources(monkeypatch, tmp_path):
+    # numba looks at one file only; the stamp that it compares is that of all.
+    assert raster_engine._scan._cache._cache_file._source_stamp == sources()
+    before = sources()
+    copy = tmp_path / "lidar"
+    shutil.copytree(Path(lidar.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    with (copy / "noise.py").open("a") as file:
+        file.write("# changed\n")
+    monkeypatch.setattr("lidar.compiled.__file__", str(copy / "compiled.py"))
+    assert sources.__wrapped__() != before
 
 
 def test_where_nothing_can_be_kept_it_compiles_anew(tmp_path):

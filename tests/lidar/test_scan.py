@@ -1,7 +1,10 @@
 """The meaning of a scan, and who may ask for one."""
 
+import copy
 import dataclasses
+import json
 import math
+import pickle
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import endpoint_miss, grazing, world
 
-from lidar import ENGINES, PRESETS, Boxes, LidarModel, Mount, Scene, scan
+from lidar import ENGINES, PRESETS, Boxes, LidarModel, Mount, Noise, Scene, scan
 from lidar.pose import compose, wrap
 
 INF = math.inf
@@ -134,6 +137,18 @@ def test_rows_keep_ids_and_ranges_together():
     np.testing.assert_array_equal(swapped["veh.3"].ranges, batch["veh.3"].ranges)
 
 
+def test_rows_are_chosen_by_mask_or_id_as_well():
+    batch = two_scans()
+    for which in (np.array([False, True]), ["veh.1"], [1], [-1]):
+        assert batch.rows(which).ids == ("veh.1",)
+    assert len(batch.rows([])) == 0
+    for which in ([0.5], np.array([True]), np.array([True, False, True])):
+        with pytest.raises(TypeError, match="rows are given as"):
+            batch.rows(which)
+    with pytest.raises(TypeError):
+        batch[0:1]
+
+
 def test_points_are_where_the_walls_are():
     one = two_scans()["veh.3"]
     np.testing.assert_array_equal(one.valid(), [False, True, False])
@@ -208,6 +223,91 @@ def test_bad_box_is_refused(row):
         world(boxes=[row])
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"x": [[0.0]], "y": [[0.0]], "heading": [[0.0]], "owner": [[0]]}, "one value a sensor"),
+        ({"x": 2e12}, "within 1e\\+12 m"),
+        ({"owner": 2**32 + 1}, "owner = 4294967297; must be a whole number"),
+        ({"owner": 1.5}, "owner = 1.5; must be a whole number"),
+        ({"owner": 2**31 - 1}, "owner = 2147483647; must be"),
+        ({"dtype": int}, "must be float32 or float64"),
+        ({"number": -1}, "number = -1; must be 0 or more"),
+        ({"motion": (np.zeros(3), 0, 0)}, "motion: vx = .*; must be finite, one value or one a sensor"),
+        ({"motion": (0, math.nan, 0)}, "motion: vy = nan"),
+    ],
+)
+def test_bad_argument_is_refused(change, said):
+    with pytest.raises(ValueError, match=said):
+        scan(THREE, *world(), **{"x": 0.0, "y": 0.0, "heading": 0.0, "owner": 0} | change)
+
+
+def test_numbers_of_numpy_are_numbers():
+    noisy = dataclasses.replace(THREE, noise=Noise(0.01))
+    scene = world([(3, -1, 3, 1)])
+    plain = scan(noisy, *scene, 0, 0, 0, 0, number=2, seed=3).ranges
+    np.testing.assert_array_equal(scan(noisy, *scene, 0, 0, 0, 0, number=np.int64(2), seed=np.int64(3)).ranges, plain)
+    with pytest.raises(TypeError):
+        scan(noisy, *scene, 0, 0, 0, 0, number=2.0)
+
+
+def test_out_is_written_over_if_it_fits():
+    scene = world([(3, -1, 3, 1)])
+    first = scan(THREE, *scene, [0, 1], [0, 0], [0, 0], [0, 1])
+    again = scan(THREE, *scene, [1, 2], [0, 0], [0, 0], [0, 1], out=first)
+    assert again.ranges is first.ranges
+    assert again.ranges[:, MIDDLE].tolist() == [2, 1]
+    with pytest.raises(ValueError, match="read-only"):
+        again.ranges[0] = 0
+    for other in (
+        scan(dataclasses.replace(THREE, range_max=9), *scene, [0, 1], [0, 0], [0, 0], [0, 1]),
+        scan(THREE, *scene, 0, 0, 0, 0),
+        scan(THREE, *scene, [0, 1], [0, 0], [0, 0], [0, 1], hits=False),
+    ):
+        with pytest.raises(ValueError, match=r"out has ranges .*; must be"):
+            scan(THREE, *scene, [0, 1], [0, 0], [0, 0], [0, 1], out=other)
+    view = dataclasses.replace(first, ranges=first.ranges[:], hits=first.hits[:])
+    with pytest.raises(ValueError, match="out holds views"):
+        scan(THREE, *scene, [0, 1], [0, 0], [0, 0], [0, 1], out=view)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_hits_are_left_out_where_nobody_asks(engine):
+    scene = world([(3, -1, 3, 1)])
+    silent = scan(THREE, *scene, 0, 0, 0, 0, hits=False, engine=engine)
+    assert silent.hits is None
+    assert silent[0].hits is None
+    np.testing.assert_array_equal(silent.ranges, scan(THREE, *scene, 0, 0, 0, 0, engine=engine).ranges)
+
+
+def test_copies_and_pickles_are_the_same_and_read_only():
+    scene, boxes = world([(3, -1, 3, 1)], [(2, 2, 0.3, 4, 2, 5)])
+    batch = scan(THREE, scene, boxes, 0, 0, 0, 0)
+    for copied in (copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))):
+        again = scan(copied(THREE), copied(scene), copied(boxes), 0, 0, 0, 0)
+        np.testing.assert_array_equal(again.ranges, batch.ranges)
+        assert not copied(scene).segments.flags.writeable
+        assert not copied(boxes).x.flags.writeable
+        assert not copied(THREE).angles.flags.writeable
+
+
+def test_message_has_the_fields_of_ros():
+    one = two_scans()["veh.3"]
+    message = one.to_ros_dict()
+    assert list(message) == [
+        "header", "angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max",
+        "ranges", "intensities",
+    ]  # fmt: skip
+    assert message["header"] == {"stamp": {"sec": 2, "nanosec": 500_000_000}, "frame_id": "veh.3"}
+    assert message["ranges"] == [INF, 3.0, -INF]
+    assert json.loads(json.dumps(message))["angle_max"] == one.angle_max
+
+
+def test_points_may_be_wanted_in_another_frame():
+    one = two_scans()["veh.3"]
+    np.testing.assert_allclose(one.points(sensor=(10, 20, math.pi / 2)), [[10, 23]], atol=1e-12)
+
+
 def test_bad_segment_is_refused_and_empty_one_dropped():
     with pytest.raises(ValueError, match="segment 1"):
         world([(0, 0, 1, 1), (0, 0, INF, 1)])
@@ -220,8 +320,27 @@ def test_scene_takes_lines_rings_holes_and_parts():
     two = shapely.MultiLineString([[(0, 0), (1, 1)], [(2, 2), (3, 3), (4, 2)]])
     assert len(Scene.from_shapely([ring]).segments) == 3
     assert len(Scene.from_shapely([two], [holed]).segments) == 3 + 8
-    with pytest.raises(ValueError, match="Point"):
-        Scene.from_shapely([shapely.Point(0, 0)])
+    assert len(Scene.from_shapely(ring, holed).segments) == 3 + 8
+
+
+@pytest.mark.parametrize(
+    ("walls", "solids", "said"),
+    [
+        ([shapely.Point(0, 0)], [], r"walls\[0\] is a Point; must be one of LineString"),
+        ([], [shapely.LineString([(0, 0), (1, 1)])], r"solids\[0\] is a LineString; must be one of Polygon"),
+        ([None], [], r"walls\[0\] is a NoneType"),
+        ([], [shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])], r"solids\[0\]: Self-intersection"),
+    ],
+)
+def test_scene_takes_nothing_else(walls, solids, said):
+    with pytest.raises(ValueError, match=said):
+        Scene.from_shapely(walls, solids)
+    with pytest.raises(ValueError, match="tolerance = nan"):
+        Scene.from_shapely([], tolerance=math.nan)
+    with pytest.raises(ValueError, match="must be one shapely geometry"):
+        Scene(np.empty((0, 4)), [shapely.box(0, 0, 1, 1)])
+    with pytest.raises(ValueError, match=r"shape \(4,\); must be \(m, 4\)"):
+        Scene(np.zeros(4))
 
 
 # ---- few segments for the same walls
@@ -356,7 +475,7 @@ def test_grid_over_solids_is_bounded_however_slender_the_world():
         scene = Scene.from_shapely(solids=[solid])
         assert scene._cells.kind.size < 10_000
         assert scene.enclosed(*shapely.get_coordinates(solid.centroid).T).tolist() == [True]
-    flat = Scene.from_shapely(solids=[shapely.Polygon([(5, 5), (6, 6), (7, 7)])])
+    flat = Scene((), shapely.Polygon([(5, 5), (6, 6), (7, 7)]))
     assert not flat.enclosed([6.0], [6.0])
 
 

@@ -451,7 +451,7 @@ def test_single_precision_in_gives_double_precision_of_the_same_numbers():
         ({"jump": NAN}, "jump = nan"),
         ({"grazing": 0.0}, "grazing = 0.0 rad; must be above 0"),
         ({"grazing": 1.6}, "grazing = 1.6 rad"),
-        ({"grazing": math.radians(2.9)}, r"grazing = 0.05.*; must be above 0.052.* 2 bridged beams"),
+        ({"grazing": math.radians(2.9)}, r"grazing = 2.9 deg; must be above 3 deg.* 2 bridged beams"),
         ({"min_beams": 0}, "min_beams = 0; must be a whole number, 1 or more"),
         ({"min_beams": 2.5}, "min_beams = 2.5"),
         ({"bridge": -1}, "bridge = -1; must be a whole number, 0 or more"),

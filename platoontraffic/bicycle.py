@@ -1,0 +1,260 @@
+"""Motion of cars, vans and trucks: a kinematic bicycle with a drive line, for many vehicles at once.
+
+World frame: x east, y north, heading counter-clockwise from east. The pose is that of the centre of the footprint; the
+point that the equations move is the middle of the rear axle. Everything is SI and radians. With rear axle (x, y),
+heading psi, speed v, acceleration a, steering angle delta, wheelbase L:
+
+    x' = v cos psi     y' = v sin psi     psi' = v tan(delta) / L     v' = a = drive - brake
+    drive' = (max(demand, 0) - drive) / lag                |drive'| <= max_jerk
+    brake' = (max(-demand, 0) - brake) / brake_lag         |brake'| <= max_jerk
+    delta' = (demand of angle - delta) / steering_lag      |delta'| <= max_steering_rate
+
+The wheels do not slip, so nothing bounds the lateral acceleration: see `lateral_acceleration`. Road, load and wind are
+not modelled: an acceleration of 0 keeps the speed, as a car's own lower controller would.
+
+[Rajamani] Vehicle Dynamics and Control, 2nd ed. 2012: 2.2 the bicycle, 5.3 the lag between demand and acceleration.
+[Polack]   Polack, Altché, d'Andréa-Novel, de La Fortelle: The kinematic bicycle model: a consistent model for planning
+           feasible trajectories for autonomous vehicles? IEEE Intelligent Vehicles Symposium 2017.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from lidar.pose import wrap
+from platoontraffic.vehicle import Motion, Positive, Twist
+
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+SUBSTEP = 0.025  # longest step of the integration [s]; of second order: 2 mm after 8 s of hard driving
+CRAWL = 0.5  # [m/s]; slower than this a yaw rate is not turned into ever more steering
+
+
+class Drive(NamedTuple):
+    """A command to a car: floats, or arrays (n,)."""
+
+    acceleration: np.ndarray  # of the rear axle, forward [m/s2]; negative brakes
+    curvature: np.ndarray  # of the rear axle's path, to the left [1/m]
+
+
+@dataclass(frozen=True)
+class CarMotion(Motion):
+    """Where cars are and how they move, at one instant. Arrays (n,). `speed` is the rear axle's, never negative."""
+
+    steering: np.ndarray  # angle of the front wheel, to the left
+    braking: np.ndarray  # the brakes' part of the acceleration, not negative; the drive's is acceleration + braking
+
+    @classmethod
+    def at_rest(cls, x, y, heading) -> CarMotion:
+        still = Motion.at_rest(x, y, heading)
+        return cls(**vars(still), steering=still.speed, braking=still.speed)
+
+
+@dataclass(frozen=True)
+class Car:
+    """A vehicle steered by its front wheels, with a drive line that lags behind its command.
+
+    Each field is a float, or an array (n,) for n vehicles at once (`stack`). Ready ones are in `CARS`.
+    """
+
+    length: Positive  # of the footprint rectangle [m]
+    width: Positive
+    axle: float  # rear axle, ahead of the centre [m]; negative: behind it
+    wheelbase: Positive
+    max_steering: Positive  # angle of the bicycle's front wheel at lock; see `steering_at_lock`
+    max_steering_rate: Positive  # [rad/s]
+    steering_lag: NotNegative  # first order [s]; 0: none
+    max_acceleration: Positive  # [m/s2], at low speed
+    power: Positive  # at the wheels, by mass [W/kg]
+    max_speed: Positive  # [m/s], where drag takes all of the power
+    max_braking: Positive  # [m/s2]
+    max_jerk: Positive  # [m/s3], of drive and of brake; of both together when one takes over from the other
+    lag: NotNegative  # first order, of the drive [s]; 0: none
+    brake_lag: NotNegative  # same, of the brakes
+    response: Positive  # to the speed of a Twist, first order [s]
+
+    def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+        """The middle of the rear axle, the point whose path the curvature is of. Arrays (n,)."""
+        return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
+
+    def strongest_acceleration(self, speed: np.ndarray) -> np.ndarray:
+        """What the engine can give at a speed: constant at first, then what power p leaves over drag [m/s2].
+
+            p / v (1 - (v / v_top)^3)
+
+        Drag power grows with v^3 and takes all of p at v_top; above it the engine cannot hold the speed.
+        """
+        share = speed / self.max_speed
+        return np.minimum(self.max_acceleration, self.power / np.maximum(speed, 1e-9) * (1 - share * share * share))
+
+    def drive_for(self, twist: Twist, motion: CarMotion) -> Drive:
+        """The command that brings a car to a twist.
+
+        acceleration : v + lag drive - brake_lag brake is the speed that would be reached if the demand ended now; its
+                       rate is the demand. So it approaches the wanted speed with time constant `response`, and the
+                       speed itself as through two lags in series, without overshoot unless a limit of jerk or brakes is
+                       met. Less than 0 is a wish to stand.
+        curvature    : yaw rate by speed, of the wanted and the present speed the greater: so a car that pulls away is
+                       on the final circle at once, and one that brakes does not turn faster than it was told. Below
+                       CRAWL the curvature fades, for a car cannot turn on the spot.
+        """
+        wanted = np.maximum(twist.speed, 0.0)
+        run_out = self.lag * (motion.acceleration + motion.braking) - self.brake_lag * motion.braking
+        acceleration = (wanted - motion.speed - run_out) / self.response
+        return Drive(acceleration, twist.yaw_rate / np.maximum(np.maximum(wanted, motion.speed), CRAWL))
+
+    def saturated(self, command: Drive | Twist, motion: CarMotion) -> Drive:
+        """What the car tries now: the demand within the limits of engine, brakes and steering lock, before any lag."""
+        drive = self.drive_for(command, motion) if isinstance(command, Twist) else command
+        tightest = np.tan(self.max_steering) / self.wheelbase
+        return Drive(
+            np.maximum(np.minimum(drive.acceleration, self.strongest_acceleration(motion.speed)), -self.max_braking),
+            np.maximum(np.minimum(drive.curvature, tightest), -tightest),
+        )
+
+    def moved(self, motion: CarMotion, command: Drive | Twist, dt: float) -> CarMotion:
+        """Motion after dt under one command, in equal sub-steps of at most SUBSTEP.
+
+        Within a sub-step the demand is constant, the one at its middle; lag, jerk and steering rate are then exact, and
+        the axle drives an arc. The error falls with the square of the sub-step. At constant steering the path is an
+        exact circle, whatever the speed does. A car that has braked to 0 stands, with acceleration 0.
+        """
+        for name, values in zip(command._fields, command, strict=True):
+            if not np.isfinite(values).all():
+                raise ValueError(f"{type(command).__name__} {name} = {values}; must be finite")
+        count = max(1, math.ceil(dt / SUBSTEP - 1e-9))
+        for _ in range(count):
+            motion = self._substep(motion, command, dt / count)
+        return motion
+
+    def _substep(self, motion: CarMotion, command: Drive | Twist, h: float) -> CarMotion:
+        half_way = self._driven(motion, self.saturated(command, motion).acceleration, h / 2)[0]
+        wanted = self.saturated(command, half_way)
+        after, distance = self._driven(motion, wanted.acceleration, h)
+
+        wheel = np.arctan(self.wheelbase * wanted.curvature)
+        steering, mean_steering = _approach(motion.steering, wheel, self.steering_lag, self.max_steering_rate, h)
+        angle = distance * np.tan(mean_steering) / self.wheelbase
+        chord = distance * np.sinc(angle / (2 * np.pi))  # numpy's sinc(x) is sin(pi x) / (pi x)
+        along = motion.heading + angle / 2
+        heading = motion.heading + angle
+        # The axle moves along the chord; the centre keeps its place before the axle.
+        x = motion.x + chord * np.cos(along) + self.axle * (np.cos(motion.heading) - np.cos(heading))
+        y = motion.y + chord * np.sin(along) + self.axle * (np.sin(motion.heading) - np.sin(heading))
+        yaw_rate = after.speed * np.tan(steering) / self.wheelbase
+        turned = motion.turned + angle
+        return replace(after, x=x, y=y, heading=wrap(heading), turned=turned, yaw_rate=yaw_rate, steering=steering)
+
+    def _driven(self, motion: CarMotion, demand: np.ndarray, h: float) -> tuple[CarMotion, np.ndarray]:
+        """Speed, acceleration and braking after h under a constant demand of acceleration, and the distance driven."""
+        drive, braking = motion.acceleration + motion.braking, motion.braking
+        drive, mean_drive = _approach(drive, np.maximum(demand, 0.0), self.lag, self.max_jerk, h)
+        braking, mean_braking = _approach(braking, np.maximum(-demand, 0.0), self.brake_lag, self.max_jerk, h)
+        speed = motion.speed + (mean_drive - mean_braking) * h
+        stands = speed <= 0  # the brakes hold: no car rolls back
+        to_rest = motion.speed * h / np.maximum(motion.speed - speed, 1e-300)  # time, where it comes to stand
+        distance = np.where(stands, motion.speed / 2 * to_rest, (motion.speed + speed) / 2 * h)
+        speed, acceleration, braking = (np.where(stands, 0.0, v) for v in (speed, drive - braking, braking))
+        return replace(motion, speed=speed, acceleration=acceleration, braking=braking), distance
+
+
+def lateral_acceleration(motion: Motion) -> np.ndarray:
+    """v^2 times curvature, at the rear axle, to the left [m/s2]. Arrays (n,).
+
+    The model itself drives any. A car does not: the bicycle is to be trusted up to half of what the tyres hold
+    [Polack], about 4 m/s2 on a dry road.
+    """
+    return motion.speed * motion.yaw_rate
+
+
+def steering_at_lock(turning_circle: float, wheelbase: float, width: float) -> float:
+    """Steering angle of the bicycle on a vehicle's smallest circle.
+
+    turning_circle : diameter from kerb to kerb, that of the outer front wheel's path [m]
+    width          : of the vehicle, taken for that from wheel to wheel
+    """
+    rear_radius = math.sqrt((turning_circle / 2) ** 2 - wheelbase**2) - width / 2
+    return math.atan(wheelbase / rear_radius)
+
+
+def stack(models: list[Car]) -> Car:
+    """Many cars as one model with arrays (n,)."""
+    return Car(*(np.array([getattr(m, f.name) for m in models]) for f in fields(Car)))
+
+
+def _approach(value, target, lag, fastest, h):
+    """First-order approach to a target with a bounded rate, exact: the value after h, and its mean over h.
+
+    While the gap is more than lag * fastest the value runs at `fastest`; then the rest decays as exp(-t / lag).
+    """
+    lag = np.maximum(lag, 1e-12)
+    gap = np.abs(target - value)
+    run = np.minimum(np.maximum(gap / fastest - lag, 0.0), h)  # time at the greatest rate
+    left = gap - fastest * run
+    decayed = -np.expm1((run - h) / lag)
+    mean_gap = ((gap + left) / 2 * run + left * lag * decayed) / h
+    side = np.sign(target - value)
+    return target - side * (left * (1 - decayed)), target - side * mean_gap
+
+
+CARS = {
+    # The car that roads are designed for: RASt 06 / FGSV "Bemessungsfahrzeuge": length, width, wheelbase, circle.
+    "car": Car(
+        length=4.74,
+        width=1.76,
+        axle=-1.27,  # rear overhang 1.10 m, same
+        wheelbase=2.70,
+        max_steering=steering_at_lock(11.7, 2.70, 1.76),
+        max_steering_rate=0.4,  # CommonRoad vehicle models, BMW 320i; Apollo's Lincoln MKZ 0.44
+        steering_lag=0.1,  # assumption; Autoware's simulator 0.27 without a bound of the rate, CommonRoad none
+        max_acceleration=4.0,  # assumption: with the power below, 100 km/h in 9 s
+        power=55.0,  # mean new car in the EU 2016: 95 kW, 1392 kg (ICCT pocketbook); 0.8 of it at the wheels (Plexe)
+        max_speed=55.56,  # SUMO, passenger: 200 km/h
+        max_braking=9.0,  # SUMO, passenger: emergencyDecel
+        max_jerk=20.0,  # emergency braking, Sensors 21 (2021) 1427 table 8: 6 to 21 m/s3
+        lag=0.5,  # SUMO's CC model (Plexe): tauEngine; Rajamani ch. 5
+        brake_lag=0.2,  # Plexe engine parameters: brakes tau
+        response=1.0,  # assumption
+    ),
+    # Mercedes Sprinter, wheelbase 144 in: length, width, wheelbase.
+    "van": Car(
+        length=5.94,
+        width=1.99,
+        axle=-1.70,  # front overhang 1.0 m is an assumption: rear overhang 1.27 m
+        wheelbase=3.665,
+        max_steering=steering_at_lock(13.0, 3.665, 1.99),  # circle 11.2 to 14.3 m by wheelbase
+        max_steering_rate=0.4,  # CommonRoad, VW Vanagon
+        steering_lag=0.1,  # assumption, as the car
+        max_acceleration=3.0,  # assumption
+        power=25.0,  # 110 kW, laden to 3.5 t, 0.8 of it at the wheels
+        max_speed=41.7,  # CommonRoad, VW Vanagon
+        max_braking=9.0,  # SUMO, delivery: emergencyDecel
+        max_jerk=20.0,  # as the car
+        lag=0.5,
+        brake_lag=0.2,
+        response=1.0,  # assumption
+    ),
+    # Two-axle truck that roads are designed for: AASHTO Green Book, SU (SU-30): length, width, wheelbase, circle.
+    "truck": Car(
+        length=9.2,
+        width=2.4,
+        axle=-2.8,  # rear overhang 1.8 m, same
+        wheelbase=6.1,
+        max_steering=steering_at_lock(25.6, 6.1, 2.4),
+        max_steering_rate=0.3,  # assumption: the car's, by the greater ratio of a truck's steering
+        steering_lag=0.2,  # assumption
+        max_acceleration=2.0,  # assumption
+        power=12.0,  # assumption: 180 kW, 12 t, 0.8 of it at the wheels
+        max_speed=25.0,  # limiter, directive 92/6/EEC: 90 km/h
+        max_braking=7.0,  # SUMO, truck: emergencyDecel
+        max_jerk=10.0,  # assumption: air brakes, half of the car's
+        lag=0.5,
+        brake_lag=0.4,  # air brakes: 75 % within 0.6 s (UN R13 annex 6), so 0.6 / ln 4 at the most
+        response=1.0,  # assumption
+    ),
+}
