@@ -1,4 +1,4 @@
-"""The command line. Exit codes: 0 fine, 1 a run failed, 2 bad input or usage, 130 interrupted."""
+"""The command line; how commands end is in `commands`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import contextmanager
-from functools import wraps
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +15,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 
 from platoontraffic import data
+from platoontraffic.commands import commands_of
 from platoontraffic.errors import InputError, RunError, did_you_mean
+from platoontraffic.nets import nets_app
 
 app = typer.Typer(
     help="Platoons that drive by laser scanner, in SUMO traffic.",
@@ -24,32 +25,12 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+app.add_typer(nets_app, name="nets")
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
 
 
-def command(function: Callable[..., None]) -> Callable[..., None]:
-    """A command whose every expected trouble is one line a fault on stderr, and an exit code."""
-
-    @wraps(function)
-    def guarded(*args: object, **kwargs: object) -> None:
-        try:
-            function(*args, **kwargs)
-        except InputError as error:
-            raise _ended(2, *error.faults) from None
-        except RunError as error:
-            raise _ended(1, str(error), *getattr(error, "__notes__", ())) from None
-        except KeyboardInterrupt as error:
-            raise _ended(130, "interrupted", *getattr(error, "__notes__", ())) from None
-
-    return app.command(function.__name__.rstrip("_"))(guarded)
-
-
-def _ended(code: int, *lines: str) -> typer.Exit:
-    for line in lines:
-        print(line, file=sys.stderr)
-    return typer.Exit(code)
-
+command = commands_of(app)
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="a scenario file, or the name of a shipped one")]
 Changes = Annotated[

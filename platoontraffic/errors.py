@@ -1,4 +1,4 @@
-"""The two kinds of trouble the command line tells apart, and how it hints."""
+"""The kinds of trouble the command line tells apart, and how it hints."""
 
 import difflib
 from collections.abc import Iterable
@@ -17,6 +17,10 @@ class InputError(ValueError):
 
 class RunError(RuntimeError):
     """The run failed although its input was sound: SUMO died, the disk is full. Exit code 1."""
+
+
+class MissingError(RuntimeError):
+    """The machine lacks something: an extra, a display. Exit code 3."""
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -11,7 +11,9 @@ from shapely.geometry import box
 from platoontraffic.network import Network, build_net, read_polygons
 
 NETS = Path(__file__).parents[1] / "sumo_nets"
-NAMES = ["lab_loop", "lab_world", "lab_curves"]
+LABS = ["lab_loop", "lab_world", "lab_curves"]  # for robots, in the paper's own metres
+ROADS = ["ring", "highway", "corridor", "grid"]  # for cars, with traffic
+NAMES = LABS + ROADS
 
 
 def network(name):
@@ -29,7 +31,9 @@ def test_sources_build_the_committed_net(name, tmp_path):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_committed_net_tells_nothing_of_the_machine_that_built_it(name):
-    assert "generated on" not in (NETS / name / f"{name}.net.xml").read_text()
+    text = (NETS / name / f"{name}.net.xml").read_text()
+    assert "generated on" not in text
+    assert len(text) < 500_000
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -43,13 +47,19 @@ def test_committed_net_tells_nothing_of_the_machine_that_built_it(name):
 )
 def test_configurations_name_files_beside_them(name, suffix, root, inputs):
     config = ET.parse(NETS / name / f"{name}.{suffix}").getroot()
-    files = {item.tag: item.get("value") for item in config.find("input")}
+    files = {item.tag: item.get("value").split(",") for item in config.find("input")}
+    if name in ROADS:
+        inputs = inputs | ({"connection-files"} if suffix == "netccfg" else {"route-files"})
     assert config.tag == root
     assert set(files) == inputs
-    assert all((NETS / name / file).is_file() for file in files.values())
+    named = {file for files_of_a_kind in files.values() for file in files_of_a_kind}
+    assert all((NETS / name / file).is_file() for file in named)
+    if suffix == "sumocfg":
+        kept = {f.name for f in (NETS / name).glob("*.xml") if f.name.split(".")[1] in ("net", "poly", "add", "rou")}
+        assert named == kept
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", LABS)
 def test_every_road_has_one_lane_each_way_of_one_metre(name):
     root = ET.parse(NETS / name / f"{name}.net.xml").getroot()
     for edge in root.iterfind("edge[@from]"):
@@ -117,14 +127,148 @@ def test_lab_curves_lap_is_smooth_and_bends_right_once():
     assert np.hypot(*steps.T).sum() == pytest.approx(straights + arcs, abs=0.02)
 
 
+def corners(line):
+    """Angle [deg] at each vertex of a line, left positive."""
+    steps = np.diff(line, axis=0)
+    heading = np.arctan2(*steps[np.hypot(*steps.T) > 1e-6].T[::-1])
+    return np.degrees((np.diff(heading) + np.pi) % (2 * np.pi) - np.pi)
+
+
+def roads(name):
+    root = ET.parse(NETS / name / f"{name}.net.xml").getroot()
+    return [edge for edge in root.iterfind("edge") if edge.get("function") != "internal"]
+
+
+def houses(name):
+    return [shapely.Polygon(shape.coordinates) for shape in read_polygons(NETS / name / f"{name}.poly.xml")]
+
+
+@pytest.mark.parametrize("name", ROADS)
+def test_lanes_are_wide_enough_and_bend_gently(name):
+    root = ET.parse(NETS / name / f"{name}.net.xml").getroot()
+    lanes = root.findall(".//lane")
+    lines = {lane.get("id"): [[*map(float, p.split(","))] for p in lane.get("shape").split()] for lane in lanes}
+    assert min(float(lane.get("width")) for lane in lanes) == 3.2
+    assert max(np.abs(corners(line)).max(initial=0) for line in lines.values()) < 15  # [deg]
+    inside = {lane: line for lane, line in lines.items() if lane[0] == ":"}
+    for link in root.iterfind("connection[@via]"):
+        if link.get("from")[0] != ":":
+            before = lines[f"{link.get('from')}_{link.get('fromLane')}"][-2:]
+            assert np.abs(corners(before + inside[link.get("via")][1:2])).max(initial=0) < 15
+
+
+@pytest.mark.parametrize("name", ROADS)
+def test_no_road_lies_on_another(name):
+    areas = [
+        shapely.LineString([[*map(float, p.split(","))] for p in lane.get("shape").split()])
+        .buffer(0.49 * float(lane.get("width")), cap_style="flat", join_style="mitre")
+        for edge in roads(name)
+        for lane in edge.iterfind("lane")
+    ]  # fmt: skip
+    one, other = shapely.STRtree(areas).query(areas, "intersects")
+    shared = shapely.area(shapely.intersection(np.take(areas, one), np.take(areas, other)))[one < other]
+    assert shared.max(initial=0) < 1  # [m2]
+
+
+@pytest.mark.parametrize("name", ["corridor", "grid"])
+def test_houses_stand_beside_the_road(name):
+    all_of_them, road = houses(name), network(name).drivable
+    assert min(house.distance(road) for house in all_of_them) > 2
+    assert len(shapely.STRtree(all_of_them).query(all_of_them, "intersects")[0]) == len(all_of_them)
+
+
+@pytest.mark.parametrize("name", ROADS)
+def test_traffic_is_mixed_and_every_flow_has_a_way(name):
+    root = ET.parse(NETS / name / f"{name}.rou.xml").getroot()
+    assert {kind.get("id") for kind in root.iter("vType")} >= {"car", "van", "truck"}
+    assert sum(float(kind.get("probability")) for kind in root.find("vTypeDistribution")) == pytest.approx(1)
+    (stops,) = [ET.parse(file).findall("busStop") for file in (NETS / name).glob("*.add.xml")] or [[]]
+    assert {stop.get("busStop") for stop in root.iter("stop")} == {stop.get("id") for stop in stops}
+    known = network(name).edges
+    ends = [(flow.get("from"), flow.get("to")) for flow in root.iter("flow") if flow.get("from")]
+    named = {edge for pair in ends for edge in pair} | {e for r in root.iter("route") for e in r.get("edges").split()}
+    assert named <= set(known)
+    assert len(ends) == len(set(ends))
+
+
+def test_ring_is_round():
+    lap = ["east_north", "north_west", "west_south", "south_east"]
+    for lane, radius in ((0, 160.75), (1, 157.55)):
+        line = network("ring").route_line(lap, lane=lane, closed=True)
+        np.testing.assert_allclose(np.hypot(*line.T), radius, atol=0.02)
+        assert corners(line).sum() == pytest.approx(360, abs=5)
+        assert corners(line).max() < 2.5
+
+
+@pytest.mark.parametrize("side", ["e", "w"])
+def test_highway_has_two_lanes_a_ramp_off_and_a_ramp_on(side):
+    main = [f"{side}{i}_{side}{i + 1}" for i in range(5)]
+    highway = network("highway")
+    assert [len(highway.edges[edge]) for edge in main] == [2, 3, 2, 3, 2]
+    line = highway.route_line(main, lane=1)
+    assert np.hypot(*np.diff(line, axis=0).T).sum() == pytest.approx(5000, abs=10)
+    for way in (main, [*main[:2], f"{side}2_{side}_exit"], [f"{side}_entry_{side}3", *main[3:]]):
+        assert np.abs(corners(highway.route_line(way))).max() < 4
+    assert {float(lane.get("speed")) for e in roads("highway") if e.get("id") in main for lane in e} == {33.33}
+
+
+def test_corridor_bends_have_falling_radii():
+    line = network("corridor").route_line(["b0_b1", "b1_b2"])
+    turns, steps = np.radians(corners(line)), np.hypot(*np.diff(line, axis=0).T)
+    bending = np.flatnonzero(np.abs(turns) > np.radians(1))
+    bends = np.split(bending, np.flatnonzero(np.diff(np.sign(turns[bending]))) + 1)
+    radii = [steps[bend[0] + 1 : bend[-1] + 1].sum() / turns[bend].sum() for bend in bends]
+    # eastbound is 1.6 m to the right of the middle: outside in left bends
+    np.testing.assert_allclose(radii, [60 + 1.6, -(40 - 1.6), 25 + 1.6, -(15 - 1.6)], rtol=0.02)
+
+
+def test_corridor_roundabout_is_round_and_has_a_way_to_every_arm():
+    corridor = network("corridor")
+    ring = corridor.route_line(["rw_rs", "rs_re", "re_rn", "rn_rw"], closed=True)
+    np.testing.assert_allclose(np.hypot(*(ring - (1100, 0)).T), 20, atol=0.03)
+    quarter = ["rw_rs", "rs_re", "re_rn", "rn_rw"]
+    for n, leave in ((1, "rs_round_s"), (2, "re_b0"), (3, "rn_round_n"), (4, "rw_prio")):
+        assert np.abs(corners(corridor.route_line(["prio_rw", *quarter[:n], leave]))).max() < 15
+
+
+@pytest.mark.parametrize(
+    ("name", "junction", "reach"), [("corridor", (400, 0), 30), ("corridor", (750, 0), 30), ("grid", (200, 160), 40)]
+)
+def test_houses_hide_the_crossing_road(name, junction, reach):
+    town = shapely.union_all(houses(name))
+    arms = reach * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]]) + junction
+    for one, other in zip(arms, np.roll(arms, 1, axis=0), strict=True):
+        assert shapely.LineString([one, other]).intersects(town)
+        assert not shapely.LineString([one, junction, other]).intersects(town)
+
+
+def test_grid_has_lights_and_priority_and_two_lanes_on_its_axes():
+    root = ET.parse(NETS / "grid" / "grid.net.xml").getroot()
+    kinds = [junction.get("type") for junction in root.iterfind("junction")]
+    assert (kinds.count("traffic_light"), kinds.count("priority"), kinds.count("dead_end")) == (20, 16, 24)
+    for edge in roads("grid"):
+        start, end = edge.get("from"), edge.get("to")
+        shared = set(start) & set(end) & set("ABCDEF012345")  # the column or row that it lies in
+        assert len(edge.findall("lane")) == (2 if shared & set("BE14") else 1)
+    assert len(network("grid").outline()) == 1 + 25
+
+
 @pytest.mark.sumo
 @pytest.mark.parametrize("name", NAMES)
 def test_sumo_runs_the_configuration(name):
     libsumo = pytest.importorskip("libsumo")
-    libsumo.start(["sumo", "-c", str(NETS / name / f"{name}.sumocfg"), "--no-step-log", "true"])
+    libsumo.start(["sumo", "-c", str(NETS / name / f"{name}.sumocfg"), "--no-step-log", "--duration-log.disable"])
+    lengths, collisions, departed = {}, 0, 0
     try:
-        libsumo.simulationStep()
+        for _ in range(600 if name in ROADS else 1):
+            libsumo.simulationStep()
+            collisions += len(libsumo.simulation.getCollisions())
+            departed += libsumo.simulation.getDepartedNumber()
         lengths = {lane: libsumo.lane.getLength(lane) for lane in libsumo.lane.getIDList() if lane[0] != ":"}
+        lost = libsumo.vehicle.getTeleportingIDList()
     finally:
         libsumo.close()
-    assert lengths == {f"{edge}_0": pytest.approx(lane[0]) for edge, lane in network(name).edges.items()}
+    edges = network(name).edges
+    assert lengths == {f"{edge}_{i}": pytest.approx(length) for edge in edges for i, length in enumerate(edges[edge])}
+    assert (collisions, list(lost)) == (0, [])
+    assert (departed > 10) == (name in ROADS)
