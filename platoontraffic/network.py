@@ -102,6 +102,67 @@ def read_polygons(path: str | Path) -> list[Shape]:
     return shapes
 
 
+class Configuration(NamedTuple):
+    """What a SUMO configuration names, with whole paths; and the options by which it asks for output files."""
+
+    path: Path
+    net: Path
+    routes: tuple[Path, ...]
+    additional: tuple[Path, ...]
+    outputs: Mapping[str, str]  # option -> file name, as written
+
+
+def read_configuration(path: str | Path) -> Configuration:
+    """The input files of a .sumocfg.
+
+    raises: InputError where it, or a file that it names, is not there
+    """
+    path = Path(path)
+    wanted = "must be a SUMO configuration (.sumocfg)"
+    files: dict[str, list[Path]] = {"net-file": [], "route-files": [], "additional-files": []}
+    short = {"net": "net-file", "n": "net-file", "routes": "route-files", "r": "route-files"}
+    short |= {"additional": "additional-files", "a": "additional-files"}
+    outputs: dict[str, str] = {}
+    faults: list[str] = []
+    root = ""
+
+    def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
+        nonlocal root
+        root = root or tag
+        if root not in ("configuration", "sumoConfiguration"):
+            kind = OTHER_ROOTS.get(tag, "another kind of file")
+            raise _fault(path, parser, f"root element is <{tag}>, {kind}; {wanted}")
+        value = attributes.get("value", attributes.get("v", ""))
+        option = short.get(tag, tag)
+        if option in files:
+            for name in filter(None, re.split(r"[,\s]+", value)):
+                files[option].append(path.parent / name)
+                if not files[option][-1].is_file():
+                    faults.append(f"{path}:{parser.CurrentLineNumber}: <{tag}>: {name!r}: no such file")
+        elif value and (tag.endswith("-output") or tag in ("log", "message-log", "error-log")):
+            outputs[tag] = value
+
+    last = _parse(path, start, wanted)
+    if len(files["net-file"]) != 1:
+        faults.append(f"{path}:{last}: names {len(files['net-file'])} networks; must name one, as <net-file>")
+    if faults:
+        raise InputError(*faults)
+    routes, additional = (tuple(files[option]) for option in ("route-files", "additional-files"))
+    return Configuration(path, files["net-file"][0], routes, additional, outputs)
+
+
+def writes_files(path: Path) -> bool:
+    """Whether an additional file has detectors, or others, that write into files beside it."""
+    found = False
+
+    def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
+        nonlocal found
+        found |= "file" in attributes
+
+    _parse(path, start, "must be an additional file")
+    return found
+
+
 def build_net(config: str | Path, output: str | Path) -> None:
     """Run netconvert on a .netccfg. Equal sources give equal bytes: the header with date and paths is left out."""
     import sumo  # from eclipse-sumo, of the extra `gui`

@@ -21,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from lidar import PRESETS, LidarModel, Mount, Noise
 from platoontraffic import data, tomlkeys
 from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.network import Configuration, read_configuration
 from platoontraffic.registry import Law, find_law, plug_in_file
 from platoontraffic.vehicle import VEHICLES, DifferentialDrive
 
@@ -44,8 +45,18 @@ class Table(BaseModel):
 
 
 class Sumo(Table):
-    net: Annotated[str, Field(min_length=1)]  # name of a shipped network, or a .net.xml file
-    additional: list[str] = []  # files with <poly>s: walls and obstacles; a shipped network brings its own
+    net: Annotated[str, Field(min_length=1)] | None = None  # name of a shipped network, or a .net.xml file
+    config: Annotated[str, Field(min_length=1)] | None = None  # or a .sumocfg, which names network, routes and the rest
+    routes: list[str] = []  # route files of background traffic
+    additional: list[str] = []  # for SUMO; <poly>s in them are walls, obstacles and buildings
+    traffic: bool = True  # a shipped network brings its own routes and bus stops; its <poly>s come always
+    warm_up_s: Annotated[float, Field(ge=0, le=86_400)] = 0.0  # SUMO's traffic alone, before the platoons stand there
+
+    @model_validator(mode="after")
+    def one_of_both(self) -> Sumo:
+        if (self.net is None) == (self.config is None):
+            raise ValueError("must have a net or a config, one of both")
+        return self
 
 
 class SceneTable(Table):
@@ -245,7 +256,9 @@ class Scenario:
     spec: Spec
     source: Path
     net: Path
+    routes: tuple[Path, ...]
     additional: tuple[Path, ...]
+    config: Configuration | None
     laws: dict[tuple[int, str], Any]  # (platoon's number, "leader" or "follower") -> law
     plug_ins: dict[tuple[int, str], Path]  # files beside the scenario that laws are named by
     sources: tuple[Path, ...]  # of all laws that are not shipped
@@ -262,8 +275,11 @@ class Scenario:
 
     def files(self) -> dict[str, Path]:
         """Every input file, by a name that says what it is for."""
+        config = {"config": self.config.path} if self.config else {}
         return {
+            **config,
             f"net.{self.net.name}": self.net,
+            **{f"routes.{i}.{file.name}": file for i, file in enumerate(self.routes)},
             **{f"additional.{i}.{file.name}": file for i, file in enumerate(self.additional)},
             **{f"law.{i}.{file.name}": file for i, file in enumerate(self.sources)},
         }
@@ -275,11 +291,14 @@ class Scenario:
         def named(file: Path) -> str:
             return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix() if folder else ""
 
-        if self.spec.sumo.net not in data.networks():
+        if self.config:
+            table["sumo"]["config"] = named(self.config.path)
+        elif self.spec.sumo.net not in data.networks():
             table["sumo"]["net"] = named(self.net)
-        table["sumo"]["additional"] = [
-            named(file) for file in self.additional if file.parent.parent != data.shipped("sumo_nets")
-        ]
+        given = {"routes": len(self.spec.sumo.routes), "additional": len(self.spec.sumo.additional)}
+        for key, n in given.items():  # beside those that the network or the configuration brings
+            files = getattr(self, key)
+            table["sumo"][key] = [named(file) for file in files[len(files) - n :]]
         for (i, role), law in self.laws.items():
             driver = table["platoon"][i][role]
             keys = {alias: getattr(law, name) for name, alias in _keys(type(law)).items()}
@@ -346,21 +365,34 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
         faults.append(f"{place(path)}: {_dotted(path)}: {what}")
 
     nets = data.networks()
-    net = nets.get(spec.sumo.net, folder / spec.sumo.net)
+    config = None
+    if spec.sumo.config is not None:
+        try:
+            config = read_configuration(folder / spec.sumo.config)
+        except InputError as error:
+            raise InputError(*(f"{place(('sumo', 'config'))}: sumo.config: {one}" for one in error.faults)) from error
+    net = config.net if config else nets.get(spec.sumo.net, folder / spec.sumo.net)
     found: dict[str, Law] = {}  # one class a name, so that members may share a call
     sources: set[Path] = set()
     if not net.is_file():
         what = "no such file, nor a shipped network"
         fault(("sumo", "net"), f"{spec.sumo.net!r}: {what}{did_you_mean(spec.sumo.net, nets)}")
-    own = net.parent / f"{spec.sumo.net}.poly.xml"
-    additional = [own] if spec.sumo.net in nets and own.is_file() else []
-    for i, name in enumerate(spec.sumo.additional):
-        additional.append(folder / name)
-        if not (folder / name).is_file():
-            fault(("sumo", "additional", i), f"{name!r}: no such file")
+    if config:
+        routes, additional = list(config.routes), list(config.additional)
+    else:
+        routes, additional = _brought(spec.sumo) if spec.sumo.net in nets else ([], [])
+    for key, files in (("routes", routes), ("additional", additional)):
+        for i, name in enumerate(getattr(spec.sumo, key)):
+            files.append(folder / name)
+            if not (folder / name).is_file():
+                fault(("sumo", key, i), f"{name!r}: no such file")
+            elif "," in str(files[-1]):  # SUMO would take it for two
+                fault(("sumo", key, i), f"{name!r}: has a comma in its path; must have none")
 
     if not _whole(spec.run.duration_s / spec.run.step_s):
         fault(("run", "duration_s"), f"{spec.run.duration_s}: must be a multiple of run.step_s = {spec.run.step_s}")
+    if spec.sumo.warm_up_s and not _whole(spec.sumo.warm_up_s / spec.run.step_s):
+        fault(("sumo", "warm_up_s"), f"{spec.sumo.warm_up_s}: must be a multiple of run.step_s = {spec.run.step_s}")
     if not _whole(spec.record.every_s / spec.run.step_s):
         fault(("record", "every_s"), f"{spec.record.every_s}: must be a multiple of run.step_s = {spec.run.step_s}")
     ids = [p.id for p in spec.platoon]
@@ -400,7 +432,17 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 fault((*at, "lidar", "rate_hz"), what)
     if faults:
         raise InputError(*faults)
-    return Scenario(spec, source, net, tuple(additional), laws, plug_ins, tuple(sorted(sources)), varied, place)
+    files = (net, tuple(routes), tuple(additional), config)
+    return Scenario(spec, source, *files, laws, plug_ins, tuple(sorted(sources)), varied, place)
+
+
+def _brought(sumo: Sumo) -> tuple[list[Path], list[Path]]:
+    """Route files and additional files of a shipped network."""
+    folder = data.networks()[sumo.net].parent
+    kinds = ("poly", "add") if sumo.traffic else ("poly",)
+    routes = [folder / f"{sumo.net}.rou.xml"] if sumo.traffic else []
+    additional = [folder / f"{sumo.net}.{kind}.xml" for kind in kinds]
+    return [file for file in routes if file.is_file()], [file for file in additional if file.is_file()]
 
 
 def _law(kind: type, gains: dict[str, Any], fault: Any) -> Any:

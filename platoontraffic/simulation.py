@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from platoontraffic.contact import Contacts
 from platoontraffic.deployment import deploy, static_scene
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import Fleet, Member
-from platoontraffic.network import Network
+from platoontraffic.network import Network, writes_files
 from platoontraffic.observation import Event, Observer
 from platoontraffic.recording import Recorder
 from platoontraffic.scenario import Scenario
@@ -81,7 +82,17 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     recorder.write("config.toml", tomli_w.dumps(scenario.resolved(recorder.folder)))
     recorder.write("provenance.json", recording.as_json(facts))
     fleet = Fleet.deployed(prepared.members, dt)
-    world = World(network, dt, scenario.seed, recorder.folder / "run.log")
+    world = World(
+        network,
+        dt,
+        scenario.seed,
+        recorder.folder / "run.log",
+        scenario.routes,
+        _additional(scenario, recorder.folder),
+        scenario.config.path if scenario.config else None,
+        _outputs(scenario, recorder.folder),
+        scenario.spec.sumo.warm_up_s,
+    )
     sensing = Sensing(prepared.scene, scenario.spec.scene.lidar_engine, scenario.seed)
     observer = Observer(fleet, network, Contacts(prepared.scene, {m.id for m in prepared.members}))
     steps = round(run.duration_s / dt)
@@ -125,6 +136,24 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     facts["stage_s"] = {stage: round(seconds, 3) for stage, seconds in watch.seconds.items()}
     facts["sumo_words"] = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:100]
     _conclude(prepared, recorder, facts)
+
+
+def _additional(scenario: Scenario, folder: Path) -> list[Path]:
+    """What SUMO is to load. What writes files does so beside itself: it is copied into the run's folder."""
+    files = []
+    for i, file in enumerate(scenario.additional):
+        if file.name.endswith(".poly.xml"):  # for laser and eye; SUMO has no use for polygons
+            continue
+        if writes_files(file):
+            file = shutil.copy(file, folder / f"sumo_{i}_{file.name}")
+        files.append(Path(file))
+    return files
+
+
+def _outputs(scenario: Scenario, folder: Path) -> dict[str, Path]:
+    """Output files that a SUMO configuration asks for come into the run's folder."""
+    wanted = scenario.config.outputs if scenario.config else {}
+    return {option: folder / f"sumo_{Path(name).name}" for option, name in wanted.items()}
 
 
 def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> None:

@@ -9,11 +9,13 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import libsumo
 import numpy as np
+import shapely
 
 from lidar.pose import wrap
 from platoontraffic.errors import InputError, RunError
@@ -29,6 +31,8 @@ ANYWHERE = ("", -1)
 
 ALL_OFF = 32  # speed mode: SUMO believes the speed that follows from the displacement
 NO_LANE_CHANGE = 0
+
+ROOM = 1.0  # of their own length is free about members when they are deployed
 
 _running: list[Path] = []  # libsumo holds one simulation a process; a second start would replace the first in silence
 
@@ -56,18 +60,40 @@ def centre_of(x, y, heading, length):
 class World:
     """SUMO from start to close: a context manager. Steps are `step` seconds long (whole milliseconds).
 
-    words: the file that everything SUMO says goes to.
+    words   : the file that everything SUMO says goes to
+    routes     : files of background traffic
+    additional : what else SUMO is to load: vehicle types, stops, lights
+    config     : a .sumocfg whose further options hold, as far as they are not set here
+    outputs    : options of output files and where these go
+    warm_up    : seconds of background traffic before the members come
     """
 
-    def __init__(self, network: Network, step: float, seed: int, words: Path) -> None:
-        self._network, self._words = network, words
+    def __init__(
+        self,
+        network: Network,
+        step: float,
+        seed: int,
+        words: Path,
+        routes: Sequence[Path] = (),
+        additional: Sequence[Path] = (),
+        config: Path | None = None,
+        outputs: Mapping[str, Path] = MappingProxyType({}),
+        warm_up: float = 0.0,
+    ) -> None:
+        self._network, self._words, self._warm_up = network, words, warm_up
         self._options = [
             "sumo",
+            *(("--configuration-file", str(config)) if config else ()),
             *("--net-file", str(network.path), "--step-length", str(step), "--seed", str(seed)),
             *("--time-to-teleport", "-1", "--collision.action", "warn", "--collision.check-junctions", "true"),
             *("--collision.mingap-factor", "0", "--emergencydecel.warning-threshold", "1000000"),
             *("--no-step-log", "true", "--duration-log.disable", "true", "--precision", "6"),
         ]
+        for option, files in (("--route-files", routes), ("--additional-files", additional)):
+            if files:
+                self._options += [option, ",".join(str(file) for file in files)]
+        for option, file in outputs.items():
+            self._options += [f"--{option}", str(file)]
         self._start = 0.0  # SUMO's time when the members stood at their start poses
         self._routed: dict[str, str] = {}  # the edge from which each member's route was last set
         self._sizes: dict[str, tuple[float, float]] = {}  # length, width of SUMO's own vehicles
@@ -93,7 +119,13 @@ class World:
             raise RunError(f"SUMO failed at {when}: {error}") from error
 
     def deploy(self, fleet: Fleet) -> None:
-        """Insert all members at their start poses and take the wheel; this is time 0."""
+        """Insert all members at their start poses and take the wheel; this is time 0.
+
+        Background vehicles that are in their way there are taken out: a platoon does not come in by driving.
+        """
+        with self._listening():
+            if self._warm_up:
+                libsumo.simulationStep(libsumo.simulation.getTime() + self._warm_up)
         for member in fleet.members:
             self._insert(member)
         # A vehicle must have been on a lane before it may stand where there is none, as in the outer corner of a bend;
@@ -102,6 +134,7 @@ class World:
             x, y, heading = self._network.lane_pose(member.edge, member.lane, member.position)
             libsumo.vehicle.moveToXY(member.id, *ANYWHERE, x, y, sumo_angle(heading), KEEP_ROUTE, MATCH_THRESHOLD)
         self._simulate()
+        self._make_room(fleet)
         self.place(fleet)
         self._simulate()
         self._start = libsumo.simulation.getTime()
@@ -153,6 +186,14 @@ class World:
         """Edge and lane that SUMO has each member on; the lane is "" off the road."""
         vehicle = libsumo.vehicle
         return [(vehicle.getRoadID(m.id), vehicle.getLaneID(m.id)) for m in fleet.members]
+
+    def _make_room(self, fleet: Fleet) -> None:
+        """Take out background vehicles that stand where a member does, or so near that neither could stop."""
+        traffic, n = self.snapshot(fleet), len(fleet)
+        shapes = shapely.polygons(traffic.boxes().corners())
+        near = shapely.STRtree(shapes[n:]).query(shapes[:n], predicate="dwithin", distance=ROOM * traffic.length[:n])[1]
+        for row in sorted(set(near.tolist())):
+            libsumo.vehicle.remove(traffic.ids[n + row])
 
     def _insert(self, member: Member) -> None:
         kind = f"platoontraffic.{member.id}"

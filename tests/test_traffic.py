@@ -1,0 +1,166 @@
+"""SUMO's own traffic beside the platoons: from shipped networks, route files and configurations."""
+
+from __future__ import annotations
+
+import filecmp
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from platoontraffic import data, scenario, simulation
+from platoontraffic.errors import InputError
+from platoontraffic.network import read_configuration
+
+pytestmark = pytest.mark.sumo
+
+RING = data.networks()["ring"].parent
+EDGES = re.findall(r'<edge id="([^":]+)"', (RING / "ring.edg.xml").read_text())
+
+ROAD = """
+[scene]
+walls = "none"
+
+[run]
+step_s = 0.1
+duration_s = {duration}
+
+[[platoon]]
+id = "laser"
+start = {{ edge = "{edge}", position_m = 50.0 }}
+route = [{route}]
+loop = true
+vehicle = {{ length_m = 4.5, width_m = 1.8, axle_m = -1.3, wheel_separation_m = 1.5, wheel_radius_m = 0.3 }}
+
+[platoon.leader]
+law = "path"
+speed_mps = {speed}
+lookahead_m = 8.0
+stop_distance_m = 6.0
+half_width_m = 1.2
+lidar = {{ preset = "car-leader", rate_hz = 10.0 }}
+"""
+
+
+def write(folder: Path, sumo: str, duration: float = 5.0, speed: float = 10.0, edges=EDGES) -> Path:
+    route = ", ".join(f'"{edge}"' for edge in edges)
+    road = ROAD.format(duration=duration, edge=edges[0], route=route, speed=speed)
+    road = road if edges is EDGES else road.replace("loop = true\n", "")
+    file = folder / "traffic.toml"
+    file.write_text(f"[sumo]\n{sumo}\n{road}", encoding="utf-8")
+    return file
+
+
+def run(file: Path, to: Path, *changes: str) -> tuple[Path, list]:
+    """The folder of a run, and its snapshots."""
+    prepared = simulation.prepare(scenario.load(file, changes))
+    return simulation.simulate(prepared, to)
+
+
+@pytest.fixture
+def configuration(tmp_path) -> Path:
+    """A folder as a user has it: a configuration that asks for outputs, and a detector that writes beside itself."""
+    folder = tmp_path / "theirs"
+    folder.mkdir()
+    for name in ("ring.net.xml", "ring.rou.xml"):
+        (folder / name).write_bytes((RING / name).read_bytes())
+    lane = f"{EDGES[0]}_0"
+    (folder / "counters.add.xml").write_text(
+        f'<additional><e1Detector id="d" lane="{lane}" pos="10" freq="1" file="counted.xml"/></additional>'
+    )
+    (folder / "all.sumocfg").write_text(
+        "<configuration><input><net-file value='ring.net.xml'/><route-files value='ring.rou.xml'/>"
+        "<additional-files value='counters.add.xml'/></input>"
+        "<output><tripinfo-output value='trips.xml'/></output><time><begin value='100'/></time>"
+        "<gui_only><start value='true'/></gui_only></configuration>"
+    )
+    return folder
+
+
+def test_configuration_runs_and_nothing_is_written_beside_it(configuration, tmp_path):
+    before = {file.name: file.read_bytes() for file in configuration.iterdir()}
+    folder = run(write(tmp_path, 'config = "theirs/all.sumocfg"\nwarm_up_s = 20.0'), tmp_path / "one")
+    assert {file.name: file.read_bytes() for file in configuration.iterdir()} == before
+    assert (folder / "sumo_trips.xml").stat().st_size > 0
+    assert (folder / "counted.xml").stat().st_size > 0
+    rows = pd.read_csv(folder / "trajectories.csv")
+    assert rows.time_s.iloc[0] == 0  # whatever SUMO's clock showed
+    again = run(folder / "config.toml", tmp_path / "two")
+    assert filecmp.cmp(folder / "trajectories.csv", again / "trajectories.csv", shallow=False)
+
+
+def test_shipped_network_brings_its_traffic_unless_told_otherwise(tmp_path):
+    ours = 'net = "ring"\nwarm_up_s = 60.0'
+    with_traffic = scenario.load(write(tmp_path, ours))
+    assert [file.name for file in with_traffic.routes] == ["ring.rou.xml"]
+    without = scenario.load(write(tmp_path, ours + "\ntraffic = false"))
+    assert without.routes == ()
+    assert [file.name for file in without.additional] == ["ring.poly.xml"]
+
+
+def test_a_standing_robot_stops_the_traffic_behind_it_and_has_room_at_the_start(tmp_path, monkeypatch):
+    snapshots = []
+    read = simulation.World.snapshot
+
+    def snapshot(world, fleet):
+        snapshots.append(read(world, fleet))
+        return snapshots[-1]
+
+    monkeypatch.setattr(simulation.World, "snapshot", snapshot)
+    one_lane = write(tmp_path, 'net = "corridor"\nwarm_up_s = 60.0', duration=60.0, speed=0.01, edges=["west_light"])
+    run(one_lane, tmp_path / "one")
+    first, last = snapshots[1], snapshots[-1]  # the very first is of making room
+    assert len(first.ids) > 5
+    gaps = np.hypot(first.x[1:] - first.x[0], first.y[1:] - first.y[0]) - (first.length[1:] + first.length[0]) / 2
+    assert gaps.min() > 0
+    # One waits right behind, at SUMO's own least gap; nobody has driven through.
+    gap = (last.x[0] - last.length[0] / 2) - (last.x[1:] + last.length[1:] / 2)
+    behind = (np.abs(last.y[1:] - last.y[0]) < 1) & (gap > 0)
+    assert 1.5 < gap[behind].min() < 3.5
+    assert last.speed[1:][behind][gap[behind].argmin()] < 0.1
+    contacts = pd.read_csv(tmp_path / "one" / "events.csv").query("kind == 'collision'")
+    assert contacts.empty
+
+
+@pytest.mark.parametrize(
+    ("sumo", "said"),
+    [
+        ('net = "ring"\nconfig = "a.sumocfg"', "sumo: must have a net or a config, one of both"),
+        ("traffic = true", "sumo: must have a net or a config, one of both"),
+        ('config = "nowhere.sumocfg"', "sumo.config: {}/nowhere.sumocfg: no such file; must be a SUMO configuration"),
+        ('net = "ring"\nroutes = ["nowhere.rou.xml"]', "sumo.routes.0: 'nowhere.rou.xml': no such file"),
+        ('net = "ring"\nwarm_up_s = -1.0', "sumo.warm_up_s: -1.0: should be greater than or equal to 0"),
+        ('net = "ring"\nwarm_up_s = 0.25', "sumo.warm_up_s: 0.25: must be a multiple of run.step_s = 0.1"),
+    ],
+)
+def test_faults_are_named(tmp_path, sumo, said):
+    with pytest.raises(InputError) as caught:
+        scenario.load(write(tmp_path, sumo))
+    assert any(said.format(tmp_path) in fault for fault in caught.value.faults), caught.value.faults
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("<net/>", ":1: root element is <net>, another kind of file; must be a SUMO configuration"),
+        ("<configuration>", "not whole XML"),
+        ("<configuration/>", ":1: names 0 networks; must name one, as <net-file>"),
+        ("<configuration><net-file value='x.net.xml'/></configuration>", ":1: <net-file>: 'x.net.xml': no such file"),
+    ],
+)
+def test_faults_in_a_configuration_are_named(tmp_path, text, said):
+    file = tmp_path / "faulty.sumocfg"
+    file.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_configuration(file)
+    assert f"{file}" in str(caught.value)
+    assert said in str(caught.value)
+
+
+def test_routes_that_sumo_refuses_are_said_in_its_words(tmp_path):
+    route = '<route edges="nowhere"/>'
+    (tmp_path / "bad.rou.xml").write_text(f'<routes><vehicle id="v" depart="0">{route}</vehicle></routes>')
+    with pytest.raises(InputError, match="nowhere"):
+        run(write(tmp_path, 'net = "ring"\ntraffic = false\nroutes = ["bad.rou.xml"]'), tmp_path / "one")
