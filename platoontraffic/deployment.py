@@ -40,11 +40,12 @@ def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, 
     members: list[Member] = []
     faults: list[str] = []
     for i, platoon in enumerate(scenario.spec.platoon):
-        key = "route"
+        key = "to" if platoon.to else "route"
         try:
-            path = _path(network, platoon)
+            route = network.fastest_way(platoon.start.edge, platoon.to) if platoon.to else platoon.route
+            path = _path(network, platoon, route)
             key = "start"
-            members += _platoon(scenario, network, i, platoon, path)
+            members += _platoon(scenario, network, i, platoon, tuple(route), path)
         except InputError as error:
             faults += [scenario.fault(("platoon", i, key), fault) for fault in error.faults]
     if not faults:
@@ -57,7 +58,9 @@ def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, 
     return tuple(members)
 
 
-def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon, path: Polyline | None) -> list[Member]:
+def _platoon(
+    scenario: Scenario, network: Network, i: int, platoon: Platoon, route: tuple[str, ...], path: Polyline | None
+) -> list[Member]:
     model = platoon.vehicle.model()
     start = platoon.start
     members = []
@@ -84,20 +87,20 @@ def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon, pat
                 lane=start.lane,
                 position=on_lane,
                 pose=(x, y, heading),
-                route=tuple(platoon.route),
+                route=route,
                 path=path,
             )
         )
     return members
 
 
-def _path(network: Network, platoon: Platoon) -> Polyline | None:
-    if not platoon.route:
+def _path(network: Network, platoon: Platoon, route: list[str]) -> Polyline | None:
+    if not route:
         return None
-    if platoon.start.edge not in platoon.route:
-        raise InputError(f"{platoon.route}: does not contain the start edge {platoon.start.edge!r}")
-    here = platoon.route.index(platoon.start.edge)
-    onward = [*platoon.route[here:], *(platoon.route[:here] if platoon.loop else [])]
+    if platoon.start.edge not in route:
+        raise InputError(f"{route}: does not contain the start edge {platoon.start.edge!r}")
+    here = route.index(platoon.start.edge)
+    onward = [*route[here:], *(route[:here] if platoon.loop else [])]
     return Polyline(network.route_line(onward, platoon.start.lane, closed=platoon.loop), closed=platoon.loop)
 
 

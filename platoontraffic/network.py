@@ -277,6 +277,14 @@ class Network:
         new = np.hypot(*np.diff(line, axis=0).T) > 1e-6
         return line[np.concatenate([[True], new])]
 
+    def fastest_way(self, start: str, end: str) -> list[str]:
+        """The edges from one to another that take the least time at the limits of speed."""
+        a, b = (self._net.getEdge(self._known(edge)) for edge in (start, end))
+        way, _ = self._net.getOptimalPath(a, b, fastest=True)
+        if way is None:
+            raise InputError(f"no way from edge '{start}' to '{end}'")
+        return [edge.getID() for edge in way]
+
     def onward(self, edge_id: str, n: int = 2) -> tuple[str, ...]:
         """The edge and those met by driving on as straight as can be; n edges, fewer where the road ends."""
         way = [self._net.getEdge(self._known(edge_id))]

@@ -225,12 +225,15 @@ class Platoon(Table):
     start: Start
     gap_m: Length = 0.5  # bumper to bumper, at the start
     route: list[str] = []
+    to: Annotated[str, Field(min_length=1)] | None = None  # instead of a route: the edge to which the fastest way is taken
     loop: bool = False  # the route begins again at its end
     leader: Driver
     follower: Driver | None = None
 
     @model_validator(mode="after")
     def followers_have_a_law(self) -> Platoon:
+        if self.to is not None and (self.route or self.loop):
+            raise ValueError("has a route, or loops, and `to`; must have one or the other")
         if self.size > 1 and self.follower is None:
             raise ValueError("a platoon of more than one needs a [platoon.follower]")
         return self
@@ -420,8 +423,9 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
             needs = frozenset(getattr(kind, "needs", ()))
             if unknown := sorted(needs - NEEDS):
                 fault((*at, "law"), f"{driver.law!r} needs {', '.join(unknown)}; there is: {', '.join(sorted(NEEDS))}")
-            if "route" in needs and not platoon.route:
-                fault((*at, "law"), f"{driver.law!r} needs platoon.{i}.route, the edges to drive")
+            if "route" in needs and not platoon.route and not platoon.to:
+                ways = f"platoon.{i}.route, the edges to drive, or platoon.{i}.to, the last of them"
+                fault((*at, "law"), f"{driver.law!r} needs {ways}")
             try:
                 lidar = driver.lidar.model(default_preset(role), platoon.vehicle.model().length)
             except ValueError as error:

@@ -164,3 +164,19 @@ def test_routes_that_sumo_refuses_are_said_in_its_words(tmp_path):
     (tmp_path / "bad.rou.xml").write_text(f'<routes><vehicle id="v" depart="0">{route}</vehicle></routes>')
     with pytest.raises(InputError, match="nowhere"):
         run(write(tmp_path, 'net = "ring"\ntraffic = false\nroutes = ["bad.rou.xml"]'), tmp_path / "one")
+
+
+def test_the_fastest_way_is_taken_to_a_named_edge(tmp_path):
+    file = write(tmp_path, 'net = "corridor"', edges=["west_light"])
+    text = file.read_text().replace('route = ["west_light"]', 'to = "b2_east"')
+    file.write_text(text)
+    (leader,) = simulation.prepare(scenario.load(file)).members
+    assert (leader.route[0], leader.route[-1]) == ("west_light", "b2_east")
+    assert leader.path.end > 1500  # along the whole of the corridor
+    for to, said in (("nowhere", "no edge 'nowhere' in"), ("", "should have at least 1 character")):
+        file.write_text(text.replace('"b2_east"', f'"{to}"'))
+        with pytest.raises(InputError, match=rf"platoon\.0\.to: .*{said}"):
+            simulation.prepare(scenario.load(file))
+    file.write_text(text.replace('to = "b2_east"', 'to = "b2_east"\nroute = ["west_light"]'))
+    with pytest.raises(InputError, match="must have one or the other"):
+        scenario.load(file)
