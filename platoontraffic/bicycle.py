@@ -20,7 +20,7 @@ not modelled: an acceleration of 0 keeps the speed, as a car's own lower control
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -43,23 +43,11 @@ class Drive(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CarMotion(Motion):
-    """Where cars are and how they move, at one instant. Arrays (n,). `speed` is the rear axle's, never negative."""
-
-    steering: np.ndarray  # angle of the front wheel, to the left
-    braking: np.ndarray  # the brakes' part of the acceleration, not negative; the drive's is acceleration + braking
-
-    @classmethod
-    def at_rest(cls, x, y, heading) -> CarMotion:
-        still = Motion.at_rest(x, y, heading)
-        return cls(**vars(still), steering=still.speed, braking=still.speed)
-
-
-@dataclass(frozen=True)
 class Car:
     """A vehicle steered by its front wheels, with a drive line that lags behind its command.
 
-    Each field is a float, or an array (n,) for n vehicles at once (`stack`). Ready ones are in `CARS`.
+    Each field is a float, or an array (n,) for n vehicles at once (`stack`). Ready ones are in `CARS`. The speed of its
+    motion is the rear axle's, never negative.
     """
 
     length: Positive  # of the footprint rectangle [m]
@@ -78,6 +66,11 @@ class Car:
     brake_lag: NotNegative  # same, of the brakes
     response: Positive  # to the speed of a Twist, first order [s]
 
+    @property
+    def top_speed(self) -> float:
+        """On the level [m/s]."""
+        return self.max_speed
+
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """The middle of the rear axle, the point whose path the curvature is of. Arrays (n,)."""
         return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
@@ -92,7 +85,7 @@ class Car:
         share = speed / self.max_speed
         return np.minimum(self.max_acceleration, self.power / np.maximum(speed, 1e-9) * (1 - share * share * share))
 
-    def drive_for(self, twist: Twist, motion: CarMotion) -> Drive:
+    def drive_for(self, twist: Twist, motion: Motion) -> Drive:
         """The command that brings a car to a twist.
 
         acceleration : v + lag drive - brake_lag brake is the speed that would be reached if the demand ended now; its
@@ -108,7 +101,7 @@ class Car:
         acceleration = (wanted - motion.speed - run_out) / self.response
         return Drive(acceleration, twist.yaw_rate / np.maximum(np.maximum(wanted, motion.speed), CRAWL))
 
-    def saturated(self, command: Drive | Twist, motion: CarMotion) -> Drive:
+    def saturated(self, command: Drive | Twist, motion: Motion) -> Drive:
         """What the car tries now: the demand within the limits of engine, brakes and steering lock, before any lag."""
         drive = self.drive_for(command, motion) if isinstance(command, Twist) else command
         tightest = np.tan(self.max_steering) / self.wheelbase
@@ -117,7 +110,7 @@ class Car:
             np.maximum(np.minimum(drive.curvature, tightest), -tightest),
         )
 
-    def moved(self, motion: CarMotion, command: Drive | Twist, dt: float) -> CarMotion:
+    def moved(self, motion: Motion, command: Drive | Twist, dt: float) -> Motion:
         """Motion after dt under one command, in equal sub-steps of at most SUBSTEP.
 
         Within a sub-step the demand is constant, the one at its middle; lag, jerk and steering rate are then exact, and
@@ -132,7 +125,7 @@ class Car:
             motion = self._substep(motion, command, dt / count)
         return motion
 
-    def _substep(self, motion: CarMotion, command: Drive | Twist, h: float) -> CarMotion:
+    def _substep(self, motion: Motion, command: Drive | Twist, h: float) -> Motion:
         half_way = self._driven(motion, self.saturated(command, motion).acceleration, h / 2)[0]
         wanted = self.saturated(command, half_way)
         after, distance = self._driven(motion, wanted.acceleration, h)
@@ -150,7 +143,7 @@ class Car:
         turned = motion.turned + angle
         return replace(after, x=x, y=y, heading=wrap(heading), turned=turned, yaw_rate=yaw_rate, steering=steering)
 
-    def _driven(self, motion: CarMotion, demand: np.ndarray, h: float) -> tuple[CarMotion, np.ndarray]:
+    def _driven(self, motion: Motion, demand: np.ndarray, h: float) -> tuple[Motion, np.ndarray]:
         """Speed, acceleration and braking after h under a constant demand of acceleration, and the distance driven."""
         drive, braking = motion.acceleration + motion.braking, motion.braking
         drive, mean_drive = _approach(drive, np.maximum(demand, 0.0), self.lag, self.max_jerk, h)
@@ -180,11 +173,6 @@ def steering_at_lock(turning_circle: float, wheelbase: float, width: float) -> f
     """
     rear_radius = math.sqrt((turning_circle / 2) ** 2 - wheelbase**2) - width / 2
     return math.atan(wheelbase / rear_radius)
-
-
-def stack(models: list[Car]) -> Car:
-    """Many cars as one model with arrays (n,)."""
-    return Car(*(np.array([getattr(m, f.name) for m in models]) for f in fields(Car)))
 
 
 def _approach(value, target, lag, fastest, h):

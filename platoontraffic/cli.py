@@ -98,8 +98,8 @@ def list_(
 ) -> None:
     """List what there is by name."""
     from lidar import PRESETS
+    from platoontraffic.models import VEHICLES
     from platoontraffic.registry import find_law, law_names
-    from platoontraffic.vehicle import VEHICLES
 
     listings: dict[str, Callable[[], dict[str, str]]] = {
         "scenarios": lambda: {name: _title(file) for name, file in data.scenarios().items()},

@@ -5,16 +5,18 @@ from __future__ import annotations
 import inspect
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from lidar import LidarModel, ScanBatch
+from lidar.pose import wrap
 from platoontraffic.controllers import Decision, Sensed, Target
 from platoontraffic.errors import InputError
+from platoontraffic.models import FleetModel, VehicleModel
 from platoontraffic.polyline import Polyline
-from platoontraffic.vehicle import DifferentialDrive, Motion, Twist, stack
+from platoontraffic.vehicle import Motion, Twist
 
 ROUTE_POINTS = 25  # of the path ahead that a law with `needs = {"route"}` is given
 ROUTE_REACH = 6.0  # how far they reach, in vehicle lengths
@@ -27,7 +29,7 @@ class Member:
     id: str
     platoon: str
     place: int  # 0 leads
-    model: DifferentialDrive
+    model: VehicleModel
     lidar: LidarModel
     law: Any
     edge: str  # where SUMO inserts it
@@ -58,8 +60,9 @@ class Fleet:
 
     members: tuple[Member, ...]
     groups: tuple[Group, ...]
-    model: DifferentialDrive  # of all members, fields (n,)
+    model: FleetModel
     predecessor: np.ndarray  # row of the member ahead; -1 for leaders
+    native: np.ndarray  # those that SUMO's own driver model drives, (n,) bool
     motion: Motion
     twist: Twist  # the last command
     target: Target  # what each law took for its predecessor
@@ -79,8 +82,9 @@ class Fleet:
         return cls(
             members=tuple(members),
             groups=groups,
-            model=stack([m.model for m in members]),
+            model=FleetModel.of([m.model for m in members]),
             predecessor=np.array([row_of.get((m.platoon, m.place - 1), -1) for m in members]),
+            native=np.array([getattr(m.law, "native", False) for m in members]),
             motion=Motion.at_rest(*zip(*(m.pose for m in members), strict=True)),
             twist=Twist(np.zeros(n), np.zeros(n)),
             target=Target(np.full(n, np.nan), np.full(n, np.nan)),
@@ -119,7 +123,30 @@ class Fleet:
         )
 
     def moved(self, dt: float) -> Fleet:
-        return replace(self, motion=self.model.moved(self.motion, self.twist, dt))
+        """After dt; those that SUMO drives stay, until it has moved them."""
+        motion = self.model.moved(self.motion, self.twist, dt)
+        return self._with_motion(np.flatnonzero(self.native), self.motion, motion)
+
+    def driven(self, rows: np.ndarray, x, y, heading, speed, dt: float) -> Fleet:
+        """With the poses (m,) that SUMO has driven the members of some rows to."""
+        before = self.motion.of(rows)
+        turned = wrap(heading - before.heading)
+        motion = Motion(
+            x, y, heading, before.turned + turned, speed, turned / dt, (speed - before.speed) / dt, 0 * x, 0 * x
+        )
+        everywhere = Motion(*(np.empty(len(self)) for _ in fields(Motion)))
+        for f in fields(Motion):
+            getattr(everywhere, f.name)[rows] = getattr(motion, f.name)
+        return self._with_motion(rows, everywhere, self.motion)
+
+    def _with_motion(self, rows: np.ndarray, some: Motion, others: Motion) -> Fleet:
+        """Some rows move in one way, the others in another."""
+        if not len(rows):
+            return replace(self, motion=others)
+        values = {f.name: getattr(others, f.name).copy() for f in fields(Motion)}
+        for name, of_all in values.items():
+            of_all[rows] = getattr(some, name)[rows]
+        return replace(self, motion=Motion(**values))
 
     def _route_ahead(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Stations (m,) on the members' own paths, and points (m, k, 2) of the paths ahead.

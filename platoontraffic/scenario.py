@@ -17,24 +17,30 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, field_validator, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from lidar import PRESETS, LidarModel, Mount, Noise
 from platoontraffic import data, tomlkeys
+from platoontraffic.bicycle import Car
 from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.models import VEHICLES, VehicleModel
 from platoontraffic.network import Configuration, read_configuration
 from platoontraffic.registry import Law, find_law, plug_in_file
-from platoontraffic.vehicle import VEHICLES, DifferentialDrive
+from platoontraffic.vehicle import DifferentialDrive
 
 Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Size = Annotated[float, Field(gt=0, le=100)]  # of a vehicle [m]
 Offset = Annotated[float, Field(ge=-100, le=100)]  # on a vehicle [m]
 Number = Annotated[float, Field(allow_inf_nan=False)]
+Lag = Annotated[float, Field(ge=0, allow_inf_nan=False)]  # [s]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 
 NEEDS = frozenset({"route"})  # what a law may declare beside scan and own motion
 
 # Tables that may be given by a name alone, and the key that this name is.
 SHORT = {"leader": "law", "follower": "law", "lidar": "preset", "noise": "preset", "vehicle": "type"}
+
+START_GAPS = {DifferentialDrive: 0.5, Car: 2.5}  # [m]; SUMO's cars stand 2.5 m apart (minGap)
 
 # A UTM-30LX is 60 mm deep: with its face flush with the front bumper, its centre is 30 mm behind.
 LASER_BEHIND_BUMPER = 0.03
@@ -82,14 +88,29 @@ class Record(Table):
 
 
 class Vehicle(Table):
+    """A vehicle by name, and what is different of it: fields of its class in `vehicle` or `bicycle`, with a unit."""
+
     type: str = "paper-robot"
     length_m: Size | None = None
     width_m: Size | None = None
     axle_m: Offset | None = None
+    lag_s: Lag | None = None
+    # of robots
     wheel_separation_m: Size | None = None
     wheel_radius_m: Length | None = None
     max_wheel_speed_radps: Length | None = None
-    lag_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    # of cars
+    wheelbase_m: Size | None = None
+    max_steering_deg: Annotated[float, Field(gt=0, lt=90)] | None = None
+    max_steering_rate_degps: Length | None = None
+    steering_lag_s: Lag | None = None
+    max_acceleration_mps2: Length | None = None
+    power_wpkg: Length | None = None
+    max_speed_mps: Length | None = None
+    max_braking_mps2: Length | None = None
+    max_jerk_mps3: Length | None = None
+    brake_lag_s: Lag | None = None
+    response_s: Length | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -101,10 +122,31 @@ class Vehicle(Table):
     def known(cls, name: str) -> str:
         return _one_of(name, VEHICLES)
 
-    def model(self) -> DifferentialDrive:
-        values = {f.name: getattr(VEHICLES[self.type], f.name) for f in fields(DifferentialDrive)}
-        given = {key.rsplit("_", 1)[0]: value for key, value in self if key != "type" and value is not None}
-        return DifferentialDrive(**values | given)
+    @model_validator(mode="after")
+    def keys_of_its_class(self) -> Vehicle:
+        keys = {
+            name: [key for key in type(self).model_fields if hasattr(model, key.rsplit("_", 1)[0])]
+            for name, model in VEHICLES.items()
+        }
+        faults = []
+        for key, value in self._given():
+            if key not in keys[self.type]:
+                others = ", ".join(name for name in keys if key in keys[name])
+                what = f"a key of {others}, not of {self.type}{did_you_mean(key, keys[self.type])}"
+                faults.append(InitErrorDetails(type=PydanticCustomError("class", what), loc=(key,), input=value))
+        if faults:
+            raise ValidationError.from_exception_data("Vehicle", faults)
+        return self
+
+    def model(self) -> VehicleModel:
+        changes = {}
+        for key, value in self._given():
+            field, unit = key.rsplit("_", 1)
+            changes[field] = math.radians(value) if unit in ("deg", "degps") else value
+        return replace(VEHICLES[self.type], **changes)
+
+    def _given(self) -> list[tuple[str, float]]:
+        return [(key, value) for key, value in self if key != "type" and value is not None]
 
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -223,12 +265,17 @@ class Platoon(Table):
     size: Annotated[int, Field(ge=1, le=10_000)] = 1
     vehicle: Vehicle = Vehicle()
     start: Start
-    gap_m: Length = 0.5  # bumper to bumper, at the start
+    gap_m: Length | None = None  # bumper to bumper, at the start; default: START_GAPS
     route: list[str] = []
-    to: Annotated[str, Field(min_length=1)] | None = None  # instead of a route: the edge to which the fastest way is taken
+    to: Annotated[str, Field(min_length=1)] | None = None  # instead of a route: where the fastest way leads
     loop: bool = False  # the route begins again at its end
     leader: Driver
     follower: Driver | None = None
+
+    @model_validator(mode="after")
+    def gap_by_vehicle(self) -> Platoon:
+        gap = START_GAPS[type(self.vehicle.model())] if self.gap_m is None else self.gap_m
+        return self.model_copy(update={"gap_m": gap})
 
     @model_validator(mode="after")
     def followers_have_a_law(self) -> Platoon:

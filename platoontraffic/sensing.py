@@ -26,7 +26,7 @@ class Sensing:
         scans: list[ScanBatch | None] = []
         for group in fleet.groups:
             rows = group.rows
-            due = step % group.every == 0
+            due = step % group.every == 0 and not fleet.native[rows[0]]  # a group shares its law
             scans.append(
                 scan(
                     group.lidar,

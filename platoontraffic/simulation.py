@@ -107,7 +107,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
 
     began = time.perf_counter()
     with world:
-        world.deploy(fleet)
+        fleet = world.deploy(fleet)
         ended = "duration"
         for step in range(steps + 1):
             traffic = read(fleet)
@@ -126,7 +126,10 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
                 break
             fleet = move(fleet, dt)
             place(fleet)
-            advance(fleet)
+            fleet = advance(fleet)
+            if world.arrived:  # SUMO has them no more
+                ended = "arrived"
+                break
     wall = time.perf_counter() - began
     recorder.note([Event(traffic.time, "end", "", "", np.nan, np.nan, "", np.nan, ended)])
     facts["status"] = "finished"

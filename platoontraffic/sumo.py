@@ -80,7 +80,8 @@ class World:
         outputs: Mapping[str, Path] = MappingProxyType({}),
         warm_up: float = 0.0,
     ) -> None:
-        self._network, self._words, self._warm_up = network, words, warm_up
+        self._network, self._words, self._step, self._warm_up = network, words, step, warm_up
+        self.arrived: set[str] = set()  # members that SUMO drove to the end of their route
         self._options = [
             "sumo",
             *(("--configuration-file", str(config)) if config else ()),
@@ -118,7 +119,7 @@ class World:
         if died:
             raise RunError(f"SUMO failed at {when}: {error}") from error
 
-    def deploy(self, fleet: Fleet) -> None:
+    def deploy(self, fleet: Fleet) -> Fleet:
         """Insert all members at their start poses and take the wheel; this is time 0.
 
         Background vehicles that are in their way there are taken out: a platoon does not come in by driving.
@@ -141,10 +142,12 @@ class World:
         missing = {m.id for m in fleet.members} - set(libsumo.vehicle.getIDList())
         if missing:
             raise RunError(f"SUMO did not insert {', '.join(sorted(missing))}; its words are in {self._words.name}")
-        for member in fleet.members:
-            libsumo.vehicle.setSpeedMode(member.id, ALL_OFF)
-            libsumo.vehicle.setLaneChangeMode(member.id, NO_LANE_CHANGE)
+        for member, native in zip(fleet.members, fleet.native, strict=True):
+            if not native:
+                libsumo.vehicle.setSpeedMode(member.id, ALL_OFF)
+                libsumo.vehicle.setLaneChangeMode(member.id, NO_LANE_CHANGE)
         self._settle(fleet)
+        return self._read_native(fleet)
 
     def snapshot(self, fleet: Fleet) -> TrafficSnapshot:
         """All vehicles at this instant; the members as the fleet knows them, the others as SUMO does."""
@@ -174,13 +177,29 @@ class World:
         angle = sumo_angle(motion.heading)
         if not (np.isfinite(x).all() and np.isfinite(y).all() and np.isfinite(angle).all()):  # SUMO would take a NaN
             raise RunError("a member's pose is not finite")
-        for i, member in enumerate(fleet.members):
-            libsumo.vehicle.moveToXY(member.id, *ANYWHERE, x[i], y[i], angle[i], KEEP_ROUTE, MATCH_THRESHOLD)
+        for i in np.flatnonzero(~fleet.native):
+            name = fleet.members[i].id
+            libsumo.vehicle.moveToXY(name, *ANYWHERE, x[i], y[i], angle[i], KEEP_ROUTE, MATCH_THRESHOLD)
 
-    def advance(self, fleet: Fleet) -> None:
-        """One step of SUMO; then members' speeds and routes are set right again."""
+    def advance(self, fleet: Fleet) -> Fleet:
+        """One step of SUMO; then members' speeds and routes are set right again, and what it drives itself is read."""
         self._simulate()
+        self.arrived |= {*libsumo.simulation.getArrivedIDList()} & {m.id for m in fleet.members}
+        if self.arrived:
+            return fleet
         self._settle(fleet)
+        return self._read_native(fleet)
+
+    def _read_native(self, fleet: Fleet) -> Fleet:
+        """The fleet with the poses of those members that SUMO drives."""
+        rows = np.flatnonzero(fleet.native)
+        if not len(rows):
+            return fleet
+        names = [fleet.members[i].id for i in rows]
+        front = np.array([libsumo.vehicle.getPosition(name) for name in names])
+        heading = heading_of(np.array([libsumo.vehicle.getAngle(name) for name in names]))
+        speed = np.array([libsumo.vehicle.getSpeed(name) for name in names])
+        return fleet.driven(rows, *centre_of(*front.T, heading, fleet.model.length[rows]), heading, speed, self._step)
 
     def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
         """Edge and lane that SUMO has each member on; the lane is "" off the road."""
@@ -202,20 +221,28 @@ class World:
         libsumo.vehicletype.setLength(kind, model.length)
         libsumo.vehicletype.setWidth(kind, model.width)
         libsumo.vehicletype.setMinGap(kind, min(2.5, model.length / 2))
-        # SUMO clips the speed it believes to lane limit x factor, and to the maximum of the type.
-        libsumo.vehicletype.setSpeedFactor(kind, 10)
         libsumo.vehicletype.setSpeedDeviation(kind, 0)
-        libsumo.vehicletype.setMaxSpeed(kind, 1.5 * model.max_wheel_speed * model.wheel_radius)
-        libsumo.route.add(kind, [member.edge])
+        if getattr(member.law, "native", False):
+            libsumo.vehicletype.setSpeedFactor(kind, member.law.speed_factor)
+            libsumo.vehicletype.setMaxSpeed(kind, min(member.law.max_speed, model.top_speed))
+            libsumo.route.add(kind, self._onward(member, member.edge))
+        else:
+            # SUMO clips the speed it believes to lane limit x factor, and to the maximum of the type.
+            libsumo.vehicletype.setSpeedFactor(kind, 10)
+            libsumo.vehicletype.setMaxSpeed(kind, 1.5 * model.top_speed)
+            libsumo.route.add(kind, [member.edge])
         libsumo.vehicle.add(
             member.id, kind, typeID=kind, depart="now", departLane=str(member.lane),
             departPos=str(member.position), departSpeed="0",
         )  # fmt: skip
 
     def _settle(self, fleet: Fleet) -> None:
-        for member, speed in zip(fleet.members, fleet.motion.speed, strict=True):
-            # The speed SUMO derives is wrong where a lane's length is not that of the path driven: at corners.
-            libsumo.vehicle.setPreviousSpeed(member.id, abs(speed))
+        for member, speed, native in zip(fleet.members, fleet.motion.speed, fleet.native, strict=True):
+            if native and not member.path.closed:  # it keeps to the route that it was given
+                continue
+            if not native:
+                # The speed SUMO derives is wrong where a lane's length is not that of the path driven: at corners.
+                libsumo.vehicle.setPreviousSpeed(member.id, abs(speed))
             edge = libsumo.vehicle.getRoadID(member.id)
             if edge == self._routed.get(member.id) or edge not in self._network.edges:  # a junction
                 continue

@@ -1,4 +1,4 @@
-"""Motion models: how a command becomes motion, for many vehicles at once.
+"""Motion of robots: how a command becomes motion, for many vehicles at once. Cars are in `bicycle`.
 
 World frame: x east, y north, heading counter-clockwise from east. The pose of a vehicle is that of the centre of its
 footprint. Everything is SI and radians.
@@ -6,8 +6,9 @@ footprint. Everything is SI and radians.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Annotated, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -15,6 +16,7 @@ from pydantic import Field
 from lidar.pose import wrap
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Model = TypeVar("Model")  # a dataclass of floats
 
 
 class Twist(NamedTuple):
@@ -35,12 +37,18 @@ class Motion:
     speed: np.ndarray  # of the driven axle's middle
     yaw_rate: np.ndarray
     acceleration: np.ndarray
+    steering: np.ndarray  # of cars: angle of the front wheel, to the left; of robots 0
+    braking: np.ndarray  # of cars: the brakes' part of the acceleration, not negative; of robots 0
 
     @classmethod
     def at_rest(cls, x, y, heading) -> Motion:
         x, y, heading = (np.array(value, dtype=float) for value in (x, y, heading))
         still = np.zeros_like(x)
-        return cls(x, y, heading, still, still, still, still)
+        return cls(x, y, heading, still, still, still, still, still, still)
+
+    def of(self, rows: np.ndarray) -> Motion:
+        """The motion of some of them."""
+        return Motion(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,11 @@ class DifferentialDrive:
     wheel_radius: Positive = 0.03
     max_wheel_speed: Positive = 40.0  # [rad/s]; 1.2 m/s straight ahead
     lag: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0  # first order, of both wheel speeds [s]; 0: none
+
+    @property
+    def top_speed(self) -> float:
+        """Straight ahead [m/s]."""
+        return self.max_wheel_speed * self.wheel_radius
 
     def saturated(self, twist: Twist) -> Twist:
         """The nearest twist of the same curvature that both wheels can turn."""
@@ -91,17 +104,20 @@ class DifferentialDrive:
         # The axle moves along the chord; the centre keeps its place before the axle.
         x = motion.x + chord * np.cos(along) + self.axle * (np.cos(motion.heading) - np.cos(heading))
         y = motion.y + chord * np.sin(along) + self.axle * (np.sin(motion.heading) - np.sin(heading))
-        return Motion(
-            x, y, wrap(heading), motion.turned + angle, speed, yaw_rate, acceleration=(speed - motion.speed) / dt
-        )
+        turned, acceleration = motion.turned + angle, (speed - motion.speed) / dt
+        return replace(
+            motion, x=x, y=y, heading=wrap(heading), turned=turned, speed=speed, yaw_rate=yaw_rate,
+            acceleration=acceleration,
+        )  # fmt: skip
 
 
-VEHICLES = {"paper-robot": DifferentialDrive()}
+ROBOTS = {"paper-robot": DifferentialDrive()}
 
 
-def stack(models: list[DifferentialDrive]) -> DifferentialDrive:
-    """Many robots as one model with arrays (n,)."""
-    return DifferentialDrive(*(np.array([getattr(m, f.name) for m in models]) for f in fields(DifferentialDrive)))
+def stack(models: Sequence[Model]) -> Model:
+    """Many vehicles of one class as one model with arrays (n,)."""
+    kind = type(models[0])
+    return kind(*(np.array([getattr(m, f.name) for m in models]) for f in fields(kind)))
 
 
 def _relax(value, target, left_over, mean_left_over):

@@ -11,13 +11,11 @@ from platoontraffic.bicycle import (
     CRAWL,
     SUBSTEP,
     Car,
-    CarMotion,
     Drive,
     lateral_acceleration,
-    stack,
     steering_at_lock,
 )
-from platoontraffic.vehicle import Twist
+from platoontraffic.vehicle import Motion, Twist, stack
 
 CAR = CARS["car"]
 QUICK = replace(CAR, max_jerk=1e9, max_steering_rate=1e9, steering_lag=0.0)  # lag of drive and brakes alone
@@ -27,7 +25,7 @@ START = (0.3, -0.2, 0.7)
 
 def rolling(speed=0.0, steering=0.0, start=START, model=CAR):
     """At a steady speed and steering angle."""
-    motion = CarMotion.at_rest(*start)
+    motion = Motion.at_rest(*start)
     speed, steering = motion.x * 0 + speed, motion.x * 0 + steering
     return replace(motion, speed=speed, steering=steering, yaw_rate=speed * np.tan(steering) / model.wheelbase)
 
@@ -39,7 +37,7 @@ def driven(model, motion, command, seconds, steps=1):
 
 
 def state(motion):
-    return np.array([getattr(motion, f.name) for f in fields(CarMotion)])
+    return np.array([getattr(motion, f.name) for f in fields(Motion)])
 
 
 @pytest.mark.parametrize("dt", [0.003, 0.025, 0.1, 1.0])

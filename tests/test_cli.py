@@ -83,7 +83,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
         ("scenarios", ["paper_loop", "paper_path", "paper_printed", "paper_world"]),
         ("nets", ["corridor", "grid", "highway", "lab_curves", "lab_loop", "lab_world", "ring"]),
         ("laws", ["path", "printed", "reactive", "repaired"]),
-        ("vehicles", ["paper-robot"]),
+        ("vehicles", ["paper-robot", "car", "van", "truck"]),
         ("lidars", ["paper-leader", "paper-follower", "utm30lx", "car-leader", "car-follower"]),
     ],
 )

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 LAYERS = [
     {"errors", "vehicle", "tomlkeys", "polyline"},
     {"data", "traffic", "network", "registry", "bicycle", "commands"},
-    {"controllers"},
+    {"controllers", "models"},
     {"fleet", "scenario"},
     {"contact", "sensing", "sumo", "provenance"},
     {"deployment", "observation"},

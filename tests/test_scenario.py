@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import pytest
+import tomli_w
 
 from lidar import PRESETS, Noise
 from platoontraffic import data, scenario, simulation
 from platoontraffic.errors import InputError
+from platoontraffic.models import VEHICLES
 from platoontraffic.tomlkeys import key_lines
 
 
@@ -19,6 +21,11 @@ def faults(name, *changes) -> list[str]:
     for fault in caught.value.faults:
         assert "\n" not in fault
     return list(caught.value.faults)
+
+
+def vehicle(*changes):
+    """The leader's in the paper's loop."""
+    return scenario.load("paper_loop", [f"platoon.{c}" for c in changes]).spec.platoon[0].vehicle.model()
 
 
 @pytest.mark.parametrize(
@@ -44,6 +51,9 @@ def faults(name, *changes) -> list[str]:
         ('edge = "sw_se"', 'edge = "sw_es"', "mine.toml:13: platoon.0.start: no edge 'sw_es'"),
         ("position_m = 1.9", "position_m = 9.9", "mine.toml:13: platoon.0.start: edge 'sw_se': position 9.9 m is not"),
         ("position_m = 1.9", "position_m = 1.9, lateral_m = -0.45", "robot.0 would start at (3.80, 0.05) m, not"),
+        ("gap_m = 0.45", 'vehicle = "carr"', "mine.toml:14: platoon.0.vehicle.type: 'carr': not known; did you mean"),
+        ("gap_m = 0.45", "vehicle = { whelbase_m = 0.1 }", "whelbase_m: unknown key; did you mean 'wheelbase_m'?"),
+        ("gap_m = 0.45", "vehicle = { max_wheel_speed_radps = 0.0 }", "radps: 0.0: should be greater than 0"),
         ("[platoon.follower]", "[platoon.folower]", "mine.toml:20: platoon.0.folower: unknown key; did you mean"),
         ("[sumo]", "[sumo", "not valid TOML"),
     ],
@@ -64,6 +74,46 @@ def test_errors_of_a_lidar_are_those_of_its_preset_unless_given():
     car = ("preset=car-follower", "range_min_m=0.3", "range_max_m=3")
     assert noise(*car) == PRESETS["car-follower"].noise
     assert noise(*car, "noise=none", "noise.bias_m=0.1") == Noise(bias=0.1)
+
+
+def test_keys_of_another_class_of_vehicle_are_refused_each_by_itself(scenario_file):
+    table = 'vehicle = { type = "van", wheel_radius_m = 0.3, max_wheel_speed_radps = 9.0, lag_s = 0.1 }'
+    file = scenario_file(("gap_m = 0.45", table))
+    radius, speed = faults(file)
+    assert radius.startswith(f"{file}:14: platoon.0.vehicle.wheel_radius_m: 0.3: a key of paper-robot, not of van; did")
+    assert "max_wheel_speed_radps: 9.0: a key of paper-robot, not of van; did you mean" in speed
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_a_vehicle_by_name_is_that_of_the_list(name):
+    assert vehicle(f"vehicle={name}") == VEHICLES[name]
+
+
+def test_keys_of_a_vehicle_become_si():
+    given = vehicle("vehicle.type=car", "vehicle.max_steering_deg=30", "vehicle.power_wpkg=40", "vehicle.lag_s=0")
+    assert given == replace(VEHICLES["car"], max_steering=math.radians(30), power=40.0, lag=0.0)
+
+
+def test_every_field_of_every_vehicle_has_a_key_with_a_unit():
+    keys = [key.rsplit("_", 1)[0] for key in scenario.Vehicle.model_fields]
+    assert set(keys) == {"type"} | {f.name for v in VEHICLES.values() for f in fields(v)}
+    assert len(keys) == len(set(keys))
+
+
+@pytest.mark.parametrize(("name", "gap"), [("paper-robot", 0.5), ("truck", 2.5)])
+def test_a_resolved_scenario_says_the_gap_and_the_vehicle_and_reads_back(tmp_path, name, gap):
+    text = (
+        data.scenarios()["paper_loop"]
+        .read_text()
+        .replace("gap_m = 0.45", f'vehicle = {{ type = "{name}", lag_s = 1.0 }}')
+    )
+    (tmp_path / "first.toml").write_text(text)
+    first = scenario.load(tmp_path / "first.toml")
+    assert first.spec.platoon[0].gap_m == gap
+    resolved = first.resolved(tmp_path)
+    assert resolved["platoon"][0]["vehicle"] == {"type": name, "lag_s": 1.0}
+    (tmp_path / "again.toml").write_text(tomli_w.dumps(resolved))
+    assert scenario.load(tmp_path / "again.toml").resolved(tmp_path) == resolved
 
 
 def test_all_faults_are_said_at_once(scenario_file):

@@ -180,3 +180,51 @@ def test_the_fastest_way_is_taken_to_a_named_edge(tmp_path):
     file.write_text(text.replace('to = "b2_east"', 'to = "b2_east"\nroute = ["west_light"]'))
     with pytest.raises(InputError, match="must have one or the other"):
         scenario.load(file)
+
+
+# ---- a leader that SUMO drives
+
+
+def led_by_sumo(folder: Path, sumo: str, duration: float, edge: str, to: str) -> Path:
+    file = write(folder, sumo, duration, edges=[edge])
+    text = file.read_text().replace(f'route = ["{edge}"]', f'to = "{to}"').replace('law = "path"', 'law = "sumo"')
+    for key in ("speed_mps", "lookahead_m", "stop_distance_m", "half_width_m"):
+        text = re.sub(rf"^{key} = .*\n", "", text, flags=re.MULTILINE)
+    file.write_text(text)
+    return file
+
+
+def test_sumo_drives_the_leader_by_its_own_rules(tmp_path):
+    file = led_by_sumo(tmp_path, 'net = "corridor"\nwarm_up_s = 60.0', 400.0, "west_light", "b2_east")
+    folder = run(file, tmp_path / "one")
+    rows = pd.read_csv(folder / "trajectories.csv")
+    assert rows.edge_id.iloc[-1] == "b2_east"
+    end = pd.read_csv(folder / "events.csv").iloc[-1]
+    assert (end.kind, end.detail) == ("end", "arrived")
+    assert rows.speed_mps.max() <= 13.9 * 1.01  # the limit
+    assert rows.accel_mps2.min() > -9.1
+    # What was read fits together: the way that the centre made is the speed over time.
+    step = np.hypot(rows.x_m.diff(), rows.y_m.diff())[1:]
+    assert step.sum() == pytest.approx((rows.speed_mps[1:] * 0.1).sum(), rel=0.02)
+    again = run(folder / "config.toml", tmp_path / "two")
+    assert filecmp.cmp(folder / "trajectories.csv", again / "trajectories.csv", shallow=False)
+
+
+def test_cars_follow_a_leader_that_sumo_drives(tmp_path):
+    file = led_by_sumo(tmp_path, 'net = "highway"\ntraffic = false', 60.0, "e0_e1", "e4_e5")
+    follower = (
+        'follower = { law = "repaired", stand_off_m = 4.0, group_step_m = 1.0, lidar = '
+        '{ preset = "car-follower", noise = "none", rate_hz = 10.0 } }\nsize = 3\ngap_m = 6.0\n'
+    )
+    car = 'vehicle = { type = "car", response_s = 0.2, lag_s = 0.1 }\n'
+    text = file.read_text().replace('id = "laser"\n', 'id = "laser"\n' + follower)
+    text = re.sub(r"^vehicle = .*\n", car, text, flags=re.MULTILINE)
+    file.write_text(text.replace('law = "sumo"', 'law = "sumo"\nmax_speed_mps = 15.0'))
+    folder = run(file, tmp_path / "one")
+    metrics = pd.read_csv(folder / "metrics.csv").query("scope == 'vehicle'").set_index(["vehicle_id", "metric"]).value
+    rows = pd.read_csv(folder / "trajectories.csv").query("time_s > 50")
+    leader = rows[rows.place == 0]
+    assert leader.speed_mps.mean() > 10
+    for name in ("laser.1", "laser.2"):
+        assert metrics[name, "lock_on_ratio"] == 1
+        assert metrics[name, "collisions"] == 0

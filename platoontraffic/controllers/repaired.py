@@ -68,7 +68,8 @@ class RepairedFollower:
 
     def _nearest_group(self, scan: LaserScan, ranges: np.ndarray) -> tuple[int, int] | None:
         """First and last beam of the run of neighbouring returns around the nearest one."""
-        met = returned(scan)
+        beams = np.flatnonzero(~np.isnan(scan.ranges))  # a lost return tells nothing, and parts nothing
+        met, ranges = returned(scan)[beams], ranges[beams]
         if not met.any():
             return None
         nearest = int(np.argmin(np.where(met, ranges, np.inf)))
@@ -76,7 +77,7 @@ class RepairedFollower:
         after = np.searchsorted(breaks, nearest)
         first = 0 if after == 0 else breaks[after - 1] + 1
         last = len(ranges) - 1 if after == len(breaks) else breaks[after]
-        return int(first), int(last)
+        return int(beams[first]), int(beams[last])
 
     def _between_edges(self, scan: LaserScan, ranges: np.ndarray) -> tuple[int, int] | None:
         """First and last beam between the first two edges of Algorithm 2, borders of the view counted if wanted."""
