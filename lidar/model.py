@@ -179,9 +179,9 @@ def _unit(angles):
     return np.stack([np.cos(angles), np.sin(angles)])
 
 
-def _fan(half_angle_deg, range_min, range_max, samples=720, noise=Noise()):  # noqa: B008 (it is frozen)
+def _fan(half_angle_deg, range_min, range_max, samples=720, rate=40.0, noise=Noise()):  # noqa: B008 (it is frozen)
     half = math.radians(half_angle_deg)
-    return LidarModel(samples, -half, half, range_min, range_max, noise=noise)
+    return LidarModel(samples, -half, half, range_min, range_max, rate, noise=noise)
 
 
 # Errors are bounded at 3.46 sigma (see Noise). The data sheet allows 30 mm to 10 m and 50 mm to 30 m; with half a step
@@ -204,7 +204,7 @@ PRESETS = MappingProxyType(
         "paper-leader": _fan(90.0, 0.30, 3.0),
         "paper-follower": _fan(11.5, 0.30, 1.0),
         "utm30lx": _fan(135.0, 0.1, 30.0, samples=1081, noise=_UTM30LX),
-        "car-leader": _fan(90.0, 0.3, 60.0, noise=_CAR),
-        "car-follower": _fan(11.5, 0.3, 30.0, noise=_CAR),
+        "car-leader": _fan(90.0, 0.3, 60.0, rate=10.0, noise=_CAR),
+        "car-follower": _fan(11.5, 0.3, 30.0, rate=10.0, noise=_CAR),
     }
 )

@@ -77,7 +77,8 @@ class Fleet:
         for i, m in enumerate(members):
             sharing.setdefault((m.law, m.lidar), []).append(i)
         groups = tuple(
-            Group(law, lidar, np.array(rows), round(1 / (lidar.rate * dt))) for (law, lidar), rows in sharing.items()
+            Group(law, lidar, np.array(rows), max(round(1 / (lidar.rate * dt)), 1))
+            for (law, lidar), rows in sharing.items()
         )
         return cls(
             members=tuple(members),

@@ -473,6 +473,8 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
             if "route" in needs and not platoon.route and not platoon.to:
                 ways = f"platoon.{i}.route, the edges to drive, or platoon.{i}.to, the last of them"
                 fault((*at, "law"), f"{driver.law!r} needs {ways}")
+            if getattr(kind, "native", False):  # SUMO drives, without a laser
+                continue
             try:
                 lidar = driver.lidar.model(default_preset(role), platoon.vehicle.model().length)
             except ValueError as error:

@@ -80,9 +80,9 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
 @pytest.mark.parametrize(
     ("what", "names"),
     [
-        ("scenarios", ["paper_loop", "paper_path", "paper_printed", "paper_world"]),
+        ("scenarios", ["highway_platoon", "paper_loop", "paper_path", "paper_printed", "paper_world", "ring_platoon"]),
         ("nets", ["corridor", "grid", "highway", "lab_curves", "lab_loop", "lab_world", "ring"]),
-        ("laws", ["path", "printed", "reactive", "repaired"]),
+        ("laws", ["path", "printed", "reactive", "repaired", "sumo"]),
         ("vehicles", ["paper-robot", "car", "van", "truck"]),
         ("lidars", ["paper-leader", "paper-follower", "utm30lx", "car-leader", "car-follower"]),
     ],

@@ -228,3 +228,18 @@ def test_cars_follow_a_leader_that_sumo_drives(tmp_path):
     for name in ("laser.1", "laser.2"):
         assert metrics[name, "lock_on_ratio"] == 1
         assert metrics[name, "collisions"] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "speed", "stand_off"), [("ring_platoon", 10.0, 4.0), ("highway_platoon", 20.0, 6.0)])
+def test_shipped_platoon_of_cars_holds_among_traffic(tmp_path, name, speed, stand_off):
+    folder = run(name, tmp_path / "one")
+    metrics = pd.read_csv(folder / "metrics.csv").query("scope == 'vehicle'").set_index(["vehicle_id", "metric"]).value
+    rows = pd.read_csv(folder / "trajectories.csv")
+    steady = rows[(rows.time_s > 60) & (rows.place > 0)]
+    # The laser stands 0.03 m behind the bumper, and the law wants its distance at speed / 1.1107 beyond the stand-off.
+    wanted = stand_off + speed / 1.1107 - 0.03
+    assert steady.groupby("vehicle_id").gap_m.mean().to_numpy() == pytest.approx(wanted, rel=0.02)
+    for place in range(1, 5):
+        assert metrics[f"platoon.{place}", "lock_on_ratio"] >= 0.99
+        assert metrics[f"platoon.{place}", "collisions"] == 0
