@@ -14,7 +14,7 @@ import typing
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, field_validator, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
@@ -37,9 +37,6 @@ Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 
 NEEDS = frozenset({"route"})  # what a law may declare beside scan and own motion
 
-# Tables that may be given by a name alone, and the key that this name is.
-SHORT = {"leader": "law", "follower": "law", "lidar": "preset", "noise": "preset", "vehicle": "type"}
-
 START_GAPS = {DifferentialDrive: 0.5, Car: 2.5}  # [m]; SUMO's cars stand 2.5 m apart (minGap)
 
 # A UTM-30LX is 60 mm deep: with its face flush with the front bumper, its centre is 30 mm behind.
@@ -48,6 +45,17 @@ LASER_BEHIND_BUMPER = 0.03
 
 class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Named(Table):
+    """A table for which a name may stand."""
+
+    short: ClassVar[str]  # the key that this name is
+
+    @model_validator(mode="before")
+    @classmethod
+    def by_name(cls, value: Any) -> Any:
+        return {cls.short: value} if isinstance(value, str) else value
 
 
 class Sumo(Table):
@@ -87,8 +95,10 @@ class Record(Table):
     every_s: Length = 0.1
 
 
-class Vehicle(Table):
+class Vehicle(Named):
     """A vehicle by name, and what is different of it: fields of its class in `vehicle` or `bicycle`, with a unit."""
+
+    short = "type"
 
     type: str = "paper-robot"
     length_m: Size | None = None
@@ -111,11 +121,6 @@ class Vehicle(Table):
     max_jerk_mps3: Length | None = None
     brake_lag_s: Lag | None = None
     response_s: Length | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def by_name(cls, value: Any) -> Any:
-        return {"type": value} if isinstance(value, str) else value
 
     @field_validator("type")
     @classmethod
@@ -153,8 +158,10 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Error = Annotated[float, Field(ge=0, le=100)]
 
 
-class NoiseTable(Table):
+class NoiseTable(Named):
     """A scanner's errors; what is not given is as in the preset, by default that of the lidar."""
+
+    short = "preset"
 
     preset: str | None = None  # "none", or a lidar preset, whose errors are meant
     sigma_m: Error | None = None
@@ -166,11 +173,6 @@ class NoiseTable(Table):
     dropout_grazing: Share | None = None
     grazing_from_deg: Annotated[float, Field(ge=0, lt=90)] | None = None
     dropped: Literal["error", "no_return"] | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def by_name(cls, value: Any) -> Any:
-        return {"preset": value} if isinstance(value, str) else value
 
     @field_validator("preset")
     @classmethod
@@ -193,7 +195,9 @@ class NoiseTable(Table):
         return replace(base, **{name: value for name, value in given.items() if value is not None})
 
 
-class Lidar(Table):
+class Lidar(Named):
+    short = "preset"
+
     preset: str | None = None  # default: the paper's, for a leader or a follower
     fov_deg: Annotated[float, Field(gt=0, le=360)] | None = None
     samples: Annotated[int, Field(ge=5, le=100_000)] | None = None  # Algorithm 1 has five sectors
@@ -208,11 +212,6 @@ class Lidar(Table):
     subbeams: Annotated[int, Field(ge=1, le=64)] | None = None
     merging_m: Annotated[float, Field(ge=0, le=100)] | None = None
     sweeps: Annotated[int, Field(ge=1)] | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def by_name(cls, value: Any) -> Any:
-        return {"preset": value} if isinstance(value, str) else value
 
     @field_validator("preset")
     @classmethod
@@ -239,18 +238,24 @@ class Lidar(Table):
         )
 
 
-class Driver(BaseModel):
+class Driver(Named):
     """A law, its gains (all further keys), and the lidar it looks through."""
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+    short = "law"
 
     law: str
     lidar: Lidar = Lidar()
 
-    @model_validator(mode="before")
-    @classmethod
-    def by_name(cls, value: Any) -> Any:
-        return {"law": value} if isinstance(value, str) else value
+
+# Keys whose value may be a name, and the key of the table that this name is.
+SHORT = {
+    "leader": Driver.short,
+    "follower": Driver.short,
+    "lidar": Lidar.short,
+    "noise": NoiseTable.short,
+    "vehicle": Vehicle.short,
+}
 
 
 class Start(Table):
