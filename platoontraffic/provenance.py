@@ -20,7 +20,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 _SOURCES = Path(__file__).parent
-_PACKAGES = ("libsumo", "numpy", "shapely", "pymunk", "pandas")
+_PACKAGES = ("libsumo", "numpy", "numba", "shapely", "pymunk", "pandas")
 
 
 def sha256(file: Path) -> str:

@@ -51,7 +51,7 @@ TRAJECTORIES = (
     _number("heading_rad", "rad", "counter-clockwise from east, in (-pi, pi]"),
     _number("turned_rad", "rad", "change of heading since the start, not wrapped"),
     _number("speed_mps", "m/s", "forward speed of the driven axle's middle"),
-    _number("accel_mps2", "m/s2", "change of that speed over the last step"),
+    _number("accel_mps2", "m/s2", "change of that speed: over the last step, or of cars at this instant"),
     _number("yaw_rate_radps", "rad/s", "turn to the left"),
     _number("gap_m", "m", "front bumper to predecessor's rear bumper, along the path that the predecessor drove"),
     _number("gap_error_m", "m", "gap minus the gap that the law wants at this speed; empty if it names none"),
