@@ -59,6 +59,7 @@ class Fleet:
     """Members, what they do, and what their laws remember. Arrays (n,), in the order of `members`."""
 
     members: tuple[Member, ...]
+    number: np.ndarray  # of each among all that the run ever has
     groups: tuple[Group, ...]
     model: FleetModel
     predecessor: np.ndarray  # row of the member ahead; -1 for leaders
@@ -82,6 +83,7 @@ class Fleet:
         )
         return cls(
             members=tuple(members),
+            number=np.arange(n),
             groups=groups,
             model=FleetModel.of([m.model for m in members]),
             predecessor=np.array([row_of.get((m.platoon, m.place - 1), -1) for m in members]),
