@@ -21,25 +21,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from lidar.pose import wrap
-from platoontraffic.vehicle import Motion, Positive, Twist
+from platoontraffic.vehicle import Command, Drive, Motion, Positive, Twist
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 SUBSTEP = 0.025  # longest step of the integration [s]; of second order: 2 mm after 8 s of hard driving
 CRAWL = 0.5  # [m/s]; slower than this a yaw rate is not turned into ever more steering
-
-
-class Drive(NamedTuple):
-    """A command to a car: floats, or arrays (n,)."""
-
-    acceleration: np.ndarray  # of the rear axle, forward [m/s2]; negative brakes
-    curvature: np.ndarray  # of the rear axle's path, to the left [1/m]
 
 
 @dataclass(frozen=True)
@@ -101,31 +94,36 @@ class Car:
         acceleration = (wanted - motion.speed - run_out) / self.response
         return Drive(acceleration, twist.yaw_rate / np.maximum(np.maximum(wanted, motion.speed), CRAWL))
 
-    def saturated(self, command: Drive | Twist, motion: Motion) -> Drive:
+    def saturated(self, command: Command | Drive | Twist, motion: Motion) -> Drive:
         """What the car tries now: the demand within the limits of engine, brakes and steering lock, before any lag."""
-        drive = self.drive_for(command, motion) if isinstance(command, Twist) else command
+        if isinstance(command, Command):
+            by_twist, driven = self.drive_for(command.twist, motion), ~np.isnan(command.drive.acceleration)
+            drive = Drive(*(np.where(driven, given, own) for given, own in zip(command.drive, by_twist, strict=True)))
+        else:
+            drive = self.drive_for(command, motion) if isinstance(command, Twist) else command
         tightest = np.tan(self.max_steering) / self.wheelbase
         return Drive(
             np.maximum(np.minimum(drive.acceleration, self.strongest_acceleration(motion.speed)), -self.max_braking),
             np.maximum(np.minimum(drive.curvature, tightest), -tightest),
         )
 
-    def moved(self, motion: Motion, command: Drive | Twist, dt: float) -> Motion:
+    def moved(self, motion: Motion, command: Command | Drive | Twist, dt: float) -> Motion:
         """Motion after dt under one command, in equal sub-steps of at most SUBSTEP.
 
         Within a sub-step the demand is constant, the one at its middle; lag, jerk and steering rate are then exact, and
         the axle drives an arc. The error falls with the square of the sub-step. At constant steering the path is an
         exact circle, whatever the speed does. A car that has braked to 0 stands, with acceleration 0.
         """
-        for name, values in zip(command._fields, command, strict=True):
-            if not np.isfinite(values).all():
-                raise ValueError(f"{type(command).__name__} {name} = {values}; must be finite")
+        if not isinstance(command, Command):
+            for name, values in zip(command._fields, command, strict=True):
+                if not np.isfinite(values).all():
+                    raise ValueError(f"{type(command).__name__} {name} = {values}; must be finite")
         count = max(1, math.ceil(dt / SUBSTEP - 1e-9))
         for _ in range(count):
             motion = self._substep(motion, command, dt / count)
         return motion
 
-    def _substep(self, motion: Motion, command: Drive | Twist, h: float) -> Motion:
+    def _substep(self, motion: Motion, command: Command | Drive | Twist, h: float) -> Motion:
         half_way = self._driven(motion, self.saturated(command, motion).acceleration, h / 2)[0]
         wanted = self.saturated(command, half_way)
         after, distance = self._driven(motion, wanted.acceleration, h)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -18,6 +18,9 @@ from platoontraffic import data
 from platoontraffic.commands import commands_of
 from platoontraffic.errors import InputError, RunError, did_you_mean
 from platoontraffic.nets import nets_app
+
+if TYPE_CHECKING:
+    from platoontraffic.scenario import Scenario
 
 app = typer.Typer(
     help="Platoons that drive by laser scanner, in SUMO traffic.",
@@ -32,9 +35,15 @@ err = Console(stderr=True, highlight=False)
 
 command = commands_of(app)
 
-ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="a scenario file, or the name of a shipped one")]
+ScenarioName = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="a scenario file, the name of a shipped one, or a SUMO configuration")
+]
 Changes = Annotated[
     list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="keys of the scenario to change: platoon.size=3")
+]
+Platoons = Annotated[
+    str | None,
+    typer.Option("--platoon", metavar="FILE", help="platoons for a SUMO configuration: a file of [[platoon]] tables"),
 ]
 Seed = Annotated[int | None, typer.Option(help="instead of the scenario's")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="no progress and no summary: print the folder only")]
@@ -44,6 +53,7 @@ Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="no progress and no s
 def run(
     scenario: ScenarioName,
     changes: Changes = None,
+    platoons: Platoons = None,
     seed: Seed = None,
     results: Annotated[Path, typer.Option("--out", help="folder for results")] = Path("results"),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, start nothing")] = False,
@@ -56,8 +66,10 @@ def run(
 
     # A cluster ends jobs by SIGTERM; what was recorded is kept then as at Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    checked = scenarios.load(scenario, changes or (), seed)
+    checked = scenarios.load(scenario, changes or (), seed, platoons)
     prepared = simulation.prepare(checked)
+    if not quiet:
+        _remark(checked)
     folder = simulation.result_folder(checked, results)
     if dry_run:
         out.print(f"{checked.source}: fine, {len(prepared.members)} in all; would write {folder}", soft_wrap=True)
@@ -76,15 +88,23 @@ def run(
 
 
 @command
-def check(files: Annotated[list[str], typer.Argument(metavar="SCENARIO...", help="files, or shipped names")]) -> None:
+def check(
+    files: Annotated[
+        list[str], typer.Argument(metavar="SCENARIO... [KEY=VALUE]...", help="files, or shipped names; keys to change")
+    ],
+    platoons: Platoons = None,
+) -> None:
     """Say what is wrong with scenario files, without running them."""
     from platoontraffic import scenario as scenarios
     from platoontraffic import simulation
 
     faults: list[str] = []
-    for name in files:
+    changes = [argument for argument in files if "=" in argument and not Path(argument).exists()]
+    for name in (file for file in files if file not in changes):
         try:
-            simulation.prepare(scenarios.load(name))
+            checked = scenarios.load(name, changes, platoons=platoons)
+            simulation.prepare(checked)
+            _remark(checked)
             out.print(f"{name}: fine")
         except InputError as error:
             faults += error.faults
@@ -170,6 +190,11 @@ def bench(
 def main() -> None:
     """Entry point."""
     app()
+
+
+def _remark(checked: Scenario) -> None:
+    for remark in checked.remarks():
+        print(remark, file=sys.stderr)
 
 
 @contextmanager

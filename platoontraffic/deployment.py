@@ -11,7 +11,7 @@ from lidar import Scene
 from platoontraffic.errors import InputError
 from platoontraffic.fleet import Member
 from platoontraffic.network import Network, read_polygons
-from platoontraffic.polyline import Polyline
+from platoontraffic.route import Route
 from platoontraffic.scenario import Platoon, Scenario, default_preset
 
 
@@ -40,12 +40,14 @@ def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, 
     members: list[Member] = []
     faults: list[str] = []
     for i, platoon in enumerate(scenario.spec.platoon):
-        key = "to" if platoon.to else "route"
+        key = "start"
         try:
-            route = network.fastest_way(platoon.start.edge, platoon.to) if platoon.to else platoon.route
-            path = _path(network, platoon, route)
+            network.lane_pose(platoon.start.edge, platoon.start.lane)
+            key = "to" if platoon.to else "route"
+            edges = network.fastest_way(platoon.start.edge, platoon.to) if platoon.to else platoon.route
+            route = _route(network, platoon, edges) if edges else None
             key = "start"
-            members += _platoon(scenario, network, i, platoon, tuple(route), path)
+            members += _platoon(scenario, network, i, platoon, route)
         except InputError as error:
             faults += [scenario.fault(("platoon", i, key), fault) for fault in error.faults]
     if not faults:
@@ -58,9 +60,7 @@ def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, 
     return tuple(members)
 
 
-def _platoon(
-    scenario: Scenario, network: Network, i: int, platoon: Platoon, route: tuple[str, ...], path: Polyline | None
-) -> list[Member]:
+def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon, route: Route | None) -> list[Member]:
     model = platoon.vehicle.model()
     start = platoon.start
     members = []
@@ -88,20 +88,21 @@ def _platoon(
                 position=on_lane,
                 pose=(x, y, heading),
                 route=route,
-                path=path,
+                departs=start.time_s,
+                speed=start.speed_mps,
             )
         )
     return members
 
 
-def _path(network: Network, platoon: Platoon, route: list[str]) -> Polyline | None:
-    if not route:
-        return None
-    if platoon.start.edge not in route:
-        raise InputError(f"{route}: does not contain the start edge {platoon.start.edge!r}")
-    here = route.index(platoon.start.edge)
-    onward = [*route[here:], *(route[:here] if platoon.loop else [])]
-    return Polyline(network.route_line(onward, platoon.start.lane, closed=platoon.loop), closed=platoon.loop)
+def _route(network: Network, platoon: Platoon, edges: list[str]) -> Route:
+    """The route from the edge on where the platoon starts."""
+    if platoon.start.edge not in edges:
+        raise InputError(f"{edges}: does not contain the start edge {platoon.start.edge!r}")
+    here = edges.index(platoon.start.edge)
+    onward = [*edges[here:], *(edges[:here] if platoon.loop else [])]
+    lanes = network.route_lanes(onward, platoon.start.lane, closed=platoon.loop)
+    return Route.along(onward, *lanes, closed=platoon.loop)
 
 
 def _misplaced(members: list[Member], network: Network, scene: Scene) -> list[tuple[Member, str]]:
@@ -120,7 +121,7 @@ def _misplaced(members: list[Member], network: Network, scene: Scene) -> list[tu
         for a in np.flatnonzero(shapely.contains(scene.solids, footprints)):
             faults.append((members[a], f"{members[a].id} would start inside an obstacle"))
     for a, b in shapely.STRtree(footprints).query(footprints, predicate="intersects").T:
-        if a < b:
+        if a < b and members[a].departs == members[b].departs:
             faults.append((members[b], f"{members[b].id} would start on {members[a].id}"))
     return faults
 

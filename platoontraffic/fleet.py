@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import inspect
 import traceback
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from lidar import LidarModel, ScanBatch
 from lidar.pose import wrap
-from platoontraffic.controllers import Decision, Sensed, Target
+from platoontraffic.controllers import Body, Decision, RouteAhead, Sensed, Signals, Target
 from platoontraffic.errors import InputError
 from platoontraffic.models import FleetModel, VehicleModel
-from platoontraffic.polyline import Polyline
-from platoontraffic.vehicle import Motion, Twist
-
-ROUTE_POINTS = 25  # of the path ahead that a law with `needs = {"route"}` is given
-ROUTE_REACH = 6.0  # how far they reach, in vehicle lengths
+from platoontraffic.route import Route, Routes
+from platoontraffic.vehicle import Command, Drive, Motion, Twist
 
 
 @dataclass(frozen=True)
 class Member:
-    """A vehicle of a platoon as it was deployed."""
+    """A vehicle of a platoon as it is deployed."""
 
     id: str
     platoon: str
@@ -36,8 +33,9 @@ class Member:
     lane: int
     position: float  # of its front bumper on that lane [m]
     pose: tuple[float, float, float]  # x, y of its centre, heading
-    route: tuple[str, ...] = ()  # edges it means to drive; empty: wherever its law takes it
-    path: Polyline | None = None  # the lanes of that route
+    route: Route | None = None  # that it means to drive; None: wherever its law takes it
+    departs: float = 0.0  # [s]
+    speed: float = 0.0  # then [m/s]
 
     @property
     def seen_ahead_of_gap(self) -> float:
@@ -46,17 +44,18 @@ class Member:
 
 
 class Group(NamedTuple):
-    """Members that share a law and a lidar, and so are scanned and decided for in one call."""
+    """Members that came together and share a law and a lidar: they are scanned and decided for in one call."""
 
     law: Any
     lidar: LidarModel
     rows: np.ndarray
     every: int  # scans, and decides, in every so many steps
+    memory: Any = None  # of the law
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """Members, what they do, and what their laws remember. Arrays (n,), in the order of `members`."""
+    """Members on the road, what they do, and what their laws remember. Arrays (n,), in the order of `members`."""
 
     members: tuple[Member, ...]
     number: np.ndarray  # of each among all that the run ever has
@@ -64,14 +63,16 @@ class Fleet:
     model: FleetModel
     predecessor: np.ndarray  # row of the member ahead; -1 for leaders
     native: np.ndarray  # those that SUMO's own driver model drives, (n,) bool
+    routed: np.ndarray  # rows (m,) of those whose law is given their route
+    routes: Routes | None  # of these; None if there are none
+    station: np.ndarray  # of these on their routes [m], (m,)
     motion: Motion
-    twist: Twist  # the last command
+    command: Command  # the last one
     target: Target  # what each law took for its predecessor
-    station: np.ndarray  # on the member's own path [m]
-    memories: tuple[Any, ...]  # one a group
 
     @classmethod
-    def deployed(cls, members: Sequence[Member], dt: float) -> Fleet:
+    def deployed(cls, members: Sequence[Member], dt: float, number: np.ndarray | None = None) -> Fleet:
+        """Members at their start poses; `number` (n,) as in the class, by default in their order."""
         n = len(members)
         row_of = {(m.platoon, m.place): i for i, m in enumerate(members)}
         sharing: dict[tuple, list[int]] = {}
@@ -81,54 +82,129 @@ class Fleet:
             Group(law, lidar, np.array(rows), max(round(1 / (lidar.rate * dt)), 1))
             for (law, lidar), rows in sharing.items()
         )
+        still = np.zeros(n)
+        motion = Motion.at_rest(*np.array([m.pose for m in members]).reshape(n, 3).T)
+        model = FleetModel.of([m.model for m in members])
+        routed, routes = _routes(members)
+        station = np.zeros(len(routed))
+        if routes:
+            x, y = (axle[routed] for axle in model.axle_position(motion))
+            station = routes.project(x, y, station, np.full(len(routed), np.inf))
         return cls(
             members=tuple(members),
-            number=np.arange(n),
+            number=np.arange(n) if number is None else number,
             groups=groups,
-            model=FleetModel.of([m.model for m in members]),
-            predecessor=np.array([row_of.get((m.platoon, m.place - 1), -1) for m in members]),
-            native=np.array([getattr(m.law, "native", False) for m in members]),
-            motion=Motion.at_rest(*zip(*(m.pose for m in members), strict=True)),
-            twist=Twist(np.zeros(n), np.zeros(n)),
+            model=model,
+            predecessor=np.array([row_of.get((m.platoon, m.place - 1), -1) for m in members], dtype=int),
+            native=np.array([getattr(m.law, "native", False) for m in members], dtype=bool),
+            routed=routed,
+            routes=routes,
+            station=station,
+            motion=replace(motion, speed=np.array([m.speed for m in members], dtype=float)),
+            command=Command.of(Twist(still, still)),
             target=Target(np.full(n, np.nan), np.full(n, np.nan)),
-            # A path begins at the lane where the platoon does.
-            station=np.array([m.path.project(*m.pose[:2], 0.0, window=np.inf)[0] if m.path else 0.0 for m in members]),
-            memories=(None,) * len(groups),
         )
 
     def __len__(self) -> int:
         return len(self.members)
 
-    def decided(self, scans: Sequence[ScanBatch | None], dt: float) -> Fleet:
-        """Every group whose lidar has just scanned decides; the others (None) keep their command."""
-        speed, yaw_rate = (values.copy() for values in self.twist)
+    def joined(self, others: Fleet) -> Fleet:
+        """With others behind, who have just come."""
+        n = len(self)
+        members = (*self.members, *others.members)
+        routed, routes = _routes(members)
+        return Fleet(
+            members=members,
+            number=np.append(self.number, others.number),
+            groups=(*self.groups, *(group._replace(rows=group.rows + n) for group in others.groups)),
+            model=FleetModel.of([m.model for m in members]),
+            predecessor=np.append(self.predecessor, np.where(others.predecessor < 0, -1, others.predecessor + n)),
+            native=np.append(self.native, others.native),
+            routed=routed,
+            routes=routes,
+            station=np.append(self.station, others.station),
+            motion=_both(self.motion, others.motion),
+            command=_both(self.command, others.command),
+            target=_both(self.target, others.target),
+        )
+
+    def without(self, platoons: Collection[str]) -> Fleet:
+        """Without those platoons, which are gone."""
+        if not platoons:
+            return self
+        stays = np.array([m.platoon not in platoons for m in self.members], dtype=bool)
+        row = np.append(np.cumsum(stays) - 1, -1)  # the last one is that of no predecessor
+        members = tuple(m for m, keep in zip(self.members, stays, strict=True) if keep)
+        groups = []
+        for group in self.groups:
+            keep = stays[group.rows]
+            if keep.any():
+                memory = group.memory if keep.all() else _taken(group.memory, keep, group.law)
+                groups.append(group._replace(rows=row[group.rows[keep]], memory=memory))
+        routed, routes = _routes(members)
+        return Fleet(
+            members=members,
+            number=self.number[stays],
+            groups=tuple(groups),
+            model=FleetModel.of([m.model for m in members]),
+            predecessor=row[self.predecessor[stays]],
+            native=self.native[stays],
+            routed=routed,
+            routes=routes,
+            station=self.station[stays[self.routed]],
+            motion=self.motion.of(stays),
+            command=self.command.rows(stays),
+            target=_rows(self.target, stays),
+        )
+
+    def arrived(self) -> set[str]:
+        """Platoons whose leader's front bumper has come to the end of its route."""
+        if self.routes is None:
+            return set()
+        ahead = (self.model.length / 2 - self.model.axle)[self.routed]
+        there = self.routed[self.routes.left(self.station) <= ahead]
+        return {self.members[i].platoon for i in there if self.members[i].place == 0}
+
+    def decided(self, scans: Sequence[ScanBatch | None], dt: float, signals: Signals | None = None) -> Fleet:
+        """Every group whose lidar has just scanned decides; the others (None) keep their command.
+
+        signals: (n,), for those laws that declare to need them
+        """
+        twist, drive = (type(kind)(*(values.copy() for values in kind)) for kind in self.command)
         distance, bearing = (values.copy() for values in self.target)
-        station = self.station.copy()
-        memories = list(self.memories)
-        for g, (group, scan) in enumerate(zip(self.groups, scans, strict=True)):
+        ahead = self._ahead()
+        row_on_route = dict(zip(self.routed.tolist(), range(len(self.routed)), strict=True))
+        groups = []
+        for group, scan in zip(self.groups, scans, strict=True):
             if scan is None:
+                groups.append(group)
                 continue
-            rows, route = group.rows, None
-            if "route" in getattr(group.law, "needs", ()):
-                station[rows], route = self._route_ahead(rows)
-            seen = replace(scan, hits=None)  # whose surface a beam met is for the observer, not for a law
-            sensed = Sensed(seen, self.motion.speed[rows], self.motion.yaw_rate[rows], route)
-            decision = self._ask(group, sensed, memories[g], group.every * dt)
-            speed[rows], yaw_rate[rows] = decision.twist
+            rows, needs = group.rows, getattr(group.law, "needs", ())
+            sensed = Sensed(
+                replace(scan, hits=None),  # whose surface a beam met is for the observer, not for a law
+                self.motion.speed[rows],
+                self.motion.yaw_rate[rows],
+                Body(self.model.length[rows], self.model.width[rows], self.model.axle[rows]),
+                _rows(ahead, [row_on_route[i] for i in rows.tolist()]) if "route" in needs else None,
+                _rows(signals, rows) if "signals" in needs and signals else None,
+            )
+            decision = self._ask(group, sensed, group.every * dt)
+            command = Command.of(decision.command)
+            for old, new in zip((*twist, *drive), (*command.twist, *command.drive), strict=True):
+                old[rows] = new
             distance[rows], bearing[rows] = decision.target
-            memories[g] = decision.memory
+            groups.append(group._replace(memory=decision.memory))
         return replace(
             self,
-            twist=Twist(speed, yaw_rate),
+            command=Command(twist, drive),
             target=Target(distance, bearing),
-            station=station,
-            memories=tuple(memories),
+            groups=tuple(groups),
         )
 
     def moved(self, dt: float) -> Fleet:
         """After dt; those that SUMO drives stay, until it has moved them."""
-        motion = self.model.moved(self.motion, self.twist, dt)
-        return self._with_motion(np.flatnonzero(self.native), self.motion, motion)
+        motion = self.model.moved(self.motion, self.command, dt)
+        return self._with_motion(np.flatnonzero(self.native), self.motion, motion)._located()
 
     def driven(self, rows: np.ndarray, x, y, heading, speed, dt: float) -> Fleet:
         """With the poses (m,) that SUMO has driven the members of some rows to."""
@@ -151,44 +227,84 @@ class Fleet:
             of_all[rows] = getattr(some, name)[rows]
         return replace(self, motion=Motion(**values))
 
-    def _route_ahead(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Stations (m,) on the members' own paths, and points (m, k, 2) of the paths ahead.
+    def _located(self) -> Fleet:
+        """With the stations of where it is now."""
+        if self.routes is None:
+            return self
+        x, y = (axle[self.routed] for axle in self.model.axle_position(self.motion))
+        window = 5 * self.model.length[self.routed]
+        return replace(self, station=self.routes.project(x, y, self.station, window))
 
-        The points lie ROUTE_REACH vehicle lengths along, as seen from the driven axle: x forward, y to the left.
-        """
-        x, y = self.model.axle_position(self.motion)
-        stations, points = [], []
-        for i in rows:
-            path, length = self.members[i].path, self.members[i].model.length
-            station, _ = path.project(x[i], y[i], near=self.station[i], window=5 * length)
-            ahead = path.at(station + np.linspace(0, ROUTE_REACH * length, ROUTE_POINTS)) - (x[i], y[i])
-            cos, sin = np.cos(self.motion.heading[i]), np.sin(self.motion.heading[i])
-            stations.append(station)
-            points.append(ahead @ np.array([[cos, -sin], [sin, cos]]))
-        return np.array(stations), np.array(points)
+    def _ahead(self) -> RouteAhead | None:
+        """Of the routed (m,), as seen from the driven axle."""
+        if self.routes is None:
+            return None
+        x, y = (axle[self.routed] for axle in self.model.axle_position(self.motion))
+        return self.routes.ahead(self.station, x, y, self.motion.heading[self.routed])
 
-    def _ask(self, group: Group, sensed: Sensed, memory: Any, dt: float) -> Decision:
+    def _ask(self, group: Group, sensed: Sensed, dt: float) -> Decision:
         """The law's decision with arrays (n,); a law from a plug-in that gives none is the user's to mend."""
         rows = sensed.speed.shape
-        decision = _call(group.law, f"at {sensed.scan.stamp:.3f} s", group.law, sensed, memory, dt)
+        decision = _call(group.law, f"at {sensed.scan.stamp:.3f} s", group.law, sensed, group.memory, dt)
         try:
-            speed, yaw_rate = (np.broadcast_to(_numbers(values), rows) for values in decision.twist)
+            kind = Drive if isinstance(decision.command, Drive) else Twist
+            command = kind(*(np.broadcast_to(_numbers(values), rows) for values in decision.command))
             distance, bearing = (np.broadcast_to(_numbers(values), rows) for values in decision.target)
             memory = decision.memory
         except (AttributeError, TypeError, ValueError) as error:
             if _is_ours(group.law):
                 raise
-            what = f"gave {decision!r:.200}; must be a Decision of a Twist and a Target with numbers, {rows[0]} rows"
+            what = f"gave {decision!r:.200}; must be a Decision of a Twist, or a Drive, and a Target "
+            what += f"with numbers, {rows[0]} rows"
             raise InputError(f"{_place(group.law)}: law {type(group.law).__qualname__} {what}") from error
-        sound = np.isfinite(speed) & np.isfinite(yaw_rate) & ~np.isinf(distance) & ~np.isinf(bearing)
+        sound = np.isfinite(command).all(axis=0) & ~np.isinf(distance) & ~np.isinf(bearing)
         nonsense = np.flatnonzero(~sound)
         if len(nonsense):
             row = nonsense[0]
             vehicle = f"{self.members[group.rows[row]].id} at {sensed.scan.stamp:.3f} s"
-            given = f"speed {speed[row]}, yaw rate {yaw_rate[row]}, target {distance[row]}, {bearing[row]}"
+            given = ", ".join(f"{name.replace('_', ' ')} {v[row]}" for name, v in command._asdict().items())
+            given += f", target {distance[row]}, {bearing[row]}"
             what = f"gave {given} for {vehicle}; must be finite, a target may be NaN"
             raise InputError(f"{_place(group.law)}: law {type(group.law).__qualname__} {what}")
-        return Decision(Twist(speed, yaw_rate), memory, Target(distance, bearing))
+        return Decision(command, memory, Target(distance, bearing))
+
+
+def _routes(members: Sequence[Member]) -> tuple[np.ndarray, Routes | None]:
+    """Rows of those whose law is given its route, and these routes."""
+    laws = [getattr(m.law, "needs", ()) if m.route and not getattr(m.law, "native", False) else () for m in members]
+    rows = np.flatnonzero(["route" in needs for needs in laws])
+    if not len(rows):
+        return rows, None
+    return rows, Routes([members[i].route for i in rows], np.array([members[i].model.length for i in rows]))
+
+
+def _rows(record: Any, rows: Any) -> Any:
+    """Some rows of a NamedTuple of arrays."""
+    return type(record)(*(values[rows] for values in record))
+
+
+def _both(one: Any, other: Any) -> Any:
+    """Two records of arrays as one, row after row."""
+    if isinstance(one, np.ndarray):
+        return np.concatenate([one, other])
+    parts = [f.name for f in fields(one)] if is_dataclass(one) else one._fields
+    return type(one)(*(_both(getattr(one, part), getattr(other, part)) for part in parts))
+
+
+def _taken(memory: Any, keep: np.ndarray, law: Any) -> Any:
+    """What a law remembers of those that stay."""
+    if memory is None:
+        return None
+    if isinstance(memory, np.ndarray):
+        return memory[keep]
+    if isinstance(memory, list):
+        return [one for one, stays in zip(memory, keep, strict=True) if stays]
+    if isinstance(memory, tuple) and hasattr(memory, "_fields"):
+        return type(memory)(*(_taken(part, keep, law) for part in memory))
+    if is_dataclass(memory):
+        return replace(memory, **{f.name: _taken(getattr(memory, f.name), keep, law) for f in fields(memory)})
+    what = f"remembers a {type(memory).__name__}; must be arrays, lists, NamedTuples or dataclasses, one row a vehicle"
+    raise InputError(f"{_place(law)}: law {type(law).__qualname__} {what}")
 
 
 def desired_distance(member: Member, speed: float) -> float:

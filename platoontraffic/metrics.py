@@ -1,35 +1,61 @@
 """Metrics of a run, computed from the tables that it recorded and nothing else.
 
-vehicle scope (followers only where a predecessor is needed):
+A member's time is that from its event `departed` to `arrived`, or to the end. A recorded instant stands for the time up
+to the member's next one where a duration is asked for.
+
+vehicle scope:
+
+laps                          |turned_rad| / 2 pi at the end; corners are its quarters, the last counted from 80 deg
+distance                      length of the driven path of the centre
+speed_mean                    of speed_mps
+accel_rms, jerk_rms, jerk_max of accel_mps2, and of |jerk_mps3|
+right_lane_share              share of the recorded instants with a defined right_of_middle_m at which it is positive
+standstill_share              share of its time spent in standstills of more than 10 s
+off_road_share                share of its time off the road, by the events, that is of all steps
+collisions                    episodes of contact with a vehicle or a wall
+hard_brakings                 events emergency_brake
+
+vehicle scope, followers only:
 
 gap_mean, gap_min, gap_max    of gap_m over the recorded instants
 gap_error_rms                 root mean square of gap_error_m
-time_gap_median               of time_gap_s; a mean would be that of the slowest instants
+time_gap_median               of time_gap_s; its mean over all instants would be that of the slowest
+time_gap_mean, time_gap_min   of time_gap_s where it drives faster than a tenth of its speed_mean
 cross_track_rms, _max         of |cross_track_m|
-right_lane_share              share of the recorded instants with a defined right_of_middle_m at which it is positive
 lock_on_ratio                 share of the time from the first lock to the end in which the law's target was its true
                               predecessor, by the events, that is of all steps; 0 if it was never locked
 lock_losses, lock_loss_longest  number and longest duration of the losses, the last one up to the end
 lost_for_good                 time of the loss that lasted to the end; none if there was no such loss
-standstill_share              share of the run spent in standstills of more than 10 s
-collisions                    episodes of contact with a vehicle or a wall
-laps                          |turned_rad| / 2 pi at the end; corners are its quarters, the last counted from 80 deg
-distance                      length of the driven path of the centre
-speed_mean                    of speed_mps
+ttc_min                       of ttc_s
+tet, tit                      time exposed to a ttc_s below 3 s, and the integral of 3 s - ttc_s over that time
+drac_max                      of drac_mps2
+near_misses                   events near_miss
+occluded_share_mean           of occluded_share
+beams_share5                  share of the recorded instants with a beams_on_predecessor at which it is 5 or more
+speed_gain_l2, _linf          norm of its speed's deviation from its mean, over that of the member ahead: root mean
+                              square, and largest; over the instants of both; none where the member ahead deviates by
+                              less than 0.05 m/s (root mean square). Above 1, the string of vehicles amplifies
 
-platoon and run scope: the worst, the mean or the sum over the members, as the name says.
+platoon and run scope: the worst, the mean or the sum over the members, as the name says; of tet and tit the sum.
+
+head_to_tail_l2               of a platoon: speed_gain_l2 of the last member over the first; of a run: the largest
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from platoontraffic.observation import STANDSTILL_AFTER
+
+EXPOSED = 3.0  # a shorter time to collision is dangerous [s]
+ENOUGH_BEAMS = 5  # on a predecessor, for a law to make something of it
+STEADY = 0.05  # a speed that deviates less tells nothing of a string's stability, RMS [m/s]
+MOVING = 0.1  # of the mean speed: slower is hardly moving
 
 
 class Metric(NamedTuple):
@@ -41,6 +67,9 @@ class Metric(NamedTuple):
     unit: str
 
 
+Values = dict[tuple[str, str], float]  # by name and unit
+
+
 def compute(trajectories: pd.DataFrame, events: pd.DataFrame) -> list[Metric]:
     """All metrics of a run.
 
@@ -48,26 +77,34 @@ def compute(trajectories: pd.DataFrame, events: pd.DataFrame) -> list[Metric]:
     """
     end = float(events.loc[events.kind == "end", "time_s"].iloc[0])
     start = float(trajectories.time_s.min())
-    metrics: list[Metric] = []
-    for (platoon, place, vehicle), rows in trajectories.groupby(["platoon_id", "place", "vehicle_id"]):
-        own = events[events.vehicle_id == vehicle]
-        collisions = events[
-            (events.kind == "collision") & ((events.vehicle_id == vehicle) | (events.other_id == vehicle))
-        ]
-        values = {**_motion(rows), **_standing(own, start, end), ("collisions", ""): float(len(collisions))}
-        if place > 0:
-            values |= _following(rows) | _locking(own, end)
-        metrics += [Metric("vehicle", platoon, vehicle, name, value, unit) for (name, unit), value in values.items()]
-    for platoon in trajectories.platoon_id.unique():
-        mine = [m for m in metrics if m.scope == "vehicle" and m.platoon == platoon]
-        metrics += [Metric("platoon", platoon, "", *m) for m in _together(mine, trajectories, events, platoon)]
-    members = [m for m in metrics if m.scope == "vehicle"]
-    metrics += [Metric("run", "", "", *m) for m in _together(members, trajectories, events, None)]
-    metrics.append(Metric("run", "", "", "duration", end - start, "s"))
-    return metrics
+    events_of = dict(tuple(events.groupby("vehicle_id")))
+    collisions = events[events.kind == "collision"]
+    members: list[Metric] = []
+    platoons: list[Metric] = []
+    for platoon, of_platoon in trajectories.groupby("platoon_id"):
+        mine: list[Metric] = []
+        speeds: dict[int, pd.Series] = {}  # by place
+        for (place, vehicle), rows in of_platoon.groupby(["place", "vehicle_id"]):
+            own = events_of.get(vehicle, events[:0])
+            since, until = _first(own, "departed", start), _first(own, "arrived", end)
+            speeds[place] = rows.set_index("time_s").speed_mps
+            values = _motion(rows, own) | _standing(own, since, until) | _leaving_road(own, since, until)
+            values["collisions", ""] = _collisions(collisions, [vehicle])
+            if place > 0:
+                values |= _following(rows) | _locking(own, until) | _nearing(rows, own) | _seeing(rows)
+                gains = _speed_gains(speeds[place], speeds.get(place - 1))
+                values["speed_gain_l2", ""], values["speed_gain_linf", ""] = gains
+            mine += [Metric("vehicle", platoon, vehicle, name, value, unit) for (name, unit), value in values.items()]
+        members += mine
+        head_to_tail, _ = _speed_gains(speeds[max(speeds)], speeds.get(0) if max(speeds) else None)
+        platoons += [Metric("platoon", platoon, "", *m) for m in _together(mine, of_platoon, collisions)]
+        platoons.append(Metric("platoon", platoon, "", "head_to_tail_l2", head_to_tail, ""))
+    head_to_tail = _over(platoons, "head_to_tail_l2", max)
+    run = [*_together(members, trajectories, collisions), ("head_to_tail_l2", head_to_tail, "")]
+    return [*members, *platoons, *(Metric("run", "", "", *m) for m in (*run, ("duration", end - start, "s")))]
 
 
-def _motion(rows: pd.DataFrame) -> dict[tuple[str, str], float]:
+def _motion(rows: pd.DataFrame, own: pd.DataFrame) -> Values:
     laps = abs(rows.turned_rad.iloc[-1]) / (2 * math.pi)
     right = rows.right_of_middle_m.dropna()
     return {
@@ -75,42 +112,55 @@ def _motion(rows: pd.DataFrame) -> dict[tuple[str, str], float]:
         ("corners", ""): float(math.floor(4 * laps + 10 / 90)),
         ("distance", "m"): float(np.hypot(rows.x_m.diff(), rows.y_m.diff()).sum()),
         ("speed_mean", "m/s"): rows.speed_mps.mean(),
+        ("accel_rms", "m/s2"): _rms(rows.accel_mps2),
+        ("jerk_rms", "m/s3"): _rms(rows.jerk_mps3),
+        ("jerk_max", "m/s3"): rows.jerk_mps3.abs().max(),
+        ("hard_brakings", ""): float((own.kind == "emergency_brake").sum()),
         ("right_lane_share", ""): (right > 0).mean() if len(right) else math.nan,
     }
 
 
-def _standing(own: pd.DataFrame, start: float, end: float) -> dict[tuple[str, str], float]:
+def _standing(own: pd.DataFrame, since: float, until: float) -> Values:
     began = own.loc[own.kind == "standstill", "time_s"]
     ended = own.loc[own.kind == "standstill_end", "duration_s"]
-    last = end - began.iloc[-1] + STANDSTILL_AFTER if len(began) > len(ended) else 0.0
-    share = (ended.sum() + last) / (end - start)
+    last = until - began.iloc[-1] + STANDSTILL_AFTER if len(began) > len(ended) else 0.0
+    share = _share(ended.sum() + last, until - since)
     return {("standstills", ""): float(len(began)), ("standstill_share", ""): share}
 
 
-def _collisions(events: pd.DataFrame, vehicles: Collection[str]) -> float:
-    involved = events.vehicle_id.isin(vehicles) | events.other_id.isin(vehicles)
-    return float((involved & (events.kind == "collision")).sum())
+def _leaving_road(own: pd.DataFrame, since: float, until: float) -> Values:
+    left = own.loc[own.kind == "off_road", "time_s"]
+    back = own.loc[own.kind == "on_road", "duration_s"]
+    last = until - left.iloc[-1] if len(left) > len(back) else 0.0
+    return {("off_road_share", ""): _share(back.sum() + last, until - since)}
 
 
-def _following(rows: pd.DataFrame) -> dict[tuple[str, str], float]:
+def _collisions(collisions: pd.DataFrame, vehicles: Collection[str]) -> float:
+    return float((collisions.vehicle_id.isin(vehicles) | collisions.other_id.isin(vehicles)).sum())
+
+
+def _following(rows: pd.DataFrame) -> Values:
+    moving = rows.time_gap_s[rows.speed_mps > MOVING * rows.speed_mps.mean()]
     return {
         ("gap_mean", "m"): rows.gap_m.mean(),
         ("gap_min", "m"): rows.gap_m.min(),
         ("gap_max", "m"): rows.gap_m.max(),
         ("gap_error_rms", "m"): _rms(rows.gap_error_m),
         ("time_gap_median", "s"): rows.time_gap_s.median(),
+        ("time_gap_mean", "s"): moving.mean(),
+        ("time_gap_min", "s"): moving.min(),
         ("cross_track_rms", "m"): _rms(rows.cross_track_m),
         ("cross_track_max", "m"): rows.cross_track_m.abs().max(),
     }
 
 
-def _locking(own: pd.DataFrame, end: float) -> dict[tuple[str, str], float]:
+def _locking(own: pd.DataFrame, until: float) -> Values:
     first = own.loc[own.kind == "locked", "time_s"]
     lost = own.loc[own.kind == "lock_lost", "time_s"].to_list()
     regained = own.loc[own.kind == "lock_regained", "time_s"].to_list()
-    losses = [b - a for a, b in zip(lost, [*regained, end][: len(lost)], strict=True)]
+    losses = [b - a for a, b in zip(lost, [*regained, until][: len(lost)], strict=True)]
     for_good = lost[-1] if len(lost) > len(regained) else math.nan
-    since = end - first.iloc[0] if len(first) else 0.0
+    since = until - first.iloc[0] if len(first) else 0.0
     return {
         ("lock_on_ratio", ""): 1 - sum(losses) / since if since else 0.0,
         ("lock_losses", ""): float(len(losses)),
@@ -119,36 +169,100 @@ def _locking(own: pd.DataFrame, end: float) -> dict[tuple[str, str], float]:
     }
 
 
-def _together(members: list[Metric], trajectories: pd.DataFrame, events: pd.DataFrame, platoon: str | None):
-    """Metrics of several members: (name, value, unit)."""
+def _nearing(rows: pd.DataFrame, own: pd.DataFrame) -> Values:
+    exposed = rows.ttc_s < EXPOSED
+    lasts = -rows.time_s.diff(-1)[exposed]
+    return {
+        ("ttc_min", "s"): rows.ttc_s.min(),
+        ("tet", "s"): lasts.sum(),
+        ("tit", "s2"): ((EXPOSED - rows.ttc_s[exposed]) * lasts).sum(),
+        ("drac_max", "m/s2"): rows.drac_mps2.max(),
+        ("near_misses", ""): float((own.kind == "near_miss").sum()),
+    }
 
-    def over(name: str, how) -> float:
-        values = [m.value for m in members if m.name == name and not math.isnan(m.value)]
-        return float(how(values)) if values else math.nan
+
+def _seeing(rows: pd.DataFrame) -> Values:
+    beams = rows.beams_on_predecessor.dropna()
+    return {
+        ("occluded_share_mean", ""): rows.occluded_share.mean(),
+        ("beams_share5", ""): (beams >= ENOUGH_BEAMS).mean() if len(beams) else math.nan,
+    }
+
+
+def _speed_gains(speed: pd.Series, ahead: pd.Series | None) -> tuple[float, float]:
+    """L2 and L-infinity norm of a speed's deviation from its mean, over those of another; both indexed by time."""
+    if ahead is None:
+        return math.nan, math.nan
+    _, here, there = np.intersect1d(speed.index, ahead.index, assume_unique=True, return_indices=True)
+    own, other = (v.to_numpy()[at] - v.iloc[at].mean() for v, at in ((speed, here), (ahead, there)))
+    if not len(other) or _root_mean_square(other) < STEADY:
+        return math.nan, math.nan
+    return _root_mean_square(own) / _root_mean_square(other), np.abs(own).max() / np.abs(other).max()
+
+
+def _together(members: list[Metric], rows: pd.DataFrame, collisions: pd.DataFrame) -> Iterator[tuple[str, float, str]]:
+    """Metrics of several members: (name, value, unit); rows: of these members."""
+
+    def over(name: str, how: Callable) -> float:
+        return _over(members, name, how)
 
     ids = {m.vehicle for m in members}
-    rows = trajectories if platoon is None else trajectories[trajectories.platoon_id == platoon]
-    leader = rows[rows.place == 0].right_of_middle_m.dropna()
+    leader = rows.loc[rows.place == 0, "right_of_middle_m"].dropna()
     yield "members", float(len(ids)), ""
-    yield "collisions", _collisions(events, ids), ""
+    yield "collisions", _collisions(collisions, ids), ""
     yield "laps_min", over("laps", min), ""
     yield "corners_min", over("corners", min), ""
     yield "gap_min", over("gap_min", min), "m"
     yield "gap_max", over("gap_max", max), "m"
     yield "gap_mean", over("gap_mean", np.mean), "m"
     yield "gap_error_rms_max", over("gap_error_rms", max), "m"
+    yield "time_gap_mean", over("time_gap_mean", np.mean), "s"
+    yield "time_gap_min", over("time_gap_min", min), "s"
     yield "cross_track_max", over("cross_track_max", max), "m"
     yield "lock_on_ratio_min", over("lock_on_ratio", min), ""
     yield "lock_losses", over("lock_losses", sum), ""
     yield "lost_for_good_first", over("lost_for_good", min), "s"
+    yield "occluded_share_mean", over("occluded_share_mean", np.mean), ""
+    yield "beams_share5_min", over("beams_share5", min), ""
+    yield "ttc_min", over("ttc_min", min), "s"
+    yield "tet", over("tet", sum), "s"
+    yield "tit", over("tit", sum), "s2"
+    yield "drac_max", over("drac_max", max), "m/s2"
+    yield "near_misses", over("near_misses", sum), ""
+    yield "hard_brakings", over("hard_brakings", sum), ""
+    yield "accel_rms_max", over("accel_rms", max), "m/s2"
+    yield "jerk_rms_max", over("jerk_rms", max), "m/s3"
+    yield "jerk_max", over("jerk_max", max), "m/s3"
+    yield "speed_gain_l2_max", over("speed_gain_l2", max), ""
+    yield "speed_gain_linf_max", over("speed_gain_linf", max), ""
     yield "standstill_share_mean", over("standstill_share", np.mean), ""
+    yield "off_road_share_max", over("off_road_share", max), ""
     yield "leader_right_lane_share", (leader > 0).mean() if len(leader) else math.nan, ""
     yield "right_lane_share_min", over("right_lane_share", min), ""
 
 
+def _over(metrics: list[Metric], name: str, how: Callable) -> float:
+    values = [m.value for m in metrics if m.name == name and not math.isnan(m.value)]
+    return float(how(values)) if values else math.nan
+
+
+def _first(own: pd.DataFrame, kind: str, otherwise: float) -> float:
+    """Time of the first event of a kind."""
+    times = own.loc[own.kind == kind, "time_s"]
+    return float(times.iloc[0]) if len(times) else otherwise
+
+
+def _share(part: float, whole: float) -> float:
+    return part / whole if whole else math.nan
+
+
+def _root_mean_square(values: pd.Series | np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
 def _rms(values: pd.Series) -> float:
     values = values.dropna()
-    return float(np.sqrt((values**2).mean())) if len(values) else math.nan
+    return _root_mean_square(values) if len(values) else math.nan
 
 
 def summary(name: str, seed: int, varied: dict[str, Any], metrics: list[Metric]) -> str:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.bicycle import CARS, Car
-from platoontraffic.vehicle import ROBOTS, DifferentialDrive, Motion, Twist, stack
+from platoontraffic.vehicle import ROBOTS, Command, DifferentialDrive, Drive, Motion, Twist, stack
 
 VehicleModel = DifferentialDrive | Car
 
@@ -45,11 +45,12 @@ class FleetModel:
         """The middle of the driven axle. Arrays (n,)."""
         return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
 
-    def moved(self, motion: Motion, twist: Twist, dt: float) -> Motion:
+    def moved(self, motion: Motion, command: Command | Drive | Twist, dt: float) -> Motion:
         """Motion after dt under one command, each member by its own class."""
+        command = command if isinstance(command, Command) else Command.of(command)
         after = {f.name: np.empty(len(self.length)) for f in fields(Motion)}
         for rows, model in self.kinds:
-            moved = model.moved(motion.of(rows), Twist(*(values[rows] for values in twist)), dt)
+            moved = model.moved(motion.of(rows), command.rows(rows), dt)
             for name, values in after.items():
                 values[rows] = getattr(moved, name)
         return Motion(**after)

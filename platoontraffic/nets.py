@@ -29,6 +29,7 @@ AT_MOST = 8  # findings of one kind that are written out
 CAR = "passenger"
 ON_RAILS = {"tram", "rail_urban", "rail", "rail_electric", "rail_fast", "subway", "cable_car"}
 PLAIN = ("nod", "edg", "con", "tll", "typ")  # kinds of source files, as netconvert writes them
+TURNAROUND = "t"  # direction of a connection
 HEADER = re.compile(r"<!-- generated on .*?-->\s*", re.DOTALL)  # has date and paths
 
 
@@ -257,13 +258,13 @@ def findings(net: Path) -> Findings:
     from platoontraffic.network import Network
 
     try:
-        content = read(net)
-        if Network.read(net).drivable.area <= 0:
+        content, network = read(net), Network.read(net)
+        if not any(lane.for_cars for edge in content.roads().values() for lane in edge.lanes):
+            return Findings((f"{net}: no lane for cars: all are for {_users(content)} only",))
+        if network.drivable.area <= 0:
             return Findings((f"{net}: nothing to drive on: the lanes have no area",))
     except InputError as error:
         return Findings(error.faults)
-    if not any(lane.for_cars for edge in content.roads().values() for lane in edge.lanes):
-        return Findings((f"{net}: no lane for cars: all are for {_users(content)} only",))
     kinds = (_permissions, _widths, _ends, _insides, _side)
     return Findings(notes=tuple(f"{net}: note: {line}" for kind in kinds for line in _some(kind(content))))
 
@@ -312,6 +313,7 @@ def _ends(content: Content) -> Iterator[str]:
     roads = {name: edge for name, edge in content.roads().items() if any(lane.for_cars for lane in edge.lanes)}
     leading = {link.source for link in content.links}
     left, reached = {name for name, _ in leading}, {link.target[0] for link in content.links}
+    going_on = {link.source[0] for link in content.links if link.rules[0] != TURNAROUND}
     onward: dict[str, set[str]] = {}  # where roads from a junction lead, and where those to it come from
     origins: dict[str, set[str]] = {}
     for edge in roads.values():
@@ -320,7 +322,7 @@ def _ends(content: Content) -> Iterator[str]:
     for name, edge in roads.items():
         if name in left:
             for i, lane in enumerate(edge.lanes):
-                if lane.for_cars and not lane.merges and (name, i) not in leading:
+                if name in going_on and lane.for_cars and not lane.merges and (name, i) not in leading:
                     yield f"lane '{lane.id}' has no connection at junction '{edge.end}'; others of its edge have"
         elif onward.get(edge.end, set()) - {edge.start}:
             yield f"edge '{name}' leads nowhere, though roads go on from junction '{edge.end}'"

@@ -8,11 +8,12 @@ import os
 import re
 import subprocess
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.parsers import expat
 
@@ -28,7 +29,13 @@ if TYPE_CHECKING:
 
 CACHED_LANES = 100  # fewer are put together in some 15 ms, which is not worth a file in the user's home
 NETWORK = "a SUMO network (.net.xml)"
+CAR = "passenger"  # SUMO's class of vehicles that members are
+NO_ROAD = frozenset(
+    ("pedestrian", "wheelchair", "tram", "rail_urban", "rail", "rail_electric", "rail_fast", "lightrail", "cityrail",
+     "rail_slow", "subway", "cable_car", "ship", "container", "aircraft", "drone")
+)  # fmt: skip
 OTHER_ROOTS = {
+    "net": "a network",
     "nodes": "a plain node file",
     "edges": "a plain edge file",
     "connections": "a plain connection file",
@@ -41,6 +48,19 @@ OTHER_ROOTS = {
 }
 
 
+class Line(NamedTuple):
+    """Where a lane ends at a junction, and who goes first there."""
+
+    station: float  # on the route [m]
+    state: str  # as SUMO's: M and G go first, m, s and w give way
+    light: str  # that rules it; "" if none does
+    index: int  # of this way across among that light's
+    lane: str
+    onto: str  # lane beyond the junction
+    via: tuple[str, ...]  # lanes inside it: two or more where one may have to wait midway
+    across: float  # their length [m]
+
+
 class Shape(NamedTuple):
     """A wall or a solid obstacle that stands in the world."""
 
@@ -50,14 +70,17 @@ class Shape(NamedTuple):
     filled: bool
 
 
-def check_net_file(path: str | Path) -> None:
-    """Raise InputError unless the file is a whole network: some broken ones kill SUMO and the process with it."""
-    root, road, lanes = "", False, False
+def check_net_file(path: str | Path) -> bool:
+    """Raise InputError unless the file is a whole network: some broken ones kill SUMO and the process with it.
+
+    returns: whether its traffic keeps to the left
+    """
+    root, road, lanes, left_hand = "", False, False, False
 
     def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
-        nonlocal root, road, lanes
+        nonlocal root, road, lanes, left_hand
         if not root:
-            root = tag
+            root, left_hand = tag, attributes.get("lefthand") in ("true", "1")
             if tag != "net":
                 kind = OTHER_ROOTS.get(tag, "another kind of file")
                 raise _fault(path, parser, f"root element is <{tag}>, {kind}; must be <net>, {NETWORK}")
@@ -72,6 +95,7 @@ def check_net_file(path: str | Path) -> None:
     last = _parse(path, start, f"must be {NETWORK}")
     if not lanes:
         raise InputError(f"{path}:{last}: the network has no road; must have at least one edge with a lane")
+    return left_hand
 
 
 def read_polygons(path: str | Path) -> list[Shape]:
@@ -103,64 +127,196 @@ def read_polygons(path: str | Path) -> list[Shape]:
 
 
 class Configuration(NamedTuple):
-    """What a SUMO configuration names, with whole paths; and the options by which it asks for output files."""
+    """What a SUMO configuration says, with whole paths."""
 
     path: Path
     net: Path
     routes: tuple[Path, ...]
     additional: tuple[Path, ...]
-    outputs: Mapping[str, str]  # option -> file name, as written
+    inputs: tuple[Path, ...] = ()  # further files: of weights, a state to begin with
+    options: Mapping[str, str] = MappingProxyType({})  # what else SUMO is to be told
+    outputs: Mapping[str, str] = MappingProxyType({})  # option by which it asks for an output -> file name, as written
+    ignored: tuple[str, ...] = ()  # options of sumo-gui, those that are set here, and those that cannot be honoured
+    begin: float = 0.0  # [s]
+    end: float | None = None
+    step: float | None = None
+
+
+# Options under another name, as far as it matters here which they are.
+SYNONYMS = {
+    "n": "net-file", "net": "net-file", "r": "route-files", "routes": "route-files",
+    "a": "additional-files", "additional": "additional-files", "w": "weight-files", "weights": "weight-files",
+    "b": "begin", "e": "end", "srand": "seed", "abs-rand": "random", "no-duration-log": "duration-log.disable",
+    "H": "human-readable-time", "v": "verbose", "c": "configuration-file", "configuration": "configuration-file",
+    "C": "save-configuration", "t": "duration-log.statistics", "l": "log", "log-file": "log",
+    "ndump": "netstate-dump", "netstate": "netstate-dump", "netstate-output": "netstate-dump",
+    "summary": "summary-output", "tripinfo": "tripinfo-output", "vehroutes": "vehroute-output",
+    "person-fcd": "person-fcd-output", "personinfo": "personinfo-output", "personroutes": "personroute-output",
+    "statistics-output": "statistic-output", "device.fcd-replay.file": "device.fcd-replay.files",
+    "sumo-net-file": "net-file",
+}  # fmt: skip
+INPUTS = {
+    "net-file", "route-files", "additional-files", "weight-files", "load-state", "astar.all-distances",
+    "astar.landmark-distances", "device.fcd-replay.files", "device.ssm.filter-edges.input-file",
+    "fcd-output.filter-edges.input-file", "pedestrian.jupedsim.wkt",
+}  # fmt: skip
+OUTPUT = re.compile(r".*[-.]output|(message-|error-)?log|netstate-dump|device\.(ssm|toc)\.file")
+IGNORED = re.compile(
+    r"step-length|seed|random|precision|time-to-teleport.*|collision\.(?!check-junctions\.mingap).*|no-step-log"
+    r"|step-log\..*|duration-log\..*|emergencydecel\.warning-threshold"  # are set here, or follow from that
+    r"|remote-port|num-clients|configuration-file|save-.*|output[-.].*|human-readable-time|vtk-output|print-options"
+    r"|verbose|help|version|language"  # would wait for others, write beside the input, or change what is read back
+    r"|gui-.*|quit-on-end|game.*|start|delay|breakpoints|edgedata-files|alternative-net-file|selection-file|demo"
+    r"|disable-textures|registry-viewport|window-.*|tracker-interval|osg-view|[gQGSdDTBmN]"  # of sumo-gui
+)
+NOWHERE = ("NUL", "/dev/null")  # output files that SUMO does not write
 
 
 def read_configuration(path: str | Path) -> Configuration:
-    """The input files of a .sumocfg.
+    """What a .sumocfg, or a .netecfg of netedit, has SUMO do.
 
-    raises: InputError where it, or a file that it names, is not there
+    raises: InputError where it, or a file that it names, is not there, or it asks for what there is not
     """
     path = Path(path)
-    wanted = "must be a SUMO configuration (.sumocfg)"
-    files: dict[str, list[Path]] = {"net-file": [], "route-files": [], "additional-files": []}
-    short = {"net": "net-file", "n": "net-file", "routes": "route-files", "r": "route-files"}
-    short |= {"additional": "additional-files", "a": "additional-files"}
-    outputs: dict[str, str] = {}
+    wanted = "must be a SUMO configuration (.sumocfg), or one of netedit (.netecfg)"
+    given: dict[str, tuple[str, int]] = {}  # option -> value and line
     faults: list[str] = []
-    root = ""
+    ignored: list[str] = []
+    root = section = ""
 
     def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
-        nonlocal root
+        nonlocal root, section
         root = root or tag
-        if root not in ("configuration", "sumoConfiguration"):
+        if root not in ("configuration", "sumoConfiguration", "neteditConfiguration"):
             kind = OTHER_ROOTS.get(tag, "another kind of file")
             raise _fault(path, parser, f"root element is <{tag}>, {kind}; {wanted}")
-        value = attributes.get("value", attributes.get("v", ""))
-        option = short.get(tag, tag)
-        if option in files:
-            for name in filter(None, re.split(r"[,\s]+", value)):
-                files[option].append(path.parent / name)
-                if not files[option][-1].is_file():
-                    faults.append(f"{path}:{parser.CurrentLineNumber}: <{tag}>: {name!r}: no such file")
-        elif value and (tag.endswith("-output") or tag in ("log", "message-log", "error-log")):
-            outputs[tag] = value
+        value = attributes.get("value", attributes.get("v"))
+        option = SYNONYMS.get(tag, tag)
+        if value is None:
+            section = tag
+        elif section == "gui_only" or IGNORED.fullmatch(option):
+            ignored.append(tag)
+            if option == "step-length":
+                given[option] = value, parser.CurrentLineNumber
+        elif option == "net-file" and option in given:
+            faults.append(f"{path}:{parser.CurrentLineNumber}: <{tag}>: a second network; must name one")
+        elif value:
+            given[option] = _environment(value), parser.CurrentLineNumber
 
     last = _parse(path, start, wanted)
-    if len(files["net-file"]) != 1:
+    if root == "neteditConfiguration":  # of netedit's own options SUMO knows none
+        if "sumocfg-file" in given:
+            inner = read_configuration(path.parent / given["sumocfg-file"][0])
+            return inner._replace(path=path, inputs=(*inner.inputs, inner.path))
+        given = {o: given[o] for o in ("net-file", "route-files", "additional-files") if o in given}
+        ignored = []
+    files: dict[str, tuple[Path, ...]] = {}
+    for option in INPUTS & given.keys():
+        value, line = given.pop(option)
+        files[option] = tuple(path.parent / name.strip() for name in value.split(","))
+        missing = [file for file in files[option] if not file.is_file()]
+        faults += [f"{path}:{line}: <{option}>: '{os.path.relpath(f, path.parent)}': no such file" for f in missing]
+    if "net-file" not in files:
+        faults.append(f"{path}:{last}: names no network; must name one, as <net-file>")
+    elif len(files["net-file"]) > 1:
         faults.append(f"{path}:{last}: names {len(files['net-file'])} networks; must name one, as <net-file>")
+    times: dict[str, float] = {}
+    for option in {"begin", "end", "step-length"} & given.keys():
+        value, line = given[option]
+        try:
+            times[option] = _seconds(value)
+        except ValueError:
+            faults.append(f"{path}:{line}: <{option}>: '{value}'; must be a time: seconds, or hours:minutes:seconds")
+    if given.get("mesosim", ("", 0))[0].lower() in ("true", "1", "yes", "on", "x", "t"):
+        faults.append(f"{path}:{given['mesosim'][1]}: <mesosim>: the mesoscopic model has no lanes; must be off")
     if faults:
         raise InputError(*faults)
-    routes, additional = (tuple(files[option]) for option in ("route-files", "additional-files"))
-    return Configuration(path, files["net-file"][0], routes, additional, outputs)
+    given.pop("step-length", None)
+    main = [files.pop(option, ()) for option in ("net-file", "route-files", "additional-files")]
+    options = {option: ",".join(str(file.resolve()) for file in files[option]) for option in sorted(files)}
+    options |= {option: value for option, (value, _) in given.items() if not OUTPUT.fullmatch(option)}
+    outputs = {o: value for o, (value, _) in given.items() if OUTPUT.fullmatch(o) and value not in NOWHERE}
+    return Configuration(
+        path, main[0][0], main[1], main[2],
+        inputs=tuple(file for option in sorted(files) for file in files[option]),
+        options=options,
+        outputs=outputs,
+        ignored=tuple(ignored),
+        begin=max(times.get("begin", 0.0), 0.0),
+        end=times["end"] if times.get("end", -1) >= 0 else None,
+        step=times.get("step-length"),
+    )  # fmt: skip
 
 
-def writes_files(path: Path) -> bool:
-    """Whether an additional file has detectors, or others, that write into files beside it."""
+class Named(NamedTuple):
+    """A file that an input of SUMO names."""
+
+    element: str
+    attribute: str
+    name: str
+    written: bool  # by SUMO, which reads the others
+
+
+WRITTEN_TO = {"timedEvent": "dest", "calibrator": "output"}  # elsewhere the attribute is `file`
+READ = {"rerouter": "file", "variableSpeedSign": "file", "calibrator": "file", "include": "href"}
+PARAMETERS = ("device.ssm.file", "device.toc.file", "file")  # `file` is of traffic lights with detectors
+
+
+def file_named_in(element: str, attributes: Mapping[str, str]) -> Named | None:
+    """The file that an element of a network, of routes or of additional things has SUMO write, or read."""
+    if element == "param":
+        attribute, written = "value", attributes.get("key") in PARAMETERS
+        if not written:
+            return None
+    else:
+        attribute, written = WRITTEN_TO.get(element, "file"), True
+        if READ.get(element, "") in attributes:
+            attribute, written = READ[element], False
+    name = attributes.get(attribute, "")
+    return Named(element, attribute, name, written) if name and name not in NOWHERE else None
+
+
+def names_files(path: Path) -> bool:
+    """Whether a file names some that SUMO writes, beside it or elsewhere, or includes others."""
     found = False
 
     def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
         nonlocal found
-        found |= "file" in attributes
+        if file_named_in(tag, attributes):
+            found = True
+            parser.StartElementHandler = None
 
-    _parse(path, start, "must be an additional file")
+    _parse(path, start, "must be a file that SUMO can read")
     return found
+
+
+def id_clashes(path: Path, ids: Collection[str]) -> list[tuple[str, str]]:
+    """(id, `file:line: what`) for every vehicle of a route file that would have one of these ids.
+
+    A flow numbers its vehicles: those of flow `x` are `x.0`, `x.1` and so on.
+    """
+    clashes: list[tuple[str, str]] = []
+    by_flow = {name.rpartition(".")[0]: name for name in sorted(ids, reverse=True)}
+
+    def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
+        name = attributes.get("id", "")
+        made = by_flow.get(name) if tag in ("flow", "calibrator") else name if tag in ("vehicle", "trip") else None
+        if made in ids:
+            what = f"{tag} '{name}' is, or makes, '{made}', the id of a member"
+            clashes.append((made, f"{path}:{parser.CurrentLineNumber}: {what}"))
+
+    _parse(path, start, "must be a route file or an additional file of SUMO")
+    return clashes
+
+
+def _is_road(lane: Any) -> bool:
+    return not NO_ROAD.issuperset(lane.getPermissions())
+
+
+def _users(lane_or_edge: Any) -> str:
+    """`for bus, taxi`: whom a lane, or an edge, allows."""
+    allowed = sorted(lane_or_edge.getPermissions())
+    return f"for {', '.join(allowed[:3])}{' and others' if len(allowed) > 3 else ''}" if allowed else "closed to all"
 
 
 def build_net(config: str | Path, output: str | Path) -> None:
@@ -189,13 +345,14 @@ class Network:
 
     path: Path
     _net: sumolib.net.Net
+    left_hand: bool = False  # traffic keeps to the left
 
     @classmethod
     def read(cls, path: str | Path) -> Network:
         """Check the file, then read it."""
         import sumolib.net  # 0.1 s, not for those who only check a file
 
-        check_net_file(path)
+        left_hand = check_net_file(path)
         try:
             # Internal lanes are needed for routes; who must wait for whom is not.
             net = sumolib.net.readNet(str(path), withInternal=True, withFoes=False)
@@ -203,17 +360,17 @@ class Network:
             raise InputError(f"{path}: something is missing ({error!r}); must be as netconvert writes it") from error
         if fault := _incomplete(net):
             raise InputError(f"{path}: {fault}; must be as netconvert writes it")
-        return cls(Path(path), net)
+        return cls(Path(path), net, left_hand)
 
     @cached_property
     def edges(self) -> Mapping[str, tuple[float, ...]]:
-        """Lengths [m] of every road edge's lanes, rightmost first."""
+        """Lengths [m] of every road edge's lanes, rightmost first; with left-hand traffic, leftmost."""
         return {edge.getID(): tuple(lane.getLength() for lane in edge.getLanes()) for edge in self._roads}
 
     @cached_property
     def drivable(self) -> shapely.Geometry:
         """The area of all lanes and junctions: a polygon, or several where the network has parts."""
-        lanes = [lane for edge in self._roads for lane in edge.getLanes()]
+        lanes = [lane for edge in self._roads for lane in edge.getLanes() if _is_road(lane)]
         shapes, widths = [lane.getShape() for lane in lanes], [lane.getWidth() for lane in lanes]
         cache = None
         if len(lanes) >= CACHED_LANES:
@@ -231,13 +388,12 @@ class Network:
     @cached_property
     def widest_lane(self) -> float:
         """Its width [m]: tells the streets of cars from the paths of robots."""
-        return max(lane.getWidth() for edge in self._roads for lane in edge.getLanes())
+        return max((lane.getWidth() for edge in self._roads for lane in edge.getLanes()), default=0.0)
 
     def lane_pose(self, edge_id: str, lane_index: int = 0, position: float = 0.0) -> tuple[float, float, float]:
         """x, y [m] and heading [rad] on a lane's centre line, `position` [m] after its start."""
         lengths = self.edges[self._known(edge_id)]
-        if not 0 <= lane_index < len(lengths):
-            raise InputError(f"edge '{edge_id}' has no lane {lane_index}; must be 0..{len(lengths) - 1}, 0 rightmost")
+        self._check_lane(self._net.getEdge(edge_id), lane_index)
         length = lengths[lane_index]
         if not 0 <= position <= length + 1e-9:
             raise InputError(f"edge '{edge_id}': position {position:g} m is not on it; must be 0..{length:g} m")
@@ -251,20 +407,37 @@ class Network:
         return float(x), float(y), math.atan2(steps[k, 1], steps[k, 0])
 
     def route_line(self, edges: Sequence[str], lane: int = 0, closed: bool = False) -> np.ndarray:
+        """The points of `route_lanes`."""
+        return self.route_lanes(edges, lane, closed)[0]
+
+    def route_lanes(
+        self, edges: Sequence[str], lane: int = 0, closed: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, list[Line]]:
         """The lane centre line along a route, across its junctions; a closed one ends where it starts. (k, 2) [m]
+
+        Then the limit of speed from each of its points on, (k,) [m/s], and the lines at which one stops on the way.
 
         lane: on the first edge. Where it does not lead on, the line crosses over to the nearest one that does.
         """
         if not edges:
             raise InputError("the route is empty; must name one or more edges")
         road = [self._net.getEdge(self._known(edge)) for edge in edges]
-        if not 0 <= lane < road[0].getLaneNumber():
-            raise InputError(f"edge '{edges[0]}' has no lane {lane}; must be 0..{road[0].getLaneNumber() - 1}")
-        first, parts = lane, []
+        for edge in road:
+            self._check_edge(edge)
+        self._check_lane(road[0], lane)
+        first, parts, limits, lines = lane, [], [], []
         for here, there in pairwise([*road, road[0]] if closed else road):
             link = min(self._links(here, there), key=lambda link: abs(link.getFromLane().getIndex() - lane))
-            parts += [_crossing_over(here.getLane(lane), link.getFromLane()), *self._across(link)]
+            across = self._across(link)
+            parts.append(_crossing_over(here.getLane(lane), link.getFromLane()))
+            station = sum(_length(part) for part in parts)
+            ends = link.getFromLane().getID(), link.getToLane().getID()
+            via, length = tuple(inside.getID() for inside in across), sum(inside.getLength() for inside in across)
+            lines.append(Line(station, link.getState(), link.getTLSID(), link.getTLLinkIndex(), *ends, via, length))
+            parts += [np.array(inside.getShape()) for inside in across]
+            limits += [here.getLane(lane).getSpeed(), *(inside.getSpeed() for inside in across)]
             lane = link.getToLane().getIndex()
+        limits.append(road[0 if closed else -1].getLane(lane).getSpeed())
         if not closed:
             parts.append(np.array(road[-1].getLane(lane).getShape()))
         elif lane != first:
@@ -273,22 +446,56 @@ class Network:
             )
         else:
             parts.append(parts[0][:1])
-        line = np.concatenate(parts)
-        new = np.hypot(*np.diff(line, axis=0).T) > 1e-6
-        return line[np.concatenate([[True], new])]
+        line, limit = np.concatenate(parts), np.repeat(limits, [len(part) for part in parts])
+        # Where one lane's last point is the next one's first, the limit is that of the next.
+        new = np.concatenate([np.hypot(*np.diff(line, axis=0).T) > 1e-6, [True]])
+        return line[new], limit[new], lines
 
     def fastest_way(self, start: str, end: str) -> list[str]:
         """The edges from one to another that take the least time at the limits of speed."""
         a, b = (self._net.getEdge(self._known(edge)) for edge in (start, end))
-        way, _ = self._net.getOptimalPath(a, b, fastest=True)
+        for edge in (a, b):
+            self._check_edge(edge)
+        way, _ = self._net.getOptimalPath(a, b, fastest=True, vClass=CAR)
         if way is None:
-            raise InputError(f"no way from edge '{start}' to '{end}'")
+            raise InputError(f"no way for cars from edge '{start}' to '{end}'")
         return [edge.getID() for edge in way]
+
+    def sample_way(self) -> tuple[str, float, str]:
+        """A lane on which platoons may start, a position [m] there and an edge that they can reach."""
+        lanes = [lane for edge in self._roads for lane in edge.getLanes() if lane.allows(CAR)]
+        if not lanes:
+            raise InputError(f"{self.path}: the network has no lane for cars")
+        lane = max(lanes, key=lambda lane: (lane.getLength(), lane.getID()))
+        position = min(40.0, round(0.9 * lane.getLength(), 1))
+        return lane.getID(), position, self.onward(lane.getEdge().getID(), 4)[-1]
+
+    def upstream(self, lane_id: str, reach: float) -> list[tuple[str, float]]:
+        """A lane and those that lead to it, up to `reach` before its end; and the way from each one's end to that [m].
+
+        Without the lanes inside junctions, whose vehicles are few and soon on the next.
+        """
+        found, todo = [], [(self._net.getLane(lane_id), 0.0)]
+        while todo:
+            lane, way = todo.pop()
+            found.append((lane.getID(), way))
+            beyond = way + lane.getLength()
+            if beyond < reach:
+                todo += [(before, beyond) for before in lane.getIncoming(onlyDirect=False)
+                         if before.getEdge().getFunction() != "internal"]  # fmt: skip
+        return found
+
+    def entered_from(self, lane_id: str) -> str:
+        """The lane from which one comes onto a lane inside a junction."""
+        lane = self._net.getLane(lane_id)
+        while lane.getEdge().getFunction() == "internal" and (before := lane.getIncoming(onlyDirect=True)):
+            lane = before[0]
+        return lane.getID()
 
     def onward(self, edge_id: str, n: int = 2) -> tuple[str, ...]:
         """The edge and those met by driving on as straight as can be; n edges, fewer where the road ends."""
         way = [self._net.getEdge(self._known(edge_id))]
-        while len(way) < n and (choices := way[-1].getOutgoing()):
+        while len(way) < n and (choices := way[-1].getAllowedOutgoing(CAR)):
             arriving = _heading(way[-1].getLane(0).getShape()[-2:])
             turns = {edge: abs(_wrapped(_heading(edge.getLane(0).getShape()[:2]) - arriving)) for edge in choices}
             way.append(min(turns, key=lambda edge: (turns[edge], edge.getID())))
@@ -333,11 +540,13 @@ class Network:
 
     @cached_property
     def _roads(self) -> list[sumolib.net.edge.Edge]:
-        return [edge for edge in self._net.getEdges(withInternal=False) if edge.getLaneNumber()]
+        """Edges that vehicles can drive on: no railways, waterways and footpaths."""
+        return [edge for edge in self._net.getEdges(withInternal=False) if any(map(_is_road, edge.getLanes()))]
 
     def _junction_areas(self) -> dict[str, shapely.Geometry]:
         """Junctions that have an area; dead ends have none, and shapes may cross themselves."""
-        shapes = {node.getID(): node.getShape() for node in self._net.getNodes() if node.getType() != "internal"}
+        nodes = dict.fromkeys(node for edge in self._roads for node in (edge.getFromNode(), edge.getToNode()))
+        shapes = {node.getID(): node.getShape() for node in nodes}
         return {node: Polygon(shape).buffer(0) for node, shape in shapes.items() if len(shape) >= 3}
 
     @cached_property
@@ -352,10 +561,15 @@ class Network:
             neighbours.setdefault(a.getID(), set()).add(b.getID())
             neighbours.setdefault(b.getID(), set()).add(a.getID())
             for back in b.getOutgoing():
-                if back.getToNode() is a and edge.getID() < back.getID() and (line := _common_border(edge, back)):
+                if back.getToNode() is not a or back.getID() not in self.edges or edge.getID() > back.getID():
+                    continue
+                if back is edge.getBidi():  # one lane for both directions has no middle
+                    continue
+                if line := self._common_border(edge, back):
                     points = np.array(line.coords)
                     pieces.append(line)
-                    widths.append(sum(lane.getWidth() for one in (edge, back) for lane in one.getLanes()))
+                    lanes = [lane for one in (edge, back) for lane in one.getLanes()]
+                    widths.append(sum(lane.getWidth() for lane in lanes if _is_road(lane)))
                     ends.setdefault(a.getID(), []).append(points[:2])
                     ends.setdefault(b.getID(), []).append(points[:-3:-1])
 
@@ -378,26 +592,61 @@ class Network:
             np.maximum.at(reach, tree.nearest(shapely.line_interpolate_point(pieces, 0.5, normalized=True)), widths)
         return _Middles(lines, tree, shapely.length(lines), shapely.is_closed(lines), reach, junctions)
 
+    def _common_border(self, edge: Any, back: Any) -> LineString | None:
+        """The line midway between the inner borders of two opposite edges; None if they do not lie alongside."""
+        inner = [[lane for lane in one.getLanes() if _is_road(lane)][-1] for one in (edge, back)]
+        width, side = min(lane.getWidth() for lane in inner), -0.5 if self.left_hand else 0.5
+        left, other = (
+            LineString(lane.getShape()).offset_curve(side * lane.getWidth(), join_style="mitre") for lane in inner
+        )
+        if left.geom_type != "LineString" or other.geom_type != "LineString" or left.is_empty or other.is_empty:
+            return None
+        if left.interpolate(0.5, normalized=True).distance(other) > width:
+            return None
+        points = shapely.points(left.coords)
+        facing = shapely.line_interpolate_point(other, shapely.line_locate_point(other, points))
+        return LineString((shapely.get_coordinates(points) + shapely.get_coordinates(facing)) / 2)
+
     def _known(self, edge_id: str) -> str:
         if edge_id not in self.edges:
+            if self._net.hasEdge(edge_id):
+                edge = self._net.getEdge(edge_id)
+                raise InputError(f"edge '{edge_id}' is no road: it is {_users(edge)}")
             raise InputError(f"no edge '{edge_id}' in {self.path.name}{did_you_mean(edge_id, self.edges)}")
         return edge_id
 
     def _links(self, here: Any, there: Any) -> list[Any]:
-        links = here.getConnections(there)
+        links = here.getAllowedOutgoing(CAR).get(there, [])
         if not links:
-            ways = ", ".join(sorted(edge.getID() for edge in here.getOutgoing())) or "nothing, the road ends"
+            ways = ", ".join(sorted(edge.getID() for edge in here.getAllowedOutgoing(CAR))) or "nothing, the road ends"
             raise InputError(f"no way from edge '{here.getID()}' to '{there.getID()}'; it leads to: {ways}")
         return links
 
-    def _across(self, link: Any) -> list[np.ndarray]:
-        """Centre lines of the lanes inside the junction: one, or several in a chain where vehicles wait midway."""
-        parts = []
+    def _check_edge(self, edge: Any) -> None:
+        """Raise InputError where platoons cannot drive."""
+        if not edge.allows(CAR):
+            raise InputError(f"edge '{edge.getID()}' has no lane for cars: it is {_users(edge)}")
+        if back := edge.getBidi():  # SUMO would take a member for oncoming now and then
+            raise InputError(f"edge '{edge.getID()}' shares its lane with oncoming '{back.getID()}'; must have its own")
+
+    def _check_lane(self, edge: Any, index: int) -> None:
+        """Raise InputError where there is no such lane, or none for cars."""
+        self._check_edge(edge)
+        n, outer = edge.getLaneNumber(), "leftmost" if self.left_hand else "rightmost"
+        if not 0 <= index < n:
+            raise InputError(f"edge '{edge.getID()}' has no lane {index}; must be 0..{n - 1}, 0 {outer}")
+        fit = [str(lane.getIndex()) for lane in edge.getLanes() if lane.allows(CAR)]
+        if str(index) not in fit:
+            users, others = _users(edge.getLane(index)), " or ".join(fit)
+            raise InputError(f"edge '{edge.getID()}' lane {index} is {users}; must be one for cars: {others}")
+
+    def _across(self, link: Any) -> list[Any]:
+        """The lanes inside the junction: one, or several in a chain where vehicles wait midway."""
+        lanes = []
         while via := link.getViaLaneID():
-            inside = self._net.getLane(via)
-            parts.append(np.array(inside.getShape()))
-            link = inside.getOutgoing()[0]
-        return parts
+            lanes.append(self._net.getLane(via))
+            link = lanes[-1].getOutgoing()[0]
+        return lanes
 
 
 def _incomplete(net: sumolib.net.Net) -> str:
@@ -430,22 +679,6 @@ class _Middles(NamedTuple):
     ring: np.ndarray  # bool: the line closes
     reach: np.ndarray  # [m] width of the (widest part of the) road, both directions
     junctions: shapely.Geometry  # of three or more arms
-
-
-def _common_border(edge: Any, back: Any) -> LineString | None:
-    """The line midway between the inner borders of two opposite edges; None if they do not lie alongside."""
-    width = min(one.getLanes()[-1].getWidth() for one in (edge, back))
-    left, other = (
-        LineString(lane.getShape()).offset_curve(lane.getWidth() / 2, join_style="mitre")
-        for lane in (edge.getLanes()[-1], back.getLanes()[-1])
-    )
-    if left.geom_type != "LineString" or other.geom_type != "LineString" or left.is_empty or other.is_empty:
-        return None
-    if left.interpolate(0.5, normalized=True).distance(other) > width:
-        return None
-    points = shapely.points(left.coords)
-    facing = shapely.line_interpolate_point(other, shapely.line_locate_point(other, points))
-    return LineString((shapely.get_coordinates(points) + shapely.get_coordinates(facing)) / 2)
 
 
 def _joint(one: np.ndarray, other: np.ndarray) -> LineString | None:
@@ -482,12 +715,29 @@ def _crossing_over(lane: Any, other: Any) -> np.ndarray:
     return begun + share[:, None] * (ended - begun)
 
 
+def _length(line: np.ndarray) -> float:
+    return float(np.hypot(*np.diff(line, axis=0).T).sum())
+
+
 def _heading(two: Sequence[Sequence[float]]) -> float:
     return math.atan2(two[1][1] - two[0][1], two[1][0] - two[0][0])
 
 
 def _wrapped(angle: float) -> float:
     return math.remainder(angle, math.tau)
+
+
+def _environment(value: str) -> str:
+    """SUMO puts what the environment says for ${NAME}."""
+    return re.sub(r"\$\{(\w+)\}", lambda match: os.environ.get(match[1], match[0]), value)
+
+
+def _seconds(time: str) -> float:
+    """SUMO's times: seconds, or [days:]hours:minutes:seconds."""
+    *larger, seconds = map(float, time.split(":"))
+    if len(larger) not in (0, 2, 3):
+        raise ValueError(time)
+    return seconds + sum(part * unit for part, unit in zip(reversed(larger), (60, 3600, 86400), strict=False))
 
 
 def _fault(path: str | Path, parser: expat.XMLParserType, words: str) -> InputError:

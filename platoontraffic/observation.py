@@ -1,28 +1,37 @@
 """What is measured of a run from outside: gaps, paths, locks, and the events that follow from them.
 
-Nothing here is known to a law. Definitions stand in `recording.TRAJECTORIES` and `recording.EVENTS`.
+Nothing here is known to a law. Definitions stand in `recording.TRAJECTORIES` and `recording.KINDS`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 
 from lidar import ScanBatch
+from lidar.laserscan import NO_HIT
 from platoontraffic.contact import Contacts
-from platoontraffic.fleet import Fleet, desired_distance
+from platoontraffic.driven import DrivenPaths, compiled
+from platoontraffic.fleet import Fleet, Member, desired_distance
 from platoontraffic.network import Network
-from platoontraffic.polyline import Polyline
 from platoontraffic.traffic import TrafficSnapshot
 
-NOTHING, WALL = -2, -1  # what a target lies on, when it is not a row of the snapshot
+NOTHING, WALL = "", "wall"  # what a target lies on, when it is no vehicle
 STANDSTILL_AFTER = 10.0  # standing longer is an event [s]
-STANDING = 1e-3  # slower than this is standing [m/s, rad/s]
+STANDING = 1e-3  # slower than this is standing, and slower approach is none [m/s, rad/s]
 BEAMS_ABOUT = 3  # a target's bearing may fall between beams, or on one that met nothing
+PIECES = 24  # a driven path keeps no more points than these in a vehicle's length
+
+# Members at least this long are vehicles of full size; for smaller ones, distances shrink as from a car to them.
+FULL_SIZE, CAR_LENGTH = 2.0, 4.74  # [m]
+OFF_ROAD = 0.3  # farther outside the drivable area is off the road [m]
+NEAR_MISS = 0.5  # a smaller gap is one [m]
+EMERGENCY = 4.5  # harder braking is one, of members of full size [m/s2]
 
 
 class Event(NamedTuple):
@@ -44,166 +53,359 @@ class Measures:
     gap: np.ndarray  # bumper to bumper along the predecessor's path [m]
     gap_error: np.ndarray  # against what the follower's law wants at its speed [m]
     time_gap: np.ndarray  # gap / own speed [s]
+    closing: np.ndarray  # own speed minus the predecessor's [m/s]
+    time_to_collision: np.ndarray  # gap / closing [s]
+    needed_braking: np.ndarray  # closing^2 / (2 gap) [m/s2]
+    beams: np.ndarray  # of the last scan on the predecessor
+    occluded: np.ndarray  # share of the beams that would be on it if nothing else were there
     seen_gap: np.ndarray  # as the law sees it [m]
     seen_bearing: np.ndarray  # [rad]
     cross_track: np.ndarray  # of the driven axle, to the left of the path of the predecessor's [m]
     right_of_middle: np.ndarray  # of the centre, to the right of the road's middle line [m]
-    target: np.ndarray  # row of the snapshot, WALL or NOTHING
+    off_road: np.ndarray  # of the driven axle, outside the drivable area [m]; 0 on it
+    jerk: np.ndarray  # change of the acceleration over the last step [m/s3]
+    target: np.ndarray  # id of a vehicle, WALL or NOTHING
 
 
 class Observer:
-    """Follows a fleet from step to step: `watch` in every step, `measure` in those that are recorded."""
+    """Follows a fleet from step to step: `watch` in every step, `measure` in those that are recorded.
 
-    def __init__(self, fleet: Fleet, network: Network, contacts: Contacts) -> None:
-        n = len(fleet)
+    Members come and go. What is remembered of them stands in arrays (N,) of all that the run ever has, at the member's
+    number; arrays (n,) are of those on the road now.
+    """
+
+    def __init__(self, members: Sequence[Member], network: Network, contacts: Contacts) -> None:
+        """members: all that the run ever has, by their number"""
+        n = len(members)
+        self._members = members
         self._network = network
         self._contacts = contacts
-        self._driven = [_path_so_far(fleet, i) for i in range(n)]
-        self._station = [0.0] * n  # of each member on its predecessor's path
-        self._measured = [path.end for path in self._driven]  # how far each had driven when it was last measured
-        self._target = np.full(n, NOTHING)
-        self._target_before = self._target
-        self._locked: list[float | None] = [None] * n  # since when; None: not locked
-        self._lost: list[float | None] = [None] * n  # since when; None: not lost, or never locked
+        length = np.array([m.model.length for m in members])
+        self._full_size = length >= FULL_SIZE
+        self._scale = np.where(self._full_size, 1.0, length / CAR_LENGTH)
+        self._laser_to_bumper = np.array([m.seen_ahead_of_gap for m in members])
+
+        self._here = np.zeros(n, dtype=bool)
+        self._before: _Step | None = None
+        self._laws: list[tuple[Any, np.ndarray]] = []  # see _by_law
+        self._paths = DrivenPaths(length / PIECES)
+        self._end = np.zeros(n)  # of each member's own path, a step before
+        self._station = np.zeros(n)  # of each member on its predecessor's path
+        self._gap, self._cross_track = np.full((2, n), np.nan)
+        self._beams, self._occluded = np.full((2, n), np.nan)
+        self._target = np.full(n, NOTHING, dtype=object)
+        self._locked = np.zeros(n, dtype=bool)
+        self._lost_since = np.full(n, np.nan)  # NaN: never locked, or not lost
         self._standing_since = np.full(n, np.nan)
         self._at_standstill = np.zeros(n, dtype=bool)
+        self._acceleration, self._jerk = np.zeros((2, n))
+        self._braking = np.zeros(n, dtype=bool)
+        self._outside = np.zeros(n)  # the drivable area [m]
+        self._off_road_since = np.full(n, np.nan)  # NaN: on the road
+        self._near = np.zeros(n, dtype=bool)
         self._touching: set[tuple[str, str]] = set()
-        self._off_road = np.zeros(n, dtype=bool)
 
     def watch(
         self, traffic: TrafficSnapshot, fleet: Fleet, scans: Sequence[ScanBatch | None], roads: list[tuple[str, str]]
     ) -> list[Event]:
         """The events of this step."""
-        seen = self._take_targets(fleet, scans)
         x, y = fleet.model.axle_position(fleet.motion)
-        for path, point_x, point_y, speed in zip(self._driven, x, y, fleet.motion.speed, strict=True):
-            if speed < 0:
-                path.retract(point_x, point_y)
-            else:
-                path.append(point_x, point_y)
-
-        row = {m.id: i for i, m in enumerate(fleet.members)}
 
         def event(kind: str, i: int, other: str = "", duration: float = np.nan, detail: str = "") -> Event:
             where = traffic.x[i], traffic.y[i], roads[i][0]
-            return Event(traffic.time, kind, fleet.members[i].id, other, *where, duration, detail)
+            return Event(traffic.time, kind, traffic.ids[i], other, *where, duration, detail)
 
-        return [
-            *self._lock_events(traffic, fleet, seen, event),
-            *self._standstill_events(traffic, fleet, event),
-            *self._contact_events(traffic, row, event),
-            *self._road_events(x, y, event),
-        ]
+        events = [*self._come_and_go(traffic, fleet, x, y, roads, event)]
+        self._drive(fleet, x, y)
+        events += self._look(traffic, fleet, scans, event)
+        events += self._standstills(traffic, fleet, event)
+        events += self._brakings(traffic, fleet, event)
+        events += self._contacts_and_near_misses(traffic, fleet, event)
+        events += self._leave_road(traffic, fleet, x, y, event)
+        self._before = _Step(traffic.time, fleet.number, traffic.x, traffic.y, roads)
+        return events
 
     def measure(self, fleet: Fleet) -> Measures:
-        n, model, motion = len(fleet), fleet.model, fleet.motion
-        gap, gap_error, cross_track = (np.full(n, np.nan) for _ in range(3))
-        x, y = model.axle_position(motion)
-        for i, ahead in enumerate(fleet.predecessor):
-            if ahead < 0:
-                continue
-            path = self._driven[ahead]
-            driven = abs(self._driven[i].end - self._measured[i])
-            reach = 2 * (model.length[i] + driven)
-            self._station[i], cross_track[i] = path.project(x[i], y[i], near=self._station[i], window=reach)
-            self._measured[i] = self._driven[i].end
-            front = self._station[i] + model.length[i] / 2 - model.axle[i]
-            rear = path.end - model.length[ahead] / 2 - model.axle[ahead]
-            gap[i] = rear - front
-            member = fleet.members[i]
-            gap_error[i] = gap[i] - (desired_distance(member, motion.speed[i]) - member.seen_ahead_of_gap)
-        laser_to_bumper = np.array([m.seen_ahead_of_gap for m in fleet.members])
-        with np.errstate(divide="ignore"):
+        """Of the step that was watched last."""
+        number, motion = fleet.number, fleet.motion
+        gap, to_bumper = self._gap[number], self._laser_to_bumper[number]
+        follows = fleet.predecessor >= 0
+        closing = np.where(follows, motion.speed - motion.speed[fleet.predecessor], np.nan)
+        nearing, ahead = closing > STANDING, np.where(gap > 0, gap, np.nan)
+        with np.errstate(divide="ignore", invalid="ignore"):
             time_gap = np.where(motion.speed > STANDING, gap / motion.speed, np.nan)
-        right = self._network.right_of_middle(motion.x, motion.y, motion.heading)
-        seen = fleet.target.distance - laser_to_bumper
-        return Measures(gap, gap_error, time_gap, seen, fleet.target.bearing, cross_track, right, self._target.copy())
+            time_to_collision = np.where(nearing, ahead / closing, np.nan)
+            needed_braking = np.where(nearing, closing**2 / (2 * ahead), 0 * closing)
+        return Measures(
+            gap=gap,
+            gap_error=gap - (_wanted_distance(self._laws, fleet) - to_bumper),
+            time_gap=time_gap,
+            closing=closing,
+            time_to_collision=time_to_collision,
+            needed_braking=needed_braking,
+            beams=np.where(follows, self._beams[number], np.nan),
+            occluded=np.where(follows, self._occluded[number], np.nan),
+            seen_gap=fleet.target.distance - to_bumper,
+            seen_bearing=fleet.target.bearing,
+            cross_track=self._cross_track[number],
+            right_of_middle=self._network.right_of_middle(motion.x, motion.y, motion.heading),
+            off_road=self._outside[number],
+            jerk=self._jerk[number],
+            target=self._target[number],
+        )
 
-    def _take_targets(self, fleet: Fleet, scans: Sequence[ScanBatch | None]) -> np.ndarray:
-        """Note what each law's target lies on; how many beams hit each member's predecessor (n,), -1: no new scan."""
-        seen = np.full(len(fleet), -1)
-        for group, batch in zip(fleet.groups, scans, strict=True):
-            if batch is None:
-                continue
-            bearing = fleet.target.bearing[group.rows]
-            model = batch.model
-            for k, i in enumerate(group.rows):
-                hits = np.where(batch.ranges[k] < np.inf, batch.hits[k], NOTHING)  # without returns that were lost
-                seen[i] = np.count_nonzero(hits == fleet.predecessor[i]) if fleet.predecessor[i] >= 0 else 0
-                self._target[i] = NOTHING
-                if np.isnan(bearing[k]):
-                    continue
-                beam = round((bearing[k] - model.angle_min) / model.angle_increment)
-                about = hits[max(beam - BEAMS_ABOUT, 0) : max(beam + BEAMS_ABOUT + 1, 0)]
-                found = about[about != NOTHING]
-                if len(found):
-                    self._target[i] = np.bincount(found - WALL).argmax() + WALL
-        return seen
+    def _come_and_go(self, traffic: TrafficSnapshot, fleet: Fleet, x, y, roads, event) -> Iterator[Event]:
+        number, before = fleet.number, self._before
+        new = np.flatnonzero(~self._here[number])
+        self._here[:] = False
+        self._here[number] = True
+        for i in np.flatnonzero(~self._here[before.number]) if before else ():
+            member = self._members[before.number[i]]
+            where = before.x[i], before.y[i], before.roads[i][0]
+            yield Event(
+                traffic.time, "arrived", member.id, "", *where, np.nan, "with its leader" if member.place else ""
+            )
+        if before is None or not np.array_equal(number, before.number):
+            self._laws = _by_law(fleet.members)
+        if not len(new):
+            return
+        self._begin_paths(fleet, new, x, y)
+        self._acceleration[number[new]] = fleet.motion.acceleration[new]
+        for i in new:
+            yield event("departed", i)
 
-    def _lock_events(self, traffic: TrafficSnapshot, fleet: Fleet, seen: np.ndarray, event) -> Iterator[Event]:
-        for i, ahead in enumerate(fleet.predecessor):
-            if ahead < 0 or seen[i] < 0:
-                continue
-            target, before = self._target[i], self._target_before[i]
-            if target not in (ahead, before, NOTHING):
-                yield event("wrong_target", i, _name(traffic, target))
-            if target == ahead:
-                if self._locked[i] is None:
-                    if self._lost[i] is None:
-                        yield event("locked", i, fleet.members[ahead].id)
-                    else:
-                        yield event("lock_regained", i, fleet.members[ahead].id, traffic.time - self._lost[i])
-                    self._locked[i], self._lost[i] = traffic.time, None
-            elif self._locked[i] is not None:
-                self._locked[i], self._lost[i] = None, traffic.time
-                if target != NOTHING:
-                    cause = "took another for it"
-                elif seen[i]:
-                    cause = f"not recognised, though {seen[i]} beams hit it"
-                else:
-                    cause = "out of sight"
-                yield event("lock_lost", i, _name(traffic, target), detail=cause)
-        self._target_before = self._target.copy()
+    def _begin_paths(self, fleet: Fleet, new: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
+        """A member's path begins where the one behind it stands, so that this one is on it from the start."""
+        number, length, heading = fleet.number, fleet.model.length, fleet.motion.heading
+        back_x, back_y = x - length * np.cos(heading), y - length * np.sin(heading)
+        followers = np.flatnonzero(fleet.predecessor >= 0)
+        back_x[fleet.predecessor[followers]], back_y[fleet.predecessor[followers]] = x[followers], y[followers]
+        self._paths.begin(number[new], back_x[new], back_y[new], x[new], y[new])
+        self._end[number[new]] = self._paths.end(number[new])
+        follows = new[fleet.predecessor[new] >= 0]
+        ahead, anywhere = number[fleet.predecessor[follows]], np.full(len(follows), np.inf)
+        station, _ = self._paths.project(ahead, x[follows], y[follows], np.zeros(len(follows)), anywhere)
+        self._station[number[follows]] = np.nan_to_num(station)
 
-    def _standstill_events(self, traffic: TrafficSnapshot, fleet: Fleet, event) -> Iterator[Event]:
+    def _drive(self, fleet: Fleet, x: np.ndarray, y: np.ndarray) -> None:
+        """Lengthen all paths; find where on its predecessor's path each member is, and so the gap between them."""
+        self._paths.drive(fleet.number, x, y, fleet.motion.speed < 0)
+        rows = np.flatnonzero(fleet.predecessor >= 0)
+        ahead, length, axle = fleet.predecessor[rows], fleet.model.length, fleet.model.axle
+        number, number_ahead = fleet.number[rows], fleet.number[ahead]
+        driven = self._paths.end(number) - self._end[number]
+        reach = 2 * (length[rows] + np.abs(driven))
+        station, offset = self._paths.project(number_ahead, x[rows], y[rows], self._station[number], reach)
+        front = station + length[rows] / 2 - axle[rows]
+        rear = self._paths.end(number_ahead) - length[ahead] / 2 - axle[ahead]
+        self._gap[fleet.number] = self._cross_track[fleet.number] = np.nan
+        self._gap[number], self._cross_track[number] = rear - front, offset
+        forgotten = np.isnan(station)
+        self._station[number] = np.where(forgotten, self._station[number] + driven, station)
+        self._end[fleet.number] = self._paths.end(fleet.number)
+
+    def _look(
+        self, traffic: TrafficSnapshot, fleet: Fleet, scans: Sequence[ScanBatch | None], event
+    ) -> Iterator[Event]:
+        """What each law's target lies on, and how much of the predecessor there is to be seen, where it has scanned."""
+        seen = np.full((3, len(fleet)), -1)
+        for group, scan in zip(fleet.groups, scans, strict=True):
+            if scan is not None:
+                _see(scan, traffic, group.rows, fleet, seen)
+        rows = np.flatnonzero(seen[1] >= 0)
+        number, ahead, (target, beams, alone) = fleet.number[rows], fleet.predecessor[rows], seen[:, rows]
+        self._beams[number] = beams
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._occluded[number] = np.where(alone > 0, np.maximum(1 - beams / alone, 0), np.nan)
+        # By name, since a row of the traffic may be another vehicle in the next step. What is no vehicle is a row from
+        # the end.
+        ids = np.array([*traffic.ids, NOTHING, WALL], dtype=object)
+        before, self._target[number] = self._target[number], ids[target]
+        yield from self._locks(traffic, fleet, rows[ahead >= 0], ids, before[ahead >= 0], seen[1], event)
+
+    def _locks(
+        self,
+        traffic: TrafficSnapshot,
+        fleet: Fleet,
+        rows: np.ndarray,
+        ids: np.ndarray,
+        before: np.ndarray,
+        beams: np.ndarray,
+        event,
+    ) -> Iterator[Event]:
+        """rows, before: followers with a new scan, and their targets before it, (m,); beams: on predecessors, (n,)"""
+        number, ahead = fleet.number[rows], ids[fleet.predecessor[rows]]
+        target = self._target[number]
+        on, locked = target == ahead, self._locked[number]
+        self._locked[number] = on
+        for k in np.flatnonzero(~on & (target != before) & (target != NOTHING)):
+            yield event("wrong_target", rows[k], target[k])
+        for k in np.flatnonzero(on & ~locked):
+            since = self._lost_since[number[k]]
+            if np.isnan(since):
+                yield event("locked", rows[k], ahead[k])
+            else:
+                yield event("lock_regained", rows[k], ahead[k], traffic.time - since)
+        for k in np.flatnonzero(~on & locked):
+            self._lost_since[number[k]] = traffic.time
+            if target[k] != NOTHING:
+                cause = "took another for it"
+            elif beams[rows[k]]:
+                cause = f"not recognised, though {beams[rows[k]]} beams hit it"
+            else:
+                cause = "out of sight"
+            yield event("lock_lost", rows[k], target[k], detail=cause)
+
+    def _standstills(self, traffic: TrafficSnapshot, fleet: Fleet, event) -> Iterator[Event]:
         """One event a standstill, when it has lasted STANDSTILL_AFTER; one more when it ends, with its duration."""
+        number = fleet.number
         moving = (np.abs(fleet.motion.speed) > STANDING) | (np.abs(fleet.motion.yaw_rate) > STANDING)
-        self._standing_since[moving & ~self._at_standstill] = np.nan
-        began = np.isnan(self._standing_since) & ~moving
-        self._standing_since[began] = traffic.time
-        duration = traffic.time - self._standing_since
-        for i in np.flatnonzero(~moving & (duration > STANDSTILL_AFTER) & ~self._at_standstill):
-            self._at_standstill[i] = True
-            yield event("standstill", i, detail=f"since {self._standing_since[i]:.3f} s")
-        for i in np.flatnonzero(moving & self._at_standstill):
-            self._at_standstill[i] = False
-            yield event("standstill_end", i, duration=duration[i])
-            self._standing_since[i] = np.nan
+        since, noted = self._standing_since[number], self._at_standstill[number]
+        since = np.where(np.isnan(since) & ~moving, traffic.time, since)
+        began = ~moving & ~noted & (traffic.time - since > STANDSTILL_AFTER)
+        for i in np.flatnonzero(began):
+            yield event("standstill", i, detail=f"since {since[i]:.3f} s")
+        for i in np.flatnonzero(moving & noted):
+            yield event("standstill_end", i, duration=traffic.time - since[i])
+        self._standing_since[number] = np.where(moving, np.nan, since)
+        self._at_standstill[number] = ~moving & (noted | began)
 
-    def _contact_events(self, traffic: TrafficSnapshot, row: dict[str, int], event) -> Iterator[Event]:
+    def _brakings(self, traffic: TrafficSnapshot, fleet: Fleet, event) -> Iterator[Event]:
+        number, acceleration = fleet.number, fleet.motion.acceleration
+        if self._before is not None:
+            self._jerk[number] = (acceleration - self._acceleration[number]) / (traffic.time - self._before.time)
+        self._acceleration[number] = acceleration
+        braking = self._full_size[number] & (acceleration < -EMERGENCY)
+        for i in np.flatnonzero(braking & ~self._braking[number]):
+            yield event("emergency_brake", i)
+        self._braking[number] = braking
+
+    def _contacts_and_near_misses(self, traffic: TrafficSnapshot, fleet: Fleet, event) -> Iterator[Event]:
         touching = self._contacts.of(traffic)
         for vehicle, other in sorted(touching - self._touching):
-            yield event("collision", row[vehicle], other)
+            yield event("collision", traffic.ids.index(vehicle), other)
         self._touching = touching
+        number = fleet.number
+        near = self._gap[number] < NEAR_MISS * self._scale[number]
+        for i in np.flatnonzero(near & ~self._near[number]):
+            vehicle, ahead = traffic.ids[i], traffic.ids[fleet.predecessor[i]]
+            if not touching & {(vehicle, ahead), (ahead, vehicle)}:
+                yield event("near_miss", i, ahead, detail=f"gap {self._gap[number[i]]:.3f} m")
+        self._near[number] = near
 
-    def _road_events(self, x: np.ndarray, y: np.ndarray, event) -> Iterator[Event]:
-        off = ~shapely.contains_xy(self._network.drivable, x, y)
-        for i in np.flatnonzero(off & ~self._off_road):
-            yield event("off_road", i)
-        self._off_road = off
+    def _leave_road(self, traffic: TrafficSnapshot, fleet: Fleet, x, y, event) -> Iterator[Event]:
+        number, road = fleet.number, self._network.drivable
+        outside = np.zeros(len(fleet))
+        away = np.flatnonzero(~shapely.contains_xy(road, x, y))
+        if len(away):
+            outside[away] = shapely.distance(road, shapely.points(x[away], y[away]))
+        self._outside[number] = outside
+        off, since = outside > OFF_ROAD * self._scale[number], self._off_road_since[number]
+        left, back = off & np.isnan(since), ~off & ~np.isnan(since)
+        for i in np.flatnonzero(left):
+            yield event("off_road", i, detail=f"{outside[i]:.3f} m outside")
+        for i in np.flatnonzero(back):
+            yield event("on_road", i, duration=traffic.time - since[i])
+        self._off_road_since[number] = np.where(left, traffic.time, np.where(back, np.nan, since))
 
 
-def _path_so_far(fleet: Fleet, i: int) -> Polyline:
-    """A member's path begins where the one behind it stands, so that this one is on it from the start."""
-    x, y = fleet.model.axle_position(fleet.motion)
-    behind = np.flatnonzero(fleet.predecessor == i)
-    if len(behind):
-        back = np.array([x[behind[0]], y[behind[0]]])
-    else:
-        heading = fleet.motion.heading[i]
-        back = np.array([x[i], y[i]]) - fleet.model.length[i] * np.array([np.cos(heading), np.sin(heading)])
-    return Polyline(np.array([back, (x[i], y[i])]))
+class _Step(NamedTuple):
+    """Where members were, (n,)."""
+
+    time: float
+    number: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    roads: list[tuple[str, str]]
 
 
-def _name(traffic: TrafficSnapshot, target: int) -> str:
-    return {NOTHING: "", WALL: "wall"}[target] if target < 0 else traffic.ids[target]
+def _see(scan: ScanBatch, traffic: TrafficSnapshot, rows: np.ndarray, fleet: Fleet, seen: np.ndarray) -> None:
+    """Fill in, for some rows (m,), what their scans (m, k) show; seen: (3, n).
+
+    First what most of the beams about the target's bearing met, as in `hits`, NO_HIT where they met nothing or there is
+    no target. Then how many beams met the predecessor, 0 if there is none; and how many would, were there nothing else
+    and no errors, by the middles of the beams at the instant at which the scan ends.
+    """
+    model, mount = scan.model, scan.model.mount
+    fan = float(model.angle_min), model.angle_increment, float(model.range_max)
+    eye = float(mount.x), float(mount.y), float(mount.yaw)
+    boxes = traffic.x, traffic.y, traffic.heading, traffic.length, traffic.width
+    bearing, ahead = fleet.target.bearing, fleet.predecessor
+    _see_rows(rows, scan.ranges, scan.hits, model.directions, fan, eye, boxes, bearing, ahead, seen)
+
+
+@compiled
+def _see_rows(rows, ranges, hits, directions, fan, eye, boxes, bearing, ahead, seen):
+    angle_min, increment, range_max = fan
+    for i in range(len(rows)):
+        row = rows[i]
+        beam = np.rint((bearing[row] - angle_min) / increment)
+        seen[0, row] = _most_about(beam, ranges[i], hits[i])
+        seen[1, row] = seen[2, row] = 0
+        if ahead[row] >= 0:
+            for k in range(hits.shape[1]):
+                seen[1, row] += (hits[i, k] == ahead[row]) & (ranges[i, k] < np.inf)
+            seen[2, row] = _beams_across(row, ahead[row], boxes, eye, directions, range_max)
+
+
+@compiled
+def _most_about(beam, ranges, hits):
+    """What most of the beams about one of them met; of several, that of the lowest number."""
+    first, last = max(beam - BEAMS_ABOUT, 0.0), min(beam + BEAMS_ABOUT, len(hits) - 1.0)
+    if math.isnan(beam) or first > last:
+        return NO_HIT
+    found, most = NO_HIT, 0
+    about = range(int(first), int(last) + 1)
+    for k in about:
+        votes = 0
+        for other in about:
+            # A lost return is NaN.
+            votes += (hits[other] == hits[k]) & (ranges[k] < np.inf) & (ranges[other] < np.inf)
+        if votes > most or (votes == most and votes > 0 and hits[k] < found):
+            most, found = votes, hits[k]
+    return found
+
+
+@compiled
+def _beams_across(row, other, boxes, eye, directions, range_max):
+    """How many beams from one vehicle meet the box of another."""
+    x, y, heading, length, width = boxes
+    # In the frame of the box, between whose rear and front, and whose sides, a beam is for a part of its way.
+    cos, sin = math.cos(heading[row]), math.sin(heading[row])
+    away_x = x[row] + cos * eye[0] - sin * eye[1] - x[other]
+    away_y = y[row] + sin * eye[0] + cos * eye[1] - y[other]
+    cos, sin = math.cos(heading[other]), math.sin(heading[other])
+    from_x, from_y = cos * away_x + sin * away_y, cos * away_y - sin * away_x
+    turned = heading[row] + eye[2] - heading[other]
+    cos, sin = math.cos(turned), math.sin(turned)
+    front, side = length[other] / 2, width[other] / 2
+    count = 0
+    for k in range(directions.shape[1]):
+        per_x = 1.0 / (cos * directions[0, k] - sin * directions[1, k])
+        per_y = 1.0 / (sin * directions[0, k] + cos * directions[1, k])
+        a, b = (-front - from_x) * per_x, (front - from_x) * per_x
+        c, d = (-side - from_y) * per_y, (side - from_y) * per_y
+        enters, leaves = max(min(a, b), min(c, d)), min(max(a, b), max(c, d))
+        count += (enters <= leaves) & (leaves >= 0.0) & (enters <= range_max)
+    return count
+
+
+def _by_law(members: Sequence[Member]) -> list[tuple[Any, np.ndarray]]:
+    """Laws that name a distance that they want, and the rows of those who have them."""
+    rows: dict[Any, list[int]] = {}
+    for i, m in enumerate(members):
+        if callable(getattr(m.law, "desired_distance", None)):
+            rows.setdefault(m.law, []).append(i)
+    return [(law, np.array(of_law)) for law, of_law in rows.items()]
+
+
+def _wanted_distance(laws: list[tuple[Any, np.ndarray]], fleet: Fleet) -> np.ndarray:
+    """What each law wants from laser to rear at its vehicle's speed [m], (n,); NaN if it names nothing."""
+    wanted = np.full(len(fleet), np.nan)
+    for law, rows in laws:
+        speed = fleet.motion.speed[rows]
+        try:
+            wanted[rows] = law.desired_distance(speed)
+        except Exception:  # it takes one speed at a time; or it fails, then again here, and that is said
+            wanted[rows] = [desired_distance(fleet.members[i], v) for i, v in zip(rows, speed, strict=True)]
+    return wanted

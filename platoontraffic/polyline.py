@@ -25,6 +25,16 @@ class Polyline:
         self._size = len(self._points)
 
     @property
+    def points(self) -> np.ndarray:
+        """(k, 2); those of a closed line are laid out twice."""
+        return self._points[: self._size]
+
+    @property
+    def stations(self) -> np.ndarray:
+        """Of the points, (k,)."""
+        return self._station[: self._size]
+
+    @property
     def end(self) -> float:
         """Station of the last point."""
         return float(self._station[self._size - 1])

@@ -6,9 +6,11 @@ Keys carry their unit; here, once, they become SI and radians. What is wrong is 
 
 from __future__ import annotations
 
+import copy
 import math
 import os
 import re
+import shlex
 import tomllib
 import typing
 from collections.abc import Callable, Sequence
@@ -24,7 +26,7 @@ from platoontraffic import data, tomlkeys
 from platoontraffic.bicycle import Car
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.models import VEHICLES, VehicleModel
-from platoontraffic.network import Configuration, read_configuration
+from platoontraffic.network import Configuration, Network, id_clashes, read_configuration
 from platoontraffic.registry import Law, find_law, plug_in_file
 from platoontraffic.vehicle import DifferentialDrive
 
@@ -35,9 +37,13 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Lag = Annotated[float, Field(ge=0, allow_inf_nan=False)]  # [s]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 
-NEEDS = frozenset({"route"})  # what a law may declare beside scan and own motion
+NEEDS = frozenset({"route", "signals"})  # what a law may declare beside scan and own motion
 
 START_GAPS = {DifferentialDrive: 0.5, Car: 2.5}  # [m]; SUMO's cars stand 2.5 m apart (minGap)
+
+USUAL_STEP = 0.1  # [s] of cars that scan ten times a second
+
+TEXTS = frozenset({"edge", "to", "id", "name", "title", "net", "config"})  # which may look like numbers
 
 # A UTM-30LX is 60 mm deep: with its face flush with the front bumper, its centre is 30 mm behind.
 LASER_BEHIND_BUMPER = 0.03
@@ -93,6 +99,13 @@ class Run(Table):
 
 class Record(Table):
     every_s: Length = 0.1
+    sumo: list[Literal["trips", "summary", "edges"]] = []  # tables of SUMO's own, sumo_trips.csv and so on
+    sumo_every_s: Length = 60.0  # of summary a row, of edges the intervals
+
+    @field_validator("sumo", mode="before")
+    @classmethod
+    def listed(cls, names: Any) -> Any:
+        return names.split(",") if isinstance(names, str) else names
 
 
 class Vehicle(Named):
@@ -259,6 +272,8 @@ SHORT = {
 
 
 class Start(Table):
+    time_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0  # later ones wait until there is room
+    speed_mps: Annotated[float, Field(ge=0, le=100)] = 0.0  # of all members
     edge: str
     lane: Annotated[int, Field(ge=0)] = 0
     position_m: Number  # of the leader's front bumper, from the lane's start
@@ -311,9 +326,9 @@ class Scenario:
     spec: Spec
     source: Path
     net: Path
-    routes: tuple[Path, ...]
+    route_files: tuple[Path, ...]
     additional: tuple[Path, ...]
-    config: Configuration | None
+    configuration: Configuration | None
     laws: dict[tuple[int, str], Any]  # (platoon's number, "leader" or "follower") -> law
     plug_ins: dict[tuple[int, str], Path]  # files beside the scenario that laws are named by
     sources: tuple[Path, ...]  # of all laws that are not shipped
@@ -330,14 +345,29 @@ class Scenario:
 
     def files(self) -> dict[str, Path]:
         """Every input file, by a name that says what it is for."""
-        config = {"config": self.config.path} if self.config else {}
+        config = {"config": self.configuration.path} if self.configuration else {}
+        further = self.configuration.inputs if self.configuration else ()
         return {
             **config,
             f"net.{self.net.name}": self.net,
-            **{f"routes.{i}.{file.name}": file for i, file in enumerate(self.routes)},
+            **{f"routes.{i}.{file.name}": file for i, file in enumerate(self.route_files)},
             **{f"additional.{i}.{file.name}": file for i, file in enumerate(self.additional)},
+            **{f"config.{i}.{file.name}": file for i, file in enumerate(further)},
             **{f"law.{i}.{file.name}": file for i, file in enumerate(self.sources)},
         }
+
+    def remarks(self) -> list[str]:
+        """What a user of the SUMO configuration might expect, and is not so."""
+        config, step = self.configuration, self.spec.run.step_s
+        if config is None:
+            return []
+        remarks = []
+        if ignored := [option for option in config.ignored if option != "step-length"]:
+            remarks.append(f"{config.path}: options that are not used: {', '.join(ignored)}")
+        if config.step is not None:
+            used = "is run.step_s" if config.step == step else f"is not used; run.step_s = {step:g}"
+            remarks.append(f"{config.path}: step-length = {config.step:g} {used}")
+        return remarks
 
     def resolved(self, folder: Path | None = None) -> dict[str, Any]:
         """All keys with their values, as for TOML. Files are named relative to `folder`; without one, not at all."""
@@ -346,19 +376,19 @@ class Scenario:
         def named(file: Path) -> str:
             return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix() if folder else ""
 
-        if self.config:
-            table["sumo"]["config"] = named(self.config.path)
+        if self.configuration:
+            table["sumo"]["config"] = named(self.configuration.path)
         elif self.spec.sumo.net not in data.networks():
             table["sumo"]["net"] = named(self.net)
-        given = {"routes": len(self.spec.sumo.routes), "additional": len(self.spec.sumo.additional)}
-        for key, n in given.items():  # beside those that the network or the configuration brings
-            files = getattr(self, key)
+        given = {"routes": self.route_files, "additional": self.additional}
+        for key, files in given.items():  # beside those that the network or the configuration brings
+            n = len(getattr(self.spec.sumo, key))
             table["sumo"][key] = [named(file) for file in files[len(files) - n :]]
         for (i, role), law in self.laws.items():
             driver = table["platoon"][i][role]
             keys = {alias: getattr(law, name) for name, alias in _keys(type(law)).items()}
             driver.clear()
-            given = {key: value for key, value in keys.items() if value is not None}
+            given = {key: named(v) if isinstance(v, Path) else v for key, v in keys.items() if v is not None}
             driver |= {"law": getattr(self.spec.platoon[i], role).law, **given}
             lidar = getattr(self.spec.platoon[i], role).lidar.model_dump(exclude_none=True)
             driver["lidar"] = {"preset": default_preset(role)} | lidar
@@ -371,29 +401,33 @@ def default_preset(role: str) -> str:
     return f"paper-{role}"
 
 
-def load(name_or_file: str | Path, arguments: Sequence[str] = (), seed: int | None = None) -> Scenario:
+def load(
+    name_or_file: str | Path, arguments: Sequence[str] = (), seed: int | None = None, platoons: str | Path | None = None
+) -> Scenario:
     """The scenario of a file, or a shipped one by name, changed by `key=value` arguments.
+
+    A SUMO configuration is a scenario too, with platoons from the file `platoons`, or from arguments alone.
 
     raises: InputError with one line for every fault found
     """
     source = _find(name_or_file)
-    try:
-        text = source.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{source}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        line = getattr(error, "lineno", None) or _line_in(str(error))
-        raise InputError(f"{source}:{line}: not valid TOML: {str(error).split(' (at')[0]}") from error
-    lines = tomlkeys.key_lines(text)
+    config = read_configuration(source) if _is_xml(source) else None
+    if config is None and platoons is not None:
+        raise InputError(f"--platoon: goes with a SUMO configuration (.sumocfg, .netecfg); {source} is a scenario")
+    table, lines = ({}, {}) if config and platoons is None else _read(platoons or source)
+    if config:
+        table.setdefault("name", _name(source))
+        _complete(table, config, arguments)
+        source = Path(platoons or source)
     places: dict[tuple, str] = {}
     varied = {}
     for number, argument in enumerate(arguments, start=1):
         key, value, paths = _override(table, argument, number)
         varied[key] = value
         places |= dict.fromkeys(paths, f"argument {number}")
-    table.setdefault("name", re.sub(r"[^A-Za-z0-9_-]", "_", source.stem))
+    table.setdefault("name", _name(source))
+    if config:
+        _take_duration(table, config)
     if seed is not None:
         table["seed"] = seed
         places["seed",] = "--seed"
@@ -410,6 +444,79 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = (), seed: int | No
     except ValidationError as error:
         raise InputError(*(f"{place(f['loc'])}: {_fault(f, Spec)}" for f in error.errors())) from None
     return _resolve(spec, source, varied, place)
+
+
+def _read(file: str | Path) -> tuple[dict[str, Any], dict]:
+    """A TOML file, and the lines on which its keys stand."""
+    try:
+        text = Path(file).read_text(encoding="utf-8-sig")
+        return tomllib.loads(text), tomlkeys.key_lines(text)
+    except tomllib.TOMLDecodeError as error:
+        line = getattr(error, "lineno", None) or _line_in(str(error))
+        raise InputError(f"{file}:{line}: not valid TOML: {str(error).split(' (at')[0]}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _name(file: Path) -> str:
+    return re.sub(r"[^A-Za-z0-9_-]", "_", file.stem)
+
+
+def _is_xml(file: Path) -> bool:
+    if file.suffix in (".sumocfg", ".netecfg"):
+        return True
+    try:
+        with file.open("rb") as opened:
+            return opened.read(100).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<")
+    except OSError:  # said when it is read
+        return False
+
+
+def _complete(table: dict[str, Any], config: Configuration, arguments: Sequence[str]) -> None:
+    """Make a scenario of platoons, or of nothing, and a SUMO configuration, by defaults for cars among traffic."""
+    if not all(isinstance(table.setdefault(key, {}), dict) for key in ("sumo", "scene", "run")):
+        return  # which is said later
+    sumo = table["sumo"]
+    if taken := [key for key in ("net", "config", "traffic") if key in sumo]:
+        raise InputError(f"--platoon: sumo.{taken[0]}: is the configuration's, {config.path}; must not be given")
+    sumo["config"] = os.path.abspath(config.path) if "platoon" in table else config.path.name
+    table["scene"].setdefault("walls", "none")
+    table["run"].setdefault("step_s", _step(config))
+    if "platoon" not in table:
+        if not any(argument.startswith("platoon.") for argument in arguments):
+            raise InputError(f"{config.path}: no platoon is given; complete would be, for example: {_example(config)}")
+        table["platoon"] = [{}]
+    # One truth for the gains of cars: those that are tested.
+    follower = tomllib.loads(data.scenarios()["ring_platoon"].read_text(encoding="utf-8"))["platoon"][0]["follower"]
+    usual = {"vehicle": "car", "leader": "sumo", "follower": follower}
+    if isinstance(table["platoon"], list):
+        table["platoon"] = [copy.deepcopy(usual) | p if isinstance(p, dict) else p for p in table["platoon"]]
+
+
+def _step(config: Configuration) -> float:
+    """The configuration's own step where a scan of 10 Hz takes whole ones."""
+    fits = config.step is not None and config.step > 0 and _whole(USUAL_STEP / config.step)
+    return config.step if fits else USUAL_STEP
+
+
+def _take_duration(table: dict[str, Any], config: Configuration) -> None:
+    run, sumo = table["run"], table["sumo"]
+    if not (isinstance(run, dict) and isinstance(sumo, dict)) or "duration_s" in run:
+        return
+    if config.end is None:
+        raise InputError(f"{config.path}: names no <end>; say how long the run takes, for example run.duration_s=600")
+    warm_up = sumo.get("warm_up_s", 0.0)
+    run["duration_s"] = round(config.end - config.begin - (warm_up if isinstance(warm_up, int | float) else 0), 3)
+
+
+def _example(config: Configuration) -> str:
+    lane, position, to = Network.read(config.net).sample_way()
+    edge, _, index = lane.rpartition("_")
+    words = ["platoontraffic", "run", str(config.path), *([] if config.end else ["run.duration_s=600"])]
+    words += [f"platoon.start.edge={edge}", *([f"platoon.start.lane={index}"] if index != "0" else [])]
+    size = 5 if position >= 40 else 1
+    words += [f"platoon.start.position_m={position:g}", f"platoon.to={to}", f"platoon.size={size}"]
+    return shlex.join(words)
 
 
 def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], str]) -> Scenario:
@@ -450,10 +557,24 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
         fault(("sumo", "warm_up_s"), f"{spec.sumo.warm_up_s}: must be a multiple of run.step_s = {spec.run.step_s}")
     if not _whole(spec.record.every_s / spec.run.step_s):
         fault(("record", "every_s"), f"{spec.record.every_s}: must be a multiple of run.step_s = {spec.run.step_s}")
+    for i, platoon in enumerate(spec.platoon):
+        if (time := platoon.start.time_s) and not _whole(time / spec.run.step_s):
+            fault(("platoon", i, "start", "time_s"), f"{time}: must be a multiple of run.step_s = {spec.run.step_s}")
+        if platoon.start.time_s >= spec.run.duration_s:
+            fault(("platoon", i, "start", "time_s"), f"{time}: must be before the end, {spec.run.duration_s}")
     ids = [p.id for p in spec.platoon]
     for i, name in enumerate(ids):
         if name in ids[:i]:
             fault(("platoon", i, "id"), f"{name!r}: platoon.{ids.index(name)} has this id too")
+    members = {f"{p.id}.{place}": i for i, p in enumerate(spec.platoon) for place in range(p.size)}
+    for file in filter(Path.is_file, [*routes, *additional]):
+        try:
+            clashes = id_clashes(file, members)
+        except InputError as error:
+            faults += error.faults
+            continue
+        for i, clash in {members[name]: what for name, what in reversed(clashes)}.items():  # one a platoon
+            fault(("platoon", i, "id"), f"{ids[i]!r}: {clash}; must be another")
 
     laws, plug_ins = {}, {}
     for i, platoon in enumerate(spec.platoon):
@@ -466,7 +587,9 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 law = found[driver.law] = found.get(driver.law) or find_law(driver.law, folder)
                 kind = law.kind
                 sources |= set(law.sources)
-                laws[i, role] = _law(kind, driver.model_extra or {}, lambda key, what, at=at: fault((*at, key), what))
+                gains = _with_files(kind, driver.model_extra or {}, folder)
+                laws[i, role] = _law(kind, gains, lambda key, what, at=at: fault((*at, key), what))
+                sources |= {value for value in gains.values() if isinstance(value, Path)}
             except LookupError as error:
                 fault((*at, "law"), str(error))
                 continue
@@ -501,6 +624,14 @@ def _brought(sumo: Sumo) -> tuple[list[Path], list[Path]]:
     routes = [folder / f"{sumo.net}.rou.xml"] if sumo.traffic else []
     additional = [folder / f"{sumo.net}.{kind}.xml" for kind in kinds]
     return [file for file in routes if file.is_file()], [file for file in additional if file.is_file()]
+
+
+def _with_files(kind: type, gains: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The keys of a law, with whole paths of the files that some of them name: those of its fields that are a Path."""
+    keys = _keys(kind) if is_dataclass(kind) else {}
+    hints = typing.get_type_hints(kind) if keys else {}
+    files = {key for name, key in keys.items() if Path in (hints[name], *typing.get_args(hints[name]))}
+    return {key: folder / value if key in files and isinstance(value, str) else value for key, value in gains.items()}
 
 
 def _law(kind: type, gains: dict[str, Any], fault: Any) -> Any:
@@ -573,6 +704,8 @@ def _override(table: dict, argument: str, number: int) -> tuple[str, Any, list[t
         value = tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
     except tomllib.TOMLDecodeError:
         value = text  # a bare word is a string
+    if names[-1] in TEXTS and not isinstance(value, str):
+        value = text  # SUMO's edges may have numbers for names
     targets: list[tuple[Any, tuple]] = [(table, ())]
     for name in names[:-1]:
         targets = [step for node, path in targets for step in _into(node, path, name, argument, number)]

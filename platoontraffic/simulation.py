@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,15 +13,15 @@ import shapely
 import tomli_w
 
 from lidar import Scene
-from platoontraffic import metrics, provenance, recording
+from platoontraffic import metrics, outputs, provenance, recording
 from platoontraffic.contact import Contacts
 from platoontraffic.deployment import deploy, static_scene
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import Fleet, Member
-from platoontraffic.network import Network, writes_files
+from platoontraffic.network import Network
 from platoontraffic.observation import Event, Observer
 from platoontraffic.recording import Recorder
-from platoontraffic.scenario import Scenario
+from platoontraffic.scenario import Run, Scenario
 from platoontraffic.sensing import Sensing
 from platoontraffic.sumo import World
 
@@ -81,38 +80,34 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     facts = provenance.provenance(scenario)
     recorder.write("config.toml", tomli_w.dumps(scenario.resolved(recorder.folder)))
     recorder.write("provenance.json", recording.as_json(facts))
-    fleet = Fleet.deployed(prepared.members, dt)
+    fleet, later = _departures(prepared.members, dt)
     world = World(
         network,
         dt,
         scenario.seed,
         recorder.folder / "run.log",
-        scenario.routes,
-        _additional(scenario, recorder.folder),
-        scenario.config.path if scenario.config else None,
-        _outputs(scenario, recorder.folder),
+        outputs.sumo_options(scenario, recorder.folder),
         scenario.spec.sumo.warm_up_s,
     )
     sensing = Sensing(prepared.scene, scenario.spec.scene.lidar_engine, scenario.seed)
-    observer = Observer(fleet, network, Contacts(prepared.scene, {m.id for m in prepared.members}))
+    observer = Observer(prepared.members, network, Contacts(prepared.scene, {m.id for m in prepared.members}))
     steps = round(run.duration_s / dt)
     record_every = round(record.every_s / dt)
     safe_every = round(SAFE_EVERY / dt)
 
     watch = provenance.Stopwatch()
-    read, scan = watch("read", world.snapshot), watch("scan", sensing.scan)
+    read, signals, scan = watch("read", world.snapshot), watch("signals", world.signals), watch("scan", sensing.scan)
     observe, measure = watch("observe", observer.watch), watch("measure", observer.measure)
     write, place, advance = watch("record", recorder.record), watch("place", world.place), watch("step", world.advance)
     decide, move = watch("decide", Fleet.decided), watch("move", Fleet.moved)
 
     began = time.perf_counter()
     with world:
-        fleet = world.deploy(fleet)
-        ended = "duration"
+        fleet = world.deploy(fleet, later)
         for step in range(steps + 1):
             traffic = read(fleet)
             scans = scan(traffic, fleet, step)
-            fleet = decide(fleet, scans, dt)
+            fleet = decide(fleet, scans, dt, signals(fleet))
             roads = world.roads(fleet)
             recorder.note(observe(traffic, fleet, scans, roads))
             if step % record_every == 0:
@@ -120,16 +115,11 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
             if step % safe_every == 0:
                 recorder.flush()
                 progress(traffic.time)
-            if run.laps and (np.abs(fleet.motion.turned) >= 2 * np.pi * run.laps).all():
-                ended = "laps"
-            if step == steps or ended == "laps":
+            if ended := _ended(run, fleet, world.waiting, step == steps):
                 break
             fleet = move(fleet, dt)
             place(fleet)
             fleet = advance(fleet)
-            if world.arrived:  # SUMO has them no more
-                ended = "arrived"
-                break
     wall = time.perf_counter() - began
     recorder.note([Event(traffic.time, "end", "", "", np.nan, np.nan, "", np.nan, ended)])
     facts["status"] = "finished"
@@ -141,22 +131,27 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     _conclude(prepared, recorder, facts)
 
 
-def _additional(scenario: Scenario, folder: Path) -> list[Path]:
-    """What SUMO is to load. What writes files does so beside itself: it is copied into the run's folder."""
-    files = []
-    for i, file in enumerate(scenario.additional):
-        if file.name.endswith(".poly.xml"):  # for laser and eye; SUMO has no use for polygons
-            continue
-        if writes_files(file):
-            file = shutil.copy(file, folder / f"sumo_{i}_{file.name}")
-        files.append(Path(file))
-    return files
+def _ended(run: Run, fleet: Fleet, waiting: int, last: bool) -> str:
+    """Why the run ends with this step; "" if it goes on."""
+    if not len(fleet) and not waiting:
+        return "arrived"
+    if run.laps and len(fleet) and (np.abs(fleet.motion.turned) >= 2 * np.pi * run.laps).all():
+        return "laps"
+    return "duration" if last else ""
 
 
-def _outputs(scenario: Scenario, folder: Path) -> dict[str, Path]:
-    """Output files that a SUMO configuration asks for come into the run's folder."""
-    wanted = scenario.config.outputs if scenario.config else {}
-    return {option: folder / f"sumo_{Path(name).name}" for option, name in wanted.items()}
+def _departures(members: Sequence[Member], dt: float) -> tuple[Fleet, list[Fleet]]:
+    """Those that stand there at time 0, and the platoons that depart later."""
+    number = {m.id: i for i, m in enumerate(members)}
+
+    def fleet(some: list[Member]) -> Fleet:
+        return Fleet.deployed(some, dt, np.array([number[m.id] for m in some], dtype=int))
+
+    platoons: dict[str, list[Member]] = {}
+    for m in members:
+        platoons.setdefault(m.platoon, []).append(m)
+    later = [fleet(platoon) for platoon in platoons.values() if platoon[0].departs > 0]
+    return fleet([m for m in members if m.departs == 0]), later
 
 
 def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> None:
@@ -164,10 +159,18 @@ def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> None:
     scenario, spec = prepared.scenario, prepared.scenario.spec
     recorder.close_tables()
     values = metrics.compute(*(pd.read_csv(recorder.folder / f"{t}.csv") for t in ("trajectories", "events")))
+    outputs.write_tables(recorder, scenario)
+    if "trips" in spec.record.sumo:
+        trips = outputs.read_trips(recorder.folder)
+        of_traffic = outputs.traffic_metrics(trips, {m.id for m in prepared.members})
+        values += [metrics.Metric("traffic", "", "", *metric) for metric in of_traffic]
     recorder.write_table("metrics.csv", values, recording.METRICS)
     recorder.write("summary.csv", metrics.summary(spec.name, spec.seed, scenario.varied, values))
     recorder.write("scene.geojson", recording.as_json(_scene(prepared)))
-    recorder.write("datapackage.json", recording.as_json(recording.datapackage(spec.name, spec.title)))
+    package = recording.datapackage(spec.name, spec.title)
+    package["resources"] += outputs.resources(spec.record.sumo)
+    recorder.write("datapackage.json", recording.as_json(package))
+    facts["sumo_options_ignored"] = list(scenario.configuration.ignored) if scenario.configuration else []
     recorder.write("provenance.json", recording.as_json(facts))
 
 

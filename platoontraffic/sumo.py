@@ -8,19 +8,24 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
 import libsumo
 import numpy as np
 import shapely
 
 from lidar.pose import wrap
+from platoontraffic.controllers import Signals
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import Fleet, Member
-from platoontraffic.network import Network
+from platoontraffic.network import Line, Network
+from platoontraffic.rightofway import Foe, may_cross
 from platoontraffic.traffic import TrafficSnapshot
 
 # keepRoute 2: the exact pose, on whatever lane lies there, never an error. 5 m, where the search for a lane ends,
@@ -33,6 +38,8 @@ ALL_OFF = 32  # speed mode: SUMO believes the speed that follows from the displa
 NO_LANE_CHANGE = 0
 
 ROOM = 1.0  # of their own length is free about members when they are deployed
+WATCHED = 50.0  # from so far before a line one looks for whom to give way to, and so far beyond it [m]
+REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
 
 _running: list[Path] = []  # libsumo holds one simulation a process; a second start would replace the first in silence
 
@@ -57,15 +64,30 @@ def centre_of(x, y, heading, length):
     return x - length / 2 * np.cos(heading), y - length / 2 * np.sin(heading)
 
 
+class GoFirst(NamedTuple):
+    """Where those come from who go first at a line."""
+
+    entering: tuple[tuple[str, float], ...]  # lanes, and the way from each one's end to the junction [m]
+    inside: Mapping[str, bool]  # lanes in the junction that cross the way -> whether one waits at its end
+
+    @classmethod
+    def at(cls, line: Line, network: Network) -> GoFirst:
+        entering = {name for name in libsumo.lane.getFoes(line.lane, line.onto) if not name.startswith(":")}
+        inside = {}
+        for via in line.via:
+            for name in libsumo.lane.getInternalFoes(via):
+                comes_from = network.entered_from(name)
+                if name not in line.via and comes_from in entering:
+                    inside[name] = bool(libsumo.lane.getLinks(name)[0][4])
+        return cls(tuple(one for name in sorted(entering) for one in network.upstream(name, WATCHED)), inside)
+
+
 class World:
     """SUMO from start to close: a context manager. Steps are `step` seconds long (whole milliseconds).
 
     words   : the file that everything SUMO says goes to
-    routes     : files of background traffic
-    additional : what else SUMO is to load: vehicle types, stops, lights
-    config     : a .sumocfg whose further options hold, as far as they are not set here
-    outputs    : options of output files and where these go
-    warm_up    : seconds of background traffic before the members come
+    options : what else SUMO is told: files to read and to write
+    warm_up : seconds of background traffic before the members come
     """
 
     def __init__(
@@ -74,28 +96,24 @@ class World:
         step: float,
         seed: int,
         words: Path,
-        routes: Sequence[Path] = (),
-        additional: Sequence[Path] = (),
-        config: Path | None = None,
-        outputs: Mapping[str, Path] = MappingProxyType({}),
+        options: Mapping[str, str] = MappingProxyType({}),
         warm_up: float = 0.0,
     ) -> None:
         self._network, self._words, self._step, self._warm_up = network, words, step, warm_up
-        self.arrived: set[str] = set()  # members that SUMO drove to the end of their route
         self._options = [
             "sumo",
-            *(("--configuration-file", str(config)) if config else ()),
-            *("--net-file", str(network.path), "--step-length", str(step), "--seed", str(seed)),
+            *("--step-length", str(step), "--seed", str(seed)),
             *("--time-to-teleport", "-1", "--collision.action", "warn", "--collision.check-junctions", "true"),
             *("--collision.mingap-factor", "0", "--emergencydecel.warning-threshold", "1000000"),
             *("--no-step-log", "true", "--duration-log.disable", "true", "--precision", "6"),
         ]
-        for option, files in (("--route-files", routes), ("--additional-files", additional)):
-            if files:
-                self._options += [option, ",".join(str(file) for file in files)]
-        for option, file in outputs.items():
-            self._options += [f"--{option}", str(file)]
+        for option, value in {"net-file": str(network.path), **options}.items():
+            self._options += [f"--{option}", value]
         self._start = 0.0  # SUMO's time when the members stood at their start poses
+        self._later: list[Fleet] = []  # platoons that depart later, the next one first
+        self._roads: dict[str, tuple[str, str]] = {}  # edge and lane of each member
+        self._first: dict[Line, GoFirst] = {}
+        self._leg: dict[str, int] = {}  # how far on its route each member is, as an index of edges
         self._routed: dict[str, str] = {}  # the edge from which each member's route was last set
         self._sizes: dict[str, tuple[float, float]] = {}  # length, width of SUMO's own vehicles
 
@@ -119,35 +137,29 @@ class World:
         if died:
             raise RunError(f"SUMO failed at {when}: {error}") from error
 
-    def deploy(self, fleet: Fleet) -> Fleet:
+    def deploy(self, fleet: Fleet, later: Sequence[Fleet] = ()) -> Fleet:
         """Insert all members at their start poses and take the wheel; this is time 0.
 
-        Background vehicles that are in their way there are taken out: a platoon does not come in by driving.
+        Background vehicles that are in their way there are taken out: a platoon does not come in by driving. Those that
+        depart `later` wait for room: see `advance`.
         """
+        self._later = sorted(later, key=lambda platoon: platoon.members[0].departs)
         with self._listening():
             if self._warm_up:
                 libsumo.simulationStep(libsumo.simulation.getTime() + self._warm_up)
-        for member in fleet.members:
-            self._insert(member)
-        # A vehicle must have been on a lane before it may stand where there is none, as in the outer corner of a bend;
-        # and moving it onto one inserts it even where another waits at the same position.
-        for member in fleet.members:
-            x, y, heading = self._network.lane_pose(member.edge, member.lane, member.position)
-            libsumo.vehicle.moveToXY(member.id, *ANYWHERE, x, y, sumo_angle(heading), KEEP_ROUTE, MATCH_THRESHOLD)
+        self._insert(fleet)
         self._simulate()
-        self._make_room(fleet)
+        for name in self._in_the_way(fleet, fleet):
+            libsumo.vehicle.remove(name)
         self.place(fleet)
         self._simulate()
         self._start = libsumo.simulation.getTime()
-        missing = {m.id for m in fleet.members} - set(libsumo.vehicle.getIDList())
-        if missing:
-            raise RunError(f"SUMO did not insert {', '.join(sorted(missing))}; its words are in {self._words.name}")
-        for member, native in zip(fleet.members, fleet.native, strict=True):
-            if not native:
-                libsumo.vehicle.setSpeedMode(member.id, ALL_OFF)
-                libsumo.vehicle.setLaneChangeMode(member.id, NO_LANE_CHANGE)
-        self._settle(fleet)
-        return self._read_native(fleet)
+        return self._taken_over(fleet)
+
+    @property
+    def waiting(self) -> int:
+        """Platoons that have not yet departed."""
+        return len(self._later)
 
     def snapshot(self, fleet: Fleet) -> TrafficSnapshot:
         """All vehicles at this instant; the members as the fleet knows them, the others as SUMO does."""
@@ -182,13 +194,63 @@ class World:
             libsumo.vehicle.moveToXY(name, *ANYWHERE, x[i], y[i], angle[i], KEEP_ROUTE, MATCH_THRESHOLD)
 
     def advance(self, fleet: Fleet) -> Fleet:
-        """One step of SUMO; then members' speeds and routes are set right again, and what it drives itself is read."""
+        """One step of SUMO: the fleet after it, its speeds and routes set right again.
+
+        A platoon that has arrived is taken out, all of it: its leader has come to the end of its route. One that is due
+        comes in as soon as there is room.
+        """
+        due = [platoon for platoon in self._later if self._is_due(platoon) and not self._in_the_way(platoon, fleet)]
+        for platoon in due:
+            self._insert(platoon)
+        gone = fleet.arrived()
+        leaders = {fleet.members[i].id: fleet.members[i].platoon for i in np.flatnonzero(fleet.native)}
         self._simulate()
-        self.arrived |= {*libsumo.simulation.getArrivedIDList()} & {m.id for m in fleet.members}
-        if self.arrived:
-            return fleet
-        self._settle(fleet)
-        return self._read_native(fleet)
+        gone |= {leaders[name] for name in libsumo.simulation.getArrivedIDList() if name in leaders}
+        for member, native in zip(fleet.members, fleet.native, strict=True):
+            if member.platoon in gone and not native:
+                libsumo.vehicle.remove(member.id, libsumo.constants.REMOVE_ARRIVED)
+        fleet = fleet.without(gone)
+        self._locate(fleet)
+        self._put_in_order(fleet)
+        fleet = self._read_native(self._settled(fleet))
+        for platoon in due:
+            self._later.remove(platoon)
+            fleet = fleet.joined(self._taken_over(platoon))
+        return fleet
+
+    def _taken_over(self, platoon: Fleet) -> Fleet:
+        """Members whom SUMO has just inserted; from now on they are driven from here, or read."""
+        missing = {m.id for m in platoon.members} - set(libsumo.vehicle.getIDList())
+        if missing:
+            raise RunError(f"SUMO did not insert {', '.join(sorted(missing))}; its words are in {self._words.name}")
+        for member, native in zip(platoon.members, platoon.native, strict=True):
+            if not native:
+                libsumo.vehicle.setSpeedMode(member.id, ALL_OFF)
+                libsumo.vehicle.setLaneChangeMode(member.id, NO_LANE_CHANGE)
+        self._locate(platoon)
+        return self._read_native(self._settled(platoon))
+
+    def _is_due(self, platoon: Fleet) -> bool:
+        """Whether it is to stand there at the end of the coming step."""
+        time = libsumo.simulation.getTime() - self._start + self._step
+        return platoon.members[0].departs < time + self._step / 2
+
+    def _in_the_way(self, platoon: Fleet, fleet: Fleet) -> list[str]:
+        """Vehicles near where it is to stand, or behind there on its lane, which could not brake for it in comfort."""
+        traffic, here = self.snapshot(fleet), self.snapshot(platoon)
+        own = {m.id for m in platoon.members}
+        places = shapely.polygons(here.boxes().corners()[: len(platoon)])
+        others = shapely.STRtree(shapely.polygons(traffic.boxes().corners()))
+        near = others.query(places, predicate="dwithin", distance=ROOM * here.length[: len(platoon)])[1]
+        found = {traffic.ids[row] for row in near}
+        for last in (m for i, m in enumerate(platoon.members) if i not in platoon.predecessor):
+            rear = last.position - last.model.length
+            for name in libsumo.lane.getLastStepVehicleIDs(f"{last.edge}_{last.lane}"):
+                gap = rear - libsumo.vehicle.getLanePosition(name)
+                closing = max(libsumo.vehicle.getSpeed(name) - last.speed, 0.0)
+                if 0 < gap < closing * REACTION + closing**2 / (2 * COMFORTABLE_BRAKING):
+                    found.add(name)
+        return sorted(found - own)
 
     def _read_native(self, fleet: Fleet) -> Fleet:
         """The fleet with the poses of those members that SUMO drives."""
@@ -202,22 +264,88 @@ class World:
         return fleet.driven(rows, *centre_of(*front.T, heading, fleet.model.length[rows]), heading, speed, self._step)
 
     def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
-        """Edge and lane that SUMO has each member on; the lane is "" off the road."""
+        """Edge and lane that SUMO has each member on since the last step; the lane is "" off the road."""
+        return [self._roads[m.id] for m in fleet.members]
+
+    def _locate(self, fleet: Fleet) -> None:
         vehicle = libsumo.vehicle
-        return [(vehicle.getRoadID(m.id), vehicle.getLaneID(m.id)) for m in fleet.members]
+        for m in fleet.members:
+            self._roads[m.id] = vehicle.getRoadID(m.id), vehicle.getLaneID(m.id)
 
-    def _make_room(self, fleet: Fleet) -> None:
-        """Take out background vehicles that stand where a member does, or so near that neither could stop."""
-        traffic, n = self.snapshot(fleet), len(fleet)
-        shapes = shapely.polygons(traffic.boxes().corners())
-        near = shapely.STRtree(shapes[n:]).query(shapes[:n], predicate="dwithin", distance=ROOM * traffic.length[:n])[1]
-        for row in sorted(set(near.tolist())):
-            libsumo.vehicle.remove(traffic.ids[n + row])
+    def signals(self, fleet: Fleet) -> Signals | None:
+        """The next line to stop at on the routes of those whose law asks for it."""
+        n = len(fleet)
+        signals = Signals(np.full(n, np.inf), np.ones(n, bool), np.zeros(n, bool), np.zeros(n, bool))
+        asking = [i for i in fleet.routed if "signals" in getattr(fleet.members[i].law, "needs", ())]
+        front = fleet.station + (fleet.model.length / 2 - fleet.model.axle)[fleet.routed]
+        for i, station in zip(fleet.routed, front, strict=True):
+            if i in asking:
+                row = self._signal(fleet.members[i], station, fleet.motion.speed[i], fleet.model.length[i])
+                for values, value in zip(signals, row, strict=True):
+                    values[i] = value
+        return signals if asking else None
 
-    def _insert(self, member: Member) -> None:
+    def _signal(self, member: Member, station: float, speed: float, length: float) -> tuple[float, bool, bool, bool]:
+        """One vehicle's row of `signals`.
+
+        SUMO tells of links (getNextLinks) whether they are open, but for one who arrives at full speed, and always for
+        a turn that may wait inside the junction; and nothing once one is inside. So the gaps are judged here.
+        """
+        passed, line, way = member.route.lines_about(station)
+        here = self._roads[member.id][1]
+        if passed and len(passed.via) > 1 and here == passed.via[0]:  # where one may wait midway
+            way = libsumo.lane.getLength(here) - libsumo.vehicle.getLanePosition(member.id)
+            return way, self._may_cross(passed, way, speed, length), False, False
+        if line is None:
+            return np.inf, True, False, False
+        state = libsumo.trafficlight.getRedYellowGreenState(line.light)[line.index] if line.light else line.state
+        is_open = state not in "ruyY"
+        if is_open and state not in "GMoO" and way < WATCHED:
+            is_open = self._may_cross(line, way, speed, length)
+            if state in "sw":  # only who has stood there may go
+                links = libsumo.vehicle.getNextLinks(member.id)
+                is_open &= bool(links) and links[0][2]
+        return way, is_open, state in "msw", state in "yY"
+
+    def _may_cross(self, line: Line, way: float, speed: float, length: float) -> bool:
+        """Whether there is a gap among all those who go first, for a vehicle `way` metres before the junction."""
+        if line not in self._first:
+            self._first[line] = GoFirst.at(line, self._network)
+        first = self._first[line]
+        vehicle, lane = libsumo.vehicle, libsumo.lane
+        foes = []
+        for name, beyond in first.entering:
+            for foe in lane.getLastStepVehicleIDs(name):
+                to_line = beyond + lane.getLength(name) - vehicle.getLanePosition(foe)
+                links = [link for link in vehicle.getNextLinks(foe)[:3] if link[4] in first.inside]
+                if links and links[0][5] not in "ru":  # it goes that way, and is not stopped
+                    foes.append((foe, to_line, to_line + max(links[0][7], line.across)))
+        for name, waits in first.inside.items():
+            for foe in lane.getLastStepVehicleIDs(name):
+                left = lane.getLength(name) - vehicle.getLanePosition(foe)
+                foes.append((foe, left if waits else 0.0, left))
+        return all(
+            may_cross(
+                Foe(way, way + line.across, to, end, vehicle.getSpeed(foe), vehicle.getLength(foe)), speed, length
+            )
+            for foe, to, end in foes
+        )
+
+    def _insert(self, fleet: Fleet) -> None:
+        """Onto their lanes; in the step after, `place` puts them to their start poses."""
+        for member in fleet.members:
+            self._add(member)
+        # A vehicle must have been on a lane before it may stand where there is none, as in the outer corner of a bend;
+        # and moving it onto one inserts it even where another waits at the same position.
+        for member in fleet.members:
+            x, y, heading = self._network.lane_pose(member.edge, member.lane, member.position)
+            libsumo.vehicle.moveToXY(member.id, *ANYWHERE, x, y, sumo_angle(heading), KEEP_ROUTE, MATCH_THRESHOLD)
+
+    def _add(self, member: Member) -> None:
         kind = f"platoontraffic.{member.id}"
         model = member.model
         libsumo.vehicletype.copy("DEFAULT_VEHTYPE", kind)
+        libsumo.vehicletype.setVehicleClass(kind, "passenger")  # a scenario may have made its own default
         libsumo.vehicletype.setLength(kind, model.length)
         libsumo.vehicletype.setWidth(kind, model.width)
         libsumo.vehicletype.setMinGap(kind, min(2.5, model.length / 2))
@@ -233,32 +361,59 @@ class World:
             libsumo.route.add(kind, [member.edge])
         libsumo.vehicle.add(
             member.id, kind, typeID=kind, depart="now", departLane=str(member.lane),
-            departPos=str(member.position), departSpeed="0",
+            departPos=str(member.position), departSpeed=str(member.speed),
         )  # fmt: skip
 
-    def _settle(self, fleet: Fleet) -> None:
+    def _put_in_order(self, fleet: Fleet) -> None:
+        """Where a member has passed another vehicle on one lane, set right in which order SUMO has them there.
+
+        SUMO looks for a vehicle's place in a lane's order only when it enters the lane, and takes whoever is next in
+        the order for the leader. So members leave the lane and enter it again, at once: nobody sees them elsewhere.
+        """
+        vehicle = libsumo.vehicle
+        members: dict[str, list[str]] = {}  # by lane
+        for member, native in zip(fleet.members, fleet.native, strict=True):
+            if not native and (lane := self._roads[member.id][1]):
+                members.setdefault(lane, []).append(member.id)
+        for lane, names in members.items():
+            position = {name: vehicle.getLanePosition(name) for name in libsumo.lane.getLastStepVehicleIDs(lane)}
+            if all(behind <= ahead for behind, ahead in pairwise(position.values())):
+                continue
+            away = {name: aside for name in names if (aside := _another_lane(name, lane))}
+            for name, aside in away.items():
+                vehicle.moveTo(name, aside, 0.0)
+            for name in away:
+                vehicle.moveTo(name, lane, position[name])
+
+    def _settled(self, fleet: Fleet) -> Fleet:
+        """The same fleet, its speeds and routes in SUMO set right."""
+        vehicle = libsumo.vehicle
         for member, speed, native in zip(fleet.members, fleet.motion.speed, fleet.native, strict=True):
-            if native and not member.path.closed:  # it keeps to the route that it was given
+            if native and not member.route.closed:  # it keeps to the route that it was given
                 continue
             if not native:
                 # The speed SUMO derives is wrong where a lane's length is not that of the path driven: at corners.
-                libsumo.vehicle.setPreviousSpeed(member.id, abs(speed))
-            edge = libsumo.vehicle.getRoadID(member.id)
+                vehicle.setPreviousSpeed(member.id, abs(speed))
+            edge = self._roads[member.id][0]
             if edge == self._routed.get(member.id) or edge not in self._network.edges:  # a junction
                 continue
-            if libsumo.vehicle.getRoute(member.id)[libsumo.vehicle.getRouteIndex(member.id)] != edge:
+            if vehicle.getRoute(member.id)[vehicle.getRouteIndex(member.id)] != edge:
                 continue  # for a few steps after a junction SUMO still counts it to the edge before
             # Other drivers judge right of way by the route, which leaving it has replaced.
-            libsumo.vehicle.setRoute(member.id, self._onward(member, edge))
+            vehicle.setRoute(member.id, self._onward(member, edge))
             self._routed[member.id] = edge
+        return fleet
 
     def _onward(self, member: Member, edge: str) -> list[str]:
         """The intended edges from this one; for a law that goes where it likes, the straightest."""
-        if edge not in member.route:
+        edges = member.route.edges if member.route else ()
+        if edge not in edges:
             return list(self._network.onward(edge))
-        here = member.route.index(edge)
-        again = member.route[:here] if member.path.closed else ()
-        return [*member.route[here:], *again]
+        leg = self._leg.get(member.id, 0)
+        # The next visit of an edge that the route uses more than once.
+        here = edges.index(edge, leg) if edge in edges[leg:] else edges.index(edge)
+        self._leg[member.id] = here
+        return [*edges[here:], *(edges[:here] if member.route.closed else ())]
 
     def _size(self, name: str) -> tuple[float, float]:
         if name not in self._sizes:
@@ -271,8 +426,9 @@ class World:
 
     def _reason(self, error: Exception) -> str:
         """SUMO's own first error; what it raises is often only 'Process Error'."""
-        errors = [line for line in self._words.read_text(errors="replace").splitlines() if line.startswith("Error")]
-        return errors[0].removeprefix("Error:").strip() if errors else str(error)
+        said = self._words.read_text(errors="replace")
+        errors = re.findall(r"^Error: *(.+(?:\n .+)*)", said, re.MULTILINE)  # what belongs to it is indented
+        return " ".join(errors[0].split()) if errors else str(error)
 
     @contextlib.contextmanager
     def _listening(self) -> Iterator[None]:
@@ -286,3 +442,12 @@ class World:
             finally:
                 os.dup2(kept, 2)
                 os.close(kept)
+
+
+def _another_lane(name: str, lane: str) -> str:
+    """A lane beside a vehicle's own, or of the next or previous edge of its route; "" if there is neither."""
+    edge, _, index = lane.rpartition("_")
+    if libsumo.edge.getLaneNumber(edge) > 1:
+        return f"{edge}_{int(index == '0')}"
+    route, here = libsumo.vehicle.getRoute(name), libsumo.vehicle.getRouteIndex(name)
+    return next((f"{other}_0" for other in (*route[here + 1 : here + 2], *route[max(here - 1, 0) : here])), "")

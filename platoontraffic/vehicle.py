@@ -26,6 +26,32 @@ class Twist(NamedTuple):
     yaw_rate: np.ndarray  # to the left [rad/s]
 
 
+class Drive(NamedTuple):
+    """A command to what drives and steers as cars do: floats, or arrays (n,)."""
+
+    acceleration: np.ndarray  # of the driven axle, forward [m/s2]; negative brakes
+    curvature: np.ndarray  # of the driven axle's path, to the left [1/m]
+
+
+class Command(NamedTuple):
+    """One command a vehicle, of either kind: where the drive is NaN, the twist holds. Arrays (n,)."""
+
+    twist: Twist
+    drive: Drive
+
+    @classmethod
+    def of(cls, given: Twist | Drive) -> Command:
+        if isinstance(given, Drive):
+            still = np.zeros(np.shape(given.acceleration))
+            return cls(Twist(still, still), given)
+        nothing = np.full(np.shape(given.speed), np.nan)
+        return cls(given, Drive(nothing, nothing))
+
+    def rows(self, rows: np.ndarray) -> Command:
+        """The commands of some of them."""
+        return Command(*(type(kind)(*(values[rows] for values in kind)) for kind in self))
+
+
 @dataclass(frozen=True)
 class Motion:
     """Where vehicles are and how they move, at one instant. Arrays (n,)."""
@@ -73,6 +99,15 @@ class DifferentialDrive:
         """Straight ahead [m/s]."""
         return self.max_wheel_speed * self.wheel_radius
 
+    def twist_for(self, command: Command | Drive | Twist, motion: Motion, dt: float) -> Twist:
+        """The twist that a command comes to: a drive's acceleration is that of the coming step, its curvature kept."""
+        if isinstance(command, Twist):
+            return command
+        twist, drive = command if isinstance(command, Command) else Command.of(command)
+        speed = motion.speed + drive.acceleration * dt
+        driven = ~np.isnan(drive.acceleration)
+        return Twist(np.where(driven, speed, twist.speed), np.where(driven, speed * drive.curvature, twist.yaw_rate))
+
     def saturated(self, twist: Twist) -> Twist:
         """The nearest twist of the same curvature that both wheels can turn."""
         swing = twist.yaw_rate * self.wheel_separation / 2
@@ -84,13 +119,13 @@ class DifferentialDrive:
         """The middle of the driven axle, the point whose path the wheels draw. Arrays (n,)."""
         return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
 
-    def moved(self, motion: Motion, twist: Twist, dt: float) -> Motion:
+    def moved(self, motion: Motion, command: Command | Drive | Twist, dt: float) -> Motion:
         """Motion after dt under one command.
 
         The axle's middle drives an arc: exact for a constant twist, and, since both wheels share one lag, exact too
         for a start from rest at constant curvature. With a lag, distance and turned angle are exact always.
         """
-        wanted = self.saturated(twist)
+        wanted = self.saturated(self.twist_for(command, motion, dt))
         lag = np.maximum(self.lag, 1e-12)
         left_over = np.exp(-dt / lag)  # share of the difference that is still there after dt
         mean_left_over = -np.expm1(-dt / lag) * lag / dt

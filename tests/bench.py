@@ -105,7 +105,8 @@ def drive(members: Sequence[Member], scene: Scene, seconds: float, dt: float = D
         observe(traffic, fleet, scans)
         motion = fleet.motion
         on = targets(fleet, scans)
-        rows.append((motion.x, motion.y, motion.heading, motion.turned, motion.speed, *fleet.twist, *fleet.target, on))
+        where = motion.x, motion.y, motion.heading, motion.turned, motion.speed
+        rows.append((*where, *fleet.command.twist, *fleet.target, on))
         fleet = fleet.moved(dt)
     return Log(np.arange(len(rows)) * dt, *(np.array(column) for column in zip(*rows, strict=True)))
 

@@ -11,13 +11,15 @@ ROOT = Path(__file__).parents[1]
 
 # Each module may import those in rows above its own, not those beside or below it.
 LAYERS = [
-    {"errors", "vehicle", "tomlkeys", "polyline"},
+    {"errors", "vehicle", "tomlkeys", "polyline", "rightofway"},
     {"data", "traffic", "network", "registry", "bicycle", "commands"},
     {"controllers", "models"},
-    {"fleet", "scenario"},
+    {"route", "scenario", "driven"},
+    {"fleet"},
     {"contact", "sensing", "sumo", "provenance"},
     {"deployment", "observation"},
     {"recording", "metrics"},
+    {"outputs"},
     {"simulation"},
     {"starter", "nets"},
     {"cli"},

@@ -90,9 +90,6 @@ loop = true
 [platoon.leader]
 law = "path"
 speed_mps = 10.0
-lookahead_m = 8.0
-stop_distance_m = 6.0
-half_width_m = 1.2
 lidar = "car-leader"
 [platoon.follower]
 law = "repaired"
@@ -108,7 +105,8 @@ def test_a_car_follows_another_round_a_ring(tmp_path: Path):
     file.write_text(RING)
     folder = run(tmp_path / "ring", file)
     rows, events = (pd.read_csv(folder / f"{name}.csv") for name in ("trajectories", "events"))
-    assert events.kind.tolist() == ["locked", "end"]  # at the start and the end of the run; no contact, never lost
+    # At the start and the end of the run; no contact, never lost.
+    assert events.kind.tolist() == ["departed", "departed", "locked", "end"]
 
     leader, follower = (rows[rows.place == place] for place in (0, 1))
     assert leader[leader.time_s > 20].speed_mps.to_numpy() == pytest.approx(10.0, abs=0.01)

@@ -16,6 +16,7 @@ from platoontraffic.errors import InputError
 from platoontraffic.network import Network, check_net_file, read_polygons
 
 NETS = Path(__file__).parents[1] / "sumo_nets"
+ODD = Path(__file__).parent / "nets"
 LAP = ["sw_se", "se_ne", "ne_nw", "nw_sw"]
 LANE = '<lane id="a_0" index="0" speed="2" length="1" width="1" shape="0,0 1,0"/>'
 
@@ -295,3 +296,29 @@ def test_only_large_networks_are_kept_in_the_users_cache(tmp_path, monkeypatch):
     for _ in range(2):
         assert shapely.to_wkb(Network.read(file).drivable) == shapely.to_wkb(new)
         assert len(list((tmp_path / "platoontraffic").iterdir())) == 1
+
+
+# ---- what towns have
+
+
+def test_footpaths_and_rails_are_no_road_and_bus_lanes_are():
+    odd = Network.read(ODD / "odd.net.xml")
+    assert sorted(odd.edges) == ["buses", "em", "me", "ms", "mw", "sm", "wm"]
+    inside = [bool(odd.drivable.contains(shapely.Point(50, y))) for y in (-1.6, -4.8, -7.4, 60)]
+    assert inside == [True, True, False, False]
+    assert odd.route_line(["wm", "me"], 2)[:, 1] == pytest.approx(-1.6)
+
+
+def test_where_one_drives_on_the_left_the_right_lane_is_left_of_the_middle():
+    right_hand, left_hand = Network.read(ODD / "odd.net.xml"), Network.read(ODD / "left.net.xml")
+    assert right(right_hand, *right_hand.lane_pose("wm", 2, 50)[:2], 0) == pytest.approx(1.6)
+    assert right(left_hand, *left_hand.lane_pose("wm", 2, 50)[:2], 0) == pytest.approx(-1.6)
+    with pytest.raises(InputError, match=r"must be 0\.\.2, 0 leftmost"):
+        left_hand.lane_pose("wm", 3)
+
+
+def test_without_lanes_inside_junctions_routes_go_straight_across():
+    bare = Network.read(ODD / "bare.net.xml")
+    line = bare.route_line(["wm", "me"], 1)
+    assert line[:, 1] == pytest.approx(-1.6)
+    assert np.diff(line[:, 0]).min() > 0

@@ -14,11 +14,11 @@ from bench import (
     Prescribed,
     amplitude,
     asked,
+    batch_of,
     constant,
     drive,
     platoon,
     rear_at,
-    scan_of,
 )
 
 from lidar import PRESETS, Mount
@@ -62,10 +62,11 @@ def test_two_edges_are_found_exactly_as_printed():
     ranges[100:201] = 0.40
     ranges[300:401] = 0.30  # a third and a fourth edge, which count for nothing
     ranges[500] = 0.46  # a step of 0.49 m is no edge
-    scan = scan_of(ranges)
-    np.testing.assert_array_equal(edges(scan, scan.filled()), [99, 200, 299, 400])
+    scan = batch_of([np.full(720, 0.95), ranges])
+    np.testing.assert_array_equal(edges(EYE, scan.filled()), [[1, 1, 1, 1], [99, 200, 299, 400]])
     middle = 0.40 * np.exp(1j * EYE.angles[[100, 200]]).mean()
-    distance, theta = PRINTED.find(scan)
+    (nothing, distance), (_, theta) = PRINTED.find(scan)
+    assert np.isnan(nothing)
     assert distance == pytest.approx(abs(middle), rel=1e-12)
     assert theta == pytest.approx(np.pi / 2 + np.angle(middle), rel=1e-12)
 
@@ -73,17 +74,15 @@ def test_two_edges_are_found_exactly_as_printed():
 def test_signed_step_finds_only_one_of_the_two_edges():
     law = replace(PRINTED, edge="signed")
     ranges = rear_at(0.42, 0.15)
-    scan = scan_of(ranges)
     rear = np.flatnonzero(np.isfinite(ranges))
-    np.testing.assert_array_equal(edges(scan, scan.filled(), "signed"), rear[-1:])
+    np.testing.assert_array_equal(edges(EYE, batch_of([ranges]).filled(), "signed"), [[0], rear[-1:]])
     assert command(law, ranges) == (0, 0)
 
 
 def test_no_return_as_range_max_hides_what_is_farther_than_half_a_metre():
-    near, far = rear_at(0.49, 0.15), rear_at(0.51, 0.15)
-    assert PRINTED.find(scan_of(near)) is not None
-    assert PRINTED.find(scan_of(far)) is None
-    assert FAR_SIGHTED.find(scan_of(far)).distance == pytest.approx(0.51, abs=1e-6)
+    scan = batch_of([rear_at(0.49, 0.15), rear_at(0.51, 0.15)])
+    assert PRINTED.find(scan).distance == pytest.approx([0.49, np.nan], abs=1e-6, nan_ok=True)
+    assert FAR_SIGHTED.find(scan).distance == pytest.approx([0.49, 0.51], abs=1e-6)
 
 
 def test_degrees_taken_as_radians_turn_57_times_as_fast():
@@ -113,6 +112,31 @@ def test_without_a_target_it_stops_or_holds_its_last_command():
         assert command(law, nothing) == (0, 0)
 
 
+def test_each_vehicle_decides_by_its_own_scan_and_holds_its_own_command():
+    law = replace(PRINTED, on_loss="hold")
+    rears = np.random.default_rng(11).uniform((0.31, 0.05, -0.3), (0.6, 0.2, 0.3), (2, 200, 3))
+    first, then = ([rear_at(*rear) for rear in step] for step in rears)
+    together = asked(law, first)
+    later = asked(law, then, memory=together.memory)
+    for i, (seen, seen_then) in enumerate(zip(first, then, strict=True)):
+        alone = asked(law, [seen])
+        np.testing.assert_array_equal(alone.target, np.array(together.target)[:, [i]])
+        later_alone = asked(law, [seen_then], memory=alone.memory)
+        np.testing.assert_array_equal(later_alone.twist, np.array(later.twist)[:, [i]])
+    held = np.isnan(later.target.distance) & ~np.isnan(together.target.distance)
+    assert 10 < held.sum() < 190
+    np.testing.assert_array_equal(np.array(later.twist)[:, held], np.array(together.twist)[:, held])
+
+
+def test_a_target_at_the_laser_itself_is_not_driven_to():
+    """The sensor is inside a solid and has no blind zone, so that the distance is 0 and the angle any."""
+    ranges = np.full(720, 0.9)
+    ranges[300:400] = -np.inf
+    decision = asked(PRINTED, [ranges], replace(EYE, range_min=0.0))
+    assert decision.target.distance == 0
+    assert not np.any(decision.twist)
+
+
 def test_nearer_than_the_sufficient_distance_it_stands():
     ranges = rear_at(0.42, 0.15)
     assert command(replace(PRINTED, sufficient_distance=0.43), ranges) == (0, 0)
@@ -122,7 +146,9 @@ def test_nearer_than_the_sufficient_distance_it_stands():
 def test_both_edges_are_in_view_from_w_over_2_tan_11_5_deg():
     """As near as the outermost beams but one allow: the last beam of each side must pass the rear."""
     width = 0.15
-    seen = [d for d in np.arange(0.35, 0.39, 1e-5) if PRINTED.find(scan_of(rear_at(d, width))) is not None]
+    distances = np.arange(0.35, 0.39, 1e-5)
+    found = PRINTED.find(batch_of([rear_at(d, width) for d in distances]))
+    seen = distances[np.isfinite(found.distance)]
     nearest = width / (2 * np.tan(EYE.angle_max))
     assert nearest == pytest.approx(2.46 * width, rel=1e-3)
     assert nearest - 1e-5 <= min(seen) <= width / (2 * np.tan(EYE.angle_max - STEP)) + 1e-5

@@ -43,7 +43,7 @@ def test_rule_5_never_applies_and_each_other_one_does():
     values = rng.uniform(0.3, 3.0, (100_000, 3))
     near = rng.choice([0.5, 0.7, 1.0, 2.0, 3.0], values.shape) + rng.choice([-1e-9, 0, 1e-9], values.shape)
     values = np.where(rng.random(values.shape) < 0.5, values, near)
-    assert {rule(*row) for row in values.tolist()} == {1, 2, 3, 4, 6, 7}
+    assert set(rule(*values.T).tolist()) == {1, 2, 3, 4, 6, 7}
 
 
 def turn_with_return_in(beam):
@@ -67,6 +67,16 @@ def turn_with_return_in(beam):
 def test_sectors_are_144_beams_from_the_right(beams, twist):
     for beam in beams:
         assert turn_with_return_in(beam) == twist
+
+
+def test_each_vehicle_decides_by_its_own_scan():
+    rng = np.random.default_rng(6)
+    sectors = rng.choice([0.4, 0.6, 0.9, 1.5, np.inf, -np.inf, np.nan], (500, 5))
+    scans = np.repeat(sectors, 144, axis=1)
+    together = np.array(asked(ReactiveLeader(), scans, EYE).twist)
+    alone = [np.array(asked(ReactiveLeader(), [ranges], EYE).twist)[:, 0] for ranges in scans]
+    np.testing.assert_array_equal(together.T, alone)
+    assert len(np.unique(together, axis=1).T) == 3  # on, turn, stand
 
 
 @pytest.mark.parametrize(("sign", "yaw_rate"), [("clockwise", 0.1), ("counterclockwise", -0.1)])

@@ -1,8 +1,10 @@
 """The repaired follower: what it keeps of the printed one, and why each repair is there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from bench import FOLLOWER_EYE, LEADER_EYE, LOOP, NO_WALLS, asked, constant, drive, platoon, rear_at, scan_of
+from bench import FOLLOWER_EYE, LEADER_EYE, LOOP, NO_WALLS, asked, batch_of, constant, drive, platoon, rear_at
 
 from lidar import PRESETS
 from platoontraffic.controllers.printed import SPEED_GAIN, PrintedFollower
@@ -30,6 +32,48 @@ def test_with_all_repairs_off_it_is_the_printed_law():
     np.testing.assert_array_equal(off.twist, printed.twist)
     np.testing.assert_array_equal(off.target, printed.target)
     assert 0.2 < (printed.twist.speed > 0).mean() < 0.95
+
+
+@pytest.mark.parametrize("nearest_group", [True, False])
+@pytest.mark.parametrize("visible_middle", [True, False])
+def test_each_vehicle_decides_by_its_own_scan(nearest_group, visible_middle):
+    law = RepairedFollower(nearest_group, visible_middle)
+    scans = random_scans(300, np.random.default_rng(8))
+    together = asked(law, scans)
+    for i, ranges in enumerate(scans):
+        alone = asked(law, [ranges])
+        np.testing.assert_array_equal(alone.twist, np.array(together.twist)[:, [i]])
+        np.testing.assert_array_equal(alone.target, np.array(together.target)[:, [i]])
+    assert np.isfinite(together.target.distance).mean() > 0.05
+
+
+def group_by_walking(ranges, step):
+    """From the nearest return to both sides, over lost returns, up to a miss or a step; first and last beam."""
+    near = np.where(np.isneginf(ranges), EYE.range_min, ranges)
+    ends = []
+    for way in (-1, 1):
+        at = end = int(np.nanargmin(near))
+        while 0 <= at + way < len(near):
+            at += way
+            if np.isnan(near[at]):
+                continue
+            if not abs(near[at] - near[end]) <= step:
+                break
+            end = at
+        ends.append(end)
+    return ends
+
+
+def test_group_is_what_a_walk_from_the_nearest_return_to_both_sides_finds():
+    rng = np.random.default_rng(9)
+    scans = random_scans(1000, rng)
+    scans[rng.random(scans.shape) < rng.choice([0, 0.02, 0.5], (1000, 1))] = np.nan
+    scans = scans[(scans < np.inf).any(axis=1)]
+    expected = [group_by_walking(ranges, REPAIRED.group_step) for ranges in scans]
+    _, ends = REPAIRED._nearest_group(batch_of(scans))
+    np.testing.assert_array_equal(ends.T, expected)
+    _, none = REPAIRED._nearest_group(batch_of([np.full(720, np.inf), np.full(720, np.nan)]))
+    np.testing.assert_array_equal(none, -1)
 
 
 def to_the_first_corner(law, seconds=65.0):
@@ -104,6 +148,13 @@ def test_something_too_near_to_be_measured_stops_it():
     assert not asked(REPAIRED, [ranges]).twist.speed.any()
 
 
+def test_a_return_at_the_laser_itself_stops_it():
+    """The sensor is inside a solid and has no blind zone, so that the distance is 0 and the angle any."""
+    decision = asked(REPAIRED, [np.full(720, -np.inf)], replace(EYE, range_min=0.0))
+    assert decision.target.distance == 0
+    assert decision.twist.speed == 0
+
+
 def test_mirrored_scan_mirrors_the_turn():
     """One robot in view; of two at one distance the law takes the right-hand one."""
     rng = np.random.default_rng(3)
@@ -118,13 +169,13 @@ def test_a_wall_behind_the_robot_is_not_joined_to_it():
     ranges = rear_at(0.6, 0.1)
     robot = np.flatnonzero(np.isfinite(ranges))
     wall = np.where(np.isinf(ranges), 0.75 / np.cos(EYE.angles), ranges)
-    with_wall, alone = (REPAIRED.find(scan_of(r)) for r in (wall, ranges))
-    assert with_wall == alone
-    assert with_wall.distance == pytest.approx(0.6, abs=1e-6)
     aside = ranges.copy()
     aside[robot] = np.inf
     aside[robot + 60] = ranges[robot]  # where it is, it is followed
-    assert REPAIRED.find(scan_of(aside)).theta == pytest.approx(np.pi / 2 + 60 * EYE.angle_increment, abs=1e-9)
+    distance, theta = REPAIRED.find(batch_of([wall, ranges, aside]))
+    assert (distance[0], theta[0]) == (distance[1], theta[1])
+    assert distance == pytest.approx([0.6] * 3, abs=1e-6)
+    assert theta[2] == pytest.approx(np.pi / 2 + 60 * EYE.angle_increment, abs=1e-9)
 
 
 def test_the_visible_part_of_a_robot_at_the_border_is_followed_into_view():
@@ -134,4 +185,4 @@ def test_the_visible_part_of_a_robot_at_the_border_is_followed_into_view():
         decision = asked(REPAIRED, [ranges])
         assert 0 < side * decision.target.bearing[0] < EYE.angle_max
         assert side * decision.twist.yaw_rate[0] > 0
-        assert RepairedFollower(visible_middle=False).find(scan_of(ranges)) is None
+        assert np.isnan(RepairedFollower(visible_middle=False).find(batch_of([ranges])).distance)

@@ -16,7 +16,7 @@ from platoontraffic.controllers.reactive import ReactiveLeader
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.network import Network
-from platoontraffic.polyline import Polyline
+from platoontraffic.route import Route
 from platoontraffic.sumo import World, centre_of, front_of, heading_of, sumo_angle
 from platoontraffic.vehicle import DifferentialDrive, Motion
 
@@ -47,10 +47,10 @@ def network(name: str = "lab_loop") -> Network:
 def fleet_of(*positions: float, route: tuple[str, ...] = (), closed: bool = False) -> Fleet:
     """Robots on the first edge of the loop, leader first; front bumpers at these positions."""
     model = DifferentialDrive()
-    path = Polyline([(2, 0.5), (4, 0.5)], closed) if route else None
+    path = Route.along(route, [(2, 0.5), (4, 0.5)], [1.0, 1.0], closed=closed) if route else None
     members = [
         Member(f"r.{i}", "r", i, model, PRESETS["paper-leader"], ReactiveLeader(), "sw_se", 0, position,
-               (2 + position - model.length / 2, 0.5, 0.0), route, path)
+               (2 + position - model.length / 2, 0.5, 0.0), path)
         for i, position in enumerate(positions)
     ]  # fmt: skip
     return Fleet.deployed(members, STEP)

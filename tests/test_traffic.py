@@ -37,9 +37,6 @@ vehicle = {{ length_m = 4.5, width_m = 1.8, axle_m = -1.3, wheel_separation_m = 
 [platoon.leader]
 law = "path"
 speed_mps = {speed}
-lookahead_m = 8.0
-stop_distance_m = 6.0
-half_width_m = 1.2
 lidar = {{ preset = "car-leader", rate_hz = 10.0 }}
 """
 
@@ -84,7 +81,7 @@ def test_configuration_runs_and_nothing_is_written_beside_it(configuration, tmp_
     folder = run(write(tmp_path, 'config = "theirs/all.sumocfg"\nwarm_up_s = 20.0'), tmp_path / "one")
     assert {file.name: file.read_bytes() for file in configuration.iterdir()} == before
     assert (folder / "sumo_trips.xml").stat().st_size > 0
-    assert (folder / "counted.xml").stat().st_size > 0
+    assert (folder / "sumo_counted.xml").stat().st_size > 0
     rows = pd.read_csv(folder / "trajectories.csv")
     assert rows.time_s.iloc[0] == 0  # whatever SUMO's clock showed
     again = run(folder / "config.toml", tmp_path / "two")
@@ -94,9 +91,9 @@ def test_configuration_runs_and_nothing_is_written_beside_it(configuration, tmp_
 def test_shipped_network_brings_its_traffic_unless_told_otherwise(tmp_path):
     ours = 'net = "ring"\nwarm_up_s = 60.0'
     with_traffic = scenario.load(write(tmp_path, ours))
-    assert [file.name for file in with_traffic.routes] == ["ring.rou.xml"]
+    assert [file.name for file in with_traffic.route_files] == ["ring.rou.xml"]
     without = scenario.load(write(tmp_path, ours + "\ntraffic = false"))
-    assert without.routes == ()
+    assert without.route_files == ()
     assert [file.name for file in without.additional] == ["ring.poly.xml"]
 
 
@@ -144,9 +141,9 @@ def test_faults_are_named(tmp_path, sumo, said):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("<net/>", ":1: root element is <net>, another kind of file; must be a SUMO configuration"),
+        ("<net/>", ":1: root element is <net>, a network; must be a SUMO configuration"),
         ("<configuration>", "not whole XML"),
-        ("<configuration/>", ":1: names 0 networks; must name one, as <net-file>"),
+        ("<configuration/>", ":1: names no network; must name one, as <net-file>"),
         ("<configuration><net-file value='x.net.xml'/></configuration>", ":1: <net-file>: 'x.net.xml': no such file"),
     ],
 )
@@ -171,8 +168,8 @@ def test_the_fastest_way_is_taken_to_a_named_edge(tmp_path):
     text = file.read_text().replace('route = ["west_light"]', 'to = "b2_east"')
     file.write_text(text)
     (leader,) = simulation.prepare(scenario.load(file)).members
-    assert (leader.route[0], leader.route[-1]) == ("west_light", "b2_east")
-    assert leader.path.end > 1500  # along the whole of the corridor
+    assert (leader.route.edges[0], leader.route.edges[-1]) == ("west_light", "b2_east")
+    assert leader.route.length > 1500  # along the whole of the corridor
     for to, said in (("nowhere", "no edge 'nowhere' in"), ("", "should have at least 1 character")):
         file.write_text(text.replace('"b2_east"', f'"{to}"'))
         with pytest.raises(InputError, match=rf"platoon\.0\.to: .*{said}"):
@@ -188,8 +185,7 @@ def test_the_fastest_way_is_taken_to_a_named_edge(tmp_path):
 def led_by_sumo(folder: Path, sumo: str, duration: float, edge: str, to: str) -> Path:
     file = write(folder, sumo, duration, edges=[edge])
     text = file.read_text().replace(f'route = ["{edge}"]', f'to = "{to}"').replace('law = "path"', 'law = "sumo"')
-    for key in ("speed_mps", "lookahead_m", "stop_distance_m", "half_width_m"):
-        text = re.sub(rf"^{key} = .*\n", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^speed_mps = .*\n", "", text, flags=re.MULTILINE)
     file.write_text(text)
     return file
 

@@ -8,9 +8,10 @@ written over rows: every array has one row a vehicle that drives by this law. Wh
 back at the next call (`None` at the first); it must keep nothing elsewhere. A law written for one vehicle is lifted to
 rows by `@per_vehicle` on its `__call__`.
 
-What a law is given is the scan and its vehicle's own motion. More has to be declared: `needs = {"route"}`.
+What a law is given is the scan, its vehicle's own motion and its size. More has to be declared:
+`needs = {"route", "signals"}`.
 """
 
-from platoontraffic.controllers.base import Decision, Sensed, Target, per_vehicle
+from platoontraffic.controllers.base import Body, Decision, RouteAhead, Sensed, Signals, Target, per_vehicle
 
-__all__ = ["Decision", "Sensed", "Target", "per_vehicle"]
+__all__ = ["Body", "Decision", "RouteAhead", "Sensed", "Signals", "Target", "per_vehicle"]

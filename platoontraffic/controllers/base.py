@@ -10,7 +10,33 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidar import LaserScan, ScanBatch
-from platoontraffic.vehicle import Twist
+from platoontraffic.vehicle import Drive, Twist
+
+
+class Body(NamedTuple):
+    """A vehicle's own size: floats, or arrays (n,)."""
+
+    length: np.ndarray  # of the footprint [m]
+    width: np.ndarray
+    axle: np.ndarray  # the driven one, ahead of the centre [m]; negative: behind it
+
+
+class RouteAhead(NamedTuple):
+    """The given route from beside the driven axle on: rows (n, ...) of k points, or one vehicle's row."""
+
+    distance: np.ndarray  # of the points, along the route [m], (n, k); from 0 on, close together at first
+    points: np.ndarray  # as seen from the driven axle, x forward, y to the left [m], (n, k, 2)
+    limit: np.ndarray  # of speed, from each point on [m/s], (n, k)
+    curvature: np.ndarray  # of the route, to the left [1/m], (n, k)
+
+
+class Signals(NamedTuple):
+    """The next stop line on the given route: rows (n,), or one vehicle's row."""
+
+    distance: np.ndarray  # from the front bumper [m]; inf: there is none
+    open: np.ndarray  # lights and right of way let this vehicle pass now, bool
+    minor: np.ndarray  # it has to give way there, bool
+    changing: np.ndarray  # closed, but it need not be stopped for by who cannot in comfort (yellow), bool
 
 
 @dataclass(frozen=True)
@@ -20,11 +46,16 @@ class Sensed:
     scan: ScanBatch | LaserScan
     speed: np.ndarray  # own, by odometry [m/s], (n,)
     yaw_rate: np.ndarray  # own, to the left [rad/s], (n,)
-    route: np.ndarray | None = None  # (n, k, 2) points of the given path ahead; see `Fleet.decided`
+    body: Body | None = None
+    route: RouteAhead | None = None  # to those that declare it in `needs`
+    signals: Signals | None = None  # same
 
     def row(self, i: int) -> Sensed:
-        route = None if self.route is None else self.route[i]
-        return Sensed(self.scan[i], float(self.speed[i]), float(self.yaw_rate[i]), route)
+        body, route, signals = (
+            record and type(record)(*(values[i] for values in record))
+            for record in (self.body, self.route, self.signals)
+        )
+        return Sensed(self.scan[i], float(self.speed[i]), float(self.yaw_rate[i]), body, route, signals)
 
 
 class Target(NamedTuple):
@@ -38,11 +69,19 @@ NO_TARGET = Target(np.nan, np.nan)
 
 
 class Decision(NamedTuple):
-    """A command; what to remember; and what was taken for the predecessor, from which lock-on is measured."""
+    """A command; what to remember; and what was taken for the predecessor, from which lock-on is measured.
 
-    twist: Twist
+    What is remembered is None, or arrays, lists, NamedTuples or dataclasses of them, with one row a vehicle: vehicles
+    that arrive are taken out of it.
+    """
+
+    command: Twist | Drive
     memory: Any = None
     target: Target = NO_TARGET
+
+    @property
+    def twist(self) -> Twist:
+        return self.command
 
 
 def per_vehicle(law: Callable) -> Callable:
@@ -53,8 +92,9 @@ def per_vehicle(law: Callable) -> Callable:
         rows = range(len(sensed.speed))
         memories = memory or [None] * len(rows)
         decisions = [law(self, sensed.row(i), memories[i], dt) for i in rows]
+        commands = [d.command for d in decisions]
         return Decision(
-            Twist(*np.array([d.twist for d in decisions], dtype=float).T),
+            type(commands[0])(*np.array(commands, dtype=float).T),
             [d.memory for d in decisions],
             Target(*np.array([d.target for d in decisions], dtype=float).T),
         )

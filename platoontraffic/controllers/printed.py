@@ -12,45 +12,65 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from lidar import LaserScan
-from platoontraffic.controllers.base import NO_TARGET, Decision, Sensed, Target, per_vehicle
+from lidar import LidarModel, ScanBatch
+from platoontraffic.controllers.base import Decision, Sensed, Target
 from platoontraffic.vehicle import Positive, Twist
 
 EDGE_STEP = 0.5  # neighbouring ranges, and neighbouring points, of an edge differ by more [m]
 SUFFICIENT_DISTANCE = 0.1  # [m]
 SPEED_GAIN = (np.pi / 2) / (2 * np.sin(np.pi / 4))  # straight ahead v = 1.1107 D [1/s]
+NEARLY_ZERO = 1e-9  # stands for an angle of zero, at which theta / sin(theta / 2) has the limit 2 [rad]
 FAR = 1e9  # stands for infinity where neighbours are subtracted [m]
 
 
 class Middle(NamedTuple):
-    """The middle of the predecessor's rear in the paper's polar coordinates."""
+    """The middle of the predecessor's rear in the paper's polar coordinates, (n,) each; NaN where none is seen."""
 
-    distance: float
-    theta: float  # polar angle; straight ahead at pi/2
-
-
-def points(scan: LaserScan, ranges: np.ndarray, beams: np.ndarray) -> np.ndarray:
-    """Returns of some beams (m,) as points (m, 2), x to the right and y forward of the laser."""
-    theta = scan.angle_min + scan.angle_increment * beams + np.pi / 2
-    return ranges[beams, None] * np.column_stack([np.cos(theta), np.sin(theta)])
+    distance: np.ndarray
+    theta: np.ndarray  # polar angle; straight ahead at pi/2
 
 
-def edges(scan: LaserScan, ranges: np.ndarray, rule: str = "absolute") -> np.ndarray:
-    """Indices i of the edges between beam i and beam i + 1: lines 1-16 of Algorithm 2."""
+def points(model: LidarModel, ranges: np.ndarray, beams: np.ndarray) -> np.ndarray:
+    """Returns of some beams, ranges and beams (...), as points (2, ...), x to the right and y forward of the laser."""
+    theta = model.angle_min + model.angle_increment * beams + np.pi / 2
+    return ranges * np.stack([np.cos(theta), np.sin(theta)])
+
+
+def edges(model: LidarModel, ranges: np.ndarray, rule: str = "absolute") -> tuple[np.ndarray, np.ndarray]:
+    """Scans s and indices i, in order, of the edges between beam i and beam i + 1: lines 1-16 of Algorithm 2.
+
+    ranges : of all scans, (n, k)
+    """
     step = np.diff(ranges)
-    found = np.flatnonzero((np.abs(step) if rule == "absolute" else step) > EDGE_STEP)
-    width = np.hypot(*(points(scan, ranges, found + 1) - points(scan, ranges, found)).T)
-    return found[width > EDGE_STEP]
+    s, i = np.nonzero((np.abs(step) if rule == "absolute" else step) > EDGE_STEP)
+    width = np.hypot(*(points(model, ranges[s, i + 1], i + 1) - points(model, ranges[s, i], i)))
+    wide = width > EDGE_STEP
+    return s[wide], i[wide]
 
 
-def middle(scan: LaserScan, ranges: np.ndarray, first: int, last: int) -> Middle:
-    """Midway between the returns of two beams: lines 17-19 and 21."""
-    x, y = points(scan, ranges, np.array([first, last])).mean(axis=0)
-    return Middle(float(np.hypot(x, y)), float(np.arctan2(y, x)))
+def first_two(scans: np.ndarray, beams: np.ndarray, n: int) -> np.ndarray:
+    """The first two edges of each of n scans, (2, n); -1 where it has fewer."""
+    place = np.arange(len(scans)) - np.searchsorted(scans, scans)  # of an edge among those of its scan
+    counts = place < 2
+    two = np.full((2, n), -1)
+    two[place[counts], scans[counts]] = beams[counts]
+    return two
 
 
-def arc_speed(distance: float, theta: float) -> float:
+def middle(model: LidarModel, ranges: np.ndarray, ends: np.ndarray) -> Middle:
+    """Midway between the returns of two beams: lines 17-19 and 21.
+
+    ranges : of all scans, (n, k)
+    ends   : the two beams of each scan, (2, n); -1: none
+    """
+    returns = np.where(ends < 0, np.nan, ranges[np.arange(len(ranges)), ends])
+    x, y = points(model, returns, ends).mean(axis=1)
+    return Middle(np.hypot(x, y), np.arctan2(y, x))
+
+
+def arc_speed(distance: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Lines 23-24: r = D / (2 sin(theta/2)), v = r theta."""
+    theta = np.where(theta == 0, NEARLY_ZERO, theta)
     return distance * theta / (2 * np.sin(theta / 2))
 
 
@@ -69,32 +89,24 @@ class PrintedFollower:
     heading_gain: Annotated[Positive, Field(alias="heading_gain_per_s")] = 1.0
     sufficient_distance: Annotated[float, Field(ge=0, alias="sufficient_distance_m")] = SUFFICIENT_DISTANCE
 
-    @per_vehicle
     def __call__(self, sensed: Sensed, memory: Twist | None, dt: float) -> Decision:
-        found = self.find(sensed.scan)
-        if found is None:
-            twist = memory if memory is not None and self.on_loss == "hold" else Twist(0.0, 0.0)
-            return Decision(twist, twist, NO_TARGET)
-        distance, theta = found
+        distance, theta = self.find(sensed.scan)
         bearing = theta - np.pi / 2
-        twist = Twist(0.0, 0.0)
-        if distance > self.sufficient_distance:
-            gain = self.heading_gain * (np.degrees(1) if self.yaw_unit == "deg" else 1)
-            speed = arc_speed(distance, theta if self.angle_in_speed == "polar" else _not_zero(bearing))
-            twist = Twist(speed, gain * bearing)
+        not_zero = np.where(np.abs(bearing) > NEARLY_ZERO, bearing, NEARLY_ZERO)
+        speed = arc_speed(distance, theta if self.angle_in_speed == "polar" else not_zero)
+        gain = self.heading_gain * (np.degrees(1) if self.yaw_unit == "deg" else 1)
+        twist = np.where(distance > self.sufficient_distance, (speed, gain * bearing), 0.0)
+        if self.on_loss == "hold" and memory is not None:
+            twist = np.where(np.isnan(distance), memory, twist)
+        twist = Twist(*twist)
         return Decision(twist, twist, Target(distance, bearing))
 
-    def find(self, scan: LaserScan) -> Middle | None:
+    def find(self, scan: ScanBatch) -> Middle:
         """Lines 1-19: the middle between the second point of the first edge and the first point of the second."""
         ranges = scan.filled(no_return=FAR if self.no_return == "infinity" else None)
-        found = edges(scan, ranges, self.edge)
-        return middle(scan, ranges, found[0] + 1, found[1]) if len(found) >= 2 else None
+        first, second = first_two(*edges(scan.model, ranges, self.edge), len(scan))
+        return middle(scan.model, ranges, np.where(second < 0, -1, (first + 1, second)))
 
     def desired_distance(self, speed):
         """Distance from laser to rear at which a steady speed is kept straight ahead [m]."""
         return speed / (SPEED_GAIN if self.angle_in_speed == "polar" else 1.0)
-
-
-def _not_zero(angle: float) -> float:
-    """theta / sin(theta / 2) has the limit 2 at zero."""
-    return angle if abs(angle) > 1e-9 else 1e-9

@@ -5,35 +5,32 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.base import Decision, Sensed, per_vehicle
+from platoontraffic.controllers.base import Decision, Sensed
 from platoontraffic.vehicle import Positive, Twist
 
 
-def rule(front: float, front_left: float, front_right: float) -> int:
-    """Number of the rule of Algorithm 1 that applies, by the smallest range [m] in three of the five sectors.
+def rule(front: np.ndarray, front_left: np.ndarray, front_right: np.ndarray) -> np.ndarray:
+    """Number of the rule of Algorithm 1 that applies, by the smallest range [m] in three of the five sectors, (n,).
 
     The rules stand in the paper's order. Rule 5 can never apply, since rule 1 takes all its cases; rule 7 can hold for
     ever, for example with front > 2 and front_left < 1.
     """
-    if front > 1 and front_left > 1 and front_right > 0.5:
-        return 1
-    if front < 2 and front_left < 3 and front_right > 0.5:
-        return 2
-    if front < 1 and front_left < 1 and front_right < 1:
-        return 3
-    if front < 1 and front_left > 1 and front_right < 1:
-        return 4
-    if front_right > 0.7 and front > 1 and front_left > 1:
-        return 5
-    if front_right < 0.5 and front > 1 and front_left > 1:
-        return 6
-    return 7
+    rules = [
+        (front > 1) & (front_left > 1) & (front_right > 0.5),
+        (front < 2) & (front_left < 3) & (front_right > 0.5),
+        (front < 1) & (front_left < 1) & (front_right < 1),
+        (front < 1) & (front_left > 1) & (front_right < 1),
+        (front_right > 0.7) & (front > 1) & (front_left > 1),
+        (front_right < 0.5) & (front > 1) & (front_left > 1),
+    ]
+    return np.select(rules, range(1, 7), 7)
 
 
-# Rule -> (drive, angular) as printed, in units of `speed` and `turn_rate`.
-ACTIONS = {1: (1, 0), 2: (1, 0), 3: (0, -1), 4: (0, -1), 5: (0, +1), 6: (0, -1), 7: (0, 0)}
+# (drive, angular) of rules 1 to 7 as printed, in units of `speed` and `turn_rate`.
+ACTIONS = np.array([(1, 0), (1, 0), (0, -1), (0, -1), (0, +1), (0, -1), (0, 0)])
 
 
 @dataclass(frozen=True)
@@ -49,11 +46,10 @@ class ReactiveLeader:
     turn_rate: Annotated[Positive, Field(alias="turn_rate_radps")] = 0.1
     positive_turn: Literal["clockwise", "counterclockwise"] = "clockwise"
 
-    @per_vehicle
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
         ranges = sensed.scan.filled()
-        n = len(ranges)
-        front_right, front, front_left = (ranges[n * i // 5 : n * (i + 1) // 5].min() for i in (1, 2, 3))
-        drive, angular = ACTIONS[rule(front, front_left, front_right)]
+        k = sensed.scan.model.samples
+        front_right, front, front_left = (ranges[:, k * i // 5 : k * (i + 1) // 5].min(axis=1) for i in (1, 2, 3))
+        drive, angular = ACTIONS[rule(front, front_left, front_right) - 1].T
         to_the_left = -angular if self.positive_turn == "clockwise" else angular
         return Decision(Twist(drive * self.speed, to_the_left * self.turn_rate))

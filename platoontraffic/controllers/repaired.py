@@ -18,14 +18,15 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from lidar import LaserScan
-from platoontraffic.controllers.base import Decision, Sensed, Target, per_vehicle
+from lidar import ScanBatch
+from platoontraffic.controllers.base import Decision, Sensed, Target
 from platoontraffic.controllers.printed import (
     SPEED_GAIN,
     SUFFICIENT_DISTANCE,
     Middle,
     arc_speed,
     edges,
+    first_two,
     middle,
 )
 from platoontraffic.vehicle import Positive, Twist
@@ -42,61 +43,80 @@ class RepairedFollower:
     # Neighbouring beams (0.03 deg apart) on one robot differ by millimetres, robot and wall by decimetres.
     group_step: Annotated[Positive, Field(alias="group_step_m")] = 0.1
 
-    @per_vehicle
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
-        found = self.find(sensed.scan)
-        if found is None:
-            return Decision(Twist(0.0, 0.0))
-        distance, theta = found
+        distance, theta = self.find(sensed.scan)
         bearing = theta - np.pi / 2
-        target = Target(distance, bearing)
-        if self.stand_off == 0 and distance <= SUFFICIENT_DISTANCE:
-            return Decision(Twist(0.0, 0.0), target=target)
-        speed = arc_speed(max(distance - self.stand_off, 0.0), theta)
-        return Decision(Twist(speed, self.heading_gain * bearing), target=target)
+        speed = arc_speed(np.maximum(distance - self.stand_off, 0.0), theta)
+        sufficient = SUFFICIENT_DISTANCE if self.stand_off == 0 else -np.inf
+        twist = np.where(distance > sufficient, (speed, self.heading_gain * bearing), 0.0)
+        return Decision(Twist(*twist), target=Target(distance, bearing))
 
-    def find(self, scan: LaserScan) -> Middle | None:
-        """The middle between the first and the last return of the predecessor, or None."""
+    def find(self, scan: ScanBatch) -> Middle:
+        """The middle between the first and the last return of the predecessor."""
+        ranges, ends = self._nearest_group(scan) if self.nearest_group else self._between_edges(scan)
+        if not self.visible_middle:
+            first, last = ends
+            ends = np.where((first > 0) & (last < scan.model.samples - 1), ends, -1)
+        return middle(scan.model, ranges, ends)
+
+    def _nearest_group(self, scan: ScanBatch) -> tuple[np.ndarray, np.ndarray]:
+        """Ranges (n, k), and the first and last beam of the run of neighbouring returns around the nearest, (2, n)."""
+        n, k = scan.ranges.shape
+        # One scan after the other in a line, a miss before each and behind the last, so that no run reaches over.
+        table = np.full((n + 1, k + 1), np.inf)
+        table[:n, 1:] = scan.ranges
+        table[table == -np.inf] = scan.model.range_min
+        line = table.ravel()
+        lost = np.isnan(line)  # tells nothing, and parts nothing: as if the return before it came again
+        again = before(lost)
+        line[lost] = line[again]
+
+        nearest = table[:n].argmin(axis=1)
+        met = np.flatnonzero(nearest)  # the others have nothing nearer than the miss before them
+        with np.errstate(invalid="ignore"):  # from miss to miss inf - inf is NaN, which is no step
+            step = np.diff(line)
+        breaks = np.flatnonzero(np.abs(step, out=step) > self.group_step)
+        begins = met * (k + 1)
+        after = np.searchsorted(breaks, begins + nearest[met])
+        first, last = breaks[after - 1] + 1, breaks[after]
+        trailing = lost[last]
+        last[trailing] = again[np.searchsorted(np.flatnonzero(lost), last[trailing])]
+
+        ends = np.full((2, n), -1)
+        ends[:, met] = (first, last) - begins - 1
+        return table[:n, 1:], ends
+
+    def _between_edges(self, scan: ScanBatch) -> tuple[np.ndarray, np.ndarray]:
+        """Ranges (n, k), and the first and last beam between the first two edges of Algorithm 2, (2, n).
+
+        Borders of the view are counted if wanted.
+        """
         ranges = scan.filled()
-        span = self._nearest_group(scan, ranges) if self.nearest_group else self._between_edges(scan, ranges)
-        if span is None:
-            return None
-        first, last = span
-        if not self.visible_middle and (first == 0 or last == len(ranges) - 1):
-            return None
-        return middle(scan, ranges, first, last)
-
-    def _nearest_group(self, scan: LaserScan, ranges: np.ndarray) -> tuple[int, int] | None:
-        """First and last beam of the run of neighbouring returns around the nearest one."""
-        beams = np.flatnonzero(~np.isnan(scan.ranges))  # a lost return tells nothing, and parts nothing
-        met, ranges = returned(scan)[beams], ranges[beams]
-        if not met.any():
-            return None
-        nearest = int(np.argmin(np.where(met, ranges, np.inf)))
-        breaks = np.flatnonzero((np.abs(np.diff(ranges)) > self.group_step) | ~met[1:] | ~met[:-1])
-        after = np.searchsorted(breaks, nearest)
-        first = 0 if after == 0 else breaks[after - 1] + 1
-        last = len(ranges) - 1 if after == len(breaks) else breaks[after]
-        return int(beams[first]), int(beams[last])
-
-    def _between_edges(self, scan: LaserScan, ranges: np.ndarray) -> tuple[int, int] | None:
-        """First and last beam between the first two edges of Algorithm 2, borders of the view counted if wanted."""
-        found = edges(scan, ranges)
-        if self.visible_middle:
-            if len(found) == 0:
-                return (0, len(ranges) - 1) if returned(scan).all() else None
-            # A first edge that steps out, away from the robot, is the far end of something cut by the border.
-            if ranges[found[0] + 1] > ranges[found[0]]:
-                return 0, int(found[0])
-            last = found[1] if len(found) > 1 else len(ranges) - 1
-            return int(found[0]) + 1, int(last)
-        return (int(found[0]) + 1, int(found[1])) if len(found) >= 2 else None
+        n, k = ranges.shape
+        first, second = first_two(*edges(scan.model, ranges), n)
+        if not self.visible_middle:
+            return ranges, np.where(second < 0, -1, (first + 1, second))
+        rows, none = np.arange(n), first < 0
+        whole = none & (scan.ranges < np.inf).all(axis=1)  # every beam met something, be it too close to be measured
+        # A first edge that steps out, away from the robot, is the far end of something cut by the border.
+        out = ranges[rows, first + 1] > ranges[rows, first]
+        return ranges, np.stack(
+            [
+                np.select([whole, none, out], [0, -1, 0], first + 1),
+                np.select([whole, none, out, second < 0], [k - 1, -1, first, k - 1], second),
+            ]
+        )
 
     def desired_distance(self, speed):
         """Distance from laser to rear at which a steady speed is kept straight ahead [m]."""
         return self.stand_off + speed / SPEED_GAIN
 
 
-def returned(scan: LaserScan) -> np.ndarray:
-    """Which beams met something, be it too close to be measured, (k,)."""
-    return ~(np.isposinf(scan.ranges) | np.isnan(scan.ranges))
+def before(lost: np.ndarray) -> np.ndarray:
+    """Place of the last return before each lost one, (m,).
+
+    lost : which returns of a line are, (k,) bool; not the first
+    """
+    places = np.flatnonzero(lost)
+    begins = np.diff(places, prepend=-1) > 1  # of those side by side
+    return np.maximum.accumulate(np.where(begins, places, 0)) - 1

@@ -1,0 +1,76 @@
+"""Speeds over time: what a leader is asked to drive."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+def sinusoid(t: np.ndarray, amplitude: float, frequency: float) -> tuple[np.ndarray, np.ndarray]:
+    """amplitude sin(2 pi frequency t), and its rate."""
+    omega = 2 * np.pi * frequency
+    return amplitude * np.sin(omega * t), amplitude * omega * np.cos(omega * t)
+
+
+def chirp(t: np.ndarray, amplitude: float, first: float, last: float, lasts: float) -> tuple[np.ndarray, np.ndarray]:
+    """A sinusoid whose frequency grows linearly from the first to the last while it lasts; then 0."""
+    growth = (last - first) / lasts
+    phase, omega = 2 * np.pi * (first + growth * t / 2) * t, 2 * np.pi * (first + growth * t)
+    going = t <= lasts
+    return np.where(going, amplitude * np.sin(phase), 0.0), np.where(going, amplitude * omega * np.cos(phase), 0.0)
+
+
+def step(t: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All of the height at once; no rate is named."""
+    return height + 0 * t, 0 * t
+
+
+def braking(t: np.ndarray, height: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """To the height at a constant rate, whichever way."""
+    lasts, towards = np.abs(height) / rate, np.sign(height) * rate
+    return towards * np.minimum(t, lasts), np.where(t < lasts, towards, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A speed over time, such as a drive cycle: linear between known times, at the ends kept."""
+
+    time: np.ndarray  # [s], (k,)
+    speed: np.ndarray  # [m/s], (k,)
+
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Speed [m/s] and its change [m/s2] at times (n,)."""
+        change = np.append(np.diff(self.speed) / np.diff(self.time), 0.0)
+        k = np.searchsorted(self.time, time, side="right") - 1
+        return np.interp(time, self.time, self.speed), np.where(k < 0, 0.0, change[k])
+
+    @classmethod
+    def read(cls, file: Path) -> Trace:
+        """Of a CSV file with columns time_s and speed_mps.
+
+        raises: ValueError with one line that says where and what is wrong
+        """
+        wanted = "must be a CSV file with columns time_s and speed_mps"
+        try:
+            with file.open(encoding="utf-8-sig", newline="") as lines:
+                rows = csv.DictReader(lines)
+                if missing := {"time_s", "speed_mps"} - set(rows.fieldnames or ()):
+                    raise ValueError(f"{file}: has no column {' and '.join(sorted(missing))}; {wanted}")
+                values = []
+                for row in rows:
+                    try:
+                        values.append((float(row["time_s"]), float(row["speed_mps"])))
+                    except (TypeError, ValueError):
+                        what = f"time_s {row['time_s']!r}, speed_mps {row['speed_mps']!r}; must be numbers"
+                        raise ValueError(f"{file}:{rows.line_num}: {what}") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise ValueError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}; {wanted}") from None
+        table = np.array(values).reshape(-1, 2).T
+        if not table.size:
+            raise ValueError(f"{file}: has no rows; {wanted}")
+        if not np.isfinite(table).all() or (table[1] < 0).any() or (np.diff(table[0]) <= 0).any():
+            raise ValueError(f"{file}: times must grow from row to row, and speeds be 0 or more")
+        return cls(*table)
