@@ -101,7 +101,7 @@ def _route(network: Network, platoon: Platoon, edges: list[str]) -> Route:
         raise InputError(f"{edges}: does not contain the start edge {platoon.start.edge!r}")
     here = edges.index(platoon.start.edge)
     onward = [*edges[here:], *(edges[:here] if platoon.loop else [])]
-    lanes = network.route_lanes(onward, platoon.start.lane, closed=platoon.loop)
+    lanes = network.route_lanes(onward, platoon.start.lane, platoon.loop, platoon.start.position_m)
     return Route.along(onward, *lanes, closed=platoon.loop)
 
 

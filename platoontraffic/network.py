@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 CACHED_LANES = 100  # fewer are put together in some 15 ms, which is not worth a file in the user's home
 NETWORK = "a SUMO network (.net.xml)"
+CHANGING = "change"
+CHANGE_AFTER = 5.0  # a route changes lanes so far after an edge's begin, in lane widths: 16 m in streets
+CHANGE = 12.0  # length of that, per lane, in the same: 38 m, 3 s at 13 m/s
 CAR = "passenger"  # SUMO's class of vehicles that members are
 NO_ROAD = frozenset(
     ("pedestrian", "wheelchair", "tram", "rail_urban", "rail", "rail_electric", "rail_fast", "lightrail", "cityrail",
@@ -49,14 +52,14 @@ OTHER_ROOTS = {
 
 
 class Line(NamedTuple):
-    """Where a lane ends at a junction, and who goes first there."""
+    """Where a lane ends at a junction, and who goes first there; or where the route begins to change lanes."""
 
     station: float  # on the route [m]
-    state: str  # as SUMO's: M and G go first, m, s and w give way
+    state: str  # as SUMO's: M and G go first, m, s and w give way; or CHANGING
     light: str  # that rules it; "" if none does
     index: int  # of this way across among that light's
     lane: str
-    onto: str  # lane beyond the junction
+    onto: str  # lane beyond the junction, or beside
     via: tuple[str, ...]  # lanes inside it: two or more where one may have to wait midway
     across: float  # their length [m]
 
@@ -411,13 +414,14 @@ class Network:
         return self.route_lanes(edges, lane, closed)[0]
 
     def route_lanes(
-        self, edges: Sequence[str], lane: int = 0, closed: bool = False
+        self, edges: Sequence[str], lane: int = 0, closed: bool = False, position: float = 0.0
     ) -> tuple[np.ndarray, np.ndarray, list[Line]]:
         """The lane centre line along a route, across its junctions; a closed one ends where it starts. (k, 2) [m]
 
         Then the limit of speed from each of its points on, (k,) [m/s], and the lines at which one stops on the way.
 
-        lane: on the first edge. Where it does not lead on, the line crosses over to the nearest one that does.
+        lane     : on the first edge. The line changes lanes as little as the route lets it, each time at an edge's begin
+        position : on the first edge, whence one drives [m]
         """
         if not edges:
             raise InputError("the route is empty; must name one or more edges")
@@ -426,10 +430,15 @@ class Network:
             self._check_edge(edge)
         self._check_lane(road[0], lane)
         first, parts, limits, lines = lane, [], [], []
-        for here, there in pairwise([*road, road[0]] if closed else road):
-            link = min(self._links(here, there), key=lambda link: abs(link.getFromLane().getIndex() - lane))
+        on = [*road, road[0]] if closed else road
+        for here, link in zip(on, self._least_changes(on, lane, lane if closed else None), strict=False):
             across = self._across(link)
-            parts.append(_crossing_over(here.getLane(lane), link.getFromLane()))
+            way, before = _crossing_over(here.getLane(lane), link.getFromLane(), 0.0 if parts else position)
+            if lane != link.getFromLane().getIndex():
+                begins = sum(_length(part) for part in parts) + before
+                sides = here.getLane(lane).getID(), link.getFromLane().getID()
+                lines.append(Line(begins, CHANGING, "", 0, *sides, (), 0.0))
+            parts.append(way)
             station = sum(_length(part) for part in parts)
             ends = link.getFromLane().getID(), link.getToLane().getID()
             via, length = tuple(inside.getID() for inside in across), sum(inside.getLength() for inside in across)
@@ -450,6 +459,22 @@ class Network:
         # Where one lane's last point is the next one's first, the limit is that of the next.
         new = np.concatenate([np.hypot(*np.diff(line, axis=0).T) > 1e-6, [True]])
         return line[new], limit[new], lines
+
+    def _least_changes(self, road: Sequence[Any], lane: int, last: int | None) -> list[Any]:
+        """The links from each edge to the next by which the fewest lanes are crossed, from a lane to `last` if it can.
+
+        Of equal ways the one that stays longest where it is.
+        """
+        ways: dict[int, tuple[int, list[Any]]] = {lane: (0, [])}  # lane now -> lanes crossed, links
+        for here, there in pairwise(road):
+            onward: dict[int, tuple[int, list[Any]]] = {}
+            for now, (crossed, links) in ways.items():
+                for link in self._links(here, there):
+                    cost, to = crossed + abs(link.getFromLane().getIndex() - now), link.getToLane().getIndex()
+                    if to not in onward or cost < onward[to][0]:
+                        onward[to] = cost, [*links, link]
+            ways = onward
+        return ways[last][1] if last in ways else min(ways.values(), key=lambda way: way[0])[1]
 
     def fastest_way(self, start: str, end: str) -> list[str]:
         """The edges from one to another that take the least time at the limits of speed."""
@@ -704,15 +729,22 @@ def _up_to(end: np.ndarray, node: tuple[float, float]) -> LineString | None:
     return LineString([end[0], end[0] + missing * ahead]) if missing > 1e-6 else None
 
 
-def _crossing_over(lane: Any, other: Any) -> np.ndarray:
-    """A line that starts on a lane and ends on a lane of the same edge."""
+def _crossing_over(lane: Any, other: Any, position: float) -> tuple[np.ndarray, float]:
+    """A line that starts on a lane and crosses over to another of the same edge; and where on it that begins [m].
+
+    position: after which it does [m]
+    """
+    line, beside = LineString(lane.getShape()), LineString(other.getShape())
     if lane is other:
-        return np.array(lane.getShape())
-    lines = [LineString(lane.getShape()), LineString(other.getShape())]
-    share = np.unique([line.project(Point(p), normalized=True) for line in lines for p in line.coords])
-    points = shapely.line_interpolate_point(np.array(lines)[:, None], share, normalized=True)
+        return np.array(lane.getShape()), 0.0
+    wanted = CHANGE * lane.getWidth() * abs(lane.getIndex() - other.getIndex()) / line.length
+    begin = min((position + CHANGE_AFTER * lane.getWidth()) / line.length, max(1 - wanted, 0.1))
+    way = min(wanted, 1 - begin)
+    ends = [one.project(Point(p), normalized=True) for one in (line, beside) for p in one.coords]
+    share = np.unique([*ends, begin, begin + way])
+    points = shapely.line_interpolate_point(np.array([line, beside])[:, None], share, normalized=True)
     begun, ended = shapely.get_coordinates(points).reshape(2, -1, 2)
-    return begun + share[:, None] * (ended - begun)
+    return begun + np.clip((share - begin) / way, 0.0, 1.0)[:, None] * (ended - begun), begin * line.length
 
 
 def _length(line: np.ndarray) -> float:

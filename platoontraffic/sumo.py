@@ -24,7 +24,7 @@ from lidar.pose import wrap
 from platoontraffic.controllers import Signals
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import Fleet, Member
-from platoontraffic.network import Line, Network
+from platoontraffic.network import CHANGING, Line, Network
 from platoontraffic.rightofway import Foe, may_cross
 from platoontraffic.traffic import TrafficSnapshot
 
@@ -39,6 +39,7 @@ NO_LANE_CHANGE = 0
 
 ROOM = 1.0  # of their own length is free about members when they are deployed
 WATCHED = 50.0  # from so far before a line one looks for whom to give way to, and so far beyond it [m]
+EARLY_BRAKING = 2.0  # so that one can stop by it, it is looked for room beside in time [m/s2]
 REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
 
 _running: list[Path] = []  # libsumo holds one simulation a process; a second start would replace the first in silence
@@ -298,6 +299,9 @@ class World:
             return way, self._may_cross(passed, way, speed, length), False, False
         if line is None:
             return np.inf, True, False, False
+        if line.state == CHANGING:
+            near = way < speed**2 / (2 * EARLY_BRAKING) + length
+            return way, not near or self._may_change(member, line, speed, length), False, False
         state = libsumo.trafficlight.getRedYellowGreenState(line.light)[line.index] if line.light else line.state
         is_open = state not in "ruyY"
         if is_open and state not in "GMoO" and way < WATCHED:
@@ -306,6 +310,21 @@ class World:
                 links = libsumo.vehicle.getNextLinks(member.id)
                 is_open &= bool(links) and links[0][2]
         return way, is_open, state in "msw", state in "yY"
+
+    def _may_change(self, member: Member, line: Line, speed: float, length: float) -> bool:
+        """Whether there is room on the lane beside, and nobody there would have to brake hard."""
+        front = libsumo.vehicle.getLanePosition(member.id)
+        for name in libsumo.lane.getLastStepVehicleIDs(line.onto):
+            ahead = libsumo.vehicle.getLanePosition(name) - front
+            closing = libsumo.vehicle.getSpeed(name) - speed
+            if ahead >= 0:
+                gap, closing = ahead - libsumo.vehicle.getLength(name), -closing
+            else:
+                gap = -ahead - length
+            closing = max(closing, 0.0)
+            if gap < length / 2 + closing * REACTION + closing**2 / (2 * COMFORTABLE_BRAKING):
+                return False
+        return True
 
     def _may_cross(self, line: Line, way: float, speed: float, length: float) -> bool:
         """Whether there is a gap among all those who go first, for a vehicle `way` metres before the junction."""

@@ -208,7 +208,7 @@ def test_highway_has_two_lanes_a_ramp_off_and_a_ramp_on(side):
     line = highway.route_line(main, lane=1)
     assert np.hypot(*np.diff(line, axis=0).T).sum() == pytest.approx(5000, abs=10)
     for way in (main, [*main[:2], f"{side}2_{side}_exit"], [f"{side}_entry_{side}3", *main[3:]]):
-        assert np.abs(corners(highway.route_line(way))).max() < 4
+        assert np.abs(corners(highway.route_line(way))).max() < 5  # a lane is changed at 1 in 12: 4.8
     assert {float(lane.get("speed")) for e in roads("highway") if e.get("id") in main for lane in e} == {33.33}
 
 
