@@ -16,7 +16,8 @@ from analysis.results import Results, ResultsError, load
 
 # Okabe and Ito's colours: told apart by colour-blind eyes. The leader is black.
 COLOURS = ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
-ROAD, MIDDLE, WALL, OTHERS = "#ececec", "#ffffff", "#444444", "#999999"
+ROAD, MIDDLE, WALL, OTHERS = "#e4e4e4", "#ffffff", "#444444", "#999999"
+TOWN = 100.0  # a road that extends farther is of cars; things are drawn smaller on it, and vehicles larger [m]
 
 
 def picture(folder: Path | str, to: Path | str) -> Path:
@@ -26,10 +27,12 @@ def picture(folder: Path | str, to: Path | str) -> Path:
     """
     results = load(folder)
     gaps = results.trajectories.dropna(subset="gap_m")
-    figure = Figure(figsize=(11, 5) if len(gaps) else (6.5, 5), layout="constrained")
+    wide = _extent(results)[0] > 2.5 * _extent(results)[1]
+    figure = Figure(figsize=((11, 6) if wide else (11, 5)) if len(gaps) else (6.5, 5), layout="constrained")
     FigureCanvasAgg(figure)
     if len(gaps):
-        parts = figure.subplot_mosaic([["road", "gaps"], ["road", "locks"]], height_ratios=[6, 1])
+        beside, below = [["road", "gaps"], ["road", "locks"]], [["road"], ["gaps"], ["locks"]]
+        parts = figure.subplot_mosaic(below if wide else beside, height_ratios=[4, 5, 1] if wide else [6, 1])
         draw_gaps(parts["gaps"], results)
         draw_losses(parts["locks"], results)
         parts["locks"].sharex(parts["gaps"])
@@ -52,23 +55,24 @@ def picture(folder: Path | str, to: Path | str) -> Path:
 def draw_road(axes: Axes, results: Results) -> None:
     """Drivable area, its middle lines, walls and obstacles."""
     outline = Outline.make_compound_path(*(Outline(ring, closed=True) for ring in results.scene["road"]))
-    axes.add_patch(PathPatch(outline, facecolor=ROAD, edgecolor="none"))
+    town = max(_extent(results)) > TOWN
+    axes.add_patch(PathPatch(outline, facecolor=ROAD, edgecolor=ROAD, linewidth=1.5 if town else 0))
     for line in results.scene["middle"]:
-        axes.plot(*zip(*line, strict=True), color=MIDDLE, linewidth=1.2, dashes=(6, 4))
+        axes.plot(*zip(*line, strict=True), color=MIDDLE, linewidth=0.6 if town else 1.2, dashes=(6, 4))
     for line in results.scene["walls"]:
-        axes.plot(*zip(*line, strict=True), color=WALL, linewidth=1.5, solid_capstyle="round")
+        axes.plot(*zip(*line, strict=True), color=WALL, linewidth=0.6 if town else 1.5, solid_capstyle="round")
     axes.set_aspect("equal")
     axes.set_axis_off()
 
 
 def draw_paths(axes: Axes, results: Results) -> None:
     """Every member's path, and the member itself where it was at the end."""
-    main = _main_platoon(results)
+    main, size = _main_platoon(results), max(1.0, max(_extent(results)) / TOWN * 6)
     for (platoon, place, vehicle), rows in results.trajectories.groupby(["platoon_id", "place", "vehicle_id"]):
         colour = COLOURS[place % len(COLOURS)] if platoon == main else OTHERS
         axes.plot(rows.x_m, rows.y_m, color=colour, linewidth=0.9, alpha=0.75)
         last = rows.iloc[-1]
-        axes.add_patch(Polygon(_arrowhead(last), facecolor=colour, edgecolor="white", linewidth=0.5, zorder=3))
+        axes.add_patch(Polygon(_arrowhead(last, size), facecolor=colour, edgecolor="white", linewidth=0.5, zorder=3))
         if platoon == main:
             axes.plot([], [], color=colour, label=f"{vehicle}{' (leader)' if place == 0 else ''}")
     collisions = results.events[results.events.kind == "collision"]
@@ -80,8 +84,10 @@ def draw_gaps(axes: Axes, results: Results) -> None:
     """Gap of every follower of the main platoon over time."""
     for place, _, rows in _followers(results):
         axes.plot(rows.time_s, rows.gap_m, color=COLOURS[place % len(COLOURS)], linewidth=1)
+    gaps = pd.concat([rows.gap_m for *_, rows in _followers(results)])
     axes.set_ylabel("gap to the member ahead [m]")
-    axes.set_ylim(bottom=0)
+    # A platoon that has parted would press the others' gaps onto the axis.
+    axes.set_ylim(0, 4 * gaps.median() if gaps.max() > 8 * gaps.median() else None)
     axes.tick_params(labelbottom=False)
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
@@ -118,8 +124,15 @@ def _main_platoon(results: Results) -> str:
     return sizes.idxmax()
 
 
-def _arrowhead(row: pd.Series) -> list[tuple[float, float]]:
-    """A triangle at a vehicle's pose, pointing where it heads."""
-    shape = [(0.16, 0), (-0.12, 0.1), (-0.12, -0.1)]
+def _extent(results: Results) -> tuple[float, float]:
+    """Width and height of the road [m]."""
+    points = [point for ring in results.scene["road"] for point in ring]
+    (left, right), (low, high) = ((min(values), max(values)) for values in zip(*points, strict=True))
+    return right - left, high - low
+
+
+def _arrowhead(row: pd.Series, size: float) -> list[tuple[float, float]]:
+    """A triangle at a vehicle's pose, pointing where it heads; of size 1 it is that of a robot."""
+    shape = [(0.16 * size, 0), (-0.12 * size, 0.1 * size), (-0.12 * size, -0.1 * size)]
     c, s = cos(row.heading_rad), sin(row.heading_rad)
     return [(row.x_m + c * x - s * y, row.y_m + s * x + c * y) for x, y in shape]

@@ -420,7 +420,7 @@ class Network:
 
         Then the limit of speed from each of its points on, (k,) [m/s], and the lines at which one stops on the way.
 
-        lane     : on the first edge. The line changes lanes as little as the route lets it, each time at an edge's begin
+        lane     : on the first edge; it is changed as seldom as the route lets it, each time at an edge's begin
         position : on the first edge, whence one drives [m]
         """
         if not edges:
@@ -510,12 +510,11 @@ class Network:
                          if before.getEdge().getFunction() != "internal"]  # fmt: skip
         return found
 
-    def entered_from(self, lane_id: str) -> str:
-        """The lane from which one comes onto a lane inside a junction."""
-        lane = self._net.getLane(lane_id)
-        while lane.getEdge().getFunction() == "internal" and (before := lane.getIncoming(onlyDirect=True)):
-            lane = before[0]
-        return lane.getID()
+    @cached_property
+    def entered_from(self) -> Mapping[str, str]:
+        """The lane from which one comes onto each lane inside junctions."""
+        links = (link for edge in self._roads for links in edge.getOutgoing().values() for link in links)
+        return {inside.getID(): link.getFromLane().getID() for link in links for inside in self._across(link)}
 
     def onward(self, edge_id: str, n: int = 2) -> tuple[str, ...]:
         """The edge and those met by driving on as straight as can be; n edges, fewer where the road ends."""

@@ -77,8 +77,7 @@ class GoFirst(NamedTuple):
         inside = {}
         for via in line.via:
             for name in libsumo.lane.getInternalFoes(via):
-                comes_from = network.entered_from(name)
-                if name not in line.via and comes_from in entering:
+                if name not in line.via and network.entered_from.get(name) in entering:
                     inside[name] = bool(libsumo.lane.getLinks(name)[0][4])
         return cls(tuple(one for name in sorted(entering) for one in network.upstream(name, WATCHED)), inside)
 
@@ -200,15 +199,20 @@ class World:
         A platoon that has arrived is taken out, all of it: its leader has come to the end of its route. One that is due
         comes in as soon as there is room.
         """
-        due = [platoon for platoon in self._later if self._is_due(platoon) and not self._in_the_way(platoon, fleet)]
-        for platoon in due:
+        due: list[Fleet] = []
+        for platoon in filter(self._is_due, self._later):
+            begun = {(m.edge, m.lane) for other in due for m in other.members}  # a lane takes one platoon a step
+            if (platoon.members[0].edge, platoon.members[0].lane) in begun or self._in_the_way(platoon, fleet):
+                continue
             self._insert(platoon)
+            due.append(platoon)
         gone = fleet.arrived()
-        leaders = {fleet.members[i].id: fleet.members[i].platoon for i in np.flatnonzero(fleet.native)}
+        driven = {fleet.members[i].id: fleet.members[i].platoon for i in np.flatnonzero(fleet.native)}
         self._simulate()
-        gone |= {leaders[name] for name in libsumo.simulation.getArrivedIDList() if name in leaders}
-        for member, native in zip(fleet.members, fleet.native, strict=True):
-            if member.platoon in gone and not native:
+        arrived = {*libsumo.simulation.getArrivedIDList()} & driven.keys()
+        gone |= {driven[name] for name in arrived}
+        for member in fleet.members:
+            if member.platoon in gone and member.id not in arrived:
                 libsumo.vehicle.remove(member.id, libsumo.constants.REMOVE_ARRIVED)
         fleet = fleet.without(gone)
         self._locate(fleet)
