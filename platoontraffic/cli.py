@@ -163,16 +163,19 @@ def plot(
 
 @command
 def bench(
-    what: Annotated[str, typer.Argument(help="lidar: what scans cost on this machine")],
-    quick: Annotated[bool, typer.Option("--quick", help="small towns only, some seconds")] = False,
+    what: Annotated[str, typer.Argument(help="lidar: what scans cost; traffic: a whole step, against SUMO alone")],
+    quick: Annotated[bool, typer.Option("--quick", help="small towns only, half a minute")] = False,
     json: Annotated[bool, typer.Option("--json", help="one JSON document instead of tables")] = False,
 ) -> None:
     """Measure how fast it is here, in CPU time of one thread."""
-    if what != "lidar":
-        raise InputError(f"argument 1: {what!r}: nothing to measure by that name; must be lidar")
+    if what not in ("lidar", "traffic"):
+        raise InputError(f"argument 1: {what!r}: nothing to measure by that name; must be lidar or traffic")
     import subprocess
 
-    from lidar import benchmark
+    if what == "lidar":
+        from lidar import benchmark
+    else:
+        from platoontraffic import benchmark
 
     def progress(stage: str) -> None:
         if err.is_terminal:

@@ -295,9 +295,9 @@ def _taken(memory: Any, keep: np.ndarray, law: Any) -> Any:
     """What a law remembers of those that stay."""
     if memory is None:
         return None
-    if isinstance(memory, np.ndarray):
+    if isinstance(memory, np.ndarray) and memory.shape[:1] == keep.shape:
         return memory[keep]
-    if isinstance(memory, list):
+    if isinstance(memory, list) and len(memory) == len(keep):
         return [one for one, stays in zip(memory, keep, strict=True) if stays]
     if isinstance(memory, tuple) and hasattr(memory, "_fields"):
         return type(memory)(*(_taken(part, keep, law) for part in memory))

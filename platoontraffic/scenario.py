@@ -99,6 +99,7 @@ class Run(Table):
 
 class Record(Table):
     every_s: Length = 0.1
+    traffic_every_s: Length | None = None  # SUMO's own vehicles, in traffic.csv; default: not at all
     sumo: list[Literal["trips", "summary", "edges"]] = []  # tables of SUMO's own, sumo_trips.csv and so on
     sumo_every_s: Length = 60.0  # of summary a row, of edges the intervals
 
@@ -555,8 +556,10 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
         fault(("run", "duration_s"), f"{spec.run.duration_s}: must be a multiple of run.step_s = {spec.run.step_s}")
     if spec.sumo.warm_up_s and not _whole(spec.sumo.warm_up_s / spec.run.step_s):
         fault(("sumo", "warm_up_s"), f"{spec.sumo.warm_up_s}: must be a multiple of run.step_s = {spec.run.step_s}")
-    if not _whole(spec.record.every_s / spec.run.step_s):
-        fault(("record", "every_s"), f"{spec.record.every_s}: must be a multiple of run.step_s = {spec.run.step_s}")
+    for key in ("every_s", "traffic_every_s"):
+        every = getattr(spec.record, key)
+        if every and not _whole(every / spec.run.step_s):
+            fault(("record", key), f"{every}: must be a multiple of run.step_s = {spec.run.step_s}")
     for i, platoon in enumerate(spec.platoon):
         if (time := platoon.start.time_s) and not _whole(time / spec.run.step_s):
             fault(("platoon", i, "start", "time_s"), f"{time}: must be a multiple of run.step_s = {spec.run.step_s}")

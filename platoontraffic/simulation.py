@@ -58,7 +58,7 @@ def simulate(prepared: Prepared, folder: Path, progress: Progress = lambda time:
     raises: RunError (SUMO or the disk failed), KeyboardInterrupt: what was recorded is kept in `<folder>.unfinished`;
             InputError (a plug-in failed): nothing is kept
     """
-    recorder = Recorder(folder)
+    recorder = Recorder(folder, traffic=prepared.scenario.spec.record.traffic_every_s is not None)
     try:
         _simulate(prepared, recorder, progress)
         return recorder.finish(replace)
@@ -93,6 +93,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     observer = Observer(prepared.members, network, Contacts(prepared.scene, {m.id for m in prepared.members}))
     steps = round(run.duration_s / dt)
     record_every = round(record.every_s / dt)
+    traffic_every = round((record.traffic_every_s or 1.0) / dt)
     safe_every = round(SAFE_EVERY / dt)
 
     watch = provenance.Stopwatch()
@@ -112,6 +113,8 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
             recorder.note(observe(traffic, fleet, scans, roads))
             if step % record_every == 0:
                 write(traffic, fleet, measure(fleet), roads)
+            if record.traffic_every_s and step % traffic_every == 0:
+                recorder.record_traffic(traffic, len(fleet))
             if step % safe_every == 0:
                 recorder.flush()
                 progress(traffic.time)
@@ -167,7 +170,7 @@ def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> None:
     recorder.write_table("metrics.csv", values, recording.METRICS)
     recorder.write("summary.csv", metrics.summary(spec.name, spec.seed, scenario.varied, values))
     recorder.write("scene.geojson", recording.as_json(_scene(prepared)))
-    package = recording.datapackage(spec.name, spec.title)
+    package = recording.datapackage(spec.name, spec.title, traffic=spec.record.traffic_every_s is not None)
     package["resources"] += outputs.resources(spec.record.sumo)
     recorder.write("datapackage.json", recording.as_json(package))
     facts["sumo_options_ignored"] = list(scenario.configuration.ignored) if scenario.configuration else []

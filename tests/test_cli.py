@@ -64,7 +64,7 @@ def test_a_dry_run_starts_nothing(tmp_path):
         (["run", "paper_loop", "--seed", "-1"], "--seed: seed: -1: should be greater than or equal to 0"),
         (["check", "paper_loop", "nowhere.toml"], "nowhere.toml: no such scenario file"),
         (["list", "scenery"], "argument 1: 'scenery': nothing to list"),
-        (["bench", "ladar"], "argument 1: 'ladar': nothing to measure by that name; must be lidar"),
+        (["bench", "ladar"], "argument 1: 'ladar': nothing to measure by that name; must be lidar or traffic"),
         (["new", "1st"], "argument 1: '1st': must begin with a letter"),
         (["plot", "nowhere"], "nowhere: no such folder"),
         (["run", "paper_loop", "--sed", "1"], "No such option"),

@@ -239,3 +239,17 @@ def test_shipped_platoon_of_cars_holds_among_traffic(tmp_path, name, speed, stan
     for place in range(1, 5):
         assert metrics[f"platoon.{place}", "lock_on_ratio"] >= 0.99
         assert metrics[f"platoon.{place}", "collisions"] == 0
+
+
+def test_the_traffic_is_recorded_on_request(tmp_path):
+    file = write(tmp_path, 'net = "ring"\nwarm_up_s = 60.0')
+    folder = run(file, tmp_path / "one", "record.traffic_every_s=1.0")
+    rows = pd.read_csv(folder / "traffic.csv")
+    assert sorted(rows.time_s.unique()) == [0, 1, 2, 3, 4, 5]
+    assert not rows.vehicle_id.str.startswith("laser").any()
+    one = rows[rows.vehicle_id == rows.vehicle_id[0]]
+    way = np.hypot(one.x_m.diff(), one.y_m.diff())[1:]
+    assert way.to_numpy() == pytest.approx(one.speed_mps[1:].to_numpy(), rel=0.1)  # a second apart
+    assert not (run(file, tmp_path / "two") / "traffic.csv").exists()
+    with pytest.raises(InputError, match=r"record.traffic_every_s: 0.15: must be a multiple"):
+        scenario.load(file, ["record.traffic_every_s=0.15"])
