@@ -34,7 +34,7 @@ STEP = EYE.angle_increment
 
 def command(law, ranges, memory=None):
     decision = asked(law, [ranges], memory=memory)
-    return float(decision.twist.speed[0]), float(decision.twist.yaw_rate[0])
+    return float(decision.command.speed[0]), float(decision.command.yaw_rate[0])
 
 
 def test_straight_ahead_speed_is_1_1107_of_the_distance():
@@ -52,8 +52,8 @@ def test_speed_is_the_arc_through_the_middle_as_printed():
     decision = asked(FAR_SIGHTED, [rear_at(0.6, 0.1, bearing)])
     distance, theta = decision.target.distance[0], decision.target.bearing[0] + np.pi / 2
     assert theta == pytest.approx(np.pi / 2 + bearing, abs=STEP)
-    assert decision.twist.speed[0] == pytest.approx(theta * distance / (2 * np.sin(theta / 2)), rel=1e-12)
-    assert decision.twist.yaw_rate[0] == pytest.approx(theta - np.pi / 2, rel=1e-12)
+    assert decision.command.speed[0] == pytest.approx(theta * distance / (2 * np.sin(theta / 2)), rel=1e-12)
+    assert decision.command.yaw_rate[0] == pytest.approx(theta - np.pi / 2, rel=1e-12)
 
 
 def test_two_edges_are_found_exactly_as_printed():
@@ -97,7 +97,7 @@ def test_bearing_in_the_arc_gives_speed_1_0_of_the_distance(bearing):
     """theta / (2 sin(theta / 2)) = 1 + theta^2 / 24 + ..."""
     law = replace(PRINTED, angle_in_speed="bearing")
     decision = asked(law, [rear_at(0.42, 0.12, bearing)])
-    assert decision.twist.speed[0] / decision.target.distance[0] == pytest.approx(1 + bearing**2 / 24, abs=2e-6)
+    assert decision.command.speed[0] / decision.target.distance[0] == pytest.approx(1 + bearing**2 / 24, abs=2e-6)
     assert law.desired_distance(0.3) == 0.3
 
 
@@ -106,8 +106,8 @@ def test_without_a_target_it_stops_or_holds_its_last_command():
     for law, on_loss in ((PRINTED, "stop"), (replace(PRINTED, on_loss="hold"), "hold")):
         first = asked(law, [seen])
         later = asked(law, [nothing], memory=first.memory)
-        kept = np.array(first.twist) if on_loss == "hold" else np.zeros((2, 1))
-        np.testing.assert_array_equal(later.twist, kept)
+        kept = np.array(first.command) if on_loss == "hold" else np.zeros((2, 1))
+        np.testing.assert_array_equal(later.command, kept)
         assert np.isnan(later.target.distance[0])
         assert command(law, nothing) == (0, 0)
 
@@ -122,10 +122,10 @@ def test_each_vehicle_decides_by_its_own_scan_and_holds_its_own_command():
         alone = asked(law, [seen])
         np.testing.assert_array_equal(alone.target, np.array(together.target)[:, [i]])
         later_alone = asked(law, [seen_then], memory=alone.memory)
-        np.testing.assert_array_equal(later_alone.twist, np.array(later.twist)[:, [i]])
+        np.testing.assert_array_equal(later_alone.command, np.array(later.command)[:, [i]])
     held = np.isnan(later.target.distance) & ~np.isnan(together.target.distance)
     assert 10 < held.sum() < 190
-    np.testing.assert_array_equal(np.array(later.twist)[:, held], np.array(together.twist)[:, held])
+    np.testing.assert_array_equal(np.array(later.command)[:, held], np.array(together.command)[:, held])
 
 
 def test_a_target_at_the_laser_itself_is_not_driven_to():
@@ -134,7 +134,7 @@ def test_a_target_at_the_laser_itself_is_not_driven_to():
     ranges[300:400] = -np.inf
     decision = asked(PRINTED, [ranges], replace(EYE, range_min=0.0))
     assert decision.target.distance == 0
-    assert not np.any(decision.twist)
+    assert not np.any(decision.command)
 
 
 def test_nearer_than_the_sufficient_distance_it_stands():

@@ -50,7 +50,7 @@ def turn_with_return_in(beam):
     """The right sector is 0-143, front-right 144-287, front 288-431, front-left 432-575, left 576-719."""
     ranges = np.full((1, 720), np.inf)
     ranges[0, beam] = 0.4
-    speed, yaw_rate = asked(ReactiveLeader(), ranges, EYE).twist
+    speed, yaw_rate = asked(ReactiveLeader(), ranges, EYE).command
     return float(speed[0]), float(yaw_rate[0])
 
 
@@ -73,8 +73,8 @@ def test_each_vehicle_decides_by_its_own_scan():
     rng = np.random.default_rng(6)
     sectors = rng.choice([0.4, 0.6, 0.9, 1.5, np.inf, -np.inf, np.nan], (500, 5))
     scans = np.repeat(sectors, 144, axis=1)
-    together = np.array(asked(ReactiveLeader(), scans, EYE).twist)
-    alone = [np.array(asked(ReactiveLeader(), [ranges], EYE).twist)[:, 0] for ranges in scans]
+    together = np.array(asked(ReactiveLeader(), scans, EYE).command)
+    alone = [np.array(asked(ReactiveLeader(), [ranges], EYE).command)[:, 0] for ranges in scans]
     np.testing.assert_array_equal(together.T, alone)
     assert len(np.unique(together, axis=1).T) == 3  # on, turn, stand
 
@@ -83,7 +83,7 @@ def test_each_vehicle_decides_by_its_own_scan():
 def test_positive_turns_to_the_left_at_a_wall_only_if_the_papers_positive_is_clockwise(sign, yaw_rate):
     with np.errstate(divide="ignore"):
         wall = 0.45 / np.cos(EYE.angles)
-    twist = asked(ReactiveLeader(positive_turn=sign), [np.where(wall > 3, np.inf, wall)], EYE).twist
+    twist = asked(ReactiveLeader(positive_turn=sign), [np.where(wall > 3, np.inf, wall)], EYE).command
     assert (twist.speed[0], twist.yaw_rate[0]) == (0.0, yaw_rate)
 
 

@@ -29,9 +29,9 @@ def test_with_all_repairs_off_it_is_the_printed_law():
     scans = random_scans(2000, np.random.default_rng(7))
     off = asked(RepairedFollower(nearest_group=False, visible_middle=False, stand_off=0.0), scans)
     printed = asked(PrintedFollower(), scans)
-    np.testing.assert_array_equal(off.twist, printed.twist)
+    np.testing.assert_array_equal(off.command, printed.command)
     np.testing.assert_array_equal(off.target, printed.target)
-    assert 0.2 < (printed.twist.speed > 0).mean() < 0.95
+    assert 0.2 < (printed.command.speed > 0).mean() < 0.95
 
 
 @pytest.mark.parametrize("nearest_group", [True, False])
@@ -42,7 +42,7 @@ def test_each_vehicle_decides_by_its_own_scan(nearest_group, visible_middle):
     together = asked(law, scans)
     for i, ranges in enumerate(scans):
         alone = asked(law, [ranges])
-        np.testing.assert_array_equal(alone.twist, np.array(together.twist)[:, [i]])
+        np.testing.assert_array_equal(alone.command, np.array(together.command)[:, [i]])
         np.testing.assert_array_equal(alone.target, np.array(together.target)[:, [i]])
     assert np.isfinite(together.target.distance).mean() > 0.05
 
@@ -136,7 +136,7 @@ def test_steady_distance_is_the_stand_off_and_0_900_s(speed):
 
 def test_nearer_never_means_faster():
     distances = np.linspace(0.31, 0.98, 300)
-    speed = asked(REPAIRED, [rear_at(d, 0.15) for d in distances]).twist.speed
+    speed = asked(REPAIRED, [rear_at(d, 0.15) for d in distances]).command.speed
     assert (np.diff(speed) >= 0).all()
     assert not speed[distances < 0.45].any()
     np.testing.assert_allclose(speed, np.maximum(SPEED_GAIN * (distances - 0.45), 0), atol=1e-9)
@@ -145,14 +145,14 @@ def test_nearer_never_means_faster():
 def test_something_too_near_to_be_measured_stops_it():
     ranges = rear_at(0.8, 0.15)
     ranges[300:420] = -np.inf
-    assert not asked(REPAIRED, [ranges]).twist.speed.any()
+    assert not asked(REPAIRED, [ranges]).command.speed.any()
 
 
 def test_a_return_at_the_laser_itself_stops_it():
     """The sensor is inside a solid and has no blind zone, so that the distance is 0 and the angle any."""
     decision = asked(REPAIRED, [np.full(720, -np.inf)], replace(EYE, range_min=0.0))
     assert decision.target.distance == 0
-    assert decision.twist.speed == 0
+    assert decision.command.speed == 0
 
 
 def test_mirrored_scan_mirrors_the_turn():
@@ -160,7 +160,7 @@ def test_mirrored_scan_mirrors_the_turn():
     rng = np.random.default_rng(3)
     scans = np.array([rear_at(d, w, b) for d, w, b in rng.uniform((0.31, 0.05, -0.25), (0.95, 0.3, 0.25), (200, 3))])
     seen, mirrored = asked(REPAIRED, scans), asked(REPAIRED, scans[:, ::-1])
-    np.testing.assert_allclose(mirrored.twist.yaw_rate, -seen.twist.yaw_rate, atol=1e-12)
+    np.testing.assert_allclose(mirrored.command.yaw_rate, -seen.command.yaw_rate, atol=1e-12)
     np.testing.assert_allclose(mirrored.target.distance, seen.target.distance, rtol=1e-12)
     assert np.isfinite(seen.target.distance).mean() > 0.9
 
@@ -184,5 +184,5 @@ def test_the_visible_part_of_a_robot_at_the_border_is_followed_into_view():
         assert np.isfinite(ranges[-1 if side > 0 else 0])
         decision = asked(REPAIRED, [ranges])
         assert 0 < side * decision.target.bearing[0] < EYE.angle_max
-        assert side * decision.twist.yaw_rate[0] > 0
+        assert side * decision.command.yaw_rate[0] > 0
         assert np.isnan(RepairedFollower(visible_middle=False).find(batch_of([ranges])).distance)

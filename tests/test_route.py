@@ -334,4 +334,4 @@ def test_upstream_are_the_lanes_that_lead_there_and_how_far_off_their_ends_are(h
     [(":middle_14_0", "west_in_0"), (":middle_16_0", "west_in_1"), (":middle_20_0", "west_in_1")],
 )
 def test_entered_from_is_the_lane_before_the_junction_however_long_the_chain_inside(cross, inside, lane):
-    assert cross.entered_from(inside) == lane
+    assert cross.entered_from[inside] == lane

@@ -79,10 +79,6 @@ class Decision(NamedTuple):
     memory: Any = None
     target: Target = NO_TARGET
 
-    @property
-    def twist(self) -> Twist:
-        return self.command
-
 
 def per_vehicle(law: Callable) -> Callable:
     """Lift a law's `__call__` written for one vehicle (a `LaserScan`, floats) to rows."""
