@@ -74,7 +74,12 @@ def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon, rou
         back = model.length / 2 + on_lane - position
         x += -back * math.cos(heading) - start.lateral_m * math.sin(heading)
         y += -back * math.sin(heading) + start.lateral_m * math.cos(heading)
-        driver = getattr(platoon, role)
+        driver, law = getattr(platoon, role), scenario.laws[i, role]
+        fastest = model.top_speed
+        if getattr(law, "native", False):  # SUMO refuses what is faster than it would drive
+            fastest = min(fastest, law.max_speed, law.speed_factor * network.limit(start.edge, start.lane))
+        if start.speed_mps > fastest:
+            raise InputError(f"speed_mps {start.speed_mps:g}: faster than its {role} drives there; up to {fastest:g}")
         members.append(
             Member(
                 id=f"{platoon.id}.{place}",
@@ -82,7 +87,7 @@ def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon, rou
                 place=place,
                 model=model,
                 lidar=driver.lidar.model(default_preset(role), model.length),
-                law=scenario.laws[i, role],
+                law=law,
                 edge=start.edge,
                 lane=start.lane,
                 position=on_lane,

@@ -393,6 +393,10 @@ class Network:
         """Its width [m]: tells the streets of cars from the paths of robots."""
         return max((lane.getWidth() for edge in self._roads for lane in edge.getLanes()), default=0.0)
 
+    def limit(self, edge_id: str, lane_index: int = 0) -> float:
+        """Of speed on a lane [m/s]."""
+        return self._net.getEdge(self._known(edge_id)).getLane(lane_index).getSpeed()
+
     def lane_pose(self, edge_id: str, lane_index: int = 0, position: float = 0.0) -> tuple[float, float, float]:
         """x, y [m] and heading [rad] on a lane's centre line, `position` [m] after its start."""
         lengths = self.edges[self._known(edge_id)]

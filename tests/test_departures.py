@@ -190,6 +190,25 @@ def test_who_waits_elsewhere_keeps_nobody_waiting(tables, tmp_path):
     assert events(noted, "departed") == {"a.0": 0.0, "c.0": 2.0}
 
 
+def test_who_stands_on_the_lane_beside_is_in_nobodys_way(tables, tmp_path):
+    place = 'edge = "west_in", position_m = 100'
+    other = platoon("b", place + ", lane = 1, time_s = 1.0", way='route = ["west_in", "east_out"]')
+    _, noted = tables(platoon("a", place, standing(tmp_path, 100.0)), other, duration=2.0)
+    assert events(noted, "departed") == {"a.0": 0.0, "b.0": 1.0}
+
+
+@pytest.mark.parametrize("leader", [PATH, SUMO], ids=["path", "sumo"])
+def test_nobody_departs_too_fast_to_stop_behind_another(tables, tmp_path, leader):
+    """It stands 11 m ahead; from 13 m/s they would take 19 m, and from 3 m/s 1 m."""
+    stands = platoon("a", 'edge = "west_in", position_m = 120', standing(tmp_path, 100.0))
+    start = 'edge = "west_in", position_m = 104, time_s = 1.0, speed_mps = '
+    _, noted = tables(stands, platoon("b", start + "13.0", leader), duration=5.0, name="fast")
+    assert "b.0" not in events(noted, "departed")
+    _, noted = tables(stands, platoon("b", start + "3.0", leader), duration=5.0, name="slow")
+    assert events(noted, "departed")["b.0"] == 1.0
+    assert "collision" not in set(noted.kind)
+
+
 # ---- what is refused
 
 
@@ -220,6 +239,15 @@ def test_two_at_one_place_are_refused_only_at_one_time(written):
 def test_times_that_no_step_has_are_refused(written, time, said):
     (fault,) = faults(written(platoon("a", f'edge = "west_in", position_m = 100, time_s = {time}')))
     assert f"mine.toml:15: platoon.0.start.time_s: {said}" in fault
+
+
+@pytest.mark.parametrize(("leader", "speed"), [(PATH, 60.0), (SUMO, 20.0)], ids=["path", "sumo"])
+def test_nobody_departs_faster_than_it_can_or_may(written, leader, speed):
+    """Else SUMO would end the run at that moment. A car drives 55 m/s, one of SUMO's by the limit of 13.9 m/s."""
+    start = f'edge = "west_in", position_m = 100, time_s = 5.0, speed_mps = {speed}'
+    (fault,) = faults(written(platoon("a", start, leader)))
+    assert "mine.toml:15: platoon.0.start" in fault
+    assert f"{speed:g}" in fault
 
 
 # ---- they arrive

@@ -1,60 +1,54 @@
-"""Speeds over time by their definitions, and that what is named their rate is it."""
+"""Speeds over time by their definitions, and what a leader makes of them."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from bench import NO_WALLS, ROBOT, drive, platoon, snapshot
 from hypothesis import given
 from hypothesis import strategies as st
 
+from platoontraffic.bicycle import CARS
 from platoontraffic.controllers.path import PathLeader
-from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid, step
+from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
+from platoontraffic.fleet import Fleet
+from platoontraffic.route import Route
+from platoontraffic.sensing import Sensing
 
 amounts = st.floats(0.1, 10)
 frequencies = st.floats(0.01, 1)
-instants = st.floats(0.01, 200)
 
 
-def rate_of(profile, t: float, h: float = 1e-5) -> float:
-    before, after = profile(np.array([t - h, t + h]))[0]
-    return (after - before) / (2 * h)
+@given(st.floats(0, 200), amounts, frequencies)
+def test_a_sinusoid_begins_at_nothing_and_returns_after_a_period(t, amplitude, frequency):
+    now, later, half = (sinusoid(np.array([t + turns / frequency]), amplitude, frequency) for turns in (0, 1, 0.5))
+    assert sinusoid(np.zeros(1), amplitude, frequency) == 0
+    assert sinusoid(np.array([0.25 / frequency]), amplitude, frequency) == pytest.approx(amplitude)
+    assert later == pytest.approx(now, abs=1e-9 * amplitude * (1 + 1e3 * frequency))
+    assert half == pytest.approx(-now, abs=1e-9 * amplitude * (1 + 1e3 * frequency))
 
 
-@given(instants, amounts, frequencies)
-def test_the_rate_of_a_sinusoid_is_its_derivative(t, amplitude, frequency):
-    value, rate = sinusoid(np.array([t]), amplitude, frequency)
-    assert value[0] == pytest.approx(amplitude * np.sin(2 * np.pi * frequency * t), abs=1e-9)
-    assert rate[0] == pytest.approx(rate_of(lambda t: sinusoid(t, amplitude, frequency), t), abs=1e-4 * amplitude)
-
-
-@given(st.floats(0.1, 59.9), amounts, frequencies, frequencies)
-def test_the_rate_of_a_chirp_is_its_derivative_and_its_frequency_grows_linearly(t, amplitude, first, last):
-    value, rate = chirp(np.array([t]), amplitude, first, last, 60.0)
-    turns = first * t + (last - first) * t**2 / 120
-    assert value[0] == pytest.approx(amplitude * np.sin(2 * np.pi * turns), abs=1e-9)
-    assert rate[0] == pytest.approx(rate_of(lambda t: chirp(t, amplitude, first, last, 60.0), t), abs=1e-4 * amplitude)
+@given(st.floats(0, 60), amounts, frequencies, frequencies)
+def test_the_frequency_of_a_chirp_grows_linearly(t, amplitude, first, last):
+    """So its phase is that of the mean of the first frequency and the present one."""
+    present = first + (last - first) * t / 60
+    value = chirp(np.array([t]), amplitude, first, last, 60.0)
+    assert value == pytest.approx(amplitude * np.sin(2 * np.pi * (first + present) / 2 * t), abs=1e-9)
 
 
 def test_a_chirp_of_one_frequency_is_a_sinusoid_until_it_ends():
     t = np.linspace(0, 90, 500)
-    for one, other in zip(chirp(t, 2.0, 0.1, 0.1, 60.0), sinusoid(t, 2.0, 0.1), strict=True):
-        np.testing.assert_allclose(one, np.where(t <= 60, other, 0.0), atol=1e-9)
+    expected = np.where(t <= 60, sinusoid(t, 2.0, 0.1), 0.0)
+    np.testing.assert_allclose(chirp(t, 2.0, 0.1, 0.1, 60.0), expected, atol=1e-9)
 
 
 @given(st.floats(0, 200), st.floats(-30, 30), amounts)
 def test_braking_runs_at_its_rate_and_ends_at_its_height(t, height, rate):
-    (value,), (change,) = braking(np.array([t]), np.array([height]), rate)
+    (value,) = braking(np.array([t]), np.array([height]), rate)
     assert abs(value) == pytest.approx(min(rate * t, abs(height)))
     assert value * height >= 0
-    assert abs(change) in (0.0, rate)
-    if t > abs(height) / rate + 1e-9:
-        assert (value, change) == (pytest.approx(height), 0.0)
-
-
-def test_a_step_is_there_at_once_and_names_no_rate():
-    value, rate = step(np.array([0.0, 5.0]), np.array([-3.0, -3.0]))
-    np.testing.assert_array_equal(value, [-3, -3])
-    np.testing.assert_array_equal(rate, 0)
 
 
 # ---- traces
@@ -62,24 +56,13 @@ def test_a_step_is_there_at_once_and_names_no_rate():
 
 def test_a_trace_is_linear_between_its_times_and_kept_outside():
     trace = Trace(np.array([10.0, 20.0, 30.0]), np.array([5.0, 15.0, 15.0]))
-    speed, change = trace.at(np.array([0.0, 10.0, 12.5, 20.0, 29.0, 30.0, 99.0]))
+    speed = trace.at(np.array([0.0, 10.0, 12.5, 20.0, 29.0, 30.0, 99.0]))
     np.testing.assert_allclose(speed, [5, 5, 7.5, 15, 15, 15, 15])
-    np.testing.assert_allclose(change, [0, 1, 1, 0, 0, 0, 0])
-
-
-@given(st.lists(st.tuples(st.floats(0.1, 20), st.floats(0, 40)), min_size=1, max_size=20), st.floats(-5, 400))
-def test_the_change_of_a_trace_is_that_of_its_speed(rows, t):
-    steps, speed = np.array(rows).T
-    trace = Trace(np.cumsum(steps), speed)
-    here, soon = (trace.at(np.array([t + dt])) for dt in (0.0, 1e-6))
-    if np.searchsorted(trace.time, t, "right") == np.searchsorted(trace.time, t + 1e-6, "right"):
-        assert soon[0] - here[0] == pytest.approx(1e-6 * here[1], abs=1e-9)
 
 
 def test_a_trace_of_one_row_is_a_constant_speed():
-    speed, change = Trace(np.array([3.0]), np.array([7.0])).at(np.array([0.0, 3.0, 50.0]))
+    speed = Trace(np.array([3.0]), np.array([7.0])).at(np.array([0.0, 3.0, 50.0]))
     np.testing.assert_array_equal(speed, 7)
-    np.testing.assert_array_equal(change, 0)
 
 
 @pytest.mark.parametrize("start", ["", "\ufeff"])
@@ -122,16 +105,56 @@ def test_a_trace_that_is_not_there_or_is_a_folder_cannot_be_read(tmp_path):
 # ---- what a leader makes of them
 
 
+def car(law: PathLeader, model=CARS["car"]):
+    """One on a straight road whose limit is 50 m/s."""
+    (member,) = platoon(law, at=(-model.axle, 0.0, 0.0), model=model)
+    straight = np.array([(0.0, 0.0), (1e4, 0.0)])
+    return replace(member, route=Route.along(("road",), straight, np.full(2, 50.0)))
+
+
 @pytest.mark.parametrize("profile", ["sinusoid", "chirp", "step", "brake"])
 def test_until_it_begins_a_profile_changes_nothing(profile):
     law = PathLeader(speed=10.0, profile=profile, begins=5.0, amplitude=2.0, last_speed=3.0)
-    speed, change = law._profile(np.array([0.0, 4.999, 5.0, 9.0]), np.full(4, 30.0))
-    np.testing.assert_array_equal(speed[:2], 10.0)
-    np.testing.assert_array_equal(change[:2], 0.0)
-    assert speed[3] != 10.0
+    log = drive([replace(car(law), speed=10.0)], NO_WALLS, 9.0, dt=0.1)
+    assert log.speed[log.time <= 5.0] == pytest.approx(10.0)
+    assert abs(log.speed[-1, 0] - 10.0) > 0.5
 
 
-def test_each_row_has_its_own_time_and_limit():
-    law = PathLeader(speed="road", speed_factor=0.5, profile="brake", last_speed=0.0, rate=2.0)
-    speed, _ = law._profile(np.array([0.0, 1.0, 100.0]), np.array([10.0, 20.0, 30.0]))
-    np.testing.assert_allclose(speed, [5.0, 8.0, 0.0])
+def test_each_vehicle_has_the_time_since_it_set_out_itself():
+    law = PathLeader(speed=10.0, profile="brake", begins=2.0, last_speed=4.0, rate=2.0)
+    fleet = Fleet.deployed([replace(car(law), speed=10.0)], 0.1)
+    late = Fleet.deployed(
+        [replace(car(law), id="b.0", platoon="b", pose=(0.0, 50.0, 0.0), speed=10.0)], 0.1, np.ones(1, int)
+    )
+    speeds = []
+    for step in range(120):
+        if step == 50:
+            fleet = fleet.joined(late)
+        fleet = fleet.decided(Sensing(NO_WALLS).scan(snapshot(fleet, step * 0.1), fleet, step), 0.1).moved(0.1)
+        speeds.append(fleet.motion.speed)
+    np.testing.assert_allclose([row[1] for row in speeds[50:]], [row[0] for row in speeds[:70]], atol=1e-9)
+
+
+@pytest.mark.parametrize(("amplitude", "profile"), [(20.0, "sinusoid"), (20.0, "chirp")])
+@pytest.mark.parametrize("model", [CARS["car"], ROBOT], ids=["car", "robot"])
+def test_nobody_drives_backwards_where_a_profile_would_have_it(amplitude, profile, model):
+    scale = 0.02 if model is ROBOT else 1.0
+    law = PathLeader(speed=5.0 * scale, profile=profile, amplitude=amplitude * scale, frequency=0.2)
+    log = drive([car(law, model)], NO_WALLS, 15.0)
+    assert log.speed.min() > -0.01 * scale
+    assert log.speed.max() > 6.0 * scale
+
+
+@pytest.mark.parametrize("frequency", [5.0, 10.0, 50.0])
+def test_a_profile_faster_than_the_steps_does_not_run_away(frequency):
+    """A sinusoid that is at the same phase in every step, at its steepest, is no acceleration without end."""
+    law = PathLeader(speed=10.0, profile="sinusoid", amplitude=1.0, frequency=frequency)
+    log = drive([replace(car(law), speed=10.0)], NO_WALLS, 10.0, dt=0.1)
+    assert np.abs(log.speed - 10.0).max() < 1.5
+
+
+def test_the_change_of_a_profile_is_that_over_the_step():
+    """A robot, which has no lag, is after every step at the speed that the profile has then."""
+    law = PathLeader(speed=0.3, profile="sinusoid", amplitude=0.1, frequency=0.5, acceleration=9.0, braking=9.0)
+    log = drive([replace(car(law, ROBOT), speed=0.3)], NO_WALLS, 6.0)
+    np.testing.assert_allclose(log.speed[:, 0], 0.3 + 0.1 * np.sin(np.pi * log.time), atol=2e-3)

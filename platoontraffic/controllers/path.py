@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers.base import Decision, RouteAhead, Sensed, Signals
-from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid, step
+from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
 from platoontraffic.vehicle import Drive, Positive
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -91,7 +91,7 @@ class PathLeader:
         closing = self._closing(free, memory, sensed, dt)
         fastest = self._fastest(sensed)
         wanted = [
-            self._for_speed(sensed, memory.time, fastest[:, 0]),
+            self._for_speed(sensed, memory.time, dt, fastest[:, 0]),
             self._for_bends(sensed, fastest),
             self._for_others(sensed, free, closing),
         ]
@@ -118,28 +118,30 @@ class PathLeader:
             fastest = np.minimum(fastest, self.speed_factor * route.limit)
         return fastest
 
-    def _for_speed(self, sensed: Sensed, time: np.ndarray, fastest: np.ndarray) -> np.ndarray:
+    def _for_speed(self, sensed: Sensed, time: np.ndarray, dt: float, fastest: np.ndarray) -> np.ndarray:
         """Acceleration towards the speed of the profile, or what is allowed where it is now."""
-        wanted, change = self._profile(time, sensed.route.limit[:, 0])
+        wanted = self._profile(time, sensed.route.limit[:, 0])
+        # Of a step at once no rate is asked: it is driven in comfort.
+        change = 0.0 if self.profile == "step" else (self._profile(time + dt, sensed.route.limit[:, 0]) - wanted) / dt
         wanted, change = np.minimum(wanted, fastest), np.where(wanted <= fastest, change, 0.0)
         # What a profile asks for is driven; towards a speed that does not change, it goes in comfort.
         least, most = np.minimum(change, -self.braking), np.maximum(change, self.acceleration)
         return np.clip(change + (wanted - sensed.speed) / SETTLING, least, most)
 
-    def _profile(self, time: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Speed and its change at times (n,) since it set out."""
+    def _profile(self, time: np.ndarray, limit: np.ndarray) -> np.ndarray:
+        """Speed at times (n,) since it set out."""
         if self.trace is not None:
             return self._trace.at(time)
         base = self.speed_factor * limit if self.speed == "road" else np.full(len(time), self.speed)
         t = time - self.begins
-        more, change = {
-            None: lambda: (0 * t, 0 * t),
+        more = {
+            None: lambda: 0 * t,
             "sinusoid": lambda: sinusoid(t, self.amplitude, self.frequency),
             "chirp": lambda: chirp(t, self.amplitude, self.frequency, self.last_frequency, self.lasts),
-            "step": lambda: step(t, self.last_speed - base),
+            "step": lambda: self.last_speed - base,
             "brake": lambda: braking(t, self.last_speed - base, self.rate),
         }[self.profile]()
-        return base + np.where(t >= 0, more, 0.0), np.where(t >= 0, change, 0.0)
+        return np.maximum(base + np.where(t >= 0, more, 0.0), 0.0)
 
     def _for_bends(self, sensed: Sensed, fastest: np.ndarray) -> np.ndarray:
         """For what is slower ahead."""

@@ -9,29 +9,20 @@ from pathlib import Path
 import numpy as np
 
 
-def sinusoid(t: np.ndarray, amplitude: float, frequency: float) -> tuple[np.ndarray, np.ndarray]:
-    """amplitude sin(2 pi frequency t), and its rate."""
-    omega = 2 * np.pi * frequency
-    return amplitude * np.sin(omega * t), amplitude * omega * np.cos(omega * t)
+def sinusoid(t: np.ndarray, amplitude: float, frequency: float) -> np.ndarray:
+    """amplitude sin(2 pi frequency t)."""
+    return amplitude * np.sin(2 * np.pi * frequency * t)
 
 
-def chirp(t: np.ndarray, amplitude: float, first: float, last: float, lasts: float) -> tuple[np.ndarray, np.ndarray]:
+def chirp(t: np.ndarray, amplitude: float, first: float, last: float, lasts: float) -> np.ndarray:
     """A sinusoid whose frequency grows linearly from the first to the last while it lasts; then 0."""
-    growth = (last - first) / lasts
-    phase, omega = 2 * np.pi * (first + growth * t / 2) * t, 2 * np.pi * (first + growth * t)
-    going = t <= lasts
-    return np.where(going, amplitude * np.sin(phase), 0.0), np.where(going, amplitude * omega * np.cos(phase), 0.0)
+    turns = (first + (last - first) / lasts * t / 2) * t
+    return np.where(t <= lasts, amplitude * np.sin(2 * np.pi * turns), 0.0)
 
 
-def step(t: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All of the height at once; no rate is named."""
-    return height + 0 * t, 0 * t
-
-
-def braking(t: np.ndarray, height: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+def braking(t: np.ndarray, height: np.ndarray, rate: float) -> np.ndarray:
     """To the height at a constant rate, whichever way."""
-    lasts, towards = np.abs(height) / rate, np.sign(height) * rate
-    return towards * np.minimum(t, lasts), np.where(t < lasts, towards, 0.0)
+    return np.sign(height) * np.minimum(rate * t, np.abs(height))
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +32,9 @@ class Trace:
     time: np.ndarray  # [s], (k,)
     speed: np.ndarray  # [m/s], (k,)
 
-    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Speed [m/s] and its change [m/s2] at times (n,)."""
-        change = np.append(np.diff(self.speed) / np.diff(self.time), 0.0)
-        k = np.searchsorted(self.time, time, side="right") - 1
-        return np.interp(time, self.time, self.speed), np.where(k < 0, 0.0, change[k])
+    def at(self, time: np.ndarray) -> np.ndarray:
+        """Speed [m/s] at times (n,)."""
+        return np.interp(time, self.time, self.speed)
 
     @classmethod
     def read(cls, file: Path) -> Trace:
