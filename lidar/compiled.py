@@ -1,32 +1,40 @@
-"""How this package compiles: once a machine, kept on disk."""
+"""How kernels are compiled: once a machine, kept on disk."""
 
 import contextlib
 import hashlib
-from functools import cache
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numba
 
 
-def compiled(function):
-    """The function, compiled by numba at its first call; without fast-math, so every processor rounds alike.
+def compiler(*files: str | Path) -> Callable:
+    """A decorator for functions that call, and take constants from, no other files of ours than these.
 
-    The code is kept beside the source, or else in the user's cache folder, or in NUMBA_CACHE_DIR. Where none of them
-    can be written, it is compiled anew in every process.
+    The function is compiled by numba at its first call, without fast-math, so every processor rounds alike. The code is
+    kept beside the source, or else in the user's cache folder, or in NUMBA_CACHE_DIR, until one of the files changes.
+    Where none of them can be written, it is compiled anew in every process.
     """
-    try:
-        dispatcher = numba.njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:  # no place to keep it
-        return numba.njit(error_model="numpy")(function)
-    # numba compiles anew when the function's own file has changed, and would not notice that what it calls, or a
-    # constant, has changed in another. A test tells when a new numba keeps this stamp elsewhere.
-    with contextlib.suppress(AttributeError):
-        dispatcher._cache._cache_file._source_stamp = sources()
-    return dispatcher
+    stamp = digest(files)
+
+    def compiled(function):
+        try:
+            dispatcher = numba.njit(cache=True, error_model="numpy")(function)
+        except RuntimeError:  # no place to keep it
+            return numba.njit(error_model="numpy")(function)
+        # numba compiles anew when the function's own file has changed, and would not notice that what it calls, or a
+        # constant, has changed in another. A test tells when a new numba keeps this stamp elsewhere.
+        with contextlib.suppress(AttributeError):
+            dispatcher._cache._cache_file._source_stamp = stamp
+        return dispatcher
+
+    return compiled
 
 
-@cache
-def sources() -> str:
-    """A digest of all source files of this package."""
-    files = sorted(Path(__file__).parent.rglob("*.py"))
-    return hashlib.blake2b(b"".join(file.read_bytes() for file in files), digest_size=16).hexdigest()
+def digest(files: Iterable[str | Path]) -> str:
+    return hashlib.blake2b(b"".join(Path(file).read_bytes() for file in files), digest_size=16).hexdigest()
+
+
+OWN = sorted(Path(__file__).parent.rglob("*.py"))
+
+compiled = compiler(*OWN)  # for this package

@@ -20,8 +20,9 @@ not modelled: an acceleration of 0 keeps the speed, as a car's own lower control
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Annotated
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -101,9 +102,13 @@ class Car:
             drive = Drive(*(np.where(driven, given, own) for given, own in zip(command.drive, by_twist, strict=True)))
         else:
             drive = self.drive_for(command, motion) if isinstance(command, Twist) else command
+        return self.within_limits(drive, self.strongest_acceleration(motion.speed))
+
+    def within_limits(self, drive: Drive, strongest: np.ndarray) -> Drive:
+        """What there can be of a demand, by engine, brakes and steering lock; `strongest_acceleration` is given."""
         tightest = np.tan(self.max_steering) / self.wheelbase
         return Drive(
-            np.maximum(np.minimum(drive.acceleration, self.strongest_acceleration(motion.speed)), -self.max_braking),
+            np.maximum(np.minimum(drive.acceleration, strongest), -self.max_braking),
             np.maximum(np.minimum(drive.curvature, tightest), -tightest),
         )
 
@@ -114,44 +119,21 @@ class Car:
         the axle drives an arc. The error falls with the square of the sub-step. At constant steering the path is an
         exact circle, whatever the speed does. A car that has braked to 0 stands, with acceleration 0.
         """
+        from platoontraffic.bicycle_kernel import move  # here, for it costs half a second to import numba
+
         if not isinstance(command, Command):
             for name, values in zip(command._fields, command, strict=True):
                 if not np.isfinite(values).all():
                     raise ValueError(f"{type(command).__name__} {name} = {values}; must be finite")
+            command = Command.of(command)
+        shape = np.broadcast_shapes(np.shape(motion.x), *(np.shape(values) for kind in command for values in kind))
+        after = _records(vars(motion), shape)
+        cars, twists, drives = (_records(of, shape) for of in (vars(self), *(kind._asdict() for kind in command)))
         count = max(1, math.ceil(dt / SUBSTEP - 1e-9))
-        for _ in range(count):
-            motion = self._substep(motion, command, dt / count)
-        return motion
-
-    def _substep(self, motion: Motion, command: Command | Drive | Twist, h: float) -> Motion:
-        half_way = self._driven(motion, self.saturated(command, motion).acceleration, h / 2)[0]
-        wanted = self.saturated(command, half_way)
-        after, distance = self._driven(motion, wanted.acceleration, h)
-
-        wheel = np.arctan(self.wheelbase * wanted.curvature)
-        steering, mean_steering = _approach(motion.steering, wheel, self.steering_lag, self.max_steering_rate, h)
-        angle = distance * np.tan(mean_steering) / self.wheelbase
-        chord = distance * np.sinc(angle / (2 * np.pi))  # numpy's sinc(x) is sin(pi x) / (pi x)
-        along = motion.heading + angle / 2
-        heading = motion.heading + angle
-        # The axle moves along the chord; the centre keeps its place before the axle.
-        x = motion.x + chord * np.cos(along) + self.axle * (np.cos(motion.heading) - np.cos(heading))
-        y = motion.y + chord * np.sin(along) + self.axle * (np.sin(motion.heading) - np.sin(heading))
-        yaw_rate = after.speed * np.tan(steering) / self.wheelbase
-        turned = motion.turned + angle
-        return replace(after, x=x, y=y, heading=wrap(heading), turned=turned, yaw_rate=yaw_rate, steering=steering)
-
-    def _driven(self, motion: Motion, demand: np.ndarray, h: float) -> tuple[Motion, np.ndarray]:
-        """Speed, acceleration and braking after h under a constant demand of acceleration, and the distance driven."""
-        drive, braking = motion.acceleration + motion.braking, motion.braking
-        drive, mean_drive = _approach(drive, np.maximum(demand, 0.0), self.lag, self.max_jerk, h)
-        braking, mean_braking = _approach(braking, np.maximum(-demand, 0.0), self.brake_lag, self.max_jerk, h)
-        speed = motion.speed + (mean_drive - mean_braking) * h
-        stands = speed <= 0  # the brakes hold: no car rolls back
-        to_rest = motion.speed * h / np.maximum(motion.speed - speed, 1e-300)  # time, where it comes to stand
-        distance = np.where(stands, motion.speed / 2 * to_rest, (motion.speed + speed) / 2 * h)
-        speed, acceleration, braking = (np.where(stands, 0.0, v) for v in (speed, drive - braking, braking))
-        return replace(motion, speed=speed, acceleration=acceleration, braking=braking), distance
+        move(after.ravel(), cars.ravel(), twists.ravel(), drives.ravel(), count, dt / count)
+        values = {name: after[name].copy() for name in after.dtype.names}
+        values["heading"] = wrap(values["heading"])
+        return Motion(**values)
 
 
 def lateral_acceleration(motion: Motion) -> np.ndarray:
@@ -173,19 +155,12 @@ def steering_at_lock(turning_circle: float, wheelbase: float, width: float) -> f
     return math.atan(wheelbase / rear_radius)
 
 
-def _approach(value, target, lag, fastest, h):
-    """First-order approach to a target with a bounded rate, exact: the value after h, and its mean over h.
-
-    While the gap is more than lag * fastest the value runs at `fastest`; then the rest decays as exp(-t / lag).
-    """
-    lag = np.maximum(lag, 1e-12)
-    gap = np.abs(target - value)
-    run = np.minimum(np.maximum(gap / fastest - lag, 0.0), h)  # time at the greatest rate
-    left = gap - fastest * run
-    decayed = -np.expm1((run - h) / lag)
-    mean_gap = ((gap + left) / 2 * run + left * lag * decayed) / h
-    side = np.sign(target - value)
-    return target - side * (left * (1 - decayed)), target - side * mean_gap
+def _records(values: Mapping[str, Any], shape: tuple[int, ...]) -> np.ndarray:
+    """Named arrays, or floats, as one array of records."""
+    table = np.empty(shape, dtype=[(name, float) for name in values])
+    for name, of_all in values.items():
+        table[name] = of_all
+    return table
 
 
 CARS = {

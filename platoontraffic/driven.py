@@ -8,21 +8,13 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
+
+from lidar.compiled import compiler
 
 CORNER = 0.1  # a greater change of direction between two points is a corner, the tangent of it
 
-
-def compiled(function):
-    """As `lidar.compiled.compiled`, for kernels that call nothing outside their own file.
-
-    numba then notices by itself when the source has changed; the stamp of that one follows the files of `lidar`.
-    """
-    try:
-        return numba.njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:  # no place to keep it
-        return numba.njit(error_model="numpy")(function)
+compiled = compiler(__file__)
 
 
 class DrivenPaths:

@@ -18,6 +18,8 @@ from platoontraffic.models import FleetModel, VehicleModel
 from platoontraffic.route import Route, Routes
 from platoontraffic.vehicle import Command, Drive, Motion, Twist
 
+CLOSING = 150.0  # no two vehicles come nearer faster [m/s]
+
 
 @dataclass(frozen=True)
 class Member:
@@ -107,6 +109,15 @@ class Fleet:
 
     def __len__(self) -> int:
         return len(self.members)
+
+    @property
+    def sight(self) -> float:
+        """How far from a member's centre that may be which it sees or touches [m]; beams may be a sweep old."""
+        seen = [
+            lidar.reach + np.hypot(lidar.mount.x, lidar.mount.y) + lidar.sweep_time * CLOSING
+            for lidar in (group.lidar for group in self.groups)
+        ]
+        return max(seen, default=0.0) + self.model.length.max(initial=0.0)
 
     def joined(self, others: Fleet) -> Fleet:
         """With others behind, who have just come."""

@@ -132,7 +132,7 @@ class Observer:
         follows = fleet.predecessor >= 0
         closing = np.where(follows, motion.speed - motion.speed[fleet.predecessor], np.nan)
         nearing, ahead = closing > STANDING, np.where(gap > 0, gap, np.nan)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             time_gap = np.where(motion.speed > STANDING, gap / motion.speed, np.nan)
             time_to_collision = np.where(nearing, ahead / closing, np.nan)
             needed_braking = np.where(nearing, closing**2 / (2 * ahead), 0 * closing)

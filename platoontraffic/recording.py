@@ -118,6 +118,7 @@ KINDS = {
     "emergency_brake": "brakes harder than 4.5 m/s2, if 2 m long or longer; once for every episode",
     "off_road": f"its driven axle is more than 0.3 m{SMALLER} outside the drivable area; detail: how far",
     "on_road": "no more so, after duration_s",
+    "never_departed": "its platoon was due, and waited for room until the run ended",
     "end": "the run ended; detail says why",
 }
 

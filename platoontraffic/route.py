@@ -9,9 +9,11 @@ from __future__ import annotations
 import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from lidar.compiled import compiler
 from lidar.pose import wrap
 from platoontraffic.controllers import RouteAhead
 from platoontraffic.network import Line
@@ -22,6 +24,8 @@ from platoontraffic.polyline import Polyline
 REACH = np.concatenate([np.arange(0, 6, 0.25), np.arange(6, 50.1, 0.5)])
 BEND = 1.5  # half the length over which curvature is taken: lanes are polylines, and a corner of one is no bend
 GRID = 8  # curvatures in a vehicle length
+
+compiled = compiler(__file__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +59,14 @@ class Route:
     def closed(self) -> bool:
         return self.line.closed
 
+    @cached_property
+    def _line_stations(self) -> list[float]:
+        return [line.station for line in self.lines]
+
     def lines_about(self, station: float) -> tuple[Line | None, Line | None, float]:
         """The last line passed, the next one ahead, and the way to that [m]; None and inf where there is none."""
         here = station % self.length if self.closed else station
-        ahead = bisect.bisect_left(self.lines, here, key=lambda line: line.station)
+        ahead = bisect.bisect_left(self._line_stations, here)
         passed = self.lines[ahead - 1] if ahead or (self.closed and self.lines) else None
         if ahead < len(self.lines):
             return passed, self.lines[ahead], self.lines[ahead].station - here
@@ -94,20 +102,9 @@ class Routes:
         turn = np.where(self._closed, self._end, np.inf)
         near = np.where(self._closed, np.mod(near, turn), near)
         near = np.where(self._closed & (near < self._end / 2), near + self._end, near)
-        first_of, last_of = (np.searchsorted(self._stations, s) for s in (self._base, self._base + self._span))
-        first = np.searchsorted(self._stations, self._base + np.maximum(near - window, 0.0), side="right") - 1
-        last = np.searchsorted(self._stations, self._base + np.minimum(near + window, self._span) + 1e-9)
-        first, last = np.clip(first, first_of, last_of - 1), np.minimum(last, last_of)
-        k = first[:, None] + np.arange(max(int((last - first).max()), 1))
-        k = np.minimum(k, np.maximum(last, first + 1)[:, None] - 1)  # a short row repeats its last piece
-        start, step = self._points[k], self._points[k + 1] - self._points[k]
-        size = self._stations[k + 1] - self._stations[k]
-        from_start = np.stack([x, y], axis=-1)[:, None, :] - start
-        along = np.clip((from_start * step).sum(axis=-1) / size, 0, size)
-        away = from_start - step * (along / size)[..., None]
-        nearest = (away**2).sum(axis=-1).argmin(axis=1)
-        rows = np.arange(len(k))
-        return self._stations[k[rows, nearest]] + along[rows, nearest] - self._base
+        station = np.empty(len(x))
+        _project(self._stations, self._points, self._base, self._span, x, y, near, window, station)
+        return station
 
     def ahead(self, station: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> RouteAhead:
         """What lies ahead of stations (n,), as seen from poses of the driven axle."""
@@ -116,17 +113,55 @@ class Routes:
         turn = np.where(self._closed, self._end, np.inf)[:, None]
         there = np.where(self._closed[:, None], np.mod(there, turn), np.minimum(there, self._span[:, None]))
         there += self._base[:, None]
-        east, north = (np.interp(there, self._stations, self._points[:, i]) for i in (0, 1))
-        east, north = east - x[:, None], north - y[:, None]
-        cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
-        points = np.stack([east * cos + north * sin, north * cos - east * sin], axis=-1)
-        limit = self._limits[np.searchsorted(self._stations, there, side="right") - 1]
+        points, limit = np.empty((*there.shape, 2)), np.empty(there.shape)
+        facing = np.cos(heading), np.sin(heading)
+        _seen(there, self._stations, self._points, self._limits, x, y, *facing, points, limit)
         curvature = np.interp(there, self._grid, self._curvature)
         return RouteAhead(distance, points, limit, curvature)
 
     def left(self, station: np.ndarray) -> np.ndarray:
         """Way to the end of the route [m], (n,); inf on a closed one."""
         return np.where(self._closed, np.inf, self._end - station)
+
+
+@compiled
+def _project(stations, points, base, span, x, y, near, window, station):
+    """Fill in the stations (n,) of `Routes.project`."""
+    for i in range(len(x)):
+        first_of, last_of = np.searchsorted(stations, base[i]), np.searchsorted(stations, base[i] + span[i])
+        begin, end = base[i] + max(near[i] - window[i], 0.0), base[i] + min(near[i] + window[i], span[i]) + 1e-9
+        first = min(max(np.searchsorted(stations, begin, side="right") - 1, first_of), last_of - 1)
+        last = max(min(np.searchsorted(stations, end), last_of), first + 1)
+        shortest = np.inf
+        for k in range(first, last):
+            step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+            size = stations[k + 1] - stations[k]
+            from_x, from_y = x[i] - points[k, 0], y[i] - points[k, 1]
+            along = min(max((from_x * step_x + from_y * step_y) / size, 0.0), size)
+            away_x, away_y = from_x - step_x * (along / size), from_y - step_y * (along / size)
+            away = away_x * away_x + away_y * away_y
+            if away < shortest:
+                shortest, station[i] = away, stations[k] + along - base[i]
+
+
+@compiled
+def _seen(there, stations, points, limits, x, y, cos, sin, seen, limit):
+    """Fill in points (n, k, 2) of the lines at stations (n, k), seen from poses (n,), and the limits there (n, k)."""
+    for i in range(there.shape[0]):
+        k = len(stations)
+        for j in range(there.shape[1]):
+            if k == len(stations) or there[i, j] < stations[k]:  # the first, or a closed route begins anew
+                k = max(np.searchsorted(stations, there[i, j], side="right") - 1, 0)
+            while k + 1 < len(stations) and stations[k + 1] <= there[i, j]:
+                k += 1
+            limit[i, j] = limits[k]
+            east, north = points[k, 0], points[k, 1]
+            if there[i, j] != stations[k] and k + 1 < len(stations):
+                size, along = stations[k + 1] - stations[k], there[i, j] - stations[k]
+                east += (points[k + 1, 0] - east) / size * along
+                north += (points[k + 1, 1] - north) / size * along
+            east, north = east - x[i], north - y[i]
+            seen[i, j, 0], seen[i, j, 1] = east * cos[i] + north * sin[i], north * cos[i] - east * sin[i]
 
 
 def _curvature(line: Polyline, length: float) -> tuple[np.ndarray, np.ndarray]:

@@ -605,6 +605,8 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 ways = f"platoon.{i}.route, the edges to drive, or platoon.{i}.to, the last of them"
                 fault((*at, "law"), f"{driver.law!r} needs {ways}")
             if getattr(kind, "native", False):  # SUMO drives, without a laser
+                if role == "follower":
+                    fault((*at, "law"), f"{driver.law!r} follows nobody; must be a law that drives by its scan")
                 continue
             try:
                 lidar = driver.lidar.model(default_preset(role), platoon.vehicle.model().length)
@@ -660,6 +662,8 @@ def _law(kind: type, gains: dict[str, Any], fault: Any) -> Any:
         for e in error.errors():
             fault(e["loc"][0] if e["loc"] else "law", _fault(e, model).split(": ", 1)[-1])
         return None
+    except ValueError as error:  # of a law's own checks
+        raise LookupError(str(error)) from error
     except Exception as error:  # whatever a user's __post_init__ may raise
         raise LookupError(f"{kind.__qualname__}: {type(error).__name__}: {error}") from error
     return law

@@ -42,6 +42,7 @@ class Prepared:
 def prepare(scenario: Scenario) -> Prepared:
     """raises: InputError"""
     network = Network.read(scenario.net)
+    network.middle_lines()  # takes seconds in large networks, which are not the loop's
     scene = static_scene(scenario, network)
     return Prepared(scenario, network, scene, deploy(scenario, network, scene))
 
@@ -106,14 +107,15 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     with world:
         fleet = world.deploy(fleet, later)
         for step in range(steps + 1):
-            traffic = read(fleet)
+            whole = record.traffic_every_s is not None and step % traffic_every == 0
+            traffic = read(fleet, np.inf if whole else fleet.sight)
             scans = scan(traffic, fleet, step)
             fleet = decide(fleet, scans, dt, signals(fleet))
             roads = world.roads(fleet)
             recorder.note(observe(traffic, fleet, scans, roads))
             if step % record_every == 0:
                 write(traffic, fleet, measure(fleet), roads)
-            if record.traffic_every_s and step % traffic_every == 0:
+            if whole:
                 recorder.record_traffic(traffic, len(fleet))
             if step % safe_every == 0:
                 recorder.flush()
@@ -124,7 +126,10 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
             place(fleet)
             fleet = advance(fleet)
     wall = time.perf_counter() - began
-    recorder.note([Event(traffic.time, "end", "", "", np.nan, np.nan, "", np.nan, ended)])
+    left = (m for platoon in world.waiting for m in platoon.members)
+    nowhere = np.nan, np.nan, "", np.nan
+    recorder.note(Event(traffic.time, "never_departed", m.id, "", *nowhere, "no room until the end") for m in left)
+    recorder.note([Event(traffic.time, "end", "", "", *nowhere, ended)])
     facts["status"] = "finished"
     facts["simulated_s"] = traffic.time
     facts["wall_s"] = round(wall, 3)
@@ -134,11 +139,11 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     _conclude(prepared, recorder, facts)
 
 
-def _ended(run: Run, fleet: Fleet, waiting: int, last: bool) -> str:
+def _ended(run: Run, fleet: Fleet, waiting: Sequence[Fleet], last: bool) -> str:
     """Why the run ends with this step; "" if it goes on."""
     if not len(fleet) and not waiting:
         return "arrived"
-    if run.laps and len(fleet) and (np.abs(fleet.motion.turned) >= 2 * np.pi * run.laps).all():
+    if run.laps and len(fleet) and not waiting and (np.abs(fleet.motion.turned) >= 2 * np.pi * run.laps).all():
         return "laps"
     return "duration" if last else ""
 

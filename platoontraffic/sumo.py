@@ -11,7 +11,8 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
+from dataclasses import replace
+from itertools import chain, compress
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -20,10 +21,11 @@ import libsumo
 import numpy as np
 import shapely
 
+from lidar.compiled import compiler
 from lidar.pose import wrap
 from platoontraffic.controllers import Signals
 from platoontraffic.errors import InputError, RunError
-from platoontraffic.fleet import Fleet, Member
+from platoontraffic.fleet import CLOSING, Fleet, Member
 from platoontraffic.network import CHANGING, Line, Network
 from platoontraffic.rightofway import Foe, may_cross
 from platoontraffic.traffic import TrafficSnapshot
@@ -37,10 +39,15 @@ ANYWHERE = ("", -1)
 ALL_OFF = 32  # speed mode: SUMO believes the speed that follows from the displacement
 NO_LANE_CHANGE = 0
 
-ROOM = 1.0  # of their own length is free about members when they are deployed
+ROOM = 1.0  # of their own length is free before and behind members when they are deployed
+BESIDE = 0.5  # and this, of both sides together [m]
 WATCHED = 50.0  # from so far before a line one looks for whom to give way to, and so far beyond it [m]
 EARLY_BRAKING = 2.0  # so that one can stop by it, it is looked for room beside in time [m/s2]
 REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
+
+FAR_FOR = 0.5  # so long who is far from all members is not looked at [s]
+
+compiled = compiler(__file__)
 
 _running: list[Path] = []  # libsumo holds one simulation a process; a second start would replace the first in silence
 
@@ -116,6 +123,9 @@ class World:
         self._leg: dict[str, int] = {}  # how far on its route each member is, as an index of edges
         self._routed: dict[str, str] = {}  # the edge from which each member's route was last set
         self._sizes: dict[str, tuple[float, float]] = {}  # length, width of SUMO's own vehicles
+        self._far: set[str] = set()  # see _others
+        self._far_from: tuple[Member, ...] = ()
+        self._far_until = -np.inf  # SUMO's time
 
     def __enter__(self) -> World:
         if _running:
@@ -157,19 +167,23 @@ class World:
         return self._taken_over(fleet)
 
     @property
-    def waiting(self) -> int:
+    def waiting(self) -> Sequence[Fleet]:
         """Platoons that have not yet departed."""
-        return len(self._later)
+        return self._later
 
-    def snapshot(self, fleet: Fleet) -> TrafficSnapshot:
-        """All vehicles at this instant; the members as the fleet knows them, the others as SUMO does."""
-        members = {m.id for m in fleet.members}
-        others = [name for name in libsumo.vehicle.getIDList() if name not in members]
-        length, width = np.array([self._size(name) for name in others]).reshape(-1, 2).T
-        front = np.array([libsumo.vehicle.getPosition(name) for name in others]).reshape(-1, 2)
-        heading = heading_of(np.array([libsumo.vehicle.getAngle(name) for name in others]))
+    def snapshot(self, fleet: Fleet, reach: float = np.inf) -> TrafficSnapshot:
+        """The vehicles at this instant; the members as the fleet knows them, the others as SUMO does.
+
+        reach: from a member's centre [m]; others may be left out of which nothing is within it
+        """
+        others = self._others(fleet, reach)
+        n, vehicle = len(others), libsumo.vehicle
+        # Thousands in every step: numbers go from the calls into the arrays without lists between them.
+        length, width = np.fromiter(chain.from_iterable(map(self._size, others)), float, 2 * n).reshape(-1, 2).T
+        front = _fronts(others)
+        heading = heading_of(np.fromiter(map(vehicle.getAngle, others), float, n))
         x, y = centre_of(*front.T, heading, length)
-        speed = np.array([libsumo.vehicle.getSpeed(name) for name in others])
+        speed = np.fromiter(map(vehicle.getSpeed, others), float, n)
         own = fleet.motion
         return TrafficSnapshot(
             round(libsumo.simulation.getTime() - self._start, 6),
@@ -182,6 +196,23 @@ class World:
             np.concatenate([fleet.model.width, width]),
         )
 
+    def _others(self, fleet: Fleet, reach: float) -> list[str]:
+        """SUMO's own vehicles, without most of those of which nothing is within reach of a member.
+
+        Who is far away stays out of reach for a while, and is not asked where it is until then (a Verlet list).
+        """
+        if reach == np.inf:
+            members = {m.id for m in fleet.members}
+            return [name for name in libsumo.vehicle.getIDList() if name not in members]
+        time = libsumo.simulation.getTime()
+        if time >= self._far_until or fleet.members is not self._far_from:
+            others, own = self._others(fleet, np.inf), fleet.motion
+            length = np.array([self._size(name)[0] for name in others])
+            far = _far(_fronts(others), own.x, own.y, reach + 2 * length + FAR_FOR * CLOSING)
+            self._far = {m.id for m in fleet.members} | set(compress(others, far))
+            self._far_from, self._far_until = fleet.members, time + FAR_FOR
+        return [name for name in libsumo.vehicle.getIDList() if name not in self._far]
+
     def place(self, fleet: Fleet) -> None:
         """Tell SUMO where every member is at the end of the coming step."""
         motion = fleet.motion
@@ -189,9 +220,10 @@ class World:
         angle = sumo_angle(motion.heading)
         if not (np.isfinite(x).all() and np.isfinite(y).all() and np.isfinite(angle).all()):  # SUMO would take a NaN
             raise RunError("a member's pose is not finite")
-        for i in np.flatnonzero(~fleet.native):
-            name = fleet.members[i].id
-            libsumo.vehicle.moveToXY(name, *ANYWHERE, x[i], y[i], angle[i], KEEP_ROUTE, MATCH_THRESHOLD)
+        poses = zip(fleet.members, fleet.native.tolist(), x.tolist(), y.tolist(), angle.tolist(), strict=True)
+        for member, native, *pose in poses:
+            if not native:
+                libsumo.vehicle.moveToXY(member.id, *ANYWHERE, *pose, KEEP_ROUTE, MATCH_THRESHOLD)
 
     def advance(self, fleet: Fleet) -> Fleet:
         """One step of SUMO: the fleet after it, its speeds and routes set right again.
@@ -241,19 +273,28 @@ class World:
         return platoon.members[0].departs < time + self._step / 2
 
     def _in_the_way(self, platoon: Fleet, fleet: Fleet) -> list[str]:
-        """Vehicles near where it is to stand, or behind there on its lane, which could not brake for it in comfort."""
+        """Vehicles near where it is to stand, and those on its lane that could not brake for it, or it for them."""
         traffic, here = self.snapshot(fleet), self.snapshot(platoon)
-        own = {m.id for m in platoon.members}
-        places = shapely.polygons(here.boxes().corners()[: len(platoon)])
+        own, n = {m.id for m in platoon.members}, len(platoon)
+        room = replace(here, length=here.length * (1 + 2 * ROOM), width=here.width + BESIDE)
+        places = shapely.polygons(room.boxes().corners()[:n])
+        rows = np.flatnonzero(platoon.predecessor >= 0)
+        between = shapely.convex_hull(shapely.union(places[rows], places[platoon.predecessor[rows]]))
+        places = np.concatenate([places, between])
         others = shapely.STRtree(shapely.polygons(traffic.boxes().corners()))
-        near = others.query(places, predicate="dwithin", distance=ROOM * here.length[: len(platoon)])[1]
-        found = {traffic.ids[row] for row in near}
-        for last in (m for i, m in enumerate(platoon.members) if i not in platoon.predecessor):
-            rear = last.position - last.model.length
-            for name in libsumo.lane.getLastStepVehicleIDs(f"{last.edge}_{last.lane}"):
-                gap = rear - libsumo.vehicle.getLanePosition(name)
-                closing = max(libsumo.vehicle.getSpeed(name) - last.speed, 0.0)
-                if 0 < gap < closing * REACTION + closing**2 / (2 * COMFORTABLE_BRAKING):
+        found = {traffic.ids[row] for row in others.query(places, predicate="intersects")[1]}
+        behind = set(platoon.predecessor[platoon.predecessor >= 0].tolist())
+        for i, member in enumerate(platoon.members):
+            for name in libsumo.lane.getLastStepVehicleIDs(f"{member.edge}_{member.lane}"):
+                front, speed = libsumo.vehicle.getLanePosition(name), libsumo.vehicle.getSpeed(name)
+                if i not in behind and front < member.position:  # the last one, and who comes up behind it
+                    gap, closing = member.position - member.model.length - front, speed - member.speed
+                elif member.place == 0 and front > member.position:
+                    gap, closing = front - libsumo.vehicle.getLength(name) - member.position, member.speed - speed
+                else:
+                    continue
+                closing = max(closing, 0.0)
+                if gap < closing * REACTION + closing**2 / (2 * COMFORTABLE_BRAKING):
                     found.add(name)
         return sorted(found - own)
 
@@ -273,9 +314,9 @@ class World:
         return [self._roads[m.id] for m in fleet.members]
 
     def _locate(self, fleet: Fleet) -> None:
-        vehicle = libsumo.vehicle
-        for m in fleet.members:
-            self._roads[m.id] = vehicle.getRoadID(m.id), vehicle.getLaneID(m.id)
+        names = [m.id for m in fleet.members]
+        roads, lanes = map(libsumo.vehicle.getRoadID, names), map(libsumo.vehicle.getLaneID, names)
+        self._roads.update(zip(names, zip(roads, lanes, strict=True), strict=True))
 
     def signals(self, fleet: Fleet) -> Signals | None:
         """The next line to stop at on the routes of those whose law asks for it."""
@@ -399,9 +440,11 @@ class World:
             if not native and (lane := self._roads[member.id][1]):
                 members.setdefault(lane, []).append(member.id)
         for lane, names in members.items():
-            position = {name: vehicle.getLanePosition(name) for name in libsumo.lane.getLastStepVehicleIDs(lane)}
-            if all(behind <= ahead for behind, ahead in pairwise(position.values())):
+            order = libsumo.lane.getLastStepVehicleIDs(lane)
+            positions = list(map(vehicle.getLanePosition, order))
+            if positions == sorted(positions):
                 continue
+            position = dict(zip(order, positions, strict=True))
             away = {name: aside for name in names if (aside := _another_lane(name, lane))}
             for name, aside in away.items():
                 vehicle.moveTo(name, aside, 0.0)
@@ -411,7 +454,8 @@ class World:
     def _settled(self, fleet: Fleet) -> Fleet:
         """The same fleet, its speeds and routes in SUMO set right."""
         vehicle = libsumo.vehicle
-        for member, speed, native in zip(fleet.members, fleet.motion.speed, fleet.native, strict=True):
+        speeds, natives = fleet.motion.speed.tolist(), fleet.native.tolist()
+        for member, speed, native in zip(fleet.members, speeds, natives, strict=True):
             if native and not member.route.closed:  # it keeps to the route that it was given
                 continue
             if not native:
@@ -465,6 +509,25 @@ class World:
             finally:
                 os.dup2(kept, 2)
                 os.close(kept)
+
+
+def _fronts(names: Sequence[str]) -> np.ndarray:
+    """Positions (n, 2) of vehicles, as SUMO has them."""
+    numbers = chain.from_iterable(map(libsumo.vehicle.getPosition, names))
+    return np.fromiter(numbers, float, 2 * len(names)).reshape(-1, 2)
+
+
+@compiled
+def _far(points, x, y, reach):
+    """Which of points (n, 2) are farther than their reach (n,) from all x, y."""
+    far = np.ones(len(points), np.bool_)
+    for i in range(len(points)):
+        for k in range(len(x)):
+            dx, dy = points[i, 0] - x[k], points[i, 1] - y[k]
+            if dx * dx + dy * dy <= reach[i] * reach[i]:
+                far[i] = False
+                break
+    return far
 
 
 def _another_lane(name: str, lane: str) -> str:

@@ -1,4 +1,4 @@
-"""All vehicles on the road at one instant."""
+"""Vehicles on the road at one instant."""
 
 from __future__ import annotations
 

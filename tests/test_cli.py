@@ -80,7 +80,19 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
 @pytest.mark.parametrize(
     ("what", "names"),
     [
-        ("scenarios", ["highway_platoon", "paper_loop", "paper_path", "paper_printed", "paper_world", "ring_platoon"]),
+        (
+            "scenarios",
+            [
+                "corridor_platoon",
+                "grid_platoons",
+                "highway_platoon",
+                "paper_loop",
+                "paper_path",
+                "paper_printed",
+                "paper_world",
+                "ring_platoon",
+            ],
+        ),
         ("nets", ["corridor", "grid", "highway", "lab_curves", "lab_loop", "lab_world", "ring"]),
         ("laws", ["path", "printed", "reactive", "repaired", "sumo"]),
         ("vehicles", ["paper-robot", "car", "van", "truck"]),

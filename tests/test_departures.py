@@ -31,14 +31,22 @@ EAST = 'route = ["west_in", "east_out"]'
 pytestmark = pytest.mark.sumo
 
 
-def platoon(name: str, start: str, leader: str = PATH, size: int = 1, way: str = EAST, follower: str = FOLLOWER) -> str:
+def platoon(
+    name: str,
+    start: str,
+    leader: str = PATH,
+    size: int = 1,
+    way: str = EAST,
+    follower: str = FOLLOWER,
+    gap: float = 6.0,
+) -> str:
     behind = f"follower = {follower}" if size > 1 else ""
     return f"""
 [[platoon]]
 id = "{name}"
 size = {size}
 vehicle = {{ type = "car", response_s = 0.2, lag_s = 0.1 }}
-gap_m = 6.0
+gap_m = {gap}
 start = {{ {start} }}
 {way}
 leader = {leader}
@@ -61,8 +69,8 @@ def written(tmp_path) -> Callable[..., Path]:
 def tables(tmp_path, written) -> Callable[..., tuple[pd.DataFrame, pd.DataFrame]]:
     """Runs platoons; their trajectories and events."""
 
-    def play(*platoons: str, name: str = "mine", **options) -> tuple[pd.DataFrame, pd.DataFrame]:
-        folder = run(tmp_path / name, written(*platoons, name=name, **options))
+    def play(*platoons: str, name: str = "mine", changes=(), **options) -> tuple[pd.DataFrame, pd.DataFrame]:
+        folder = run(tmp_path / name, written(*platoons, name=name, **options), *changes)
         return pd.read_csv(folder / "trajectories.csv"), pd.read_csv(folder / "events.csv")
 
     return play
@@ -168,6 +176,7 @@ def test_where_the_other_stays_it_never_comes(tables, tmp_path):
     rows, noted = tables(first, platoon("b", place + ", time_s = 2.0", size=2), duration=6.0)
     assert set(rows.vehicle_id) == {"a.0"}
     assert events(noted, "departed") == {"a.0": 0.0}
+    assert events(noted, "never_departed") == {"b.0": 6.0, "b.1": 6.0}
     assert ending(noted) == (6.0, "duration")
 
 
@@ -197,7 +206,15 @@ def test_who_stands_on_the_lane_beside_is_in_nobodys_way(tables, tmp_path):
     assert events(noted, "departed") == {"a.0": 0.0, "b.0": 1.0}
 
 
-@pytest.mark.parametrize("leader", [PATH, SUMO], ids=["path", "sumo"])
+def test_a_platoon_does_not_come_about_another_vehicle(tables, tmp_path):
+    """One that stands in the 30 m between two members, farther from either than anybody needs."""
+    stands = platoon("a", 'edge = "west_in", position_m = 83', standing(tmp_path, 100.0))
+    pair = platoon("b", 'edge = "west_in", position_m = 100, time_s = 1.0', size=2, gap=30.0)
+    _, noted = tables(stands, pair, duration=3.0)
+    assert events(noted, "departed") == {"a.0": 0.0}
+
+
+@pytest.mark.parametrize("leader", [PATH, SUMO.replace("8.0", "30.0")], ids=["path", "sumo"])
 def test_nobody_departs_too_fast_to_stop_behind_another(tables, tmp_path, leader):
     """It stands 11 m ahead; from 13 m/s they would take 19 m, and from 3 m/s 1 m."""
     stands = platoon("a", 'edge = "west_in", position_m = 120', standing(tmp_path, 100.0))
@@ -250,6 +267,12 @@ def test_nobody_departs_faster_than_it_can_or_may(written, leader, speed):
     assert f"{speed:g}" in fault
 
 
+def test_sumo_drives_no_follower(written):
+    """It would overtake, and arrive before its leader."""
+    (fault,) = faults(written(platoon("a", 'edge = "west_in", position_m = 100', size=2, follower=SUMO)))
+    assert "platoon.0.follower.law: 'sumo' follows nobody" in fault
+
+
 # ---- they arrive
 
 
@@ -280,6 +303,16 @@ def test_a_run_goes_on_until_the_last_has_come_and_gone(tables):
     assert not len(rows[(rows.time_s > arrived["a.0"]) & (rows.time_s < 6.0)])
 
 
+def test_a_lap_is_not_over_before_all_have_come(tables):
+    lap = 'route = ["east_north", "north_west", "west_south", "south_east"]\nloop = true'
+    first = platoon("a", 'edge = "east_north", position_m = 80, speed_mps = 8.0', way=lap)
+    later = platoon("b", 'edge = "west_south", position_m = 80, speed_mps = 8.0, time_s = 8.0', way=lap)
+    _, noted = tables(first, later, changes=["run.laps=0.05"], duration=30.0, net="ring")
+    assert "b.0" in events(noted, "departed")
+    time, why = ending(noted)
+    assert (why, time) == ("laps", pytest.approx(8.0 + 0.05 * 2 * np.pi * 159 / 8.0, abs=1.0))
+
+
 def played(file: Path, words: Path, steps: int, told: Callable[[Fleet], None]) -> None:
     """The loop of a run, with a look at SUMO after every step."""
     prepared = simulation.prepare(scenario.load(file))
@@ -297,16 +330,14 @@ def played(file: Path, words: Path, steps: int, told: Callable[[Fleet], None]) -
 
 
 @pytest.mark.parametrize("leader", [PATH, SUMO], ids=["path", "sumo"])
-@pytest.mark.parametrize("follower", [FOLLOWER, SUMO], ids=["repaired", "sumo"])
-def test_who_has_arrived_is_no_more_in_sumo_either(written, tmp_path, leader, follower):
-    """Nor does a member that SUMO drives end its platoon, unless it leads."""
+def test_who_has_arrived_is_no_more_in_sumo_either(written, tmp_path, leader):
     start = 'edge = "east_out", position_m = 460, speed_mps = 8.0'
     there: list[tuple[Sequence[str], set[str]]] = []
 
     def told(fleet: Fleet) -> None:
         there.append(([m.id for m in fleet.members], set(libsumo.vehicle.getIDList())))
 
-    file = written(platoon("a", start, leader, size=3, follower=follower))
+    file = written(platoon("a", start, leader, size=3))
     played(file, tmp_path / "words.log", 80, told)
     assert there[0] == (["a.0", "a.1", "a.2"], {"a.0", "a.1", "a.2"})
     assert there[-1] == ([], set())

@@ -101,7 +101,7 @@ def test_a_standing_robot_stops_the_traffic_behind_it_and_has_room_at_the_start(
     snapshots = []
     read = simulation.World.snapshot
 
-    def snapshot(world, fleet):
+    def snapshot(world, fleet, reach=np.inf):
         snapshots.append(read(world, fleet))
         return snapshots[-1]
 
@@ -119,6 +119,23 @@ def test_a_standing_robot_stops_the_traffic_behind_it_and_has_room_at_the_start(
     assert last.speed[1:][behind][gap[behind].argmin()] < 0.1
     contacts = pd.read_csv(tmp_path / "one" / "events.csv").query("kind == 'collision'")
     assert contacts.empty
+
+
+def test_in_each_step_those_near_a_member_are_read_and_not_all_who_are_far(tmp_path, monkeypatch):
+    read, left_out = simulation.World.snapshot, []
+
+    def snapshot(world, fleet, reach=np.inf):
+        some, everybody = read(world, fleet, reach), read(world, fleet)
+        away = np.hypot(everybody.x - everybody.x[0], everybody.y - everybody.y[0]) - everybody.length / 2
+        near = [name for name, far in zip(everybody.ids, away > reach, strict=True) if not far]
+        assert set(near) <= set(some.ids)
+        assert list(some.ids) == [name for name in everybody.ids if name in some.ids]
+        left_out.append(len(everybody.ids) - len(some.ids))
+        return some
+
+    monkeypatch.setattr(simulation.World, "snapshot", snapshot)
+    run(write(tmp_path, 'net = "corridor"\nwarm_up_s = 120.0', 20.0, edges=["west_light"]), tmp_path / "one")
+    assert max(left_out) > 5
 
 
 @pytest.mark.parametrize(

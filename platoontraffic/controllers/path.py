@@ -98,8 +98,7 @@ class PathLeader:
         if sensed.signals is not None:
             wanted.append(self._for_lines(sensed.speed, sensed.body.length, sensed.signals))
         acceleration = np.maximum(np.min(wanted, axis=0), -self.hardest_braking)
-        # Who stands does not brake.
-        acceleration = np.where((sensed.speed <= 0) & (acceleration < 0), 0.0, acceleration)
+        acceleration = np.maximum(acceleration, -sensed.speed / dt)  # nobody brakes into driving backwards
         return Decision(Drive(acceleration, self._curvature(sensed)), Memory(memory.time + dt, free, closing))
 
     def _curvature(self, sensed: Sensed) -> np.ndarray:

@@ -1,6 +1,7 @@
 """What only the compiled engine has: its grid, its rough angles, its compilation."""
 
 import dataclasses
+import gc
 import math
 import os
 import shutil
@@ -14,11 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import world
 
-import lidar
-from lidar import Boxes, LidarModel, Scene, scan
-from lidar.compiled import sources
+from lidar import Boxes, LidarModel, Scene, compiled, noise, scan
 from lidar.engines import raster_engine
 from lidar.engines.raster_engine import CELL
+from platoontraffic import bicycle, bicycle_kernel, vehicle
 
 few = settings(derandomize=True, deadline=None, max_examples=60)
 VIEW = LidarModel(181, -math.pi / 2, math.pi / 2, 0.0, 45.0)
@@ -114,7 +114,9 @@ def test_scanning_on_takes_no_more_memory():
         out = scan(VIEW, scene, boxes, boxes.x, boxes.y, boxes.heading, boxes.owner, number=number, out=out)
         assert before is None or (out.ranges is before.ranges and out.hits is before.hits)
         if number == 2999:  # whatever numpy and Python keep for later is full by then
+            gc.collect()
             settled = sys.getallocatedblocks()
+    gc.collect()
     assert sys.getallocatedblocks() < settled + 100  # 500 scans of 50 sensors
 
 
@@ -134,8 +136,8 @@ def test_lidar_is_imported_without_numba_and_pymunk():
     assert python("import sys, lidar; print({'numba', 'pymunk'} & set(sys.modules))") == "set()"
 
 
-def test_commands_without_a_lidar_never_import_numba():
-    commands = [["list"], ["list", "lidars"], ["check", "paper_loop"], ["run", "paper_loop", "--dry-run"]]
+def test_commands_that_prepare_no_run_never_import_numba():
+    commands = [["list"], *(["list", kind] for kind in ("scenarios", "nets", "laws", "vehicles", "lidars"))]
     code = (
         "import sys\nfrom platoontraffic.cli import app\n"
         f"for words in {commands}:\n"
@@ -145,16 +147,19 @@ def test_commands_without_a_lidar_never_import_numba():
     assert python(code).splitlines()[-1] == "False"
 
 
-def test_what_is_kept_is_of_these_sources(monkeypatch, tmp_path):
+@pytest.mark.parametrize("kernel", [raster_engine._scan, bicycle_kernel.move])
+def test_what_is_kept_is_of_all_files_that_a_kernel_calls(kernel):
     # numba looks at one file only; the stamp that it compares is that of all.
-    assert raster_engine._scan._cache._cache_file._source_stamp == sources()
-    before = sources()
-    copy = tmp_path / "lidar"
-    shutil.copytree(Path(lidar.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    with (copy / "noise.py").open("a") as file:
+    files = compiled.OWN if kernel is raster_engine._scan else [m.__file__ for m in (bicycle_kernel, bicycle, vehicle)]
+    assert kernel._cache._cache_file._source_stamp == compiled.digest(files)
+
+
+def test_a_changed_file_changes_the_stamp(tmp_path):
+    copies = [Path(shutil.copy(file, tmp_path)) for file in (noise.__file__, compiled.__file__)]
+    before = compiled.digest(copies)
+    with copies[0].open("a") as file:
         file.write("# changed\n")
-    monkeypatch.setattr("lidar.compiled.__file__", str(copy / "compiled.py"))
-    assert sources.__wrapped__() != before
+    assert compiled.digest(copies) != before
 
 
 def test_where_nothing_can_be_kept_it_compiles_anew(tmp_path):
