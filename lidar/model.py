@@ -206,5 +206,6 @@ PRESETS = MappingProxyType(
         "utm30lx": _fan(135.0, 0.1, 30.0, samples=1081, noise=_UTM30LX),
         "car-leader": _fan(90.0, 0.3, 60.0, rate=10.0, noise=_CAR),
         "car-follower": _fan(11.5, 0.3, 30.0, rate=10.0, noise=_CAR),
+        "car-tracker": _fan(90.0, 0.3, 80.0, samples=721, rate=10.0, noise=_CAR),
     }
 )
