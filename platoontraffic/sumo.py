@@ -41,7 +41,7 @@ NO_LANE_CHANGE = 0
 
 ROOM = 1.0  # of their own length is free before and behind members when they are deployed
 BESIDE = 0.5  # and this, of both sides together [m]
-WATCHED = 50.0  # from so far before a line one looks for whom to give way to, and so far beyond it [m]
+WATCHED = 3.6  # for those to give way to one looks as far as the fastest of them may drive in this time [s]
 EARLY_BRAKING = 2.0  # so that one can stop by it, it is looked for room beside in time [m/s2]
 REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
 
@@ -77,6 +77,7 @@ class GoFirst(NamedTuple):
 
     entering: tuple[tuple[str, float], ...]  # lanes, and the way from each one's end to the junction [m]
     inside: Mapping[str, bool]  # lanes in the junction that cross the way -> whether one waits at its end
+    reach: float  # so far before the junction one looks for them, and from so far before it [m]
 
     @classmethod
     def at(cls, line: Line, network: Network) -> GoFirst:
@@ -86,7 +87,8 @@ class GoFirst(NamedTuple):
             for name in libsumo.lane.getInternalFoes(via):
                 if name not in line.via and network.entered_from.get(name) in entering:
                     inside[name] = bool(libsumo.lane.getLinks(name)[0][4])
-        return cls(tuple(one for name in sorted(entering) for one in network.upstream(name, WATCHED)), inside)
+        reach = WATCHED * max(map(libsumo.lane.getMaxSpeed, entering), default=0.0)
+        return cls(tuple(one for name in sorted(entering) for one in network.upstream(name, reach)), inside, reach)
 
 
 class World:
@@ -349,7 +351,7 @@ class World:
             return way, not near or self._may_change(member, line, speed, length), False, False
         state = libsumo.trafficlight.getRedYellowGreenState(line.light)[line.index] if line.light else line.state
         is_open = state not in "ruyY"
-        if is_open and state not in "GMoO" and way < WATCHED:
+        if is_open and state not in "GMoO" and way < self._go_first(line).reach:
             is_open = self._may_cross(line, way, speed, length)
             if state in "sw":  # only who has stood there may go
                 links = libsumo.vehicle.getNextLinks(member.id)
@@ -371,11 +373,14 @@ class World:
                 return False
         return True
 
-    def _may_cross(self, line: Line, way: float, speed: float, length: float) -> bool:
-        """Whether there is a gap among all those who go first, for a vehicle `way` metres before the junction."""
+    def _go_first(self, line: Line) -> GoFirst:
         if line not in self._first:
             self._first[line] = GoFirst.at(line, self._network)
-        first = self._first[line]
+        return self._first[line]
+
+    def _may_cross(self, line: Line, way: float, speed: float, length: float) -> bool:
+        """Whether there is a gap among all those who go first, for a vehicle `way` metres before the junction."""
+        first = self._go_first(line)
         vehicle, lane = libsumo.vehicle, libsumo.lane
         foes = []
         for name, beyond in first.entering:

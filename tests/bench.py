@@ -12,9 +12,10 @@ import shapely
 from lidar import PRESETS, LaserScan, LidarModel, Mount, ScanBatch, Scene
 from platoontraffic.controllers import Decision, Sensed
 from platoontraffic.fleet import Fleet, Member
+from platoontraffic.models import VehicleModel
 from platoontraffic.sensing import Sensing
 from platoontraffic.traffic import TrafficSnapshot
-from platoontraffic.vehicle import DifferentialDrive, Twist
+from platoontraffic.vehicle import DifferentialDrive, Drive, Twist
 
 DT = 0.025
 ROBOT = DifferentialDrive()
@@ -33,10 +34,11 @@ WIDE_EYE = LidarModel(1441, -np.pi / 4, np.pi / 4, 0.01, 4.0)
 class Prescribed:
     """A leader's twist by the clock."""
 
-    twist_at: Callable[[float], Twist]
+    twist_at: Callable[[float], Twist | Drive]
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
-        return Decision(self.twist_at(sensed.scan.stamp))
+        command = self.twist_at(sensed.scan.stamp)
+        return Decision(type(command)(*(np.full(len(sensed.speed), float(value)) for value in command)))
 
 
 def constant(speed: float, yaw_rate: float = 0.0) -> Prescribed:
@@ -57,6 +59,9 @@ class Log(NamedTuple):
     distance: np.ndarray  # of the law's target; NaN: none
     bearing: np.ndarray
     on: np.ndarray  # what that target lies on: a column, -1 a wall, -2 nothing
+    acceleration: np.ndarray
+    yaw_rate: np.ndarray
+    axle: np.ndarray  # middle of the driven axle, (k, n, 2)
 
     def locked(self) -> np.ndarray:
         """Which followers have the member ahead for their target, (k, n - 1)."""
@@ -70,9 +75,10 @@ def platoon(
     *,
     at: tuple[float, float, float] = (0.0, 0.0, 0.0),
     distance: float = 0.5,
-    model: DifferentialDrive = ROBOT,
+    model: VehicleModel = ROBOT,
     leader_eye: LidarModel = BLIND,
     eye: LidarModel = FOLLOWER_EYE,
+    speed: float = 0.0,
 ) -> list[Member]:
     """A leader with its centre at a pose, and followers straight behind it, each laser `distance` from a rear."""
     x, y, heading = at
@@ -89,24 +95,36 @@ def platoon(
             lane=0,
             position=0.0,
             pose=(x - i * spacing * np.cos(heading), y - i * spacing * np.sin(heading), heading),
+            speed=speed,
         )
         for i in range(followers + 1)
     ]
 
 
-def drive(members: Sequence[Member], scene: Scene, seconds: float, dt: float = DT, observe=lambda *_: None) -> Log:
-    """Sense, decide, observe, move."""
-    fleet, sensing = Fleet.deployed(members, dt), Sensing(scene)
+def drive(
+    members: Sequence[Member],
+    scene: Scene,
+    seconds: float,
+    dt: float = DT,
+    observe=lambda *_: None,
+    seed: int = 0,
+    blind: tuple[float, float] = (np.inf, np.inf),
+) -> Log:
+    """Sense, decide, observe, move. From one to another time [s] no beam meets anything."""
+    fleet, sensing = Fleet.deployed(members, dt), Sensing(scene, seed=seed)
     rows = []
     for step in range(round(seconds / dt) + 1):
         traffic = snapshot(fleet, step * dt)
         scans = sensing.scan(traffic, fleet, step)
+        if blind[0] <= traffic.time < blind[1]:
+            scans = [scan and replace(scan, ranges=np.full(scan.ranges.shape, np.inf)) for scan in scans]
         fleet = fleet.decided(scans, dt)
         observe(traffic, fleet, scans)
         motion = fleet.motion
         on = targets(fleet, scans)
         where = motion.x, motion.y, motion.heading, motion.turned, motion.speed
-        rows.append((*where, *fleet.command.twist, *fleet.target, on))
+        more = motion.acceleration, motion.yaw_rate, np.column_stack(fleet.model.axle_position(motion))
+        rows.append((*where, *fleet.command.twist, *fleet.target, on, *more))
         fleet = fleet.moved(dt)
     return Log(np.arange(len(rows)) * dt, *(np.array(column) for column in zip(*rows, strict=True)))
 
