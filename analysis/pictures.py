@@ -1,4 +1,4 @@
-"""Pictures of a run: paths on the road, gaps over time."""
+"""Pictures of a run: paths on the road; gaps, speeds and spacing errors over time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from analysis.results import Results, ResultsError, load
 
 # Okabe and Ito's colours: told apart by colour-blind eyes. The leader is black.
 COLOURS = ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
-ROAD, MIDDLE, WALL, OTHERS = "#e4e4e4", "#ffffff", "#444444", "#999999"
+ROAD, MIDDLE, WALL, OTHERS, BUILDING = "#e4e4e4", "#ffffff", "#444444", "#999999", "#efe9e2"
 TOWN = 100.0  # a road that extends farther is of cars; things are drawn smaller on it, and vehicles larger [m]
 
 
@@ -52,11 +52,64 @@ def picture(folder: Path | str, to: Path | str) -> Path:
     return to
 
 
+def road_figure(results: Results) -> Figure:
+    """The road with every member's path."""
+    across, up = _extent(results)
+    figure = _figure(9, min(max(9 * up / max(across, 1e-9), 2.2), 8))
+    axes = figure.subplots()
+    draw_road(axes, results)
+    draw_paths(axes, results)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
+    return figure
+
+
+def strips_figure(results: Results) -> Figure:
+    """Gap, speed, spacing error and losses of lock of the main platoon over time."""
+    follows = bool(len(_followers(results)))
+    strips = ["gaps", "speeds", "errors", "locks"] if follows else ["speeds"]
+    figure = _figure(9, 7.5 if follows else 2.5)
+    parts = figure.subplot_mosaic([[name] for name in strips], height_ratios=[4, 4, 4, 1.5][: len(strips)], sharex=True)
+    rows = results.trajectories[results.trajectories.platoon_id == _main_platoon(results)]
+    for (place, vehicle), own in rows.groupby(["place", "vehicle_id"]):
+        colour = COLOURS[place % len(COLOURS)]
+        parts["speeds"].plot(own.time_s, own.speed_mps, color=colour, linewidth=1, label=vehicle)
+        if follows and place > 0:
+            parts["errors"].plot(own.time_s, own.gap_error_m, color=colour, linewidth=1)
+    parts["speeds"].set_ylabel("speed [m/s]")
+    if follows:
+        draw_gaps(parts["gaps"], results)
+        parts["gaps"].set_ylabel("gap [m]")
+        draw_losses(parts["locks"], results)
+        parts["errors"].set_ylabel("spacing error [m]")
+        usual = 1.5 * rows.gap_m.median()  # beyond, a platoon has parted
+        low, high = rows.gap_error_m.min(), rows.gap_error_m.max()
+        if low < -usual or high > usual:
+            parts["errors"].set_ylim(max(low, -usual), min(high, usual))
+    for name in set(strips) - {"gaps", "locks"}:
+        parts[name].grid(alpha=0.3)
+        parts[name].spines[["top", "right"]].set_visible(False)
+        parts[name].tick_params(labelbottom=name == strips[-1])
+    parts[strips[-1]].set_xlabel("time [s]")
+    legend = parts["speeds"].get_legend_handles_labels()
+    figure.legend(*legend, loc="outside upper center", ncols=6, frameon=False, fontsize=9)
+    return figure
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
 def draw_road(axes: Axes, results: Results) -> None:
     """Drivable area, its middle lines, walls and obstacles."""
     outline = Outline.make_compound_path(*(Outline(ring, closed=True) for ring in results.scene["road"]))
     town = max(_extent(results)) > TOWN
     axes.add_patch(PathPatch(outline, facecolor=ROAD, edgecolor=ROAD, linewidth=1.5 if town else 0))
+    for ring in results.scene.get("buildings", []):
+        axes.fill(*zip(*ring, strict=True), facecolor=BUILDING)
+    for line in results.scene.get("lanes", []):
+        axes.plot(*zip(*line, strict=True), color=MIDDLE, linewidth=0.4, dashes=(6, 6))
     for line in results.scene["middle"]:
         axes.plot(*zip(*line, strict=True), color=MIDDLE, linewidth=0.6 if town else 1.2, dashes=(6, 4))
     for line in results.scene["walls"]:

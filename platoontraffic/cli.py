@@ -58,6 +58,9 @@ def run(
     results: Annotated[Path, typer.Option("--out", help="folder for results")] = Path("results"),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, start nothing")] = False,
     force: Annotated[bool, typer.Option("--force", help="run again although an equal run is there")] = False,
+    replay: Annotated[
+        bool, typer.Option("--replay", help="record traffic and scans too, and make replay.html of the run")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a scenario; leave its tables in OUT/NAME/RUN."""
@@ -67,6 +70,8 @@ def run(
     # A cluster ends jobs by SIGTERM; what was recorded is kept then as at Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     checked = scenarios.load(scenario, changes or (), seed, platoons)
+    if replay:
+        checked = checked.for_replay()
     prepared = simulation.prepare(checked)
     if not quiet:
         _remark(checked)
@@ -84,6 +89,13 @@ def run(
             simulation.simulate(prepared, folder, progress, replace=force)
     if not quiet:
         _show(folder)
+    if replay:
+        from platoontraffic.replay import page
+
+        with _results():
+            made = page(folder, folder / "replay.html")
+        if not quiet:
+            out.print(f"to open in a browser: {made}", soft_wrap=True)
     print(folder)
 
 
@@ -153,12 +165,35 @@ def plot(
     to: Annotated[Path | None, typer.Option("--to", help="picture file; default RUN/plot.png")] = None,
 ) -> None:
     """Draw the paths on the road and the gaps over time."""
-    from analysis.pictures import ResultsError, picture
+    from analysis.pictures import picture
 
-    try:
+    with _results():
         print(picture(run_folder, to or run_folder / "plot.png"))
-    except ResultsError as error:
-        raise InputError(str(error)) from error
+
+
+@command
+def replay(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="the folder of a run")],
+    to: Annotated[Path | None, typer.Option("--to", help="page to make; default RUN/replay.html")] = None,
+    vehicle: Annotated[str | None, typer.Option("--vehicle", help="member to begin with")] = None,
+) -> None:
+    """Make one HTML page that plays the run in any browser, without a network."""
+    from platoontraffic.replay import page
+
+    with _results():
+        print(page(run_folder, to or run_folder / "replay.html", vehicle))
+
+
+@command
+def report(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="the folder of a run")],
+    to: Annotated[Path | None, typer.Option("--to", help="page to make; default RUN/report.html")] = None,
+) -> None:
+    """Make one HTML page of a run's pictures, metrics and events; the pictures also as PNG and SVG beside it."""
+    from platoontraffic.report import page
+
+    with _results():
+        print(page(run_folder, to or run_folder / "report.html"))
 
 
 @command
@@ -193,6 +228,17 @@ def bench(
 def main() -> None:
     """Entry point."""
     app()
+
+
+@contextmanager
+def _results():
+    """What is wrong with the folder of a run is bad input."""
+    from analysis.results import ResultsError
+
+    try:
+        yield
+    except ResultsError as error:
+        raise InputError(str(error)) from error
 
 
 def _remark(checked: Scenario) -> None:

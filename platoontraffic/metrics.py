@@ -3,42 +3,7 @@
 A member's time is that from its event `departed` to `arrived`, or to the end. A recorded instant stands for the time up
 to the member's next one where a duration is asked for.
 
-vehicle scope:
-
-laps                          |turned_rad| / 2 pi at the end; corners are its quarters, the last counted from 80 deg
-distance                      length of the driven path of the centre
-speed_mean                    of speed_mps
-accel_rms, jerk_rms, jerk_max of accel_mps2, and of |jerk_mps3|
-right_lane_share              share of the recorded instants with a defined right_of_middle_m at which it is positive
-standstill_share              share of its time spent in standstills of more than 10 s
-off_road_share                share of its time off the road, by the events, that is of all steps
-collisions                    episodes of contact with a vehicle or a wall
-hard_brakings                 events emergency_brake
-
-vehicle scope, followers only:
-
-gap_mean, gap_min, gap_max    of gap_m over the recorded instants
-gap_error_rms                 root mean square of gap_error_m
-time_gap_median               of time_gap_s; its mean over all instants would be that of the slowest
-time_gap_mean, time_gap_min   of time_gap_s where it drives faster than a tenth of its speed_mean
-cross_track_rms, _max         of |cross_track_m|
-lock_on_ratio                 share of the time from the first lock to the end in which the law's target was its true
-                              predecessor, by the events, that is of all steps; 0 if it was never locked
-lock_losses, lock_loss_longest  number and longest duration of the losses, the last one up to the end
-lost_for_good                 time of the loss that lasted to the end; none if there was no such loss
-ttc_min                       of ttc_s
-tet, tit                      time exposed to a ttc_s below 3 s, and the integral of 3 s - ttc_s over that time
-drac_max                      of drac_mps2
-near_misses                   events near_miss
-occluded_share_mean           of occluded_share
-beams_share5                  share of the recorded instants with a beams_on_predecessor at which it is 5 or more
-speed_gain_l2, _linf          norm of its speed's deviation from its mean, over that of the member ahead: root mean
-                              square, and largest; over the instants of both; none where the member ahead deviates by
-                              less than 0.05 m/s (root mean square). Above 1, the string of vehicles amplifies
-
-platoon and run scope: the worst, the mean or the sum over the members, as the name says; of tet and tit the sum.
-
-head_to_tail_l2               of a platoon: speed_gain_l2 of the last member over the first; of a run: the largest
+Platoon and run scope: the worst, the mean or the sum over the members, as the name says; of tet and tit the sum.
 """
 
 from __future__ import annotations
@@ -56,6 +21,63 @@ EXPOSED = 3.0  # a shorter time to collision is dangerous [s]
 ENOUGH_BEAMS = 5  # on a predecessor, for a law to make something of it
 STEADY = 0.05  # a speed that deviates less tells nothing of a string's stability, RMS [m/s]
 MOVING = 0.1  # of the mean speed: slower is hardly moving
+
+
+MEANINGS = {
+    "laps": "|turned_rad| / 2 pi at the end",
+    "corners": "quarters of laps, the last counted from 80 deg",
+    "distance": "length of the driven path of the centre",
+    "speed_mean": "of speed_mps",
+    "accel_rms": "root mean square of accel_mps2",
+    "jerk_rms": "root mean square of jerk_mps3",
+    "jerk_max": "of |jerk_mps3|",
+    "right_lane_share": "share of the recorded instants with a defined right_of_middle_m at which it is positive",
+    "standstills": "events standstill",
+    "standstill_share": "share of its time spent in standstills of more than 10 s",
+    "off_road_share": "share of its time off the road, by the events, that is of all steps",
+    "collisions": "episodes of contact with a vehicle or a wall",
+    "hard_brakings": "events emergency_brake",
+    # of followers only
+    "gap_mean": "of gap_m over the recorded instants",
+    "gap_min": "of gap_m over the recorded instants",
+    "gap_max": "of gap_m over the recorded instants",
+    "gap_error_rms": "root mean square of gap_error_m",
+    "time_gap_median": "of time_gap_s; its mean over all instants would be that of the slowest",
+    "time_gap_mean": "of time_gap_s where it drives faster than a tenth of its speed_mean",
+    "time_gap_min": "of time_gap_s where it drives faster than a tenth of its speed_mean",
+    "cross_track_rms": "root mean square of cross_track_m",
+    "cross_track_max": "of |cross_track_m|",
+    "lock_on_ratio": "share of the time from the first lock to the end in which the law's target was its true "
+    "predecessor, by the events, that is of all steps; 0 if it was never locked",
+    "lock_losses": "number of losses of lock",
+    "lock_loss_longest": "longest loss of lock, the last one up to the end",
+    "lost_for_good": "time of the loss that lasted to the end; none if there was no such loss",
+    "ttc_min": "of ttc_s",
+    "tet": "time exposed to a ttc_s below 3 s",
+    "tit": "integral of 3 s - ttc_s over that time",
+    "drac_max": "of drac_mps2",
+    "near_misses": "events near_miss",
+    "occluded_share_mean": "of occluded_share",
+    "beams_share5": "share of the recorded instants with a beams_on_predecessor at which it is 5 or more",
+    "speed_gain_l2": "root mean square of its speed's deviation from its mean, over that of the member ahead; over the "
+    "instants of both; none where the member ahead deviates by less than 0.05 m/s (root mean square). Above 1, the "
+    "string of vehicles amplifies",
+    "speed_gain_linf": "the same of the largest deviations",
+    # of platoons and runs only
+    "members": "how many they are",
+    "head_to_tail_l2": "of a platoon: speed_gain_l2 of the last member over the first; of a run: the largest",
+    "leader_right_lane_share": "right_lane_share of the leaders, all instants together",
+    "duration": "from the first recorded instant to the end",
+}
+_OVER_MEMBERS = {"_max": "largest", "_min": "least", "_mean": "mean", "_first": "earliest"}
+
+
+def meaning(name: str) -> str:
+    """Of a metric, over members too; empty if it is none of this module."""
+    for suffix, word in _OVER_MEMBERS.items():
+        if name not in MEANINGS and (base := name.removesuffix(suffix)) in MEANINGS:
+            return f"the members' {word} {base}: {MEANINGS[base]}"
+    return MEANINGS.get(name, "")
 
 
 class Metric(NamedTuple):

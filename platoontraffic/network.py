@@ -533,6 +533,21 @@ class Network:
         """Where the two directions of a road meet, continued round corners up to junctions of three or more arms."""
         return list(self._middles.lines)
 
+    def lane_borders(self) -> list[LineString]:
+        """Between neighbouring lanes of one direction."""
+        borders = []
+        for edge in self._roads:
+            for lane in [*filter(_is_road, edge.getLanes())][1:]:
+                beside = lane.getWidth() / 2 * (1 if self.left_hand else -1)
+                border = LineString(lane.getShape()).offset_curve(beside, join_style="mitre")
+                borders += [part for part in shapely.get_parts(border) if not part.is_empty]
+        return borders
+
+    def junctions(self) -> list[shapely.Polygon]:
+        """Their areas."""
+        parts = shapely.get_parts(list(self._junction_areas().values()))
+        return [part for part in parts if part.geom_type == "Polygon" and not part.is_empty]
+
     def right_of_middle(self, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> np.ndarray:
         """Distance [m] to the right of the road's middle, seen along each heading; left is negative. (n,)
 

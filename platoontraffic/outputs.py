@@ -1,13 +1,5 @@
 """What SUMO reads in a run and what it writes: every file that it writes comes into the run's folder, and its trips,
 its summary and its edges become tables as tidy as the others.
-
-traffic_metrics, of the vehicles that are no members and were on the road while the platoons were:
-
-trips_finished, trips_running, trips_waiting   arrived; on the road at the end; kept from it by others until the end
-travel_time_mean, waiting_mean, delay_mean, depart_delay_mean   of the finished trips: on the road; of that, standing;
-                              lost by driving slower than would be possible; late for their departure
-distance                      driven, of all
-co2_per_distance, fuel_per_distance   of all, over that distance
 """
 
 from __future__ import annotations
@@ -192,6 +184,20 @@ TABLES = {
     ),
 }
 
+# Metrics of the vehicles that are no members and were on the road while the platoons were.
+MEANINGS = {
+    "trips_finished": "trips that arrived",
+    "trips_running": "trips on the road at the end",
+    "trips_waiting": "trips kept from the road by others until the end",
+    "travel_time_mean": "on the road, of the finished trips",
+    "waiting_mean": "of that, standing",
+    "delay_mean": "lost by driving slower than would be possible, of the finished trips",
+    "depart_delay_mean": "late for their departure, of the finished trips",
+    "distance": "driven, of all",
+    "co2_per_distance": "of all, over that distance",
+    "fuel_per_distance": "of all, over that distance",
+}
+
 
 _TAKEN = [f"{name}.csv" for name in TABLES]
 
@@ -271,7 +277,7 @@ def read_trips(folder: Path) -> pd.DataFrame:
 
 
 def traffic_metrics(trips: pd.DataFrame, members: Collection[str]) -> list[tuple[str, float, str]]:
-    """(name, value, unit) of SUMO's own vehicles, as defined at the head of this module.
+    """(name, value, unit) of SUMO's own vehicles, as `MEANINGS` defines them.
 
     trips   : of `read_trips`
     members : their ids; for want of a lane SUMO knows too little of them

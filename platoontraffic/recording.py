@@ -19,6 +19,8 @@ import numpy as np
 from platoontraffic.errors import RunError
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.observation import Event, Measures
+from platoontraffic.scans import ScanRecorder
+from platoontraffic.scans import resource as scans_resource
 from platoontraffic.traffic import TrafficSnapshot
 
 DONE = "DONE"
@@ -81,6 +83,17 @@ TRAFFIC = (
     _number("speed_mps", "m/s", "forward speed"),
 )
 
+VEHICLES = (
+    _text("vehicle_id", "a member, or with traffic.csv a vehicle of no platoon"),
+    _text("platoon_id", "platoon; empty for a vehicle of none"),
+    Column("place", "integer", "", "in its platoon; empty for a vehicle of none", "%d"),
+    _number("length_m", "m", "footprint"),
+    _number("width_m", "m", "footprint"),
+    _number("laser_x_m", "m", "laser ahead of the centre; empty for a vehicle that SUMO drives"),
+    _number("laser_y_m", "m", "laser to the left of the centre"),
+    _number("laser_yaw_rad", "rad", "laser's forward direction, from the vehicle's"),
+)
+
 EVENTS = (
     _number("time_s", "s", "since the platoons were placed", "%.3f"),
     _text("kind", "see the kinds below"),
@@ -97,10 +110,12 @@ METRICS = (
     _text("scope", "'vehicle', 'platoon' or 'run'"),
     _text("platoon_id", "platoon; empty for a run"),
     _text("vehicle_id", "member; empty for a platoon or a run"),
-    _text("metric", "see metrics.py for the definitions"),
+    _text("metric", "see the metrics below"),
     _number("value", "", "value", "%.9g"),
     _text("unit", "unit of the value; empty for counts and shares"),
 )
+
+SCENE = "drivable area, junctions, borders of lanes, middle lines, walls and buildings [m]"
 
 SMALLER = " (times length / 4.74 m, if shorter than 2 m)"
 
@@ -126,8 +141,8 @@ KINDS = {
 class Recorder:
     """The folder of a run while it is written."""
 
-    def __init__(self, folder: Path, *, traffic: bool = False) -> None:
-        """folder: the final one, it must not be there yet; traffic: whether there is to be a traffic.csv."""
+    def __init__(self, folder: Path, *, traffic: bool = False, scans: bool = False) -> None:
+        """folder: the final one, it must not be there yet; whether there are to be a traffic.csv and a scans.npz."""
         self._final = folder
         self.folder = folder.with_name(f"{folder.name}.{os.getpid()}.partial")
         missing = (parent for parent in self.folder.parents if not parent.exists())
@@ -135,11 +150,13 @@ class Recorder:
         self._members: tuple[Member, ...] = ()  # of whom the next two are
         self._names: list[tuple[str, int, str]] = []
         self._order: list[int] = []
+        self._others: dict[str, tuple[float, float]] = {}  # length and width of those in traffic.csv
         try:
             self.folder.mkdir(parents=True)
             self._trajectories = self._open("trajectories.csv", TRAJECTORIES)
             self._events = self._open("events.csv", EVENTS)
             self._traffic = self._open("traffic.csv", TRAFFIC) if traffic else None
+            self.scans = ScanRecorder(self.folder) if scans else None
         except OSError as error:
             raise RunError(f"{folder.parent}: results cannot be written: {error.strerror}") from error
 
@@ -194,18 +211,31 @@ class Recorder:
             "speed_mps": traffic.speed[n:],
         }
         self._traffic.write(_table(values, TRAFFIC))
+        for i, vehicle in enumerate(traffic.ids[n:], start=n):
+            if vehicle not in self._others:
+                self._others[vehicle] = float(traffic.length[i]), float(traffic.width[i])
 
     def note(self, events: Iterable[Event]) -> None:
         self._events.write(_lines(sorted(events), EVENTS))
 
     def flush(self) -> None:
         """What was written is safe even if the process is killed."""
-        for file in self._files():
+        for file in (*self._files(), *([self.scans] if self.scans else [])):
             file.flush()
 
     def write(self, name: str, text: str) -> None:
         """A further file of the run."""
         (self.folder / name).write_text(text, encoding="utf-8", newline="\n")
+
+    def write_vehicles(self, members: Iterable[Member]) -> None:
+        """Who they were: all members that the run ever had, then those of traffic.csv by their first row."""
+        rows: list[tuple] = []
+        for m in sorted(members, key=lambda m: (m.platoon, m.place)):
+            mount = m.lidar.mount
+            laser = (None,) * 3 if getattr(m.law, "native", False) else (mount.x, mount.y, mount.yaw)
+            rows.append((m.id, m.platoon, m.place, m.model.length, m.model.width, *laser))
+        rows += [(vehicle, "", None, *size, None, None, None) for vehicle, size in self._others.items()]
+        self.write_table("vehicles.csv", rows, VEHICLES)
 
     def write_table(self, name: str, rows: Iterable[tuple], columns: tuple[Column, ...]) -> None:
         with self._open(name, columns) as file:
@@ -214,6 +244,8 @@ class Recorder:
     def close_tables(self) -> None:
         for file in self._files():
             file.close()
+        if self.scans:
+            self.scans.close()
 
     def finish(self, replace: bool) -> Path:
         """Mark as complete and put in place; where an equal run has been finished meanwhile, one of them stays."""
@@ -256,9 +288,9 @@ def is_done(folder: Path) -> bool:
     return (folder / DONE).is_file()
 
 
-def datapackage(name: str, title: str, *, traffic: bool = False) -> dict[str, Any]:
-    """Frictionless data package: every table's columns with unit and meaning; `traffic` as of the Recorder."""
-    tables = {"trajectories": TRAJECTORIES, "events": EVENTS, "metrics": METRICS}
+def datapackage(name: str, title: str, *, traffic: bool = False, scans: bool = False) -> dict[str, Any]:
+    """Frictionless data package: every table's columns with unit and meaning; `traffic`, `scans` as of the Recorder."""
+    tables = {"trajectories": TRAJECTORIES, "events": EVENTS, "metrics": METRICS, "vehicles": VEHICLES}
     if traffic:
         tables["traffic"] = TRAFFIC
     resources = []
@@ -277,7 +309,9 @@ def datapackage(name: str, title: str, *, traffic: bool = False) -> dict[str, An
             "description": "one row: the run, its varied values, and every metric of scope 'run' as <metric>_<unit>",
         }
     )
-    resources.append({"name": "scene", "path": "scene.geojson", "description": "road, middle lines and walls [m]"})
+    resources.append({"name": "scene", "path": "scene.geojson", "description": SCENE})
+    if scans:
+        resources.append(scans_resource())
     return {"name": name.lower(), "title": title or name, "resources": resources}
 
 

@@ -84,6 +84,10 @@ class SceneTable(Table):
     lidar_engine: Literal["raster", "numpy", "pymunk", "shapely"] = "raster"
 
 
+REPLAY_EVERY = {"traffic": 0.5, "scans": 0.25}  # so often a replay has them [s], ...
+REPLAY_RANGES = 10e6  # ... but scans less often, where there would be more ranges than this
+
+
 class Run(Table):
     step_s: Length = 0.025
     duration_s: Length
@@ -100,6 +104,7 @@ class Run(Table):
 class Record(Table):
     every_s: Length = 0.1
     traffic_every_s: Length | None = None  # SUMO's own vehicles, in traffic.csv; default: not at all
+    scans_every_s: Length | None = None  # what the lasers measured, in scans.npz; default: not at all
     sumo: list[Literal["trips", "summary", "edges"]] = []  # tables of SUMO's own, sumo_trips.csv and so on
     sumo_every_s: Length = 60.0  # of summary a row, of edges the intervals
 
@@ -370,6 +375,23 @@ class Scenario:
             remarks.append(f"{config.path}: step-length = {config.step:g} {used}")
         return remarks
 
+    def for_replay(self) -> Scenario:
+        """With all that a replay shows recorded, where nothing is said of how often.
+
+        Scans are by far the most of it: of large platoons they are recorded less often.
+        """
+        run, record = self.spec.run, self.spec.record
+        beams = sum(
+            driver.lidar.model(default_preset(role), platoon.vehicle.model().length).samples * n
+            for platoon in self.spec.platoon
+            for role, driver, n in (("leader", platoon.leader, 1), ("follower", platoon.follower, platoon.size - 1))
+        )
+        traffic, scans = (math.ceil(every / run.step_s - 1e-9) * run.step_s for every in REPLAY_EVERY.values())
+        scans *= math.ceil(run.duration_s * beams / (scans * REPLAY_RANGES))
+        given = {"traffic_every_s": record.traffic_every_s or round(traffic, 3)}
+        given["scans_every_s"] = record.scans_every_s or round(scans, 3)
+        return replace(self, spec=self.spec.model_copy(update={"record": record.model_copy(update=given)}))
+
     def resolved(self, folder: Path | None = None) -> dict[str, Any]:
         """All keys with their values, as for TOML. Files are named relative to `folder`; without one, not at all."""
         table = self.spec.model_dump(exclude_none=True)
@@ -556,7 +578,7 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
         fault(("run", "duration_s"), f"{spec.run.duration_s}: must be a multiple of run.step_s = {spec.run.step_s}")
     if spec.sumo.warm_up_s and not _whole(spec.sumo.warm_up_s / spec.run.step_s):
         fault(("sumo", "warm_up_s"), f"{spec.sumo.warm_up_s}: must be a multiple of run.step_s = {spec.run.step_s}")
-    for key in ("every_s", "traffic_every_s"):
+    for key in ("every_s", "traffic_every_s", "scans_every_s"):
         every = getattr(spec.record, key)
         if every and not _whole(every / spec.run.step_s):
             fault(("record", key), f"{every}: must be a multiple of run.step_s = {spec.run.step_s}")

@@ -59,7 +59,8 @@ def simulate(prepared: Prepared, folder: Path, progress: Progress = lambda time:
     raises: RunError (SUMO or the disk failed), KeyboardInterrupt: what was recorded is kept in `<folder>.unfinished`;
             InputError (a plug-in failed): nothing is kept
     """
-    recorder = Recorder(folder, traffic=prepared.scenario.spec.record.traffic_every_s is not None)
+    record = prepared.scenario.spec.record
+    recorder = Recorder(folder, traffic=record.traffic_every_s is not None, scans=record.scans_every_s is not None)
     try:
         _simulate(prepared, recorder, progress)
         return recorder.finish(replace)
@@ -95,6 +96,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     steps = round(run.duration_s / dt)
     record_every = round(record.every_s / dt)
     traffic_every = round((record.traffic_every_s or 1.0) / dt)
+    scans_every = round((record.scans_every_s or 1.0) / dt)
     safe_every = round(SAFE_EVERY / dt)
 
     watch = provenance.Stopwatch()
@@ -117,6 +119,8 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
                 write(traffic, fleet, measure(fleet), roads)
             if whole:
                 recorder.record_traffic(traffic, len(fleet))
+            if recorder.scans:
+                recorder.scans.record(step, scans_every, traffic, fleet, scans)
             if step % safe_every == 0:
                 recorder.flush()
                 progress(traffic.time)
@@ -173,9 +177,16 @@ def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> None:
         of_traffic = outputs.traffic_metrics(trips, {m.id for m in prepared.members})
         values += [metrics.Metric("traffic", "", "", *metric) for metric in of_traffic]
     recorder.write_table("metrics.csv", values, recording.METRICS)
+    recorder.write_vehicles(prepared.members)
     recorder.write("summary.csv", metrics.summary(spec.name, spec.seed, scenario.varied, values))
     recorder.write("scene.geojson", recording.as_json(_scene(prepared)))
-    package = recording.datapackage(spec.name, spec.title, traffic=spec.record.traffic_every_s is not None)
+    recorded = {"traffic": spec.record.traffic_every_s is not None, "scans": spec.record.scans_every_s is not None}
+    package = recording.datapackage(spec.name, spec.title, **recorded)
+    described = next(resource for resource in package["resources"] if resource["name"] == "metrics")
+    described["metrics"] = meanings = {}
+    for m in values:
+        of_traffic = m.scope == "traffic"
+        meanings.setdefault(m.scope, {})[m.name] = outputs.MEANINGS[m.name] if of_traffic else metrics.meaning(m.name)
     package["resources"] += outputs.resources(spec.record.sumo)
     recorder.write("datapackage.json", recording.as_json(package))
     facts["sumo_options_ignored"] = list(scenario.configuration.ignored) if scenario.configuration else []
@@ -183,12 +194,15 @@ def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> None:
 
 
 def _scene(prepared: Prepared) -> dict:
-    """Road, middle lines and walls as GeoJSON, in the network's metres: what pictures are drawn on."""
-    walls = prepared.scene.segments.reshape(-1, 2, 2)
+    """The road and what stands beside it as GeoJSON, in the network's metres: what pictures are drawn on."""
+    walls, network = prepared.scene.segments.reshape(-1, 2, 2), prepared.network
     parts = {
-        "road": prepared.network.drivable,
-        "middle": shapely.MultiLineString(prepared.network.middle_lines()),
+        "road": network.drivable,
+        "junctions": shapely.MultiPolygon(network.junctions()),
+        "lanes": shapely.MultiLineString(network.lane_borders()),
+        "middle": shapely.MultiLineString(network.middle_lines()),
         "walls": shapely.MultiLineString(list(walls)),
+        "buildings": prepared.scene.solids or shapely.MultiPolygon(),
     }
     return {
         "type": "FeatureCollection",

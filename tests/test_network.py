@@ -317,6 +317,20 @@ def test_where_one_drives_on_the_left_the_right_lane_is_left_of_the_middle():
         left_hand.lane_pose("wm", 3)
 
 
+@pytest.mark.parametrize(("name", "side"), [("odd", -1), ("left", 1)])
+def test_lanes_meet_half_a_lane_beside_the_inner_one(name, side):
+    network = Network.read(ODD / f"{name}.net.xml")
+    x, y, heading = network.lane_pose("wm", 2, 50)
+    half = network._net.getEdge("wm").getLane(2).getWidth() / 2
+    border = shapely.Point(x - side * half * np.sin(heading), y + side * half * np.cos(heading))
+    assert shapely.MultiLineString(network.lane_borders()).distance(border) < 0.01
+
+
+def test_junctions_are_where_roads_meet(world, loop):
+    assert len(world.junctions()) > 1
+    assert all(shapely.contains(loop.drivable.buffer(1e-6), area) for area in loop.junctions())
+
+
 def test_without_lanes_inside_junctions_routes_go_straight_across():
     bare = Network.read(ODD / "bare.net.xml")
     line = bare.route_line(["wm", "me"], 1)

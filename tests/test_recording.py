@@ -12,7 +12,7 @@ from bench import constant, platoon, snapshot
 from platoontraffic import recording
 from platoontraffic.fleet import Fleet
 from platoontraffic.observation import Measures
-from platoontraffic.recording import EVENTS, METRICS, TRAFFIC, TRAJECTORIES, Recorder, datapackage
+from platoontraffic.recording import EVENTS, METRICS, TRAFFIC, TRAJECTORIES, VEHICLES, Recorder, datapackage
 
 NAMES = ["", "a", "nan", "-0.000000", "100%s", "b,c", 'd"e', "f\ng", "ä"]
 
@@ -33,6 +33,21 @@ def test_a_table_by_columns_is_the_table_by_fields():
     assert recording._table(columns, TRAJECTORIES) == recording._lines(rows, TRAJECTORIES)
     order = rng.permutation(300)
     assert recording._table(columns, TRAJECTORIES, order) == recording._lines([rows[i] for i in order], TRAJECTORIES)
+
+
+def test_who_they_were_is_written_with_those_of_the_traffic_once(tmp_path, fleet):
+    recorder = Recorder(tmp_path / "run", traffic=True)
+    own = snapshot(fleet, 0.0)
+    sizes = {"length": np.append(own.length, [4.5, 12.0]), "width": np.append(own.width, [1.8, 2.5])}
+    beside = {name: np.append(getattr(own, name), [0.0, 9.0]) for name in ("x", "y", "heading", "speed")}
+    for time in (0.0, 0.5):
+        recorder.record_traffic(replace(own, time=time, ids=(*own.ids, "car", "bus"), **sizes, **beside), len(fleet))
+    recorder.write_vehicles(fleet.members)
+    table = pd.read_csv(recorder.keep_unfinished() / "vehicles.csv")
+    assert table.vehicle_id.tolist() == ["robot.0", "robot.1", "robot.2", "second.0", "second.1", "car", "bus"]
+    assert table.length_m.tolist()[-2:] == [4.5, 12.0]
+    assert table.place.tolist()[:5] == [0, 1, 2, 0, 1]
+    assert table.laser_x_m.isna().tolist() == [False] * 5 + [True] * 2
 
 
 @pytest.fixture
@@ -82,7 +97,7 @@ def test_other_traffic_is_written_on_request_only(tmp_path, fleet):
 @pytest.mark.parametrize("traffic", [False, True])
 def test_the_data_package_describes_every_column_of_the_tables_that_there_are(traffic):
     tables = {r["name"]: r for r in datapackage("name", "", traffic=traffic)["resources"]}
-    columns = {"trajectories": TRAJECTORIES, "events": EVENTS, "metrics": METRICS}
+    columns = {"trajectories": TRAJECTORIES, "events": EVENTS, "metrics": METRICS, "vehicles": VEHICLES}
     columns |= {"traffic": TRAFFIC} if traffic else {}
     assert set(tables) == {*columns, "summary", "scene"}
     for name, of_table in columns.items():

@@ -1,0 +1,296 @@
+"""What the replay's page is given of a run: a header of names and places, and columns of numbers.
+
+Lengths are steps of 1 mm for robots and 1 cm for cars, from the road's lower left corner; ranges a 2000th of what the
+laser reaches. A track is a stretch of a vehicle's rows at instants that follow each other.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from analysis.results import Results, ResultsError, Scans
+from lidar import LidarModel, ScanBatch
+from lidar.segments import find_segments
+from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.replay.columns import Columns
+
+SMALL = 2.0  # shorter vehicles are robots [m]
+ANGLE, TIME, SPEED = 1e-3, 1e-3, 1e-3  # steps [rad, s, m/s]
+RANGE_STEPS = 2000  # of a laser's greatest range
+NOTHING, TOO_NEAR, LOST, FIRST = 0, 1, 2, 3  # how a range is written; FIRST is 0 m
+SIZES = {True: (4.74, 1.80), False: (0.20, 0.15)}  # of vehicles in a run that tells none; of cars, of robots [m]
+
+# The figures that tell a run at a glance: metric, heading.
+KEY_METRICS = {
+    "speed_mean": "mean speed",
+    "gap_mean": "mean gap",
+    "gap_min": "least gap",
+    "gap_error_rms": "spacing error, RMS",
+    "time_gap_mean": "time gap",
+    "ttc_min": "least TTC",
+    "lock_on_ratio": "locked on",
+    "lock_losses": "losses",
+    "accel_rms": "acceleration, RMS",
+    "speed_gain_l2": "speed gain",
+    "near_misses": "near misses",
+    "collisions": "contacts",
+}
+
+
+def packed(results: Results, chosen: str | None = None) -> bytes:
+    """All that the page shows.
+
+    chosen: the member to begin with; by default the first follower
+    """
+    columns = Columns()
+    members = results.trajectories.drop_duplicates("vehicle_id").sort_values(["platoon_id", "place"], kind="stable")
+    if members.empty:
+        raise ResultsError(f"{results.folder}: nobody was ever on the road")
+    ids = members.vehicle_id.tolist()
+    if chosen is not None and chosen not in ids:
+        raise InputError(f"--vehicle: no member {chosen!r} in this run{did_you_mean(chosen, ids)}")
+    town = _sizes(results, ids)[0].max() >= SMALL
+    points = [point for lines in results.scene.values() for line in lines for point in line]
+    low = np.floor(np.min(points, axis=0)) if points else np.zeros(2)
+    step = 0.01 if town else 0.001
+    header = {
+        **_facts(results),
+        "origin": low.tolist(),
+        "town": bool(town),
+        "scene": {kind: _shape(columns, lines, low, step) for kind, lines in results.scene.items()},
+        "members": _members(columns, results, members, low, step),
+        "traffic": _traffic(columns, results, low, step),
+        "scans": _scans(columns, results, ids, low, step),
+        "chosen": chosen or _first_to_look_at(members),
+        "events": _events(results),
+        "metrics": _metrics(results),
+    }
+    return columns.packed(header)
+
+
+def _facts(results: Results) -> dict[str, Any]:
+    """What the run is called, and what is known of it; files that fail here are not worth failing for."""
+    package, provenance = (_json(results, name) for name in ("datapackage.json", "provenance.json"))
+    resources = {r.get("name"): r for r in package.get("resources", [])}
+    end = results.events.loc[results.events.kind == "end", "time_s"]
+    until = float(end.iloc[0]) if len(end) else float(results.trajectories.time_s.max())
+    return {
+        "title": package.get("title") or results.folder.parent.name,
+        "run": f"{results.folder.resolve().parent.name}/{results.folder.resolve().name}",
+        "seed": provenance.get("seed"),
+        "version": provenance.get("version"),
+        "until": until,
+        "kinds": resources.get("events", {}).get("kinds", {}),
+    }
+
+
+def _json(results: Results, name: str) -> dict[str, Any]:
+    try:
+        return json.loads((results.folder / name).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+
+
+def _shape(columns: Columns, lines: Sequence[Sequence], low: np.ndarray, step: float) -> dict[str, Any]:
+    points = np.array([point[:2] for line in lines for point in line], dtype=float).reshape(-1, 2) - low
+    return {
+        "lengths": columns.add([len(line) for line in lines]),
+        "x": columns.add(points[:, 0], step),
+        "y": columns.add(points[:, 1], step),
+    }
+
+
+def _sizes(results: Results, ids: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Length and width of each."""
+    if results.vehicles is None:
+        points = np.array([p for ring in results.scene.get("road", []) for p in ring] or [(0, 0)])
+        usual = SIZES[bool(np.ptp(points, axis=0).max() > 100)]
+        return np.full(len(ids), usual[0]), np.full(len(ids), usual[1])
+    known = results.vehicles.drop_duplicates("vehicle_id").set_index("vehicle_id").reindex(ids)
+    return known.length_m.fillna(SIZES[True][0]).to_numpy(), known.width_m.fillna(SIZES[True][1]).to_numpy()
+
+
+def _tracks(columns: Columns, rows: pd.DataFrame, ids: Sequence[str], low: np.ndarray, step: float):
+    """The rows by vehicle and time, and what is written of where these were.
+
+    returns: rows, dict
+    """
+    times = np.unique(rows.time_s)
+    rows = rows.assign(
+        vehicle=pd.Index(ids).get_indexer(rows.vehicle_id), instant=np.searchsorted(times, rows.time_s)
+    ).sort_values(["vehicle", "instant"], kind="stable")
+    vehicle, instant = rows.vehicle.to_numpy(), rows.instant.to_numpy()
+    begins = np.flatnonzero((np.diff(vehicle, prepend=-1) != 0) | (np.diff(instant, prepend=-9) != 1))
+    heading = rows.heading_rad.to_numpy()
+    turn = np.diff(heading, prepend=0.0)
+    turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
+    turn[begins] = heading[begins]
+    along = np.cumsum(turn)  # the page interpolates, so a heading must not jump by a turn within a track
+    base = along[begins] - heading[begins]
+    heading = along - np.repeat(base, np.diff(np.append(begins, len(rows))))
+    return rows, {
+        "times": columns.add(times, TIME),
+        "vehicle": columns.add(vehicle[begins]),
+        "first": columns.add(instant[begins]),
+        "begin": columns.add(np.append(begins, len(rows))),
+        "x": columns.add(rows.x_m.to_numpy() - low[0], step),
+        "y": columns.add(rows.y_m.to_numpy() - low[1], step),
+        "heading": columns.add(heading, ANGLE),
+    }
+
+
+def _members(columns: Columns, results: Results, members: pd.DataFrame, low: np.ndarray, step: float) -> dict:
+    ids = members.vehicle_id.tolist()
+    rows, written = _tracks(columns, results.trajectories, ids, low, step)
+    length, width = _sizes(results, ids)
+    lasers = np.full((len(ids), 3), np.nan)
+    if results.vehicles is not None:
+        known = results.vehicles.drop_duplicates("vehicle_id").set_index("vehicle_id").reindex(ids)
+        lasers = known[["laser_x_m", "laser_y_m", "laser_yaw_rad"]].to_numpy(dtype=float)
+    laser_x = np.where(np.isnan(lasers[:, 0]), length / 2, lasers[:, 0])
+    target = rows.target_id.fillna("") if "target_id" in rows else pd.Series("", index=rows.index)
+    targets = [t for t in target.unique() if t]
+    values = {
+        name: columns.add(rows[column].to_numpy(dtype=float), fine)
+        for name, column, fine in (
+            ("speed", "speed_mps", SPEED),
+            ("acceleration", "accel_mps2", SPEED),
+            ("gap", "gap_m", 0.001),
+            ("error", "gap_error_m", 0.001),
+            ("seenGap", "seen_gap_m", 0.001),
+            ("seenBearing", "seen_bearing_rad", 1e-4),
+        )
+        if column in rows
+    }
+    return {
+        "ids": ids,
+        "platoons": members.platoon_id.tolist(),
+        "places": members.place.tolist(),
+        "length": columns.add(length, 0.001),
+        "width": columns.add(width, 0.001),
+        "laserX": columns.add(laser_x, 1e-4),
+        "laserY": columns.add(np.nan_to_num(lasers[:, 1]), 1e-4),
+        "laserYaw": columns.add(np.nan_to_num(lasers[:, 2]), 1e-4),
+        **written,
+        **values,
+        "targets": targets,
+        "target": columns.add(pd.Index(targets).get_indexer(target) if targets else np.full(len(rows), -1.0)),
+    }
+
+
+def _traffic(columns: Columns, results: Results, low: np.ndarray, step: float) -> dict[str, Any] | None:
+    if results.traffic is None:
+        return None
+    ids = results.traffic.vehicle_id.drop_duplicates().tolist()
+    rows, written = _tracks(columns, results.traffic, ids, low, step)
+    length, width = _sizes(results, ids)
+    return {
+        "ids": ids,
+        "length": columns.add(length, 0.001),
+        "width": columns.add(width, 0.001),
+        **written,
+        "speed": columns.add(rows.speed_mps.to_numpy(), 0.05),
+    }
+
+
+def _scans(columns: Columns, results: Results, ids: Sequence[str], low: np.ndarray, step: float) -> dict | None:
+    scans = results.scans
+    if scans is None:
+        return None
+    order = np.lexsort((scans.time_s, scans.vehicle))  # neighbours are alike, and the page looks for one vehicle's
+    written, offset, first, last = [], [0], [], []
+    groups = _segments(scans)
+    for i in order:
+        ranges = scans.ranges(i)
+        written.append(_range_steps(ranges, scans.range_max_m[scans.vehicle[i]] / RANGE_STEPS))
+        begins, ends = groups[i]
+        first.append(begins)
+        last.append(ends)
+        offset.append(offset[-1] + len(begins))
+    member = pd.Index(ids).get_indexer(scans.vehicle_id)
+    increment = (scans.angle_max_rad - scans.angle_min_rad) / np.maximum(scans.samples - 1, 1)
+    return {
+        "member": columns.add(member),
+        "samples": columns.add(scans.samples),
+        "angleMin": scans.angle_min_rad.tolist(),
+        "increment": increment.tolist(),
+        "rangeMin": scans.range_min_m.tolist(),
+        "rangeMax": scans.range_max_m.tolist(),
+        "mountX": scans.mount_x_m.tolist(),
+        "mountY": scans.mount_y_m.tolist(),
+        "mountYaw": scans.mount_yaw_rad.tolist(),
+        "rangeSteps": RANGE_STEPS,
+        "laser": columns.add(scans.vehicle[order]),
+        "time": columns.add(scans.time_s[order], TIME),
+        "x": columns.add(scans.x_m[order] - low[0], step),
+        "y": columns.add(scans.y_m[order] - low[1], step),
+        "heading": columns.add(scans.heading_rad[order], ANGLE),
+        "ranges": columns.add(np.concatenate([*written, np.empty(0)])),
+        "segments": columns.add(offset),
+        "segmentFirst": columns.add(np.concatenate([*first, np.empty(0)])),
+        "segmentLast": columns.add(np.concatenate([*last, np.empty(0)])),
+    }
+
+
+def _range_steps(ranges: np.ndarray, step: float) -> np.ndarray:
+    finite = np.isfinite(ranges)
+    steps = FIRST + np.rint(np.where(finite, ranges, 0.0) / step)
+    return np.select([finite, ranges == np.inf, ranges == -np.inf], [steps, NOTHING, TOO_NEAR], LOST)
+
+
+def _segments(scans: Scans) -> list[tuple[np.ndarray, np.ndarray]]:
+    """First and last beam of every group of returns, of every scan."""
+    groups: list[tuple[np.ndarray, np.ndarray]] = [(np.empty(0), np.empty(0))] * len(scans)
+    kinds: dict[tuple, list[int]] = {}
+    names = ("samples", "angle_min_rad", "angle_max_rad", "range_min_m", "range_max_m")
+    for v in range(len(scans.vehicle_id)):
+        kinds.setdefault(tuple(getattr(scans, name)[v].item() for name in names), []).append(v)
+    for kind, vehicles in kinds.items():
+        rows = np.flatnonzero(np.isin(scans.vehicle, vehicles))
+        model = LidarModel(*kind)
+        ranges = scans.ranges_m[(scans.offset[rows][:, None] + np.arange(model.samples))]
+        batch = ScanBatch(model, 0.0, tuple(map(str, rows)), ranges, None, np.zeros(len(rows), dtype=bool))
+        try:
+            found = find_segments(batch)
+        except ValueError:  # so few beams that lost ones cannot be bridged, or none belong together
+            continue
+        for row, i in enumerate(rows):
+            own = found.of(row)
+            groups[i] = found.first[own], found.last[own]
+    return groups
+
+
+def _first_to_look_at(members: pd.DataFrame) -> str:
+    """The first follower of the largest platoon; a leader where nobody follows."""
+    largest = members.groupby("platoon_id", sort=False).size().idxmax()
+    platoon = members[members.platoon_id == largest]
+    return platoon.vehicle_id.iloc[min(1, len(platoon) - 1)]
+
+
+def _events(results: Results) -> list[list]:
+    """time, kind, vehicle, other, x, y, duration, detail"""
+    table = results.events.reindex(
+        columns=["time_s", "kind", "vehicle_id", "other_id", "x_m", "y_m", "duration_s", "detail"]
+    )
+    texts = ["kind", "vehicle_id", "other_id", "detail"]
+    table[texts] = table[texts].fillna("").astype(str)
+    numbers = ["x_m", "y_m", "duration_s"]
+    table[numbers] = table[numbers].astype(float)
+    return [[None if v != v else v for v in row] for row in table.to_numpy(dtype=object).tolist()]
+
+
+def _metrics(results: Results) -> dict[str, Any]:
+    """The key figures: their headings, units, and a row a member."""
+    table = results.metrics[(results.metrics.scope == "vehicle") & results.metrics.metric.isin(KEY_METRICS)]
+    table = table[np.isfinite(table.value)]
+    units = table.drop_duplicates("metric").set_index("metric").reindex(columns=["unit"]).unit.fillna("").to_dict()
+    names = [name for name in KEY_METRICS if name in units]
+    rows: dict[str, list] = {v: [None] * len(names) for v in table.vehicle_id.unique()}
+    for vehicle, name, value in table[["vehicle_id", "metric", "value"]].itertuples(index=False):
+        rows[vehicle][names.index(name)] = float(f"{value:.4g}")
+    return {"headings": [[KEY_METRICS[name], units[name], name] for name in names], "rows": rows}

@@ -1,0 +1,43 @@
+"""One HTML file: markup, style, scripts and data."""
+
+from __future__ import annotations
+
+import base64
+import html
+import re
+from pathlib import Path
+
+from analysis.results import ResultsError, load
+from platoontraffic.replay.content import packed
+
+HERE = Path(__file__).parent
+SCRIPTS = ("run.js", "camera.js", "map.js", "strips.js", "player.js")  # in the order in which they build on each other
+
+
+def page(folder: Path, to: Path, vehicle: str | None = None) -> Path:
+    """Make the page of a finished run.
+
+    vehicle: the member to begin with; by default the first follower
+
+    raises: ResultsError, InputError where there is no such member
+    """
+    results = load(folder)
+    data = base64.b64encode(packed(results, vehicle)).decode()
+    name = f"{results.folder.resolve().parent.name}, run {results.folder.resolve().name}"
+    parts = {
+        "TITLE": html.escape(f"Replay of {name}"),
+        "STYLE": (HERE / "style.css").read_text(encoding="utf-8"),
+        "SCRIPT": "\n".join((HERE / script).read_text(encoding="utf-8") for script in SCRIPTS),
+        "DATA": data,
+    }
+    text = (HERE / "page.html").read_text(encoding="utf-8")
+    return write(to, re.sub(r"\{\{(\w+)\}\}", lambda place: parts[place[1]], text))
+
+
+def write(to: Path, text: str) -> Path:
+    """raises: ResultsError where it cannot be"""
+    try:
+        Path(to).write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise ResultsError(f"{to}: cannot be written: {error.strerror}") from error
+    return Path(to)

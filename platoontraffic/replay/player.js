@@ -1,0 +1,586 @@
+// The page: what is chosen, how time goes, and what hand and keyboard do.
+
+const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20];
+const MOST_LISTED = 400; // events in the list
+const BEGIN_WIDTH = 26; // lengths of the chosen vehicle that the map shows across at first, ...
+const LARGE_ENOUGH = 10; // ... unless it has as many pixels as this when all of the road is shown
+
+const element = (id) => document.getElementById(id);
+
+function make(tag, properties = {}, ...children) {
+  const made = Object.assign(document.createElement(tag), properties);
+  made.append(...children);
+  return made;
+}
+
+const words = (kind) => kind.replaceAll("_", " ");
+const seconds = (time) => `${time.toFixed(1)} s`;
+const digits = (value, places) => (Number.isNaN(value) ? "" : (Math.abs(value) < 0.5 * 10 ** -places ? 0 : value).toFixed(places));
+
+/** Everything about a run on a page; `state` is what is to be seen now. */
+class Player {
+  constructor(run) {
+    this.run = run;
+    this.palette = new Palette();
+    this.map = new RoadMap(element("map"), run, this.palette);
+    this.camera = new Camera(element("map"), this.map.bounds);
+    this.time = run.from;
+    this.playing = false;
+    this.speed = 1;
+    this.layers = { traffic: true, buildings: true, scan: true, segments: true, target: true, paths: true, names: false };
+    this.eventTimes = run.events.map((event) => event.time);
+    this.drawn = null;
+    this.frames = 0;
+    this.follows = null;
+    this.stale = true; // something has changed since the last picture
+    this.#describe();
+    this.#makeStrips();
+    this.#makeMembers();
+    this.#makeLayers();
+    this.#makeEvents();
+    this.#makeNumbers();
+    this.#listen();
+    this.choose(run.members.ids.indexOf(run.chosen));
+    this.camera.resize();
+    this.#begin();
+    requestAnimationFrame((now) => this.#frame(now));
+  }
+
+  // ---- what is chosen
+
+  get platoon() {
+    return this.run.members.platoon[this.chosen];
+  }
+
+  /** The member through whose laser one looks; a map that follows somebody then follows it. */
+  choose(member) {
+    const { members } = this.run;
+    this.chosen = member;
+    this.members = members.ids.flatMap((_, v) => (members.platoon[v] === members.platoon[member] ? [v] : []));
+    this.members.sort((a, b) => members.place[a] - members.place[b]);
+    if (this.follows) this.follow({ member });
+    this.#fillMembers();
+    this.#fillNumbers();
+    this.#fillEvents();
+    this.#note();
+  }
+
+  /** {member}, {traffic} (a vehicle's number), or null for a map that stands still. */
+  follow(whom) {
+    this.follows = whom;
+    const { traffic } = this.run;
+    const select = element("follow");
+    select.querySelector("option.other")?.remove();
+    if (whom?.traffic !== undefined) {
+      const other = make("option", { value: `t${whom.traffic}`, textContent: traffic.ids[whom.traffic], className: "other" });
+      select.append(other);
+    }
+    select.value = whom === null ? "" : whom.member !== undefined ? `m${whom.member}` : `t${whom.traffic}`;
+    this.stale = true;
+  }
+
+  // ---- time
+
+  seek(time, announce = true) {
+    this.time = Math.min(Math.max(time, this.run.from), this.run.until);
+    this.stale = true;
+    if (announce) this.#announce();
+  }
+
+  play(playing) {
+    if (playing && this.time >= this.run.until - SOON) this.time = this.run.from;
+    this.playing = playing;
+    this.stale = true;
+    const button = element("play");
+    button.setAttribute("aria-label", playing ? "Pause" : "Play");
+    button.querySelector("use").setAttribute("href", playing ? "#i-pause" : "#i-play");
+    if (!playing) this.#announce();
+  }
+
+  /** To the recorded instant before or behind; from scan to scan if wanted. */
+  step(sense, scans = false) {
+    this.play(false);
+    const beside = scans && this.run.scans?.beside(this.chosen, this.time, sense);
+    if (typeof beside === "number") return this.seek(beside);
+    const { times } = this.run.members;
+    const i = sense > 0 ? lastUpTo(times, this.time + SOON) + 1 : lastUpTo(times, this.time - 1e-3);
+    return this.seek(times[Math.min(Math.max(i, 0), times.length - 1)]);
+  }
+
+  jump(event) {
+    const member = this.run.members.ids.indexOf(event.vehicle);
+    if (member >= 0 && (this.follows || !this.camera.shows(event.x, event.y))) this.follow({ member });
+    if (member >= 0 && member !== this.chosen) this.choose(member);
+    this.seek(event.time);
+  }
+
+  /** To the event before or behind of those in the list. */
+  jumpBeside(sense) {
+    const there = this.listed.filter((e) => (sense > 0 ? e.time > this.time + SOON : e.time < this.time - SOON));
+    if (there.length) this.jump(sense > 0 ? there[0] : there[there.length - 1]);
+  }
+
+  // ---- every picture
+
+  #frame(now) {
+    const past = Math.min((now - (this.before ?? now)) / 1000, 0.25);
+    this.before = now;
+    if (this.playing) {
+      this.time = Math.min(this.time + past * this.speed, this.run.until);
+      this.stale = true;
+      if (this.time >= this.run.until) this.play(false);
+    }
+    if (this.camera.resize()) this.stale = true;
+    if (this.stale) {
+      this.stale = false;
+      this.#draw();
+      this.frames++;
+    }
+    requestAnimationFrame((later) => this.#frame(later));
+  }
+
+  #draw() {
+    const { run, camera } = this;
+    const when = run.members.instant(this.time);
+    const whom = this.follows;
+    const pose = whom?.member !== undefined ? run.members.pose(whom.member, when)
+      : whom ? run.traffic.pose(whom.traffic, run.traffic.instant(this.time)) : null;
+    if (pose) [camera.x, camera.y] = [pose.x, pose.y];
+    this.drawn = this.map.draw(camera, this.time, this);
+    for (const strip of this.strips) strip.draw(this.time, when, this);
+    this.#showTime();
+    this.#showMembers(when);
+    this.#showScan();
+    this.#showEvent();
+  }
+
+  #showTime() {
+    const slider = element("slider");
+    slider.value = this.time;
+    slider.setAttribute("aria-valuetext", seconds(this.time));
+    element("clock").firstChild.textContent = seconds(this.time);
+    this.#drawMarks();
+  }
+
+  #showMembers(when) {
+    const { members } = this.run;
+    this.members.forEach((v, place) => {
+      const row = members.row(v, when);
+      const [speed, gap, error, sees] = this.cells[place];
+      const show = (cell, text, name = "") => {
+        if (cell.textContent !== text) cell.textContent = text;
+        if (cell.className !== name) cell.className = name;
+      };
+      const there = row >= 0;
+      show(speed, there ? digits(members.speed[row], 2) : "");
+      show(gap, there ? digits(members.gap[row], 2) : "");
+      show(error, there ? digits(members.error[row], 2) : "");
+      const id = there ? members.targetId(row) : "", ahead = members.ahead[v];
+      const right = ahead >= 0 && id === members.ids[ahead];
+      if (!there) show(sees, "not on the road", "info");
+      else if (ahead < 0 && !id) show(sees, "");
+      else if (ahead < 0) show(sees, id);
+      else show(sees, id ? `${right ? "✓" : "✗"} ${id}` : "✗ nothing", right ? "sees-right" : "sees-wrong");
+    });
+  }
+
+  #showScan() {
+    const { scan } = this.drawn;
+    const member = this.run.members.ids[this.chosen];
+    const when = this.run.members.instant(this.time);
+    let text = "";
+    if (this.run.members.row(this.chosen, when) < 0) text = `${member} is not on the road`;
+    else if (scan) text = `${member}: scan of ${scan.time.toFixed(2)} s, ${scan.returns} of ${scan.beams} beams returned, ${scan.segments} segment${scan.segments === 1 ? "" : "s"}`;
+    if (element("scan-note").textContent !== text) element("scan-note").textContent = text;
+  }
+
+  /** The last event of the list up to now. */
+  #showEvent() {
+    const current = lastUpTo(this.listedTimes, this.time + SOON);
+    if (current === this.current) return;
+    this.current = current;
+    const list = element("events");
+    list.querySelector("[aria-current]")?.removeAttribute("aria-current");
+    const item = list.children[current];
+    if (!item?.querySelector("button")) return;
+    item.setAttribute("aria-current", "true");
+    if (!list.contains(document.activeElement)) list.scrollTop = item.offsetTop - list.clientHeight / 2;
+  }
+
+  #drawMarks() {
+    const canvas = element("marks"), { palette, run } = this;
+    const ratio = Math.min(window.devicePixelRatio || 1, 2), width = canvas.clientWidth, height = canvas.clientHeight;
+    const key = [width, ratio, palette.ground, this.listed.length, this.listed[0]?.number, element("event-filter").value].join();
+    if (key === this.marks) return;
+    this.marks = key;
+    [canvas.width, canvas.height] = [width * ratio, height * ratio].map(Math.round);
+    const context = canvas.getContext("2d");
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    for (const event of this.listed) {
+      const px = this.#markAt(event, width), kind = severity(event.kind);
+      context.strokeStyle = context.fillStyle = kind === "bad" ? palette.wrong : kind === "warn" ? palette.warn : palette.faint;
+      context.lineWidth = 2;
+      context.beginPath();
+      if (kind === "bad") {
+        for (const s of [-1, 1]) {
+          context.moveTo(px - 5, height / 2 - 5 * s);
+          context.lineTo(px + 5, height / 2 + 5 * s);
+        }
+        context.stroke();
+      } else if (kind === "warn") {
+        context.moveTo(px, height - 3);
+        context.lineTo(px - 5.5, height - 13);
+        context.lineTo(px + 5.5, height - 13);
+        context.fill();
+      } else {
+        context.moveTo(px, height - 3);
+        context.lineTo(px, height - 11);
+        context.stroke();
+      }
+    }
+  }
+
+  #markAt(event, width) {
+    return ((event.time - this.run.from) / (this.run.until - this.run.from || 1)) * width;
+  }
+
+  /** For those who hear the page. */
+  #announce() {
+    const { members } = this.run;
+    const row = members.row(this.chosen, members.instant(this.time));
+    const id = members.ids[this.chosen];
+    const parts = [seconds(this.time)];
+    if (row < 0) parts.push(`${id} is not on the road`);
+    else {
+      parts.push(`${id}: speed ${digits(members.speed[row], 1)} metres a second`);
+      if (!Number.isNaN(members.gap[row])) parts.push(`gap ${digits(members.gap[row], 1)} metres`);
+      if (members.ahead[this.chosen] >= 0) parts.push(`takes ${members.targetId(row) || "nothing"} for its predecessor`);
+    }
+    element("now").textContent = parts.join(", ");
+  }
+
+  // ---- the page's parts
+
+  #describe() {
+    const { run } = this;
+    element("title").textContent = run.title;
+    const facts = [run.run, run.seed !== null && `seed ${run.seed}`, run.version && `platoontraffic ${run.version}`];
+    element("run").textContent = facts.filter(Boolean).join(" · ");
+    const slider = element("slider");
+    Object.assign(slider, { min: run.from, max: run.until, step: 0.001 });
+    element("clock").append("", make("small", { textContent: ` of ${seconds(run.until)}` }));
+    const missing = [];
+    if (!run.traffic) missing.push("other vehicles (record.traffic_every_s)");
+    if (!run.scans) missing.push("scans, and so beams, returns and segments (record.scans_every_s)");
+    if (missing.length) element("missing").textContent = `Not recorded in this run: ${missing.join("; ")}. "run --replay" records them.`;
+    for (const speed of SPEEDS) element("speed").append(make("option", { value: speed, textContent: `${speed} ×` }));
+    element("speed").value = 1;
+    const follow = element("follow");
+    follow.append(make("option", { value: "", textContent: "nobody" }));
+    const groups = new Map();
+    run.members.ids.forEach((id, v) => {
+      const platoon = run.members.platoon[v];
+      if (!groups.has(platoon)) {
+        groups.set(platoon, make("optgroup", { label: platoon }));
+        follow.append(groups.get(platoon));
+      }
+      groups.get(platoon).append(make("option", { value: `m${v}`, textContent: id }));
+    });
+    const platoons = element("platoon");
+    for (const platoon of groups.keys()) platoons.append(make("option", { value: platoon, textContent: platoon }));
+    element("platoon-label").hidden = groups.size < 2;
+  }
+
+  #makeStrips() {
+    this.strips = STRIPS.map((strip) => {
+      const label = `${strip.title} of the platoon's members over time`;
+      const canvas = make("canvas");
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", label);
+      const box = make("div", { className: "strip" }, make("span", { textContent: `${strip.title} [${strip.unit}]` }), canvas);
+      element("strips").append(box);
+      return new Strip(canvas, strip, this.run, this.palette, (time) => this.seek(time, false));
+    });
+  }
+
+  #makeMembers() {
+    element("platoon").addEventListener("change", (event) => {
+      const { members } = this.run;
+      const theirs = members.ids.flatMap((_, v) => (members.platoon[v] === event.target.value ? [v] : []));
+      const by = (place) => theirs.find((v) => members.place[v] === place);
+      this.choose(by(members.place[this.chosen]) ?? theirs[0]);
+    });
+  }
+
+  #fillMembers() {
+    const { members } = this.run;
+    element("platoon").value = this.platoon;
+    const body = element("members").tBodies[0];
+    const key = this.members.join();
+    if (this.listedMembers !== key) {
+      this.listedMembers = key;
+      this.cells = [];
+      body.replaceChildren(...this.members.map((v) => {
+        const colour = this.palette.member(members.place[v]);
+        const swatch = make("span", { className: "swatch", textContent: members.place[v] });
+        Object.assign(swatch.style, { background: colour, color: contrasting(colour) });
+        swatch.setAttribute("aria-hidden", "true");
+        const button = make("button", { type: "button" }, swatch, make("span", { textContent: members.ids[v] }));
+        button.addEventListener("click", () => this.choose(v));
+        const head = make("th", { scope: "row" }, button);
+        const cells = [0, 1, 2, 3].map(() => make("td"));
+        this.cells.push(cells);
+        const row = make("tr", {}, head, ...cells);
+        row.dataset.vehicle = members.ids[v];
+        return row;
+      }));
+    }
+    [...body.rows].forEach((row, i) => {
+      const chosen = this.members[i] === this.chosen;
+      chosen ? row.setAttribute("aria-current", "true") : row.removeAttribute("aria-current");
+    });
+  }
+
+  #makeLayers() {
+    const { run } = this;
+    const layers = [
+      ["scan", "Beams and returns", run.scans],
+      ["segments", "Segments found", run.scans],
+      ["target", "Target chosen", true],
+      ["paths", "Paths driven", true],
+      ["traffic", "Other traffic", run.traffic?.n],
+      ["buildings", "Buildings, walls", (run.scene.walls?.length ?? 0) + (run.scene.buildings?.length ?? 0)],
+      ["names", "Names", true],
+    ];
+    for (const [layer, text, there] of layers) {
+      const box = make("input", { type: "checkbox", checked: Boolean(there) && this.layers[layer], disabled: !there });
+      box.id = `layer-${layer}`;
+      this.layers[layer] = box.checked;
+      box.addEventListener("change", () => {
+        this.layers[layer] = box.checked;
+        this.stale = true;
+      });
+      element("layers").append(make("label", { className: there ? "" : "off" }, box, text));
+    }
+  }
+
+  #makeEvents() {
+    const filter = element("event-filter");
+    const kinds = [...new Set(this.run.events.map((event) => event.kind))].sort();
+    const troubles = this.run.events.some((event) => severity(event.kind) !== "info");
+    filter.append(
+      ...(troubles ? [make("option", { value: "!", textContent: "what went wrong" })] : []),
+      make("option", { value: "", textContent: "all" }),
+      make("option", { value: "@", textContent: "of the chosen member" }),
+      ...kinds.map((kind) => make("option", { value: kind, textContent: words(kind), title: this.run.kinds[kind] ?? "" })),
+    );
+    filter.addEventListener("change", () => this.#fillEvents(true));
+  }
+
+  #fillEvents(changed = false) {
+    const filter = element("event-filter").value;
+    if (this.listed && !changed && filter !== "@") return;
+    const wanted = (event) =>
+      filter === "!" ? severity(event.kind) !== "info"
+        : filter === "@" ? event.vehicle === this.run.members.ids[this.chosen]
+          : !filter || event.kind === filter;
+    this.listed = this.run.events.filter(wanted);
+    this.listedTimes = this.listed.map((event) => event.time);
+    this.current = undefined;
+    const items = this.listed.slice(0, MOST_LISTED).map((event) => {
+      const kind = severity(event.kind);
+      const mark = make("span", { className: kind, textContent: { bad: "✕", warn: "▼", info: "·" }[kind] });
+      mark.setAttribute("aria-hidden", "true");
+      const who = [event.vehicle, event.other].filter(Boolean).join(" – ");
+      const more = [event.detail, Number.isFinite(event.duration) && event.duration !== null && `after ${seconds(event.duration)}`];
+      const what = make("span", {}, `${words(event.kind)} `, make("strong", { textContent: who }), " ",
+        make("small", { textContent: more.filter(Boolean).join(", ") }));
+      const button = make("button", { type: "button", title: this.run.kinds[event.kind] ?? "" },
+        mark, make("span", { className: "when", textContent: seconds(event.time) }), what);
+      button.addEventListener("click", () => {
+        this.play(false);
+        this.jump(event);
+      });
+      const item = make("li", {}, button);
+      item.dataset.kind = event.kind;
+      return item;
+    });
+    if (!items.length) items.push(make("li", {}, make("p", { textContent: "none" })));
+    if (this.listed.length > MOST_LISTED) {
+      const text = `${this.listed.length - MOST_LISTED} more; choose a kind or a member to see fewer.`;
+      items.push(make("li", {}, make("p", { textContent: text })));
+    }
+    element("events").replaceChildren(...items);
+    this.stale = true;
+  }
+
+  #makeNumbers() {
+    const row = make("tr", {}, make("th", { scope: "col", textContent: "member" }));
+    for (const [text, unit, metric] of this.run.metrics.headings) {
+      row.append(make("th", { scope: "col", title: metric }, text, make("br"), make("small", { textContent: unit || " " })));
+    }
+    element("numbers").append(make("thead", {}, row), make("tbody"));
+  }
+
+  #fillNumbers() {
+    const { members, metrics } = this.run;
+    const body = element("numbers").tBodies[0];
+    body.replaceChildren(...this.members.map((v) => {
+      const values = metrics.rows[members.ids[v]] ?? metrics.headings.map(() => null);
+      const cells = values.map((value) => make("td", { textContent: value === null ? "" : String(value) }));
+      return make("tr", {}, make("th", { scope: "row", textContent: members.ids[v] }), ...cells);
+    }));
+  }
+
+  #note() {
+    this.stale = true;
+    this.#announce();
+  }
+
+  /** All of a small road; else near enough to see what a laser sees. */
+  #begin() {
+    const { camera, run } = this;
+    const length = run.members.length[this.chosen];
+    camera.fit();
+    if (camera.whole * length < LARGE_ENOUGH) {
+      this.follow({ member: this.chosen });
+      camera.scale = camera.width / (BEGIN_WIDTH * length);
+    }
+    const pose = run.members.pose(this.chosen, run.members.instant(this.time));
+    if (!pose) { // it comes later
+      const { times, first, tracksOf } = run.members;
+      this.seek(times[first[tracksOf[this.chosen][0]]], false);
+    }
+  }
+
+  // ---- hand and keyboard
+
+  #listen() {
+    const on = (id, what) => element(id).addEventListener("click", what);
+    on("play", () => this.play(!this.playing));
+    on("back", () => this.step(-1));
+    on("forth", () => this.step(1));
+    on("last-event", () => this.jumpBeside(-1));
+    on("next-event", () => this.jumpBeside(1));
+    on("zoom-in", () => this.camera.zoom(1.5));
+    on("zoom-out", () => this.camera.zoom(1 / 1.5));
+    on("whole", () => this.#showWhole());
+    element("slider").addEventListener("input", (event) => this.seek(Number(event.target.value), false));
+    element("speed").addEventListener("change", (event) => { this.speed = Number(event.target.value); });
+    element("follow").addEventListener("change", (event) => {
+      const [kind, number] = [event.target.value[0], Number(event.target.value.slice(1))];
+      this.follow(kind === "m" ? { member: number } : kind === "t" ? { traffic: number } : null);
+      if (kind === "m") this.choose(number);
+    });
+    const marks = element("marks");
+    const nearest = (px) => {
+      const away = (event) => Math.abs(this.#markAt(event, marks.clientWidth) - px);
+      const best = this.listed.reduce((a, b) => (a && away(a) <= away(b) ? a : b), null);
+      return best && away(best) < 10 ? best : null;
+    };
+    marks.addEventListener("click", (event) => {
+      const mark = nearest(event.offsetX);
+      if (mark) this.jump(mark);
+      else this.seek(this.run.from + (event.offsetX / marks.clientWidth) * (this.run.until - this.run.from));
+    });
+    marks.addEventListener("pointermove", (event) => {
+      const mark = nearest(event.offsetX);
+      marks.title = mark ? `${seconds(mark.time)} ${words(mark.kind)} ${mark.vehicle}` : "";
+    });
+    this.camera.onchange = () => { this.stale = true; };
+    this.camera.onpan = () => this.follow(null);
+    this.camera.onclick = (px, py) => {
+      const hit = this.map.at(px, py, this.camera, this.time);
+      if (hit?.member !== undefined) this.choose(hit.member);
+      else if (hit) this.follow(hit);
+    };
+    const scheme = matchMedia("(prefers-color-scheme: dark)");
+    scheme.addEventListener("change", () => {
+      this.palette.read();
+      this.listedMembers = "";
+      this.#fillMembers();
+      this.stale = true;
+    });
+    document.addEventListener("keydown", (event) => this.#key(event));
+  }
+
+  #showWhole() {
+    this.follow(null);
+    this.camera.fit();
+  }
+
+  #key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select")) return;
+    const slider = event.target.matches("input[type=range]");
+    const typed = event.target.matches("button, input, summary, a");
+    const far = 60;
+    const keys = {
+      " ": typed && !slider ? null : () => this.play(!this.playing),
+      ArrowLeft: () => this.step(-1, event.shiftKey),
+      ArrowRight: () => this.step(1, event.shiftKey),
+      p: () => this.jumpBeside(-1),
+      n: () => this.jumpBeside(1),
+      f: () => this.follow(this.follows ? null : { member: this.chosen }),
+      "+": () => this.camera.zoom(1.5),
+      "=": () => this.camera.zoom(1.5),
+      "-": () => this.camera.zoom(1 / 1.5),
+      0: () => this.#showWhole(),
+      "[": () => this.#faster(-1),
+      "]": () => this.#faster(1),
+      w: () => this.#move(0, far),
+      s: () => this.#move(0, -far),
+      a: () => this.#move(far, 0),
+      d: () => this.#move(-far, 0),
+    };
+    for (let place = 0; place < 9; place++) {
+      const member = this.members[place];
+      if (member !== undefined) keys[place + 1] = () => this.choose(member);
+    }
+    const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!act) return;
+    event.preventDefault();
+    act();
+  }
+
+  #move(dx, dy) {
+    this.follow(null);
+    this.camera.pan(dx, dy);
+  }
+
+  #faster(sense) {
+    const i = Math.min(Math.max(SPEEDS.indexOf(this.speed) + sense, 0), SPEEDS.length - 1);
+    this.speed = SPEEDS[i];
+    element("speed").value = this.speed;
+  }
+
+  /** To be read by who tests the page or writes scripts for it; in the network's metres. */
+  get state() {
+    const { run, drawn } = this;
+    const [left, low] = run.origin;
+    const placed = (thing) => thing && { ...thing, x: thing.x + left, y: thing.y + low };
+    return Object.freeze({
+      time: this.time,
+      playing: this.playing,
+      speed: this.speed,
+      chosen: run.members.ids[this.chosen],
+      follows: this.follows && (this.follows.member !== undefined ? run.members.ids[this.follows.member] : run.traffic.ids[this.follows.traffic]),
+      layers: { ...this.layers },
+      frames: this.frames,
+      scale: this.camera.scale,
+      centre: [this.camera.x + left, this.camera.y + low],
+      drawn: drawn && { ...drawn, members: drawn.members.map(placed), target: placed(drawn.target) },
+    });
+  }
+}
+
+try {
+  const player = new Player(await readRun(element("data").textContent));
+  element("data").remove();
+  Object.defineProperty(window, "replay", { get: () => player.state });
+} catch (error) {
+  element("trouble").hidden = false;
+  element("trouble").textContent = typeof DecompressionStream === "undefined"
+    ? "This browser is too old to unpack the run: it needs DecompressionStream (2023)."
+    : `The run cannot be shown: ${error.message}`;
+  throw error;
+}

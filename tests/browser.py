@@ -1,0 +1,45 @@
+"""A browser without a window: Debian's Chromium, or the one that playwright brought."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+
+class NoBrowser(RuntimeError):
+    """Why there is none."""
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """raises: NoBrowser"""
+    try:
+        from playwright.sync_api import Error, sync_playwright
+    except ImportError:
+        raise NoBrowser("playwright is not installed (extra dev)") from None
+    installed = next(filter(None, map(shutil.which, NAMES)), None)
+    with sync_playwright() as playwright:
+        try:
+            # In a container there is neither a sandbox nor a graphics card.
+            browser = playwright.chromium.launch(executable_path=installed, args=["--no-sandbox", "--disable-gpu"])
+        except Error as error:
+            what = str(error).splitlines()[0]
+            raise NoBrowser(f"no Chromium starts ({what}); `playwright install chromium`, or apt install it") from None
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def until(tab: Any, expression: str, argument: Any = None, timeout: float = 15.0) -> None:
+    """Wait until something is so on a page; playwright's own way to wait needs what these pages forbid, `eval`."""
+    begun = time.monotonic()
+    while not tab.evaluate(expression, argument):
+        if time.monotonic() - begun > timeout:
+            raise TimeoutError(f"not within {timeout:g} s: {expression}")
+        tab.wait_for_timeout(20)
