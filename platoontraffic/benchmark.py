@@ -45,7 +45,7 @@ EVERY = round(simulation.SAFE_EVERY)  # the loop tells its time so often [s]
 STAGES = {  # of the loop, as they are told in provenance.json
     "SUMO's step": ("step",),
     "read": ("read",),
-    "scan": ("scan",),
+    "scan": ("scan", "odometry"),
     "decide": ("signals", "decide"),
     "move": ("move",),
     "place": ("place",),

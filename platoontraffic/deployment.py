@@ -86,7 +86,7 @@ def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon, rou
                 platoon=platoon.id,
                 place=place,
                 model=model,
-                lidar=driver.lidar.model(default_preset(role), model.length),
+                lidar=driver.lidar.model(default_preset(role, law), model.length),
                 law=law,
                 edge=start.edge,
                 lane=start.lane,
@@ -95,6 +95,7 @@ def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon, rou
                 route=route,
                 departs=start.time_s,
                 speed=start.speed_mps,
+                odometry=driver.odometry.model(),
             )
         )
     return members

@@ -15,6 +15,7 @@ from lidar.pose import wrap
 from platoontraffic.controllers import Body, Decision, RouteAhead, Sensed, Signals, Target
 from platoontraffic.errors import InputError
 from platoontraffic.models import FleetModel, VehicleModel
+from platoontraffic.odometry import ODOMETRY, OdometryErrors
 from platoontraffic.route import Route, Routes
 from platoontraffic.vehicle import Command, Drive, Motion, Twist
 
@@ -38,6 +39,7 @@ class Member:
     route: Route | None = None  # that it means to drive; None: wherever its law takes it
     departs: float = 0.0  # [s]
     speed: float = 0.0  # then [m/s]
+    odometry: OdometryErrors = ODOMETRY["none"]
 
     @property
     def seen_ahead_of_gap(self) -> float:
@@ -176,11 +178,19 @@ class Fleet:
         there = self.routed[self.routes.left(self.station) <= ahead]
         return {self.members[i].platoon for i in there if self.members[i].place == 0}
 
-    def decided(self, scans: Sequence[ScanBatch | None], dt: float, signals: Signals | None = None) -> Fleet:
+    def decided(
+        self,
+        scans: Sequence[ScanBatch | None],
+        dt: float,
+        signals: Signals | None = None,
+        odometry: Twist | None = None,
+    ) -> Fleet:
         """Every group whose lidar has just scanned decides; the others (None) keep their command.
 
-        signals: (n,), for those laws that declare to need them
+        signals  : (n,), for those laws that declare to need them
+        odometry : own speed and yaw rate as they are measured, (n,); by default as they are
         """
+        own = odometry or Twist(self.motion.speed, self.motion.yaw_rate)
         twist, drive = (type(kind)(*(values.copy() for values in kind)) for kind in self.command)
         distance, bearing = (values.copy() for values in self.target)
         ahead = self._ahead()
@@ -193,8 +203,8 @@ class Fleet:
             rows, needs = group.rows, getattr(group.law, "needs", ())
             sensed = Sensed(
                 replace(scan, hits=None),  # whose surface a beam met is for the observer, not for a law
-                self.motion.speed[rows],
-                self.motion.yaw_rate[rows],
+                own.speed[rows],
+                own.yaw_rate[rows],
                 Body(self.model.length[rows], self.model.width[rows], self.model.axle[rows]),
                 _rows(ahead, [row_on_route[i] for i in rows.tolist()]) if "route" in needs else None,
                 _rows(signals, rows) if "signals" in needs and signals else None,

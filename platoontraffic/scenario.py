@@ -27,6 +27,7 @@ from platoontraffic.bicycle import Car
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.models import VEHICLES, VehicleModel
 from platoontraffic.network import Configuration, Network, id_clashes, read_configuration
+from platoontraffic.odometry import ODOMETRY, OdometryErrors
 from platoontraffic.registry import Law, find_law, plug_in_file
 from platoontraffic.vehicle import DifferentialDrive
 
@@ -257,14 +258,36 @@ class Lidar(Named):
         )
 
 
+class OdometryTable(Named):
+    """Errors of a vehicle's own speed and yaw rate; what is not given is as in the preset."""
+
+    short = "preset"
+
+    preset: Literal["none", "car"] = "none"
+    speed_scale: Share | None = None
+    speed_noise_mps: Error | None = None
+    yaw_rate_bias_degps: Error | None = None
+    yaw_rate_noise_degps: Error | None = None
+
+    def model(self) -> OdometryErrors:
+        base = ODOMETRY[self.preset]
+        return OdometryErrors(
+            speed_scale=_or(self.speed_scale, base.speed_scale),
+            speed_noise=_or(self.speed_noise_mps, base.speed_noise),
+            yaw_rate_bias=_radians(self.yaw_rate_bias_degps, base.yaw_rate_bias),
+            yaw_rate_noise=_radians(self.yaw_rate_noise_degps, base.yaw_rate_noise),
+        )
+
+
 class Driver(Named):
-    """A law, its gains (all further keys), and the lidar it looks through."""
+    """A law, its gains (all further keys), the lidar it looks through, and what it knows its own motion by."""
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
     short = "law"
 
     law: str
     lidar: Lidar = Lidar()
+    odometry: OdometryTable = OdometryTable()
 
 
 # Keys whose value may be a name, and the key of the table that this name is.
@@ -273,6 +296,7 @@ SHORT = {
     "follower": Driver.short,
     "lidar": Lidar.short,
     "noise": NoiseTable.short,
+    "odometry": OdometryTable.short,
     "vehicle": Vehicle.short,
 }
 
@@ -382,8 +406,8 @@ class Scenario:
         """
         run, record = self.spec.run, self.spec.record
         beams = sum(
-            driver.lidar.model(default_preset(role), platoon.vehicle.model().length).samples * n
-            for platoon in self.spec.platoon
+            driver.lidar.model(default_preset(role, self.laws[i, role]), platoon.vehicle.model().length).samples * n
+            for i, platoon in enumerate(self.spec.platoon)
             for role, driver, n in (("leader", platoon.leader, 1), ("follower", platoon.follower, platoon.size - 1))
         )
         traffic, scans = (math.ceil(every / run.step_s - 1e-9) * run.step_s for every in REPLAY_EVERY.values())
@@ -414,14 +438,16 @@ class Scenario:
             given = {key: named(v) if isinstance(v, Path) else v for key, v in keys.items() if v is not None}
             driver |= {"law": getattr(self.spec.platoon[i], role).law, **given}
             lidar = getattr(self.spec.platoon[i], role).lidar.model_dump(exclude_none=True)
-            driver["lidar"] = {"preset": default_preset(role)} | lidar
+            driver["lidar"] = {"preset": default_preset(role, law)} | lidar
+            driver["odometry"] = getattr(self.spec.platoon[i], role).odometry.model_dump(exclude_none=True)
             if file := self.plug_ins.get((i, role)):
                 driver["law"] = f"{named(file)}:{driver['law'].rsplit(':', 1)[1]}"
         return table
 
 
-def default_preset(role: str) -> str:
-    return f"paper-{role}"
+def default_preset(role: str, law: Any) -> str:
+    """The lidar of a driver that names none: that of its law, or else the paper's."""
+    return getattr(law, "lidar", f"paper-{role}")
 
 
 def load(
@@ -631,7 +657,7 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                     fault((*at, "law"), f"{driver.law!r} follows nobody; must be a law that drives by its scan")
                 continue
             try:
-                lidar = driver.lidar.model(default_preset(role), platoon.vehicle.model().length)
+                lidar = driver.lidar.model(default_preset(role, kind), platoon.vehicle.model().length)
             except ValueError as error:
                 fault((*at, "lidar"), str(error))
                 continue
@@ -797,6 +823,10 @@ def _one_of(name: str, known: dict[str, Any]) -> str:
     if name not in known:
         raise ValueError(f"not known{did_you_mean(name, known)}")
     return name
+
+
+def _radians(degrees: float | None, default: float) -> float:
+    return default if degrees is None else math.radians(degrees)
 
 
 def _or(value: Any, default: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What every platoon member's lidar sees: one batch call for all that share a model and a law."""
+"""What platoon members sense: one batch call for all lidars that share a model and a law, and their odometry."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import numpy as np
 
 from lidar import Boxes, ScanBatch, Scene, scan
 from platoontraffic.fleet import Fleet
+from platoontraffic.odometry import ODOMETRY, measured
 from platoontraffic.traffic import TrafficSnapshot
+from platoontraffic.vehicle import Twist
 
 
 @dataclass(frozen=True)
 class Sensing:
     scene: Scene  # what stands still
     engine: str = "raster"
-    seed: int = 0  # of the lidars' errors
+    seed: int = 0  # of all errors
 
     def scan(self, traffic: TrafficSnapshot, fleet: Fleet, step: int) -> list[ScanBatch | None]:
         """A batch for each of the fleet's groups; None where the lidar is not due in this step.
@@ -47,6 +49,14 @@ class Sensing:
                 else None
             )
         return scans
+
+    def odometry(self, fleet: Fleet, step: int) -> Twist | None:
+        """Own speed and yaw rate of all, (n,); None if nobody errs."""
+        errors = [m.odometry for m in fleet.members]
+        if all(one == ODOMETRY["none"] for one in errors):
+            return None
+        ids, motion = tuple(m.id for m in fleet.members), fleet.motion
+        return measured(errors, ids, motion.speed, motion.yaw_rate, self.seed, step)
 
 
 def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:

@@ -101,6 +101,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
 
     watch = provenance.Stopwatch()
     read, signals, scan = watch("read", world.snapshot), watch("signals", world.signals), watch("scan", sensing.scan)
+    odometry = watch("odometry", sensing.odometry)
     observe, measure = watch("observe", observer.watch), watch("measure", observer.measure)
     write, place, advance = watch("record", recorder.record), watch("place", world.place), watch("step", world.advance)
     decide, move = watch("decide", Fleet.decided), watch("move", Fleet.moved)
@@ -112,7 +113,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
             whole = record.traffic_every_s is not None and step % traffic_every == 0
             traffic = read(fleet, np.inf if whole else fleet.sight)
             scans = scan(traffic, fleet, step)
-            fleet = decide(fleet, scans, dt, signals(fleet))
+            fleet = decide(fleet, scans, dt, signals(fleet), odometry(fleet, step))
             roads = world.roads(fleet)
             recorder.note(observe(traffic, fleet, scans, roads))
             if step % record_every == 0:

@@ -13,6 +13,7 @@ from lidar import PRESETS, LaserScan, LidarModel, Mount, ScanBatch, Scene
 from platoontraffic.controllers import Decision, Sensed
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.models import VehicleModel
+from platoontraffic.odometry import ODOMETRY, OdometryErrors
 from platoontraffic.sensing import Sensing
 from platoontraffic.traffic import TrafficSnapshot
 from platoontraffic.vehicle import DifferentialDrive, Drive, Twist
@@ -79,6 +80,7 @@ def platoon(
     leader_eye: LidarModel = BLIND,
     eye: LidarModel = FOLLOWER_EYE,
     speed: float = 0.0,
+    odometry: OdometryErrors = ODOMETRY["none"],
 ) -> list[Member]:
     """A leader with its centre at a pose, and followers straight behind it, each laser `distance` from a rear."""
     x, y, heading = at
@@ -96,6 +98,7 @@ def platoon(
             position=0.0,
             pose=(x - i * spacing * np.cos(heading), y - i * spacing * np.sin(heading), heading),
             speed=speed,
+            odometry=odometry,
         )
         for i in range(followers + 1)
     ]
@@ -118,7 +121,7 @@ def drive(
         scans = sensing.scan(traffic, fleet, step)
         if blind[0] <= traffic.time < blind[1]:
             scans = [scan and replace(scan, ranges=np.full(scan.ranges.shape, np.inf)) for scan in scans]
-        fleet = fleet.decided(scans, dt)
+        fleet = fleet.decided(scans, dt, odometry=sensing.odometry(fleet, step))
         observe(traffic, fleet, scans)
         motion = fleet.motion
         on = targets(fleet, scans)

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 # Each module may import those in rows above its own, not those beside or below it.
 LAYERS = [
     {"errors", "vehicle", "tomlkeys", "polyline", "rightofway", "driven", "tracking"},
-    {"data", "traffic", "network", "registry", "bicycle", "commands", "trail"},
+    {"data", "traffic", "network", "registry", "bicycle", "commands", "trail", "odometry"},
     {"controllers", "models"},
     {"route", "scenario"},
     {"fleet"},

@@ -13,6 +13,7 @@ from bench import BLIND, NO_WALLS, Log, Prescribed, amplitude, drive, platoon
 from lidar import PRESETS, LidarModel, Mount, Noise, Scene
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.models import VEHICLES
+from platoontraffic.odometry import ODOMETRY
 from platoontraffic.vehicle import Drive
 
 DT = 0.1
@@ -23,17 +24,20 @@ FOLLOWER = TrackingFollower()
 BEHIND_BUMPER = CAR.length / 2 - TRACKER.mount.x
 
 
-def cars(at, seconds: float, speed: float, followers: int = 9, eye: LidarModel = EXACT, law=FOLLOWER, **options) -> Log:
+def cars(
+    at, seconds: float, speed: float, followers: int = 9, eye: LidarModel = EXACT, odometry="none", **options
+) -> Log:
     """Steady at first; the leader's acceleration and curvature are a function of time."""
     members = platoon(
         Prescribed(lambda time: Drive(*at(time))),
-        law,
+        FOLLOWER,
         followers,
-        distance=law.desired_distance(speed),
+        distance=FOLLOWER.desired_distance(speed),
         model=CAR,
         leader_eye=replace(BLIND, rate=10.0),
         eye=eye,
         speed=speed,
+        odometry=ODOMETRY[odometry],
     )
     return drive(members, NO_WALLS, seconds, DT, **options)
 
@@ -156,6 +160,18 @@ def test_who_catches_up_is_not_much_faster():
 def test_no_corner_is_cut(path, speed, seconds, eye):
     log = cars(path, seconds, speed, eye=eye)
     assert max(off_path(log, i, i - 1) for i in range(1, 10)) < 0.15
+    assert off_path(log, 9, 0) < 0.6
+    assert log.locked().mean(axis=0).min() >= 0.99
+
+
+@pytest.mark.parametrize(
+    ("path", "speed", "seconds"),
+    [(turn(8.0, math.pi / 2, 5.0), 5.0, 30.0), (s_bend(6.0), 6.0, 50.0), (turn(500.0, math.pi / 4, 30.0), 30.0, 25.0)],
+    ids=["junction turn", "S-bend", "motorway bend"],
+)
+def test_no_corner_is_cut_by_a_car_whose_odometry_errs(path, speed, seconds):
+    log = cars(path, seconds, speed, eye=NOISY, odometry="car")
+    assert max(off_path(log, i, i - 1) for i in range(1, 10)) < 0.3
     assert off_path(log, 9, 0) < 0.6
     assert log.locked().mean(axis=0).min() >= 0.99
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -58,6 +58,8 @@ class TrackingFollower:
        predecessor and for whatever else is met on the strip that it will drive over.
     5. It does not know where its predecessor is when it has not seen it for `patience`: then it stops, in the trail.
     """
+
+    lidar: ClassVar[str] = "car-tracker"  # the preset, where a scenario names none
 
     stand_off: Annotated[Positive, Field(alias="stand_off_m")] = 3.0  # laser to rear at rest
     time_headway: Annotated[Positive, Field(alias="time_headway_s")] = 1.0
