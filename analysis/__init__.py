@@ -1,6 +1,6 @@
-"""From the folder of a run to tables and pictures. Needs no SUMO."""
+"""From the folder of a run or a batch to tables and pictures. Needs no SUMO."""
 
 from analysis.pictures import picture
-from analysis.results import Results, ResultsError, Scans, load
+from analysis.results import Batch, Results, ResultsError, Scans, load
 
-__all__ = ["Results", "ResultsError", "Scans", "load", "picture"]
+__all__ = ["Batch", "Results", "ResultsError", "Scans", "load", "picture"]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch, Polygon
 from matplotlib.path import Path as Outline
 
-from analysis.results import Results, ResultsError, load
+from analysis.results import Results, ResultsError, load_run
 
 # Okabe and Ito's colours: told apart by colour-blind eyes. The leader is black.
 COLOURS = ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
@@ -25,7 +25,7 @@ def picture(folder: Path | str, to: Path | str) -> Path:
 
     raises: ResultsError
     """
-    results = load(folder)
+    results = load_run(Path(folder))
     gaps = results.trajectories.dropna(subset="gap_m")
     wide = _extent(results)[0] > 2.5 * _extent(results)[1]
     figure = Figure(figsize=((11, 6) if wide else (11, 5)) if len(gaps) else (6.5, 5), layout="constrained")

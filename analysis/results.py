@@ -1,9 +1,12 @@
-"""Reading what a run left."""
+"""Reading what a run or a batch left."""
 
 from __future__ import annotations
 
+import io
 import json
+import warnings
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -24,6 +27,9 @@ OPTIONAL = {
 }
 # A vehicle may be called 12, or NA.
 TEXTS = ("platoon_id", "vehicle_id", "other_id", "target_id", "edge_id", "lane_id", "kind", "detail", "scope", "metric")
+
+
+TOGETHER = 50_000_000  # characters of tables are parsed at once
 
 
 class ResultsError(ValueError):
@@ -101,22 +107,92 @@ class Results:
 
     def _optional(self, name: str) -> pd.DataFrame | None:
         file = self.folder / f"{name}.csv"
-        return _table(file, OPTIONAL[name]) if file.is_file() else None
+        return _read(file, OPTIONAL[name]) if file.is_file() else None
 
 
-def load(folder: Path | str) -> Results:
-    """raises: ResultsError naming what is missing"""
+@dataclass(frozen=True)
+class Batch:
+    """The runs of a study. Tables carry the units of their columns, as `table.attrs["units"]`."""
+
+    folder: Path
+    runs: pd.DataFrame  # a row a run: id, status, seed, varied values, error, wall_s
+    summary: pd.DataFrame  # a row a run that is done: id, seed, varied values, metrics
+    varied: list[str]  # the columns that the study varies
+
+    @property
+    def missing(self) -> pd.DataFrame:
+        """The runs that are not done."""
+        return self.runs[self.runs.status != "done"]
+
+    def table(self, name: str) -> pd.DataFrame:
+        """A table of all runs that are done, such as "trajectories"; before its own columns id, seed and varied values.
+
+        raises: ResultsError
+        """
+        if not len(self.summary):
+            raise ResultsError(f"{self.folder}: no run is done")
+        table, rows = _read_all([self._file(run_id, name) for run_id in self.summary.id])
+        if missing := set(NEEDED.get(name, ())) - set(table.columns):
+            raise ResultsError(f"{self.folder}: {name}.csv: columns are missing: {', '.join(sorted(missing))}")
+        points = self.summary[["id", "seed", *self.varied]]
+        points = points.loc[points.index.repeat(rows)].reset_index(drop=True)
+        joined = pd.concat([points, table], axis=1)
+        joined.attrs["units"] = _units(self.folder / self.summary.id.iloc[0]).get(name, {})
+        return joined
+
+    def _file(self, run_id: str, name: str) -> Path:
+        file = self.folder / run_id / f"{name}.csv"
+        if file.is_file():
+            return file
+        if not file.parent.is_dir():
+            raise ResultsError(f"{file.parent}: is missing, though runs.csv has it as done")
+        there = ", ".join(sorted(f.stem for f in file.parent.glob("*.csv")))
+        raise ResultsError(f"{file}: is missing; there are {there}")
+
+
+def load(folder: Path | str) -> Results | Batch:
+    """The results of a run or of a batch. Says (as a UserWarning) how many runs of a batch are missing.
+
+    raises: ResultsError naming what is wrong or missing
+    """
     folder = Path(folder)
+    return load_batch(folder) if (folder / "study.toml").is_file() else load_run(folder)
+
+
+def load_batch(folder: Path) -> Batch:
+    """raises: ResultsError"""
+    for name in ("runs.csv", "summary.csv", "datapackage.json"):
+        if not (folder / name).is_file():
+            raise ResultsError(f"{folder}: {name} is missing; `platoontraffic batch` with its study writes it")
+    needed = ("id", "seed")
+    runs = _read(folder / "runs.csv", (*needed, "status", "error")).astype({"error": "str"})
+    summary = _read(folder / "summary.csv", needed)
+    units = _units(folder)
+    runs.attrs["units"], summary.attrs["units"] = units.get("runs", {}), units.get("summary", {})
+    varied = [name for name in runs.columns if name not in ("id", "status", "seed", "error", "wall_s")]
+    batch = Batch(folder, runs, summary, varied)
+    if len(batch.missing):
+        kinds = ", ".join(f"{n} {kind}" for kind, n in batch.missing.status.value_counts().items())
+        warnings.warn(f"{folder}: {len(batch.missing)} of {len(runs)} runs are missing: {kinds}", stacklevel=3)
+    return batch
+
+
+def load_run(folder: Path) -> Results:
+    """raises: ResultsError"""
     if not folder.is_dir():
         raise ResultsError(f"{folder}: {'a file, not the folder of a run' if folder.exists() else 'no such folder'}")
     if not (folder / "DONE").is_file():
         what = "an unfinished run" if (folder / "trajectories.csv").is_file() else "not the folder of a run"
         raise ResultsError(f"{folder}: {what}: there is no DONE")
     files = {name: folder / f"{name}.csv" for name in NEEDED}
-    for file in (*files.values(), folder / "scene.geojson"):
+    for file in (*files.values(), folder / "scene.geojson", folder / "datapackage.json"):
         if not file.is_file():
             raise ResultsError(f"{folder}: {file.name} is missing")
-    tables = {name: _table(file, NEEDED[name]) for name, file in files.items()}
+    units = _units(folder)
+    tables = {}
+    for name, file in files.items():
+        tables[name] = _read(file, NEEDED[name])
+        tables[name].attrs["units"] = units.get(name, {})
     try:
         scene = json.loads((folder / "scene.geojson").read_text(encoding="utf-8"))
         shapes = {f["properties"]["kind"]: _lines(f["geometry"]) for f in scene["features"]}
@@ -125,7 +201,58 @@ def load(folder: Path | str) -> Results:
     return Results(folder, **tables, scene=shapes)
 
 
-def _table(file: Path, needed: tuple[str, ...]) -> pd.DataFrame:
+def resources(folder: Path) -> dict[str, list[dict[str, str]]]:
+    """Table -> its columns (name, type, unit, description), of datapackage.json. raises: ResultsError"""
+    file = folder / "datapackage.json"
+    try:
+        package = json.loads(file.read_text(encoding="utf-8"))
+        return {r["name"]: r.get("schema", {}).get("fields", []) for r in package["resources"] if "format" in r}
+    except OSError as error:
+        raise ResultsError(f"{file}: {error.strerror}") from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise ResultsError(f"{file}: is not the data package of results: {error}") from error
+
+
+def _units(folder: Path) -> dict[str, dict[str, str]]:
+    return {name: {f["name"]: f["unit"] for f in fields} for name, fields in resources(folder).items()}
+
+
+def _read_all(files: Sequence[Path]) -> tuple[pd.DataFrame, list[int]]:
+    """One table of many files, and how many rows each has."""
+    parts: list[pd.DataFrame] = []
+    rows: list[int] = []
+    texts: list[str] = []  # parsing small files one by one takes five times as long
+    header, size = "", 0
+
+    def parse() -> None:
+        nonlocal size
+        if texts:
+            parts.append(_read(io.StringIO(header + "".join(texts)), ()))
+            texts.clear()
+            size = 0
+
+    for file in files:
+        try:
+            text = file.read_text(encoding="utf-8")
+        except ValueError as error:
+            raise ResultsError(f"{file}: cannot be read: {error}") from error
+        first, _, body = text.partition("\n")
+        if first + "\n" != header or size > TOGETHER:
+            parse()
+            header = first + "\n"
+        if '"' in body or not body.endswith("\n"):  # perhaps a line feed in a cell
+            parse()
+            parts.append(_read(file, ()))
+            rows.append(len(parts[-1]))
+        else:
+            texts.append(body)
+            rows.append(body.count("\n"))
+            size += len(body)
+    parse()
+    return pd.concat(parts, ignore_index=True), rows
+
+
+def _read(file: Path | io.StringIO, needed: Sequence[str]) -> pd.DataFrame:
     try:
         table = pd.read_csv(file, dtype=dict.fromkeys(TEXTS, str), keep_default_na=False, na_values=[""])
     except (OSError, ValueError) as error:  # pandas' errors of parsing and of decoding are ValueErrors

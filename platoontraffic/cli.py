@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import os
 import signal
 import sys
+import time
 from collections.abc import Callable
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -16,11 +20,13 @@ from rich.table import Table
 
 from platoontraffic import data
 from platoontraffic.commands import commands_of
-from platoontraffic.errors import InputError, RunError, did_you_mean
+from platoontraffic.errors import InputError, MissingError, RunError, did_you_mean
 from platoontraffic.nets import nets_app
 
 if TYPE_CHECKING:
+    from platoontraffic import batch as batches
     from platoontraffic.scenario import Scenario
+    from platoontraffic.study import Study
 
 app = typer.Typer(
     help="Platoons that drive by laser scanner, in SUMO traffic.",
@@ -47,6 +53,8 @@ Platoons = Annotated[
 ]
 Seed = Annotated[int | None, typer.Option(help="instead of the scenario's")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="no progress and no summary: print the folder only")]
+Json = Annotated[bool, typer.Option("--json", help="print one JSON document instead")]
+Results = Annotated[Path, typer.Option("--out", help="folder for results")]
 
 
 @command
@@ -55,18 +63,19 @@ def run(
     changes: Changes = None,
     platoons: Platoons = None,
     seed: Seed = None,
-    results: Annotated[Path, typer.Option("--out", help="folder for results")] = Path("results"),
+    results: Results = Path("results"),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, start nothing")] = False,
     force: Annotated[bool, typer.Option("--force", help="run again although an equal run is there")] = False,
     replay: Annotated[
         bool, typer.Option("--replay", help="record traffic and scans too, and make replay.html of the run")
     ] = False,
     quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
     """Run a scenario; leave its tables in OUT/NAME/RUN."""
     from platoontraffic import scenario as scenarios
-    from platoontraffic import simulation
 
+    simulation = _simulation()
     # A cluster ends jobs by SIGTERM; what was recorded is kept then as at Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     checked = scenarios.load(scenario, changes or (), seed, platoons)
@@ -76,17 +85,23 @@ def run(
     if not quiet:
         _remark(checked)
     folder = simulation.result_folder(checked, results)
+    if dry_run and json:
+        _print_json({"folder": str(folder), "members": len(prepared.members), "done": (folder / "DONE").is_file()})
+        return
     if dry_run:
         out.print(f"{checked.source}: fine, {len(prepared.members)} in all; would write {folder}", soft_wrap=True)
         return
     from platoontraffic.recording import is_done
 
     if is_done(folder) and not force:
-        if not quiet:
+        if not quiet and not json:
             err.print(f"an equal run is already there and is not repeated (--force would): {folder}")
     else:
         with _progress(checked.spec.run.duration_s, checked.spec.name, quiet) as progress:
             simulation.simulate(prepared, folder, progress, replace=force)
+    if json:
+        _print_json({"folder": str(folder), "summary": _summary(folder)})
+        return
     if not quiet:
         _show(folder)
     if replay:
@@ -100,33 +115,139 @@ def run(
 
 
 @command
+def batch(
+    study: Annotated[str, typer.Argument(metavar="STUDY", help="a study file, or the name of a shipped one")],
+    changes: Annotated[
+        list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="keys of the scenario, for every run")
+    ] = None,
+    slots: Annotated[
+        int | None, typer.Option("-j", "--jobs", min=1, help="runs at a time; default: as many as processors")
+    ] = None,
+    executor: Annotated[
+        str, typer.Option(help="processes, serial, dask (a cluster for this batch), or dask:ADDRESS of a running one")
+    ] = "processes",
+    shard: Annotated[str, typer.Option(metavar="I/N", help="do part I of N, from 1; parts may run at a time")] = "1/1",
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="do again what failed")] = False,
+    results: Results = Path("results"),
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="list the runs and how long they take, start none")
+    ] = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Do all runs of a study that are not there yet; leave them and their tables in OUT/STUDY."""
+    from platoontraffic import batch as batches
+    from platoontraffic import study as studies
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if executor not in ("processes", "serial", "dask") and not executor.startswith("dask:"):
+        hint = did_you_mean(executor, ["processes", "serial", "dask"])
+        raise InputError(f"--executor: {executor!r}: no executor{hint}; or dask:ADDRESS")
+    part = _shard(shard)
+    loaded = studies.load(study, changes or ())
+    folder, slots = results / loaded.name, slots or os.cpu_count() or 1
+    if dry_run:
+        _show_runs(loaded, folder, 1 if executor == "serial" else slots, json)
+        return
+    with _batch_progress(loaded.name, quiet or json) as progress:
+        report = batches.run(loaded, folder, executor, slots, part, retry_failed, progress)
+    if json:
+        _print_json({"folder": str(folder), **report.progress._asdict(), "failures": report.failures})
+    elif not quiet:
+        _show_report(report, folder)
+    if not json:
+        print(folder)
+    if report.failures:
+        raise typer.Exit(1)
+
+
+@command
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="RUN|BATCH", help="the folder of a run or of a batch")],
+    to: Annotated[str, typer.Option("--to", help="parquet")] = "parquet",
+) -> None:
+    """Write the tables as Parquet beside the CSV; of a batch those of all runs in one, with what was varied."""
+    if to != "parquet":
+        raise InputError(f"--to: {to!r}: must be parquet")
+    from analysis.results import ResultsError
+
+    try:
+        from analysis.parquet import export as written
+    except ImportError:
+        raise MissingError('pyarrow is not installed: pip install "platoontraffic[parquet]"') from None
+    try:
+        for file in written(folder):
+            print(file)
+    except ResultsError as error:
+        raise InputError(str(error)) from error
+
+
+@command
+def schema(what: Annotated[str, typer.Argument(help="scenario or study")] = "scenario") -> None:
+    """Print the JSON schema of scenario or study files, for editors."""
+    from platoontraffic.scenario import Spec
+    from platoontraffic.study import StudyFile
+
+    files = {"scenario": Spec, "study": StudyFile}
+    if what not in files:
+        raise InputError(f"argument 1: {what!r}: no schema of it{did_you_mean(what, files)}")
+    _print_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **files[what].model_json_schema()})
+
+
+@command
+def doctor(json: Json = False) -> None:
+    """Say what is installed, whether SUMO starts, and what gets in the way; exit code 3 if something does."""
+    from platoontraffic.doctor import TROUBLE, examine
+
+    findings = examine()
+    if json:
+        _print_json([finding._asdict() for finding in findings])
+    else:
+        for finding in findings:
+            out.print(f"{finding.verdict:8} {finding.what}: {finding.text}", soft_wrap=True, markup=False)
+    if any(finding.verdict == TROUBLE for finding in findings):
+        raise typer.Exit(3)
+
+
+@command
 def check(
     files: Annotated[
         list[str], typer.Argument(metavar="SCENARIO... [KEY=VALUE]...", help="files, or shipped names; keys to change")
     ],
     platoons: Platoons = None,
+    json: Json = False,
 ) -> None:
-    """Say what is wrong with scenario files, without running them."""
+    """Say what is wrong with scenario and study files, without running them."""
     from platoontraffic import scenario as scenarios
-    from platoontraffic import simulation
+    from platoontraffic import study
 
-    faults: list[str] = []
+    simulation = _simulation()
+    faults: dict[str, tuple[str, ...]] = {}  # by file
     changes = [argument for argument in files if "=" in argument and not Path(argument).exists()]
     for name in (file for file in files if file not in changes):
+        faults[name] = ()
+        said = "fine"
         try:
-            checked = scenarios.load(name, changes, platoons=platoons)
-            simulation.prepare(checked)
-            _remark(checked)
-            out.print(f"{name}: fine")
+            if study.is_study(name):
+                said = f"fine, {len(study.load(name, changes).runs)} runs"
+            else:
+                checked = scenarios.load(name, changes, platoons=platoons)
+                simulation.prepare(checked)
+                _remark(checked)
+            if not json:
+                out.print(f"{name}: {said}", soft_wrap=True)
         except InputError as error:
-            faults += error.faults
-    if faults:
-        raise InputError(*faults)
+            faults[name] = error.faults
+    if json:
+        _print_json({"files": [{"file": name, "faults": its} for name, its in faults.items()]})
+    if any(faults.values()):
+        raise InputError(*([] if json else [fault for its in faults.values() for fault in its]))
 
 
 @command
 def list_(
-    what: Annotated[str, typer.Argument(help="scenarios, nets, laws, vehicles or lidars")] = "scenarios",
+    what: Annotated[str, typer.Argument(help="scenarios, studies, nets, laws, vehicles or lidars")] = "scenarios",
+    json: Json = False,
 ) -> None:
     """List what there is by name."""
     from lidar import PRESETS
@@ -135,6 +256,7 @@ def list_(
 
     listings: dict[str, Callable[[], dict[str, str]]] = {
         "scenarios": lambda: {name: _title(file) for name, file in data.scenarios().items()},
+        "studies": lambda: {name: _title(file) for name, file in data.studies().items()},
         "nets": lambda: {name: str(file) for name, file in data.networks().items()},
         "laws": lambda: {name: _first_line(find_law(name, Path()).kind) for name in law_names()},
         "vehicles": lambda: {name: f"{v.length:g} x {v.width:g} m" for name, v in VEHICLES.items()},
@@ -145,6 +267,9 @@ def list_(
     }
     if what not in listings:
         raise InputError(f"argument 1: {what!r}: nothing to list{did_you_mean(what, listings)}")
+    if json:
+        _print_json(listings[what]())
+        return
     for name, text in listings[what]().items():
         out.print(f"{name:16} {text}", soft_wrap=True)
 
@@ -239,6 +364,106 @@ def _results():
         yield
     except ResultsError as error:
         raise InputError(str(error)) from error
+
+
+def _simulation() -> ModuleType:
+    """Of a pyarrow that it does not know libsumo warns on stdout, which is for results; `doctor` says it instead."""
+    with redirect_stdout(io.StringIO()):
+        from platoontraffic import simulation
+    return simulation
+
+
+def _print_json(document: Any) -> None:
+    from json import dumps
+
+    print(dumps(document, indent=2, ensure_ascii=False))
+
+
+def _summary(folder: Path) -> dict[str, str | float | None]:
+    """The row of a run's summary.csv; empty cells are None."""
+    from csv import DictReader
+
+    with (folder / "summary.csv").open(encoding="utf-8", newline="") as file:
+        row = next(DictReader(file))
+    return {name: _number(text) for name, text in row.items()}
+
+
+def _number(text: str) -> str | float | None:
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return text
+
+
+def _shard(text: str) -> batches.Shard:
+    from platoontraffic.batch import Shard
+
+    number, _, of = text.partition("/")
+    if not (number.isdecimal() and of.isdecimal() and 1 <= int(number) <= int(of)):
+        raise InputError(f"--shard: {text!r}: must be I/N, from 1/N to N/N")
+    return Shard(int(number), int(of))
+
+
+def _show_runs(study: Study, folder: Path, slots: int, json: bool) -> None:
+    """The runs of a study, and how long those take that are to be done."""
+    from platoontraffic import batch as batches
+
+    states = [batches.state(folder, run.id) for run in study.runs]
+    waiting = [run for run, state in zip(study.runs, states, strict=True) if state == batches.WAITING]
+    seconds, judged_by = batches.estimate(study, folder, waiting)
+    columns = ("id", "status", "seed", *study.keys)
+    rows = [(run.id, state, run.seed, *run.values.values()) for run, state in zip(study.runs, states, strict=True)]
+    if json:
+        runs = [dict(zip(columns, row, strict=True)) for row in rows]
+        _print_json({"folder": str(folder), "runs": runs, "estimate_s": round(seconds / slots, 1)})
+        return
+    lines = [columns, *(tuple(map(str, row)) for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        print("  ".join(f"{cell:{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
+    print(
+        f"{len(rows)} runs, {len(waiting)} to do, about {_duration(seconds / slots)} with {slots} at a time "
+        f"({judged_by}); would write {folder}"
+    )
+
+
+def _show_report(report: batches.Report, folder: Path) -> None:
+    runs, earlier, done, failed, _ = report.progress
+    before = f" ({earlier} of them before)" if earlier else ""
+    print(f"{runs} runs: {done} done{before}, {failed} failed")
+    for run_id, error in list(report.failures.items())[:10]:
+        print(f"  {run_id}: {error}")
+    if failed > 10:
+        print(f"  and {failed - 10} more, in runs.csv")
+    if failed:
+        print("  RUN.unfinished/failure.json says more of each; --retry-failed does them again")
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+@contextmanager
+def _batch_progress(name: str, quiet: bool):
+    """As `_progress`, of runs; what remains is judged by the runs of this batch so far."""
+    if quiet or not err.is_terminal:
+        yield lambda progress: None
+        return
+    columns = [TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[said]}"), TimeElapsedColumn()]
+    with Progress(*columns, console=err, transient=True) as bar:
+        task = bar.add_task(name, total=None, said="the first runs are on their way")
+        began = time.monotonic()
+
+        def tell(at: batches.Progress) -> None:
+            ended = at.done + at.failed
+            left = (time.monotonic() - began) / at.ended_now * (at.runs - ended)
+            failed = f", {at.failed} failed" if at.failed else ""
+            said = f"{ended} of {at.runs}{failed}, {_duration(left)} left"
+            bar.update(task, total=at.runs, completed=ended, said=said)
+
+        yield tell
 
 
 def _remark(checked: Scenario) -> None:

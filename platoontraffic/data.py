@@ -24,3 +24,8 @@ def networks() -> dict[str, Path]:
 def scenarios() -> dict[str, Path]:
     """Shipped scenarios by name."""
     return {file.stem: file for file in sorted(shipped("scenarios").glob("*.toml"))}
+
+
+def studies() -> dict[str, Path]:
+    """Shipped studies by name."""
+    return {file.stem: file for file in sorted(shipped("scenarios").glob("studies/*.toml"))}

@@ -288,10 +288,15 @@ def _rms(values: pd.Series) -> float:
 
 
 def summary(name: str, seed: int, varied: dict[str, Any], metrics: list[Metric]) -> str:
-    """summary.csv: one row with the run, what its arguments varied, and every metric of scope 'run'."""
+    """summary.csv: one row with the run, what its arguments varied, and every metric of the run and of the traffic."""
     row: dict[str, Any] = {"scenario": name, "seed": seed, **varied}
     for metric in metrics:
-        if metric.scope == "run":
-            unit = metric.unit.replace("/", "p")
-            row[f"{metric.name}_{unit}" if unit else metric.name] = metric.value
+        if metric.scope in ("run", "traffic"):
+            row[column(metric.scope, metric.name, metric.unit)] = metric.value
     return pd.DataFrame([row]).to_csv(index=False, float_format="%.9g", lineterminator="\n")
+
+
+def column(scope: str, name: str, unit: str) -> str:
+    """The column of summary.csv that a metric has: `gap_mean_m`, or of the traffic `traffic_delay_mean_s`."""
+    parts = ["traffic" if scope == "traffic" else "", name, unit.replace("/", "p")]
+    return "_".join(filter(None, parts))

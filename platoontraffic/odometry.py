@@ -63,4 +63,4 @@ def measured(
 def _draws(seed: int, ids: tuple[str, ...], step: int) -> _Draws:
     vehicles = sensor_keys(seed, tuple(f"{name} odometry" for name in ids))
     now = scan_keys(vehicles, step)
-    return _Draws(*(gauss(mixed(keys + GOLDEN * np.uint64(k))) for keys in (vehicles, now) for k in (1, 2)))
+    return _Draws(*(gauss(mixed(keys + offset)) for keys in (vehicles, now) for offset in (np.uint64(0), GOLDEN)))

@@ -28,20 +28,21 @@ def sha256(file: Path) -> str:
 
 
 def run_id(scenario: Scenario) -> str:
-    """Name of a run: equal for equal input, wherever its files lie and whatever they are called.
+    """Name of a run: equal for equal input, wherever its files lie and whatever they are called."""
+    return f"{point_id(scenario)}-s{scenario.seed}"
 
-    A hash of the resolved scenario without its seed, of every input file and plug-in, and of this tool's own sources;
-    then the seed.
-    """
+
+def point_id(scenario: Scenario) -> str:
+    """A hash of the resolved scenario without its seed, of every input file and plug-in, and of this tool's sources."""
     resolved = scenario.resolved()
-    seed = resolved.pop("seed")
-    resolved.pop("name")
+    for key in ("seed", "name"):
+        resolved.pop(key)
     parts = [
         json.dumps(resolved, sort_keys=True),
         *(sha256(file) for file in scenario.files().values()),
         _own_sources(),
     ]
-    return f"{hashlib.sha256(chr(10).join(parts).encode()).hexdigest()[:10]}-s{seed}"
+    return hashlib.sha256(chr(10).join(parts).encode()).hexdigest()[:10]
 
 
 def provenance(scenario: Scenario) -> dict[str, Any]:

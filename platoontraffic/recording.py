@@ -306,7 +306,7 @@ def datapackage(name: str, title: str, *, traffic: bool = False, scans: bool = F
             "name": "summary",
             "path": "summary.csv",
             "format": "csv",
-            "description": "one row: the run, its varied values, and every metric of scope 'run' as <metric>_<unit>",
+            "description": "one row: the run, its varied values, and every metric as <metric>_<unit>",
         }
     )
     resources.append({"name": "scene", "path": "scene.geojson", "description": SCENE})

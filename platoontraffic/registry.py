@@ -8,7 +8,8 @@ import importlib.util
 import inspect
 import sys
 import traceback
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -19,7 +20,7 @@ LAWS = "platoontraffic.laws"  # entry point group
 
 
 def law_names() -> list[str]:
-    return sorted(point.name for point in entry_points(group=LAWS))
+    return sorted(point.name for point in _installed())
 
 
 class Law(NamedTuple):
@@ -34,7 +35,7 @@ def find_law(name: str, folder: Path) -> Law:
     raises : LookupError with one line that says what is wrong and what there is
     """
     if ":" not in name:
-        found = [point for point in entry_points(group=LAWS) if point.name == name]
+        found = [point for point in _installed() if point.name == name]
         if not found:
             raise LookupError(f"no law {name!r}{did_you_mean(name, law_names())}; or module:Class")
         kind = found[0].load()
@@ -66,6 +67,11 @@ def plug_in_file(name: str, folder: Path) -> Path | None:
     module = name.rsplit(":", 1)[0]
     file = folder / (module if module.endswith(".py") else module.replace(".", "/") + ".py")
     return file if ":" in name and file.is_file() else None
+
+
+@cache
+def _installed() -> EntryPoints:
+    return entry_points(group=LAWS)  # which reads a file of every installed package
 
 
 def _load(file: Path) -> tuple[ModuleType, tuple[Path, ...]]:

@@ -16,10 +16,19 @@ import typing
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, field_validator, model_validator
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationError,
+    create_model,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
 from lidar import PRESETS, LidarModel, Mount, Noise
 from platoontraffic import data, tomlkeys
@@ -63,6 +72,10 @@ class Named(Table):
     @classmethod
     def by_name(cls, value: Any) -> Any:
         return {cls.short: value} if isinstance(value, str) else value
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [{"type": "string"}, handler(schema)]}
 
 
 class Sumo(Table):
@@ -349,6 +362,32 @@ class Spec(Table):
     platoon: Annotated[list[Platoon], Field(min_length=1)]
 
 
+class Change(NamedTuple):
+    """A key that is not as in the file, and where that was said."""
+
+    key: str  # a key of `platoon` without a number is set in every platoon
+    value: Any
+    place: str  # `argument 2`, or `file:line`
+    text: str  # as it was written
+
+    @classmethod
+    def parse(cls, argument: str, number: int) -> Change:
+        """Of `key=value`. raises: InputError"""
+        key, equals, text = argument.partition("=")
+        if not equals or not all(key.split(".")):
+            raise InputError(f"argument {number}: {argument!r}: must be key=value")
+        try:
+            value = tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
+        except tomllib.TOMLDecodeError:
+            value = text  # a bare word is a string
+        if key.rpartition(".")[2] in TEXTS and not isinstance(value, str):
+            value = text  # SUMO's edges may have numbers for names
+        return cls(key, value, f"argument {number}", argument)
+
+    def fault(self, what: str) -> InputError:
+        return InputError(f"{self.place}: {self.text!r}: {what}")
+
+
 @dataclass(frozen=True)
 class Scenario:
     """A checked scenario: what the file and the arguments say, and everything they name."""
@@ -367,7 +406,7 @@ class Scenario:
 
     def fault(self, path: tuple, what: str) -> str:
         """`file:line: key: what`."""
-        return f"{self.place(path)}: {_dotted(path)}: {what}"
+        return f"{self.place(path)}: {dotted(path)}: {what}"
 
     @property
     def seed(self) -> int:
@@ -451,7 +490,10 @@ def default_preset(role: str, law: Any) -> str:
 
 
 def load(
-    name_or_file: str | Path, arguments: Sequence[str] = (), seed: int | None = None, platoons: str | Path | None = None
+    name_or_file: str | Path,
+    arguments: Sequence[str | Change] = (),
+    seed: int | None = None,
+    platoons: str | Path | None = None,
 ) -> Scenario:
     """The scenario of a file, or a shipped one by name, changed by `key=value` arguments.
 
@@ -459,21 +501,21 @@ def load(
 
     raises: InputError with one line for every fault found
     """
+    changes = [a if isinstance(a, Change) else Change.parse(a, number) for number, a in enumerate(arguments, start=1)]
     source = _find(name_or_file)
     config = read_configuration(source) if _is_xml(source) else None
     if config is None and platoons is not None:
         raise InputError(f"--platoon: goes with a SUMO configuration (.sumocfg, .netecfg); {source} is a scenario")
-    table, lines = ({}, {}) if config and platoons is None else _read(platoons or source)
+    table, lines = ({}, {}) if config and platoons is None else read_toml(platoons or source)
     if config:
         table.setdefault("name", _name(source))
-        _complete(table, config, arguments)
+        _complete(table, config, changes)
         source = Path(platoons or source)
     places: dict[tuple, str] = {}
     varied = {}
-    for number, argument in enumerate(arguments, start=1):
-        key, value, paths = _override(table, argument, number)
-        varied[key] = value
-        places |= dict.fromkeys(paths, f"argument {number}")
+    for change in changes:
+        varied[change.key] = change.value
+        places |= dict.fromkeys(_set(table, change), change.place)
     table.setdefault("name", _name(source))
     if config:
         _take_duration(table, config)
@@ -491,17 +533,18 @@ def load(
     try:
         spec = Spec.model_validate(table)
     except ValidationError as error:
-        raise InputError(*(f"{place(f['loc'])}: {_fault(f, Spec)}" for f in error.errors())) from None
+        raise InputError(*(f"{place(f['loc'])}: {fault_of(f, Spec)}" for f in error.errors())) from None
     return _resolve(spec, source, varied, place)
 
 
-def _read(file: str | Path) -> tuple[dict[str, Any], dict]:
-    """A TOML file, and the lines on which its keys stand."""
+def read_toml(file: str | Path) -> tuple[dict[str, Any], dict]:
+    """A TOML file, and the lines on which its keys stand. raises: InputError"""
     try:
         text = Path(file).read_text(encoding="utf-8-sig")
         return tomllib.loads(text), tomlkeys.key_lines(text)
     except tomllib.TOMLDecodeError as error:
-        line = getattr(error, "lineno", None) or _line_in(str(error))
+        at = re.search(r"\(at line (\d+)", str(error))  # or at the end of the document
+        line = at[1] if at else text.count("\n") + 1
         raise InputError(f"{file}:{line}: not valid TOML: {str(error).split(' (at')[0]}") from error
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
@@ -521,7 +564,7 @@ def _is_xml(file: Path) -> bool:
         return False
 
 
-def _complete(table: dict[str, Any], config: Configuration, arguments: Sequence[str]) -> None:
+def _complete(table: dict[str, Any], config: Configuration, changes: Sequence[Change]) -> None:
     """Make a scenario of platoons, or of nothing, and a SUMO configuration, by defaults for cars among traffic."""
     if not all(isinstance(table.setdefault(key, {}), dict) for key in ("sumo", "scene", "run")):
         return  # which is said later
@@ -532,7 +575,7 @@ def _complete(table: dict[str, Any], config: Configuration, arguments: Sequence[
     table["scene"].setdefault("walls", "none")
     table["run"].setdefault("step_s", _step(config))
     if "platoon" not in table:
-        if not any(argument.startswith("platoon.") for argument in arguments):
+        if not any(change.key.startswith("platoon.") for change in changes):
             raise InputError(f"{config.path}: no platoon is given; complete would be, for example: {_example(config)}")
         table["platoon"] = [{}]
     # One truth for the gains of cars: those that are tested.
@@ -573,7 +616,7 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
     folder = source.parent
 
     def fault(path: tuple, what: str) -> None:
-        faults.append(f"{place(path)}: {_dotted(path)}: {what}")
+        faults.append(f"{place(path)}: {dotted(path)}: {what}")
 
     nets = data.networks()
     config = None
@@ -708,7 +751,7 @@ def _law(kind: type, gains: dict[str, Any], fault: Any) -> Any:
         hash(law)
     except ValidationError as error:
         for e in error.errors():
-            fault(e["loc"][0] if e["loc"] else "law", _fault(e, model).split(": ", 1)[-1])
+            fault(e["loc"][0] if e["loc"] else "law", fault_of(e, model).split(": ", 1)[-1])
         return None
     except ValueError as error:  # of a law's own checks
         raise LookupError(str(error)) from error
@@ -749,41 +792,32 @@ def _find(name_or_file: str | Path) -> Path:
     raise InputError(f"{name_or_file}: no such scenario file, nor a shipped scenario{hint}")
 
 
-def _override(table: dict, argument: str, number: int) -> tuple[str, Any, list[tuple]]:
-    """Set `key=value` in the table; a key of `platoon` without a number is set in every platoon."""
-    key, equals, text = argument.partition("=")
-    names = key.split(".")
-    if not equals or not all(names):
-        raise InputError(f"argument {number}: {argument!r}: must be key=value")
-    try:
-        value = tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
-    except tomllib.TOMLDecodeError:
-        value = text  # a bare word is a string
-    if names[-1] in TEXTS and not isinstance(value, str):
-        value = text  # SUMO's edges may have numbers for names
+def _set(table: dict, change: Change) -> list[tuple]:
+    """Make a change in the table; returns the paths that were set."""
+    names = change.key.split(".")
     targets: list[tuple[Any, tuple]] = [(table, ())]
     for name in names[:-1]:
-        targets = [step for node, path in targets for step in _into(node, path, name, argument, number)]
+        targets = [step for node, path in targets for step in _into(node, path, name, change)]
     paths = []
     for node, path in [step for target in targets for step in _last(*target)]:
         if not isinstance(node, dict):
-            raise InputError(f"argument {number}: {argument!r}: {_dotted(path)} is not a table")
-        node[names[-1]] = value
+            raise change.fault(f"{dotted(path)} is not a table")
+        node[names[-1]] = copy.deepcopy(change.value)
         paths.append((*path, names[-1]))
-    return key, value, paths
+    return paths
 
 
-def _into(node: Any, path: tuple, name: str, argument: str, number: int) -> list[tuple[Any, tuple]]:
+def _into(node: Any, path: tuple, name: str, change: Change) -> list[tuple[Any, tuple]]:
     if isinstance(node, list):
         if name.lstrip("-").isdigit() and not name.isdigit():
-            raise InputError(f"argument {number}: {argument!r}: they are numbered from 0")
+            raise change.fault("they are numbered from 0")
         if not name.isdigit():
-            return [s for i, item in enumerate(node) for s in _into(item, (*path, i), name, argument, number)]
+            return [s for i, item in enumerate(node) for s in _into(item, (*path, i), name, change)]
         if int(name) >= len(node):
-            raise InputError(f"argument {number}: {argument!r}: there are {len(node)}, numbered from 0")
+            raise change.fault(f"there are {len(node)}, numbered from 0")
         return [(node[int(name)], (*path, int(name)))]
     if not isinstance(node, dict):
-        raise InputError(f"argument {number}: {argument!r}: {_dotted(path)} is not a table")
+        raise change.fault(f"{dotted(path)} is not a table")
     if isinstance(node.get(name), str) and name in SHORT:
         node[name] = {SHORT[name]: node[name]}
     return [(node.setdefault(name, {}), (*path, name))]
@@ -793,19 +827,19 @@ def _last(node: Any, path: tuple) -> list[tuple[Any, tuple]]:
     return [(item, (*path, i)) for i, item in enumerate(node)] if isinstance(node, list) else [(node, path)]
 
 
-def _fault(error: dict, model: type[BaseModel]) -> str:
+def fault_of(error: dict, model: type[BaseModel]) -> str:
     """pydantic's error as `key: what; what is allowed`."""
     path = error["loc"]
     if error["type"] == "extra_forbidden":
-        return f"{_dotted(path)}: unknown key{did_you_mean(str(path[-1]), _known_keys(model, path[:-1]))}"
+        return f"{dotted(path)}: unknown key{did_you_mean(str(path[-1]), _known_keys(model, path[:-1]))}"
     if error["type"] == "missing":
-        return f"{_dotted(path)}: missing"
+        return f"{dotted(path)}: missing"
     what = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
     if error["type"] == "model_type":
         what = "should be a table, or a name" if path[-1] in SHORT else "should be a table"
     value = error["input"]
     shown = "" if isinstance(value, dict | BaseModel) else f"{value!r}: "
-    return f"{_dotted(path)}: {shown}{what}"
+    return f"{dotted(path)}: {shown}{what}"
 
 
 def _known_keys(model: type[BaseModel], path: tuple) -> list[str]:
@@ -837,9 +871,5 @@ def _whole(ratio: float) -> bool:
     return ratio > 0.5 and abs(ratio - round(ratio)) < 1e-6
 
 
-def _dotted(path: tuple) -> str:
+def dotted(path: tuple) -> str:
     return ".".join(map(str, path))
-
-
-def _line_in(message: str) -> str:
-    return message.rpartition("line ")[2].partition(",")[0]

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -84,8 +85,10 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
             "scenarios",
             [
                 "corridor_platoon",
+                "corridor_tracking",
                 "grid_platoons",
                 "highway_platoon",
+                "highway_tracking",
                 "paper_loop",
                 "paper_path",
                 "paper_printed",
@@ -236,3 +239,40 @@ def test_force_keeps_the_finished_run_until_the_new_one_is_there(tmp_path, monke
     monkeypatch.setattr("platoontraffic.sumo.World.advance", lambda *_: 1 / 0)
     call("run", "paper_loop", *SHORT, "-q", "--out", tmp_path, "--force")
     assert (first / "DONE").is_file()
+
+
+def test_doctor_starts_sumo_and_names_versions():
+    done = call("doctor", "--json")
+    findings = {finding["what"]: finding for finding in json.loads(done.stdout)}
+    assert done.exit_code == 0
+    assert findings["SUMO"]["text"].endswith("starts, steps and stops")
+    assert all(finding["verdict"] != "trouble" for finding in findings.values())
+
+
+def test_doctor_finds_a_package_of_the_same_name(tmp_path, monkeypatch):
+    (tmp_path / "analysis").mkdir()
+    (tmp_path / "analysis" / "__init__.py").write_text("")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
+    done = subprocess.run([*COMMAND, "doctor"], capture_output=True, text=True)
+    assert done.returncode == 3
+    assert f"trouble  analysis: `import analysis` finds {tmp_path / 'analysis'}" in done.stdout
+
+
+@pytest.mark.parametrize("what", ["scenario", "study"])
+def test_schema_is_of_the_files_as_they_are(what):
+    schema = json.loads(call("schema", what).stdout)
+    shipped = data.scenarios() if what == "scenario" else data.studies()
+    for file in shipped.values():
+        assert set(tomllib.loads(file.read_text(encoding="utf-8"))) <= set(schema["properties"])
+    assert call("schema", "lidar").exit_code == 2
+
+
+@pytest.mark.sumo
+def test_json_is_all_that_is_printed(tmp_path):
+    ran = call("run", "paper_loop", *SHORT, "--json", "--out", tmp_path)
+    assert json.loads(ran.stdout)["summary"]["lock_on_ratio_min"] == 1
+    assert set(json.loads(call("list", "laws", "--json").stdout)) >= {"repaired", "printed"}
+    checked = call("check", "paper_loop", "paper_follower", "nowhere.toml", "--json")
+    fine, study, bad = json.loads(checked.stdout)["files"]
+    assert (fine["faults"], study["faults"], len(bad["faults"]), checked.exit_code) == ([], [], 1, 2)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 
 # Each module may import those in rows above its own, not those beside or below it.
 LAYERS = [
-    {"errors", "vehicle", "tomlkeys", "polyline", "rightofway", "driven", "tracking"},
+    {"errors", "vehicle", "tomlkeys", "polyline", "rightofway", "driven", "tracking", "lock"},
     {"data", "traffic", "network", "registry", "bicycle", "commands", "trail", "odometry"},
     {"controllers", "models"},
     {"route", "scenario"},
@@ -21,8 +23,8 @@ LAYERS = [
     {"recording", "metrics"},
     {"outputs"},
     {"simulation"},
-    {"starter", "nets", "replay"},
-    {"benchmark", "report"},
+    {"starter", "nets", "replay", "study", "worker", "doctor"},
+    {"benchmark", "report", "batch"},
     {"cli"},
     {"__main__"},
 ]
@@ -62,6 +64,12 @@ def test_one_module_talks_to_each_part_of_sumo(library, only):
         m for m, file in modules("platoontraffic").items() if any(n.split(".")[0] == library for n in imports(file))
     }
     assert users - {"benchmark"} <= {only}  # it times libsumo by itself
+
+
+def test_a_batch_never_imports_sumo():
+    """Its processes do; beside a batch Parquet may be written, and dask's own libraries live."""
+    code = "import sys; import platoontraffic.batch, platoontraffic.study, analysis; sys.exit('libsumo' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
 @pytest.mark.parametrize("package", ["lidar", "analysis"])

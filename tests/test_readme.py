@@ -30,7 +30,7 @@ def test_there_is_one_command_to_run_and_one_to_test():
 
 @pytest.mark.sumo
 def test_your_own_follower_in_twenty_lines_runs(tmp_path, monkeypatch):
-    (law,) = blocks("python")
+    law = blocks("python")[0]
     (scenario,) = [block for block in blocks("toml") if "my_follower" in block]
     assert len(law.strip().splitlines()) <= 20
     (tmp_path / "my_follower.py").write_text(law)
@@ -43,6 +43,14 @@ def test_your_own_follower_in_twenty_lines_runs(tmp_path, monkeypatch):
     assert (values["collisions"], values["lock_on_ratio_min"]) == ("0", "1")
 
 
+def test_the_study_is_one(tmp_path):
+    (text,) = [block for block in blocks("toml") if "base =" in block]
+    (tmp_path / "mine.toml").write_text(text)
+    done = CliRunner().invoke(app, ["batch", str(tmp_path / "mine.toml"), "--dry-run"])
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "330 runs" in done.stdout
+
+
 def test_ten_lines_draw_a_scan(tmp_path, monkeypatch):
     text = (ROOT / "lidar/README.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
@@ -53,7 +61,7 @@ def test_ten_lines_draw_a_scan(tmp_path, monkeypatch):
     assert (tmp_path / "scan.png").stat().st_size > 5000
 
 
-@pytest.mark.parametrize("file", ["README.md", "lidar/README.md", "CONTRIBUTING.md"])
+@pytest.mark.parametrize("file", ["README.md", "lidar/README.md", "analysis/README.md", "CONTRIBUTING.md"])
 def test_links_and_pictures_are_there(file):
     for target in re.findall(r"\]\(([^)#]+)\)", (ROOT / file).read_text(encoding="utf-8")):
         assert target.startswith("https://") or (ROOT / file).parent.joinpath(target).exists(), target

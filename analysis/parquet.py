@@ -1,0 +1,72 @@
+"""Tables as Parquet, beside the CSV that they are made of.
+
+Not for a process that has imported libsumo: both bring an Arrow of their own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyarrow as pa
+from pyarrow import csv, parquet
+
+from analysis.results import ResultsError, load, resources
+
+TYPES = {"number": pa.float64(), "integer": pa.int64(), "string": pa.string()}  # others are guessed
+
+
+def export(folder: Path | str) -> list[Path]:
+    """Write every table of a run, or of a batch those of all its runs in one; returns the files.
+
+    raises: ResultsError
+    """
+    folder = Path(folder)
+    results = load(folder)
+    try:
+        files = [_write(folder / f"{name}.parquet", [_table(folder, name)]) for name in resources(folder)]
+        if (folder / "study.toml").is_file() and len(results.summary):
+            names = resources(folder / results.summary.id.iloc[0])
+            files += [_write(folder / f"{n}.parquet", _of_all_runs(folder, n)) for n in names if n != "summary"]
+    except OSError as error:
+        raise ResultsError(f"{error.filename or folder}: {error.strerror or error}") from error
+    except pa.ArrowException as error:
+        raise ResultsError(f"{folder}: {' '.join(str(error).split())}") from error
+    return files
+
+
+def _of_all_runs(folder: Path, name: str) -> Iterator[pa.Table]:
+    """The table of one run after the other; before its own columns id, seed and varied values."""
+    runs = _table(folder, "runs")
+    points = runs.drop_columns(["status", "error", "wall_s"])
+    for i in range(runs.num_rows):
+        if runs["status"][i].as_py() == "done":
+            table = _table(folder / points["id"][i].as_py(), name)
+            same = [pa.repeat(column[i], table.num_rows) for column in points.columns]
+            yield pa.table([*same, *table.columns], schema=pa.schema([*points.schema, *table.schema]))
+
+
+def _table(folder: Path, name: str) -> pa.Table:
+    fields = resources(folder)[name]
+    types = {f["name"]: TYPES[f["type"]] for f in fields if f["type"] in TYPES}
+    options = csv.ConvertOptions(column_types=types, null_values=[""], strings_can_be_null=False)
+    table = csv.read_csv(folder / f"{name}.csv", convert_options=options)
+    units = {f["name"]: f["unit"] for f in fields}
+    described = [f.with_metadata({"unit": units.get(f.name, "")}) for f in table.schema]
+    return table.cast(pa.schema(described))
+
+
+def _write(file: Path, tables: Iterator[pa.Table] | list[pa.Table]) -> Path:
+    new = file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        with contextlib.ExitStack() as stack:
+            writer = None
+            for table in tables:
+                writer = writer or stack.enter_context(parquet.ParquetWriter(new, table.schema))
+                writer.write_table(table)
+        new.replace(file)
+    finally:
+        new.unlink(missing_ok=True)
+    return file

@@ -1,0 +1,59 @@
+"""Who works on a folder: parts of a file that one process at a time may hold. The system takes them from who dies."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+from pathlib import Path
+
+SHARES = range(1_000_000)  # a batch holds those of its runs
+TABLES = 1_000_001  # whoever writes tables
+_RUNS = range(1_000_002, 1_500_000_000)  # whoever is in a run
+
+
+def share_of(run_id: str) -> int:
+    """The part for a run. Two of them may share one, which costs waiting and nothing else."""
+    return _RUNS[int.from_bytes(hashlib.sha256(run_id.encode()).digest()[:6]) % len(_RUNS)]
+
+
+class Lock:
+    """By POSIX, not to be opened twice in one process: closing one of them would give back what the other holds."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
+
+    def take(self, start: int, length: int) -> bool:
+        if not length:
+            return True
+        try:
+            if os.name == "nt":
+                import msvcrt
+
+                os.lseek(self._file, start, os.SEEK_SET)
+                msvcrt.locking(self._file, msvcrt.LK_NBLCK, length)
+            else:
+                import fcntl
+
+                fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB, length, start)
+        except OSError as error:
+            if error.errno in (errno.EACCES, errno.EAGAIN, errno.EDEADLK):
+                return False
+            raise
+        return True
+
+    def release(self, start: int, length: int) -> None:
+        if not length:
+            return
+        if os.name == "nt":
+            import msvcrt
+
+            os.lseek(self._file, start, os.SEEK_SET)
+            msvcrt.locking(self._file, msvcrt.LK_UNLCK, length)
+        else:
+            import fcntl
+
+            fcntl.lockf(self._file, fcntl.LOCK_UN, length, start)
+
+    def close(self) -> None:
+        os.close(self._file)

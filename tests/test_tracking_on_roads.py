@@ -1,0 +1,67 @@
+"""The laser-only follower on the shipped roads, without other traffic, with the errors of its laser and odometry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from conftest import run
+
+from platoontraffic import data
+
+ROUTES = [  # each turn of each junction of `corridor`, and its bends both ways
+    "west_light light_prio prio_rw rw_rs rs_re re_b0 b0_b1 b1_b2 b2_east",
+    "east_b2 b2_b1 b1_b0 b0_re re_rn rn_rw rw_prio prio_light light_west",
+    "west_light light_light_n",
+    "west_light light_light_s",
+    "light_n_light light_west",
+    "light_n_light light_prio prio_prio_s",
+    "light_s_light light_prio prio_prio_n",
+    "light_s_light light_west",
+    "prio_n_prio prio_light light_light_n",
+    "prio_n_prio prio_rw rw_rs rs_round_s",
+    "prio_s_prio prio_light light_light_s",
+    "prio_s_prio prio_rw rw_rs rs_re re_rn rn_round_n",
+    "round_n_rn rn_rw rw_prio prio_prio_n",
+    "round_s_rs rs_re re_b0 b0_b1",
+    "east_b2 b2_b1 b1_b0 b0_re re_rn rn_rw rw_rs rs_re re_b0",
+    "b1_b0 b0_re re_rn rn_rw rw_prio prio_prio_s",
+]
+
+
+def followers(folder: Path) -> pd.DataFrame:
+    """Rows of trajectories.csv; `locked`: on the predecessor; `visible`: five beams hit that."""
+    rows = pd.read_csv(folder / "trajectories.csv")
+    rows = rows[rows.place > 0]
+    ahead = rows.vehicle_id.str.rpartition(".")[0] + "." + (rows.place - 1).astype(str)
+    return rows.assign(locked=rows.target_id == ahead, visible=rows.beams_on_predecessor >= 5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_platoon_of_five_holds_through_every_turn_of_the_corridor(route, tmp_path):
+    edges = route.split()
+    text = data.scenarios()["corridor_tracking"].read_text(encoding="utf-8")
+    text = text.replace('edge = "west_light", position_m = 60.0', f'edge = "{edges[0]}", position_m = 51.0')
+    (tmp_path / "turns.toml").write_text(text.replace('to = "b2_east"', f"route = {edges}"), encoding="utf-8")
+    folder = run(tmp_path / "run", tmp_path / "turns.toml")
+    rows, events = followers(folder), pd.read_csv(folder / "events.csv")
+    assert rows[rows.visible].locked.mean() >= 0.99
+    assert rows.visible.mean() >= 0.99
+    assert rows.cross_track_m.abs().max() < 0.3
+    assert not events.kind.isin(["collision", "lock_lost", "off_road"]).any()
+    assert events.detail.iloc[-1] == "arrived"
+
+
+@pytest.mark.slow
+def test_ten_hold_at_thirty_metres_a_second(tmp_path):
+    folder = run(tmp_path / "run", "highway_tracking")
+    rows, events = followers(folder), pd.read_csv(folder / "events.csv")
+    assert rows[rows.visible].locked.mean() >= 0.99
+    assert rows.visible.all()
+    steady = rows[rows.time_s > 120]
+    assert steady.speed_mps.to_numpy() == pytest.approx(30, abs=0.5)
+    assert (steady.gap_error_m.abs() < 0.02 * 33).all()
+    assert rows.cross_track_m.abs().max() < 0.3
+    assert not events.kind.isin(["collision", "lock_lost", "off_road"]).any()
