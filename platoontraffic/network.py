@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import heapq
 import math
 import os
 import re
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     import sumolib.net
 
 CACHED_LANES = 100  # fewer are put together in some 15 ms, which is not worth a file in the user's home
+BESIDE = 0.75  # so far from its middle one is on a road, in its widths: a square bend's outer corner is at 0.71
 NETWORK = "a SUMO network (.net.xml)"
 CHANGING = "change"
 CHANGE_AFTER = 5.0  # a route changes lanes so far after an edge's begin, in lane widths: 16 m in streets
@@ -500,19 +502,23 @@ class Network:
         return lane.getID(), position, self.onward(lane.getEdge().getID(), 4)[-1]
 
     def upstream(self, lane_id: str, reach: float) -> list[tuple[str, float]]:
-        """A lane and those that lead to it, up to `reach` before its end; and the way from each one's end to that [m].
+        """A lane and those that lead to it, up to `reach` before its end; and the shortest way from each one's end [m].
 
         Without the lanes inside junctions, whose vehicles are few and soon on the next.
         """
-        found, todo = [], [(self._net.getLane(lane_id), 0.0)]
+        ways: dict[str, float] = {}
+        todo = [(0.0, lane_id)]
         while todo:
-            lane, way = todo.pop()
-            found.append((lane.getID(), way))
-            beyond = way + lane.getLength()
-            if beyond < reach:
-                todo += [(before, beyond) for before in lane.getIncoming(onlyDirect=False)
-                         if before.getEdge().getFunction() != "internal"]  # fmt: skip
-        return found
+            way, name = heapq.heappop(todo)
+            if name in ways:  # by a shorter way; round blocks there are more ways than can be counted
+                continue
+            ways[name] = way
+            lane = self._net.getLane(name)
+            if (beyond := way + lane.getLength()) < reach:
+                for before in lane.getIncoming(onlyDirect=False):
+                    if before.getEdge().getFunction() != "internal":
+                        heapq.heappush(todo, (beyond, before.getID()))
+        return list(ways.items())
 
     @cached_property
     def entered_from(self) -> Mapping[str, str]:
@@ -556,12 +562,17 @@ class Network:
         """
         middles = self._middles
         x, y, heading = (np.atleast_1d(np.asarray(value, dtype=float)) for value in (x, y, heading))
+        right = np.full(len(x), np.nan)
         if not len(middles.lines):
-            return np.full(len(x), np.nan)
-        points = shapely.points(x, y)
-        k = middles.tree.nearest(points)
+            return right
+        rows, k, distance = middles.nearest(x, y)
+        defined = distance <= BESIDE * middles.reach[k]
+        defined &= ~shapely.contains_xy(middles.junctions, x[rows], y[rows])
+        defined &= shapely.intersects_xy(self.drivable, x[rows], y[rows])
+        rows, k, distance = rows[defined], k[defined], distance[defined]
+        x, y, heading = x[rows], y[rows], heading[rows]
         lines, reach = middles.lines[k], middles.reach[k]
-        along, distance = shapely.line_locate_point(lines, points), shapely.distance(lines, points)
+        along = shapely.line_locate_point(lines, shapely.points(x, y))
 
         def chord(half: np.ndarray | float) -> np.ndarray:
             length, ring = middles.length[k], middles.ring[k]
@@ -574,12 +585,8 @@ class Network:
         foot = shapely.get_coordinates(shapely.line_interpolate_point(lines, along))
         here = chord(1e-3 * reach)  # at a vertex this is square to the bisector of the corner
         side = np.sign(here[:, 1] * (x - foot[:, 0]) - here[:, 0] * (y - foot[:, 1]))
-        undefined = (
-            (distance > 0.75 * reach)  # the outer corner of a square bend is 0.71 road widths from the middle
-            | shapely.contains_xy(middles.junctions, x, y)
-            | ~shapely.intersects_xy(self.drivable, x, y)
-        )
-        return np.where(undefined, np.nan, side * sense * distance)
+        right[rows] = side * sense * distance
+        return right
 
     @cached_property
     def _roads(self) -> list[sumolib.net.edge.Edge]:
@@ -722,6 +729,17 @@ class _Middles(NamedTuple):
     ring: np.ndarray  # bool: the line closes
     reach: np.ndarray  # [m] width of the (widest part of the) road, both directions
     junctions: shapely.Geometry  # of three or more arms
+
+    def nearest(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of the points that have a line within BESIDE of the widest road: row, nearest line and how far off, (m,)."""
+        points = shapely.points(x, y)
+        # Five times as fast as the tree's `nearest`, which has to find the way to lines far off as well.
+        rows, k = self.tree.query(points, predicate="dwithin", distance=BESIDE * self.reach.max())
+        distance = shapely.distance(self.lines[k], points[rows])
+        order = np.lexsort((distance, rows))
+        rows, k, distance = rows[order], k[order], distance[order]
+        first = np.diff(rows, prepend=-1) > 0
+        return rows[first], k[first], distance[first]
 
 
 def _joint(one: np.ndarray, other: np.ndarray) -> LineString | None:

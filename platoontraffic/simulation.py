@@ -42,7 +42,9 @@ class Prepared:
 def prepare(scenario: Scenario) -> Prepared:
     """raises: InputError"""
     network = Network.read(scenario.net)
-    network.middle_lines()  # takes seconds in large networks, which are not the loop's
+    # In large networks these take seconds, which are not the loop's.
+    network.middle_lines()
+    network.entered_from  # noqa: B018
     scene = static_scene(scenario, network)
     return Prepared(scenario, network, scene, deploy(scenario, network, scene))
 

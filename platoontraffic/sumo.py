@@ -128,15 +128,19 @@ class World:
         self._far: set[str] = set()  # see _others
         self._far_from: tuple[Member, ...] = ()
         self._far_until = -np.inf  # SUMO's time
+        self._near: list[str] | None = None  # the others; None once somebody has come or gone
+        self._expected = 0  # how many vehicles are on the road or due
 
     def __enter__(self) -> World:
         if _running:
             raise RunError(f"SUMO already runs {_running[0]} in this process; libsumo holds one simulation a process")
-        with self._listening():
-            try:
+        self._log = self._words.open("ab")
+        try:
+            with self._listening():
                 libsumo.start(self._options)
-            except libsumo.TraCIException as error:
-                raise InputError(f"{self._network.path}: SUMO refuses it: {self._reason(error)}") from error
+        except libsumo.TraCIException as error:
+            self._log.close()
+            raise InputError(f"{self._network.path}: SUMO refuses it: {self._reason(error)}") from error
         _running.append(self._network.path)
         return self
 
@@ -146,6 +150,7 @@ class World:
         when = f"{libsumo.simulation.getTime():g} s" if died else ""
         with self._listening():
             libsumo.close()
+        self._log.close()
         if died:
             raise RunError(f"SUMO failed at {when}: {error}") from error
 
@@ -201,7 +206,8 @@ class World:
     def _others(self, fleet: Fleet, reach: float) -> list[str]:
         """SUMO's own vehicles, without most of those of which nothing is within reach of a member.
 
-        Who is far away stays out of reach for a while, and is not asked where it is until then (a Verlet list).
+        Who is far away stays out of reach for a while, and is not asked where it is until then (a Verlet list). For the
+        names of all, SUMO is asked then, and when somebody has come or gone.
         """
         if reach == np.inf:
             members = {m.id for m in fleet.members}
@@ -212,8 +218,10 @@ class World:
             length = np.array([self._size(name)[0] for name in others])
             far = _far(_fronts(others), own.x, own.y, reach + 2 * length + FAR_FOR * CLOSING)
             self._far = {m.id for m in fleet.members} | set(compress(others, far))
-            self._far_from, self._far_until = fleet.members, time + FAR_FOR
-        return [name for name in libsumo.vehicle.getIDList() if name not in self._far]
+            self._far_from, self._far_until, self._near = fleet.members, time + FAR_FOR, None
+        if self._near is None:
+            self._near = [name for name in libsumo.vehicle.getIDList() if name not in self._far]
+        return self._near
 
     def place(self, fleet: Fleet) -> None:
         """Tell SUMO where every member is at the end of the coming step."""
@@ -495,6 +503,12 @@ class World:
     def _simulate(self) -> None:
         with self._listening():
             libsumo.simulationStep()
+        simulation, expected = libsumo.simulation, libsumo.simulation.getMinExpectedNumber()
+        came = simulation.getDepartedNumber() + simulation.getEndingTeleportNumber()
+        went = simulation.getArrivedNumber() + simulation.getStartingTeleportNumber()
+        if came or went or expected != self._expected:
+            self._near = None
+        self._expected = expected
 
     def _reason(self, error: Exception) -> str:
         """SUMO's own first error; what it raises is often only 'Process Error'."""
@@ -507,13 +521,12 @@ class World:
         """SUMO prints from C++ to file descriptor 2, past Python's stderr: into the file of its words."""
         sys.stderr.flush()
         kept = os.dup(2)
-        with self._words.open("ab") as words:
-            os.dup2(words.fileno(), 2)
-            try:
-                yield
-            finally:
-                os.dup2(kept, 2)
-                os.close(kept)
+        os.dup2(self._log.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def _fronts(names: Sequence[str]) -> np.ndarray:

@@ -11,6 +11,7 @@ from bench import BLIND, NO_WALLS, ROBOT, drive, platoon, snapshot
 
 from lidar import PRESETS, Mount, Scene
 from platoontraffic.bicycle import CARS
+from platoontraffic.controllers import path_kernel
 from platoontraffic.controllers.base import Signals
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.fleet import Fleet
@@ -178,6 +179,33 @@ def test_what_is_wrong_with_a_trace_is_said(tmp_path, text, said):
 
 
 # ---- others in its way
+
+
+def test_what_it_meets_first_on_its_strip_is_what_shapely_finds():
+    rng = np.random.default_rng(1)
+    n, k, front, half_width = 40, 90, 1.0, 1.1
+    step = rng.uniform(0.5, 2.0, (n, 30))
+    heading = np.cumsum(rng.normal(0, 0.1, (n, 30)), axis=1)
+    steps = np.stack([step * np.cos(heading), step * np.sin(heading)], axis=2)
+    points = np.concatenate([np.zeros((n, 1, 2)), np.cumsum(steps, axis=1)], axis=1)
+    distance = np.concatenate([np.zeros((n, 1)), np.cumsum(step, axis=1)], axis=1)
+    ranges = rng.uniform(1.0, 40.0, (n, k))
+    ranges[rng.random((n, k)) < 0.3] = np.inf
+    ranges[rng.random((n, k)) < 0.1] = np.nan
+    angle = np.linspace(-1.5, 1.5, k)
+    beams = np.stack([np.cos(angle), np.sin(angle)])
+    free = np.full(n, np.inf)
+    strip = points, distance, np.full(n, half_width)
+    path_kernel.meet(ranges, beams, np.full(n, 0.5), 0.1, strip, np.full(n, front), free)
+
+    routes = shapely.linestrings(points)[:, None]
+    to_there = np.where(np.isfinite(ranges), ranges, -9.0)  # what is behind does not count
+    x, y = 0.5 + to_there * beams[0], 0.1 + to_there * beams[1]
+    met = shapely.points(x, y)
+    way = shapely.line_locate_point(routes, met) - front
+    way[(shapely.distance(routes, met) >= half_width) | (way <= 0) | (x <= 0)] = np.inf
+    assert free == pytest.approx(way.min(axis=1), abs=1e-9)
+    assert np.isfinite(free).sum() > 10
 
 
 @pytest.mark.parametrize("speed", [5.0, 13.9])

@@ -329,6 +329,16 @@ def test_upstream_are_the_lanes_that_lead_there_and_how_far_off_their_ends_are(h
     assert merged == {"e3_e4_0": 0.0, "e_entry_e3_0": pytest.approx(294.51)}
 
 
+def test_upstream_round_blocks_each_lane_comes_once_by_its_shortest_way():
+    world = Network.read(data.networks()["lab_world"])  # of some metres: on 50 m there are millions of ways
+    lane = next(f"{edge}_0" for edge in sorted(world.edges))
+    ways = world.upstream(lane, 50.0)
+    assert len(dict(ways)) == len(ways)
+    assert ways[0] == (lane, 0.0)
+    assert [way for _, way in ways] == sorted(way for _, way in ways)
+    assert max(way for _, way in ways) < 20.0
+
+
 @pytest.mark.parametrize(
     ("inside", "lane"),
     [(":middle_14_0", "west_in_0"), (":middle_16_0", "west_in_1"), (":middle_20_0", "west_in_1")],

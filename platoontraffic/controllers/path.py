@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.base import Decision, RouteAhead, Sensed, Signals
+from platoontraffic.controllers.base import Decision, Sensed, Signals
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
 from platoontraffic.vehicle import Drive, Positive
 
@@ -188,39 +188,18 @@ def free_way(sensed: Sensed, half_width: np.ndarray) -> np.ndarray:
     half_width : of the strip [m], a number or (n,)
     returns    : [m], (n,); inf where nothing is met
     """
+    from platoontraffic.controllers.path_kernel import meet  # here, for it costs half a second to import numba
+
     scan, body, route = sensed.scan, sensed.body, sensed.route
-    n = len(sensed.speed)
-    half_width = np.broadcast_to(half_width, n)
-    free = np.full(n, np.inf)
-    row, beam = np.nonzero(scan.ranges < np.inf)
-    ranges, angle = (
-        np.maximum(scan.ranges[row, beam], scan.model.range_min),
-        scan.model.angles[beam] + scan.model.mount.yaw,
-    )
-    x = scan.model.mount.x - body.axle[row] + ranges * np.cos(angle)
-    y = scan.model.mount.y + ranges * np.sin(angle)
-    points = np.searchsorted(route.distance[:, :].min(axis=0), scan.model.range_max + 2 * body.length.max())
-    route = RouteAhead(*(values[:, : points + 1] for values in route))
-    side = route.points[..., 1]
-    near = (y < side.max(axis=1)[row] + half_width[row]) & (y > side.min(axis=1)[row] - half_width[row]) & (x > 0)
-    row, x, y = row[near], x[near], y[near]
-    station, offset = _on_route(route, row, x, y)
-    front = (body.length / 2 - body.axle)[row]
-    ahead = (np.abs(offset) < half_width[row]) & (station > front)
-    np.minimum.at(free, row[ahead], (station - front)[ahead])
+    model, n = scan.model, len(sensed.speed)
+    free, half_width = np.full(n, np.inf), np.broadcast_to(half_width, n)
+    angle = model.angles + model.mount.yaw
+    beams = np.stack([np.cos(angle), np.sin(angle)])
+    laser, front = model.mount.x - body.axle, body.length / 2 - body.axle
+    points = np.searchsorted(route.distance.min(axis=0), model.range_max + 2 * body.length.max()) + 1
+    strip = route.points[:, :points], route.distance[:, :points], half_width
+    meet(np.maximum(scan.ranges, model.range_min), beams, laser, model.mount.y, strip, front, free)
     return free
-
-
-def _on_route(route: RouteAhead, row: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Way along the route to what is nearest to points (m,) in the frames of rows (m,), and how far off that is."""
-    start, step = route.points[row, :-1], np.diff(route.points, axis=1)[row]
-    size = np.diff(route.distance, axis=1)[row]
-    from_start = np.stack([x, y], axis=-1)[:, None] - start
-    along = np.clip((from_start * step).sum(axis=-1) / np.maximum((step**2).sum(axis=-1), 1e-12), 0, 1)
-    away = np.hypot(*np.moveaxis(from_start - along[..., None] * step, -1, 0))
-    nearest = away.argmin(axis=1)
-    these = np.arange(len(row))
-    return route.distance[row, nearest] + along[these, nearest] * size[these, nearest], away[these, nearest]
 
 
 def _or(value: float | None, default: np.ndarray) -> float | np.ndarray:
