@@ -11,6 +11,7 @@ import shapely
 from bench import BLIND, NO_WALLS, Log, Prescribed, amplitude, drive, platoon
 
 from lidar import PRESETS, LidarModel, Mount, Noise, Scene
+from lidar.pose import wrap
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.models import VEHICLES
 from platoontraffic.odometry import ODOMETRY
@@ -193,6 +194,23 @@ def test_left_and_right_are_the_same():
 
 
 # ---- sight
+
+
+@pytest.mark.parametrize(("radius", "speed", "centre", "corner"), [(8.0, 5.0, 58, 64), (6.0, 4.0, 77, 83)])
+def test_the_view_is_as_wide_as_the_smallest_turns_ask(radius, speed, centre, corner):
+    """How far aside a follower has its predecessor's rear [deg]: the preset sees to 90 each way."""
+    log = cars(turn(radius, math.pi / 2, speed), 30.0, speed, eye=NOISY)
+    ahead, own = slice(None, -1), slice(1, None)
+    laser_x = log.x[:, own] + TRACKER.mount.x * np.cos(log.heading[:, own])
+    laser_y = log.y[:, own] + TRACKER.mount.x * np.sin(log.heading[:, own])
+    cos, sin = np.cos(log.heading[:, ahead]), np.sin(log.heading[:, ahead])
+    most = []
+    for side in (0, -CAR.width / 2, CAR.width / 2):
+        x = log.x[:, ahead] - CAR.length / 2 * cos - side * sin - laser_x
+        y = log.y[:, ahead] - CAR.length / 2 * sin + side * cos - laser_y
+        most.append(np.degrees(np.abs(wrap(np.arctan2(y, x) - log.heading[:, own]))).max())
+    assert most[0] == pytest.approx(centre, abs=2)
+    assert max(most) == pytest.approx(corner, abs=2)
 
 
 def test_a_third_of_the_returns_lost_loses_nobody():

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers.base import Decision, Sensed, Signals
+from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
 from platoontraffic.vehicle import Drive, Positive
 
@@ -20,7 +21,6 @@ SETTLING = 0.5  # time constant with which the wanted speed is approached [s]
 YIELDING = 2.5  # before a line where it has to give way it first slows down, and looks from here on [vehicle lengths]
 LINE = 0.2  # it stops so far before a line [vehicle lengths]
 TRACKING = 0.3  # time constant of the filter for the speed of what is ahead [s]
-OTHERS = 30.0  # nobody comes nearer faster than by that and the own speed [m/s]
 JUMP = 0.25  # by which the free way may differ from what the filter expects, of the same thing [vehicle lengths]
 
 
@@ -88,7 +88,8 @@ class PathLeader:
         if memory is None:
             memory = Memory(np.zeros(n), np.full(n, np.inf), np.full(n, np.nan))
         free = free_way(sensed, _or(self.half_width, 0.6 * sensed.body.width))
-        closing = self._closing(free, memory, sensed, dt)
+        same = JUMP * sensed.body.length
+        closing = closing_speed(free, memory.free, memory.closing, sensed.speed, dt, same=same, time_constant=TRACKING)
         fastest = self._fastest(sensed)
         wanted = [
             self._for_speed(sensed, memory.time, dt, fastest[:, 0]),
@@ -170,16 +171,6 @@ class PathLeader:
         wanted = stand_off + np.maximum(dynamic, 0.0)
         interaction = self.acceleration * (1 - (wanted / np.maximum(free, 1e-3)) ** 2)
         return np.where(free < np.inf, interaction, np.inf)
-
-    def _closing(self, free: np.ndarray, memory: Memory, sensed: Sensed, dt: float) -> np.ndarray:
-        """How fast the free way becomes less [m/s]; NaN at the first look at something."""
-        with np.errstate(invalid="ignore"):
-            known = np.where(np.isnan(memory.closing), (memory.free - free) / dt, memory.closing)
-            fastest = sensed.speed + OTHERS
-            known = np.where((known > -OTHERS) & (known < fastest), known, np.nan)  # else it is another thing
-            surprise = free - (memory.free - known * dt)
-            same = np.isfinite(free) & (np.abs(surprise) < JUMP * sensed.body.length)
-            return np.where(same, known + np.expm1(-dt / TRACKING) * surprise / dt, np.nan)
 
 
 def free_way(sensed: Sensed, half_width: np.ndarray) -> np.ndarray:

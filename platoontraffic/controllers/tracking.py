@@ -10,13 +10,13 @@ from pydantic import Field
 
 from lidar.segments import find_segments
 from platoontraffic.controllers.base import Decision, Sensed, Target
+from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.tracking import ACCELERATION, OVERHANG, SPEED, Odometry, Track
 from platoontraffic.trail import Ahead, Trail
 from platoontraffic.vehicle import Drive, Positive
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
-OTHERS = 40.0  # nobody comes nearer faster than by that and the own speed [m/s]
 OTHERS_FILTER = 0.2  # time constant of the filter for the speed of what is in the way [s]
 SAME = 1.0  # by which the free way may differ from what that filter expects, of the same thing [m]
 FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
@@ -109,7 +109,7 @@ class TrackingFollower:
         distance = ahead.way - OVERHANG - ahead_of_axle
         reach = np.where(track.known, ahead.way - OVERHANG - 0.5, np.maximum(ahead.way, 0) + scan.model.range_max / 2)
         free = trail.free_way(odometry, scan, beams, body, np.full(len(speed), self.half_width), reach)
-        closing = self._closing(free, memory, speed, dt)
+        closing = closing_speed(free, memory.free, memory.closing, speed, dt, same=SAME, time_constant=OTHERS_FILTER)
         own = memory.own + (memory.acceleration - memory.own) * -np.expm1(-dt / max(self.drive_lag, 1e-9))
         wanted, needed = self._follow(distance, speed, own, track)
         wanted = np.minimum(wanted, self._bends(ahead, speed))
@@ -169,12 +169,3 @@ class TrackingFollower:
         wanted = np.clip(wanted, -self.braking, self.acceleration)
         wanted = np.clip(wanted, last - self.jerk * dt, last + self.jerk * dt)
         return np.where(needed < -self.braking, np.minimum(wanted, needed), wanted)
-
-    def _closing(self, free: np.ndarray, memory: Memory, speed: np.ndarray, dt: float) -> np.ndarray:
-        """How fast the free way becomes less [m/s]; NaN at the first look at something."""
-        with np.errstate(invalid="ignore"):
-            known = np.where(np.isnan(memory.closing), (memory.free - free) / dt, memory.closing)
-            known = np.where((known > -OTHERS) & (known < speed + OTHERS), known, np.nan)  # else it is another thing
-            surprise = free - (memory.free - known * dt)
-            same = np.isfinite(free) & (np.abs(surprise) < SAME)
-            return np.where(same, known + np.expm1(-dt / OTHERS_FILTER) * surprise / dt, np.nan)
