@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from platoontraffic import data
@@ -51,6 +51,7 @@ def beside(rng: np.random.Generator, routes: list[Route], station: np.ndarray) -
 
 
 @given(seeds)
+@example(5643)
 @settings(max_examples=50, deadline=None)
 def test_all_rows_are_projected_as_onto_one_line_each(seed):
     rng = np.random.default_rng(seed)
@@ -60,7 +61,10 @@ def test_all_rows_are_projected_as_onto_one_line_each(seed):
     x, y = beside(rng, routes, station).T
     found = Routes(routes, length).project(x, y, station, window)
     expected = [r.line.project(*row, w)[0] for r, *row, w in zip(routes, x, y, station, window, strict=True)]
-    np.testing.assert_allclose(found, expected, atol=1e-7)
+    # On closed routes a station, and the one a turn later, are one place.
+    turn = np.array([r.length if r.closed else np.inf for r in routes])
+    off = np.abs(found - expected)
+    np.testing.assert_allclose(np.minimum(off, np.abs(off - turn)), 0, atol=1e-7)
 
 
 @given(seeds)
