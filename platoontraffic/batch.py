@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import io
 import json
 import os
 import shutil
@@ -412,8 +411,7 @@ def _executor(name: str, slots: int) -> Iterator[tuple[Submit, int]]:
 
 
 def _at_once(job: Job) -> Future[Outcome]:
-    with contextlib.redirect_stdout(io.StringIO()):  # libsumo warns of a pyarrow that it does not know
-        from platoontraffic.worker import attempt
+    from platoontraffic.worker import attempt
 
     future: Future[Outcome] = Future()
     future.set_result(attempt(job))

@@ -17,7 +17,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
-import libsumo
 import numpy as np
 import shapely
 
@@ -29,6 +28,15 @@ from platoontraffic.fleet import CLOSING, Fleet, Member
 from platoontraffic.network import CHANGING, Line, Network
 from platoontraffic.rightofway import Foe, may_cross
 from platoontraffic.traffic import TrafficSnapshot
+
+# Of a pyarrow that it finds libsumo prints at import, into what users read; `doctor` tells of it.
+_was = os.environ.get("LIBSUMO_AS_TRACI")
+os.environ["LIBSUMO_AS_TRACI"] = "quiet"
+import libsumo  # noqa: E402
+
+os.environ.pop("LIBSUMO_AS_TRACI")
+if _was is not None:  # traci goes by it
+    os.environ["LIBSUMO_AS_TRACI"] = _was
 
 # keepRoute 2: the exact pose, on whatever lane lies there, never an error. 5 m, where the search for a lane ends,
 # makes the call four times cheaper than the default 100 m and finds the same lanes.
