@@ -139,6 +139,8 @@ class Track(NamedTuple):
 
     def forgotten(self, rows: np.ndarray) -> Track:
         """Without what is known of some, (n,) bool."""
+        if not rows.any():
+            return self
         nothing = Track.none(len(rows))
         return Track(
             *(

@@ -117,6 +117,7 @@ def look_ahead(points, size, axle, x, y, heading, window, preview, offset, off_h
             way[i] += (axle[i, 0] - points[i, last - 1, 0]) * cos + (axle[i, 1] - points[i, last - 1, 1]) * sin
 
         _fit(points[i], last, here, window[i], fit)
+        bend[i, 0] = _curvature(fit)
         along = math.atan2(fit[1, 1], fit[1, 0])
         cos, sin = math.cos(along), math.sin(along)
         offset[i] = (y[i] - fit[0, 1]) * cos - (x[i] - fit[0, 0]) * sin
@@ -125,7 +126,8 @@ def look_ahead(points, size, axle, x, y, heading, window, preview, offset, off_h
         there = here + preview[i]
         _fit(points[i], last, there, window[i], fit)
         curvature[i] = _curvature(fit)
-        for j in range(bend.shape[1]):
+        distance[i, 0] = 0.0
+        for j in range(1, bend.shape[1]):
             distance[i, j] = max(end, 0.0) * j / (bend.shape[1] - 1)
             _fit(points[i], last, here + distance[i, j], window[i], fit)
             bend[i, j] = _curvature(fit)
@@ -150,25 +152,22 @@ def _fit(points, size, here, window, fit):
         fit[1] = cos, sin
         fit[2] = 0.0, 0.0
         return
-    sums = np.zeros(5)
-    right = np.zeros((3, 2))
+    a = b = c = d = e = 0.0  # sums of the powers of u, from 0 to 4
+    x0 = x1 = x2 = y0 = y1 = y2 = 0.0  # and of x and y times those
     for k in range(first, stop):
         u = (station[k] - middle) / window
-        weight = 1.0
-        for power in range(5):
-            sums[power] += weight
-            if power < 3:
-                right[power, 0] += weight * (points[k, 0] - points[first, 0])
-                right[power, 1] += weight * (points[k, 1] - points[first, 1])
-            weight *= u
-    a, b, c, d, e = sums[0], sums[1], sums[2], sums[3], sums[4]
+        dx, dy = points[k, 0] - points[first, 0], points[k, 1] - points[first, 1]
+        u2 = u * u
+        a, b, c, d, e = a + 1.0, b + u, c + u2, d + u2 * u, e + u2 * u2
+        x0, x1, x2 = x0 + dx, x1 + u * dx, x2 + u2 * dx
+        y0, y1, y2 = y0 + dy, y1 + u * dy, y2 + u2 * dy
     # Inverse of the symmetric [[a, b, c], [b, c, d], [c, d, e]] by cofactors.
     i00, i01, i02 = c * e - d * d, c * d - b * e, b * d - c * c
     i11, i12, i22 = a * e - c * c, b * c - a * d, a * c - b * b
     scale = 1 / (a * i00 + b * i01 + c * i02)
     on, beyond = min(here, end) - middle, max(here - end, 0.0)
     for axis in range(2):
-        r0, r1, r2 = right[0, axis], right[1, axis], right[2, axis]
+        r0, r1, r2 = (x0, x1, x2) if axis == 0 else (y0, y1, y2)
         place = scale * (i00 * r0 + i01 * r1 + i02 * r2) + points[first, axis]
         slope = scale * (i01 * r0 + i11 * r1 + i12 * r2) / window
         bent = 2 * scale * (i02 * r0 + i12 * r1 + i22 * r2) / (window * window)

@@ -1,0 +1,71 @@
+"""The study of what holds: that its many platoons are as good as one at a time, and that it runs."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests/benchmarks"))
+
+from what_holds import FOLLOWERS, QUARTER, SMOKE, Trial, bend_of, bend_trial, drive, smallest, straight_on  # noqa: E402
+
+EXACT = FOLLOWERS["tracking, no noise"]
+
+
+def test_a_platoon_drives_the_same_alone_and_among_others():
+    trials = [bend_trial(EXACT, 5.0, radius, QUARTER)._replace(seconds=12.0 - radius / 4) for radius in (8.0, 12.0)]
+    for one, (alone,) in zip(drive(trials), ([run] for trial in trials for run in drive([trial])), strict=True):
+        assert len(one.time) == len(alone.time)
+        assert one.speed == pytest.approx(alone.speed, abs=1e-6)
+        assert np.diff(one.axle, axis=0) == pytest.approx(np.diff(alone.axle, axis=0), abs=1e-6)
+        assert (one.beams == alone.beams).all()
+
+
+def test_who_keeps_the_law_s_gap_has_no_error_and_no_way_off_the_path():
+    (run,) = drive([Trial(EXACT, 10.0, straight_on, 5.0)])
+    assert run.gaps == pytest.approx(EXACT.wanted_gap(10.0), abs=0.02)
+    assert run.gap_error < 0.02
+    assert run.off_path < 0.01
+    assert run.lock_on == 1.0
+
+
+def test_who_cannot_see_round_the_bend_does_not_hold():
+    """The predecessor's rear is half as far about as the path to it: 4.7 + 8 m at 8 m."""
+    wide, narrow = (bend_of(drive([bend_trial(EXACT.seeing(view), 5.0, 8.0, QUARTER)])[0]) for view in (180.0, 30.0))
+    assert wide.holds
+    assert not narrow.together
+
+
+def test_the_platoon_leaves_when_two_touch():
+    blind = EXACT.seeing(reach=1.0)
+    trial = Trial(blind, 20.0, lambda time: (-8.0 if time > 0.5 else 0.0, 0.0), 10.0, 1, distance=2.0)
+    (run,) = drive([trial])
+    assert run.hit == 1
+    assert run.time[-1] < 10.0
+    assert run.gaps[-1, 0] == pytest.approx(0.0, abs=2.0)  # a sample's way
+
+
+def test_the_smallest_that_holds_is_above_all_that_do_not():
+    assert smallest([1, 2, 3, 4], [True, False, True, True]) == 3
+    assert smallest([1, 2], [True, True]) == 1
+    assert math.isnan(smallest([1, 2], [True, False]))
+
+
+@pytest.mark.slow
+def test_a_few_cells_of_every_table_in_seconds(tmp_path):
+    picture = tmp_path / "what_holds.png"
+    command = [sys.executable, str(ROOT / "tests/benchmarks/what_holds.py"), "--quick", "--picture", str(picture)]
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | {"PYTHONPATH": path})
+    tables = [line for line in done.stdout.splitlines() if line.startswith("| ---")]
+    assert len(tables) == 8
+    assert done.stdout.count("| tracking |") >= 7
+    assert picture.stat().st_size > 20000
+    assert SMOKE.laws == ("repaired", "tracking")
