@@ -42,6 +42,11 @@ class Member:
     odometry: OdometryErrors = ODOMETRY["none"]
 
     @property
+    def knows_its_way(self) -> bool:
+        """It arrives by itself, and not with its leader."""
+        return "route" in getattr(self.law, "needs", ()) or getattr(self.law, "native", False)
+
+    @property
     def seen_ahead_of_gap(self) -> float:
         """Distance from the laser minus gap, bumper to bumper [m]: the laser stands behind the front bumper."""
         return self.model.length / 2 - self.lidar.mount.x
@@ -141,12 +146,12 @@ class Fleet:
             target=_both(self.target, others.target),
         )
 
-    def without(self, platoons: Collection[str]) -> Fleet:
-        """Without those platoons, which are gone."""
-        if not platoons:
+    def without(self, gone: Collection[str]) -> Fleet:
+        """Without the members of those ids."""
+        if not gone:
             return self
-        stays = np.array([m.platoon not in platoons for m in self.members], dtype=bool)
-        row = np.append(np.cumsum(stays) - 1, -1)  # the last one is that of no predecessor
+        stays = np.array([m.id not in gone for m in self.members], dtype=bool)
+        row = np.append(np.where(stays, np.cumsum(stays) - 1, -1), -1)  # the last one is that of no predecessor
         members = tuple(m for m, keep in zip(self.members, stays, strict=True) if keep)
         groups = []
         for group in self.groups:
@@ -171,12 +176,12 @@ class Fleet:
         )
 
     def arrived(self) -> set[str]:
-        """Platoons whose leader's front bumper has come to the end of its route."""
+        """Members whose law is given their route, and whose front bumper has come to its end."""
         if self.routes is None:
             return set()
         ahead = (self.model.length / 2 - self.model.axle)[self.routed]
         there = self.routed[self.routes.left(self.station) <= ahead]
-        return {self.members[i].platoon for i in there if self.members[i].place == 0}
+        return {member.id for member in (self.members[i] for i in there) if member.knows_its_way}
 
     def decided(
         self,
@@ -293,7 +298,7 @@ class Fleet:
 def _routes(members: Sequence[Member]) -> tuple[np.ndarray, Routes | None]:
     """Rows of those whose law is given its route, and these routes."""
     laws = [getattr(m.law, "needs", ()) if m.route and not getattr(m.law, "native", False) else () for m in members]
-    rows = np.flatnonzero(["route" in needs for needs in laws])
+    rows = np.flatnonzero(["route" in needs or "signals" in needs for needs in laws])
     if not len(rows):
         return rows, None
     return rows, Routes([members[i].route for i in rows], np.array([members[i].model.length for i in rows]))

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.observation import STANDSTILL_AFTER
+from platoontraffic.observation import CHANGED, STANDSTILL_AFTER, STRUCK
+from platoontraffic.splits import SPLIT_AFTER
 
 EXPOSED = 3.0  # a shorter time to collision is dangerous [s]
 ENOUGH_BEAMS = 5  # on a predecessor, for a law to make something of it
@@ -36,6 +37,10 @@ MEANINGS = {
     "standstill_share": "share of its time spent in standstills of more than 10 s",
     "off_road_share": "share of its time off the road, by the events, that is of all steps",
     "collisions": "episodes of contact with a vehicle or a wall",
+    "collisions_caused": "those of them in which it was not struck from behind, nor another changed lanes into its way",
+    "red_lights": "events red_light",
+    "failures_to_yield": "events failed_to_yield",
+    "held_share": "share of its time spent held before closed lines, by the events",
     "hard_brakings": "events emergency_brake",
     # of followers only
     "gap_mean": "of gap_m over the recorded instants",
@@ -52,6 +57,14 @@ MEANINGS = {
     "lock_losses": "number of losses of lock",
     "lock_loss_longest": "longest loss of lock, the last one up to the end",
     "lost_for_good": "time of the loss that lasted to the end; none if there was no such loss",
+    "splits": "events split",
+    "rejoin_time_mean": "of the splits after which it rejoined, from their begin",
+    "rejoin_time_longest": "the longest of these",
+    "in_platoon_share": "share of its time, while its predecessor is on the road, in which it was not split off",
+    "in_platoon_distance": "driven in that time",
+    "steal_share": "share of the recorded instants at which the law's target was a vehicle of no platoon of the run",
+    "lock_on_seen": "share of the recorded instants, with 5 beams or more on the predecessor and not split off, at "
+    "which that was the law's target",
     "ttc_min": "of ttc_s",
     "tet": "time exposed to a ttc_s below 3 s",
     "tit": "integral of 3 s - ttc_s over that time",
@@ -101,18 +114,25 @@ def compute(trajectories: pd.DataFrame, events: pd.DataFrame) -> list[Metric]:
     start = float(trajectories.time_s.min())
     events_of = dict(tuple(events.groupby("vehicle_id")))
     collisions = events[events.kind == "collision"]
+    ids = set(trajectories.vehicle_id)
     members: list[Metric] = []
     platoons: list[Metric] = []
     for platoon, of_platoon in trajectories.groupby("platoon_id"):
         mine: list[Metric] = []
         speeds: dict[int, pd.Series] = {}  # by place
+        vehicles: dict[int, str] = {}
         for (place, vehicle), rows in of_platoon.groupby(["place", "vehicle_id"]):
             own = events_of.get(vehicle, events[:0])
             since, until = _first(own, "departed", start), _first(own, "arrived", end)
-            speeds[place] = rows.set_index("time_s").speed_mps
+            speeds[place], vehicles[place] = rows.set_index("time_s").speed_mps, vehicle
             values = _motion(rows, own) | _standing(own, since, until) | _leaving_road(own, since, until)
+            values |= _lines(own, since, until)
             values["collisions", ""] = _collisions(collisions, [vehicle])
+            values["collisions_caused", ""] = _caused(collisions, vehicle)
             if place > 0:
+                leads = vehicles.get(place - 1, "")
+                together = min(until, _first(events_of.get(leads, events[:0]), "arrived", end))
+                values |= _staying(rows, own, since, together, leads, ids)
                 values |= _following(rows) | _locking(own, until) | _nearing(rows, own) | _seeing(rows)
                 gains = _speed_gains(speeds[place], speeds.get(place - 1))
                 values["speed_gain_l2", ""], values["speed_gain_linf", ""] = gains
@@ -159,6 +179,50 @@ def _leaving_road(own: pd.DataFrame, since: float, until: float) -> Values:
 
 def _collisions(collisions: pd.DataFrame, vehicles: Collection[str]) -> float:
     return float((collisions.vehicle_id.isin(vehicles) | collisions.other_id.isin(vehicles)).sum())
+
+
+def _caused(collisions: pd.DataFrame, vehicle: str) -> float:
+    own = collisions[collisions.vehicle_id == vehicle]
+    struck = collisions[(collisions.other_id == vehicle) & (collisions.detail == STRUCK)]
+    return float((~own.detail.isin([STRUCK, CHANGED])).sum() + len(struck))
+
+
+def _lines(own: pd.DataFrame, since: float, until: float) -> Values:
+    held, released = own.loc[own.kind == "held", "time_s"], own.loc[own.kind == "released", "duration_s"]
+    last = until - held.iloc[-1] if len(held) > len(released) else 0.0
+    return {
+        ("red_lights", ""): float((own.kind == "red_light").sum()),
+        ("failures_to_yield", ""): float((own.kind == "failed_to_yield").sum()),
+        ("held_share", ""): _share(released.sum() + last, until - since),
+    }
+
+
+def _staying(
+    rows: pd.DataFrame, own: pd.DataFrame, since: float, until: float, leads: str, members: Collection[str]
+) -> Values:
+    """In its platoon; until: as long as it, and who `leads` it, are on the road."""
+    rows = rows[rows.time_s <= until]
+    began = own.loc[own.kind == "split", "time_s"] - SPLIT_AFTER
+    back = own.loc[own.kind == "rejoined"]
+    split = pd.Series(False, index=rows.index)
+    lasted = 0.0
+    for begin in began:
+        ends = back.time_s[back.time_s > begin]
+        end = min(ends.iloc[0] if len(ends) else until, until)
+        split |= rows.time_s.between(begin, end, inclusive="left")
+        lasted += max(end - begin, 0.0)
+    steps = np.hypot(rows.x_m.diff(), rows.y_m.diff())
+    seen = rows[(rows.beams_on_predecessor >= ENOUGH_BEAMS) & ~split]
+    stolen = (rows.target_id.fillna("") != "") & (rows.target_id != "wall") & ~rows.target_id.isin(members)
+    return {
+        ("splits", ""): float(len(began)),
+        ("rejoin_time_mean", "s"): back.duration_s.mean() if len(back) else math.nan,
+        ("rejoin_time_longest", "s"): back.duration_s.max() if len(back) else math.nan,
+        ("in_platoon_share", ""): 1 - _share(lasted, until - since),
+        ("in_platoon_distance", "m"): float(steps[~split].sum()),
+        ("steal_share", ""): stolen.mean() if len(rows) else math.nan,
+        ("lock_on_seen", ""): (seen.target_id == leads).mean() if len(seen) else math.nan,
+    }
 
 
 def _following(rows: pd.DataFrame) -> Values:
@@ -232,6 +296,17 @@ def _together(members: list[Metric], rows: pd.DataFrame, collisions: pd.DataFram
     leader = rows.loc[rows.place == 0, "right_of_middle_m"].dropna()
     yield "members", float(len(ids)), ""
     yield "collisions", _collisions(collisions, ids), ""
+    yield "collisions_caused", over("collisions_caused", sum), ""
+    yield "red_lights", over("red_lights", sum), ""
+    yield "failures_to_yield", over("failures_to_yield", sum), ""
+    yield "held_share_mean", over("held_share", np.mean), ""
+    yield "splits", over("splits", sum), ""
+    yield "rejoin_time_mean", over("rejoin_time_mean", np.mean), "s"
+    yield "rejoin_time_longest_max", over("rejoin_time_longest", max), "s"
+    yield "in_platoon_share_mean", over("in_platoon_share", np.mean), ""
+    yield "in_platoon_distance_mean", over("in_platoon_distance", np.mean), "m"
+    yield "steal_share_mean", over("steal_share", np.mean), ""
+    yield "lock_on_seen_min", over("lock_on_seen", min), ""
     yield "laps_min", over("laps", min), ""
     yield "corners_min", over("corners", min), ""
     yield "gap_min", over("gap_min", min), "m"

@@ -16,11 +16,16 @@ import shapely
 from lidar import ScanBatch
 from lidar.laserscan import NO_HIT
 from platoontraffic.contact import Contacts
+from platoontraffic.controllers import Signals
 from platoontraffic.driven import DrivenPaths, compiled
 from platoontraffic.fleet import Fleet, Member, desired_distance
 from platoontraffic.network import Network
+from platoontraffic.splits import NEAR_MORE, NEAR_TIMES, Splits
 from platoontraffic.traffic import TrafficSnapshot
 
+# Details of a collision that is not the member's fault.
+STRUCK, CHANGED = "struck from behind", "the other one changed lanes into its way"
+LANE_CHANGE, CHANGED_FOR = 1.0, 2.0  # sideways in one step [m]: SUMO's cars change lanes at once; and so long ago [s]
 NOTHING, WALL = "", "wall"  # what a target lies on, when it is no vehicle
 STANDSTILL_AFTER = 10.0  # standing longer is an event [s]
 STANDING = 1e-3  # slower than this is standing, and slower approach is none [m/s, rad/s]
@@ -96,6 +101,7 @@ class Observer:
         self._target = np.full(n, NOTHING, dtype=object)
         self._locked = np.zeros(n, dtype=bool)
         self._lost_since = np.full(n, np.nan)  # NaN: never locked, or not lost
+        self._splits = Splits(n)
         self._standing_since = np.full(n, np.nan)
         self._at_standstill = np.zeros(n, dtype=bool)
         self._acceleration, self._jerk = np.zeros((2, n))
@@ -104,11 +110,19 @@ class Observer:
         self._off_road_since = np.full(n, np.nan)  # NaN: on the road
         self._near = np.zeros(n, dtype=bool)
         self._touching: set[tuple[str, str]] = set()
+        self._traffic: TrafficSnapshot | None = None  # a step before
+        self._changed: dict[str, float] = {}  # when others changed lanes last
 
     def watch(
-        self, traffic: TrafficSnapshot, fleet: Fleet, scans: Sequence[ScanBatch | None], roads: list[tuple[str, str]]
+        self,
+        traffic: TrafficSnapshot,
+        fleet: Fleet,
+        scans: Sequence[ScanBatch | None],
+        roads: list[tuple[str, str]],
+        signals: Signals | None = None,
+        violations: Sequence[tuple[int, str, str]] = (),
     ) -> list[Event]:
-        """The events of this step."""
+        """The events of this step; signals, violations: as a World tells them."""
         x, y = fleet.model.axle_position(fleet.motion)
 
         def event(kind: str, i: int, other: str = "", duration: float = np.nan, detail: str = "") -> Event:
@@ -118,6 +132,8 @@ class Observer:
         events = [*self._come_and_go(traffic, fleet, x, y, roads, event)]
         self._drive(fleet, x, y)
         events += self._look(traffic, fleet, scans, event)
+        events += [event(kind, i, detail=where) for i, kind, where in violations]
+        events += self._splits.watch(traffic, fleet, signals, self._together(fleet), event)
         events += self._standstills(traffic, fleet, event)
         events += self._brakings(traffic, fleet, event)
         events += self._contacts_and_near_misses(traffic, fleet, event)
@@ -154,6 +170,13 @@ class Observer:
             target=self._target[number],
         )
 
+    def _together(self, fleet: Fleet) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What `Splits.watch` goes by."""
+        number = fleet.number
+        wanted = _wanted_distance(self._laws, fleet) - self._laser_to_bumper[number]
+        too_far = self._gap[number] - np.maximum(NEAR_TIMES * wanted, wanted + NEAR_MORE)
+        return self._locked[number], self._target[number], np.nan_to_num(self._beams[number]), too_far
+
     def _come_and_go(self, traffic: TrafficSnapshot, fleet: Fleet, x, y, roads, event) -> Iterator[Event]:
         number, before = fleet.number, self._before
         new = np.flatnonzero(~self._here[number])
@@ -162,9 +185,8 @@ class Observer:
         for i in np.flatnonzero(~self._here[before.number]) if before else ():
             member = self._members[before.number[i]]
             where = before.x[i], before.y[i], before.roads[i][0]
-            yield Event(
-                traffic.time, "arrived", member.id, "", *where, np.nan, "with its leader" if member.place else ""
-            )
+            how = "" if member.place == 0 or member.knows_its_way else "with its leader"
+            yield Event(traffic.time, "arrived", member.id, "", *where, np.nan, how)
         if before is None or not np.array_equal(number, before.number):
             self._laws = _by_law(fleet.members)
         if not len(new):
@@ -281,9 +303,12 @@ class Observer:
         self._braking[number] = braking
 
     def _contacts_and_near_misses(self, traffic: TrafficSnapshot, fleet: Fleet, event) -> Iterator[Event]:
+        self._note_lane_changes(traffic, len(fleet))
         touching = self._contacts.of(traffic)
         for vehicle, other in sorted(touching - self._touching):
-            yield event("collision", traffic.ids.index(vehicle), other)
+            i = traffic.ids.index(vehicle)
+            changed = traffic.time - self._changed.get(other, -np.inf) < CHANGED_FOR
+            yield event("collision", i, other, detail=CHANGED if changed else _struck(traffic, i, other))
         self._touching = touching
         number = fleet.number
         near = self._gap[number] < NEAR_MISS * self._scale[number]
@@ -292,6 +317,23 @@ class Observer:
             if not touching & {(vehicle, ahead), (ahead, vehicle)}:
                 yield event("near_miss", i, ahead, detail=f"gap {self._gap[number[i]]:.3f} m")
         self._near[number] = near
+
+    def _note_lane_changes(self, traffic: TrafficSnapshot, n: int) -> None:
+        """Of those behind the first n, who are members."""
+        before, self._traffic = self._traffic, traffic
+        if before is None or before.ids[-1:] != traffic.ids[-1:] or len(before.ids) != len(traffic.ids):
+            row = {name: k for k, name in enumerate(before.ids)} if before else {}
+            was = np.array([row.get(name, -1) for name in traffic.ids[n:]], dtype=int)
+        else:
+            was = np.arange(n, len(traffic.ids))
+        here = np.arange(n, len(traffic.ids))[was >= 0]
+        was = was[was >= 0]
+        if not len(here):
+            return
+        dx, dy = traffic.x[here] - before.x[was], traffic.y[here] - before.y[was]
+        aside = np.abs(dy * np.cos(traffic.heading[here]) - dx * np.sin(traffic.heading[here]))
+        for k in here[aside > LANE_CHANGE]:
+            self._changed[traffic.ids[k]] = traffic.time
 
     def _leave_road(self, traffic: TrafficSnapshot, fleet: Fleet, x, y, event) -> Iterator[Event]:
         number, road = fleet.number, self._network.drivable
@@ -317,6 +359,19 @@ class _Step(NamedTuple):
     x: np.ndarray
     y: np.ndarray
     roads: list[tuple[str, str]]
+
+
+def _struck(traffic: TrafficSnapshot, i: int, other: str) -> str:
+    """How two vehicles touch, by where the other's centre is as seen from one's own."""
+    if other not in traffic.ids:
+        return ""
+    k = traffic.ids.index(other)
+    cos, sin = math.cos(traffic.heading[i]), math.sin(traffic.heading[i])
+    dx, dy = traffic.x[k] - traffic.x[i], traffic.y[k] - traffic.y[i]
+    along, aside = dx * cos + dy * sin, dy * cos - dx * sin
+    if abs(along) <= abs(aside) or math.cos(traffic.heading[k] - traffic.heading[i]) < 0.5:
+        return "side by side or head on"
+    return STRUCK if along < 0 else "struck it from behind"
 
 
 def _see(scan: ScanBatch, traffic: TrafficSnapshot, rows: np.ndarray, fleet: Fleet, seen: np.ndarray) -> None:

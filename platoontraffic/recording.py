@@ -102,7 +102,12 @@ EVENTS = (
     _number("x_m", "m", "where: the vehicle's centre, east"),
     _number("y_m", "m", "where: the vehicle's centre, north"),
     _text("edge_id", "SUMO's edge, or junction"),
-    _number("duration_s", "s", "of what ended with this event: loss of lock, standstill, time off the road", "%.3f"),
+    _number(
+        "duration_s",
+        "s",
+        "of what ended with this event: loss of lock, split, standstill, waiting, time off the road",
+        "%.3f",
+    ),
     _text("detail", "cause"),
 )
 
@@ -126,9 +131,17 @@ KINDS = {
     "lock_lost": "the law no longer takes its true predecessor for it; detail says why",
     "lock_regained": "it does again, after duration_s",
     "wrong_target": "it takes something else",
+    "split": "is split off: for 2 s its law has not taken its predecessor (other_id) for it, or the gap has been more "
+    "than twice what the law wants and 15 m above that; detail says why",
+    "rejoined": "is not so any more, duration_s after that began",
+    "held": "stands or crawls before a line that is closed to it; detail: by a light, right of way or, before a lane "
+    "change, those beside; of those whose law is told",
+    "released": "it is open again, or behind it, after duration_s",
+    "red_light": "enters a junction from a lane, in detail, whose light is red; not of those whom SUMO drives",
+    "failed_to_yield": "the same where it should give way to somebody who comes before it is across",
     "standstill": "has stood still for more than 10 s",
     "standstill_end": "moves again, after duration_s",
-    "collision": "touches another vehicle or a wall; once for every episode",
+    "collision": "touches another vehicle or a wall; once for every episode; detail: who struck whom",
     "near_miss": f"gap falls below 0.5 m{SMALLER}, without contact; once for every episode",
     "emergency_brake": "brakes harder than 4.5 m/s2, if 2 m long or longer; once for every episode",
     "off_road": f"its driven axle is more than 0.3 m{SMALLER} outside the drivable area; detail: how far",

@@ -22,14 +22,14 @@ class Foe(NamedTuple):
     foe_length: float
 
 
-def may_cross(foe: Foe, speed: float, length: float) -> bool:
+def may_cross(foe: Foe, speed: float, length: float, margin: float = MARGIN) -> bool:
     """Whether the vehicle gets across before the foe comes, or the foe is gone before it comes itself."""
     if foe.to_exit + length < 0 or foe.foe_to_exit + foe.foe_length < 0:
         return True
     if foe.foe_speed < STANDING:
         return foe.foe_to_conflict > 0  # it waits; or it stands in the way
     comes, goes = foe.foe_to_conflict / foe.foe_speed, (foe.foe_to_exit + foe.foe_length) / foe.foe_speed
-    return comes > time_for(foe.to_exit + length, speed) + MARGIN or goes + MARGIN < time_for(foe.to_conflict, speed)
+    return comes > time_for(foe.to_exit + length, speed) + margin or goes + margin < time_for(foe.to_conflict, speed)
 
 
 def time_for(way: float, speed: float) -> float:

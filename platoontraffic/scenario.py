@@ -689,10 +689,10 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 continue
             if file := plug_in_file(driver.law, folder):
                 plug_ins[i, role] = file
-            needs = frozenset(getattr(kind, "needs", ()))
+            needs = frozenset(getattr(laws[i, role], "needs", ()))
             if unknown := sorted(needs - NEEDS):
                 fault((*at, "law"), f"{driver.law!r} needs {', '.join(unknown)}; there is: {', '.join(sorted(NEEDS))}")
-            if "route" in needs and not platoon.route and not platoon.to:
+            if needs & {"route", "signals"} and not platoon.route and not platoon.to:
                 ways = f"platoon.{i}.route, the edges to drive, or platoon.{i}.to, the last of them"
                 fault((*at, "law"), f"{driver.law!r} needs {ways}")
             if getattr(kind, "native", False):  # SUMO drives, without a laser

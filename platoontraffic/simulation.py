@@ -115,9 +115,10 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
             whole = record.traffic_every_s is not None and step % traffic_every == 0
             traffic = read(fleet, np.inf if whole else fleet.sight)
             scans = scan(traffic, fleet, step)
-            fleet = decide(fleet, scans, dt, signals(fleet), odometry(fleet, step))
+            lines = signals(fleet)
+            fleet = decide(fleet, scans, dt, lines, odometry(fleet, step))
             roads = world.roads(fleet)
-            recorder.note(observe(traffic, fleet, scans, roads))
+            recorder.note(observe(traffic, fleet, scans, roads, lines, world.violations(fleet)))
             if step % record_every == 0:
                 write(traffic, fleet, measure(fleet), roads)
             if whole:

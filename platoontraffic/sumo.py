@@ -22,11 +22,11 @@ import shapely
 
 from lidar.compiled import compiler
 from lidar.pose import wrap
-from platoontraffic.controllers import Signals
+from platoontraffic.controllers import CLOSED_BY, Signals
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import CLOSING, Fleet, Member
 from platoontraffic.network import CHANGING, Line, Network
-from platoontraffic.rightofway import Foe, may_cross
+from platoontraffic.rightofway import MARGIN, Foe, may_cross
 from platoontraffic.traffic import TrafficSnapshot
 
 # Of a pyarrow that it finds libsumo prints at import, into what users read; `doctor` tells of it.
@@ -46,6 +46,8 @@ ANYWHERE = ("", -1)
 
 ALL_OFF = 32  # speed mode: SUMO believes the speed that follows from the displacement
 NO_LANE_CHANGE = 0
+
+LIGHT, RIGHT_OF_WAY, LANE_CHANGE = range(1, len(CLOSED_BY))
 
 ROOM = 1.0  # of their own length is free before and behind members when they are deployed
 BESIDE = 0.5  # and this, of both sides together [m]
@@ -130,6 +132,9 @@ class World:
         self._later: list[Fleet] = []  # platoons that depart later, the next one first
         self._roads: dict[str, tuple[str, str]] = {}  # edge and lane of each member
         self._first: dict[Line, GoFirst] = {}
+        self._entered: list[
+            tuple[str, str, str]
+        ] = []  # members that have entered a junction: from which lane, on which
         self._leg: dict[str, int] = {}  # how far on its route each member is, as an index of edges
         self._routed: dict[str, str] = {}  # the edge from which each member's route was last set
         self._sizes: dict[str, tuple[float, float]] = {}  # length, width of SUMO's own vehicles
@@ -246,8 +251,8 @@ class World:
     def advance(self, fleet: Fleet) -> Fleet:
         """One step of SUMO: the fleet after it, its speeds and routes set right again.
 
-        A platoon that has arrived is taken out, all of it: its leader has come to the end of its route. One that is due
-        comes in as soon as there is room.
+        Who has come to the end of its route is taken out, and with a leader those of its platoon who know no route. A
+        platoon that is due comes in as soon as there is room.
         """
         due: list[Fleet] = []
         for platoon in filter(self._is_due, self._later):
@@ -257,13 +262,14 @@ class World:
             self._insert(platoon)
             due.append(platoon)
         gone = fleet.arrived()
-        driven = {fleet.members[i].id: fleet.members[i].platoon for i in np.flatnonzero(fleet.native)}
+        native = {fleet.members[i].id for i in np.flatnonzero(fleet.native)}
         self._simulate()
-        arrived = {*libsumo.simulation.getArrivedIDList()} & driven.keys()
-        gone |= {driven[name] for name in arrived}
-        for member in fleet.members:
-            if member.platoon in gone and member.id not in arrived:
-                libsumo.vehicle.remove(member.id, libsumo.constants.REMOVE_ARRIVED)
+        out = {*libsumo.simulation.getArrivedIDList()} & native
+        gone |= out
+        led = {member.platoon for member in fleet.members if member.id in gone and member.place == 0}
+        gone |= {member.id for member in fleet.members if member.platoon in led and not member.knows_its_way}
+        for name in sorted(gone - out):
+            libsumo.vehicle.remove(name, libsumo.constants.REMOVE_ARRIVED)
         fleet = fleet.without(gone)
         self._locate(fleet)
         self._put_in_order(fleet)
@@ -333,13 +339,16 @@ class World:
 
     def _locate(self, fleet: Fleet) -> None:
         names = [m.id for m in fleet.members]
-        roads, lanes = map(libsumo.vehicle.getRoadID, names), map(libsumo.vehicle.getLaneID, names)
+        roads, lanes = map(libsumo.vehicle.getRoadID, names), list(map(libsumo.vehicle.getLaneID, names))
+        for name, lane in zip(names, lanes, strict=True):
+            if lane[:1] == ":" and (before := self._roads.get(name, ANYWHERE)[1]) and before[0] != ":":
+                self._entered.append((name, before, lane))
         self._roads.update(zip(names, zip(roads, lanes, strict=True), strict=True))
 
     def signals(self, fleet: Fleet) -> Signals | None:
         """The next line to stop at on the routes of those whose law asks for it."""
         n = len(fleet)
-        signals = Signals(np.full(n, np.inf), np.ones(n, bool), np.zeros(n, bool), np.zeros(n, bool))
+        signals = Signals(np.full(n, np.inf), np.ones(n, bool), *np.zeros((2, n), bool), np.zeros(n, int))
         asking = [i for i in fleet.routed if "signals" in getattr(fleet.members[i].law, "needs", ())]
         front = fleet.station + (fleet.model.length / 2 - fleet.model.axle)[fleet.routed]
         for i, station in zip(fleet.routed, front, strict=True):
@@ -349,7 +358,7 @@ class World:
                     values[i] = value
         return signals if asking else None
 
-    def _signal(self, member: Member, station: float, speed: float, length: float) -> tuple[float, bool, bool, bool]:
+    def _signal(self, member: Member, station: float, speed: float, length: float) -> tuple:
         """One vehicle's row of `signals`.
 
         SUMO tells of links (getNextLinks) whether they are open, but for one who arrives at full speed, and always for
@@ -359,12 +368,12 @@ class World:
         here = self._roads[member.id][1]
         if passed and len(passed.via) > 1 and here == passed.via[0]:  # where one may wait midway
             way = libsumo.lane.getLength(here) - libsumo.vehicle.getLanePosition(member.id)
-            return way, self._may_cross(passed, way, speed, length), False, False
+            return way, self._may_cross(passed, way, speed, length), False, False, RIGHT_OF_WAY
         if line is None:
-            return np.inf, True, False, False
+            return np.inf, True, False, False, 0
         if line.state == CHANGING:
             near = way < speed**2 / (2 * EARLY_BRAKING) + length
-            return way, not near or self._may_change(member, line, speed, length), False, False
+            return way, not near or self._may_change(member, line, speed, length), False, False, LANE_CHANGE
         state = libsumo.trafficlight.getRedYellowGreenState(line.light)[line.index] if line.light else line.state
         is_open = state not in "ruyY"
         if is_open and state not in "GMoO" and way < self._go_first(line).reach:
@@ -372,7 +381,25 @@ class World:
             if state in "sw":  # only who has stood there may go
                 links = libsumo.vehicle.getNextLinks(member.id)
                 is_open &= bool(links) and links[0][2]
-        return way, is_open, state in "msw", state in "yY"
+        return way, is_open, state in "msw", state in "yY", LIGHT if state in "ruyY" else RIGHT_OF_WAY
+
+    def violations(self, fleet: Fleet) -> list[tuple[int, str, str]]:
+        """Who entered a junction in the last step that was closed to it: row, kind of event, and where."""
+        found, row = [], {m.id: i for i, m in enumerate(fleet.members)} if self._entered else {}
+        for name, lane, via in self._entered:
+            state = next((link[5] for link in libsumo.lane.getLinks(lane) if link[4] == via), "")
+            i = row.get(name)
+            if i is None or fleet.native[i] or not state:
+                continue
+            lines = fleet.members[i].route.lines if fleet.members[i].route else ()
+            line = next((line for line in lines if line.lane == lane and line.via[:1] == (via,)), None)
+            speed, length = fleet.motion.speed[i], fleet.model.length[i]
+            if state in "ru":
+                found.append((i, "red_light", lane))
+            elif line and state not in "GMoOyY" and not self._may_cross(line, 0.0, speed, length, entered=True):
+                found.append((i, "failed_to_yield", lane))
+        self._entered.clear()
+        return found
 
     def _may_change(self, member: Member, line: Line, speed: float, length: float) -> bool:
         """Whether there is room on the lane beside, and nobody there would have to brake hard."""
@@ -394,8 +421,11 @@ class World:
             self._first[line] = GoFirst.at(line, self._network)
         return self._first[line]
 
-    def _may_cross(self, line: Line, way: float, speed: float, length: float) -> bool:
-        """Whether there is a gap among all those who go first, for a vehicle `way` metres before the junction."""
+    def _may_cross(self, line: Line, way: float, speed: float, length: float, entered: bool = False) -> bool:
+        """Whether there is a gap among all those who go first, for a vehicle `way` metres before the junction.
+
+        entered: judges one who has just entered, by those who come, without margin
+        """
         first = self._go_first(line)
         vehicle, lane = libsumo.vehicle, libsumo.lane
         foes = []
@@ -405,13 +435,16 @@ class World:
                 links = [link for link in vehicle.getNextLinks(foe)[:3] if link[4] in first.inside]
                 if links and links[0][5] not in "ru":  # it goes that way, and is not stopped
                     foes.append((foe, to_line, to_line + max(links[0][7], line.across)))
-        for name, waits in first.inside.items():
+        for name, waits in () if entered else first.inside.items():
             for foe in lane.getLastStepVehicleIDs(name):
                 left = lane.getLength(name) - vehicle.getLanePosition(foe)
                 foes.append((foe, left if waits else 0.0, left))
         return all(
             may_cross(
-                Foe(way, way + line.across, to, end, vehicle.getSpeed(foe), vehicle.getLength(foe)), speed, length
+                Foe(way, way + line.across, to, end, vehicle.getSpeed(foe), vehicle.getLength(foe)),
+                speed,
+                length,
+                0.0 if entered else MARGIN,
             )
             for foe, to, end in foes
         )

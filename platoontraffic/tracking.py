@@ -91,6 +91,7 @@ class Track(NamedTuple):
         odometry: Odometry,
         ahead: np.ndarray,
         expected: np.ndarray,
+        ways: np.ndarray,
         dt: float,
     ) -> tuple[Track, np.ndarray, np.ndarray]:
         """With what the scan shows of them: the group of returns that fits best, if one fits.
@@ -99,6 +100,7 @@ class Track(NamedTuple):
 
         ahead    : of the laser before the own driven axle [m], (n,)
         expected : the way ahead where nothing is known: its curvature to the left [1/m], (n,)
+        ways     : or that way as points seen from the own driven axle [m], (n, k, 2); k = 0: it is not given
         returns  : also distance and bearing of its rear centre from the laser, (n, 2), NaN if not seen; and the first
                    and last beam that met it, (n, 2), -1 if none
         """
@@ -116,6 +118,7 @@ class Track(NamedTuple):
             own,
             sensor,
             expected,
+            ways,
             dt,
             scan.ranges,
             model.angle_increment,
@@ -136,6 +139,17 @@ class Track(NamedTuple):
             segments.convex,
         )
         return track, target, beams
+
+    def aside(self, ways: np.ndarray, odometry: Odometry) -> np.ndarray:
+        """Distance of their axles from the ways [m], (n,); 0 where nothing is known.
+
+        ways : points (n, k, 2) as seen from the own driven axle [m]
+        """
+        from platoontraffic.tracking_kernel import aside
+
+        off = np.zeros(len(self.mean))
+        aside(ways, self.mean[:, :2], odometry.x, odometry.y, odometry.heading, off)
+        return off
 
     def forgotten(self, rows: np.ndarray) -> Track:
         """Without what is known of some, (n,) bool."""

@@ -36,6 +36,7 @@ GATE = 30.0  # greatest nis of what is taken for the predecessor; 16 has one of 
 NEAR = 6.0  # groups farther from where it should be are not looked at [m]
 LANE = 1.5  # half the width in which a predecessor is looked for [m]
 ASKEW = math.radians(50)  # a face that would turn the heading by more is no rear
+OBLIQUE = math.radians(35)  # who drives so across the way ahead is not ahead on it
 
 
 @compiled
@@ -260,6 +261,41 @@ def _rear(k, expected, width, ranges, increment, sigma, segments, rear, var):
 
 
 @compiled
+def beside(way, x, y):
+    """Station of the nearest place on a polyline (k, 2), how far left of it a point is, and its heading there.
+
+    Before its beginning stations are negative; beyond its end, offsets are those from its last piece.
+    """
+    nearest, station, aside, along = math.inf, 0.0, 0.0, 0.0
+    driven = 0.0
+    for k in range(len(way) - 1):
+        dx, dy = way[k + 1, 0] - way[k, 0], way[k + 1, 1] - way[k, 1]
+        size = math.hypot(dx, dy)
+        if size == 0.0:
+            continue
+        cos, sin = dx / size, dy / size
+        from_x, from_y = x - way[k, 0], y - way[k, 1]
+        there = from_x * cos + from_y * sin
+        part = there if k == 0 and there < 0 else max(there, 0.0) if k == len(way) - 2 else min(max(there, 0.0), size)
+        away = (from_x - part * cos) ** 2 + (from_y - part * sin) ** 2
+        if away < nearest:
+            nearest, station, along = away, driven + part, math.atan2(sin, cos)
+            aside = math.copysign(math.sqrt(away), from_y * cos - from_x * sin)
+        driven += size
+    return station, aside, along
+
+
+@compiled
+def aside(ways, axle, x, y, heading, off):
+    for i in range(len(off)):
+        if math.isnan(axle[i, 0]):
+            continue
+        cos, sin = math.cos(heading[i]), math.sin(heading[i])
+        dx, dy = axle[i, 0] - x[i], axle[i, 1] - y[i]
+        off[i] = abs(beside(ways[i], dx * cos + dy * sin, dy * cos - dx * sin)[1])
+
+
+@compiled
 def correct(
     mean,
     cov,
@@ -271,6 +307,7 @@ def correct(
     own,
     sensor,
     expected,
+    ways,
     dt,
     ranges,
     increment,
@@ -330,6 +367,9 @@ def correct(
                 dy = laser_y + middle_x * sin + middle_y * cos - back_y
                 if dx * dx + dy * dy > NEAR * NEAR:
                     continue
+            elif len(ways[i]):
+                middle_x, middle_y = (start[k, 0] + stop[k, 0]) / 2, (start[k, 1] + stop[k, 1]) / 2
+                facing = beside(ways[i], middle_x + sensor[i, 0], middle_y + sensor[i, 1])[2]
             else:
                 facing = 2 * math.atan(expected[i] * (start[k, 0] + stop[k, 0]) / 2)  # tangent to the arc there
             ok, seen = _rear(k, facing, width, ranges[i], increment, sigma, segments, rear, var)
@@ -337,6 +377,13 @@ def correct(
                 continue
             if known:
                 off = _fitted(mean[i], cov[i], rear, var, laser_x, laser_y, yaw, dt, state, spread)
+            elif len(ways[i]):
+                station, aside, along = beside(ways[i], rear[0] + sensor[i, 0], rear[1] + sensor[i, 1])
+                if station <= 0 or abs(aside) > LANE or math.isnan(seen):
+                    continue
+                if abs(_remainder(rear[2] - along, 2 * math.pi)) > OBLIQUE:  # it crosses the way
+                    continue
+                off = station
             else:
                 x, y = rear[0] + sensor[i, 0], rear[1] + sensor[i, 1]  # as seen from the own axle
                 aside = y - expected[i] * (x * x + y * y) / 2

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidar import ScanBatch
+from platoontraffic.controllers.base import RouteAhead
 from platoontraffic.tracking import Odometry, Track
 
 POINTS = 256  # that are remembered, of each trail
@@ -48,6 +49,17 @@ class Trail(NamedTuple):
         from platoontraffic.trail_kernel import lengthen  # here, for it costs half a second to import numba
 
         lengthen(*self, track.mean[:, :2], track.seen, anew, odometry.x, odometry.y, odometry.heading)
+
+    def lay(self, rows: np.ndarray, odometry: Odometry, route: RouteAhead, until: np.ndarray, half: np.ndarray) -> None:
+        """Along the route instead, for some rows.
+
+        rows  : (n,) bool
+        until : so far of it [m], (n,)
+        half  : its points are means over so much of it each way [m], (n,), for lanes in junctions have corners
+        """
+        from platoontraffic.trail_kernel import lay
+
+        lay(*self, rows, odometry.x, odometry.y, odometry.heading, route.points, route.distance, until, half)
 
     def ahead(self, odometry: Odometry, track: Track, window: np.ndarray, preview: np.ndarray) -> Ahead:
         """What there is to steer by, and the way along it to where the predecessor is by now.

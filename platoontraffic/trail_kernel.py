@@ -11,6 +11,7 @@ from lidar.compiled import compiler
 compiled = compiler(__file__)
 
 SPACING = 0.5  # of points, or more [m]
+ROUNDING = 4  # of a route's corners: a mean over so many places each way
 BEHIND = 15.0  # so much of the trail is kept behind the own axle [m]
 
 
@@ -52,6 +53,38 @@ def lengthen(points, size, axle, seen, anew, x, y, heading):
                 to_x, to_y = chord * math.cos(turned), chord * math.sin(turned)
                 _append(points[i], size, i, last_x + to_x * cos - to_y * sin, last_y + to_x * sin + to_y * cos)
         _append(points[i], size, i, axle[i, 0], axle[i, 1])
+
+
+@compiled
+def lay(points, size, rows, x, y, heading, ways, distance, until, half):
+    for i in range(len(size)):
+        if not rows[i]:
+            continue
+        cos, sin = math.cos(heading[i]), math.sin(heading[i])
+        size[i] = 0
+        for k in range(min(distance.shape[1], points.shape[1] // 2)):
+            ahead = aside = 0.0
+            for j in range(-ROUNDING, ROUNDING + 1):
+                along, across = _on(ways[i], distance[i], distance[i, k] + j * half[i] / ROUNDING)
+                ahead += along / (2 * ROUNDING + 1)
+                aside += across / (2 * ROUNDING + 1)
+            to_x, to_y = x[i] + ahead * cos - aside * sin, y[i] + ahead * sin + aside * cos
+            if k == 0:
+                points[i, 0] = to_x, to_y, 0.0
+                size[i] = 1
+            elif math.hypot(to_x - points[i, size[i] - 1, 0], to_y - points[i, size[i] - 1, 1]) > 1e-3:
+                _append(points[i], size, i, to_x, to_y)
+            if size[i] > 1 and distance[i, k] > until[i]:
+                break
+
+
+@compiled
+def _on(way, distance, there):
+    """The place on a way; before its first point and beyond its last it goes straight on."""
+    k = min(max(np.searchsorted(distance, there) - 1, 0), len(distance) - 2)
+    share = (there - distance[k]) / (distance[k + 1] - distance[k])
+    along = way[k, 0] + share * (way[k + 1, 0] - way[k, 0])
+    return along, way[k, 1] + share * (way[k + 1, 1] - way[k, 1])
 
 
 @compiled

@@ -46,6 +46,10 @@ class Turner:
         return Decision(Twist(np.full(n, self.speed), np.full(n, self.yaw_rate)))
 
 
+def of(fleet: Fleet, *platoons: str) -> set[str]:
+    return {m.id for m in fleet.members if m.platoon in platoons}
+
+
 def one(law, name="robot", model=ROBOT, at=(0.0, 0.0, 0.0), speed=0.0, **changes) -> Member:
     (member,) = platoon(law, at=at, model=model)
     return replace(member, id=f"{name}.0", platoon=name, speed=speed, **changes)
@@ -174,10 +178,10 @@ def decided(fleet: Fleet, step: int) -> Fleet:
 def test_who_stays_keeps_its_own_memory(kind):
     fleet = decided(three(Counting(kind)), 0)
     assert len(fleet.groups) == 1
-    fleet = decided(fleet.without({"p2"}), 1)
+    fleet = decided(fleet.without(of(fleet, "p2")), 1)
     assert [m.id for m in fleet.members] == ["p1.0", "p3.0"]
     np.testing.assert_allclose(fleet.command.twist.speed, [0.11, 0.13])
-    fleet = decided(fleet.without({"p1"}), 2)
+    fleet = decided(fleet.without(of(fleet, "p1")), 2)
     np.testing.assert_allclose(fleet.command.twist.speed, [0.23])
 
 
@@ -192,7 +196,8 @@ class OneByOne:
 
 
 def test_a_law_for_one_vehicle_may_remember_what_it_likes():
-    fleet = decided(decided(three(OneByOne()), 0).without({"p1"}), 1)
+    fleet = decided(three(OneByOne()), 0)
+    fleet = decided(fleet.without(of(fleet, "p1")), 1)
     np.testing.assert_allclose(fleet.command.twist.speed, [0.12, 0.13])
 
 
@@ -212,7 +217,7 @@ class Remembering:
 def test_a_memory_that_rows_cannot_be_taken_out_of_is_said_in_one_line(what, named):
     fleet = decided(three(Remembering(what)), 0)
     with pytest.raises(InputError, match=rf"test_fleet.py:\d+: law Remembering remembers a {named}; must be") as error:
-        fleet.without({"p2"})
+        fleet.without(of(fleet, "p2"))
     assert len(error.value.faults) == 1
     assert len(str(error.value).splitlines()) == 1
 
@@ -230,14 +235,14 @@ class Misshapen:
 def test_so_is_one_that_has_not_one_row_a_vehicle(rows):
     fleet = decided(three(Misshapen(rows)), 0)
     with pytest.raises(InputError, match="law Misshapen remembers"):
-        fleet.without({"p2"})
+        fleet.without(of(fleet, "p2"))
 
 
 def test_any_memory_will_do_while_all_of_a_group_stay_or_go():
     fleet = decided(three(Remembering("dict")), 0)
     assert fleet.without(set()) is fleet
-    assert fleet.without({"p9"}).groups[0].memory is fleet.groups[0].memory
-    assert fleet.without({"p1", "p2", "p3"}).groups == ()
+    assert fleet.without({"p9.0"}).groups[0].memory is fleet.groups[0].memory
+    assert fleet.without(of(fleet, "p1", "p2", "p3")).groups == ()
 
 
 # ---- rows and numbers
@@ -265,7 +270,7 @@ def test_who_stays_goes_on_as_if_the_others_had_never_been(gone):
     for step in range(5):
         fleet = decided(fleet, step).moved(0.1)
     rows = [i for i, m in enumerate(members) if m.platoon != gone]
-    left = fleet.without({gone})
+    left = fleet.without(of(fleet, gone))
     same(left.motion, fleet.motion.of(np.array(rows)))
     np.testing.assert_array_equal(left.number, rows)
     assert [m.id for m in left.members] == [members[i].id for i in rows]
@@ -295,7 +300,7 @@ def test_a_fleet_of_nobody_can_be_joined_and_left():
     some = nobody.joined(Fleet.deployed(members, 0.1))
     assert [m.id for m in some.members] == [m.id for m in members]
     same(decided(some, 0).moved(0.1).motion, decided(Fleet.deployed(members, 0.1), 0).moved(0.1).motion)
-    assert len(some.without({"robot", "b", "c"})) == 0
+    assert len(some.without(of(some, "robot", "b", "c"))) == 0
 
 
 def test_scans_of_a_lidar_that_waits_are_due_in_the_same_steps_for_who_joins():

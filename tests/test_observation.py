@@ -46,6 +46,7 @@ class Watched:
         hits=None,
         others=(),
         bearing=0.0,
+        signals=None,
         **motion,
     ):
         """Events as (kind, vehicle), whole events, measures.
@@ -86,7 +87,7 @@ class Watched:
             np.concatenate([model.length, LENGTH * rest]),
             np.concatenate([model.width, 1.8 * rest]),
         )
-        events = self.observer.watch(traffic, fleet, scans, [(f"edge{i}", f"edge{i}_0") for i in number])
+        events = self.observer.watch(traffic, fleet, scans, [(f"edge{i}", f"edge{i}_0") for i in number], signals)
         return Seen([(e.kind, e.vehicle) for e in events], events, self.observer.measure(fleet))
 
 
@@ -240,10 +241,11 @@ def test_locks_follow_what_the_target_lies_on():
     ]
     for k, (hits, noted) in enumerate(expected):
         seen = watched.at(float(k), x=[0.0, -20.0], others=[40.0], hits=hits)
-        assert [(e.kind, e.other, e.detail) for e in seen.events if e.kind != "departed"] == noted, k
+        others = ("departed", "split", "rejoined")
+        assert [(e.kind, e.other, e.detail) for e in seen.events if e.kind not in others] == noted, k
         assert seen.measures.beams[1] == (20 if hits is ahead else 0)
         if k == 7:
-            (regained,) = seen.events
+            (regained,) = (e for e in seen.events if e.kind == "lock_regained")
             assert regained.duration == 3
     seen = watched.at(9.0, x=[0.0, -20.0], hits=ahead, bearing=np.nan)
     assert seen.measures.target[1] == ""

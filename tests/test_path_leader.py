@@ -263,7 +263,7 @@ def before_a_line(at: float, opens: float, *, minor=False, changing=False, speed
         passed, is_open = front > at, time >= opens
         signals = Signals(
             np.array([np.inf if passed else at - front]), np.array([bool(passed or is_open)]),
-            np.array([minor]), np.array([changing and not is_open]),
+            np.array([minor]), np.array([changing and not is_open]), np.array([0]),
         )  # fmt: skip
         fleet = fleet.decided(sensing.scan(snapshot(fleet, time), fleet, step), 0.1, signals).moved(0.1)
         rows.append((time, front, fleet.motion.speed[0]))

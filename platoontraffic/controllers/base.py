@@ -30,6 +30,9 @@ class RouteAhead(NamedTuple):
     curvature: np.ndarray  # of the route, to the left [1/m], (n, k)
 
 
+CLOSED_BY = ("", "light", "right of way", "lane change")
+
+
 class Signals(NamedTuple):
     """The next stop line on the given route: rows (n,), or one vehicle's row."""
 
@@ -37,6 +40,7 @@ class Signals(NamedTuple):
     open: np.ndarray  # lights and right of way let this vehicle pass now, bool
     minor: np.ndarray  # it has to give way there, bool
     changing: np.ndarray  # closed, but it need not be stopped for by who cannot in comfort (yellow), bool
+    reason: np.ndarray  # why it is closed, or would be: an index of CLOSED_BY
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.base import Decision, Sensed, Signals
+from platoontraffic.controllers.base import Decision, Sensed
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
 from platoontraffic.vehicle import Drive, Positive
@@ -90,17 +90,26 @@ class PathLeader:
         free = free_way(sensed, _or(self.half_width, 0.6 * sensed.body.width))
         same = JUMP * sensed.body.length
         closing = closing_speed(free, memory.free, memory.closing, sensed.speed, dt, same=same, time_constant=TRACKING)
-        fastest = self._fastest(sensed)
-        wanted = [
-            self._for_speed(sensed, memory.time, dt, fastest[:, 0]),
-            self._for_bends(sensed, fastest),
-            self._for_others(sensed, free, closing),
-        ]
+        acceleration = self.acceleration_on(sensed, memory.time, free, closing, dt)
         if sensed.signals is not None:
-            wanted.append(self._for_lines(sensed.speed, sensed.body.length, sensed.signals))
-        acceleration = np.maximum(np.min(wanted, axis=0), -self.hardest_braking)
+            acceleration = np.minimum(acceleration, self.acceleration_for_lines(sensed))
+        acceleration = np.maximum(acceleration, -self.hardest_braking)
         acceleration = np.maximum(acceleration, -sensed.speed / dt)  # nobody brakes into driving backwards
         return Decision(Drive(acceleration, self._curvature(sensed)), Memory(memory.time + dt, free, closing))
+
+    def acceleration_on(self, sensed: Sensed, time, free, closing, dt: float) -> np.ndarray:
+        """For speed, bends and others, (n,) [m/s2].
+
+        time          : since it set out [s], (n,)
+        free, closing : way to what is in the way [m], and how fast that becomes less [m/s], (n,)
+        """
+        fastest = self._fastest(sensed)
+        wanted = (
+            self._for_speed(sensed, time, dt, fastest[:, 0]),
+            self._for_bends(sensed, fastest),
+            self._for_others(sensed, free, closing),
+        )
+        return np.min(wanted, axis=0)
 
     def _curvature(self, sensed: Sensed) -> np.ndarray:
         """Through the first point of the path at least one lookahead away, or its last."""
@@ -148,7 +157,9 @@ class PathLeader:
         way = np.maximum(sensed.route.distance, SETTLING * sensed.speed[:, None])
         return self._brought_to(fastest, way, sensed.speed[:, None])[:, 1:].min(axis=1)
 
-    def _for_lines(self, speed: np.ndarray, length: np.ndarray, signals: Signals) -> np.ndarray:
+    def acceleration_for_lines(self, sensed: Sensed) -> np.ndarray:
+        """For what is closed, (n,) [m/s2]; inf where nothing is."""
+        speed, length, signals = sensed.speed, sensed.body.length, sensed.signals
         ahead = signals.distance
         way = np.maximum(ahead - LINE * length, 1e-3)
         needed = speed**2 / (2 * np.maximum(ahead, 1e-3))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -11,6 +11,7 @@ from pydantic import Field
 from lidar.segments import find_segments
 from platoontraffic.controllers.base import Decision, Sensed, Target
 from platoontraffic.controllers.closing import closing_speed
+from platoontraffic.controllers.path import PathLeader
 from platoontraffic.tracking import ACCELERATION, OVERHANG, SPEED, Odometry, Track
 from platoontraffic.trail import Ahead, Trail
 from platoontraffic.vehicle import Drive, Positive
@@ -22,6 +23,14 @@ SAME = 1.0  # by which the free way may differ from what that filter expects, of
 FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
 STANDING = 0.05  # [m/s]
 CLOSE_ENOUGH = 0.1  # to the wanted distance, not to move up [m]
+STEEPEST = 0.35  # sine of the greatest angle to come back to the trail at
+ASTRAY = 0.7  # farther off the trail it drives no faster than its own bend allows [m]
+
+ALONE = PathLeader()  # how one drives that has nobody to follow
+ASIDE = 5.0  # of the route [m]: there a predecessor is followed no more that was never lost, and may change lanes
+ASIDE_ANEW = 2.0  # the same of whoever was met on the way [m]
+ROUNDED = 0.75  # vehicle lengths each way over which the route's corners are rounded
+RUN_UP = 8.0  # so far before somebody met the route ends, and an arc leads on into his trail [m]
 
 
 class Memory(NamedTuple):
@@ -34,6 +43,7 @@ class Memory(NamedTuple):
     own: np.ndarray  # that the car has by now, for its lag [m/s2]
     free: np.ndarray  # way to what is in the way, not the predecessor [m]; inf: nothing
     closing: np.ndarray  # how fast that becomes less [m/s]; NaN: not known yet
+    never_lost: np.ndarray  # bool
 
 
 @dataclass(frozen=True)
@@ -47,7 +57,8 @@ class TrackingFollower:
 
            curvature = trail's - offset / l^2 - 2 sin(off_heading) / l,      l = max(catch_up, catch_up_time v)
 
-       that is critically damped: e'' + 2 e' / l + e / l^2 = 0 along the way.
+       that is critically damped: e'' + 2 e' / l + e / l^2 = 0 along the way. From far off it comes back at a fixed
+       angle, and slowly enough for the bend that it drives.
     3. The distance from laser to rear shall be stand_off + time_headway v. With its error e and the gap's rate r the
        acceleration (r + distance_gain e) / time_headway makes the speed follow the predecessor's by a first-order lag
        of time_headway, whatever its frequency: no disturbance grows (Ioannou & Chien, "Autonomous intelligent cruise
@@ -57,6 +68,10 @@ class TrackingFollower:
        (constant-acceleration heuristic: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 2010), for the
        predecessor and for whatever else is met on the strip that it will drive over.
     5. It does not know where its predecessor is when it has not seen it for `patience`: then it stops, in the trail.
+       With on_loss = "drive" it is given its route, and drives on along it as a `PathLeader` would, until somebody is
+       before it on that route: whom it follows then, for a laser does not tell who that is. Who leaves the route is
+       followed no farther.
+    6. With policy = "obey" it is given lights and right of way, and stops at a closed line; alone it always does.
     """
 
     lidar: ClassVar[str] = "car-tracker"  # the preset, where a scenario names none
@@ -81,6 +96,14 @@ class TrackingFollower:
     steering_lag: Annotated[NotNegative, Field(alias="steering_lag_s")] = 0.15  # of the own car, with half a scan
     patience: Annotated[Positive, Field(alias="patience_s")] = 1.5
     half_width: Annotated[Positive, Field(alias="half_width_m")] = 1.1  # of the strip that is to be free
+    policy: Literal["convoy", "obey"] = "convoy"  # where lights or right of way are against it
+    on_loss: Literal["stop", "drive"] = "stop"
+
+    @property
+    def needs(self) -> frozenset[str]:
+        if self.on_loss == "drive":
+            return frozenset({"route", "signals"})
+        return frozenset({"signals"} if self.policy == "obey" else ())
 
     def desired_distance(self, speed):
         """From laser to rear at a steady speed [m]."""
@@ -94,12 +117,21 @@ class TrackingFollower:
 
         before = memory.track.predicted(dt)
         before = before.forgotten(before.blind > self.patience)
+        ways = np.empty((len(speed), 0, 2))  # nobody is told a route
+        if sensed.route is not None:
+            ways = sensed.route.points
+            limit = np.where(memory.never_lost, ASIDE, ASIDE_ANEW)
+            before = before.forgotten(before.aside(ways, odometry) > limit)
         ahead_of_axle = scan.model.mount.x - body.axle
         turning = np.where(speed > 1.0, yaw_rate / np.maximum(speed, 1.0), 0.0)
         segments = find_segments(scan, jump=0.3, bridge=5)
-        track, seen, beams = before.corrected(scan, segments, odometry, ahead_of_axle, turning, dt)
+        track, seen, beams = before.corrected(scan, segments, odometry, ahead_of_axle, turning, ways, dt)
 
         trail = memory.trail
+        if sensed.route is not None:
+            met = np.hypot(track.mean[:, 0] - odometry.x, track.mean[:, 1] - odometry.y) - RUN_UP
+            until = np.where(track.known, met, scan.model.range_max)
+            trail.lay(~before.known, odometry, sensed.route, until, ROUNDED * body.length)
         trail.lengthen(track, odometry, before.blind > 1.5 * dt)
         catch_up = np.maximum(self.catch_up, self.catch_up_time * speed)
         window = np.maximum(self.window, self.window_time * speed)
@@ -113,25 +145,35 @@ class TrackingFollower:
         own = memory.own + (memory.acceleration - memory.own) * -np.expm1(-dt / max(self.drive_lag, 1e-9))
         wanted, needed = self._follow(distance, speed, own, track)
         wanted = np.minimum(wanted, self._bends(ahead, speed))
+        astray = (np.abs(ahead.offset) > ASTRAY) | (np.abs(ahead.off_heading) > STEEPEST)
+        fastest2 = self.lateral_acceleration / np.maximum(np.abs(curvature), 1e-6)
+        wanted = np.where(astray & (speed**2 > fastest2), np.minimum(wanted, -self.braking), wanted)
         blind_spot = body.length / 2 - scan.model.mount.x  # from laser to front bumper
         needed = np.minimum(needed, self._brake_for(free + blind_spot, speed, speed - closing, 0.0))
+        if sensed.route is not None:
+            alone = ALONE.acceleration_on(sensed, np.zeros(len(speed)), free, closing, dt)
+            wanted = np.where(track.known, wanted, alone)
+        if sensed.signals is not None:
+            stop = ALONE.acceleration_for_lines(sensed)
+            stop = np.where(track.known & (self.policy == "convoy"), np.inf, stop)
+            wanted, needed = np.minimum(wanted, stop), np.minimum(needed, stop)
         last = np.where(speed < STANDING, np.maximum(memory.acceleration, -FIRM), memory.acceleration)
         acceleration = self._comfort(wanted, needed, last, dt)
         acceleration = np.maximum(acceleration, -self.hardest_braking)
 
-        memory = Memory(odometry, track, trail, acceleration, own, free, closing)
+        never_lost = memory.never_lost & (before.known | ~memory.track.known)
+        memory = Memory(odometry, track, trail, acceleration, own, free, closing, never_lost)
         return Decision(Drive(acceleration, curvature), memory, Target(*seen.T))
 
     def _begin(self, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
         n = len(speed)
         nothing, unknown = np.full(n, np.inf), np.full(n, np.nan)
-        return Memory(
-            Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n), np.zeros(n), np.zeros(n), nothing, unknown
-        )
+        begun = Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n)
+        return Memory(*begun, np.zeros(n), np.zeros(n), nothing, unknown, np.ones(n, bool))
 
     def _steer(self, ahead: Ahead, catch_up: np.ndarray) -> np.ndarray:
-        back = ahead.offset / catch_up**2 + 2 * np.sin(ahead.off_heading) / catch_up
-        return ahead.curvature - back
+        towards = -np.clip(ahead.offset / (2 * catch_up), -STEEPEST, STEEPEST)  # sine of the angle to come back at
+        return ahead.curvature - 2 * (np.sin(ahead.off_heading) - towards) / catch_up
 
     def _follow(self, distance, speed, own, track: Track) -> tuple[np.ndarray, np.ndarray]:
         """The acceleration that keeps the headway, and the braking that is needed."""
