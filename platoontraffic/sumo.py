@@ -341,7 +341,7 @@ class World:
         names = [m.id for m in fleet.members]
         roads, lanes = map(libsumo.vehicle.getRoadID, names), list(map(libsumo.vehicle.getLaneID, names))
         for name, lane in zip(names, lanes, strict=True):
-            if lane[:1] == ":" and (before := self._roads.get(name, ANYWHERE)[1]) and before[0] != ":":
+            if lane[:1] == ":" and (before := self._roads.get(name, ("", ""))[1]) and before[0] != ":":
                 self._entered.append((name, before, lane))
         self._roads.update(zip(names, zip(roads, lanes, strict=True), strict=True))
 
