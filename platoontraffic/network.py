@@ -63,7 +63,7 @@ class Line(NamedTuple):
     lane: str
     onto: str  # lane beyond the junction, or beside
     via: tuple[str, ...]  # lanes inside it: two or more where one may have to wait midway
-    across: float  # their length [m]
+    across: float  # their length, or that of the change of lanes [m]
 
 
 class Shape(NamedTuple):
@@ -439,11 +439,11 @@ class Network:
         on = [*road, road[0]] if closed else road
         for here, link in zip(on, self._least_changes(on, lane, lane if closed else None), strict=False):
             across = self._across(link)
-            way, before = _crossing_over(here.getLane(lane), link.getFromLane(), 0.0 if parts else position)
+            way, before, change = _crossing_over(here.getLane(lane), link.getFromLane(), 0.0 if parts else position)
             if lane != link.getFromLane().getIndex():
                 begins = sum(_length(part) for part in parts) + before
                 sides = here.getLane(lane).getID(), link.getFromLane().getID()
-                lines.append(Line(begins, CHANGING, "", 0, *sides, (), 0.0))
+                lines.append(Line(begins, CHANGING, "", 0, *sides, (), change))
             parts.append(way)
             station = sum(_length(part) for part in parts)
             ends = link.getFromLane().getID(), link.getToLane().getID()
@@ -765,14 +765,14 @@ def _up_to(end: np.ndarray, node: tuple[float, float]) -> LineString | None:
     return LineString([end[0], end[0] + missing * ahead]) if missing > 1e-6 else None
 
 
-def _crossing_over(lane: Any, other: Any, position: float) -> tuple[np.ndarray, float]:
-    """A line that starts on a lane and crosses over to another of the same edge; and where on it that begins [m].
+def _crossing_over(lane: Any, other: Any, position: float) -> tuple[np.ndarray, float, float]:
+    """A line that starts on a lane and crosses over to another of the same edge; where that begins, how long it is [m].
 
     position: after which it does [m]
     """
     line, beside = LineString(lane.getShape()), LineString(other.getShape())
     if lane is other:
-        return np.array(lane.getShape()), 0.0
+        return np.array(lane.getShape()), 0.0, 0.0
     wanted = CHANGE * lane.getWidth() * abs(lane.getIndex() - other.getIndex()) / line.length
     begin = min((position + CHANGE_AFTER * lane.getWidth()) / line.length, max(1 - wanted, 0.1))
     way = min(wanted, 1 - begin)
@@ -780,7 +780,8 @@ def _crossing_over(lane: Any, other: Any, position: float) -> tuple[np.ndarray, 
     share = np.unique([*ends, begin, begin + way])
     points = shapely.line_interpolate_point(np.array([line, beside])[:, None], share, normalized=True)
     begun, ended = shapely.get_coordinates(points).reshape(2, -1, 2)
-    return begun + np.clip((share - begin) / way, 0.0, 1.0)[:, None] * (ended - begun), begin * line.length
+    points = begun + np.clip((share - begin) / way, 0.0, 1.0)[:, None] * (ended - begun)
+    return points, begin * line.length, way * line.length
 
 
 def _length(line: np.ndarray) -> float:

@@ -7,6 +7,7 @@ rely on was found by experiment with SUMO 1.28 and is kept by tests/test_sumo.py
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import re
 import sys
@@ -26,7 +27,7 @@ from platoontraffic.controllers import CLOSED_BY, Signals
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import CLOSING, Fleet, Member
 from platoontraffic.network import CHANGING, Line, Network
-from platoontraffic.rightofway import MARGIN, Foe, may_cross
+from platoontraffic.rightofway import ACCELERATION, MARGIN, TURNING_SPEED, Foe, may_cross, time_for
 from platoontraffic.traffic import TrafficSnapshot
 
 # Of a pyarrow that it finds libsumo prints at import, into what users read; `doctor` tells of it.
@@ -373,7 +374,7 @@ class World:
             return np.inf, True, False, False, 0
         if line.state == CHANGING:
             near = way < speed**2 / (2 * EARLY_BRAKING) + length
-            return way, not near or self._may_change(member, line, speed, length), False, False, LANE_CHANGE
+            return way, not near or self._may_change(member, line, way, speed, length), False, False, LANE_CHANGE
         state = libsumo.trafficlight.getRedYellowGreenState(line.light)[line.index] if line.light else line.state
         is_open = state not in "ruyY"
         if is_open and state not in "GMoO" and way < self._go_first(line).reach:
@@ -401,17 +402,23 @@ class World:
         self._entered.clear()
         return found
 
-    def _may_change(self, member: Member, line: Line, speed: float, length: float) -> bool:
-        """Whether there is room on the lane beside, and nobody there would have to brake hard."""
+    def _may_change(self, member: Member, line: Line, way: float, speed: float, length: float) -> bool:
+        """Whether there will be room on the lane beside, and nobody there have to brake hard.
+
+        That is reckoned for when half of the member is over there, for until then SUMO's drivers do not see it.
+        """
+        half = way + line.across / 2
+        time, top = time_for(half, speed), max(speed, TURNING_SPEED)
+        later = min(math.sqrt(speed**2 + 2 * ACCELERATION * half), top)
         front = libsumo.vehicle.getLanePosition(member.id)
         for name in libsumo.lane.getLastStepVehicleIDs(line.onto):
-            ahead = libsumo.vehicle.getLanePosition(name) - front
-            closing = libsumo.vehicle.getSpeed(name) - speed
-            if ahead >= 0:
-                gap, closing = ahead - libsumo.vehicle.getLength(name), -closing
+            ahead, fast = libsumo.vehicle.getLanePosition(name) - front, libsumo.vehicle.getSpeed(name)
+            if ahead >= 0 and fast >= speed:
+                gap, closing = ahead - libsumo.vehicle.getLength(name), 0.0
+            elif ahead >= 0:
+                gap, closing = ahead - libsumo.vehicle.getLength(name), speed - fast
             else:
-                gap = -ahead - length
-            closing = max(closing, 0.0)
+                gap, closing = -ahead - length - fast * time + half, max(fast - later, 0.0)
             if gap < length / 2 + closing * REACTION + closing**2 / (2 * COMFORTABLE_BRAKING):
                 return False
         return True

@@ -29,7 +29,7 @@ ASTRAY = 0.7  # farther off the trail it drives no faster than its own bend allo
 ALONE = PathLeader()  # how one drives that has nobody to follow
 ASIDE = 5.0  # of the route [m]: there a predecessor is followed no more that was never lost, and may change lanes
 ASIDE_ANEW = 2.0  # the same of whoever was met on the way [m]
-ROUNDED = 0.75  # vehicle lengths each way over which the route's corners are rounded
+ROUNDED = 0.4  # vehicle lengths each way over which the route's corners are rounded
 RUN_UP = 8.0  # so far before somebody met the route ends, and an arc leads on into his trail [m]
 
 
