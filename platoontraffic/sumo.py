@@ -53,6 +53,7 @@ LIGHT, RIGHT_OF_WAY, LANE_CHANGE = range(1, len(CLOSED_BY))
 ROOM = 1.0  # of their own length is free before and behind members when they are deployed
 BESIDE = 0.5  # and this, of both sides together [m]
 WATCHED = 3.6  # for those to give way to one looks as far as the fastest of them may drive in this time [s]
+CHANGE_HEADWAY = 0.5  # that is left on the lane beside when one changes to it [s]
 EARLY_BRAKING = 2.0  # so that one can stop by it, it is looked for room beside in time [m/s2]
 REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
 
@@ -133,6 +134,7 @@ class World:
         self._later: list[Fleet] = []  # platoons that depart later, the next one first
         self._roads: dict[str, tuple[str, str]] = {}  # edge and lane of each member
         self._first: dict[Line, GoFirst] = {}
+        self._beside: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes that lead to that which one changes to
         self._entered: list[
             tuple[str, str, str]
         ] = []  # members that have entered a junction: from which lane, on which
@@ -410,18 +412,28 @@ class World:
         half = way + line.across / 2
         time, top = time_for(half, speed), max(speed, TURNING_SPEED)
         later = min(math.sqrt(speed**2 + 2 * ACCELERATION * half), top)
-        front = libsumo.vehicle.getLanePosition(member.id)
-        for name in libsumo.lane.getLastStepVehicleIDs(line.onto):
-            ahead, fast = libsumo.vehicle.getLanePosition(name) - front, libsumo.vehicle.getSpeed(name)
+        to_end = libsumo.lane.getLength(line.lane) - libsumo.vehicle.getLanePosition(member.id)
+        for name, foe_to_end in self._coming(line):
+            ahead, fast = to_end - foe_to_end, libsumo.vehicle.getSpeed(name)
             if ahead >= 0 and fast >= speed:
                 gap, closing = ahead - libsumo.vehicle.getLength(name), 0.0
             elif ahead >= 0:
                 gap, closing = ahead - libsumo.vehicle.getLength(name), speed - fast
             else:
                 gap, closing = -ahead - length - fast * time + half, max(fast - later, 0.0)
-            if gap < length / 2 + closing * REACTION + closing**2 / (2 * COMFORTABLE_BRAKING):
+            room = max(length / 2, CHANGE_HEADWAY * (speed if ahead >= 0 else fast))
+            if gap < room + closing * REACTION + closing**2 / (2 * COMFORTABLE_BRAKING):
                 return False
         return True
+
+    def _coming(self, line: Line) -> Iterator[tuple[str, float]]:
+        """Vehicles on the lane beside and those that lead to it, and each one's way to its end [m]."""
+        if line not in self._beside:
+            reach = libsumo.lane.getLength(line.onto) + WATCHED * libsumo.lane.getMaxSpeed(line.onto)
+            self._beside[line] = tuple(self._network.upstream(line.onto, reach))
+        for lane, beyond in self._beside[line]:
+            for name in libsumo.lane.getLastStepVehicleIDs(lane):
+                yield name, beyond + libsumo.lane.getLength(lane) - libsumo.vehicle.getLanePosition(name)
 
     def _go_first(self, line: Line) -> GoFirst:
         if line not in self._first:

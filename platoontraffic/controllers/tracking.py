@@ -30,6 +30,7 @@ ALONE = PathLeader()  # how one drives that has nobody to follow
 ASIDE = 5.0  # of the route [m]: there a predecessor is followed no more that was never lost, and may change lanes
 ASIDE_ANEW = 2.0  # the same of whoever was met on the way [m]
 ROUNDED = 0.4  # vehicle lengths each way over which the route's corners are rounded
+SETTLED = 1.0  # after which it is known well where somebody met drives [s]; until then the route is steered along
 RUN_UP = 8.0  # so far before somebody met the route ends, and an arc leads on into his trail [m]
 
 
@@ -44,6 +45,7 @@ class Memory(NamedTuple):
     free: np.ndarray  # way to what is in the way, not the predecessor [m]; inf: nothing
     closing: np.ndarray  # how fast that becomes less [m/s]; NaN: not known yet
     never_lost: np.ndarray  # bool
+    met_for: np.ndarray  # since somebody was met [s]
 
 
 @dataclass(frozen=True)
@@ -127,12 +129,14 @@ class TrackingFollower:
         segments = find_segments(scan, jump=0.3, bridge=5)
         track, seen, beams = before.corrected(scan, segments, odometry, ahead_of_axle, turning, ways, dt)
 
-        trail = memory.trail
+        trail, anew = memory.trail, before.blind > 1.5 * dt
         if sensed.route is not None:
+            strange = ~before.known | (~memory.never_lost & (memory.met_for < SETTLED))
             met = np.hypot(track.mean[:, 0] - odometry.x, track.mean[:, 1] - odometry.y) - RUN_UP
             until = np.where(track.known, met, scan.model.range_max)
-            trail.lay(~before.known, odometry, sensed.route, until, ROUNDED * body.length)
-        trail.lengthen(track, odometry, before.blind > 1.5 * dt)
+            trail.lay(strange, odometry, sensed.route, until, ROUNDED * body.length)
+            anew |= strange
+        trail.lengthen(track, odometry, anew)
         catch_up = np.maximum(self.catch_up, self.catch_up_time * speed)
         window = np.maximum(self.window, self.window_time * speed)
         ahead = trail.ahead(odometry, track, window, self.steering_lag * speed)
@@ -162,14 +166,15 @@ class TrackingFollower:
         acceleration = np.maximum(acceleration, -self.hardest_braking)
 
         never_lost = memory.never_lost & (before.known | ~memory.track.known)
-        memory = Memory(odometry, track, trail, acceleration, own, free, closing, never_lost)
+        met_for = np.where(before.known & track.known, memory.met_for + dt, 0.0)
+        memory = Memory(odometry, track, trail, acceleration, own, free, closing, never_lost, met_for)
         return Decision(Drive(acceleration, curvature), memory, Target(*seen.T))
 
     def _begin(self, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
         n = len(speed)
         nothing, unknown = np.full(n, np.inf), np.full(n, np.nan)
         begun = Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n)
-        return Memory(*begun, np.zeros(n), np.zeros(n), nothing, unknown, np.ones(n, bool))
+        return Memory(*begun, np.zeros(n), np.zeros(n), nothing, unknown, np.ones(n, bool), np.zeros(n))
 
     def _steer(self, ahead: Ahead, catch_up: np.ndarray) -> np.ndarray:
         towards = -np.clip(ahead.offset / (2 * catch_up), -STEEPEST, STEEPEST)  # sine of the angle to come back at
