@@ -17,6 +17,8 @@ from analysis.results import Results, ResultsError, load_run
 # Okabe and Ito's colours: told apart by colour-blind eyes. The leader is black.
 COLOURS = ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
 ROAD, MIDDLE, WALL, OTHERS, BUILDING = "#e4e4e4", "#ffffff", "#444444", "#999999", "#efe9e2"
+OBSTACLE = "#D55E00"
+ENCOUNTERS = ("cut_in", "steps_out")  # events
 TOWN = 100.0  # a road that extends farther is of cars; things are drawn smaller on it, and vehicles larger [m]
 
 
@@ -40,6 +42,7 @@ def picture(folder: Path | str, to: Path | str) -> Path:
     else:
         road = figure.subplots()
     draw_road(road, results)
+    draw_obstacles(road, results)
     draw_paths(road, results)
     figure.legend(*road.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
     to = Path(to)
@@ -58,6 +61,7 @@ def road_figure(results: Results) -> Figure:
     figure = _figure(9, min(max(9 * up / max(across, 1e-9), 2.2), 8))
     axes = figure.subplots()
     draw_road(axes, results)
+    draw_obstacles(axes, results)
     draw_paths(axes, results)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
     return figure
@@ -133,6 +137,20 @@ def draw_paths(axes: Axes, results: Results) -> None:
         axes.plot(collisions.x_m, collisions.y_m, "x", color="#D55E00", markersize=9, label="contact", zorder=4)
 
 
+def draw_obstacles(axes: Axes, results: Results) -> None:
+    """Where they came up, and their ways if the traffic was recorded; where somebody cut in or stepped out."""
+    came = results.events[results.events.kind == "obstacle"]
+    for _, event in came.iterrows():
+        if results.traffic is not None:
+            rows = results.traffic[results.traffic.vehicle_id == event.vehicle_id]
+            axes.plot(rows.x_m, rows.y_m, color=OBSTACLE, linewidth=0.9, linestyle=":")
+    if len(came):
+        axes.plot(came.x_m, came.y_m, "s", color=OBSTACLE, markersize=5, label="obstacle", zorder=4)
+    met = results.events[results.events.kind.isin(ENCOUNTERS)]
+    if len(met):
+        axes.plot(met.x_m, met.y_m, "v", color=OBSTACLE, markersize=7, label="in its way", zorder=4)
+
+
 def draw_gaps(axes: Axes, results: Results) -> None:
     """Gap of every follower of the main platoon over time."""
     for place, _, rows in _followers(results):
@@ -141,6 +159,8 @@ def draw_gaps(axes: Axes, results: Results) -> None:
     axes.set_ylabel("gap to the member ahead [m]")
     # A platoon that has parted would press the others' gaps onto the axis.
     axes.set_ylim(0, 4 * gaps.median() if gaps.max() > 8 * gaps.median() else None)
+    for time in results.events.loc[results.events.kind.isin(ENCOUNTERS), "time_s"]:
+        axes.axvline(time, color=OBSTACLE, linewidth=1, linestyle=":")
     axes.tick_params(labelbottom=False)
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)

@@ -23,6 +23,14 @@ ENOUGH_BEAMS = 5  # on a predecessor, for a law to make something of it
 STEADY = 0.05  # a speed that deviates less tells nothing of a string's stability, RMS [m/s]
 MOVING = 0.1  # of the mean speed: slower is hardly moving
 
+OBSTACLES = {
+    "car": "obstacles that are cars",
+    "cut_in": "who has cut in",
+    "pedestrian": "obstacles that are pedestrians",
+    "box": "boxes",
+    "robot": "obstacles that are robots",
+    "person": "SUMO's own pedestrians",
+}
 
 MEANINGS = {
     "laps": "|turned_rad| / 2 pi at the end",
@@ -80,6 +88,15 @@ MEANINGS = {
     "members": "how many they are",
     "head_to_tail_l2": "of a platoon: speed_gain_l2 of the last member over the first; of a run: the largest",
     "leader_right_lane_share": "right_lane_share of the leaders, all instants together",
+    # of runs with obstacles only
+    "cut_ins": "events cut_in",
+    "cut_in_gap_min": "least gap to who has cut in, in the 10 s after",
+    "cut_in_ttc_min": "least time to collision with who has cut in, in the 10 s after",
+    "steps_out": "events steps_out",
+    "step_out_gap_min": "least distance to a pedestrian who has stepped out, in the 10 s after",
+    "unavoidable": "cut-ins and steps out for which no braking is enough",
+    "avoidable_contacts": "contacts in the 10 s after one that could be avoided",
+    **{f"collisions_{kind}": f"episodes of contact with {what}" for kind, what in OBSTACLES.items()},
     "duration": "from the first recorded instant to the end",
 }
 _OVER_MEMBERS = {"_max": "largest", "_min": "least", "_mean": "mean", "_first": "earliest"}
@@ -100,6 +117,26 @@ class Metric(NamedTuple):
     name: str
     value: float
     unit: str
+
+
+def of_obstacles(encounters: pd.DataFrame, events: pd.DataFrame) -> list[Metric]:
+    """Metrics of a run with obstacles; encounters, events: the tables of the files of those names."""
+    came = events[events.kind == "obstacle"]
+    kinds = dict(zip(came.vehicle_id, came.detail.str.partition(",")[0], strict=True))
+    hit = events.loc[events.kind == "collision", "other_id"].astype(str)
+    hit = hit.map(kinds).where(~hit.str.startswith("person."), "person")
+    cut_ins, steps = (encounters[encounters.kind == kind] for kind in ("cut_in", "pedestrian"))
+    values = [
+        ("cut_ins", float(len(cut_ins)), ""),
+        ("cut_in_gap_min", cut_ins.gap_min_m.min(), "m"),
+        ("cut_in_ttc_min", cut_ins.ttc_min_s.min(), "s"),
+        ("steps_out", float(len(steps)), ""),
+        ("step_out_gap_min", steps.gap_min_m.min(), "m"),
+        ("unavoidable", float((encounters.avoidable == 0).sum()), ""),
+        ("avoidable_contacts", float(((encounters.avoidable == 1) & (encounters.contact == 1)).sum()), ""),
+        *((f"collisions_{kind}", float((hit == kind).sum()), "") for kind in OBSTACLES),
+    ]
+    return [Metric("run", "", "", *value) for value in values]
 
 
 Values = dict[tuple[str, str], float]  # by name and unit

@@ -399,6 +399,10 @@ class Network:
         """Of speed on a lane [m/s]."""
         return self._net.getEdge(self._known(edge_id)).getLane(lane_index).getSpeed()
 
+    def lane_width(self, edge_id: str, lane_index: int = 0) -> float:
+        """[m]"""
+        return self._net.getEdge(self._known(edge_id)).getLane(lane_index).getWidth()
+
     def lane_pose(self, edge_id: str, lane_index: int = 0, position: float = 0.0) -> tuple[float, float, float]:
         """x, y [m] and heading [rad] on a lane's centre line, `position` [m] after its start."""
         lengths = self.edges[self._known(edge_id)]

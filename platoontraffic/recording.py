@@ -111,6 +111,23 @@ EVENTS = (
     _text("detail", "cause"),
 )
 
+ENCOUNTERS = (
+    _number("time_s", "s", "when it got in the member's way: its body over the strip that the member's drives", "%.3f"),
+    _text("kind", "of the obstacle: cut_in or pedestrian"),
+    _text("obstacle_id", "who got in the way"),
+    _text("vehicle_id", "member in whose way it is"),
+    _text("behind_id", "member behind whom a car came in; empty for a pedestrian"),
+    _number("gap_m", "m", "then, from the front bumper along the way; negative: beside it"),
+    _number("time_gap_s", "s", "gap over the member's speed"),
+    _number("speed_mps", "m/s", "the member's"),
+    _number("obstacle_speed_mps", "m/s", "the obstacle's"),
+    _number("braking_mps2", "m/s2", "that just avoids contact, after the member's reaction; empty if none does"),
+    Column("avoidable", "integer", "", "1: by the member's hardest braking, after its reaction", "%d"),
+    _number("gap_min_m", "m", "least distance of the two bodies within 10 s"),
+    _number("ttc_min_s", "s", "least time to collision while it is in the way, within 10 s; empty if never closing"),
+    Column("contact", "integer", "", "1: a member touched it within 10 s", "%d"),
+)
+
 METRICS = (
     _text("scope", "'vehicle', 'platoon' or 'run'"),
     _text("platoon_id", "platoon; empty for a run"),
@@ -146,6 +163,11 @@ KINDS = {
     "emergency_brake": "brakes harder than 4.5 m/s2, if 2 m long or longer; once for every episode",
     "off_road": f"its driven axle is more than 0.3 m{SMALLER} outside the drivable area; detail: how far",
     "on_road": "no more so, after duration_s",
+    "obstacle": "is on the road from now on; detail: its kind, size and speed",
+    "obstacle_gone": "is on the road no more",
+    "cut_in": "other_id has come between it and its predecessor; detail: gap, headway, whether contact can be avoided",
+    "no_cut_in": "other_id did not come over; detail says why",
+    "steps_out": "pedestrian other_id has stepped into its way; detail: distance, whether contact can be avoided",
     "never_departed": "its platoon was due, and waited for room until the run ended",
     "end": "the run ended; detail says why",
 }
@@ -301,11 +323,15 @@ def is_done(folder: Path) -> bool:
     return (folder / DONE).is_file()
 
 
-def datapackage(name: str, title: str, *, traffic: bool = False, scans: bool = False) -> dict[str, Any]:
-    """Frictionless data package: every table's columns with unit and meaning; `traffic`, `scans` as of the Recorder."""
+def datapackage(
+    name: str, title: str, *, traffic: bool = False, scans: bool = False, encounters: bool = False
+) -> dict[str, Any]:
+    """Frictionless data package: every table's columns with unit and meaning; of some, whether there are any."""
     tables = {"trajectories": TRAJECTORIES, "events": EVENTS, "metrics": METRICS, "vehicles": VEHICLES}
     if traffic:
         tables["traffic"] = TRAFFIC
+    if encounters:
+        tables["encounters"] = ENCOUNTERS
     resources = []
     for table, columns in tables.items():
         schema = {"fields": [c._asdict() for c in columns], "missingValues": [""]}

@@ -31,7 +31,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
 from lidar import PRESETS, LidarModel, Mount, Noise
-from platoontraffic import data, tomlkeys
+from platoontraffic import data, obstaclekeys, tomlkeys
 from platoontraffic.bicycle import Car
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.models import VEHICLES, VehicleModel
@@ -360,6 +360,7 @@ class Spec(Table):
     run: Run
     record: Record = Record()
     platoon: Annotated[list[Platoon], Field(min_length=1)]
+    obstacle: list[obstaclekeys.Obstacle] = []
 
 
 class Change(NamedTuple):
@@ -466,6 +467,8 @@ class Scenario:
             table["sumo"]["config"] = named(self.configuration.path)
         elif self.spec.sumo.net not in data.networks():
             table["sumo"]["net"] = named(self.net)
+        if not table["obstacle"]:
+            del table["obstacle"]
         given = {"routes": self.route_files, "additional": self.additional}
         for key, files in given.items():  # beside those that the network or the configuration brings
             n = len(getattr(self.spec.sumo, key))
@@ -533,7 +536,8 @@ def load(
     try:
         spec = Spec.model_validate(table)
     except ValidationError as error:
-        raise InputError(*(f"{place(f['loc'])}: {fault_of(f, Spec)}" for f in error.errors())) from None
+        faults = error.errors()
+        raise InputError(*(f"{place(fault_path(f))}: {fault_of(f, Spec)}" for f in faults)) from None
     return _resolve(spec, source, varied, place)
 
 
@@ -661,12 +665,19 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
         if name in ids[:i]:
             fault(("platoon", i, "id"), f"{name!r}: platoon.{ids.index(name)} has this id too")
     members = {f"{p.id}.{place}": i for i, p in enumerate(spec.platoon) for place in range(p.size)}
+    obstaclekeys.check(spec.obstacle, {p.id: p.size for p in spec.platoon}, spec.run.duration_s, fault)
+    obstacles = {obstaclekeys.name_of(spec.obstacle, i): i for i in range(len(spec.obstacle))}
     for file in filter(Path.is_file, [*routes, *additional]):
         try:
-            clashes = id_clashes(file, members)
+            clashes = id_clashes(file, members | obstacles)
         except InputError as error:
             faults += error.faults
             continue
+        for name, clash in clashes:
+            if name in obstacles:
+                clash = clash.replace("the id of a member", "the id of this obstacle")
+                fault(("obstacle", obstacles[name], "id"), f"{name!r}: {clash}; must be another")
+        clashes = [clash for clash in clashes if clash[0] in members]
         for i, clash in {members[name]: what for name, what in reversed(clashes)}.items():  # one a platoon
             fault(("platoon", i, "id"), f"{ids[i]!r}: {clash}; must be another")
 
@@ -830,6 +841,12 @@ def _last(node: Any, path: tuple) -> list[tuple[Any, tuple]]:
 def fault_of(error: dict, model: type[BaseModel]) -> str:
     """pydantic's error as `key: what; what is allowed`."""
     path = error["loc"]
+    if path[:1] == ("obstacle",):
+        path, kind, what = obstaclekeys.located(error)
+        if what:
+            return f"{dotted(path)}: {what}"
+        if kind and error["type"] == "extra_forbidden":
+            return f"{dotted(path)}: unknown key{did_you_mean(str(path[-1]), _known_keys(kind, path[2:-1]))}"
     if error["type"] == "extra_forbidden":
         return f"{dotted(path)}: unknown key{did_you_mean(str(path[-1]), _known_keys(model, path[:-1]))}"
     if error["type"] == "missing":
@@ -840,6 +857,12 @@ def fault_of(error: dict, model: type[BaseModel]) -> str:
     value = error["input"]
     shown = "" if isinstance(value, dict | BaseModel) else f"{value!r}: "
     return f"{dotted(path)}: {shown}{what}"
+
+
+def fault_path(error: dict) -> tuple:
+    """Of pydantic's error: the path of the key in the file."""
+    path = error["loc"]
+    return obstaclekeys.located(error)[0] if path[:1] == ("obstacle",) else path
 
 
 def _known_keys(model: type[BaseModel], path: tuple) -> list[str]:

@@ -13,13 +13,15 @@ import shapely
 import tomli_w
 
 from lidar import Scene
-from platoontraffic import metrics, outputs, provenance, recording
+from platoontraffic import metrics, obstacles, outputs, provenance, recording
 from platoontraffic.contact import Contacts
 from platoontraffic.deployment import deploy, static_scene
+from platoontraffic.encounters import Encounters
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.network import Network
 from platoontraffic.observation import Event, Observer
+from platoontraffic.obstacles import Obstacles, Plan
 from platoontraffic.recording import Recorder
 from platoontraffic.scenario import Run, Scenario
 from platoontraffic.sensing import Sensing
@@ -37,6 +39,7 @@ class Prepared:
     network: Network
     scene: Scene
     members: tuple[Member, ...]
+    obstacles: tuple[Plan, ...] = ()
 
 
 def prepare(scenario: Scenario) -> Prepared:
@@ -46,7 +49,8 @@ def prepare(scenario: Scenario) -> Prepared:
     network.middle_lines()
     network.entered_from  # noqa: B018
     scene = static_scene(scenario, network)
-    return Prepared(scenario, network, scene, deploy(scenario, network, scene))
+    members = deploy(scenario, network, scene)
+    return Prepared(scenario, network, scene, members, obstacles.plans(scenario, network, members))
 
 
 def result_folder(scenario: Scenario, results: Path) -> Path:
@@ -108,9 +112,14 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     write, place, advance = watch("record", recorder.record), watch("place", world.place), watch("step", world.advance)
     decide, move = watch("decide", Fleet.decided), watch("move", Fleet.moved)
 
+    ways = {plan.id: plan.edges for plan in prepared.obstacles if plan.seen_by_sumo}
+
     began = time.perf_counter()
     with world:
         fleet = world.deploy(fleet, later)
+        others = Obstacles(prepared.obstacles, fleet)
+        encounters = Encounters(others, prepared.members)
+        world.hold(others.bodies, ways)
         for step in range(steps + 1):
             whole = record.traffic_every_s is not None and step % traffic_every == 0
             traffic = read(fleet, np.inf if whole else fleet.sight)
@@ -118,7 +127,8 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
             lines = signals(fleet)
             fleet = decide(fleet, scans, dt, lines, odometry(fleet, step))
             roads = world.roads(fleet)
-            recorder.note(observe(traffic, fleet, scans, roads, lines, world.violations(fleet)))
+            events = observe(traffic, fleet, scans, roads, lines, world.violations(fleet))
+            recorder.note([*events, *encounters.watch(traffic, fleet, events)])
             if step % record_every == 0:
                 write(traffic, fleet, measure(fleet), roads)
             if whole:
@@ -131,7 +141,9 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
             if ended := _ended(run, fleet, world.waiting, step == steps):
                 break
             fleet = move(fleet, dt)
+            others.move(traffic, fleet, dt)
             place(fleet)
+            world.hold(others.bodies, ways)
             fleet = advance(fleet)
     wall = time.perf_counter() - began
     left = (m for platoon in world.waiting for m in platoon.members)
@@ -144,7 +156,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     facts["real_time_factor"] = round(traffic.time / wall, 2)
     facts["stage_s"] = {stage: round(seconds, 3) for stage, seconds in watch.seconds.items()}
     facts["sumo_words"] = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:100]
-    _conclude(prepared, recorder, facts)
+    _conclude(prepared, recorder, facts, encounters)
 
 
 def _ended(run: Run, fleet: Fleet, waiting: Sequence[Fleet], last: bool) -> str:
@@ -170,7 +182,7 @@ def _departures(members: Sequence[Member], dt: float) -> tuple[Fleet, list[Fleet
     return fleet([m for m in members if m.departs == 0]), later
 
 
-def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> None:
+def _conclude(prepared: Prepared, recorder: Recorder, facts: dict, encounters: Encounters) -> None:
     """The files that are made of the whole run."""
     scenario, spec = prepared.scenario, prepared.scenario.spec
     recorder.close_tables()
@@ -178,13 +190,21 @@ def _conclude(prepared: Prepared, recorder: Recorder, facts: dict) -> None:
     outputs.write_tables(recorder, scenario)
     if "trips" in spec.record.sumo:
         trips = outputs.read_trips(recorder.folder)
-        of_traffic = outputs.traffic_metrics(trips, {m.id for m in prepared.members})
+        others = {m.id for m in prepared.members} | {plan.id for plan in prepared.obstacles}
+        of_traffic = outputs.traffic_metrics(trips, others)
         values += [metrics.Metric("traffic", "", "", *metric) for metric in of_traffic]
+    if prepared.obstacles:
+        recorder.write_table("encounters.csv", encounters.rows(), recording.ENCOUNTERS)
+        values += metrics.of_obstacles(*(pd.read_csv(recorder.folder / f"{t}.csv") for t in ("encounters", "events")))
     recorder.write_table("metrics.csv", values, recording.METRICS)
     recorder.write_vehicles(prepared.members)
     recorder.write("summary.csv", metrics.summary(spec.name, spec.seed, scenario.varied, values))
     recorder.write("scene.geojson", recording.as_json(_scene(prepared)))
-    recorded = {"traffic": spec.record.traffic_every_s is not None, "scans": spec.record.scans_every_s is not None}
+    recorded = {
+        "traffic": spec.record.traffic_every_s is not None,
+        "encounters": bool(prepared.obstacles),
+        "scans": spec.record.scans_every_s is not None,
+    }
     package = recording.datapackage(spec.name, spec.title, **recorded)
     described = next(resource for resource in package["resources"] if resource["name"] == "metrics")
     described["metrics"] = meanings = {}

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
+from lidar import Boxes
 from lidar.compiled import compiler
 from lidar.pose import wrap
 from platoontraffic.controllers import CLOSED_BY, Signals
@@ -56,6 +57,8 @@ WATCHED = 3.6  # for those to give way to one looks as far as the fastest of the
 CHANGE_HEADWAY = 0.5  # that is left on the lane beside when one changes to it [s]
 EARLY_BRAKING = 2.0  # so that one can stop by it, it is looked for room beside in time [m/s2]
 REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
+
+PERSON = "person."  # before the names of SUMO's pedestrians
 
 FAR_FOR = 0.5  # so long who is far from all members is not looked at [s]
 
@@ -146,6 +149,8 @@ class World:
         self._far_until = -np.inf  # SUMO's time
         self._near: list[str] | None = None  # the others; None once somebody has come or gone
         self._expected = 0  # how many vehicles are on the road or due
+        self._obstacles: TrafficSnapshot | None = None  # see hold
+        self._ways: dict[str, tuple[str, ...]] = {}  # of those of them that SUMO has, the edges that they mean to drive
 
     def __enter__(self) -> World:
         if _running:
@@ -208,7 +213,7 @@ class World:
         x, y = centre_of(*front.T, heading, length)
         speed = np.fromiter(map(vehicle.getSpeed, others), float, n)
         own = fleet.motion
-        return TrafficSnapshot(
+        traffic = TrafficSnapshot(
             round(libsumo.simulation.getTime() - self._start, 6),
             (*(m.id for m in fleet.members), *others),
             np.concatenate([own.x, x]),
@@ -218,6 +223,86 @@ class World:
             np.concatenate([fleet.model.length, length]),
             np.concatenate([fleet.model.width, width]),
         )
+        if libsumo.person.getIDCount():
+            traffic = traffic.with_others(self._people(fleet, reach))
+        return traffic.with_others(self._obstacles) if self._obstacles and self._obstacles.ids else traffic
+
+    def _people(self, fleet: Fleet, reach: float) -> TrafficSnapshot:
+        """SUMO's own pedestrians, who sit in no vehicle, as others; they may have the names of vehicles."""
+        person = libsumo.person
+        names = [name for name in person.getIDList() if not person.getVehicle(name)]
+        front = np.array([person.getPosition(name) for name in names]).reshape(-1, 2)
+        if reach < np.inf:
+            near = ~_far(front, fleet.motion.x, fleet.motion.y, np.full(len(names), reach + 1.0))
+            names, front = list(compress(names, near)), front[near]
+        heading = heading_of(np.array([person.getAngle(name) for name in names]))
+        length, width = (np.array(list(map(get, names)), float) for get in (person.getLength, person.getWidth))
+        x, y = centre_of(*front.T, heading, length)
+        speed = np.array(list(map(person.getSpeed, names)), float)
+        return TrafficSnapshot(0.0, tuple(PERSON + name for name in names), x, y, heading, speed, length, width)
+
+    def hold(self, obstacles: TrafficSnapshot, ways: Mapping[str, tuple[str, ...]]) -> None:
+        """What else is on the road, at the end of the coming step, or now if none has been made.
+
+        SUMO has each that `ways` names as a vehicle of its size, for its own drivers to see, put where it is in every
+        step, while its middle is on the road; with the edges that it means to drive, if there are any. Who of them
+        stands where one comes up is taken out.
+        """
+        vehicle = libsumo.vehicle
+        if not obstacles.ids and not self._ways:
+            self._obstacles = None
+            return
+        on_road = shapely.contains_xy(self._network.drivable, obstacles.x, obstacles.y)
+        ways = {name: ways[name] for name in compress(obstacles.ids, on_road) if name in ways}
+        for name in sorted(self._ways.keys() - ways.keys()):
+            vehicle.remove(name)
+            del self._ways[name]
+            self._routed.pop(name, None)
+        self._obstacles = obstacles
+        x, y = front_of(obstacles.x, obstacles.y, obstacles.heading, obstacles.length)
+        angle = sumo_angle(obstacles.heading)
+        for i, name in enumerate(obstacles.ids):
+            if name not in ways:
+                continue
+            if name not in self._ways:
+                self._make_room(i)
+                kind = f"platoontraffic.{name}"
+                if kind not in libsumo.vehicletype.getIDList():
+                    self._make_type(kind, float(obstacles.length[i]), float(obstacles.width[i]))
+                    libsumo.vehicletype.setSpeedFactor(kind, 10)
+                    libsumo.vehicletype.setMaxSpeed(kind, 150.0)
+                vehicle.add(name, "", typeID=kind)  # on whatever edge it is then put
+                vehicle.setSpeedMode(name, ALL_OFF)
+                vehicle.setLaneChangeMode(name, NO_LANE_CHANGE)
+                self._ways[name], self._far_until = ways[name], -np.inf
+            vehicle.moveToXY(name, *ANYWHERE, float(x[i]), float(y[i]), float(angle[i]), KEEP_ROUTE, MATCH_THRESHOLD)
+
+    def _make_room(self, i: int) -> None:
+        """SUMO's own vehicles where an obstacle comes up are taken out."""
+        names = [name for name in libsumo.vehicle.getIDList() if name not in self._roads and name not in self._ways]
+        sizes = np.array([self._size(name) for name in names]).reshape(-1, 2)
+        heading = heading_of(np.array([libsumo.vehicle.getAngle(name) for name in names]))
+        x, y = centre_of(*_fronts(names).T, heading, sizes[:, 0])
+        others = shapely.polygons(Boxes(x, y, heading, *sizes.T, np.arange(len(names))).corners())
+        own = shapely.polygons(self._obstacles.boxes().corners()[i])
+        for k in np.flatnonzero(shapely.intersects(others, own)):
+            libsumo.vehicle.remove(names[k])
+
+    def _settle_obstacles(self) -> None:
+        """Their speeds and routes in SUMO set right, as of members."""
+        if not self._ways:
+            return
+        vehicle, speeds = libsumo.vehicle, dict(zip(self._obstacles.ids, self._obstacles.speed.tolist(), strict=True))
+        for name, way in self._ways.items():
+            if not vehicle.getLaneID(name):  # of one that never was on a lane, the next edge kills the process
+                continue
+            vehicle.setPreviousSpeed(name, speeds[name])
+            edge = vehicle.getRoadID(name) if way else ""
+            if edge not in way or edge == self._routed.get(name):
+                continue
+            if vehicle.getRoute(name)[vehicle.getRouteIndex(name)] == edge:
+                vehicle.setRoute(name, list(way[way.index(edge) :]))
+                self._routed[name] = edge
 
     def _others(self, fleet: Fleet, reach: float) -> list[str]:
         """SUMO's own vehicles, without most of those of which nothing is within reach of a member.
@@ -226,14 +311,14 @@ class World:
         names of all, SUMO is asked then, and when somebody has come or gone.
         """
         if reach == np.inf:
-            members = {m.id for m in fleet.members}
+            members = {m.id for m in fleet.members} | self._ways.keys()
             return [name for name in libsumo.vehicle.getIDList() if name not in members]
         time = libsumo.simulation.getTime()
         if time >= self._far_until or fleet.members is not self._far_from:
             others, own = self._others(fleet, np.inf), fleet.motion
             length = np.array([self._size(name)[0] for name in others])
             far = _far(_fronts(others), own.x, own.y, reach + 2 * length + FAR_FOR * CLOSING)
-            self._far = {m.id for m in fleet.members} | set(compress(others, far))
+            self._far = {m.id for m in fleet.members} | self._ways.keys() | set(compress(others, far))
             self._far_from, self._far_until, self._near = fleet.members, time + FAR_FOR, None
         if self._near is None:
             self._near = [name for name in libsumo.vehicle.getIDList() if name not in self._far]
@@ -276,6 +361,7 @@ class World:
         fleet = fleet.without(gone)
         self._locate(fleet)
         self._put_in_order(fleet)
+        self._settle_obstacles()
         fleet = self._read_native(self._settled(fleet))
         for platoon in due:
             self._later.remove(platoon)
@@ -481,12 +567,7 @@ class World:
     def _add(self, member: Member) -> None:
         kind = f"platoontraffic.{member.id}"
         model = member.model
-        libsumo.vehicletype.copy("DEFAULT_VEHTYPE", kind)
-        libsumo.vehicletype.setVehicleClass(kind, "passenger")  # a scenario may have made its own default
-        libsumo.vehicletype.setLength(kind, model.length)
-        libsumo.vehicletype.setWidth(kind, model.width)
-        libsumo.vehicletype.setMinGap(kind, min(2.5, model.length / 2))
-        libsumo.vehicletype.setSpeedDeviation(kind, 0)
+        self._make_type(kind, model.length, model.width)
         if getattr(member.law, "native", False):
             libsumo.vehicletype.setSpeedFactor(kind, member.law.speed_factor)
             libsumo.vehicletype.setMaxSpeed(kind, min(member.law.max_speed, model.top_speed))
@@ -500,6 +581,14 @@ class World:
             member.id, kind, typeID=kind, depart="now", departLane=str(member.lane),
             departPos=str(member.position), departSpeed=str(member.speed),
         )  # fmt: skip
+
+    def _make_type(self, kind: str, length: float, width: float) -> None:
+        libsumo.vehicletype.copy("DEFAULT_VEHTYPE", kind)
+        libsumo.vehicletype.setVehicleClass(kind, "passenger")  # a scenario may have made its own default
+        libsumo.vehicletype.setLength(kind, length)
+        libsumo.vehicletype.setWidth(kind, width)
+        libsumo.vehicletype.setMinGap(kind, min(2.5, length / 2))
+        libsumo.vehicletype.setSpeedDeviation(kind, 0)
 
     def _put_in_order(self, fleet: Fleet) -> None:
         """Where a member has passed another vehicle on one lane, set right in which order SUMO has them there.

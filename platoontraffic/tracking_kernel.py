@@ -421,24 +421,28 @@ def _fitted(mean, cov, rear, var, laser_x, laser_y, yaw, dt, state, spread):
 
     One too great for chance is taken for a manoeuvre that has just begun: a step of acceleration and of curvature
     (adjustable process noise: Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation",
-    2001, section 11.2).
+    2001, section 11.2). One that asks for more than there is began a scan earlier, when it was taken for chance.
     """
     state[:], spread[:] = mean, cov
     off = _corrected(state, spread, rear, var, laser_x, laser_y, yaw)
     if off < SURPRISE:
         return off
-    state[:], spread[:] = mean, cov
     cos, sin = math.cos(mean[2]), math.sin(mean[2])
     turned = min(BEND_STEP, SIDEWAYS / max(mean[3], 1.0) ** 2)
-    way = mean[3] * dt
-    for a, by_step in enumerate((cos * dt * dt / 2, sin * dt * dt / 2, 0.0, dt, 1.0, 0.0)):
-        for b, and_by in enumerate((cos * dt * dt / 2, sin * dt * dt / 2, 0.0, dt, 1.0, 0.0)):
-            spread[a, b] += by_step * and_by * BRAKE_STEP**2
-    for a, by_step in enumerate((-sin * way * way / 2, cos * way * way / 2, way, 0.0, 0.0, 1.0)):
-        for b, and_by in enumerate((-sin * way * way / 2, cos * way * way / 2, way, 0.0, 0.0, 1.0)):
-            spread[a, b] += by_step * and_by * turned**2
-    off = _corrected(state, spread, rear, var, laser_x, laser_y, yaw)
-    return off if -HARDEST < state[4] < STRONGEST else math.inf
+    for scans in range(1, 3):
+        state[:], spread[:] = mean, cov
+        since = scans * dt
+        way = mean[3] * since
+        for a, by_step in enumerate((cos * since * since / 2, sin * since * since / 2, 0.0, since, 1.0, 0.0)):
+            for b, and_by in enumerate((cos * since * since / 2, sin * since * since / 2, 0.0, since, 1.0, 0.0)):
+                spread[a, b] += by_step * and_by * BRAKE_STEP**2
+        for a, by_step in enumerate((-sin * way * way / 2, cos * way * way / 2, way, 0.0, 0.0, 1.0)):
+            for b, and_by in enumerate((-sin * way * way / 2, cos * way * way / 2, way, 0.0, 0.0, 1.0)):
+                spread[a, b] += by_step * and_by * turned**2
+        off = _corrected(state, spread, rear, var, laser_x, laser_y, yaw)
+        if -HARDEST < state[4] < STRONGEST:
+            return off
+    return math.inf
 
 
 @compiled

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -11,7 +11,10 @@ from lidar import Boxes
 
 @dataclass(frozen=True)
 class TrafficSnapshot:
-    """Platoon members first, in the fleet's order, then SUMO's own vehicles. Arrays (n,)."""
+    """Platoon members first, in the fleet's order, then SUMO's own vehicles and pedestrians, then obstacles.
+
+    Arrays (n,).
+    """
 
     time: float
     ids: tuple[str, ...]
@@ -21,6 +24,11 @@ class TrafficSnapshot:
     speed: np.ndarray
     length: np.ndarray
     width: np.ndarray
+
+    def with_others(self, others: TrafficSnapshot) -> TrafficSnapshot:
+        """With others behind, at the same instant."""
+        both = (np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)[2:])
+        return TrafficSnapshot(self.time, (*self.ids, *others.ids), *both)
 
     def boxes(self, vx=0.0, vy=0.0, yaw_rate=0.0) -> Boxes:
         """What a lidar sees of the vehicles; the owner of a box is its row here. Their motion is as in lidar.Boxes."""

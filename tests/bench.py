@@ -13,6 +13,7 @@ from lidar import PRESETS, LaserScan, LidarModel, Mount, ScanBatch, Scene
 from platoontraffic.controllers import Decision, Sensed
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.models import VehicleModel
+from platoontraffic.obstacles import Obstacles, Plan
 from platoontraffic.odometry import ODOMETRY, OdometryErrors
 from platoontraffic.sensing import Sensing
 from platoontraffic.traffic import TrafficSnapshot
@@ -112,23 +113,31 @@ def drive(
     observe=lambda *_: None,
     seed: int = 0,
     blind: tuple[float, float] = (np.inf, np.inf),
+    plans: Sequence[Plan] = (),
 ) -> Log:
-    """Sense, decide, observe, move. From one to another time [s] no beam meets anything."""
+    """Sense, decide, observe, move; obstacles by their plans. From one to another time [s] no beam meets anything.
+
+    observe: called with the traffic, the fleet, its scans and, if there are plans, the obstacles, in every step
+    """
     fleet, sensing = Fleet.deployed(members, dt), Sensing(scene, seed=seed)
+    others = Obstacles(plans, fleet)
     rows = []
     for step in range(round(seconds / dt) + 1):
-        traffic = snapshot(fleet, step * dt)
+        traffic = snapshot(fleet, round(step * dt, 6))
+        if others.bodies.ids:
+            traffic = traffic.with_others(others.bodies)
         scans = sensing.scan(traffic, fleet, step)
         if blind[0] <= traffic.time < blind[1]:
             scans = [scan and replace(scan, ranges=np.full(scan.ranges.shape, np.inf)) for scan in scans]
         fleet = fleet.decided(scans, dt, odometry=sensing.odometry(fleet, step))
-        observe(traffic, fleet, scans)
+        observe(traffic, fleet, scans, *([others] if plans else []))
         motion = fleet.motion
         on = targets(fleet, scans)
         where = motion.x, motion.y, motion.heading, motion.turned, motion.speed
         more = motion.acceleration, motion.yaw_rate, np.column_stack(fleet.model.axle_position(motion))
         rows.append((*where, *fleet.command.twist, *fleet.target, on, *more))
         fleet = fleet.moved(dt)
+        others.move(traffic, fleet, dt)
     return Log(np.arange(len(rows)) * dt, *(np.array(column) for column in zip(*rows, strict=True)))
 
 

@@ -84,11 +84,14 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
         (
             "scenarios",
             [
+                "corridor_cut_in",
+                "corridor_pedestrian",
                 "corridor_platoon",
                 "corridor_tracking",
                 "grid_platoons",
                 "highway_platoon",
                 "highway_tracking",
+                "lab_obstacles",
                 "paper_loop",
                 "paper_path",
                 "paper_printed",

@@ -14,12 +14,13 @@ ROOT = Path(__file__).parents[1]
 # Each module may import those in rows above its own, not those beside or below it.
 LAYERS = [
     {"errors", "vehicle", "tomlkeys", "polyline", "rightofway", "driven", "tracking", "lock"},
-    {"data", "traffic", "network", "registry", "bicycle", "commands", "trail", "odometry"},
+    {"data", "traffic", "network", "registry", "bicycle", "commands", "trail", "odometry", "obstaclekeys"},
     {"controllers", "models"},
     {"route", "scenario"},
     {"fleet"},
     {"contact", "sensing", "sumo", "provenance", "scans"},
-    {"deployment", "observation"},
+    {"deployment", "observation", "obstacles"},
+    {"encounters"},
     {"recording", "metrics"},
     {"outputs"},
     {"simulation"},

@@ -212,7 +212,7 @@ class TrackingFollower:
         return (self.acceleration - (self.acceleration + self.braking) * share).min(axis=1)
 
     def _comfort(self, wanted, needed, last, dt: float) -> np.ndarray:
-        """What is wanted, within comfort; what is needed, whatever it takes."""
-        wanted = np.clip(wanted, -self.braking, self.acceleration)
+        """What is wanted, within comfort; what is needed, whatever it takes, and no longer than it is."""
+        wanted, last = np.clip(wanted, -self.braking, self.acceleration), np.maximum(last, -self.braking)
         wanted = np.clip(wanted, last - self.jerk * dt, last + self.jerk * dt)
         return np.where(needed < -self.braking, np.minimum(wanted, needed), wanted)
