@@ -7,7 +7,7 @@ import json
 import warnings
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
@@ -57,6 +57,8 @@ class Scans:
     mount_x_m: np.ndarray
     mount_y_m: np.ndarray
     mount_yaw_rad: np.ndarray
+    path_offset: np.ndarray | None = None  # None where no law remembers a path
+    path_m: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -101,7 +103,8 @@ class Results:
             return None
         try:
             with np.load(file, allow_pickle=False) as archive:
-                return Scans(**{field.name: archive[field.name] for field in fields(Scans)})
+                there = [field for field in fields(Scans) if field.name in archive or field.default is MISSING]
+                return Scans(**{field.name: archive[field.name] for field in there})
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise ResultsError(f"{file}: cannot be read: {' '.join(str(error).split())}") from error
 

@@ -31,7 +31,8 @@ import tomli_w
 
 from platoontraffic import data, outputs, scenario, simulation
 from platoontraffic.errors import RunError
-from platoontraffic.nets import _program, _run
+from platoontraffic.nets import _run
+from platoontraffic.programs import program
 from platoontraffic.sumo import World
 
 STEP = 0.1  # [s]; the lidars scan in every step
@@ -180,7 +181,7 @@ def build(town: Town, folder: Path, seed: int = 1) -> None:
     """Files for both runs into the folder: town.net.xml, traffic.rou.xml, town.toml, members.rou.xml."""
     net = folder / "town.net.xml"
     options = "--grid", "--grid.number", str(town.roads), "--grid.length", str(BLOCK), "-L", "1", "--no-turnarounds"
-    done = _run(_program("netgenerate"), *options, "-o", net)
+    done = _run(program("netgenerate"), *options, "-o", net)
     if done.returncode:
         raise RunError(f"netgenerate failed: {done.stderr.strip().rpartition(chr(10))[2]}")
     rng = random.Random(seed)

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import contextmanager, redirect_stdout
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
@@ -69,6 +70,9 @@ def run(
     replay: Annotated[
         bool, typer.Option("--replay", help="record traffic and scans too, and make replay.html of the run")
     ] = False,
+    gui: Annotated[
+        bool, typer.Option("--gui", help="watch it in sumo-gui while it runs; the results are the same")
+    ] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -82,6 +86,7 @@ def run(
     if replay:
         checked = checked.for_replay()
     prepared = simulation.prepare(checked)
+    window = simulation.Window(prepared.members, prepared.scene.solids) if gui else None
     if not quiet:
         _remark(checked)
     folder = simulation.result_folder(checked, results)
@@ -98,7 +103,7 @@ def run(
             err.print(f"an equal run is already there and is not repeated (--force would): {folder}")
     else:
         with _progress(checked.spec.run.duration_s, checked.spec.name, quiet) as progress:
-            simulation.simulate(prepared, folder, progress, replace=force)
+            simulation.simulate(prepared, folder, progress, replace=force, window=window)
     if json:
         _print_json({"folder": str(folder), "summary": _summary(folder)})
         return
@@ -163,23 +168,27 @@ def batch(
 
 @command
 def export(
-    folder: Annotated[Path, typer.Argument(metavar="RUN|BATCH", help="the folder of a run or of a batch")],
-    to: Annotated[str, typer.Option("--to", help="parquet")] = "parquet",
+    folder: Annotated[Path, typer.Argument(metavar="RUN|BATCH", help="the folder of a run, or for parquet of a batch")],
+    to: Annotated[str, typer.Option("--to", help="parquet, mcap (ROS 2, Foxglove) or fcd (SUMO)")] = "parquet",
 ) -> None:
-    """Write the tables as Parquet beside the CSV; of a batch those of all runs in one, with what was varied."""
-    if to != "parquet":
-        raise InputError(f"--to: {to!r}: must be parquet")
-    from analysis.results import ResultsError
-
+    """Write the tables as Parquet beside the CSV, of a batch those of all runs in one; or a run in others' formats."""
+    kinds = {
+        "parquet": ("analysis.parquet", "pyarrow", "parquet"),
+        "mcap": ("platoontraffic.export.rosbag", "rosbags", "ros"),
+        "fcd": ("platoontraffic.export.fcd", "", ""),
+    }
+    if to not in kinds:
+        raise InputError(f"--to: {to!r}: must be parquet, mcap or fcd{did_you_mean(to, kinds)}")
+    module, package, extra = kinds[to]
     try:
-        from analysis.parquet import export as written
-    except ImportError:
-        raise MissingError('pyarrow is not installed: pip install "platoontraffic[parquet]"') from None
-    try:
+        written = import_module(module).export
+    except ImportError as error:
+        if (error.name or "").partition(".")[0] != package:
+            raise
+        raise MissingError(f'{package} is not installed: pip install "platoontraffic[{extra}]"') from None
+    with _results():
         for file in written(folder):
             print(file)
-    except ResultsError as error:
-        raise InputError(str(error)) from error
 
 
 @command
@@ -311,14 +320,23 @@ def replay(
 
 @command
 def report(
-    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="the folder of a run")],
-    to: Annotated[Path | None, typer.Option("--to", help="page to make; default RUN/report.html")] = None,
+    folder: Annotated[Path, typer.Argument(metavar="RUN|BATCH", help="the folder of a run or of a batch")],
+    to: Annotated[Path | None, typer.Option("--to", help="page to make; default FOLDER/report.html")] = None,
+    metric: Annotated[
+        str | None, typer.Option("--metric", help="column of a batch's summary.csv to draw; default: two that differ")
+    ] = None,
 ) -> None:
-    """Make one HTML page of a run's pictures, metrics and events; the pictures also as PNG and SVG beside it."""
-    from platoontraffic.report import page
+    """Make one HTML page of pictures, metrics and events, or failures; the pictures also as PNG and SVG beside it."""
+    from platoontraffic.report import batch_page, page
 
+    to = to or folder / "report.html"
     with _results():
-        print(page(run_folder, to or run_folder / "report.html"))
+        if (folder / "study.toml").is_file():
+            print(batch_page(folder, to, metric))
+        elif metric is not None:
+            raise InputError("--metric: is for batches; a run's report has them all")
+        else:
+            print(page(folder, to))
 
 
 @command

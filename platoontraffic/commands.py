@@ -29,7 +29,7 @@ def commands_of(app: typer.Typer) -> Callable[[Callable[..., None]], Callable[..
             except MissingError as error:
                 raise _ended(3, str(error)) from None
             except KeyboardInterrupt as error:
-                raise _ended(130, "interrupted", *getattr(error, "__notes__", ())) from None
+                raise _ended(130, str(error) or "interrupted", *getattr(error, "__notes__", ())) from None
 
         return app.command(function.__name__.partition("_")[0])(guarded)
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 FINE, MISSING, TROUBLE = "fine", "missing", "trouble"  # missing is what is optional
 
 PACKAGES = ("platoontraffic", "libsumo", "numpy", "numba", "shapely", "pymunk", "pandas", "pydantic")
-EXTRAS = {"gui": "eclipse-sumo", "cluster": "distributed", "parquet": "pyarrow"}
+EXTRAS = {"gui": "eclipse-sumo", "cluster": "distributed", "parquet": "pyarrow", "ros": "rosbags"}
 
 # Ten steps in the smallest network there is; in a process of its own, for it may die.
 START = """

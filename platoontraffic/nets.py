@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import gzip
-import importlib.util
 import os
 import re
 import subprocess
-import sys
 import tempfile
 import xml.etree.ElementTree as ET
 from collections import Counter
@@ -21,7 +19,8 @@ from rich.console import Console
 
 from platoontraffic import data
 from platoontraffic.commands import commands_of
-from platoontraffic.errors import InputError, MissingError, RunError, did_you_mean
+from platoontraffic.errors import InputError, RunError, did_you_mean
+from platoontraffic.programs import home_of, need_display, no_display, program
 
 ROBOT_LANES = 2.0  # [m] no wider than this: a lane of a network for robots, or too narrow for cars
 TOLERANCE = 0.01  # [m] within which the shapes of a network and of its rebuilt twin must agree
@@ -207,7 +206,7 @@ def build(config: Path, output: Path | None = None) -> Path:
     if output.is_dir() or not output.parent.is_dir():
         what = "is a folder" if output.is_dir() else f"no such folder: {output.parent}"
         raise InputError(f"{output}: {what}; must be a file to write")
-    _program("netconvert")
+    program("netconvert")
     try:
         with tempfile.TemporaryDirectory(dir=output.parent, prefix=".build-") as folder:
             built = Path(folder, "built.net.xml")
@@ -229,18 +228,8 @@ def _root(path: Path, wanted: str) -> ET.Element:
         raise InputError(f"{path}:{error.position[0]}: not whole XML; must be {wanted}") from None
 
 
-def _program(name: str) -> Path:
-    """A program of eclipse-sumo."""
-    if importlib.util.find_spec("sumo") is None:
-        raise MissingError(f"{name} comes with eclipse-sumo, which is not installed: pip install platoontraffic[gui]")
-    import sumo
-
-    return Path(sumo.SUMO_HOME, "bin", name)
-
-
 def _run(program: Path, *arguments: str | Path, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
-    home = {**os.environ, "SUMO_HOME": str(program.parents[1])}
-    return subprocess.run([program, *arguments], cwd=folder, env=home, capture_output=True, text=True)
+    return subprocess.run([program, *arguments], cwd=folder, env=home_of(program), capture_output=True, text=True)
 
 
 # check ---------------------------------------------------------------------------------------------------------------
@@ -364,13 +353,11 @@ def edit(name: str) -> None:
     root = _root(path, "a shipped network's name, a .net.xml, a .netecfg or a .sumocfg")
     if root.tag not in OPENED_BY:
         raise InputError(f"{path}: root element is <{root.tag}>; must be one of: {', '.join(OPENED_BY)}")
-    netedit = _program("netedit")
-    no_display = "netedit needs a display; set DISPLAY, or log in with ssh -X"
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        raise MissingError(no_display)
+    netedit = program("netedit")
+    need_display("netedit")
     done = _run(netedit, OPENED_BY[root.tag], path.resolve())
     if "unable to open display" in done.stderr:
-        raise MissingError(f"{no_display} (there is none at {os.environ.get('DISPLAY')})")
+        raise no_display("netedit")
     if done.returncode:
         raise RunError(f"{path}: netedit ended with {done.returncode}: {done.stderr.strip().rpartition(chr(10))[2]}")
 
@@ -395,7 +382,7 @@ def import_net(net: Path, folder: Path, force: bool = False) -> list[Path]:
     from platoontraffic.network import build_net
 
     content, name = read(net), _stem(net)
-    netconvert = _program("netconvert")
+    netconvert = program("netconvert")
     with tempfile.TemporaryDirectory(prefix="platoontraffic-") as temporary:
         work = Path(temporary)
         precision = str(_decimals(content.boundary))

@@ -8,6 +8,11 @@ x_m, y_m, heading_rad (s,)     the vehicle's centre at that time; counter-clockw
 offset               (s + 1,)  ranges of scan i are offset[i] to offset[i + 1] - 1 of `ranges_m`
 ranges_m             (all,)    +inf nothing within range_max, -inf nearer than range_min, NaN lost
 
+And where laws have a `remembered_path`, what they remembered when the scan had been decided on:
+
+path_offset          (s + 1,)  points of scan i are path_offset[i] to path_offset[i + 1] - 1 of `path_m`
+path_m               (p, 2)    in the world, by the vehicle's true pose: the law knows it in its odometry's frame only
+
 A row a member that has scanned, in the order of its first scan:
 
 vehicle_id           (v,)
@@ -25,7 +30,7 @@ from pathlib import Path
 import numpy as np
 
 from lidar import LidarModel, ScanBatch
-from platoontraffic.fleet import Fleet
+from platoontraffic.fleet import Fleet, Group
 from platoontraffic.traffic import TrafficSnapshot
 
 NAME = "scans.npz"
@@ -39,6 +44,8 @@ FIELDS = {
     "heading_rad": ("rad", "counter-clockwise from east"),
     "offset": ("", "ranges of scan i are offset[i] to offset[i + 1] - 1 of ranges_m"),
     "ranges_m": ("m", "from the first beam to the last; inf: nothing, -inf: too near, NaN: lost"),
+    "path_offset": ("", "where laws remember a path: points of scan i are path_offset[i] to path_offset[i + 1] - 1"),
+    "path_m": ("m", "points of remembered paths: east, north"),
     "vehicle_id": ("", "members that scanned"),
     "angle_min_rad": ("rad", "first beam, from the laser's forward direction, counter-clockwise"),
     "angle_max_rad": ("rad", "last beam"),
@@ -58,6 +65,9 @@ class ScanRecorder:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._raw = (folder / "scans.raw").open("w+b")
+        self._path = (folder / "paths.raw").open("w+b")
+        self._points: list[int] = []  # of the path of each scan
+        self._remembering = False
         self._number: dict[str, int] = {}  # of each vehicle, by its first scan
         self._lasers: list[LidarModel] = []
         self._rows: list[tuple[float, int, float, float, float, int]] = []
@@ -69,17 +79,29 @@ class ScanRecorder:
         rows = []
         for group, batch in zip(fleet.groups, scans, strict=True):
             if batch is not None and step % every < group.every:
-                rows += [(fleet.members[i], i, batch.ranges[k]) for k, i in enumerate(group.rows.tolist())]
-        for member, i, ranges in sorted(rows, key=lambda row: (row[0].platoon, row[0].place, row[0].id)):
+                paths = self._remembered(group)
+                rows += [(fleet.members[i], i, batch.ranges[k], paths[k]) for k, i in enumerate(group.rows.tolist())]
+        for member, i, ranges, path in sorted(rows, key=lambda row: (row[0].platoon, row[0].place, row[0].id)):
             if member.id not in self._number:
                 self._number[member.id] = len(self._lasers)
                 self._lasers.append(member.lidar)
             pose = float(traffic.x[i]), float(traffic.y[i]), float(traffic.heading[i])
             self._rows.append((traffic.time, self._number[member.id], *pose, len(ranges)))
             self._raw.write(np.ascontiguousarray(ranges, dtype="<f4").tobytes())
+            points = _in_world(path[np.isfinite(path).all(axis=1)], *pose, member.model.axle)
+            self._points.append(len(points))
+            self._path.write(np.ascontiguousarray(points.round(3), dtype="<f8").tobytes())
+
+    def _remembered(self, group: Group) -> np.ndarray:
+        """Paths (n, k, 2) as seen from the driven axles."""
+        if not hasattr(group.law, "remembered_path"):
+            return np.empty((len(group.rows), 0, 2))
+        self._remembering = True
+        return group.law.remembered_path(group.memory)
 
     def flush(self) -> None:
         self._raw.flush()
+        self._path.flush()
 
     def close(self) -> None:
         if self._raw.closed:
@@ -104,16 +126,22 @@ class ScanRecorder:
             "mount_y_m": np.array([m.mount.y for m in lasers]),
             "mount_yaw_rad": np.array([m.mount.yaw for m in lasers]),
         }
-        with self._raw, zipfile.ZipFile(self._folder / NAME, "w", zipfile.ZIP_DEFLATED) as archive:
+        raw = [("ranges_m", self._raw, "<f4", (int(samples.sum()),))]
+        if self._remembering:
+            columns["path_offset"] = np.concatenate([[0], np.cumsum(self._points)]).astype("<i8")
+            raw.append(("path_m", self._path, "<f8", (sum(self._points), 2)))
+        with self._raw, self._path, zipfile.ZipFile(self._folder / NAME, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, column in columns.items():
                 with archive.open(_part(name), "w") as part:
                     np.lib.format.write_array(part, np.ascontiguousarray(column), allow_pickle=False)
-            self._raw.seek(0)
-            with archive.open(_part("ranges_m"), "w", force_zip64=True) as part:
-                shape = {"descr": "<f4", "fortran_order": False, "shape": (int(samples.sum()),)}
-                np.lib.format.write_array_header_1_0(part, shape)
-                shutil.copyfileobj(self._raw, part, 1 << 20)  # more than fits into memory, perhaps
+            for name, file, kind, shape in raw:
+                file.seek(0)
+                with archive.open(_part(name), "w", force_zip64=True) as part:
+                    header = {"descr": kind, "fortran_order": False, "shape": shape}
+                    np.lib.format.write_array_header_1_0(part, header)
+                    shutil.copyfileobj(file, part, 1 << 20)  # more than fits into memory, perhaps
         (self._folder / "scans.raw").unlink()
+        (self._folder / "paths.raw").unlink()
 
 
 def resource() -> dict:
@@ -126,3 +154,9 @@ def _part(name: str) -> zipfile.ZipInfo:
     part = zipfile.ZipInfo(f"{name}.npy", _LONG_AGO)
     part.compress_type = zipfile.ZIP_DEFLATED
     return part
+
+
+def _in_world(points: np.ndarray, x: float, y: float, heading: float, axle: float) -> np.ndarray:
+    """Points (k, 2) as seen from the driven axle of a vehicle, x forward, y to the left."""
+    cos, sin = np.cos(heading), np.sin(heading)
+    return (points + np.array([axle, 0.0])) @ np.array([[cos, sin], [-sin, cos]]) + (x, y)

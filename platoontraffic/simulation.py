@@ -17,7 +17,7 @@ from platoontraffic import metrics, obstacles, outputs, provenance, recording
 from platoontraffic.contact import Contacts
 from platoontraffic.deployment import deploy, static_scene
 from platoontraffic.encounters import Encounters
-from platoontraffic.errors import InputError, RunError
+from platoontraffic.errors import InputError, MissingError, RunError
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.network import Network
 from platoontraffic.observation import Event, Observer
@@ -26,6 +26,7 @@ from platoontraffic.recording import Recorder
 from platoontraffic.scenario import Run, Scenario
 from platoontraffic.sensing import Sensing
 from platoontraffic.sumo import World
+from platoontraffic.window import Window
 
 Progress = Callable[[float], None]  # told the simulated time [s] now and then
 SAFE_EVERY = 10.0  # what was recorded is flushed to disk every so many simulated seconds
@@ -57,20 +58,27 @@ def result_folder(scenario: Scenario, results: Path) -> Path:
     return results / scenario.spec.name / provenance.run_id(scenario)
 
 
-def simulate(prepared: Prepared, folder: Path, progress: Progress = lambda time: None, replace: bool = False) -> Path:
+def simulate(
+    prepared: Prepared,
+    folder: Path,
+    progress: Progress = lambda time: None,
+    replace: bool = False,
+    window: Window | None = None,
+) -> Path:
     """Run, and leave everything in `folder`; returns it.
 
     replace: put the results in the place of an equal run's, which is there until then
+    window : to watch it in
 
     raises: RunError (SUMO or the disk failed), KeyboardInterrupt: what was recorded is kept in `<folder>.unfinished`;
-            InputError (a plug-in failed): nothing is kept
+            InputError (a plug-in failed), MissingError (no display): nothing is kept
     """
     record = prepared.scenario.spec.record
     recorder = Recorder(folder, traffic=record.traffic_every_s is not None, scans=record.scans_every_s is not None)
     try:
-        _simulate(prepared, recorder, progress)
+        _simulate(prepared, recorder, progress, window)
         return recorder.finish(replace)
-    except InputError:
+    except (InputError, MissingError):
         recorder.discard()
         raise
     except (Exception, KeyboardInterrupt) as error:
@@ -81,7 +89,7 @@ def simulate(prepared: Prepared, folder: Path, progress: Progress = lambda time:
         raise
 
 
-def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> None:
+def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window: Window | None) -> None:
     scenario, network = prepared.scenario, prepared.network
     run, record = scenario.spec.run, scenario.spec.record
     dt = run.step_s
@@ -96,6 +104,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
         recorder.folder / "run.log",
         outputs.sumo_options(scenario, recorder.folder),
         scenario.spec.sumo.warm_up_s,
+        window,
     )
     sensing = Sensing(prepared.scene, scenario.spec.scene.lidar_engine, scenario.seed)
     observer = Observer(prepared.members, network, Contacts(prepared.scene, {m.id for m in prepared.members}))
@@ -111,6 +120,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
     observe, measure = watch("observe", observer.watch), watch("measure", observer.measure)
     write, place, advance = watch("record", recorder.record), watch("place", world.place), watch("step", world.advance)
     decide, move = watch("decide", Fleet.decided), watch("move", Fleet.moved)
+    show = watch("show", window.show) if window else lambda fleet, scans: None
 
     ways = {plan.id: plan.edges for plan in prepared.obstacles if plan.seen_by_sumo}
 
@@ -144,6 +154,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress) -> Non
             others.move(traffic, fleet, dt)
             place(fleet)
             world.hold(others.bodies, ways)
+            show(fleet, scans)
             fleet = advance(fleet)
     wall = time.perf_counter() - began
     left = (m for platoon in world.waiting for m in platoon.members)

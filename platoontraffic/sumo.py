@@ -16,7 +16,7 @@ from dataclasses import replace
 from itertools import chain, compress
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -64,6 +64,7 @@ FAR_FOR = 0.5  # so long who is far from all members is not looked at [s]
 
 compiled = compiler(__file__)
 
+_in_process = libsumo
 _running: list[Path] = []  # libsumo holds one simulation a process; a second start would replace the first in silence
 
 
@@ -112,6 +113,7 @@ class World:
     words   : the file that everything SUMO says goes to
     options : what else SUMO is told: files to read and to write
     warm_up : seconds of background traffic before the members come
+    client  : what has the functions of the module libsumo, to be used in its place
     """
 
     def __init__(
@@ -122,8 +124,10 @@ class World:
         words: Path,
         options: Mapping[str, str] = MappingProxyType({}),
         warm_up: float = 0.0,
+        client: Any = None,
     ) -> None:
         self._network, self._words, self._step, self._warm_up = network, words, step, warm_up
+        self._client = client
         self._options = [
             "sumo",
             *("--step-length", str(step), "--seed", str(seed)),
@@ -155,6 +159,8 @@ class World:
     def __enter__(self) -> World:
         if _running:
             raise RunError(f"SUMO already runs {_running[0]} in this process; libsumo holds one simulation a process")
+        global libsumo  # there is one simulation a process, whoever runs it
+        libsumo = self._client or _in_process
         self._log = self._words.open("ab")
         try:
             with self._listening():
@@ -168,12 +174,15 @@ class World:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         _running.clear()
         died = isinstance(error, libsumo.TraCIException | libsumo.FatalTraCIError)
-        when = f"{libsumo.simulation.getTime():g} s" if died else ""
+        when = "its end"
+        if died:
+            with contextlib.suppress(libsumo.FatalTraCIError):  # a window is another process
+                when = f"{libsumo.simulation.getTime():g} s"
         with self._listening():
             libsumo.close()
         self._log.close()
         if died:
-            raise RunError(f"SUMO failed at {when}: {error}") from error
+            raise RunError(f"SUMO failed at {when}: {self._reason(error)}") from error
 
     def deploy(self, fleet: Fleet, later: Sequence[Fleet] = ()) -> Fleet:
         """Insert all members at their start poses and take the wheel; this is time 0.

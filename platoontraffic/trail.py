@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from lidar import ScanBatch
-from platoontraffic.controllers.base import RouteAhead
 from platoontraffic.tracking import Odometry, Track
 
 POINTS = 256  # that are remembered, of each trail
@@ -50,16 +49,26 @@ class Trail(NamedTuple):
 
         lengthen(*self, track.mean[:, :2], track.seen, anew, odometry.x, odometry.y, odometry.heading)
 
-    def lay(self, rows: np.ndarray, odometry: Odometry, route: RouteAhead, until: np.ndarray, half: np.ndarray) -> None:
-        """Along the route instead, for some rows.
+    def lay(
+        self,
+        rows: np.ndarray,
+        odometry: Odometry,
+        way: np.ndarray,
+        distance: np.ndarray,
+        until: np.ndarray,
+        half: np.ndarray,
+    ) -> None:
+        """Along a way instead, for some rows.
 
-        rows  : (n,) bool
-        until : so far of it [m], (n,)
-        half  : its points are means over so much of it each way [m], (n,), for lanes in junctions have corners
+        rows     : (n,) bool
+        way      : points as seen from the own driven axle, the first one beside it [m], (n, k, 2)
+        distance : of these along the way [m], (n, k)
+        until    : so far of it [m], (n,)
+        half     : points are means over so much of it each way [m], (n,), for lanes in junctions have corners
         """
         from platoontraffic.trail_kernel import lay
 
-        lay(*self, rows, odometry.x, odometry.y, odometry.heading, route.points, route.distance, until, half)
+        lay(*self, rows, odometry.x, odometry.y, odometry.heading, way, distance, until, half)
 
     def ahead(self, odometry: Odometry, track: Track, window: np.ndarray, preview: np.ndarray) -> Ahead:
         """What there is to steer by, and the way along it to where the predecessor is by now.
@@ -73,6 +82,15 @@ class Trail(NamedTuple):
         ahead = Ahead(*np.empty((4, n)), *np.empty((2, n, BENDS)))
         look_ahead(*self, track.mean[:, :2], odometry.x, odometry.y, odometry.heading, window, preview, *ahead)
         return ahead
+
+    def seen_from_axle(self, odometry: Odometry, most: int) -> np.ndarray:
+        """Points from the oldest on as seen from the own driven axle, x forward, y to the left [m], (n, most, 2)."""
+        rows = np.arange(len(self.size))[:, None]
+        of_all = np.rint(np.linspace(0, self.size - 1, most, axis=1)).astype(int)  # where there are fewer, some twice
+        x = self.points[rows, of_all, 0] - np.asarray(odometry.x)[:, None]
+        y = self.points[rows, of_all, 1] - np.asarray(odometry.y)[:, None]
+        cos, sin = np.cos(odometry.heading)[:, None], np.sin(odometry.heading)[:, None]
+        return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
 
     def free_way(self, odometry: Odometry, scan: ScanBatch, skipped, body, half_width, reach) -> np.ndarray:
         """From the front bumper to the first return over the strip to be driven over [m], (n,); inf: none.

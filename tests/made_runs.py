@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from pathlib import Path
@@ -14,6 +15,7 @@ from lidar import PRESETS, Boxes, Mount, Scene, scan
 RADIUS, LENGTH, WIDTH, SPEED = 120.0, 4.74, 1.80, 10.0
 LASER = LENGTH / 2 - 0.4  # behind the front bumper
 GAP = 12.0
+REMEMBERED = 32  # points of the path to its predecessor that a follower remembers
 SPACING = (GAP + LENGTH) / RADIUS  # of members on the ring [rad]
 EVIL = "<script>alert(1)</script>"
 
@@ -83,6 +85,7 @@ def _trajectories(folder: Path, ids: list[str], seconds: float, every: float) ->
             "heading_rad": heading,
             "speed_mps": SPEED + 0.5 * np.sin(time + place),
             "accel_mps2": 0.5 * np.cos(time + place),
+            "yaw_rate_radps": SPEED / RADIUS,
             "gap_m": np.where(follows, GAP + 0.2 * np.sin(time / 3 + place), np.nan),
             "gap_error_m": np.where(follows, 0.2 * np.sin(time / 3 + place), np.nan),
             "seen_gap_m": np.where(follows, GAP, np.nan),
@@ -153,7 +156,7 @@ def _scans(folder: Path, ids: list[str], others: int, seconds: float, every: flo
     laser = PRESETS["car-follower"]
     mount = Mount(LASER)
     model = type(laser)(720, -0.14, 0.14, 0.3, 30.0, 10.0, mount, laser.noise)
-    rows, ranges = [], []
+    rows, ranges, paths = [], [], []
     for number, time in enumerate(_times(seconds, every)):
         own, strange = pose(angle(np.arange(n), time)), other_pose(np.arange(others), time, max(others, 1))
         x, y, heading = (np.concatenate(both) for both in zip(own, strange, strict=True))
@@ -164,12 +167,17 @@ def _scans(folder: Path, ids: list[str], others: int, seconds: float, every: flo
         )  # fmt: skip
         rows += [(time, v, own[0][v], own[1][v], own[2][v]) for v in range(n)]
         ranges.append(batch.ranges)
+        for v in range(1, n):
+            along = angle(v, time) + np.linspace(0, SPACING, REMEMBERED)
+            paths.append(np.column_stack(pose(along)[:2]))
     time, vehicle, x, y, heading = np.array(rows).T
     np.savez_compressed(
         folder / "scans.npz",
         time_s=time, vehicle=vehicle.astype(int), x_m=x, y_m=y, heading_rad=heading,
         offset=np.arange(len(rows) + 1) * model.samples,
         ranges_m=np.concatenate([batch.ravel() for batch in ranges]),
+        path_offset=np.concatenate([[0], np.cumsum(np.where(vehicle > 0, REMEMBERED, 0))]),
+        path_m=np.concatenate([*paths, np.empty((0, 2))]),
         vehicle_id=np.array(ids),
         angle_min_rad=np.full(n, model.angle_min), angle_max_rad=np.full(n, model.angle_max),
         samples=np.full(n, model.samples), range_min_m=np.full(n, model.range_min),
@@ -196,3 +204,28 @@ def _scene(folder: Path) -> None:
         for kind, (t, coordinates) in shapes.items()
     ]
     (folder / "scene.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+
+
+def made_batch(folder: Path, varied: dict[str, list], *, seeds: int = 3, failed: int = 1, waiting: int = 1) -> Path:
+    """A batch whose first runs failed of what EVIL did, and whose last are not done.
+
+    gap_mean_m is ten times the number of the point, plus the seed; collisions are the same in all.
+    """
+    folder.mkdir(parents=True)
+    points = list(itertools.product(*varied.values()))
+    rows = [(f"run{i}-s{seed}", seed, *point) for i, point in enumerate(points) for seed in range(1, seeds + 1)]
+    states = ["failed"] * failed + ["done"] * (len(rows) - failed - waiting) + ["waiting"] * waiting
+    runs = pd.DataFrame(rows, columns=["id", "seed", *varied])
+    runs.insert(1, "status", states)
+    runs["error"] = [f"{EVIL} is not a number" if state == "failed" else "" for state in states]
+    runs["wall_s"] = 1.0
+    runs.to_csv(folder / "runs.csv", index=False)
+    done = pd.DataFrame(rows, columns=["id", "seed", *varied])
+    done["collisions"] = 0
+    done["gap_mean_m"] = [10.0 * points.index(tuple(point)) + seed for _, seed, *point in rows]
+    done[[state == "done" for state in states]].to_csv(folder / "summary.csv", index=False)
+    fields = [{"name": "gap_mean_m", "unit": "m"}, {"name": "collisions", "unit": ""}]
+    resources = [{"name": n, "format": "csv", "schema": {"fields": fields}} for n in ("runs", "summary")]
+    (folder / "datapackage.json").write_text(json.dumps({"title": f"A study of {EVIL}", "resources": resources}))
+    (folder / "study.toml").write_text('base = "paper_loop"\n')
+    return folder

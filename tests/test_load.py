@@ -121,7 +121,7 @@ def test_parquet_is_what_the_csv_is(copy):
     done = subprocess.run([*command, str(copy)], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     names = {Path(line).name for line in done.stdout.splitlines()}
-    assert names == {f"{name}.parquet" for name in ("runs", "summary", "trajectories", "events", "metrics")}
+    assert names == {f"{name}.parquet" for name in ("runs", "summary", "trajectories", "events", "metrics", "vehicles")}
     # In a process of its own: this one has libsumo.
     code = """
 import sys, json, pandas as pd, pyarrow.parquet as parquet

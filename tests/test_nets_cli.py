@@ -256,7 +256,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path, monkey
 )
 def test_without_eclipse_sumo_it_says_what_to_install(arguments, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(nets.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     done = call(*arguments)
     assert (done.exit_code, done.stderr.count("\n")) == (3, 1)
     assert "pip install platoontraffic[gui]" in done.stderr
@@ -264,7 +264,7 @@ def test_without_eclipse_sumo_it_says_what_to_install(arguments, monkeypatch, tm
 
 
 def test_edit_without_a_display_says_so(netconvert, monkeypatch):
-    monkeypatch.setattr(nets.sys, "platform", "linux")
+    monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     done = call("edit", "ring")
     assert (done.exit_code, done.stderr.count("\n")) == (3, 1)

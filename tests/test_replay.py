@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from browser import NoBrowser, chromium, until
-from made_runs import EVIL, LASER, LENGTH, RADIUS, angle, made_run, other_pose, pose
+from made_runs import EVIL, LASER, LENGTH, RADIUS, REMEMBERED, angle, made_run, other_pose, pose
 from typer.testing import CliRunner
 
 from analysis import ResultsError, load
@@ -312,6 +312,50 @@ def test_what_is_seen_with_a_layer_is_gone_without_it(opened, made):
     for name in ("Beams and returns", "Target chosen", "Other traffic"):
         tab.get_by_label(name).uncheck()
     until(tab, "replay.drawn.traffic === 0 && !replay.drawn.scan && !replay.drawn.target")
+
+
+def test_a_remembered_path_is_written_where_it_is(made):
+    header, content = unpacked(packed(load(made)))
+    scans, path = header["scans"], header["scans"]["path"]
+    offset = read(path["offset"], content).astype(int)
+    laser, time = read(scans["laser"], content), read(scans["time"], content)
+    (i,) = np.flatnonzero((laser == 1) & (np.abs(time - 5.0) < 1e-6))
+    rows = slice(offset[i], offset[i + 1])
+    points = np.column_stack([read(path[name], content)[rows] for name in "xy"]) + header["origin"]
+    along = angle(1, 5.0) + np.linspace(0, angle(0, 5.0) - angle(1, 5.0), REMEMBERED)
+    assert points == pytest.approx(np.column_stack(pose(along)[:2]), abs=2.5 * CENTIMETRE)
+
+
+def test_the_path_that_a_law_remembers_is_a_layer(opened, made):
+    tab = opened(made / "replay.html")
+    seek(tab, 5.0)
+    assert tab.evaluate("replay.drawn.remembered") == REMEMBERED
+    tab.get_by_label("Path remembered").uncheck()
+    until(tab, "replay.drawn.remembered === 0")
+
+
+def test_laws_that_tell_no_path_have_no_layer_of_it(opened, tmp_path):
+    folder = made_run(tmp_path / "run", seconds=2.0)
+    with np.load(folder / "scans.npz") as archive:
+        columns = {name: archive[name] for name in archive if not name.startswith("path")}
+    np.savez(folder / "scans.npz", **columns)
+    tab = opened(page(folder, tmp_path / "replay.html"))
+    assert tab.get_by_label("Path remembered (not recorded)").is_disabled()
+    assert tab.evaluate("replay.drawn.remembered") == 0
+
+
+@pytest.mark.parametrize("kind", ["cut_in", "red_light_run", "collision", "split", "levitated"])
+def test_every_kind_of_event_has_a_mark_and_its_name_known_here_or_not(kind, opened, tmp_path):
+    folder = made_run(tmp_path / "run", seconds=5.0)
+    with (folder / "events.csv").open("a") as file:
+        file.write(f"3.0,{kind},platoon.1,,,,0.0,0.0\n")
+    tab = opened(page(folder, tmp_path / "replay.html"))
+    item = tab.locator(f'#events [data-kind="{kind}"]')
+    assert kind.replace("_", " ") in item.inner_text()
+    assert item.locator(".bad, .warn").count() == 1
+    box = tab.locator("#marks").bounding_box()
+    tab.mouse.move(box["x"] + box["width"] * 3 / 5, box["y"] + box["height"] / 2)
+    until(tab, f"document.getElementById('marks').title.includes({kind.replace('_', ' ')!r})")
 
 
 def test_a_name_that_is_a_script_is_text(opened, made):

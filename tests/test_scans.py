@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from bench import LOOP, constant, platoon, snapshot
+from conftest import run
 from typer.testing import CliRunner
 
 from analysis import load
 from lidar import Mount
 from platoontraffic import scenario
 from platoontraffic.cli import app
+from platoontraffic.controllers import Decision
 from platoontraffic.errors import InputError
 from platoontraffic.fleet import Fleet
 from platoontraffic.recording import Recorder
 from platoontraffic.scans import ScanRecorder
 from platoontraffic.sensing import Sensing
+from platoontraffic.vehicle import Twist
 
 DT = 0.025
 
@@ -162,3 +165,58 @@ def test_run_with_replay_leaves_scans_and_a_page_and_drives_the_same(tmp_path):
     assert results.vehicles.length_m.tolist() == [0.2] * 3
     package = pd.read_json(one / "datapackage.json", typ="series")
     assert {"scans", "traffic", "vehicles"} <= {resource["name"] for resource in package["resources"]}
+
+
+@dataclass(frozen=True)
+class Remembering:
+    """Drives straight on, and remembers two points before its axle, the second of which only robot.1 has."""
+
+    def __call__(self, sensed, memory, dt):
+        n = len(sensed.speed)
+        ahead = np.tile([[1.0, 0.0], [2.0, 0.5]], (n, 1, 1))
+        ahead[0, 1] = np.nan
+        return Decision(Twist(np.full(n, 0.1), np.zeros(n)), ahead)
+
+    def remembered_path(self, memory):
+        return memory
+
+
+def test_what_a_law_remembers_is_recorded_where_it_is_in_the_world(tmp_path):
+    members = platoon(constant(0.1), Remembering(), 2, at=(3.0, 1.0, np.pi / 2))
+    fleet, sensing = Fleet.deployed(members, DT), Sensing(LOOP)
+    tmp_path.joinpath("run").mkdir()
+    recorder = ScanRecorder(tmp_path / "run")
+    traffic = snapshot(fleet, 0.0)
+    scans = sensing.scan(traffic, fleet, 0)
+    recorder.record(0, 1, traffic, fleet.decided(scans, DT, None, None), scans)
+    recorder.close()
+    read_back = read(tmp_path / "run")
+    counts = dict(zip(read_back["vehicle_id"], np.diff(read_back["path_offset"]), strict=True))
+    assert counts == {"robot.0": 0, "robot.1": 1, "robot.2": 2}
+    row = [m.id for m in members].index("robot.2")
+    x, y, axle = fleet.motion.x[row], fleet.motion.y[row], members[row].model.axle
+    ahead = np.array([(x, y + axle + 1.0), (x - 0.5, y + axle + 2.0)])
+    assert read_back["path_m"][1:] == pytest.approx(ahead, abs=1e-3)
+
+
+def test_without_a_law_that_tells_it_there_is_no_path(tmp_path):
+    record(tmp_path / "run", fleet())
+    assert "path_m" not in read(tmp_path / "run")
+
+
+@pytest.mark.sumo
+def test_the_tracking_follower_remembers_where_its_predecessor_drove(tmp_path):
+    import shapely
+
+    changes = ("run.duration_s=12", "record.scans_every_s=1")
+    results = load(run(tmp_path / "run", "corridor_tracking", *changes))
+    scans, rows = results.scans, results.trajectories
+    ways = {vehicle: shapely.LineString(own[["x_m", "y_m"]]) for vehicle, own in rows.groupby("vehicle_id")}
+    for place in range(1, 5):
+        (v,) = np.flatnonzero(scans.vehicle_id == f"platoon.{place}")
+        last = np.flatnonzero(scans.vehicle == v)[-1]
+        points = scans.path_m[scans.path_offset[last] : scans.path_offset[last + 1]]
+        assert len(points) == 32
+        ahead = points[points[:, 0] > scans.x_m[last]]
+        assert len(ahead) >= 3
+        assert ways[f"platoon.{place - 1}"].distance(shapely.points(ahead)).max() < 0.3

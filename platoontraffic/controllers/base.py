@@ -76,7 +76,9 @@ class Decision(NamedTuple):
     """A command; what to remember; and what was taken for the predecessor, from which lock-on is measured.
 
     What is remembered is None, or arrays, lists, NamedTuples or dataclasses of them, with one row a vehicle: vehicles
-    that arrive are taken out of it.
+    that arrive are taken out of it. A law that remembers a path to drive may tell it, for those who watch, by a method
+    `remembered_path(memory)`: points as seen from the driven axle, x forward, y to the left [m], (n, k, 2); NaN where
+    there are fewer.
     """
 
     command: Twist | Drive

@@ -23,6 +23,7 @@ SAME = 1.0  # by which the free way may differ from what that filter expects, of
 FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
 STANDING = 0.05  # [m/s]
 CLOSE_ENOUGH = 0.1  # to the wanted distance, not to move up [m]
+SHOWN = 32  # points of the trail that are recorded
 STEEPEST = 0.35  # sine of the greatest angle to come back to the trail at
 ASTRAY = 0.7  # farther off the trail it drives no faster than its own bend allows [m]
 
@@ -31,7 +32,7 @@ ASIDE = 5.0  # of the route [m]: there a predecessor is followed no more that wa
 ASIDE_ANEW = 2.0  # the same of whoever was met on the way [m]
 ROUNDED = 0.4  # vehicle lengths each way over which the route's corners are rounded
 SETTLED = 1.0  # after which it is known well where somebody met drives [s]; until then the route is steered along
-RUN_UP = 8.0  # so far before somebody met the route ends, and an arc leads on into his trail [m]
+RUN_UP = 8.0  # so far before somebody met the route ends, and an arc leads on into its trail [m]
 
 
 class Memory(NamedTuple):
@@ -134,7 +135,7 @@ class TrackingFollower:
             strange = ~before.known | (~memory.never_lost & (memory.met_for < SETTLED))
             met = np.hypot(track.mean[:, 0] - odometry.x, track.mean[:, 1] - odometry.y) - RUN_UP
             until = np.where(track.known, met, scan.model.range_max)
-            trail.lay(strange, odometry, sensed.route, until, ROUNDED * body.length)
+            trail.lay(strange, odometry, sensed.route.points, sensed.route.distance, until, ROUNDED * body.length)
             anew |= strange
         trail.lengthen(track, odometry, anew)
         catch_up = np.maximum(self.catch_up, self.catch_up_time * speed)
@@ -169,6 +170,10 @@ class TrackingFollower:
         met_for = np.where(before.known & track.known, memory.met_for + dt, 0.0)
         memory = Memory(odometry, track, trail, acceleration, own, free, closing, never_lost, met_for)
         return Decision(Drive(acceleration, curvature), memory, Target(*seen.T))
+
+    def remembered_path(self, memory: Memory) -> np.ndarray:
+        """Where the predecessor's rear axle has been, as seen from the own one, (n, SHOWN, 2) [m]."""
+        return memory.trail.seen_from_axle(memory.odometry, SHOWN)
 
     def _begin(self, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
         n = len(speed)

@@ -21,6 +21,7 @@ from platoontraffic.replay.columns import Columns
 
 SMALL = 2.0  # shorter vehicles are robots [m]
 ANGLE, TIME, SPEED = 1e-3, 1e-3, 1e-3  # steps [rad, s, m/s]
+PATH_STEPS = 5  # in which remembered paths are, of other lengths'
 RANGE_STEPS = 2000  # of a laser's greatest range
 NOTHING, TOO_NEAR, LOST, FIRST = 0, 1, 2, 3  # how a range is written; FIRST is 0 m
 SIZES = {True: (4.74, 1.80), False: (0.20, 0.15)}  # of vehicles in a run that tells none; of cars, of robots [m]
@@ -215,6 +216,7 @@ def _scans(columns: Columns, results: Results, ids: Sequence[str], low: np.ndarr
     member = pd.Index(ids).get_indexer(scans.vehicle_id)
     increment = (scans.angle_max_rad - scans.angle_min_rad) / np.maximum(scans.samples - 1, 1)
     return {
+        "path": _paths(columns, scans, order, low, step),
         "member": columns.add(member),
         "samples": columns.add(scans.samples),
         "angleMin": scans.angle_min_rad.tolist(),
@@ -234,6 +236,19 @@ def _scans(columns: Columns, results: Results, ids: Sequence[str], low: np.ndarr
         "segments": columns.add(offset),
         "segmentFirst": columns.add(np.concatenate([*first, np.empty(0)])),
         "segmentLast": columns.add(np.concatenate([*last, np.empty(0)])),
+    }
+
+
+def _paths(columns: Columns, scans: Scans, order: np.ndarray, low: np.ndarray, step: float) -> dict | None:
+    """The paths that laws remembered at their scans, in the order of these."""
+    if scans.path_offset is None:
+        return None
+    begins, ends = scans.path_offset[order], scans.path_offset[order + 1]
+    rows = np.concatenate([*map(np.arange, begins, ends), np.empty(0, dtype=int)])
+    return {
+        "offset": columns.add(np.concatenate([[0], np.cumsum(ends - begins)])),
+        "x": columns.add(scans.path_m[rows, 0] - low[0], PATH_STEPS * step),
+        "y": columns.add(scans.path_m[rows, 1] - low[1], PATH_STEPS * step),
     }
 
 

@@ -13,7 +13,7 @@ class Palette {
     const style = getComputedStyle(document.documentElement);
     this.of = (name) => style.getPropertyValue(name).trim();
     const named = ["ground", "road", "junction", "lane", "middle", "wall", "building", "other",
-      "other-edge", "ink", "faint", "fan", "beam", "return", "segment", "right", "wrong", "warn", "panel", "line"];
+      "other-edge", "ink", "faint", "fan", "beam", "return", "segment", "remembered", "right", "wrong", "warn", "panel", "line"];
     for (const name of named) this[name] = this.of(`--${name}`);
     this.order = [0, 1, 2, 3, 4, 5, 6, 7].map((place) => this.of(`--place-${place}`));
   }
@@ -60,7 +60,7 @@ class RoadMap {
   /** One picture; returns what is on it. `view`: chosen member, layers, platoon. */
   draw(camera, time, view) {
     const { context, run, palette } = this;
-    const drawn = { time, members: [], traffic: 0, scan: null, target: null };
+    const drawn = { time, members: [], traffic: 0, scan: null, remembered: 0, target: null };
     this.#ground(camera, view.layers);
     context.setTransform(camera.ratio, 0, 0, camera.ratio, 0, 0);
     const when = run.members.instant(time);
@@ -68,6 +68,7 @@ class RoadMap {
     if (view.layers.paths) this.#trails(camera, time, when, view);
     if (view.layers.scan && run.scans) drawn.scan = this.#scan(camera, time, view);
     if (run.traffic && view.layers.traffic) drawn.traffic = this.#traffic(camera, time, view);
+    if (view.layers.remembered && run.scans) drawn.remembered = this.#remembered(camera, time, view);
     this.#members(camera, when, view, drawn);
     if (chosen && view.layers.target) drawn.target = this.#target(camera, chosen, when, view);
     this.#events(camera, time, view);
@@ -299,6 +300,22 @@ class RoadMap {
     }
     context.globalAlpha = 1;
     return { time: scan.time, beams: samples, returns: scan.returns, segments: scan.segments.length };
+  }
+
+  /** The path that the chosen member's law remembered at its last scan; returns how many points it has. */
+  #remembered(camera, time, view) {
+    const { context, palette, run } = this;
+    const path = run.scans.at(view.chosen, time)?.path ?? [];
+    context.beginPath();
+    path.forEach(([x, y], i) => i ? context.lineTo(...camera.screen(x, y)) : context.moveTo(...camera.screen(x, y)));
+    context.strokeStyle = context.fillStyle = palette.remembered;
+    context.lineWidth = 2;
+    context.stroke();
+    for (const [x, y] of path) {
+      const [px, py] = camera.screen(x, y);
+      context.fillRect(px - 2, py - 2, 4, 4);
+    }
+    return path.length;
   }
 
   /** What the law takes for its predecessor: a ring if it is that, else a cross. */

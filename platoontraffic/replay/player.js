@@ -27,7 +27,7 @@ class Player {
     this.time = run.from;
     this.playing = false;
     this.speed = 1;
-    this.layers = { traffic: true, buildings: true, scan: true, segments: true, target: true, paths: true, names: false };
+    this.layers = { traffic: true, buildings: true, scan: true, segments: true, target: true, remembered: true, paths: true, names: false };
     this.eventTimes = run.events.map((event) => event.time);
     this.drawn = null;
     this.frames = 0;
@@ -347,6 +347,7 @@ class Player {
       ["scan", "Beams and returns", run.scans],
       ["segments", "Segments found", run.scans],
       ["target", "Target chosen", true],
+      ["remembered", `Path remembered${run.scans?.path ? "" : " (not recorded)"}`, run.scans?.path],
       ["paths", "Paths driven", true],
       ["traffic", "Other traffic", run.traffic?.n],
       ["buildings", "Buildings, walls", (run.scene.walls?.length ?? 0) + (run.scene.buildings?.length ?? 0)],

@@ -162,6 +162,8 @@ class Scans {
     }
     for (const name of ["time", "x", "y", "heading"]) this[name] = column(given[name]);
     this.ranges = column(given.ranges, Uint16Array);
+    const { path } = given;
+    this.path = path && { offset: column(path.offset, Int32Array), x: column(path.x), y: column(path.y) };
     this.offset = new Float64Array(this.time.length + 1);
     this.laserOf = new Map();
     column(given.member, Int32Array).forEach((member, laser) => this.laserOf.set(member, laser));
@@ -218,8 +220,10 @@ class Scans {
     for (let s = this.segments[i]; s < this.segments[i + 1]; s++) {
       segments.push([this.segmentFirst[s], this.segmentLast[s]]);
     }
+    const path = []; // that the law remembered then
+    for (let p = this.path?.offset[i]; p < this.path?.offset[i + 1]; p++) path.push([this.path.x[p], this.path.y[p]]);
     const [farthest, increment] = [this.rangeMax[laser], this.increment[laser]];
-    return { time: this.time[i], age, interval, x, y, ends, kinds, returns, segments, samples: n, farthest, increment };
+    return { time: this.time[i], age, interval, x, y, ends, kinds, returns, segments, path, samples: n, farthest, increment };
   }
 }
 

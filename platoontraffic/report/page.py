@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import base64
-import html
-import io
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from analysis.results import Results, ResultsError, load
+from analysis.results import Results, ResultsError, load_run
+from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text, write
 
-HERE = Path(__file__).parent
 MOST_EVENTS = 1000  # in the page; all are in events.csv
 PICTURES = {
     "road": "The road, every member's path, and where it was last",
@@ -29,30 +25,14 @@ def page(folder: Path, to: Path) -> Path:
 
     raises: ResultsError
     """
-    results = load(folder)
+    results = load_run(Path(folder))
     if results.trajectories.empty:
         raise ResultsError(f"{results.folder}: nobody was ever on the road")
     to = Path(to)
-    package, facts = _json(results, "datapackage.json"), _json(results, "provenance.json")
+    package, facts = read_json(results.folder, "datapackage.json"), read_json(results.folder, "provenance.json")
     resources = {resource.get("name"): resource for resource in package.get("resources", [])}
     title = package.get("title") or results.folder.resolve().parent.name
-    style = (HERE / "style.css").read_text(encoding="utf-8")
-    text = f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">
-<link rel="icon" href="data:,">
-<title>Report of {_text(_name(results))}</title>
-<style>
-{style}
-</style>
-</head>
-<body>
-<h1>{_text(title)}</h1>
-<p class="facts">{_text(" · ".join(_facts(results, facts)))}</p>
+    body = f"""<p class="facts">{text(" · ".join(_facts(results, facts)))}</p>
 {_first(results)}
 <h2>Pictures</h2>
 {"".join(_pictures(results, to))}
@@ -61,24 +41,13 @@ def page(folder: Path, to: Path) -> Path:
 <h2>Events</h2>
 {_events(results, resources.get("events", {}).get("kinds", {}))}
 <h2>Files of the run</h2>
-{_files(results, resources)}
-</body>
-</html>
-"""
-    _write(to, text.encode())
-    return to
+{_files(results, resources)}"""
+    return write(to, document(f"Report of {_name(results)}", title, body).encode())
 
 
 def _name(results: Results) -> str:
     folder = results.folder.resolve()
     return f"{folder.parent.name}, run {folder.name}"
-
-
-def _json(results: Results, name: str) -> dict[str, Any]:
-    try:
-        return json.loads((results.folder / name).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
 
 
 def _facts(results: Results, facts: dict[str, Any]) -> Iterable[str]:
@@ -99,49 +68,31 @@ def _first(results: Results) -> str:
     run = results.metrics[results.metrics.scope == "run"].set_index("metric")
     there = [name for name in FIRST if name in run.index and pd.notna(run.value[name])]
     units = run.unit.fillna("") if "unit" in run else pd.Series("", index=run.index)
-    figures = (
-        f"<div><dt>{_text(name.replace('_', ' '))}</dt><dd>{run.value[name]:.4g} {_text(units[name])}</dd></div>"
-        for name in there
-    )
-    return f'<dl class="first">{"".join(figures)}</dl>'
+    return first_figures((name.replace("_", " "), f"{run.value[name]:.4g} {units[name]}") for name in there)
 
 
 def _pictures(results: Results, to: Path) -> Iterable[str]:
     """The pictures as parts of the page, each also written beside it."""
-    import matplotlib as mpl
-
     from analysis.pictures import road_figure, strips_figure
 
-    with mpl.rc_context({"svg.hashsalt": "platoontraffic"}):  # the same run gives the same bytes
-        for name, figure in (("road", road_figure(results)), ("strips", strips_figure(results))):
-            png, svg = io.BytesIO(), io.BytesIO()
-            figure.savefig(png, format="png", dpi=150, metadata={"Software": None})
-            figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
-            files = [to.with_name(f"{to.stem}-{name}.{kind}") for kind in ("png", "svg")]
-            for file, content in zip(files, (png, svg), strict=True):
-                _write(file, content.getvalue())
-            shown = base64.b64encode(png.getvalue()).decode()
-            caption = f"{PICTURES[name]}. Also as {' and '.join(file.name for file in files)}."
-            yield (
-                f'<figure><img alt="{_text(PICTURES[name])}" src="data:image/png;base64,{shown}">'
-                f"<figcaption>{_text(caption)}</figcaption></figure>"
-            )
+    for name, figure in (("road", road_figure(results)), ("strips", strips_figure(results))):
+        yield figure_files(figure, to, name, PICTURES[name])
 
 
 def _metrics(results: Results, meanings: dict[str, dict[str, str]]) -> str:
     """The run's and the traffic's values; then a table a platoon, a column a member."""
-    table = results.metrics.dropna(subset="value")
-    table = table.assign(unit=table.unit.fillna("") if "unit" in table else "")
+    metrics = results.metrics.dropna(subset="value")
+    metrics = metrics.assign(unit=metrics.unit.fillna("") if "unit" in metrics else "")
     parts = []
     for scope, caption in (("run", "The run"), ("traffic", "Other traffic")):
-        rows = table[table.scope == scope]
+        rows = metrics[metrics.scope == scope]
         if len(rows):
             lines = [
                 (m.metric, m.unit, f"{m.value:.4g}", meanings.get(scope, {}).get(m.metric, ""))
                 for m in rows.itertuples()
             ]
-            parts.append(_table(caption, ("metric", "unit", "value", "meaning"), lines))
-    of_members = table[table.scope == "vehicle"]
+            parts.append(table(caption, ("metric", "unit", "value", "meaning"), lines))
+    of_members = metrics[metrics.scope == "vehicle"]
     for n, (platoon, rows) in enumerate(of_members.groupby("platoon_id", sort=False)):
         vehicles, own = rows.vehicle_id.unique().tolist(), meanings.get("vehicle", {})
         values = rows.pivot_table(index="metric", columns="vehicle_id", values="value", sort=False)
@@ -150,9 +101,8 @@ def _metrics(results: Results, meanings: dict[str, dict[str, str]]) -> str:
             (name, units[name], *(_number(values.at[name, v]) for v in vehicles), own.get(name, ""))
             for name in values.index
         ]
-        inside = _table(f"Members of {platoon}", ("metric", "unit", *vehicles, "meaning"), lines)
-        opened = " open" if n == 0 else ""
-        parts.append(f"<details{opened}><summary>Members of {_text(platoon)}</summary>{inside}</details>")
+        inside = table(f"Members of {platoon}", ("metric", "unit", *vehicles, "meaning"), lines)
+        parts.append(details(f"Members of {platoon}", inside, opened=n == 0))
     return "".join(parts)
 
 
@@ -178,12 +128,9 @@ def _events(results: Results, kinds: dict[str, str]) -> str:
         tuple("" if pd.isna(v) else f"{v:g}" if isinstance(v, float) else v for v in row) for row in rows.to_numpy()
     ]
     more = f"<p>{len(events) - MOST_EVENTS} more are in events.csv.</p>" if len(events) > MOST_EVENTS else ""
-    told = _table(
-        "How often", ("kind", "number", "meaning"), [(k, str(n), kinds.get(k, "")) for k, n in counts.items()]
-    )
-    each = _table("Each", [columns[name] for name in there], lines)
-    opened = " open" if len(events) <= 40 else ""
-    return f"{told}<details{opened}><summary>Each of them</summary>{each}{more}</details>"
+    told = table("How often", ("kind", "number", "meaning"), [(k, str(n), kinds.get(k, "")) for k, n in counts.items()])
+    each = table("Each", [columns[name] for name in there], lines)
+    return told + details("Each of them", each + more, opened=len(events) <= 40)
 
 
 def _files(results: Results, resources: dict[str, dict]) -> str:
@@ -194,26 +141,4 @@ def _files(results: Results, resources: dict[str, dict]) -> str:
         what = described.get("description") or ", ".join(field["name"] for field in fields)
         if described:
             lines.append((file.name, f"{file.stat().st_size / 1e6:.2f} MB", what))
-    return _table("Columns with unit and meaning are in datapackage.json", ("file", "size", "what is in it"), lines)
-
-
-def _table(caption: str, headings: Iterable[str], rows: Iterable[tuple[str, ...]]) -> str:
-    """A table whose rows are headed by their first cell; the last cell of each is prose."""
-    head = "".join(f'<th scope="col">{_text(heading)}</th>' for heading in headings)
-    body = "".join(
-        f'<tr><th scope="row">{_text(first)}</th>{"".join(f"<td>{_text(cell)}</td>" for cell in rest)}</tr>'
-        for first, *rest in rows
-    )
-    table = f"<table><caption>{_text(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-    return f'<div class="wide" tabindex="0" role="region" aria-label="{_text(caption)}">{table}</div>'
-
-
-def _text(value: object) -> str:
-    return html.escape(str(value))
-
-
-def _write(to: Path, content: bytes) -> None:
-    try:
-        to.write_bytes(content)
-    except OSError as error:
-        raise ResultsError(f"{to}: cannot be written: {error.strerror}") from error
+    return table("Columns with unit and meaning are in datapackage.json", ("file", "size", "what is in it"), lines)

@@ -1,0 +1,63 @@
+"""A run as SUMO's floating car data, which SUMO's own tools read: traceExporter.py, plotXMLAttributes.py.
+
+All members, and the vehicles of traffic.csv at the instants at which these were recorded. Angles are degrees clockwise
+from north, and a vehicle is where the middle of its front bumper is.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import pandas as pd
+
+from analysis.results import Results, ResultsError, load_run
+from platoontraffic.sumo import front_of, sumo_angle
+
+NAME = "fcd.xml"
+HEAD = """<?xml version="1.0" encoding="UTF-8"?>
+<fcd-export xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" \
+xsi:noNamespaceSchemaLocation="http://sumo.dlr.de/xsd/fcd_file.xsd">
+"""
+
+
+def export(folder: Path) -> list[Path]:
+    """Write the file of a finished run; returns it.
+
+    raises: ResultsError
+    """
+    results = load_run(Path(folder))
+    file = results.folder / NAME
+    rows = _rows(results)
+    try:
+        with file.open("w", encoding="utf-8", newline="\n") as xml:
+            xml.write(HEAD)
+            for time, vehicles in rows.groupby("time_s"):
+                xml.write(f'    <timestep time="{time:.3f}">\n')
+                xml.writelines(vehicles.line)
+                xml.write("    </timestep>\n")
+            xml.write("</fcd-export>\n")
+    except OSError as error:
+        raise ResultsError(f"{file}: cannot be written: {error.strerror}") from error
+    return [file]
+
+
+def _rows(results: Results) -> pd.DataFrame:
+    """time_s, and the line of one vehicle then."""
+    if results.vehicles is None:
+        raise ResultsError(f"{results.folder}: vehicles.csv is missing, which says how long they are")
+    tables = [results.trajectories, *([] if results.traffic is None else [results.traffic])]
+    rows = pd.concat(tables, ignore_index=True)
+    known = results.vehicles.drop_duplicates("vehicle_id").set_index("vehicle_id")
+    length = known.length_m.reindex(rows.vehicle_id).to_numpy()
+    if np.isnan(length).any():
+        raise ResultsError(f"{results.folder}: vehicles.csv: has no {rows.vehicle_id[np.isnan(length)].iloc[0]}")
+    x, y = front_of(rows.x_m, rows.y_m, rows.heading_rad, length)
+    names = {vehicle: quoteattr(vehicle) for vehicle in rows.vehicle_id.unique()}
+    lanes = rows.lane_id.fillna("") if "lane_id" in rows else pd.Series("", index=rows.index)
+    on = {lane: f" lane={quoteattr(lane)}" if lane else "" for lane in lanes.unique()}
+    columns = zip(rows.vehicle_id, x, y, sumo_angle(rows.heading_rad), rows.speed_mps.abs(), lanes, strict=True)
+    vehicle = '        <vehicle id=%s x="%.6f" y="%.6f" angle="%.6f" speed="%.6f"%s/>\n'
+    lines = [vehicle % (names[name], *motion, on[lane]) for name, *motion, lane in columns]
+    return pd.DataFrame({"time_s": rows.time_s, "line": lines})

@@ -1,0 +1,158 @@
+"""A batch as one HTML file: what was varied, what came out at each point, what failed, what is missing."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+
+import pandas as pd
+
+from analysis.results import Batch, load_batch
+from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.report.figures import heat_map, over_values
+from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text, write
+
+MOST_ROWS = 500  # of a table in the page; all are in runs.csv and summary.csv
+MOST_VALUES = 12  # of a key that are written out
+# What one asks first of a study: the first of these that differ from run to run are drawn.
+FIRST = (
+    "collisions",
+    "lock_on_ratio_min",
+    "gap_mean_m",
+    "gap_min_m",
+    "gap_error_rms_max_m",
+    "speed_gain_l2_max",
+    "cross_track_max_m",
+    "near_misses",
+    "ttc_min_s",
+    "traffic_delay_mean_s",
+)
+DRAWN = 2
+
+
+def page(folder: Path, to: Path, metric: str | None = None) -> Path:
+    """Make the page of a batch, finished or not, and beside it its pictures as PNG and SVG.
+
+    metric: the column of summary.csv that is drawn; by default two that differ from run to run
+
+    raises: ResultsError, InputError where there is no such metric
+    """
+    with warnings.catch_warnings(action="ignore"):  # of missing runs, which the page is about
+        batch = load_batch(Path(folder))
+    to, name = Path(to), batch.folder.resolve().name
+    metrics = _metrics(batch)
+    if metric is not None and metric not in metrics:
+        raise InputError(f"--metric: {metric!r}: no metric in summary.csv{did_you_mean(metric, metrics)}")
+    drawn = [metric] if metric else _drawn(batch, metrics)
+    listed = list(dict.fromkeys([*drawn, *(m for m in FIRST if m in metrics)]))
+    states = batch.runs.status.value_counts()
+    facts = [name, *(f"{n} {kind}" for kind, n in states.items()), "again: platoontraffic batch with its study"]
+    points = batch.runs.drop_duplicates(batch.varied) if batch.varied else batch.runs.head(1)
+    seeds = batch.runs.seed.nunique()
+    figures = (("runs", len(batch.runs)), ("done", len(batch.summary)), ("points", len(points)), ("seeds", seeds))
+    body = f"""<p class="facts">{text(" · ".join(facts))}</p>
+{first_figures((name, str(value)) for name, value in figures)}
+<h2>What was varied</h2>
+{_varied(batch)}
+<h2>Pictures</h2>
+{"".join(_pictures(batch, drawn, to)) or "<p>None: no metric of a run that is done.</p>"}
+<h2>Metrics by point</h2>
+{"".join(_by_point(batch, points, listed)) or "<p>No run is done.</p>"}
+<h2>Failed runs</h2>
+{_runs(batch, "failed", ("error",))}
+<h2>Not done yet</h2>
+{_runs(batch, "waiting", ())}"""
+    title = read_json(batch.folder, "datapackage.json").get("title") or name
+    return write(to, document(f"Report of {name}", title, body).encode())
+
+
+def _metrics(batch: Batch) -> list[str]:
+    columns = batch.summary.columns.drop(["id", "seed", *batch.varied])
+    return [name for name in columns if pd.api.types.is_numeric_dtype(batch.summary[name])]
+
+
+def _drawn(batch: Batch, metrics: list[str]) -> list[str]:
+    there = [name for name in (*FIRST, *metrics) if name in metrics and batch.summary[name].notna().any()]
+    differ = [name for name in there if batch.summary[name].nunique() > 1]
+    return list(dict.fromkeys(differ or there))[:DRAWN]
+
+
+def _keys(batch: Batch) -> list[str]:
+    """What was varied and differs, without what moves together with another."""
+    points = batch.runs[batch.varied].astype(str)
+    values = points.nunique()
+
+    def together(key: str, other: str) -> bool:
+        return points.groupby([key, other]).ngroups == values[key] == values[other]
+
+    keys: list[str] = []
+    for key in batch.varied:
+        if values[key] > 1 and not any(together(key, other) for other in keys):
+            keys.append(key)
+    return keys
+
+
+def _varied(batch: Batch) -> str:
+    rows = []
+    for key in batch.varied:
+        values = batch.runs[key].astype(str).unique()
+        more = f" … ({len(values)} in all)" if len(values) > MOST_VALUES else ""
+        rows.append((key, str(len(values)), ", ".join(values[:MOST_VALUES]) + more))
+    return table("Keys of the scenario", ("key", "values", "which"), rows) if rows else "<p>Only the seed.</p>"
+
+
+def _pictures(batch: Batch, drawn: list[str], to: Path) -> Iterable[str]:
+    keys = sorted(_keys(batch), key=lambda key: -batch.runs[key].astype(str).nunique())
+    for metric in drawn:
+        unit = batch.summary.attrs["units"].get(metric, "")
+        if len(keys) == 1:
+            figure = over_values(batch.summary, keys[0], metric, unit)
+            caption = f"{metric} over {keys[0]}: each run, the mean, and one standard deviation about it"
+            yield figure_files(figure, to, metric, caption)
+        elif len(keys) > 1:
+            over = f", over all values of {', '.join(keys[2:])}" if len(keys) > 2 else ""
+            caption = f"Mean of {metric} over {keys[0]} and {keys[1]}{over}; empty: no value"
+            yield figure_files(heat_map(batch, keys[0], keys[1], metric, unit), to, metric, caption)
+
+
+def _by_point(batch: Batch, points: pd.DataFrame, metrics: list[str]) -> Iterable[str]:
+    shown = points.head(MOST_ROWS)
+    names, of_runs = _named(batch, shown), _named(batch, batch.summary)
+    more = len(points) - len(shown)
+    left = f"<p>{more} more points are in summary.csv.</p>" if more else ""
+    spreads = ["mean", "std", "min", "max"]
+    for i, metric in enumerate(metrics):
+        values = batch.summary[metric].groupby(of_runs).agg(["count", *spreads]).reindex(names)
+        rows = [
+            (*point, f"{n:.0f}", *("" if pd.isna(value) else f"{value:.4g}" for value in spread))
+            for point, n, *spread in zip(
+                shown[batch.varied].astype(str).to_numpy().tolist(),
+                values["count"].fillna(0),
+                *(values[name] for name in spreads),
+                strict=True,
+            )
+        ]
+        unit = batch.summary.attrs["units"].get(metric, "")
+        what = f"{metric} [{unit}]" if unit else metric
+        headings = (*batch.varied, "n", "mean", "standard deviation", "least", "greatest")
+        yield details(what, table(what, headings, rows) + left, opened=i == 0)
+
+
+def _named(batch: Batch, rows: pd.DataFrame) -> pd.Series:
+    """The point of each row, as one text."""
+    values = rows[batch.varied].astype(str).to_numpy().tolist()
+    return pd.Series(["\0".join(point) for point in values], index=rows.index, dtype=str)
+
+
+def _runs(batch: Batch, status: str, columns: tuple[str, ...]) -> str:
+    runs = batch.runs[batch.runs.status == status]
+    if runs.empty:
+        return "<p>None.</p>"
+    shown = runs[["id", "seed", *batch.varied, *columns]].head(MOST_ROWS).astype(str)
+    more = len(runs) - len(shown)
+    left = f"<p>{more} more are in runs.csv.</p>" if more else ""
+    rows = [tuple(row) for row in shown.to_numpy().tolist()]
+    return details(
+        f"{len(runs)} of {len(batch.runs)}", table(status, shown.columns, rows) + left, opened=len(runs) <= 40
+    )
