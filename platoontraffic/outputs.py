@@ -35,6 +35,8 @@ def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
             safe.append(str(_edge_data(scenario, folder)))
         if safe:
             options[option] = ",".join(safe)
+    if (demand := scenario.spec.sumo.demand) is not None:
+        options["scale"] = str(demand * float(options.get("scale", 1)))  # of what the configuration asks for
     options |= {option: str(_inside(folder, name)) for option, name in (config.outputs if config else {}).items()}
     options.setdefault(SSM, str(folder / "sumo_ssm.xml"))
     for name in ("trips", "summary"):

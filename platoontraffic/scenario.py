@@ -84,6 +84,7 @@ class Sumo(Table):
     routes: list[str] = []  # route files of background traffic
     additional: list[str] = []  # for SUMO; <poly>s in them are walls, obstacles and buildings
     traffic: bool = True  # a shipped network brings its own routes and bus stops; its <poly>s come always
+    demand: Annotated[float, Field(gt=0, le=100)] | None = None  # so many times the vehicles of the route files
     warm_up_s: Annotated[float, Field(ge=0, le=86_400)] = 0.0  # SUMO's traffic alone, before the platoons stand there
 
     @model_validator(mode="after")

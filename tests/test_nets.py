@@ -13,7 +13,7 @@ from platoontraffic.network import Network, build_net, read_polygons
 NETS = Path(__file__).parents[1] / "sumo_nets"
 LABS = ["lab_loop", "lab_world", "lab_curves"]  # for robots, in the paper's own metres
 ROADS = ["ring", "highway", "corridor", "grid"]  # for cars, with traffic
-NAMES = LABS + ROADS
+NAMES = [*LABS, *ROADS, "bends"]
 
 
 def network(name):
@@ -210,6 +210,16 @@ def test_highway_has_two_lanes_a_ramp_off_and_a_ramp_on(side):
     for way in (main, [*main[:2], f"{side}2_{side}_exit"], [f"{side}_entry_{side}3", *main[3:]]):
         assert np.abs(corners(highway.route_line(way))).max() < 5  # a lane is changed at 1 in 12: 4.8
     assert {float(lane.get("speed")) for e in roads("highway") if e.get("id") in main for lane in e} == {33.33}
+
+
+@pytest.mark.parametrize("radius", [10, 14, 20, 28, 40, 56, 80, 112])
+def test_bends_turn_a_quarter_at_the_radius_of_their_name(radius):
+    line = network("bends").route_line([f"r{radius}"])
+    turns, steps = np.radians(corners(line)), np.hypot(*np.diff(line, axis=0).T)
+    assert turns.max() < np.radians(9)
+    assert turns.sum() == pytest.approx(np.pi / 2, abs=1e-3)
+    assert steps[1:-1].sum() == pytest.approx(radius * np.pi / 2, rel=0.01)
+    assert steps[[0, -1]] == pytest.approx([320, 200], abs=0.1)
 
 
 def test_corridor_bends_have_falling_radii():

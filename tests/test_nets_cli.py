@@ -68,7 +68,7 @@ def test_road_is_counted_once_for_both_directions():
     assert "999 m of road" in nets.described(RING)  # and in the ring's one direction as it is
 
 
-@pytest.mark.parametrize("name", ["ring", "highway", "corridor", "grid"])
+@pytest.mark.parametrize("name", ["ring", "highway", "corridor", "grid", "bends"])
 def test_shipped_roads_are_fine(name):
     done = call("check", name)
     assert (done.exit_code, done.stdout) == (0, f"{data.networks()[name]}: fine\n")

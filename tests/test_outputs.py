@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 from conftest import run
 
-from platoontraffic.outputs import TABLES, read_trips, traffic_metrics
+from platoontraffic import scenario
+from platoontraffic.outputs import TABLES, read_trips, sumo_options, traffic_metrics
 
 SCENARIO = """
 [sumo]
@@ -138,3 +139,17 @@ def test_outputs_change_nothing_and_are_the_same_bytes_again(with_outputs, tmp_p
     without = run(tmp_path / "without", with_outputs / "config.toml", "record.sumo=[]")
     assert filecmp.cmp(with_outputs / "trajectories.csv", without / "trajectories.csv", shallow=False)
     assert not list(without.glob("sumo_*"))
+
+
+@pytest.mark.sumo
+@pytest.mark.parametrize(("demand", "vehicles"), [(0.5, 20), (1.0, 40), (2.0, 80)])
+def test_demand_multiplies_the_vehicles_of_the_routes_and_not_the_members(tmp_path, demand, vehicles):
+    changes = (f"sumo.demand={demand}", "sumo.warm_up_s=125", "run.duration_s=1", "record.sumo=summary")
+    summary = pd.read_csv(run(tmp_path / "run", "ring_platoon", *changes) / "sumo_summary.csv")
+    assert summary.inserted.iloc[-1] + summary.waiting.iloc[-1] == vehicles + 5
+
+
+def test_without_a_demand_sumo_is_told_nothing_of_it(tmp_path):
+    (tmp_path / "few.toml").write_text(SCENARIO.replace('["few.rou.xml"]', "[]"))
+    assert "scale" not in sumo_options(scenario.load(tmp_path / "few.toml"), tmp_path)
+    assert sumo_options(scenario.load(tmp_path / "few.toml", ["sumo.demand=1.5"]), tmp_path)["scale"] == "1.5"

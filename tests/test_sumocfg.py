@@ -50,6 +50,12 @@ def contents(folder: Path) -> dict[str, bytes]:
 # ---- what is taken from it
 
 
+def test_demand_is_times_the_scale_of_the_configuration(tmp_path):
+    config = configure(tmp_path / "theirs", "<time><end value='10'/></time><processing><scale value='2'/></processing>")
+    for more, scale in (((), "2"), (("sumo.demand=1.5",), "3.0")):
+        assert outputs.sumo_options(scenario.load(config, (*PLATOON, *more)), tmp_path)["scale"] == scale
+
+
 def test_defaults_are_those_of_cars_among_traffic(tmp_path):
     end = "<time><begin value='0:01:40'/><end value='160'/></time>"
     checked = scenario.load(configure(tmp_path / "theirs", end), (*PLATOON, "sumo.warm_up_s=20"))
