@@ -55,6 +55,7 @@ ROOM = 1.0  # of their own length is free before and behind members when they ar
 BESIDE = 0.5  # and this, of both sides together [m]
 WATCHED = 3.6  # for those to give way to one looks as far as the fastest of them may drive in this time [s]
 CHANGE_HEADWAY = 0.5  # that is left on the lane beside when one changes to it [s]
+COMMITTED = 0.25  # so far over there, one does not stop again to let others pass
 EARLY_BRAKING = 2.0  # so that one can stop by it, it is looked for room beside in time [m/s2]
 REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
 
@@ -467,6 +468,11 @@ class World:
         if passed and len(passed.via) > 1 and here == passed.via[0]:  # where one may wait midway
             way = libsumo.lane.getLength(here) - libsumo.vehicle.getLanePosition(member.id)
             return way, self._may_cross(passed, way, speed, length), False, False, RIGHT_OF_WAY
+        if passed and passed.state == CHANGING:
+            begun = (station % member.route.length if member.route.closed else station) - passed.station
+            left = COMMITTED * passed.across - begun
+            if left > 0 and not self._may_change(member, passed, -begun, speed, length):
+                return left, False, False, False, LANE_CHANGE
         if line is None:
             return np.inf, True, False, False, 0
         if line.state == CHANGING:
