@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.observation import CHANGED, STANDSTILL_AFTER, STRUCK
+from platoontraffic.observation import CHANGED, STANDSTILL_AFTER, STRUCK, WALL
 from platoontraffic.splits import SPLIT_AFTER
 
 EXPOSED = 3.0  # a shorter time to collision is dangerous [s]
@@ -250,7 +250,7 @@ def _staying(
         lasted += max(end - begin, 0.0)
     steps = np.hypot(rows.x_m.diff(), rows.y_m.diff())
     seen = rows[(rows.beams_on_predecessor >= ENOUGH_BEAMS) & ~split]
-    stolen = (rows.target_id.fillna("") != "") & (rows.target_id != "wall") & ~rows.target_id.isin(members)
+    stolen = rows.target_id.notna() & ~rows.target_id.isin({"", WALL, *members})
     return {
         ("splits", ""): float(len(began)),
         ("rejoin_time_mean", "s"): back.duration_s.mean() if len(back) else math.nan,

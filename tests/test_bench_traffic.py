@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from platoontraffic import benchmark, nets, scenario, simulation
+from platoontraffic import benchmark, programs, scenario, simulation
 from platoontraffic.benchmark import SIZE, STAGES, WAY, Plan, Spent, Town
 from platoontraffic.errors import MissingError
 
@@ -104,7 +104,7 @@ def test_the_same_seed_makes_the_same_town(folder, tmp_path):
 
 
 def test_without_eclipse_sumo_it_says_what_is_missing(monkeypatch):
-    monkeypatch.setattr(nets.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(programs.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(MissingError, match="netgenerate comes with eclipse-sumo"):
         benchmark.run(Plan((SMALL,), 1, {}))
 

@@ -226,8 +226,8 @@ def drive(trials: Sequence[Trial]) -> list[Run]:
             for pair in sorted(contacts.of(traffic)):
                 (i, back), (_, front) = (map(int, name.split(".")) for name in pair)
                 hit[i] = min(hit.get(i, 1000), max(back, front))
-            over = {str(i) for i in set(number.tolist()) if i in hit or step >= ends[i]}
-            fleet = fleet.without(over)
+            over = {i for i in set(number.tolist()) if i in hit or step >= ends[i]}
+            fleet = fleet.without({m.id for m, i in zip(fleet.members, number.tolist(), strict=True) if i in over})
             if not len(fleet):
                 break
         fleet = fleet.moved(dt)
