@@ -76,12 +76,12 @@ class Track(NamedTuple):
         """In the last scan."""
         return self.blind == 0
 
-    def predicted(self, dt: float) -> Track:
-        """After dt: it goes on along its arc; acceleration and curvature may change as a driver changes them."""
+    def predicted(self, odometry: Odometry, dt: float) -> Track:
+        """After dt, seen from there: it goes on along its arc; a driver may change acceleration and curvature."""
         from platoontraffic.tracking_kernel import predict  # here, for it costs half a second to import numba
 
         mean, cov = self.mean.copy(), self.cov.copy()
-        predict(mean, cov, dt)
+        predict(mean, cov, odometry.x, odometry.y, dt)
         return self._replace(mean=mean, cov=cov, blind=self.blind + dt, nis=np.full(len(mean), np.nan))
 
     def corrected(

@@ -21,6 +21,7 @@ JERK = 2.0  # of acceleration [m/s2]
 EASING = 2.0  # time constant with which acceleration is expected to fade [s]
 TURNING = 0.08  # of curvature [1/m]: steering of 0.2 rad in a second, at a wheelbase of 2.7 m
 SIDEWAYS = 5.0  # of lateral acceleration [m/s2]; so at speed the curvature changes less
+DRIFT, SLIDING = 0.001, 0.01  # of the own odometry, in a second [rad, m]: 0.1 degrees, and noise of the speed
 SLIP = 0.02  # of the axle, sideways, for each metre driven [m]
 
 FLOOR = 0.005  # of a measured distance, whatever the data sheet says [m]
@@ -45,8 +46,12 @@ def _remainder(angle, turn):
 
 
 @compiled
-def predict(mean, cov, dt):
-    """All rows, (n, 6) and (n, 6, 6), in place; the noise is that of random walks of acceleration and curvature."""
+def predict(mean, cov, own_x, own_y, dt):
+    """All rows, (n, 6) and (n, 6, 6), in place, as seen from own places (n,).
+
+    The noise is that of random walks of acceleration and curvature, and of the own odometry, whose frame turns and
+    slides under what is tracked in it.
+    """
     forward, noise, half = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     for i in range(len(mean)):
         state = mean[i]
@@ -99,6 +104,14 @@ def predict(mean, cov, dt):
         noise[2, 2] += powers[3] * v * v * turning
         noise[2, 5] += powers[4] * v * turning
         noise[5, 5] += powers[5] * turning
+        away_x, away_y = state[0] - own_x[i], state[1] - own_y[i]
+        slides, turns = SLIDING * SLIDING * dt, DRIFT * DRIFT * dt
+        noise[0, 0] += slides + turns * away_y * away_y
+        noise[0, 1] -= turns * away_x * away_y
+        noise[1, 1] += slides + turns * away_x * away_x
+        noise[0, 2] -= turns * away_y
+        noise[1, 2] += turns * away_x
+        noise[2, 2] += turns
 
         state[0] += way * cos
         state[1] += way * sin

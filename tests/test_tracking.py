@@ -27,6 +27,9 @@ class Errors(NamedTuple):
     blind: np.ndarray
 
 
+HERE = Odometry.begin(np.zeros(1), np.zeros(1))
+
+
 def tracked(at, seconds: float, speed: float, eye=NOISY, followers: int = 6, seed: int = 0, distance=None) -> Errors:
     law = LAW if distance is None else replace(LAW, stand_off=distance - LAW.time_headway * speed)
     members = platoon(
@@ -115,7 +118,7 @@ def test_uncertainty_grows_out_of_sight_and_covers_what_the_other_does():
     track = Track(mean, np.diag(spread_now**2)[None], np.array([1.8]), np.zeros(1), np.zeros(1))
     spread = []
     for step in range(1, 11):
-        track = track.predicted(DT)
+        track = track.predicted(HERE, DT)
         spread.append(np.sqrt(track.cov[0, 0, 0]))
         assert abs(20 + 15 * step * DT - 2 * (step * DT) ** 2 - track.mean[0, 0]) < 5 * spread[-1]
     assert (np.diff(spread) > 0).all()
@@ -128,7 +131,7 @@ def test_the_covariance_is_that_of_many_that_drive_so():
     rng = np.random.default_rng(1)
     mean = np.array([0.0, 0.0, 0.3, 12.0, 0.5, 0.01])
     spread = np.array([0.1, 0.1, 0.02, 0.3, 0.5, 0.003])
-    track = Track(mean[None], np.diag(spread**2)[None], np.array([1.8]), np.zeros(1), np.zeros(1)).predicted(0.5)
+    track = Track(mean[None], np.diag(spread**2)[None], np.array([1.8]), np.zeros(1), np.zeros(1)).predicted(HERE, 0.5)
     state = (mean + spread * rng.standard_normal((200_000, 6))).T
     steps = 50
     h = 0.5 / steps
@@ -146,7 +149,7 @@ def test_the_covariance_is_that_of_many_that_drive_so():
 
 
 def test_nothing_is_known_of_nobody():
-    track = Track.none(3).predicted(DT)
+    track = Track.none(3).predicted(Odometry.begin(np.zeros(3), np.zeros(3)), DT)
     assert not track.known.any()
     assert not track.seen.any()
     assert np.isnan(track.mean).all()

@@ -26,7 +26,7 @@ ROUTES = [  # each turn of each junction of `corridor`, and its bends both ways
     "round_n_rn rn_rw rw_prio prio_prio_n",
     "round_s_rs rs_re re_b0 b0_b1",
     "east_b2 b2_b1 b1_b0 b0_re re_rn rn_rw rw_rs rs_re re_b0",
-    "b1_b0 b0_re re_rn rn_rw rw_prio prio_prio_s",
+    "b0_re re_rn rn_rw rw_prio prio_prio_s",
 ]
 
 

@@ -118,7 +118,7 @@ class TrackingFollower:
             memory = self._begin(speed, yaw_rate)
         odometry = memory.odometry.moved(speed, yaw_rate, dt)
 
-        before = memory.track.predicted(dt)
+        before = memory.track.predicted(odometry, dt)
         before = before.forgotten(before.blind > self.patience)
         ways = np.empty((len(speed), 0, 2))  # nobody is told a route
         if sensed.route is not None:
