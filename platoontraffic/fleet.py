@@ -71,6 +71,7 @@ class Fleet:
     groups: tuple[Group, ...]
     model: FleetModel
     predecessor: np.ndarray  # row of the member ahead; -1 for leaders
+    leads: np.ndarray  # those who are told to follow nobody, (n,) bool
     native: np.ndarray  # those that SUMO's own driver model drives, (n,) bool
     routed: np.ndarray  # rows (m,) of those whose law is given their route
     routes: Routes | None  # of these; None if there are none
@@ -105,6 +106,7 @@ class Fleet:
             groups=groups,
             model=model,
             predecessor=np.array([row_of.get((m.platoon, m.place - 1), -1) for m in members], dtype=int),
+            leads=np.array([m.place == 0 for m in members], dtype=bool),
             native=np.array([getattr(m.law, "native", False) for m in members], dtype=bool),
             routed=routed,
             routes=routes,
@@ -137,6 +139,7 @@ class Fleet:
             groups=(*self.groups, *(group._replace(rows=group.rows + n) for group in others.groups)),
             model=FleetModel.of([m.model for m in members]),
             predecessor=np.append(self.predecessor, np.where(others.predecessor < 0, -1, others.predecessor + n)),
+            leads=np.append(self.leads, others.leads),
             native=np.append(self.native, others.native),
             routed=routed,
             routes=routes,
@@ -166,6 +169,7 @@ class Fleet:
             groups=tuple(groups),
             model=FleetModel.of([m.model for m in members]),
             predecessor=row[self.predecessor[stays]],
+            leads=self.leads[stays],
             native=self.native[stays],
             routed=routed,
             routes=routes,
@@ -174,6 +178,17 @@ class Fleet:
             command=self.command.rows(stays),
             target=_rows(self.target, stays),
         )
+
+    def with_orders(self, predecessor: np.ndarray, leads: np.ndarray) -> Fleet:
+        return replace(self, predecessor=predecessor, leads=leads)
+
+    def with_route(self, row: int, route: Route) -> Fleet:
+        """With another route for a member, from where it is now."""
+        members = tuple(replace(m, route=route) if i == row else m for i, m in enumerate(self.members))
+        routed, routes = _routes(members)
+        x, y = (axle[routed] for axle in self.model.axle_position(self.motion))
+        window = np.where(routed == row, np.inf, 5 * self.model.length[routed])
+        return replace(self, members=members, routes=routes, station=routes.project(x, y, self.station, window))
 
     def arrived(self) -> set[str]:
         """Members whose law is given their route, and whose front bumper has come to its end."""
@@ -213,6 +228,7 @@ class Fleet:
                 Body(self.model.length[rows], self.model.width[rows], self.model.axle[rows]),
                 _rows(ahead, [row_on_route[i] for i in rows.tolist()]) if "route" in needs else None,
                 _rows(signals, rows) if "signals" in needs and signals else None,
+                self.leads[rows],
             )
             decision = self._ask(group, sensed, group.every * dt)
             command = Command.of(decision.command)

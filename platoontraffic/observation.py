@@ -96,6 +96,7 @@ class Observer:
         self._paths = DrivenPaths(length / PIECES)
         self._end = np.zeros(n)  # of each member's own path, a step before
         self._station = np.zeros(n)  # of each member on its predecessor's path
+        self._ahead = np.full(n, -1)  # number of the member whose path that is
         self._gap, self._cross_track = np.full((2, n), np.nan)
         self._beams, self._occluded = np.full((2, n), np.nan)
         self._target = np.full(n, NOTHING, dtype=object)
@@ -121,8 +122,9 @@ class Observer:
         roads: list[tuple[str, str]],
         signals: Signals | None = None,
         violations: Sequence[tuple[int, str, str]] = (),
+        told: Sequence[tuple[int, Any]] = (),
     ) -> list[Event]:
-        """The events of this step; signals, violations: as a World tells them."""
+        """The events of this step; signals, violations: as a World tells them; told: orders, by row."""
         x, y = fleet.model.axle_position(fleet.motion)
 
         def event(kind: str, i: int, other: str = "", duration: float = np.nan, detail: str = "") -> Event:
@@ -130,6 +132,8 @@ class Observer:
             return Event(traffic.time, kind, traffic.ids[i], other, *where, duration, detail)
 
         events = [*self._come_and_go(traffic, fleet, x, y, roads, event)]
+        for i, order in told:
+            events.append(event("told", i, order.behind, detail=f"to {order.kind}"))
         self._drive(fleet, x, y)
         events += self._look(traffic, fleet, scans, event)
         events += [event(kind, i, detail=where) for i, kind, where in violations]
@@ -207,7 +211,7 @@ class Observer:
         follows = new[fleet.predecessor[new] >= 0]
         ahead, anywhere = number[fleet.predecessor[follows]], np.full(len(follows), np.inf)
         station, _ = self._paths.project(ahead, x[follows], y[follows], np.zeros(len(follows)), anywhere)
-        self._station[number[follows]] = np.nan_to_num(station)
+        self._station[number[follows]], self._ahead[number[follows]] = np.nan_to_num(station), ahead
 
     def _drive(self, fleet: Fleet, x: np.ndarray, y: np.ndarray) -> None:
         """Lengthen all paths; find where on its predecessor's path each member is, and so the gap between them."""
@@ -217,6 +221,9 @@ class Observer:
         number, number_ahead = fleet.number[rows], fleet.number[ahead]
         driven = self._paths.end(number) - self._end[number]
         reach = 2 * (length[rows] + np.abs(driven))
+        reach = np.where(self._ahead[number] == number_ahead, reach, np.inf)  # it follows another one from now on
+        self._ahead[fleet.number] = -1
+        self._ahead[number] = number_ahead
         station, offset = self._paths.project(number_ahead, x[rows], y[rows], self._station[number], reach)
         front = station + length[rows] / 2 - axle[rows]
         rear = self._paths.end(number_ahead) - length[ahead] / 2 - axle[ahead]
@@ -321,11 +328,11 @@ class Observer:
     def _note_lane_changes(self, traffic: TrafficSnapshot, n: int) -> None:
         """Of those behind the first n, who are members."""
         before, self._traffic = self._traffic, traffic
-        if before is None or before.ids[-1:] != traffic.ids[-1:] or len(before.ids) != len(traffic.ids):
+        if before is not None and before.ids == traffic.ids:
+            was = np.arange(n, len(traffic.ids))
+        else:
             row = {name: k for k, name in enumerate(before.ids)} if before else {}
             was = np.array([row.get(name, -1) for name in traffic.ids[n:]], dtype=int)
-        else:
-            was = np.arange(n, len(traffic.ids))
         here = np.arange(n, len(traffic.ids))[was >= 0]
         was = was[was >= 0]
         if not len(here):

@@ -151,6 +151,7 @@ KINDS = {
     "split": "is split off: for 2 s its law has not taken its predecessor (other_id) for it, or the gap has been more "
     "than twice what the law wants and 15 m above that; detail says why",
     "rejoined": "is not so any more, duration_s after that began",
+    "told": "begins a manoeuvre, in detail; other_id: behind whom. Until it has joined it counts as split off",
     "held": "stands or crawls before a line that is closed to it; detail: by a light, right of way or, before a lane "
     "change, those beside; of those whose law is told",
     "released": "it is open again, or behind it, after duration_s",

@@ -350,6 +350,25 @@ class Platoon(Table):
         return self
 
 
+class Manoeuvre(Table):
+    """What a member is told at a time."""
+
+    kind: Literal["split", "join", "leave"]
+    vehicle: str
+    time_s: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    behind: str | None = None  # whom it joins
+    route: list[str] = []  # of who leaves, from the edge on where its platoon starts; or ...
+    to: Annotated[str, Field(min_length=1)] | None = None  # ... where the fastest way from there leads
+
+    @model_validator(mode="after")
+    def sound(self) -> Manoeuvre:
+        if (self.kind == "join") != (self.behind is not None):
+            raise ValueError("`behind` must be given to join, and only then")
+        if (self.kind == "leave") != bool(self.route or self.to) or (self.route and self.to):
+            raise ValueError("a route or `to`, one of both, must be given to leave, and only then")
+        return self
+
+
 class Spec(Table):
     """A scenario file."""
 
@@ -362,6 +381,7 @@ class Spec(Table):
     record: Record = Record()
     platoon: Annotated[list[Platoon], Field(min_length=1)]
     obstacle: list[obstaclekeys.Obstacle] = []
+    manoeuvre: list[Manoeuvre] = []
 
 
 class Change(NamedTuple):
@@ -468,8 +488,9 @@ class Scenario:
             table["sumo"]["config"] = named(self.configuration.path)
         elif self.spec.sumo.net not in data.networks():
             table["sumo"]["net"] = named(self.net)
-        if not table["obstacle"]:
-            del table["obstacle"]
+        for key in ("obstacle", "manoeuvre"):
+            if not table[key]:
+                del table[key]
         given = {"routes": self.route_files, "additional": self.additional}
         for key, files in given.items():  # beside those that the network or the configuration brings
             n = len(getattr(self.spec.sumo, key))
@@ -719,6 +740,26 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
             if not _whole(1 / (lidar.rate * spec.run.step_s)):
                 what = f"{lidar.rate:g}: a scan must take whole steps of run.step_s = {spec.run.step_s}"
                 fault((*at, "lidar", "rate_hz"), what)
+    for i, told in enumerate(spec.manoeuvre):
+        at = ("manoeuvre", i)
+        for key, who in (("vehicle", told.vehicle), ("behind", told.behind)):
+            if who is not None and who not in members:
+                fault((*at, key), f"{who!r}: no member{did_you_mean(who, members)}")
+        if told.behind == told.vehicle:
+            fault((*at, "behind"), f"{told.vehicle!r}: cannot follow itself; must be another member")
+        if told.time_s >= spec.run.duration_s:
+            fault((*at, "time_s"), f"{told.time_s:g}: must be before the end, {spec.run.duration_s:g}")
+        if told.vehicle in members:
+            role = "leader" if told.vehicle.endswith(".0") else "follower"
+            if told.kind == "split" and role == "leader":
+                fault((*at, "vehicle"), f"{told.vehicle!r}: leads already; must be a follower")
+                continue
+            law = laws.get((members[told.vehicle], role))
+            if law is not None and getattr(law, "on_loss", "") != "drive":
+                which = f"platoon.{members[told.vehicle]}.{role}"
+                fault(
+                    (*at, "vehicle"), f"{told.vehicle!r}: {which} cannot drive alone; must be tracking, on_loss drive"
+                )
     if faults:
         raise InputError(*faults)
     files = (net, tuple(routes), tuple(additional), config)

@@ -13,7 +13,7 @@ import shapely
 import tomli_w
 
 from lidar import Scene
-from platoontraffic import metrics, obstacles, outputs, provenance, recording
+from platoontraffic import manoeuvres, metrics, obstacles, outputs, provenance, recording
 from platoontraffic.contact import Contacts
 from platoontraffic.deployment import deploy, static_scene
 from platoontraffic.encounters import Encounters
@@ -41,6 +41,7 @@ class Prepared:
     scene: Scene
     members: tuple[Member, ...]
     obstacles: tuple[Plan, ...] = ()
+    orders: tuple[manoeuvres.Order, ...] = ()
 
 
 def prepare(scenario: Scenario) -> Prepared:
@@ -51,7 +52,8 @@ def prepare(scenario: Scenario) -> Prepared:
     network.entered_from  # noqa: B018
     scene = static_scene(scenario, network)
     members = deploy(scenario, network, scene)
-    return Prepared(scenario, network, scene, members, obstacles.plans(scenario, network, members))
+    plans = obstacles.plans(scenario, network, members)
+    return Prepared(scenario, network, scene, members, plans, manoeuvres.orders(scenario, network, members))
 
 
 def result_folder(scenario: Scenario, results: Path) -> Path:
@@ -129,15 +131,17 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window
         fleet = world.deploy(fleet, later)
         others = Obstacles(prepared.obstacles, fleet)
         encounters = Encounters(others, prepared.members)
+        orders = manoeuvres.Orders(prepared.orders)
         world.hold(others.bodies, ways)
         for step in range(steps + 1):
             whole = record.traffic_every_s is not None and step % traffic_every == 0
             traffic = read(fleet, np.inf if whole else fleet.sight)
             scans = scan(traffic, fleet, step)
+            fleet, told = orders.given(fleet, traffic.time)
             lines = signals(fleet)
             fleet = decide(fleet, scans, dt, lines, odometry(fleet, step))
             roads = world.roads(fleet)
-            events = observe(traffic, fleet, scans, roads, lines, world.violations(fleet))
+            events = observe(traffic, fleet, scans, roads, lines, world.violations(fleet), told)
             recorder.note([*events, *encounters.watch(traffic, fleet, events)])
             if step % record_every == 0:
                 write(traffic, fleet, measure(fleet), roads)

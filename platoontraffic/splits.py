@@ -30,6 +30,7 @@ class Splits:
         self._apart_since = np.full(n, np.nan)  # NaN: in its platoon
         self._split = np.zeros(n, dtype=bool)
         self._begun = np.full(n, np.nan)  # the last split
+        self._followed, self._here = np.zeros((2, n), dtype=bool)  # in the last step
         self._held = np.zeros(n, dtype=bool)
         self._held_since, self._held_until = np.full((2, n), -np.inf)
         self._held_by = np.zeros(n, dtype=int)
@@ -52,6 +53,9 @@ class Splits:
             yield from self._lines(time, fleet, signals, event)
         locked, target, beams, too_far = seen
         follows = fleet.predecessor >= 0
+        joining = follows & ~self._followed[number] & self._here[number]
+        self._split[number[joining]], self._begun[number[joining]] = True, time  # until it is with those whom it joins
+        self._followed[number], self._here[number] = follows, True
         apart = follows & (~locked | (too_far > 0))
         since = np.where(apart, np.fmin(self._apart_since[number], time), np.nan)
         self._apart_since[number] = since

@@ -86,6 +86,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
             [
                 "bends_platoon",
                 "corridor_cut_in",
+                "corridor_manoeuvres",
                 "corridor_pedestrian",
                 "corridor_platoon",
                 "corridor_tracking",

@@ -20,7 +20,7 @@ LAYERS = [
     {"fleet"},
     {"contact", "sensing", "sumo", "provenance", "scans", "drawing", "splits"},
     {"window"},
-    {"deployment", "observation", "obstacles"},
+    {"deployment", "observation", "obstacles", "manoeuvres"},
     {"encounters"},
     {"recording", "metrics"},
     {"outputs"},

@@ -53,13 +53,15 @@ class Sensed:
     body: Body | None = None
     route: RouteAhead | None = None  # to those that declare it in `needs`
     signals: Signals | None = None  # same
+    leads: np.ndarray | None = None  # told to follow nobody, bool (n,)
 
     def row(self, i: int) -> Sensed:
         body, route, signals = (
             record and type(record)(*(values[i] for values in record))
             for record in (self.body, self.route, self.signals)
         )
-        return Sensed(self.scan[i], float(self.speed[i]), float(self.yaw_rate[i]), body, route, signals)
+        leads = None if self.leads is None else bool(self.leads[i])
+        return Sensed(self.scan[i], float(self.speed[i]), float(self.yaw_rate[i]), body, route, signals, leads)
 
 
 class Target(NamedTuple):

@@ -74,6 +74,7 @@ class TrackingFollower:
        With on_loss = "drive" it is given its route, and drives on along it as a `PathLeader` would, until somebody is
        before it on that route: whom it follows then, for a laser does not tell who that is. Who leaves the route is
        followed no farther.
+       Told to lead, it follows nobody.
     6. With policy = "obey" it is given lights and right of way, and stops at a closed line; alone it always does.
     """
 
@@ -125,10 +126,14 @@ class TrackingFollower:
             ways = sensed.route.points
             limit = np.where(memory.never_lost, ASIDE, ASIDE_ANEW)
             before = before.forgotten(before.aside(ways, odometry) > limit)
+        leads = np.zeros(len(speed), bool) if sensed.leads is None else sensed.leads
+        before = before.forgotten(leads)
         ahead_of_axle = scan.model.mount.x - body.axle
         turning = np.where(speed > 1.0, yaw_rate / np.maximum(speed, 1.0), 0.0)
         segments = find_segments(scan, jump=0.3, bridge=5)
         track, seen, beams = before.corrected(scan, segments, odometry, ahead_of_axle, turning, ways, dt)
+        if leads.any():
+            track, seen[leads], beams[leads] = track.forgotten(leads), np.nan, -1
 
         trail, anew = memory.trail, before.blind > 1.5 * dt
         if sensed.route is not None:
@@ -166,7 +171,7 @@ class TrackingFollower:
         acceleration = self._comfort(wanted, needed, last, dt)
         acceleration = np.maximum(acceleration, -self.hardest_braking)
 
-        never_lost = memory.never_lost & (before.known | ~memory.track.known)
+        never_lost = memory.never_lost & ~leads & (before.known | ~memory.track.known)
         met_for = np.where(before.known & track.known, memory.met_for + dt, 0.0)
         memory = Memory(odometry, track, trail, acceleration, own, free, closing, never_lost, met_for)
         return Decision(Drive(acceleration, curvature), memory, Target(*seen.T))

@@ -1,0 +1,95 @@
+"""What members are told at set times: to split off, to join the end of a platoon, to leave.
+
+Nothing passes between vehicles. Who is told to split off follows nobody: it drives its route as a leader does,
+with a leader's headway, and those behind it go on following it. Told to join, it follows whoever is before it on its
+route. Who leaves follows nobody on a way of its own; the one behind is told nothing: it loses it where their ways part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from platoontraffic.errors import InputError
+from platoontraffic.fleet import Fleet, Member
+from platoontraffic.network import Network
+from platoontraffic.route import Route
+from platoontraffic.scenario import Scenario
+
+
+class Order(NamedTuple):
+    time: float  # [s]
+    kind: str
+    vehicle: str
+    behind: str  # whom it shall join; "" for the others
+    route: Route | None  # of who leaves
+
+
+def orders(scenario: Scenario, network: Network, members: Sequence[Member]) -> tuple[Order, ...]:
+    """In the order of their times. raises: InputError where a way to leave by does not connect"""
+    by_id = {m.id: m for m in members}
+    found, faults = [], _circles(scenario, members)
+    for i, told in enumerate(scenario.spec.manoeuvre):
+        route = None
+        if told.kind == "leave":
+            member = by_id[told.vehicle]
+            try:
+                edges = network.fastest_way(member.edge, told.to) if told.to else told.route
+                if member.edge not in edges:
+                    raise InputError(f"{edges}: does not contain the start edge {member.edge!r}")
+                edges = edges[edges.index(member.edge) :]
+                route = Route.along(edges, *network.route_lanes(edges, member.lane, False, member.position))
+            except InputError as error:
+                key = "to" if told.to else "route"
+                faults += [scenario.fault(("manoeuvre", i, key), fault) for fault in error.faults]
+        found.append(Order(told.time_s, told.kind, told.vehicle, told.behind or "", route))
+    if faults:
+        raise InputError(*faults)
+    return tuple(sorted(found, key=lambda order: order.time))
+
+
+class Orders:
+    """Gives them when their time has come."""
+
+    def __init__(self, orders: Sequence[Order]) -> None:
+        self._later = list(orders)
+
+    def given(self, fleet: Fleet, time: float) -> tuple[Fleet, list[tuple[int, Order]]]:
+        """The fleet that knows what it was told just now, and this, by row. Who is not on the road is told nothing."""
+        told = []
+        while self._later and self._later[0].time < time + 1e-6:
+            order = self._later.pop(0)
+            row_of = {m.id: i for i, m in enumerate(fleet.members)}
+            row, behind = row_of.get(order.vehicle), row_of.get(order.behind, -1)
+            if row is None or (order.kind == "join" and behind < 0):
+                continue
+            predecessor = fleet.predecessor.copy()
+            if order.kind == "leave":  # who was behind it shall be behind whom it followed
+                predecessor[predecessor == row] = predecessor[row]
+            predecessor[row] = behind
+            leads = fleet.leads.copy()
+            leads[row] = order.kind != "join"
+            fleet = fleet.with_orders(predecessor, leads)
+            if order.route:
+                fleet = fleet.with_route(row, order.route)
+            told.append((row, order))
+        return fleet, told
+
+
+def _circles(scenario: Scenario, members: Sequence[Member]) -> list[str]:
+    """Faults of those who would join the end of what is behind themselves."""
+    ahead = {m.id: f"{m.platoon}.{m.place - 1}" if m.place else "" for m in members}
+    faults = []
+    for i, told in sorted(enumerate(scenario.spec.manoeuvre), key=lambda one: one[1].time_s):
+        if told.kind == "leave":
+            ahead |= {name: ahead[told.vehicle] for name, other in ahead.items() if other == told.vehicle}
+        ahead[told.vehicle] = told.behind or ""
+        there = told.behind
+        while there and there != told.vehicle:
+            there = ahead[there]
+        if there:
+            faults.append(
+                scenario.fault(("manoeuvre", i, "behind"), f"{told.behind!r}: is behind {told.vehicle} itself")
+            )
+            ahead[told.vehicle] = ""
+    return faults
