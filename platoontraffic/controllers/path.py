@@ -95,7 +95,7 @@ class PathLeader:
             acceleration = np.minimum(acceleration, self.acceleration_for_lines(sensed))
         acceleration = np.maximum(acceleration, -self.hardest_braking)
         acceleration = np.maximum(acceleration, -sensed.speed / dt)  # nobody brakes into driving backwards
-        return Decision(Drive(acceleration, self._curvature(sensed)), Memory(memory.time + dt, free, closing))
+        return Decision(Drive(acceleration, self.curvature_on(sensed)), Memory(memory.time + dt, free, closing))
 
     def acceleration_on(self, sensed: Sensed, time, free, closing, dt: float) -> np.ndarray:
         """For speed, bends and others, (n,) [m/s2].
@@ -111,7 +111,7 @@ class PathLeader:
         )
         return np.min(wanted, axis=0)
 
-    def _curvature(self, sensed: Sensed) -> np.ndarray:
+    def curvature_on(self, sensed: Sensed) -> np.ndarray:
         """Through the first point of the path at least one lookahead away, or its last."""
         points = sensed.route.points
         lookahead = _or(self.lookahead, np.maximum(sensed.body.length, 0.5 * sensed.speed))

@@ -147,6 +147,8 @@ class TrackingFollower:
         window = np.maximum(self.window, self.window_time * speed)
         ahead = trail.ahead(odometry, track, window, self.steering_lag * speed)
         curvature = self._steer(ahead, catch_up)
+        if sensed.route is not None:
+            curvature = np.where(strange, ALONE.curvature_on(sensed), curvature)
 
         distance = ahead.way - OVERHANG - ahead_of_axle
         reach = np.where(track.known, ahead.way - OVERHANG - 0.5, np.maximum(ahead.way, 0) + scan.model.range_max / 2)
