@@ -32,6 +32,7 @@ NARROWEST, WIDEST = 1.3, 2.7  # that is taken for a rear [m]
 SURPRISE = 11.3  # nis of one of a hundred
 BRAKE_STEP = 5.0  # of acceleration, where a manoeuvre begins, standard deviation [m/s2]
 BEND_STEP = 0.05  # of curvature, same [1/m]
+HARD, FAST = 5.0, 10.0  # braking is that above it [m/s2]; and matters at once above that speed [m/s]
 HARDEST, STRONGEST = 12.0, 6.0  # braking and acceleration that there are [m/s2]
 GATE = 30.0  # greatest nis of what is taken for the predecessor; 16 has one of a thousand
 NEAR = 6.0  # groups farther from where it should be are not looked at [m]
@@ -434,7 +435,8 @@ def _fitted(mean, cov, rear, var, laser_x, laser_y, yaw, dt, state, spread):
 
     One too great for chance is taken for a manoeuvre that has just begun: a step of acceleration and of curvature
     (adjustable process noise: Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation",
-    2001, section 11.2). One that asks for more than there is began a scan earlier, when it was taken for chance.
+    2001, section 11.2). One that asks for more than there is began a scan earlier, when it was taken for chance, if it
+    is hard braking, the only one that matters at once.
     """
     state[:], spread[:] = mean, cov
     off = _corrected(state, spread, rear, var, laser_x, laser_y, yaw)
@@ -442,7 +444,7 @@ def _fitted(mean, cov, rear, var, laser_x, laser_y, yaw, dt, state, spread):
         return off
     cos, sin = math.cos(mean[2]), math.sin(mean[2])
     turned = min(BEND_STEP, SIDEWAYS / max(mean[3], 1.0) ** 2)
-    for scans in range(1, 3):
+    for scans in range(1, 3 if mean[3] > FAST else 2):
         state[:], spread[:] = mean, cov
         since = scans * dt
         way = mean[3] * since
@@ -453,7 +455,7 @@ def _fitted(mean, cov, rear, var, laser_x, laser_y, yaw, dt, state, spread):
             for b, and_by in enumerate((-sin * way * way / 2, cos * way * way / 2, way, 0.0, 0.0, 1.0)):
                 spread[a, b] += by_step * and_by * turned**2
         off = _corrected(state, spread, rear, var, laser_x, laser_y, yaw)
-        if -HARDEST < state[4] < STRONGEST:
+        if -HARDEST < state[4] < (STRONGEST if scans == 1 else -HARD):
             return off
     return math.inf
 

@@ -111,10 +111,13 @@ class PathLeader:
         )
         return np.min(wanted, axis=0)
 
-    def curvature_on(self, sensed: Sensed) -> np.ndarray:
-        """Through the first point of the path at least one lookahead away, or its last."""
+    def curvature_on(self, sensed: Sensed, time: float = 0.5) -> np.ndarray:
+        """Through the first point of the path at least one lookahead away, or its last.
+
+        time: that it takes to drive there, at the least, where the scenario says nothing of the lookahead [s]
+        """
         points = sensed.route.points
-        lookahead = _or(self.lookahead, np.maximum(sensed.body.length, 0.5 * sensed.speed))
+        lookahead = _or(self.lookahead, np.maximum(sensed.body.length, time * sensed.speed))
         away = np.hypot(points[..., 0], points[..., 1]) >= np.reshape(lookahead, (-1, 1))
         aim = points[np.arange(len(points)), np.where(away.any(axis=1), away.argmax(axis=1), -1)]
         return 2 * aim[:, 1] / np.maximum((aim**2).sum(axis=1), 1e-6)

@@ -24,10 +24,12 @@ FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
 STANDING = 0.05  # [m/s]
 CLOSE_ENOUGH = 0.1  # to the wanted distance, not to move up [m]
 SHOWN = 32  # points of the trail that are recorded
+RECOVERY = 2.5  # lateral acceleration to come back with [m/s2]
 STEEPEST = 0.35  # sine of the greatest angle to come back to the trail at
 ASTRAY = 0.7  # farther off the trail it drives no faster than its own bend allows [m]
 
 ALONE = PathLeader()  # how one drives that has nobody to follow
+LOOKAHEAD = 1.0  # then [s]: it may come to its route from aside
 ASIDE = 5.0  # of the route [m]: there a predecessor is followed no more that was never lost, and may change lanes
 ASIDE_ANEW = 2.0  # the same of whoever was met on the way [m]
 ROUNDED = 0.4  # vehicle lengths each way over which the route's corners are rounded
@@ -146,9 +148,9 @@ class TrackingFollower:
         catch_up = np.maximum(self.catch_up, self.catch_up_time * speed)
         window = np.maximum(self.window, self.window_time * speed)
         ahead = trail.ahead(odometry, track, window, self.steering_lag * speed)
-        curvature = self._steer(ahead, catch_up)
+        curvature = self._steer(ahead, catch_up, speed)
         if sensed.route is not None:
-            curvature = np.where(strange, ALONE.curvature_on(sensed), curvature)
+            curvature = np.where(strange, ALONE.curvature_on(sensed, LOOKAHEAD), curvature)
 
         distance = ahead.way - OVERHANG - ahead_of_axle
         reach = np.where(track.known, ahead.way - OVERHANG - 0.5, np.maximum(ahead.way, 0) + scan.model.range_max / 2)
@@ -157,14 +159,14 @@ class TrackingFollower:
         own = memory.own + (memory.acceleration - memory.own) * -np.expm1(-dt / max(self.drive_lag, 1e-9))
         wanted, needed = self._follow(distance, speed, own, track)
         wanted = np.minimum(wanted, self._bends(ahead, speed))
-        astray = (np.abs(ahead.offset) > ASTRAY) | (np.abs(ahead.off_heading) > STEEPEST)
-        fastest2 = self.lateral_acceleration / np.maximum(np.abs(curvature), 1e-6)
-        wanted = np.where(astray & (speed**2 > fastest2), np.minimum(wanted, -self.braking), wanted)
         blind_spot = body.length / 2 - scan.model.mount.x  # from laser to front bumper
         needed = np.minimum(needed, self._brake_for(free + blind_spot, speed, speed - closing, 0.0))
         if sensed.route is not None:
             alone = ALONE.acceleration_on(sensed, np.zeros(len(speed)), free, closing, dt)
             wanted = np.where(track.known, wanted, alone)
+        astray = (np.abs(ahead.offset) > ASTRAY) | (np.abs(ahead.off_heading) > STEEPEST)
+        fastest2 = self.lateral_acceleration / np.maximum(np.abs(curvature), 1e-6)
+        wanted = np.where(astray & (speed**2 > fastest2), np.minimum(wanted, -self.braking), wanted)
         if sensed.signals is not None:
             stop = ALONE.acceleration_for_lines(sensed)
             stop = np.where(track.known & (self.policy == "convoy"), np.inf, stop)
@@ -188,9 +190,11 @@ class TrackingFollower:
         begun = Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n)
         return Memory(*begun, np.zeros(n), np.zeros(n), nothing, unknown, np.ones(n, bool), np.zeros(n))
 
-    def _steer(self, ahead: Ahead, catch_up: np.ndarray) -> np.ndarray:
+    def _steer(self, ahead: Ahead, catch_up: np.ndarray, speed: np.ndarray) -> np.ndarray:
         towards = -np.clip(ahead.offset / (2 * catch_up), -STEEPEST, STEEPEST)  # sine of the angle to come back at
-        return ahead.curvature - 2 * (np.sin(ahead.off_heading) - towards) / catch_up
+        back = 2 * (np.sin(ahead.off_heading) - towards) / catch_up
+        gentle = RECOVERY / np.maximum(speed, 2.0) ** 2  # steering is too slow for more, and would swing
+        return ahead.curvature - np.clip(back, -gentle, gentle)
 
     def _follow(self, distance, speed, own, track: Track) -> tuple[np.ndarray, np.ndarray]:
         """The acceleration that keeps the headway, and the braking that is needed."""
