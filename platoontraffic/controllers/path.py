@@ -97,6 +97,10 @@ class PathLeader:
         acceleration = np.maximum(acceleration, -sensed.speed / dt)  # nobody brakes into driving backwards
         return Decision(Drive(acceleration, self.curvature_on(sensed)), Memory(memory.time + dt, free, closing))
 
+    def acceleration_for_bends(self, sensed: Sensed) -> np.ndarray:
+        """For what is slower ahead on the route, (n,) [m/s2]; inf where nothing is."""
+        return self._for_bends(sensed, self._fastest(sensed))
+
     def acceleration_on(self, sensed: Sensed, time, free, closing, dt: float) -> np.ndarray:
         """For speed, bends and others, (n,) [m/s2].
 

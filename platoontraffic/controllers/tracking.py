@@ -164,6 +164,9 @@ class TrackingFollower:
         if sensed.route is not None:
             alone = ALONE.acceleration_on(sensed, np.zeros(len(speed)), free, closing, dt)
             wanted = np.where(track.known, wanted, alone)
+            # Who was met on the way may drive on straight where the route turns.
+            bends = np.where(memory.never_lost, np.inf, ALONE.acceleration_for_bends(sensed))
+            wanted = np.minimum(wanted, bends)
         astray = (np.abs(ahead.offset) > ASTRAY) | (np.abs(ahead.off_heading) > STEEPEST)
         fastest2 = self.lateral_acceleration / np.maximum(np.abs(curvature), 1e-6)
         wanted = np.where(astray & (speed**2 > fastest2), np.minimum(wanted, -self.braking), wanted)
