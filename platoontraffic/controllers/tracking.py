@@ -161,19 +161,10 @@ class TrackingFollower:
         wanted = np.minimum(wanted, self._bends(ahead, speed))
         blind_spot = body.length / 2 - scan.model.mount.x  # from laser to front bumper
         needed = np.minimum(needed, self._brake_for(free + blind_spot, speed, speed - closing, 0.0))
-        if sensed.route is not None:
-            alone = ALONE.acceleration_on(sensed, np.zeros(len(speed)), free, closing, dt)
-            wanted = np.where(track.known, wanted, alone)
-            # Who was met on the way may drive on straight where the route turns.
-            bends = np.where(memory.never_lost, np.inf, ALONE.acceleration_for_bends(sensed))
-            wanted = np.minimum(wanted, bends)
         astray = (np.abs(ahead.offset) > ASTRAY) | (np.abs(ahead.off_heading) > STEEPEST)
-        fastest2 = self.lateral_acceleration / np.maximum(np.abs(curvature), 1e-6)
-        wanted = np.where(astray & (speed**2 > fastest2), np.minimum(wanted, -self.braking), wanted)
-        if sensed.signals is not None:
-            stop = ALONE.acceleration_for_lines(sensed)
-            stop = np.where(track.known & (self.policy == "convoy"), np.inf, stop)
-            wanted, needed = np.minimum(wanted, stop), np.minimum(needed, stop)
+        too_fast = speed**2 * np.abs(curvature) > self.lateral_acceleration
+        wanted, needed = self._by_road(sensed, memory, track, (free, closing), wanted, needed, dt)
+        wanted = np.where(astray & too_fast, np.minimum(wanted, -self.braking), wanted)
         last = np.where(speed < STANDING, np.maximum(memory.acceleration, -FIRM), memory.acceleration)
         acceleration = self._comfort(wanted, needed, last, dt)
         acceleration = np.maximum(acceleration, -self.hardest_braking)
@@ -211,6 +202,20 @@ class TrackingFollower:
         wanted = np.where(track.known, wanted, np.where(speed < STANDING, -FIRM, -self.braking / 2))
         needed = self._brake_for(distance, speed, speed_ahead, np.minimum(acceleration_ahead, 0.0))
         return wanted, np.where(track.known, needed, np.inf)
+
+    def _by_road(self, sensed: Sensed, memory: Memory, track: Track, others, wanted, needed, dt: float):
+        """Both accelerations, with what the route and the lines on it ask for of those who are told of them."""
+        if sensed.route is not None:
+            alone = ALONE.acceleration_on(sensed, np.zeros(len(sensed.speed)), *others, dt)
+            wanted = np.where(track.known, wanted, alone)
+            # Who was met on the way may drive on straight where the route turns.
+            bends = ALONE.acceleration_for_bends(sensed)
+            wanted = np.where(memory.never_lost, wanted, np.minimum(wanted, bends))
+        if sensed.signals is not None:
+            stop = ALONE.acceleration_for_lines(sensed)
+            stop = np.where(track.known & (self.policy == "convoy"), np.inf, stop)
+            wanted, needed = np.minimum(wanted, stop), np.minimum(needed, stop)
+        return wanted, needed
 
     def _brake_for(self, distance, speed, speed_ahead, acceleration_ahead) -> np.ndarray:
         """Acceleration that just does not come nearer than the margin; inf where it is not known."""
