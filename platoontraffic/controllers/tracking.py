@@ -25,6 +25,7 @@ STANDING = 0.05  # [m/s]
 CLOSE_ENOUGH = 0.1  # to the wanted distance, not to move up [m]
 SHOWN = 32  # points of the trail that are recorded
 RECOVERY = 2.5  # lateral acceleration to come back with [m/s2]
+APPROACH = 1.5  # deceleration with which a standing car is come up to [m/s2]
 STEEPEST = 0.35  # sine of the greatest angle to come back to the trail at
 ASTRAY = 0.7  # farther off the trail it drives no faster than its own bend allows [m]
 
@@ -33,7 +34,6 @@ LOOKAHEAD = 1.0  # then [s]: it may come to its route from aside
 ASIDE = 5.0  # of the route [m]: there a predecessor is followed no more that was never lost, and may change lanes
 ASIDE_ANEW = 2.0  # the same of whoever was met on the way [m]
 ROUNDED = 0.4  # vehicle lengths each way over which the route's corners are rounded
-SETTLED = 1.0  # after which it is known well where somebody met drives [s]; until then the route is steered along
 RUN_UP = 8.0  # so far before somebody met the route ends, and an arc leads on into its trail [m]
 
 
@@ -48,7 +48,6 @@ class Memory(NamedTuple):
     free: np.ndarray  # way to what is in the way, not the predecessor [m]; inf: nothing
     closing: np.ndarray  # how fast that becomes less [m/s]; NaN: not known yet
     never_lost: np.ndarray  # bool
-    met_for: np.ndarray  # since somebody was met [s]
 
 
 @dataclass(frozen=True)
@@ -74,8 +73,8 @@ class TrackingFollower:
        predecessor and for whatever else is met on the strip that it will drive over.
     5. It does not know where its predecessor is when it has not seen it for `patience`: then it stops, in the trail.
        With on_loss = "drive" it is given its route, and drives on along it as a `PathLeader` would, until somebody is
-       before it on that route: whom it follows then, for a laser does not tell who that is. Who leaves the route is
-       followed no farther.
+       before it on that route: whom it follows then, along the route, for a laser does not tell who that is. Who leaves
+       the route is followed no farther.
        Told to lead, it follows nobody.
     6. With policy = "obey" it is given lights and right of way, and stops at a closed line; alone it always does.
     """
@@ -139,7 +138,7 @@ class TrackingFollower:
 
         trail, anew = memory.trail, before.blind > 1.5 * dt
         if sensed.route is not None:
-            strange = ~before.known | (~memory.never_lost & (memory.met_for < SETTLED))
+            strange = ~before.known | ~memory.never_lost  # whoever was met on the way is followed along the route
             met = np.hypot(track.mean[:, 0] - odometry.x, track.mean[:, 1] - odometry.y) - RUN_UP
             until = np.where(track.known, met, scan.model.range_max)
             trail.lay(strange, odometry, sensed.route.points, sensed.route.distance, until, ROUNDED * body.length)
@@ -170,8 +169,7 @@ class TrackingFollower:
         acceleration = np.maximum(acceleration, -self.hardest_braking)
 
         never_lost = memory.never_lost & ~leads & (before.known | ~memory.track.known)
-        met_for = np.where(before.known & track.known, memory.met_for + dt, 0.0)
-        memory = Memory(odometry, track, trail, acceleration, own, free, closing, never_lost, met_for)
+        memory = Memory(odometry, track, trail, acceleration, own, free, closing, never_lost)
         return Decision(Drive(acceleration, curvature), memory, Target(*seen.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
@@ -182,7 +180,7 @@ class TrackingFollower:
         n = len(speed)
         nothing, unknown = np.full(n, np.inf), np.full(n, np.nan)
         begun = Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n)
-        return Memory(*begun, np.zeros(n), np.zeros(n), nothing, unknown, np.ones(n, bool), np.zeros(n))
+        return Memory(*begun, np.zeros(n), np.zeros(n), nothing, unknown, np.ones(n, bool))
 
     def _steer(self, ahead: Ahead, catch_up: np.ndarray, speed: np.ndarray) -> np.ndarray:
         towards = -np.clip(ahead.offset / (2 * catch_up), -STEEPEST, STEEPEST)  # sine of the angle to come back at
@@ -194,7 +192,9 @@ class TrackingFollower:
         """The acceleration that keeps the headway, and the braking that is needed."""
         speed_ahead, acceleration_ahead = track.mean[:, SPEED], track.mean[:, ACCELERATION]
         error, rate = distance - self.desired_distance(speed), speed_ahead - speed
-        wanted = (rate + np.minimum(self.distance_gain * error, self.catching_up)) / self.time_headway
+        fast = np.sqrt(2 * APPROACH * np.maximum(error, 0.0)) - speed_ahead  # towards who stands or nearly so
+        wanted = rate + np.minimum(self.distance_gain * error, np.maximum(self.catching_up, fast))
+        wanted = wanted / self.time_headway
         change = (acceleration_ahead - own + self.distance_gain * (rate - self.time_headway * own)) / self.time_headway
         wanted = wanted + self.drive_lag * change
         stands = (speed < STANDING) & (speed_ahead < 2 * STANDING) & (error < CLOSE_ENOUGH)
