@@ -243,9 +243,13 @@ class Fleet:
             groups=tuple(groups),
         )
 
-    def moved(self, dt: float) -> Fleet:
-        """After dt; those that SUMO drives stay, until it has moved them."""
-        motion = self.model.moved(self.motion, self.command, dt)
+    def moved(self, dt: float, brakes: np.ndarray | None = None) -> Fleet:
+        """After dt; those that SUMO drives stay, until it has moved them.
+
+        brakes: what some are brought to a stand with, whatever their laws want [m/s2], (n,); NaN: they are not
+        """
+        command = self.command if brakes is None else self.command.braked(brakes, self.motion.speed, dt)
+        motion = self.model.moved(self.motion, command, dt)
         return self._with_motion(np.flatnonzero(self.native), self.motion, motion)._located()
 
     def driven(self, rows: np.ndarray, x, y, heading, speed, dt: float) -> Fleet:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from platoontraffic.errors import InputError
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.network import Network
+from platoontraffic.observation import Noted
 from platoontraffic.route import Route
 from platoontraffic.scenario import Scenario
 
@@ -54,8 +55,8 @@ class Orders:
     def __init__(self, orders: Sequence[Order]) -> None:
         self._later = list(orders)
 
-    def given(self, fleet: Fleet, time: float) -> tuple[Fleet, list[tuple[int, Order]]]:
-        """The fleet that knows what it was told just now, and this, by row. Who is not on the road is told nothing."""
+    def given(self, fleet: Fleet, time: float) -> tuple[Fleet, list[Noted]]:
+        """The fleet that knows what it was told just now, and this. Who is not on the road is told nothing."""
         told = []
         while self._later and self._later[0].time < time + 1e-6:
             order = self._later.pop(0)
@@ -72,7 +73,7 @@ class Orders:
             fleet = fleet.with_orders(predecessor, leads)
             if order.route:
                 fleet = fleet.with_route(row, order.route)
-            told.append((row, order))
+            told.append(Noted(row, "told", f"to {order.kind}", other=order.behind))
         return fleet, told
 
 

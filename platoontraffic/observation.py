@@ -51,6 +51,16 @@ class Event(NamedTuple):
     detail: str
 
 
+class Noted(NamedTuple):
+    """What happens to a member that is not seen by watching it."""
+
+    row: int
+    kind: str
+    detail: str
+    duration: float = np.nan
+    other: str = ""
+
+
 @dataclass(frozen=True)
 class Measures:
     """One instant, seen from outside. Arrays (n,), NaN where there is no predecessor or no value."""
@@ -121,10 +131,9 @@ class Observer:
         scans: Sequence[ScanBatch | None],
         roads: list[tuple[str, str]],
         signals: Signals | None = None,
-        violations: Sequence[tuple[int, str, str]] = (),
-        told: Sequence[tuple[int, Any]] = (),
+        noted: Sequence[Noted] = (),
     ) -> list[Event]:
-        """The events of this step; signals, violations: as a World tells them; told: orders, by row."""
+        """The events of this step, with those that were noted elsewhere; signals: as a World tells them."""
         x, y = fleet.model.axle_position(fleet.motion)
 
         def event(kind: str, i: int, other: str = "", duration: float = np.nan, detail: str = "") -> Event:
@@ -132,11 +141,12 @@ class Observer:
             return Event(traffic.time, kind, traffic.ids[i], other, *where, duration, detail)
 
         events = [*self._come_and_go(traffic, fleet, x, y, roads, event)]
-        for i, order in told:
-            events.append(event("told", i, order.behind, detail=f"to {order.kind}"))
+        events += [event(one.kind, one.row, one.other, one.duration, one.detail) for one in noted]
         self._drive(fleet, x, y)
         events += self._look(traffic, fleet, scans, event)
-        events += [event(kind, i, detail=where) for i, kind, where in violations]
+        for one in noted:
+            if one.kind in ("breaks_down", "repaired"):
+                self._splits.broken[fleet.number[one.row]] = one.detail if one.kind == "breaks_down" else ""
         events += self._splits.watch(traffic, fleet, signals, self._together(fleet), event)
         events += self._standstills(traffic, fleet, event)
         events += self._brakings(traffic, fleet, event)

@@ -157,6 +157,8 @@ KINDS = {
     "released": "it is open again, or behind it, after duration_s",
     "red_light": "enters a junction from a lane, in detail, whose light is red; not of those whom SUMO drives",
     "failed_to_yield": "the same where it should give way to somebody who comes before it is across",
+    "breaks_down": "its drive or its laser, in detail, fails: it rolls to a stand, or sees nothing any more",
+    "repaired": "that works again, after duration_s",
     "standstill": "has stood still for more than 10 s",
     "standstill_end": "moves again, after duration_s",
     "collision": "touches another vehicle or a wall; once for every episode; detail: who struck whom",

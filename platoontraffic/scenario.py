@@ -369,6 +369,16 @@ class Manoeuvre(Table):
         return self
 
 
+class Breakdown(Table):
+    """What fails of a member, and when."""
+
+    vehicle: str
+    what: Literal["drive", "laser"]
+    time_s: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    lasts_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None  # default: to the end
+    rate_mps2: Annotated[float, Field(gt=0, le=10)] = 2.0  # without its drive it rolls to a stand so
+
+
 class Spec(Table):
     """A scenario file."""
 
@@ -382,6 +392,7 @@ class Spec(Table):
     platoon: Annotated[list[Platoon], Field(min_length=1)]
     obstacle: list[obstaclekeys.Obstacle] = []
     manoeuvre: list[Manoeuvre] = []
+    breakdown: list[Breakdown] = []
 
 
 class Change(NamedTuple):
@@ -488,7 +499,7 @@ class Scenario:
             table["sumo"]["config"] = named(self.configuration.path)
         elif self.spec.sumo.net not in data.networks():
             table["sumo"]["net"] = named(self.net)
-        for key in ("obstacle", "manoeuvre"):
+        for key in ("obstacle", "manoeuvre", "breakdown"):
             if not table[key]:
                 del table[key]
         given = {"routes": self.route_files, "additional": self.additional}
@@ -740,15 +751,24 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
             if not _whole(1 / (lidar.rate * spec.run.step_s)):
                 what = f"{lidar.rate:g}: a scan must take whole steps of run.step_s = {spec.run.step_s}"
                 fault((*at, "lidar", "rate_hz"), what)
+    for table, i, one in (
+        *(("manoeuvre", i, one) for i, one in enumerate(spec.manoeuvre)),
+        *(("breakdown", i, one) for i, one in enumerate(spec.breakdown)),
+    ):
+        if one.vehicle not in members:
+            fault((table, i, "vehicle"), f"{one.vehicle!r}: no member{did_you_mean(one.vehicle, members)}")
+        if one.time_s >= spec.run.duration_s:
+            fault((table, i, "time_s"), f"{one.time_s:g}: must be before the end, {spec.run.duration_s:g}")
+    for i, one in enumerate(spec.breakdown):
+        law = laws.get((members.get(one.vehicle, -1), "leader" if one.vehicle.endswith(".0") else "follower"))
+        if one.what == "laser" and getattr(law, "native", False):
+            fault(("breakdown", i, "what"), f"'laser': {one.vehicle} has none, SUMO drives it; must be 'drive'")
     for i, told in enumerate(spec.manoeuvre):
         at = ("manoeuvre", i)
-        for key, who in (("vehicle", told.vehicle), ("behind", told.behind)):
-            if who is not None and who not in members:
-                fault((*at, key), f"{who!r}: no member{did_you_mean(who, members)}")
+        if told.behind is not None and told.behind not in members:
+            fault((*at, "behind"), f"{told.behind!r}: no member{did_you_mean(told.behind, members)}")
         if told.behind == told.vehicle:
             fault((*at, "behind"), f"{told.vehicle!r}: cannot follow itself; must be another member")
-        if told.time_s >= spec.run.duration_s:
-            fault((*at, "time_s"), f"{told.time_s:g}: must be before the end, {spec.run.duration_s:g}")
         if told.vehicle in members:
             role = "leader" if told.vehicle.endswith(".0") else "follower"
             if told.kind == "split" and role == "leader":

@@ -14,6 +14,7 @@ import tomli_w
 
 from lidar import Scene
 from platoontraffic import manoeuvres, metrics, obstacles, outputs, provenance, recording
+from platoontraffic.breakdowns import Breakdowns
 from platoontraffic.contact import Contacts
 from platoontraffic.deployment import deploy, static_scene
 from platoontraffic.encounters import Encounters
@@ -132,16 +133,19 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window
         others = Obstacles(prepared.obstacles, fleet)
         encounters = Encounters(others, prepared.members)
         orders = manoeuvres.Orders(prepared.orders)
+        breakdowns = Breakdowns(scenario.spec.breakdown)
         world.hold(others.bodies, ways)
         for step in range(steps + 1):
             whole = record.traffic_every_s is not None and step % traffic_every == 0
             traffic = read(fleet, np.inf if whole else fleet.sight)
-            scans = scan(traffic, fleet, step)
+            broken = breakdowns.watch(fleet, traffic.time)
+            scans = breakdowns.seen(scan(traffic, fleet, step), fleet)
             fleet, told = orders.given(fleet, traffic.time)
             lines = signals(fleet)
             fleet = decide(fleet, scans, dt, lines, odometry(fleet, step))
             roads = world.roads(fleet)
-            events = observe(traffic, fleet, scans, roads, lines, world.violations(fleet), told)
+            noted = [*told, *broken, *world.violations(fleet)]
+            events = observe(traffic, fleet, scans, roads, lines, noted)
             recorder.note([*events, *encounters.watch(traffic, fleet, events)])
             if step % record_every == 0:
                 write(traffic, fleet, measure(fleet), roads)
@@ -154,9 +158,10 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window
                 progress(traffic.time)
             if ended := _ended(run, fleet, world.waiting, step == steps):
                 break
-            fleet = move(fleet, dt)
+            brakes = breakdowns.brakes(fleet)
+            fleet = move(fleet, dt, brakes)
             others.move(traffic, fleet, dt)
-            place(fleet)
+            place(fleet, brakes)
             world.hold(others.bodies, ways)
             show(fleet, scans)
             fleet = advance(fleet)

@@ -34,6 +34,7 @@ class Splits:
         self._held = np.zeros(n, dtype=bool)
         self._held_since, self._held_until = np.full((2, n), -np.inf)
         self._held_by = np.zeros(n, dtype=int)
+        self.broken = np.full(n, "", dtype=object)  # what of each is broken down
 
     def watch(
         self,
@@ -84,6 +85,8 @@ class Splits:
 
     def _why(self, traffic: TrafficSnapshot, fleet: Fleet, i: int, locked: bool, target: str, beams: float) -> str:
         number, ahead = fleet.number[i], fleet.predecessor[i]
+        if self.broken[number]:
+            return f"its {self.broken[number]} is broken"
         if traffic.time - self._held_until[number] < HELD_FOR:
             lasted = traffic.time - self._held_since[number]
             return f"held by {CLOSED_BY[self._held_by[number]]} {lasted:.1f} s ago"

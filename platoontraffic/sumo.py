@@ -28,6 +28,7 @@ from platoontraffic.controllers import CLOSED_BY, Signals
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import CLOSING, Fleet, Member
 from platoontraffic.network import CHANGING, Line, Network
+from platoontraffic.observation import Noted
 from platoontraffic.rightofway import ACCELERATION, MARGIN, TURNING_SPEED, Foe, may_cross, time_for
 from platoontraffic.traffic import TrafficSnapshot
 
@@ -148,6 +149,7 @@ class World:
         ] = []  # members that have entered a junction: from which lane, on which
         self._leg: dict[str, int] = {}  # how far on its route each member is, as an index of edges
         self._routed: dict[str, str] = {}  # the edge from which each member's route was last set
+        self._slowed: set[str] = set()  # members that SUMO drives, and whose drive is broken
         self._sizes: dict[str, tuple[float, float]] = {}  # length, width of SUMO's own vehicles
         self._far: set[str] = set()  # see _others
         self._far_from: tuple[Member, ...] = ()
@@ -334,8 +336,11 @@ class World:
             self._near = [name for name in libsumo.vehicle.getIDList() if name not in self._far]
         return self._near
 
-    def place(self, fleet: Fleet) -> None:
-        """Tell SUMO where every member is at the end of the coming step."""
+    def place(self, fleet: Fleet, brakes: np.ndarray | None = None) -> None:
+        """Tell SUMO where every member is at the end of the coming step.
+
+        brakes: what some are brought to a stand with [m/s2], (n,), NaN of others; those that SUMO drives, too
+        """
         motion = fleet.motion
         x, y = front_of(motion.x, motion.y, motion.heading, fleet.model.length)
         angle = sumo_angle(motion.heading)
@@ -345,6 +350,14 @@ class World:
         for member, native, *pose in poses:
             if not native:
                 libsumo.vehicle.moveToXY(member.id, *ANYWHERE, *pose, KEEP_ROUTE, MATCH_THRESHOLD)
+        slowed = set()
+        for i in () if brakes is None else np.flatnonzero(fleet.native & ~np.isnan(brakes)):
+            libsumo.vehicle.setSpeed(fleet.members[i].id, max(float(motion.speed[i] - brakes[i] * self._step), 0.0))
+            slowed.add(fleet.members[i].id)
+        for member in fleet.members if self._slowed else ():
+            if member.id in self._slowed - slowed:
+                libsumo.vehicle.setSpeed(member.id, -1)  # its own driver's again
+        self._slowed = slowed
 
     def advance(self, fleet: Fleet) -> Fleet:
         """One step of SUMO: the fleet after it, its speeds and routes set right again.
@@ -487,8 +500,8 @@ class World:
                 is_open &= bool(links) and links[0][2]
         return way, is_open, state in "msw", state in "yY", LIGHT if state in "ruyY" else RIGHT_OF_WAY
 
-    def violations(self, fleet: Fleet) -> list[tuple[int, str, str]]:
-        """Who entered a junction in the last step that was closed to it: row, kind of event, and where."""
+    def violations(self, fleet: Fleet) -> list[Noted]:
+        """Who entered a junction in the last step that was closed to it, and from which lane."""
         found, row = [], {m.id: i for i, m in enumerate(fleet.members)} if self._entered else {}
         for name, lane, via in self._entered:
             state = next((link[5] for link in libsumo.lane.getLinks(lane) if link[4] == via), "")
@@ -499,9 +512,9 @@ class World:
             line = next((line for line in lines if line.lane == lane and line.via[:1] == (via,)), None)
             speed, length = fleet.motion.speed[i], fleet.model.length[i]
             if state in "ru":
-                found.append((i, "red_light", lane))
+                found.append(Noted(i, "red_light", lane))
             elif line and state not in "GMoOyY" and not self._may_cross(line, 0.0, speed, length, entered=True):
-                found.append((i, "failed_to_yield", lane))
+                found.append(Noted(i, "failed_to_yield", lane))
         self._entered.clear()
         return found
 

@@ -51,6 +51,17 @@ class Command(NamedTuple):
         """The commands of some of them."""
         return Command(*(type(kind)(*(values[rows] for values in kind)) for kind in self))
 
+    def braked(self, rate: np.ndarray, speed: np.ndarray, dt: float) -> Command:
+        """With some brought to a stand by no less than a rate [m/s2], on the curvature commanded; NaN: as it is."""
+        twist, drive = self
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bend = np.nan_to_num(twist.yaw_rate / twist.speed, posinf=0.0, neginf=0.0)
+        least = -np.clip(speed / dt, -rate, rate)
+        broken = ~np.isnan(rate)
+        acceleration = np.where(broken, np.fmin(drive.acceleration, least), drive.acceleration)
+        curvature = np.where(broken & np.isnan(drive.curvature), bend, drive.curvature)
+        return Command(twist, Drive(acceleration, curvature))
+
 
 @dataclass(frozen=True)
 class Motion:

@@ -27,7 +27,7 @@ def test_an_order_is_given_once_when_its_time_has_come():
     before, told = orders.given(fleet(), 0.9)
     assert (told, before.leads.tolist()) == ([], [True, False, False, False])
     after, told = orders.given(before, 1.0)
-    assert [(row, one.kind) for row, one in told] == [(2, "split")]
+    assert [(one.row, one.detail) for one in told] == [(2, "to split")]
     assert after.leads.tolist() == [True, False, True, False]
     assert after.predecessor.tolist() == [-1, 0, -1, 2]
     assert orders.given(after, 2.0)[1] == []

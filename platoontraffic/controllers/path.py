@@ -43,6 +43,7 @@ class PathLeader:
     Others    : what its laser meets on the strip that it will drive over is followed, or stopped for, by the
                 interaction term of the Intelligent Driver Model (Treiber, Hennecke, Helbing, Phys. Rev. E 62 (2000)
                 1805); how fast it comes nearer is learnt from the change of the distance, from the second look on.
+                It stops if every beam is lost.
     Lights    : stops at a closed line if it can by `hardest_braking`; for yellow, by twice the comfortable braking.
                 Where it has to give way it comes slowly and passes when SUMO says that it may.
 
@@ -188,7 +189,8 @@ class PathLeader:
         dynamic = speed * self.time_headway + speed * closing / (2 * np.sqrt(self.acceleration * self.braking))
         wanted = stand_off + np.maximum(dynamic, 0.0)
         interaction = self.acceleration * (1 - (wanted / np.maximum(free, 1e-3)) ** 2)
-        return np.where(free < np.inf, interaction, np.inf)
+        blinded = np.isnan(sensed.scan.ranges).all(axis=1)  # lost, all of them: the laser is broken
+        return np.where(blinded, -self.braking, np.where(free < np.inf, interaction, np.inf))
 
 
 def free_way(sensed: Sensed, half_width: np.ndarray) -> np.ndarray:
