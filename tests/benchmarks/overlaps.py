@@ -2,13 +2,11 @@
 
     .venv/bin/python tests/benchmarks/overlaps.py SCENARIO [BATCH ...]
 
-SCENARIO: a scenario or a SUMO configuration, of which the traffic alone is driven, for ten minutes after its warm-up
-(five minutes of a configuration). BATCH: folders of batches of runs there.
+SCENARIO: its traffic alone is driven, for ten minutes after the warm-up. BATCH: folders of batches of runs there.
 """
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 from pathlib import Path
@@ -17,58 +15,43 @@ import numpy as np
 import shapely
 
 from analysis import load
-from lidar import Boxes
 from platoontraffic import scenario
-from platoontraffic.network import Network, read_configuration
-from platoontraffic.sumo import centre_of, heading_of, libsumo
+from platoontraffic.fleet import Fleet
+from platoontraffic.network import Network
+from platoontraffic.outputs import sumo_options
+from platoontraffic.sumo import World
 
 STEP, SECONDS = 0.1, 600.0
 OFF_ROAD = 0.3  # [m], of the rear axle, a quarter of the length before the rear
 
 
-def options(source: str) -> tuple[Path, list[str], float]:
-    if source.endswith((".sumocfg", ".netecfg")):
-        config = read_configuration(Path(source))
-        return config.net, ["-c", source], 300.0
-    loaded = scenario.load(source)
-    files = {"-n": [loaded.net], "-r": loaded.route_files, "-a": loaded.additional}
-    words = [word for option, paths in files.items() if paths for word in (option, ",".join(map(str, paths)))]
-    return loaded.net, words, loaded.spec.sumo.warm_up_s
-
-
 def natives(source: str) -> tuple[float, int, int]:
     """Vehicle hours, episodes of overlap, episodes off the road."""
-    net, words, warm_up = options(source)
-    road = Network.read(net).drivable.buffer(OFF_ROAD)
+    loaded, nobody = scenario.load(source), Fleet.deployed([], STEP)
+    network = Network.read(loaded.net)
+    road = network.drivable.buffer(OFF_ROAD)
     shapely.prepare(road)
-    with tempfile.TemporaryDirectory() as folder:
-        kept = os.dup(2)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-        libsumo.start(["sumo", *words, "--step-length", str(STEP), "--no-step-log", "--output-prefix", f"{folder}/",
-                       "--time-to-teleport", "-1", "--collision.action", "none"])  # fmt: skip
-        libsumo.simulationStep(libsumo.simulation.getTime() + warm_up)
-        hours, pairs, outside, episodes = 0.0, set(), set(), [0, 0]
-        for _ in range(round(SECONDS / STEP)):
-            libsumo.simulationStep()
-            names = libsumo.vehicle.getIDList()
-            hours += len(names) * STEP / 3600
-            front = np.array([libsumo.vehicle.getPosition(name) for name in names]).reshape(-1, 2)
-            heading = heading_of(np.array([libsumo.vehicle.getAngle(name) for name in names]))
-            length, width = (
-                np.array([get(name) for name in names]) for get in (libsumo.vehicle.getLength, libsumo.vehicle.getWidth)
-            )
-            x, y = centre_of(*front.T, heading, length)
-            boxes = shapely.polygons(Boxes(x, y, heading, length, width, np.arange(len(names))).corners())
-            a, b = shapely.STRtree(boxes).query(boxes, predicate="intersects")
-            now = {(names[i], names[k]) for i, k in zip(a, b, strict=True) if i < k}
-            axle = x - length / 4 * np.cos(heading), y - length / 4 * np.sin(heading)
-            off = {names[i] for i in np.flatnonzero(~shapely.contains_xy(road, *axle))}
-            episodes[0] += len(now - pairs)
-            episodes[1] += len(off - outside)
-            pairs, outside = now, off
-        libsumo.close()
-        os.dup2(kept, 2)
-    return hours, *episodes
+    hours, overlaps, off = 0.0, 0, 0
+    pairs, outside = set(), set()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        options, warm_up = sumo_options(loaded, folder), loaded.spec.sumo.warm_up_s
+        with World(network, STEP, loaded.seed, folder / "words.log", options, warm_up) as world:
+            world.deploy(nobody)
+            for _ in range(round(SECONDS / STEP)):
+                world.advance(nobody)
+                traffic = world.snapshot(nobody)
+                hours += len(traffic.ids) * STEP / 3600
+                boxes = shapely.polygons(traffic.boxes().corners())
+                a, b = shapely.STRtree(boxes).query(boxes, predicate="intersects")
+                now = {(traffic.ids[i], traffic.ids[k]) for i, k in zip(a, b, strict=True) if i < k}
+                back = traffic.length / 4
+                x, y = traffic.x - back * np.cos(traffic.heading), traffic.y - back * np.sin(traffic.heading)
+                beside = {traffic.ids[i] for i in np.flatnonzero(~shapely.contains_xy(road, x, y))}
+                overlaps += len(now - pairs)
+                off += len(beside - outside)
+                pairs, outside = now, beside
+    return hours, overlaps, off
 
 
 def members(folder: str) -> tuple[float, int, int, int]:
