@@ -65,6 +65,11 @@ class Car:
         """On the level [m/s]."""
         return self.max_speed
 
+    @property
+    def turning_radius(self) -> float:
+        """Of the rear axle's middle at full lock [m]."""
+        return self.wheelbase / np.tan(self.max_steering)
+
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """The middle of the rear axle, the point whose path the curvature is of. Arrays (n,)."""
         return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)

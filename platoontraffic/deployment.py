@@ -108,6 +108,8 @@ def _route(network: Network, platoon: Platoon, edges: list[str]) -> Route:
     here = edges.index(platoon.start.edge)
     onward = [*edges[here:], *(edges[:here] if platoon.loop else [])]
     lanes = network.route_lanes(onward, platoon.start.lane, platoon.loop, platoon.start.position_m)
+    around = [*onward, onward[0]] if platoon.loop else onward
+    network.check_reversals(around, platoon.vehicle.model().turning_radius)
     return Route.along(onward, *lanes, closed=platoon.loop)
 
 

@@ -39,6 +39,7 @@ def orders(scenario: Scenario, network: Network, members: Sequence[Member]) -> t
                 if member.edge not in edges:
                     raise InputError(f"{edges}: does not contain the start edge {member.edge!r}")
                 edges = edges[edges.index(member.edge) :]
+                network.check_reversals(edges, member.model.turning_radius)
                 route = Route.along(edges, *network.route_lanes(edges, member.lane, False, member.position))
             except InputError as error:
                 key = "to" if told.to else "route"

@@ -35,6 +35,8 @@ CHANGING = "change"
 CHANGE_AFTER = 5.0  # a route changes lanes so far after an edge's begin, in lane widths: 16 m in streets
 CHANGE = 12.0  # length of that, per lane, in the same: 38 m, 3 s at 13 m/s
 CAR = "passenger"  # SUMO's class of vehicles that members are
+TURNS_BACK = "tT"  # directions of links on which one comes back on the same road; T where one keeps left
+ROUND = 3600.0  # so much longer may a way be that does not [s]
 NO_ROAD = frozenset(
     ("pedestrian", "wheelchair", "tram", "rail_urban", "rail", "rail_electric", "rail_fast", "lightrail", "cityrail",
      "rail_slow", "subway", "cable_car", "ship", "container", "aircraft", "drone")
@@ -487,14 +489,28 @@ class Network:
         return ways[last][1] if last in ways else min(ways.values(), key=lambda way: way[0])[1]
 
     def fastest_way(self, start: str, end: str) -> list[str]:
-        """The edges from one to another that take the least time at the limits of speed."""
+        """The edges from one to another that take the least time at the limits of speed.
+
+        They turn back on a road only where there is no other way.
+        """
         a, b = (self._net.getEdge(self._known(edge)) for edge in (start, end))
         for edge in (a, b):
             self._check_edge(edge)
-        way, _ = self._net.getOptimalPath(a, b, fastest=True, vClass=CAR)
+        way, _ = self._net.getOptimalPath(a, b, fastest=True, vClass=CAR, reversalPenalty=ROUND)
         if way is None:
             raise InputError(f"no way for cars from edge '{start}' to '{end}'")
         return [edge.getID() for edge in way]
+
+    def check_reversals(self, edges: Sequence[str], radius: float) -> None:
+        """Raise InputError where a route turns back on its road more tightly than on a radius [m]."""
+        for here, there in pairwise(map(self._net.getEdge, edges)):
+            for link in self._links(here, there):
+                half_circle = sum(inside.getLength() for inside in self._across(link))
+                if link.getDirection() in TURNS_BACK and half_circle < math.pi * radius:
+                    raise InputError(
+                        f"turns back from '{here.getID()}' to '{there.getID()}' on a radius of "
+                        f"{half_circle / math.pi:.1f} m; the vehicle needs {radius:.1f} m"
+                    )
 
     def sample_way(self) -> tuple[str, float, str]:
         """A lane on which platoons may start, a position [m] there and an edge that they can reach."""

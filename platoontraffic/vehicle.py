@@ -110,6 +110,11 @@ class DifferentialDrive:
         """Straight ahead [m/s]."""
         return self.max_wheel_speed * self.wheel_radius
 
+    @property
+    def turning_radius(self) -> float:
+        """It turns on the spot [m]."""
+        return 0.0
+
     def twist_for(self, command: Command | Drive | Twist, motion: Motion, dt: float) -> Twist:
         """The twist that a command comes to: a drive's acceleration is that of the coming step, its curvature kept."""
         if isinstance(command, Twist):

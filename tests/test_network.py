@@ -167,6 +167,15 @@ def test_route_says_where_an_edge_leads(loop):
         loop.route_line([])
 
 
+def test_turning_back_on_a_road_takes_a_radius_that_the_vehicle_has():
+    """A half circle between lanes 3.2 m apart has a radius of 1.6 m."""
+    cross = Network.read(Path(__file__).parent / "nets" / "cross.net.xml")
+    cross.check_reversals(["north_in", "north_out"], 0.5)
+    cross.check_reversals(["north_in", "east_out"], 4.0)
+    with pytest.raises(InputError, match=r"turns back from 'north_in' to 'north_out' on a radius of 1\.\d m; .* 4.0 m"):
+        cross.check_reversals(["north_in", "north_out"], 4.0)
+
+
 def test_onward_goes_as_straight_as_it_can(world):
     assert world.onward("sw_s", 3) == ("sw_s", "s_se", "se_e")
     assert world.onward("c_s", 3) == ("c_s", "s_end", "end_s")

@@ -196,6 +196,15 @@ def test_the_fastest_way_is_taken_to_a_named_edge(tmp_path):
         scenario.load(file)
 
 
+def test_a_route_that_turns_back_more_tightly_than_a_car_can_is_refused(tmp_path):
+    cross = Path(__file__).parent / "nets" / "cross.net.xml"
+    file = write(tmp_path, f'net = "{cross.as_posix()}"', edges=["north_in", "north_out"])
+    simulation.prepare(scenario.load(file))  # a robot turns on the spot
+    file.write_text(re.sub("vehicle = .*", 'vehicle = "car"', file.read_text()))
+    with pytest.raises(InputError, match=r"platoon\.0\.route: turns back from 'north_in' to 'north_out' on a radius"):
+        simulation.prepare(scenario.load(file))
+
+
 # ---- a leader that SUMO drives
 
 
