@@ -86,6 +86,8 @@ class Sumo(Table):
     traffic: bool = True  # a shipped network brings its own routes and bus stops; its <poly>s come always
     demand: Annotated[float, Field(gt=0, le=100)] | None = None  # so many times the vehicles of the route files
     warm_up_s: Annotated[float, Field(ge=0, le=86_400)] = 0.0  # SUMO's traffic alone, before the platoons stand there
+    # That SUMO's drivers take to change lanes; default: what a config says, 3 s where SUMO drives a leader, or else 0.
+    lane_change_s: Annotated[float, Field(ge=0, le=60)] | None = None
 
     @model_validator(mode="after")
     def one_of_both(self) -> Sumo:

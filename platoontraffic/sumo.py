@@ -396,10 +396,13 @@ class World:
         missing = {m.id for m in platoon.members} - set(libsumo.vehicle.getIDList())
         if missing:
             raise RunError(f"SUMO did not insert {', '.join(sorted(missing))}; its words are in {self._words.name}")
-        for member, native in zip(platoon.members, platoon.native, strict=True):
+        behind = np.isin(np.arange(len(platoon)), platoon.predecessor)
+        for i, (member, native) in enumerate(zip(platoon.members, platoon.native, strict=True)):
             if not native:
                 libsumo.vehicle.setSpeedMode(member.id, ALL_OFF)
                 libsumo.vehicle.setLaneChangeMode(member.id, NO_LANE_CHANGE)
+            elif behind[i]:
+                libsumo.vehicle.setParameter(member.id, "laneChangeModel.lcKeepRight", "0")
         self._locate(platoon)
         return self._read_native(self._settled(platoon))
 

@@ -65,3 +65,45 @@ def test_ten_hold_at_thirty_metres_a_second(tmp_path):
     assert (steady.gap_error_m.abs() < 0.02 * 33).all()
     assert rows.cross_track_m.abs().max() < 0.3
     assert not events.kind.isin(["collision", "lock_lost", "off_road"]).any()
+
+
+OVERTAKES = """
+[sumo]
+net = "highway"
+traffic = false
+[scene]
+walls = "none"
+[run]
+duration_s = 60.0
+step_s = 0.1
+[[platoon]]
+size = 5
+gap_m = 15.0
+vehicle = "car"
+start = { edge = "e0_e1", position_m = 300.0, speed_mps = 20.0 }
+to = "e4_e5"
+leader = { law = "sumo", max_speed_mps = 25.0 }
+follower = { law = "tracking", odometry = "car" }
+[[obstacle]]
+kind = "car"
+start = { edge = "e0_e1", position_m = 420.0 }
+speed_mps = 15.0
+"""
+
+
+def test_a_platoon_changes_lanes_behind_a_leader_that_sumo_drives(tmp_path):
+    """It overtakes a slow car; each follower changes lanes where the leader did."""
+    file = tmp_path / "overtakes.toml"
+    file.write_text(OVERTAKES, encoding="utf-8")
+    folder = run(tmp_path / "run", file)
+    events, rows = (pd.read_csv(folder / f"{name}.csv") for name in ("events", "trajectories"))
+    assert set(events.kind) == {"departed", "locked", "obstacle", "end"}
+    rows = rows[rows.edge_id == "e0_e1"]
+    changed = rows[rows.lane_id == "e0_e1_1"].groupby("vehicle_id").x_m.first()
+    assert len(changed) == 5
+    assert changed.max() - changed.min() < 3.0
+    assert rows.cross_track_m.abs().max() < 0.1
+    follow = rows[rows.place > 0]
+    assert (follow.target_id == "platoon." + (follow.place - 1).astype(str)).all()
+    sideways = rows[rows.place == 0].y_m.diff().abs().max()
+    assert sideways == pytest.approx(3.5 / 30, rel=0.2)  # a lane's width in three seconds

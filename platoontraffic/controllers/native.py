@@ -14,7 +14,8 @@ from platoontraffic.vehicle import Positive
 class SumoDriver:
     """SUMO's own driver: follows cars, changes lanes, obeys lights and right of way. It is read, not moved.
 
-    It has no laser and decides nothing here. When it arrives at the end of its route the run ends.
+    It has no laser and decides nothing here. Who has followers stays on the lane on which it has overtaken, for those
+    would come back before whom they have not yet passed. Where it drives, lane changes take 3 s (`sumo.lane_change_s`).
     """
 
     needs: ClassVar[frozenset[str]] = frozenset({"route"})
