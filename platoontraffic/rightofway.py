@@ -20,15 +20,21 @@ class Foe(NamedTuple):
     foe_to_exit: float
     foe_speed: float
     foe_length: float
+    hurries: bool = False  # it may set out now, or accelerate; else it keeps its speed, and waits if that is none
 
 
 def may_cross(foe: Foe, speed: float, length: float, margin: float = MARGIN) -> bool:
-    """Whether the vehicle gets across before the foe comes, or the foe is gone before it comes itself."""
+    """Whether the vehicle gets across before the foe comes, or the foe is gone before it comes itself.
+
+    A foe that hurries comes as `time_for` says, and goes at the speed that it has.
+    """
     if foe.to_exit + length < 0 or foe.foe_to_exit + foe.foe_length < 0:
         return True
-    if foe.foe_speed < STANDING:
+    stands = foe.foe_speed < STANDING
+    if stands and not (foe.hurries and foe.foe_to_conflict > 0):
         return foe.foe_to_conflict > 0  # it waits; or it stands in the way
-    comes, goes = foe.foe_to_conflict / foe.foe_speed, (foe.foe_to_exit + foe.foe_length) / foe.foe_speed
+    comes = time_for(foe.foe_to_conflict, foe.foe_speed) if foe.hurries else foe.foe_to_conflict / foe.foe_speed
+    goes = math.inf if stands else (foe.foe_to_exit + foe.foe_length) / foe.foe_speed
     return comes > time_for(foe.to_exit + length, speed) + margin or goes + margin < time_for(foe.to_conflict, speed)
 
 

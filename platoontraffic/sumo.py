@@ -29,7 +29,7 @@ from platoontraffic.errors import InputError, RunError
 from platoontraffic.fleet import CLOSING, Fleet, Member
 from platoontraffic.network import CHANGING, Line, Network
 from platoontraffic.observation import Noted
-from platoontraffic.rightofway import ACCELERATION, MARGIN, TURNING_SPEED, Foe, may_cross, time_for
+from platoontraffic.rightofway import ACCELERATION, MARGIN, STANDING, TURNING_SPEED, Foe, may_cross, time_for
 from platoontraffic.traffic import TrafficSnapshot
 
 # Of a pyarrow that it finds libsumo prints at import, into what users read; `doctor` tells of it.
@@ -50,7 +50,7 @@ ANYWHERE = ("", -1)
 ALL_OFF = 32  # speed mode: SUMO believes the speed that follows from the displacement
 NO_LANE_CHANGE = 0
 
-LIGHT, RIGHT_OF_WAY, LANE_CHANGE = range(1, len(CLOSED_BY))
+LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = range(1, len(CLOSED_BY))
 
 ROOM = 1.0  # of their own length is free before and behind members when they are deployed
 BESIDE = 0.5  # and this, of both sides together [m]
@@ -59,6 +59,9 @@ CHANGE_HEADWAY = 0.5  # that is left on the lane beside when one changes to it [
 COMMITTED = 0.25  # so far over there, one does not stop again to let others pass
 EARLY_BRAKING = 2.0  # so that one can stop by it, it is looked for room beside in time [m/s2]
 REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
+SETS_OUT = 3.0  # who stands so long at an open line is held up by something else [s]
+FLOWS = 3.0  # a queue that is as fast leaves room [m/s]
+QUEUE_GAP = 2.0  # between those who stand in one [m]
 
 PERSON = "person."  # before the names of SUMO's pedestrians
 
@@ -143,6 +146,7 @@ class World:
         self._later: list[Fleet] = []  # platoons that depart later, the next one first
         self._roads: dict[str, tuple[str, str]] = {}  # edge and lane of each member
         self._first: dict[Line, GoFirst] = {}
+        self._ready: dict[str, tuple[float, float]] = {}  # who stands at an open line: since, and last seen so [s]
         self._beside: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes that lead to that which one changes to
         self._entered: list[
             tuple[str, str, str]
@@ -501,6 +505,9 @@ class World:
             if state in "sw":  # only who has stood there may go
                 links = libsumo.vehicle.getNextLinks(member.id)
                 is_open &= bool(links) and links[0][2]
+        near = way < speed**2 / (2 * EARLY_BRAKING) + length
+        if is_open and near and not self._has_room(line, length):
+            return way, False, False, False, NO_ROOM
         return way, is_open, state in "msw", state in "yY", LIGHT if state in "ruyY" else RIGHT_OF_WAY
 
     def violations(self, fleet: Fleet) -> list[Noted]:
@@ -552,6 +559,16 @@ class World:
             for name in libsumo.lane.getLastStepVehicleIDs(lane):
                 yield name, beyond + libsumo.lane.getLength(lane) - libsumo.vehicle.getLanePosition(name)
 
+    def _has_room(self, line: Line, length: float) -> bool:
+        """Whether one will not come to stand in a junction that others cross, for the queue behind it."""
+        vehicle, lane = libsumo.vehicle, libsumo.lane
+        queue = lane.getLastStepVehicleIDs(line.onto)
+        if not queue or vehicle.getSpeed(queue[0]) > FLOWS or not any(map(lane.getInternalFoes, line.via)):
+            return True
+        left = vehicle.getLanePosition(queue[0]) - vehicle.getLength(queue[0])
+        before = [name for via in line.via for name in lane.getLastStepVehicleIDs(via)]
+        return left > sum(vehicle.getLength(name) + QUEUE_GAP for name in before) + length + QUEUE_GAP
+
     def _go_first(self, line: Line) -> GoFirst:
         if line not in self._first:
             self._first[line] = GoFirst.at(line, self._network)
@@ -570,20 +587,33 @@ class World:
                 to_line = beyond + lane.getLength(name) - vehicle.getLanePosition(foe)
                 links = [link for link in vehicle.getNextLinks(foe)[:3] if link[4] in first.inside]
                 if links and links[0][5] not in "ru":  # it goes that way, and is not stopped
-                    foes.append((foe, to_line, to_line + max(links[0][7], line.across)))
+                    hurries = not entered and self._hurries(foe, to_line, links[0][2])
+                    foes.append((foe, to_line, to_line + max(links[0][7], line.across), hurries))
         for name, waits in () if entered else first.inside.items():
             for foe in lane.getLastStepVehicleIDs(name):
                 left = lane.getLength(name) - vehicle.getLanePosition(foe)
-                foes.append((foe, left if waits else 0.0, left))
+                foes.append((foe, left if waits else 0.0, left, False))
         return all(
             may_cross(
-                Foe(way, way + line.across, to, end, vehicle.getSpeed(foe), vehicle.getLength(foe)),
+                Foe(way, way + line.across, to, end, vehicle.getSpeed(foe), vehicle.getLength(foe), hurries),
                 speed,
                 length,
                 0.0 if entered else MARGIN,
             )
-            for foe, to, end in foes
+            for foe, to, end, hurries in foes
         )
+
+    def _hurries(self, foe: str, to_line: float, is_open: bool) -> bool:
+        """Whether a foe may come sooner than by its speed: one that drives, or that stands at a line just opened."""
+        if libsumo.vehicle.getSpeed(foe) >= STANDING:
+            return is_open
+        if not is_open or to_line > libsumo.vehicle.getLength(foe):
+            return False
+        time = libsumo.simulation.getTime()
+        since, last = self._ready.get(foe, (time, time))
+        since = since if time - last < SETS_OUT else time
+        self._ready[foe] = since, time
+        return time - since < SETS_OUT
 
     def _insert(self, fleet: Fleet) -> None:
         """Onto their lanes; in the step after, `place` puts them to their start poses."""

@@ -30,14 +30,14 @@ class RouteAhead(NamedTuple):
     curvature: np.ndarray  # of the route, to the left [1/m], (n, k)
 
 
-CLOSED_BY = ("", "light", "right of way", "lane change")
+CLOSED_BY = ("", "light", "right of way", "lane change", "no room behind the junction")
 
 
 class Signals(NamedTuple):
     """The next stop line on the given route: rows (n,), or one vehicle's row."""
 
     distance: np.ndarray  # from the front bumper [m]; inf: there is none
-    open: np.ndarray  # lights and right of way let this vehicle pass now, bool
+    open: np.ndarray  # lights, right of way and the queue behind the junction let this vehicle pass now, bool
     minor: np.ndarray  # it has to give way there, bool
     changing: np.ndarray  # closed, but it need not be stopped for by who cannot in comfort (yellow), bool
     reason: np.ndarray  # why it is closed, or would be: an index of CLOSED_BY

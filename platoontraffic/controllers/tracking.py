@@ -22,6 +22,7 @@ OTHERS_FILTER = 0.2  # time constant of the filter for the speed of what is in t
 SAME = 1.0  # by which the free way may differ from what that filter expects, of the same thing [m]
 FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
 STANDING = 0.05  # [m/s]
+STILL = 0.1  # slower and not accelerating, it stands still [m/s]
 CLOSE_ENOUGH = 0.1  # to the wanted distance, not to move up [m]
 SHOWN = 32  # points of the trail that are recorded
 RECOVERY = 2.5  # lateral acceleration to come back with [m/s2]
@@ -118,6 +119,8 @@ class TrackingFollower:
         scan, body, speed, yaw_rate = sensed.scan, sensed.body, sensed.speed, sensed.yaw_rate
         if memory is None:
             memory = self._begin(speed, yaw_rate)
+        still = (np.abs(speed) < STILL) & (memory.acceleration <= 0)  # what odometry tells then is its errors
+        speed, yaw_rate = np.where(still, 0.0, speed), np.where(still, 0.0, yaw_rate)
         odometry = memory.odometry.moved(speed, yaw_rate, dt)
 
         before = memory.track.predicted(odometry, dt)
