@@ -85,6 +85,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
             "scenarios",
             [
                 "bends_platoon",
+                "corridor_breakdown",
                 "corridor_cut_in",
                 "corridor_manoeuvres",
                 "corridor_pedestrian",
