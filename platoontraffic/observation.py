@@ -277,7 +277,8 @@ class Observer:
         target = self._target[number]
         on, locked = target == ahead, self._locked[number]
         self._locked[number] = on
-        for k in np.flatnonzero(~on & (target != before) & (target != NOTHING)):
+        strange = ~on & (target != before) & (target != NOTHING)
+        for k in np.flatnonzero(strange & ~self._splits.split[number]):
             yield event("wrong_target", rows[k], target[k])
         for k in np.flatnonzero(on & ~locked):
             since = self._lost_since[number[k]]
@@ -303,7 +304,8 @@ class Observer:
         since = np.where(np.isnan(since) & ~moving, traffic.time, since)
         began = ~moving & ~noted & (traffic.time - since > STANDSTILL_AFTER)
         for i in np.flatnonzero(began):
-            yield event("standstill", i, detail=f"since {since[i]:.3f} s")
+            why = self._splits.stopped_by(number[i]) or _stands_behind(traffic, i)
+            yield event("standstill", i, detail=f"since {since[i]:.3f} s" + (why and f", {why}"))
         for i in np.flatnonzero(moving & noted):
             yield event("standstill_end", i, duration=traffic.time - since[i])
         self._standing_since[number] = np.where(moving, np.nan, since)
@@ -389,6 +391,17 @@ def _struck(traffic: TrafficSnapshot, i: int, other: str) -> str:
     if abs(along) <= abs(aside) or math.cos(traffic.heading[k] - traffic.heading[i]) < 0.5:
         return "side by side or head on"
     return STRUCK if along < 0 else "struck it from behind"
+
+
+def _stands_behind(traffic: TrafficSnapshot, i: int) -> str:
+    """Who is straight ahead of a vehicle, within its own length."""
+    cos, sin = math.cos(traffic.heading[i]), math.sin(traffic.heading[i])
+    way, side = np.array([cos, sin]) * traffic.length[i], np.array([-sin, cos]) * traffic.width[i] / 2
+    front = np.array([traffic.x[i], traffic.y[i]]) + way / 2
+    strip = shapely.Polygon([front - side, front + side, front + way + side, front + way - side])
+    met = [k for k in np.flatnonzero(shapely.intersects(shapely.polygons(traffic.boxes().corners()), strip)) if k != i]
+    ahead = [(traffic.x[k] - front[0]) * cos + (traffic.y[k] - front[1]) * sin for k in met]
+    return f"behind {traffic.ids[met[int(np.argmin(ahead))]]}" if met else ""
 
 
 def _see(scan: ScanBatch, traffic: TrafficSnapshot, rows: np.ndarray, fleet: Fleet, seen: np.ndarray) -> None:

@@ -147,7 +147,7 @@ KINDS = {
     "locked": "the law takes its true predecessor for the first time",
     "lock_lost": "the law no longer takes its true predecessor for it; detail says why",
     "lock_regained": "it does again, after duration_s",
-    "wrong_target": "it takes something else",
+    "wrong_target": "it takes something else, and is not split off: who is follows whoever is there",
     "split": "is split off: for 2 s its law has not taken its predecessor (other_id) for it, or the gap has been more "
     "than twice what the law wants and 15 m above that; detail says why",
     "rejoined": "is not so any more, duration_s after that began",
@@ -159,7 +159,7 @@ KINDS = {
     "failed_to_yield": "the same where it should give way to somebody who comes before it is across",
     "breaks_down": "its drive or its laser, in detail, fails: it rolls to a stand, or sees nothing any more",
     "repaired": "that works again, after duration_s",
-    "standstill": "has stood still for more than 10 s",
+    "standstill": "has stood still for more than 10 s; detail: since when, and held by what or behind whom",
     "standstill_end": "moves again, after duration_s",
     "collision": "touches another vehicle or a wall; once for every episode; detail: who struck whom",
     "near_miss": f"gap falls below 0.5 m{SMALLER}, without contact; once for every episode",

@@ -28,7 +28,7 @@ class Splits:
 
     def __init__(self, n: int) -> None:
         self._apart_since = np.full(n, np.nan)  # NaN: in its platoon
-        self._split = np.zeros(n, dtype=bool)
+        self.split = np.zeros(n, dtype=bool)  # who is split off
         self._begun = np.full(n, np.nan)  # the last split
         self._followed, self._here = np.zeros((2, n), dtype=bool)  # in the last step
         self._held = np.zeros(n, dtype=bool)
@@ -55,17 +55,17 @@ class Splits:
         locked, target, beams, too_far = seen
         follows = fleet.predecessor >= 0
         joining = follows & ~self._followed[number] & self._here[number]
-        self._split[number[joining]], self._begun[number[joining]] = True, time  # until it is with those whom it joins
+        self.split[number[joining]], self._begun[number[joining]] = True, time  # until it is with those whom it joins
         self._followed[number], self._here[number] = follows, True
         apart = follows & (~locked | (too_far > 0))
         since = np.where(apart, np.fmin(self._apart_since[number], time), np.nan)
         self._apart_since[number] = since
-        for i in np.flatnonzero(apart & ~self._split[number] & (time - since > SPLIT_AFTER - 1e-6)):
-            self._split[number[i]], self._begun[number[i]] = True, since[i]
+        for i in np.flatnonzero(apart & ~self.split[number] & (time - since > SPLIT_AFTER - 1e-6)):
+            self.split[number[i]], self._begun[number[i]] = True, since[i]
             why = self._why(traffic, fleet, i, locked[i], target[i], beams[i])
             yield event("split", i, traffic.ids[fleet.predecessor[i]], detail=why)
-        for i in np.flatnonzero(~apart & self._split[number]):
-            self._split[number[i]] = False
+        for i in np.flatnonzero(~apart & self.split[number]):
+            self.split[number[i]] = False
             if follows[i]:
                 yield event("rejoined", i, traffic.ids[fleet.predecessor[i]], time - self._begun[number[i]])
 
@@ -83,10 +83,16 @@ class Splits:
             yield event("released", i, duration=time - self._held_since[number[i]])
         self._held[number] = held | (self._held[number] & closed)
 
+    def stopped_by(self, number: int) -> str:
+        """What it stands for, as far as that is known here."""
+        if self.broken[number]:
+            return f"its {self.broken[number]} is broken"
+        return f"held by {CLOSED_BY[self._held_by[number]]}" if self._held[number] else ""
+
     def _why(self, traffic: TrafficSnapshot, fleet: Fleet, i: int, locked: bool, target: str, beams: float) -> str:
         number, ahead = fleet.number[i], fleet.predecessor[i]
         if self.broken[number]:
-            return f"its {self.broken[number]} is broken"
+            return self.stopped_by(number)
         if traffic.time - self._held_until[number] < HELD_FOR:
             lasted = traffic.time - self._held_since[number]
             return f"held by {CLOSED_BY[self._held_by[number]]} {lasted:.1f} s ago"

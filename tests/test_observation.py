@@ -150,6 +150,20 @@ def test_what_is_remembered_belongs_to_the_member_and_not_to_its_row():
     assert watched.at(10.1, [2], x=x[2:]).kinds == [("standstill", "robot.2")]
 
 
+def test_a_standstill_says_behind_whom_if_one_stands_within_a_cars_length_ahead():
+    watched = Watched(cars(3))
+    x = -np.array([0.0, LENGTH + 3.0, 2 * LENGTH + 20.0, 3 * LENGTH + 23.0])
+    for k in range(101):
+        watched.at(0.1 * k, x=x, speed=0.0)
+    events = watched.at(10.1, x=x, speed=0.0).events
+    assert [(e.vehicle, e.detail) for e in events] == [
+        ("robot.0", "since 0.000 s"),
+        ("robot.1", "since 0.000 s, behind robot.0"),
+        ("robot.2", "since 0.000 s"),
+        ("robot.3", "since 0.000 s, behind robot.2"),
+    ]
+
+
 def test_time_to_collision_and_needed_braking():
     members = cars(3)
     x = -np.arange(4) * (LENGTH + 10.0)
