@@ -60,8 +60,8 @@ COMMITTED = 0.25  # so far over there, one does not stop again to let others pas
 EARLY_BRAKING = 2.0  # so that one can stop by it, it is looked for room beside in time [m/s2]
 REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
 SETS_OUT = 3.0  # who stands so long at an open line is held up by something else [s]
-FLOWS = 3.0  # a queue that is as fast leaves room [m/s]
-QUEUE_GAP = 2.0  # between those who stand in one [m]
+FLOWS = 3.0  # slower is a queue, which those before it will come to stand behind [m/s]
+QUEUE_GAP, OWN_GAP = 2.5, 4.0  # between those who stand in one, and that a member leaves [m]
 
 PERSON = "person."  # before the names of SUMO's pedestrians
 
@@ -562,12 +562,13 @@ class World:
     def _has_room(self, line: Line, length: float) -> bool:
         """Whether one will not come to stand in a junction that others cross, for the queue behind it."""
         vehicle, lane = libsumo.vehicle, libsumo.lane
-        queue = lane.getLastStepVehicleIDs(line.onto)
-        if not queue or vehicle.getSpeed(queue[0]) > FLOWS or not any(map(lane.getInternalFoes, line.via)):
+        onto = lane.getLastStepVehicleIDs(line.onto)  # the last one first
+        last = next((k for k, name in enumerate(onto) if vehicle.getSpeed(name) < FLOWS), None)
+        if last is None or not any(map(lane.getInternalFoes, line.via)):
             return True
-        left = vehicle.getLanePosition(queue[0]) - vehicle.getLength(queue[0])
-        before = [name for via in line.via for name in lane.getLastStepVehicleIDs(via)]
-        return left > sum(vehicle.getLength(name) + QUEUE_GAP for name in before) + length + QUEUE_GAP
+        left = vehicle.getLanePosition(onto[last]) - vehicle.getLength(onto[last])
+        before = [*onto[:last], *(name for via in line.via for name in lane.getLastStepVehicleIDs(via))]
+        return left > sum(vehicle.getLength(name) + QUEUE_GAP for name in before) + length + OWN_GAP
 
     def _go_first(self, line: Line) -> GoFirst:
         if line not in self._first:

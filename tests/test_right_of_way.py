@@ -87,6 +87,21 @@ def test_one_crosses_behind_a_foe_who_is_gone_before_one_comes():
     assert not may_cross(foe._replace(foe_to_exit=still_there - 5.0), 10.0, 4.74)
 
 
+def test_a_foe_that_hurries_is_reckoned_to_come_as_soon_as_it_may():
+    """Both stand; the own way out is 9 + 4.74 m, the foe's way to the crossing as long, and 5 m more or less."""
+    still = Foe(5.0, 9.0, 13.74, 17.74, 0.0, 5.0)
+    assert may_cross(still, 0.0, 4.74)
+    assert not may_cross(still._replace(hurries=True), 0.0, 4.74)
+    later = time_for(13.74, 0.0) + MARGIN
+    gap = next(way / 100 for way in range(10_000) if time_for(way / 100, 0.0) > later)
+    assert may_cross(still._replace(foe_to_conflict=gap, hurries=True), 0.0, 4.74)
+    assert not may_cross(still._replace(foe_to_conflict=gap - 0.05, hurries=True), 0.0, 4.74)
+    slow = coming(20.0, speed=0.5)
+    assert may_cross(slow, 0.0, 4.74)
+    assert not may_cross(slow._replace(hurries=True), 0.0, 4.74)
+    assert may_cross(slow._replace(hurries=True, foe_to_conflict=-30.0, foe_to_exit=-5.1), 0.0, 4.74)
+
+
 @pytest.mark.parametrize(
     ("foe", "free"),
     [
@@ -178,6 +193,8 @@ def insert(name: str, way: tuple[str, ...], position: float, speed: float, lane:
     place = {"departLane": str(lane), "departPos": str(position), "departSpeed": str(speed)}
     libsumo.vehicle.add(name, name, name, **place)
     libsumo.vehicle.setLaneChangeMode(name, 0)
+    if not speed:
+        libsumo.vehicle.setSpeed(name, 0)
 
 
 def clearance(seen: list[TrafficSnapshot], name: str) -> float:
@@ -249,6 +266,26 @@ def test_it_gives_way_to_who_turns_off_the_major_road_before_it(scene):
     for at in (235.0, 245.0, 255.0):
         seen, _ = scene("cross", MINOR, [turning], 30.0, position=at, speed=6.0, eye=BLIND)
         assert clearance(seen, "t") > 0.3, at
+
+
+@pytest.mark.sumo
+@pytest.mark.parametrize(
+    ("others", "goes"),
+    [
+        ([("q", ("south_out",), 13.5, 0.0)], False),  # its rear is 8.5 m behind the junction: 4.74 m and a gap
+        ([("q", ("south_out",), 14.0, 0.0)], True),
+        ([("q", ("south_out",), 14.0, 0.0), ("before", MINOR, 230.0, 10.0)], False),  # it takes the room
+        ([("q", ("south_out",), 21.5, 0.0), ("before", MINOR, 230.0, 10.0)], True),
+    ],
+)
+def test_it_does_not_come_to_stand_in_the_junction(scene, others, goes):
+    seen, _ = scene("cross", MINOR, others, 40.0, eye=EYE)
+    _, _, y, speed = track(seen)
+    assert speed[-1] < 0.1
+    if goes:
+        assert y[-1] + CAR.length / 2 < -10.0
+    else:
+        assert y[-1] - CAR.length / 2 > 10.0
 
 
 @pytest.mark.sumo

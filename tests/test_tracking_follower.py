@@ -139,6 +139,21 @@ def test_a_standing_car_first_seen_at_sixty_metres_is_stopped_for(speed, eye):
     assert gaps(log)[-1, 0] == pytest.approx(FOLLOWER.stand_off - BEHIND_BUMPER, abs=0.3)
 
 
+@pytest.mark.parametrize("distance", [3.08, 3.11, 3.2])
+def test_in_a_queue_it_stands_where_it_stands_and_goes_straight_on(distance):
+    """For three minutes, in which measured yaw rates would turn it by up to 18 degrees."""
+    members = platoon(
+        Prescribed(lambda time: Drive(1.0 if 180 <= time < 188 else 0.0, 0.0)), FOLLOWER, 4, distance=distance,
+        model=CAR, leader_eye=replace(BLIND, rate=10.0), eye=NOISY, odometry=ODOMETRY["car"],
+    )  # fmt: skip
+    log = drive(members, NO_WALLS, 210.0, DT)
+    stands = log.time < 180
+    still = gaps(log)[stands]
+    assert still.min() > FOLLOWER.stand_off - BEHIND_BUMPER - 0.02
+    assert np.ptp(still[100:], axis=0).max() < 0.05
+    assert np.abs(log.y).max() < 0.1
+
+
 def test_who_catches_up_is_not_much_faster():
     members = platoon(
         Prescribed(lambda _: Drive(0.0, 0.0)), FOLLOWER, 1, distance=55.0, model=CAR, eye=EXACT, speed=15.0,

@@ -23,7 +23,8 @@ SAME = 1.0  # by which the free way may differ from what that filter expects, of
 FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
 STANDING = 0.05  # [m/s]
 STILL = 0.1  # slower and not accelerating, it stands still [m/s]
-CLOSE_ENOUGH = 0.1  # to the wanted distance, not to move up [m]
+CLOSE_ENOUGH, MOVE_UP = 0.1, 0.4  # to the wanted distance: it stops, and standing it moves up [m]
+CREEPING = 0.5  # slower, its yaw rate is rather what its steering makes of its speed than what is measured [m/s]
 SHOWN = 32  # points of the trail that are recorded
 RECOVERY = 2.5  # lateral acceleration to come back with [m/s2]
 APPROACH = 1.5  # deceleration with which a standing car is come up to [m/s2]
@@ -45,6 +46,7 @@ class Memory(NamedTuple):
     track: Track
     trail: Trail
     acceleration: np.ndarray  # that was asked for last [m/s2]
+    curvature: np.ndarray  # the same [1/m]
     own: np.ndarray  # that the car has by now, for its lag [m/s2]
     free: np.ndarray  # way to what is in the way, not the predecessor [m]; inf: nothing
     closing: np.ndarray  # how fast that becomes less [m/s]; NaN: not known yet
@@ -120,7 +122,9 @@ class TrackingFollower:
         if memory is None:
             memory = self._begin(speed, yaw_rate)
         still = (np.abs(speed) < STILL) & (memory.acceleration <= 0)  # what odometry tells then is its errors
-        speed, yaw_rate = np.where(still, 0.0, speed), np.where(still, 0.0, yaw_rate)
+        speed = np.where(still, 0.0, speed)
+        steered = np.clip(memory.curvature, -1 / body.length, 1 / body.length)  # as far as its lock lets it, about
+        yaw_rate = np.where(speed < CREEPING, speed * steered, yaw_rate)
         odometry = memory.odometry.moved(speed, yaw_rate, dt)
 
         before = memory.track.predicted(odometry, dt)
@@ -159,7 +163,7 @@ class TrackingFollower:
         free = trail.free_way(odometry, scan, beams, body, np.full(len(speed), self.half_width), reach)
         closing = closing_speed(free, memory.free, memory.closing, speed, dt, same=SAME, time_constant=OTHERS_FILTER)
         own = memory.own + (memory.acceleration - memory.own) * -np.expm1(-dt / max(self.drive_lag, 1e-9))
-        wanted, needed = self._follow(distance, speed, own, track)
+        wanted, needed = self._follow(distance, speed, own, track, memory.acceleration)
         wanted = np.minimum(wanted, self._bends(ahead, speed))
         blind_spot = body.length / 2 - scan.model.mount.x  # from laser to front bumper
         needed = np.minimum(needed, self._brake_for(free + blind_spot, speed, speed - closing, 0.0))
@@ -172,7 +176,7 @@ class TrackingFollower:
         acceleration = np.maximum(acceleration, -self.hardest_braking)
 
         never_lost = memory.never_lost & ~leads & (before.known | ~memory.track.known)
-        memory = Memory(odometry, track, trail, acceleration, own, free, closing, never_lost)
+        memory = Memory(odometry, track, trail, acceleration, curvature, own, free, closing, never_lost)
         return Decision(Drive(acceleration, curvature), memory, Target(*seen.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
@@ -183,7 +187,7 @@ class TrackingFollower:
         n = len(speed)
         nothing, unknown = np.full(n, np.inf), np.full(n, np.nan)
         begun = Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n)
-        return Memory(*begun, np.zeros(n), np.zeros(n), nothing, unknown, np.ones(n, bool))
+        return Memory(*begun, *np.zeros((3, n)), nothing, unknown, np.ones(n, bool))
 
     def _steer(self, ahead: Ahead, catch_up: np.ndarray, speed: np.ndarray) -> np.ndarray:
         towards = -np.clip(ahead.offset / (2 * catch_up), -STEEPEST, STEEPEST)  # sine of the angle to come back at
@@ -191,7 +195,7 @@ class TrackingFollower:
         gentle = RECOVERY / np.maximum(speed, 2.0) ** 2  # steering is too slow for more, and would swing
         return ahead.curvature - np.clip(back, -gentle, gentle)
 
-    def _follow(self, distance, speed, own, track: Track) -> tuple[np.ndarray, np.ndarray]:
+    def _follow(self, distance, speed, own, track: Track, last) -> tuple[np.ndarray, np.ndarray]:
         """The acceleration that keeps the headway, and the braking that is needed."""
         speed_ahead, acceleration_ahead = track.mean[:, SPEED], track.mean[:, ACCELERATION]
         error, rate = distance - self.desired_distance(speed), speed_ahead - speed
@@ -200,7 +204,8 @@ class TrackingFollower:
         wanted = wanted / self.time_headway
         change = (acceleration_ahead - own + self.distance_gain * (rate - self.time_headway * own)) / self.time_headway
         wanted = wanted + self.drive_lag * change
-        stands = (speed < STANDING) & (speed_ahead < 2 * STANDING) & (error < CLOSE_ENOUGH)
+        near = error < np.where(last <= -FIRM, MOVE_UP, CLOSE_ENOUGH)
+        stands = (speed < STANDING) & (speed_ahead < 2 * STANDING) & near
         wanted = np.where(stands, -FIRM, wanted)
         wanted = np.where(track.known, wanted, np.where(speed < STANDING, -FIRM, -self.braking / 2))
         needed = self._brake_for(distance, speed, speed_ahead, np.minimum(acceleration_ahead, 0.0))
