@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from lidar import ScanBatch
+from platoontraffic.events import Noted
 from platoontraffic.fleet import Fleet
-from platoontraffic.observation import Noted
 from platoontraffic.scenario import Breakdown
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import shapely
 
 from lidar import Boxes
+from platoontraffic.events import Event
 from platoontraffic.fleet import Fleet, Member
-from platoontraffic.observation import Event
 from platoontraffic.obstacles import Crossing, CuttingIn, Obstacles, Plan, Speed, Way, row_of
 from platoontraffic.traffic import TrafficSnapshot
 

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from platoontraffic.errors import InputError
+from platoontraffic.events import Noted
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.network import Network
-from platoontraffic.observation import Noted
 from platoontraffic.route import Route
 from platoontraffic.scenario import Scenario
 

@@ -18,6 +18,7 @@ from lidar.laserscan import NO_HIT
 from platoontraffic.contact import Contacts
 from platoontraffic.controllers import Signals
 from platoontraffic.driven import DrivenPaths, compiled
+from platoontraffic.events import Event, Noted
 from platoontraffic.fleet import Fleet, Member, desired_distance
 from platoontraffic.network import Network
 from platoontraffic.splits import NEAR_MORE, NEAR_TIMES, Splits
@@ -37,28 +38,6 @@ FULL_SIZE, CAR_LENGTH = 2.0, 4.74  # [m]
 OFF_ROAD = 0.3  # farther outside the drivable area is off the road [m]
 NEAR_MISS = 0.5  # a smaller gap is one [m]
 EMERGENCY = 4.5  # harder braking is one, of members of full size [m/s2]
-
-
-class Event(NamedTuple):
-    time: float
-    kind: str
-    vehicle: str
-    other: str
-    x: float
-    y: float
-    edge: str
-    duration: float  # of what has ended with this event; NaN: nothing has
-    detail: str
-
-
-class Noted(NamedTuple):
-    """What happens to a member that is not seen by watching it."""
-
-    row: int
-    kind: str
-    detail: str
-    duration: float = np.nan
-    other: str = ""
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,10 @@ from platoontraffic.contact import Contacts
 from platoontraffic.deployment import deploy, static_scene
 from platoontraffic.encounters import Encounters
 from platoontraffic.errors import InputError, MissingError, RunError
+from platoontraffic.events import Event
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.network import Network
-from platoontraffic.observation import Event, Observer
+from platoontraffic.observation import Observer
 from platoontraffic.obstacles import Obstacles, Plan
 from platoontraffic.recording import Recorder
 from platoontraffic.scenario import Run, Scenario

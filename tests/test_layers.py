@@ -13,12 +13,13 @@ ROOT = Path(__file__).parents[1]
 
 # Each module may import those in rows above its own, not those beside or below it.
 LAYERS = [
-    {"errors", "vehicle", "tomlkeys", "polyline", "rightofway", "driven", "tracking", "lock"},
+    {"errors", "vehicle", "tomlkeys", "polyline", "rightofway", "driven", "tracking", "lock", "events"},
     {"data", "traffic", "network", "registry", "bicycle", "commands", "trail", "odometry", "obstaclekeys", "programs"},
     {"controllers", "models"},
     {"route", "scenario"},
     {"fleet"},
-    {"contact", "sensing", "sumo", "provenance", "scans", "drawing", "splits"},
+    {"contact", "sensing", "stoplines", "provenance", "scans", "drawing", "splits", "breakdowns"},
+    {"sumo"},
     {"window"},
     {"deployment", "observation", "obstacles", "manoeuvres"},
     {"encounters"},
