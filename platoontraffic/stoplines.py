@@ -20,6 +20,7 @@ WATCHED = 3.6  # for those to give way to one looks as far as the fastest of the
 CHANGE_HEADWAY = 0.5  # that is left on the lane beside when one changes to it [s]
 COMMITTED = 0.25  # so far over there, one does not stop again to let others pass
 EARLY_BRAKING = 2.0  # so that one can stop by it, it is looked for room beside in time [m/s2]
+OVER = 1.0  # so far over a line one may stop after all [m]
 SETS_OUT = 3.0  # who stands so long at an open line is held up by something else [s]
 FLOWS = 3.0  # slower is a queue, which those before it will come to stand behind [m/s]
 QUEUE_GAP, OWN_GAP = 2.5, 4.0  # between those who stand in one, and that a member leaves [m]
@@ -51,7 +52,8 @@ class StopLines:
     def __init__(self, network: Network, client: Any) -> None:
         self._network, self._sumo = network, client
         self._first: dict[Line, GoFirst] = {}
-        self._ready: dict[str, tuple[float, float]] = {}  # who stands at an open line: since, and last seen so [s]
+        # Who stands at an open line ("") or on a lane inside a junction: since, and last seen so [s].
+        self._ready: dict[tuple[str, str], tuple[float, float]] = {}
         self._beside: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes that lead to that which one changes to
 
     def signals(self, fleet: Fleet, roads: Mapping[str, tuple[str, str]]) -> Signals | None:
@@ -81,11 +83,15 @@ class StopLines:
         if passed and len(passed.via) > 1 and here == passed.via[0]:  # where one may wait midway
             way = self._sumo.lane.getLength(here) - self._sumo.vehicle.getLanePosition(member.id)
             return way, self._may_cross(passed, way, speed, length), False, False, RIGHT_OF_WAY
+        over = (station % member.route.length if member.route.closed else station) - passed.station if passed else 0.0
         if passed and passed.state == CHANGING:
-            begun = (station % member.route.length if member.route.closed else station) - passed.station
-            left = COMMITTED * passed.across - begun
-            if left > 0 and not self._may_change(member, passed, -begun, speed, length):
+            left = COMMITTED * passed.across - over
+            if left > 0 and not self._may_change(member, passed, -over, speed, length):
                 return left, False, False, False, LANE_CHANGE
+        if passed and passed.via and here in passed.via:
+            may_stop = speed**2 / (2 * EARLY_BRAKING) < OVER - over
+            if passed.state not in "GMoO" and may_stop and not self._may_cross(passed, -over, speed, length):
+                return OVER - over, False, False, False, RIGHT_OF_WAY
         if line is None:
             return np.inf, True, False, False, 0
         if line.state == CHANGING:
@@ -185,7 +191,7 @@ class StopLines:
         for name, waits in () if entered else first.inside.items():
             for foe in lane.getLastStepVehicleIDs(name):
                 left = lane.getLength(name) - vehicle.getLanePosition(foe)
-                foes.append((foe, left if waits else 0.0, left, False))
+                foes.append((foe, left if waits or self._held_up(foe, name) else 0.0, left, False))
         return all(
             may_cross(
                 Foe(way, way + line.across, to, end, vehicle.getSpeed(foe), vehicle.getLength(foe), hurries),
@@ -202,8 +208,14 @@ class StopLines:
             return is_open
         if not is_open or to_line > self._sumo.vehicle.getLength(foe):
             return False
+        return not self._held_up(foe, "")
+
+    def _held_up(self, foe: str, inside: str) -> bool:
+        """Whether a foe stands where it might drive, at an open line or on a lane inside, for longer than it need."""
+        if self._sumo.vehicle.getSpeed(foe) >= STANDING:
+            return False
         time = self._sumo.simulation.getTime()
-        since, last = self._ready.get(foe, (time, time))
+        since, last = self._ready.get((foe, inside), (time, time))
         since = since if time - last < SETS_OUT else time
-        self._ready[foe] = since, time
-        return time - since < SETS_OUT
+        self._ready[foe, inside] = since, time
+        return time - since > SETS_OUT

@@ -209,6 +209,7 @@ def track(seen: list[TrafficSnapshot], name: str = "m.0") -> tuple[np.ndarray, .
 
 
 MINOR, MAJOR = ("north_in", "south_out"), ("west_in", "east_out")
+END, END_Y = 289.6, 10.4  # of the lane of north_in [m]
 
 
 @pytest.mark.sumo
@@ -234,6 +235,18 @@ def test_with_nobody_about_it_does_not_stop_at_the_minor_line_but_slows_down(sce
     _, _, y, speed = track(seen)
     assert 2.0 < speed[np.abs(y - 10) < 15].min() < 9.0
     assert y[-1] < -60
+
+
+@pytest.mark.sumo
+def test_who_is_a_little_over_the_line_stops_there_for_one_who_comes(scene):
+    """It comes 3.5 s later; at 1.5 m/s, 0.2 m before the line, that is braked for in comfort, 0.5 m too late."""
+    seen, _ = scene("cross", MINOR, [("c", MAJOR, 455.0, 10.0)], 25.0, position=END - 0.2, speed=1.5, eye=BLIND)
+    _, _, y, speed = track(seen)
+    over = END_Y - (y[speed.argmin()] - CAR.length / 2)
+    assert speed.min() < 0.05
+    assert 0.1 < over < 1.0
+    assert clearance(seen, "c") > 2.0
+    assert y[-1] < 0
 
 
 @pytest.mark.sumo
