@@ -28,11 +28,12 @@ REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m
 
 
 class GoFirst(NamedTuple):
-    """Where those come from who go first at a line."""
+    """Where those come from who go first at a line, and others whose way crosses that beyond it."""
 
     entering: tuple[tuple[str, float], ...]  # lanes, and the way from each one's end to the junction [m]
     inside: Mapping[str, bool]  # lanes in the junction that cross the way -> whether one waits at its end
     reach: float  # so far before the junction one looks for them, and from so far before it [m]
+    crossing: Mapping[str, tuple[str, str]]  # lanes in it that cross the way -> from which lane, on which one enters
 
     @classmethod
     def at(cls, line: Line, network: Network, sumo: Any) -> GoFirst:
@@ -43,7 +44,23 @@ class GoFirst(NamedTuple):
                 if name not in line.via and network.entered_from.get(name) in entering:
                     inside[name] = bool(sumo.lane.getLinks(name)[0][4])
         reach = WATCHED * max(map(sumo.lane.getMaxSpeed, entering), default=0.0)
-        return cls(tuple(one for name in sorted(entering) for one in network.upstream(name, reach)), inside, reach)
+        crossing = {}
+        for name in {name for via in line.via for name in sumo.lane.getInternalFoes(via)} - set(line.via):
+            before = network.entered_from.get(name)
+            for link in sumo.lane.getLinks(before) if before else ():
+                if name in _chain(link[4], sumo):
+                    crossing[name] = before, link[4]
+        entering = tuple(one for name in sorted(entering) for one in network.upstream(name, reach))
+        return cls(entering, inside, reach, dict(sorted(crossing.items())))
+
+
+def _chain(via: str, sumo: Any) -> list[str]:
+    """The lanes inside a junction from one on."""
+    lanes = []
+    while via:
+        lanes.append(via)
+        via = next(iter(sumo.lane.getLinks(via)), ("",) * 5)[4]
+    return lanes
 
 
 class StopLines:
@@ -105,6 +122,8 @@ class StopLines:
                 links = self._sumo.vehicle.getNextLinks(member.id)
                 is_open &= bool(links) and links[0][2]
         near = way < speed**2 / (2 * EARLY_BRAKING) + length
+        if is_open and near and line.light and not self._is_cleared(line):
+            return way, False, False, False, RIGHT_OF_WAY
         if is_open and near and not self._has_room(line, length):
             return way, False, False, False, NO_ROOM
         return way, is_open, state in "msw", state in "yY", LIGHT if state in "ruyY" else RIGHT_OF_WAY
@@ -156,6 +175,15 @@ class StopLines:
         for lane, beyond in self._beside[line]:
             for name in self._sumo.lane.getLastStepVehicleIDs(lane):
                 yield name, beyond + self._sumo.lane.getLength(lane) - self._sumo.vehicle.getLanePosition(name)
+
+    def _is_cleared(self, line: Line) -> bool:
+        """Whether those have left the junction who entered it before their own light became red."""
+        lane = self._sumo.lane
+        for name, (before, onto) in self._go_first(line).crossing.items():
+            there = [foe for foe in lane.getLastStepVehicleIDs(name) if not self._held_up(foe, name)]
+            if there and any(link[4] == onto and link[5] in "ru" for link in lane.getLinks(before)):
+                return False
+        return True
 
     def _has_room(self, line: Line, length: float) -> bool:
         """Whether one will not come to stand in a junction that others cross, for the queue behind it."""

@@ -282,6 +282,19 @@ def test_it_gives_way_to_who_turns_off_the_major_road_before_it(scene):
 
 
 @pytest.mark.sumo
+def test_at_green_it_waits_for_who_is_still_in_the_junction(scene):
+    """Somebody slow enters at the end of the major road's green, and is in the middle when the minor one has it."""
+    seen, _ = scene("lights", MINOR, [("c", MAJOR, 452.0, 1.0)], 75.0, position=150.0, eye=BLIND)
+    time, _, y, speed = track(seen)
+    its_time, its_x, *_ = track(seen, "c")
+    inside = its_time[(its_x > 490.3) & (its_x < 509.7)]
+    assert inside[0] < 44.0
+    assert inside[-1] > 55.0
+    assert clearance(seen, "c") > 0.5
+    assert inside[-1] - 6.0 < time[y < END_Y - 2].min() < inside[-1] + 4.0
+
+
+@pytest.mark.sumo
 @pytest.mark.parametrize(
     ("others", "goes"),
     [
