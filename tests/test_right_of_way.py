@@ -285,7 +285,7 @@ def test_it_gives_way_to_who_turns_off_the_major_road_before_it(scene):
 def test_at_green_it_waits_for_who_is_still_in_the_junction(scene):
     """Somebody slow enters at the end of the major road's green, and is in the middle when the minor one has it."""
     seen, _ = scene("lights", MINOR, [("c", MAJOR, 452.0, 1.0)], 75.0, position=150.0, eye=BLIND)
-    time, _, y, speed = track(seen)
+    time, _, y, _ = track(seen)
     its_time, its_x, *_ = track(seen, "c")
     inside = its_time[(its_x > 490.3) & (its_x < 509.7)]
     assert inside[0] < 44.0

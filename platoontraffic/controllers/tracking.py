@@ -118,13 +118,10 @@ class TrackingFollower:
         return self.stand_off + self.time_headway * speed
 
     def __call__(self, sensed: Sensed, memory: Memory | None, dt: float) -> Decision:
-        scan, body, speed, yaw_rate = sensed.scan, sensed.body, sensed.speed, sensed.yaw_rate
+        scan, body = sensed.scan, sensed.body
         if memory is None:
-            memory = self._begin(speed, yaw_rate)
-        still = (np.abs(speed) < STILL) & (memory.acceleration <= 0)  # what odometry tells then is its errors
-        speed = np.where(still, 0.0, speed)
-        steered = np.clip(memory.curvature, -1 / body.length, 1 / body.length)  # as far as its lock lets it, about
-        yaw_rate = np.where(speed < CREEPING, speed * steered, yaw_rate)
+            memory = self._begin(sensed.speed, sensed.yaw_rate)
+        speed, yaw_rate = self._own_motion(sensed, memory)
         odometry = memory.odometry.moved(speed, yaw_rate, dt)
 
         before = memory.track.predicted(odometry, dt)
@@ -188,6 +185,14 @@ class TrackingFollower:
         nothing, unknown = np.full(n, np.inf), np.full(n, np.nan)
         begun = Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n)
         return Memory(*begun, *np.zeros((3, n)), nothing, unknown, np.ones(n, bool))
+
+    def _own_motion(self, sensed: Sensed, memory: Memory) -> tuple[np.ndarray, np.ndarray]:
+        """Speed and yaw rate, (n,): as measured, but for who stands or creeps, when errors are most of what is."""
+        still = (np.abs(sensed.speed) < STILL) & (memory.acceleration <= 0)
+        speed = np.where(still, 0.0, sensed.speed)
+        lock = 1 / sensed.body.length  # about
+        steered = np.clip(memory.curvature, -lock, lock)
+        return speed, np.where(speed < CREEPING, speed * steered, sensed.yaw_rate)
 
     def _steer(self, ahead: Ahead, catch_up: np.ndarray, speed: np.ndarray) -> np.ndarray:
         towards = -np.clip(ahead.offset / (2 * catch_up), -STEEPEST, STEEPEST)  # sine of the angle to come back at
