@@ -20,6 +20,7 @@ from platoontraffic.route import Route, Routes
 from platoontraffic.vehicle import Command, Drive, Motion, Twist
 
 CLOSING = 150.0  # no two vehicles come nearer faster [m/s]
+STANDING = 1e-3  # slower is standing [vehicle lengths a second]
 
 
 @dataclass(frozen=True)
@@ -191,11 +192,16 @@ class Fleet:
         return replace(self, members=members, routes=routes, station=routes.project(x, y, self.station, window))
 
     def arrived(self) -> set[str]:
-        """Members whose law is given their route, and whose front bumper has come to its end."""
+        """Members whose law is given their route, and whose front bumper has come to its end.
+
+        Or who stand within two lengths of that: a road may end at a wall.
+        """
         if self.routes is None:
             return set()
-        ahead = (self.model.length / 2 - self.model.axle)[self.routed]
-        there = self.routed[self.routes.left(self.station) <= ahead]
+        length = self.model.length[self.routed]
+        left = self.routes.left(self.station) - length / 2 + self.model.axle[self.routed]
+        stands = self.motion.speed[self.routed] < STANDING * length
+        there = self.routed[(left <= 0) | (stands & (left < 2 * length))]
         return {member.id for member in (self.members[i] for i in there) if member.knows_its_way}
 
     def decided(

@@ -266,3 +266,41 @@ def test_prepared_twice_is_one_run(tmp_path):
     folder = simulation.simulate(prepared, tmp_path / "one")
     assert simulation.simulate(prepared, tmp_path / "one") == folder
     assert [f.name for f in tmp_path.iterdir()] == ["one"]
+
+
+DEAD_END = """
+[sumo]
+net = "lab_world"
+[run]
+duration_s = 105.0
+[[platoon]]
+id = "robot"
+size = 3
+start = { edge = "s_end", position_m = 1.9 }
+gap_m = 0.45
+follower = { law = "repaired", lidar = "paper-follower" }
+"""
+
+
+def test_a_road_that_ends_at_a_wall_is_arrived_at_where_one_stands_before_it(tmp_path):
+    file = tmp_path / "dead_end.toml"
+    file.write_text(DEAD_END + 'leader = { law = "path", speed_mps = 0.3 }\nroute = ["s_end"]\n', encoding="utf-8")
+    events = pd.read_csv(run(tmp_path / "run", file) / "events.csv")
+    arrived = events[events.kind == "arrived"]
+    assert arrived.detail.fillna("").tolist() == ["", "with its leader", "with its leader"]
+    assert 0.2 < arrived.y_m.iloc[0] < 0.5
+    assert events.detail.iloc[-1] == "arrived"
+
+
+@pytest.mark.slow
+def test_a_platoon_comes_out_of_a_dead_end_again(tmp_path):
+    """The paper's leader turns left on the spot before the wall, and passes its followers on the other lane."""
+    file = tmp_path / "dead_end.toml"
+    file.write_text(DEAD_END + 'leader = { law = "reactive", lidar = "paper-leader" }\n', encoding="utf-8")
+    folder = run(tmp_path / "run", file)
+    events, rows = (pd.read_csv(folder / f"{name}.csv") for name in ("events", "trajectories"))
+    assert set(events.kind) == {"departed", "locked", "end"}
+    last = rows[rows.time_s == 105.0].set_index("vehicle_id")
+    assert (last.heading_rad - np.pi / 2).abs().max() < 0.05
+    assert (last.turned_rad > 0.98 * np.pi).all()
+    assert last.right_of_middle_m.min() > 0
