@@ -66,6 +66,7 @@ class Line(NamedTuple):
     onto: str  # lane beyond the junction, or beside
     via: tuple[str, ...]  # lanes inside it: two or more where one may have to wait midway
     across: float  # their length, or that of the change of lanes [m]
+    to_end: float = 0.0  # from where a change begins to the lane's end [m]
 
 
 class Shape(NamedTuple):
@@ -449,7 +450,7 @@ class Network:
             if lane != link.getFromLane().getIndex():
                 begins = sum(_length(part) for part in parts) + before
                 sides = here.getLane(lane).getID(), link.getFromLane().getID()
-                lines.append(Line(begins, CHANGING, "", 0, *sides, (), change))
+                lines.append(Line(begins, CHANGING, "", 0, *sides, (), change, _length(way) - before))
             parts.append(way)
             station = sum(_length(part) for part in parts)
             ends = link.getFromLane().getID(), link.getToLane().getID()

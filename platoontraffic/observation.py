@@ -23,6 +23,7 @@ from platoontraffic.fleet import Fleet, Member, desired_distance
 from platoontraffic.network import Network
 from platoontraffic.splits import NEAR_MORE, NEAR_TIMES, Splits
 from platoontraffic.traffic import TrafficSnapshot
+from platoontraffic.vehicle import FULL_SIZE, scale
 
 # Details of a collision that is not the member's fault.
 STRUCK, CHANGED = "struck from behind", "the other one changed lanes into its way"
@@ -33,8 +34,6 @@ STANDING = 1e-3  # slower than this is standing, and slower approach is none [m/
 BEAMS_ABOUT = 3  # a target's bearing may fall between beams, or on one that met nothing
 PIECES = 24  # a driven path keeps no more points than these in a vehicle's length
 
-# Members at least this long are vehicles of full size; for smaller ones, distances shrink as from a car to them.
-FULL_SIZE, CAR_LENGTH = 2.0, 4.74  # [m]
 OFF_ROAD = 0.3  # farther outside the drivable area is off the road [m]
 NEAR_MISS = 0.5  # a smaller gap is one [m]
 EMERGENCY = 4.5  # harder braking is one, of members of full size [m/s2]
@@ -76,7 +75,7 @@ class Observer:
         self._contacts = contacts
         length = np.array([m.model.length for m in members])
         self._full_size = length >= FULL_SIZE
-        self._scale = np.where(self._full_size, 1.0, length / CAR_LENGTH)
+        self._scale = scale(length)
         self._laser_to_bumper = np.array([m.seen_ahead_of_gap for m in members])
 
         self._here = np.zeros(n, dtype=bool)
@@ -91,7 +90,7 @@ class Observer:
         self._target = np.full(n, NOTHING, dtype=object)
         self._locked = np.zeros(n, dtype=bool)
         self._lost_since = np.full(n, np.nan)  # NaN: never locked, or not lost
-        self._splits = Splits(n)
+        self._splits = Splits(self._scale)
         self._standing_since = np.full(n, np.nan)
         self._at_standstill = np.zeros(n, dtype=bool)
         self._acceleration, self._jerk = np.zeros((2, n))
@@ -167,7 +166,7 @@ class Observer:
         """What `Splits.watch` goes by."""
         number = fleet.number
         wanted = _wanted_distance(self._laws, fleet) - self._laser_to_bumper[number]
-        too_far = self._gap[number] - np.maximum(NEAR_TIMES * wanted, wanted + NEAR_MORE)
+        too_far = self._gap[number] - np.maximum(NEAR_TIMES * wanted, wanted + NEAR_MORE * self._scale[number])
         return self._locked[number], self._target[number], np.nan_to_num(self._beams[number]), too_far
 
     def _come_and_go(self, traffic: TrafficSnapshot, fleet: Fleet, x, y, roads, event) -> Iterator[Event]:

@@ -63,16 +63,26 @@ class Route:
     def _line_stations(self) -> list[float]:
         return [line.station for line in self.lines]
 
-    def lines_about(self, station: float) -> tuple[Line | None, Line | None, float]:
-        """The last line passed, the next one ahead, and the way to that [m]; None and inf where there is none."""
+    def line_passed(self, station: float) -> tuple[Line | None, float]:
+        """The last line before a station, and the way since [m]; None where there is none."""
+        here, ahead = self._about(station)
+        if not ahead and not (self.closed and self.lines):
+            return None, np.inf
+        line = self.lines[ahead - 1]
+        return line, here - line.station + (0.0 if ahead else self.length)
+
+    def lines_ahead(self, station: float, reach: float) -> list[tuple[Line, float]]:
+        """The next line and others up to `reach` ahead, and the way to each [m]; none where there is none."""
+        here, ahead = self._about(station)
+        lines = [(line, line.station - here) for line in self.lines[ahead:]]
+        if self.closed:
+            lines += [(line, line.station + self.length - here) for line in self.lines[:ahead]]
+        return [one for k, one in enumerate(lines) if k == 0 or one[1] < reach]
+
+    def _about(self, station: float) -> tuple[float, int]:
+        """Where on the route that is, and the index of the next line."""
         here = station % self.length if self.closed else station
-        ahead = bisect.bisect_left(self._line_stations, here)
-        passed = self.lines[ahead - 1] if ahead or (self.closed and self.lines) else None
-        if ahead < len(self.lines):
-            return passed, self.lines[ahead], self.lines[ahead].station - here
-        if self.closed and self.lines:
-            return passed, self.lines[0], self.lines[0].station + self.length - here
-        return passed, None, np.inf
+        return here, bisect.bisect_left(self._line_stations, here)
 
 
 class Routes:

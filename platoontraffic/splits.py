@@ -26,7 +26,9 @@ HELD_FOR = 15.0  # ... this long after [s]
 class Splits:
     """Arrays (N,) of all members that the run ever has, at their numbers."""
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, scale: np.ndarray) -> None:
+        """scale: of the members beside a car, by which distances shrink"""
+        n, self._scale = len(scale), scale
         self._apart_since = np.full(n, np.nan)  # NaN: in its platoon
         self.split = np.zeros(n, dtype=bool)  # who is split off
         self._begun = np.full(n, np.nan)  # the last split
@@ -72,8 +74,9 @@ class Splits:
     def _lines(self, time: float, fleet: Fleet, signals: Signals, event) -> Iterator:
         """Who stands before a line that is closed to it, and who goes on."""
         number = fleet.number
-        closed = ~signals.open & (signals.distance < HELD)
-        held = closed & (fleet.motion.speed < SLOW)
+        near, slow = HELD * self._scale[number], SLOW * self._scale[number]
+        closed = ~signals.open & (signals.distance < near)
+        held = closed & (fleet.motion.speed < slow)
         self._held_by[number] = np.where(held, signals.reason, self._held_by[number])
         self._held_until[number] = np.where(held, time, self._held_until[number])
         for i in np.flatnonzero(held & ~self._held[number]):

@@ -13,10 +13,12 @@ from platoontraffic.events import Noted
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.network import CHANGING, Line, Network
 from platoontraffic.rightofway import ACCELERATION, MARGIN, STANDING, TURNING_SPEED, Foe, may_cross, time_for
+from platoontraffic.vehicle import CAR_LENGTH, scale
 
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = range(1, len(CLOSED_BY))
+GO_FIRST = "GMO"  # states of links on which one gives way to nobody; o is a light that is off, or blinks
 
-WATCHED = 3.6  # for those to give way to one looks as far as the fastest of them may drive in this time [s]
+LOOKS = 3.6  # so long before it is there one judges a gap, at the speed of the fastest; and looks back beside [s]
 CHANGE_HEADWAY = 0.5  # that is left on the lane beside when one changes to it [s]
 COMMITTED = 0.25  # so far over there, one does not stop again to let others pass
 EARLY_BRAKING = 2.0  # so that one can stop by it, it is looked for room beside in time [m/s2]
@@ -32,7 +34,7 @@ class GoFirst(NamedTuple):
 
     entering: tuple[tuple[str, float], ...]  # lanes, and the way from each one's end to the junction [m]
     inside: Mapping[str, bool]  # lanes in the junction that cross the way -> whether one waits at its end
-    reach: float  # so far before the junction one looks for them, and from so far before it [m]
+    reach: float  # from so far before the junction one judges whether there is a gap [m]
     crossing: Mapping[str, tuple[str, str]]  # lanes in it that cross the way -> from which lane, on which one enters
 
     @classmethod
@@ -43,15 +45,16 @@ class GoFirst(NamedTuple):
             for name in sumo.lane.getInternalFoes(via):
                 if name not in line.via and network.entered_from.get(name) in entering:
                     inside[name] = bool(sumo.lane.getLinks(name)[0][4])
-        reach = WATCHED * max(map(sumo.lane.getMaxSpeed, entering), default=0.0)
+        fastest = max(map(sumo.lane.getMaxSpeed, entering), default=0.0)
         crossing = {}
         for name in {name for via in line.via for name in sumo.lane.getInternalFoes(via)} - set(line.via):
             before = network.entered_from.get(name)
             for link in sumo.lane.getLinks(before) if before else ():
                 if name in _chain(link[4], sumo):
                     crossing[name] = before, link[4]
-        entering = tuple(one for name in sorted(entering) for one in network.upstream(name, reach))
-        return cls(entering, inside, reach, dict(sorted(crossing.items())))
+        watched = fastest * (time_for(line.across + CAR_LENGTH, 0.0) + MARGIN)
+        entering = tuple(one for name in sorted(entering) for one in network.upstream(name, watched))
+        return cls(entering, inside, LOOKS * fastest, dict(sorted(crossing.items())))
 
 
 def _chain(via: str, sumo: Any) -> list[str]:
@@ -78,55 +81,82 @@ class StopLines:
 
         roads: edge and lane of each member
         """
+        front = fleet.station + (fleet.model.length / 2 - fleet.model.axle)[fleet.routed]
+        asking = [
+            (i, station)
+            for i, station in zip(fleet.routed.tolist(), front.tolist(), strict=True)
+            if "signals" in getattr(fleet.members[i].law, "needs", ())
+        ]
+        if not asking:
+            return None
         n = len(fleet)
         signals = Signals(np.full(n, np.inf), np.ones(n, bool), *np.zeros((2, n), bool), np.zeros(n, int))
-        asking = [i for i in fleet.routed if "signals" in getattr(fleet.members[i].law, "needs", ())]
-        front = fleet.station + (fleet.model.length / 2 - fleet.model.axle)[fleet.routed]
-        for i, station in zip(fleet.routed, front, strict=True):
-            if i in asking:
-                member, speed, length = fleet.members[i], fleet.motion.speed[i], fleet.model.length[i]
-                row = self._signal(member, roads[member.id][1], station, speed, length)
-                for values, value in zip(signals, row, strict=True):
-                    values[i] = value
-        return signals if asking else None
+        for i, station in asking:
+            member, speed, length = fleet.members[i], float(fleet.motion.speed[i]), float(fleet.model.length[i])
+            row = self._signal(member, roads[member.id][1], station, speed, length)
+            for values, value in zip(signals, row, strict=True):
+                values[i] = value
+        return signals
 
     def _signal(self, member: Member, here: str, station: float, speed: float, length: float) -> tuple:
-        """One vehicle's row of `signals`; it is on the lane `here`.
+        """One vehicle's row of `signals`; it is on the lane `here`, its front bumper at a station of its route.
 
         SUMO tells of links (getNextLinks) whether they are open, but for one who arrives at full speed, and always for
         a turn that may wait inside the junction; and nothing once one is inside. So the gaps are judged here.
         """
-        passed, line, way = member.route.lines_about(station)
-        if passed and len(passed.via) > 1 and here == passed.via[0]:  # where one may wait midway
-            way = self._sumo.lane.getLength(here) - self._sumo.vehicle.getLanePosition(member.id)
-            return way, self._may_cross(passed, way, speed, length), False, False, RIGHT_OF_WAY
-        over = (station % member.route.length if member.route.closed else station) - passed.station if passed else 0.0
-        if passed and passed.state == CHANGING:
-            left = COMMITTED * passed.across - over
-            if left > 0 and not self._may_change(member, passed, -over, speed, length):
-                return left, False, False, False, LANE_CHANGE
-        if passed and passed.via and here in passed.via:
-            may_stop = speed**2 / (2 * EARLY_BRAKING) < OVER - over
-            if passed.state not in "GMoO" and may_stop and not self._may_cross(passed, -over, speed, length):
-                return OVER - over, False, False, False, RIGHT_OF_WAY
-        if line is None:
+        passed, over = member.route.line_passed(station)
+        if passed and (row := self._just_passed(member, passed, over, here, speed, length)):
+            return row
+        near = speed**2 / (2 * EARLY_BRAKING) + length
+        ahead = member.route.lines_ahead(station, near)
+        rows = [self._next(member, line, way, way < near, here, speed, length) for line, way in ahead]
+        if not rows:
             return np.inf, True, False, False, 0
+        _, is_open, minor, *_ = rows[0]
+        return rows[0] if minor or not is_open else next((row for row in rows if not row[1]), rows[0])
+
+    def _just_passed(self, member: Member, line: Line, over: float, here: str, speed: float, length: float):
+        """Of who may stop yet beyond a line: midway in the junction, with the nose over it, or before it is beside."""
+        if len(line.via) > 1 and here == line.via[0]:
+            inside = self._sumo.lane.getLength(here)
+            way = inside - self._sumo.vehicle.getLanePosition(member.id)
+            is_open = self._may_cross(line, way, speed, length, across=line.across - inside)
+            return way, is_open, False, False, RIGHT_OF_WAY
         if line.state == CHANGING:
-            near = way < speed**2 / (2 * EARLY_BRAKING) + length
-            return way, not near or self._may_change(member, line, way, speed, length), False, False, LANE_CHANGE
-        state = self._sumo.trafficlight.getRedYellowGreenState(line.light)[line.index] if line.light else line.state
-        is_open = state not in "ruyY"
-        if is_open and state not in "GMoO" and way < self._go_first(line).reach:
+            left = COMMITTED * line.across - over
+            if left > 0 and here != line.onto and not self._may_change(member, line, -over, speed, length):
+                return left, False, False, False, LANE_CHANGE
+        elif here in line.via and self._state(line) not in GO_FIRST:
+            left = OVER * scale(length) - over
+            if speed**2 / (2 * EARLY_BRAKING) < left and not self._may_cross(line, -over, speed, length):
+                return left, False, False, False, RIGHT_OF_WAY
+        return None
+
+    def _next(self, member: Member, line: Line, way: float, near: bool, here: str, speed: float, length: float):
+        """Of a line ahead; near: so that one should know now whether one has to stop there."""
+        if line.state == CHANGING:
+            is_open = not near or here == line.onto or self._may_change(member, line, way, speed, length)
+            return way, is_open, False, False, LANE_CHANGE
+        state = self._state(line)
+        minor, yellow = state in "mswo", state in "yY"
+        if state in "ruyY":
+            return way, False, minor, yellow, LIGHT
+        is_open = True
+        if state not in GO_FIRST and way < self._go_first(line).reach:
             is_open = self._may_cross(line, way, speed, length)
             if state in "sw":  # only who has stood there may go
                 links = self._sumo.vehicle.getNextLinks(member.id)
                 is_open &= bool(links) and links[0][2]
-        near = way < speed**2 / (2 * EARLY_BRAKING) + length
         if is_open and near and line.light and not self._is_cleared(line):
             return way, False, False, False, RIGHT_OF_WAY
         if is_open and near and not self._has_room(line, length):
             return way, False, False, False, NO_ROOM
-        return way, is_open, state in "msw", state in "yY", LIGHT if state in "ruyY" else RIGHT_OF_WAY
+        return way, is_open, minor, yellow, RIGHT_OF_WAY
+
+    def _state(self, line: Line) -> str:
+        if not line.light:
+            return line.state
+        return self._sumo.trafficlight.getRedYellowGreenState(line.light)[line.index]
 
     def violations(self, fleet: Fleet, entered: Sequence[tuple[str, str, str]]) -> list[Noted]:
         """Who of those entered a junction that was closed to it: members, from which lane, on which inside."""
@@ -141,7 +171,7 @@ class StopLines:
             speed, length = fleet.motion.speed[i], fleet.model.length[i]
             if state in "ru":
                 found.append(Noted(i, "red_light", lane))
-            elif line and state not in "GMoOyY" and not self._may_cross(line, 0.0, speed, length, entered=True):
+            elif line and state not in GO_FIRST + "yY" and not self._may_cross(line, 0.0, speed, length, entered=True):
                 found.append(Noted(i, "failed_to_yield", lane))
         return found
 
@@ -153,16 +183,15 @@ class StopLines:
         half = way + line.across / 2
         time, top = time_for(half, speed), max(speed, TURNING_SPEED)
         later = min(math.sqrt(speed**2 + 2 * ACCELERATION * half), top)
-        to_end = self._sumo.lane.getLength(line.lane) - self._sumo.vehicle.getLanePosition(member.id)
         for name, foe_to_end in self._coming(line):
-            ahead, fast = to_end - foe_to_end, self._sumo.vehicle.getSpeed(name)
-            if ahead >= 0 and fast >= speed:
-                gap, closing = ahead - self._sumo.vehicle.getLength(name), 0.0
-            elif ahead >= 0:
-                gap, closing = ahead - self._sumo.vehicle.getLength(name), speed - fast
+            if name == member.id:
+                continue
+            ahead, fast = way + line.to_end - foe_to_end, self._sumo.vehicle.getSpeed(name)
+            if ahead >= 0:
+                gap, closing, kept = ahead - self._sumo.vehicle.getLength(name), max(speed - fast, 0.0), speed
             else:
-                gap, closing = -ahead - length - fast * time + half, max(fast - later, 0.0)
-            room = max(length / 2, CHANGE_HEADWAY * (speed if ahead >= 0 else fast))
+                gap, closing, kept = -ahead - length - fast * time + half, max(fast - later, 0.0), fast
+            room = max(length / 2, CHANGE_HEADWAY * kept)
             if gap < room + closing * REACTION + closing**2 / (2 * COMFORTABLE_BRAKING):
                 return False
         return True
@@ -170,7 +199,7 @@ class StopLines:
     def _coming(self, line: Line) -> Iterator[tuple[str, float]]:
         """Vehicles on the lane beside and those that lead to it, and each one's way to its end [m]."""
         if line not in self._beside:
-            reach = self._sumo.lane.getLength(line.onto) + WATCHED * self._sumo.lane.getMaxSpeed(line.onto)
+            reach = self._sumo.lane.getLength(line.onto) + LOOKS * self._sumo.lane.getMaxSpeed(line.onto)
             self._beside[line] = tuple(self._network.upstream(line.onto, reach))
         for lane, beyond in self._beside[line]:
             for name in self._sumo.lane.getLastStepVehicleIDs(lane):
@@ -189,23 +218,36 @@ class StopLines:
         """Whether one will not come to stand in a junction that others cross, for the queue behind it."""
         vehicle, lane = self._sumo.vehicle, self._sumo.lane
         onto = lane.getLastStepVehicleIDs(line.onto)  # the last one first
-        last = next((k for k, name in enumerate(onto) if vehicle.getSpeed(name) < FLOWS), None)
+        small = scale(length)
+        last = next((k for k, name in enumerate(onto) if vehicle.getSpeed(name) < FLOWS * small), None)
         if last is None or not any(map(lane.getInternalFoes, line.via)):
             return True
         left = vehicle.getLanePosition(onto[last]) - vehicle.getLength(onto[last])
         before = [*onto[:last], *(name for via in line.via for name in lane.getLastStepVehicleIDs(via))]
-        return left > sum(vehicle.getLength(name) + QUEUE_GAP for name in before) + length + OWN_GAP
+        taken = sum(vehicle.getLength(name) + QUEUE_GAP * small for name in before)
+        return left > taken + length + OWN_GAP * small
 
     def _go_first(self, line: Line) -> GoFirst:
         if line not in self._first:
             self._first[line] = GoFirst.at(line, self._network, self._sumo)
         return self._first[line]
 
-    def _may_cross(self, line: Line, way: float, speed: float, length: float, entered: bool = False) -> bool:
+    def _may_cross(
+        self,
+        line: Line,
+        way: float,
+        speed: float,
+        length: float,
+        *,
+        across: float | None = None,
+        entered: bool = False,
+    ) -> bool:
         """Whether there is a gap among all those who go first, for a vehicle `way` metres before the junction.
 
+        across : what is to be driven of it from there [m]; default: all
         entered: judges one who has just entered, by those who come, without margin
         """
+        across = line.across if across is None else across
         first = self._go_first(line)
         vehicle, lane = self._sumo.vehicle, self._sumo.lane
         foes = []
@@ -222,7 +264,7 @@ class StopLines:
                 foes.append((foe, left if waits or self._held_up(foe, name) else 0.0, left, False))
         return all(
             may_cross(
-                Foe(way, way + line.across, to, end, vehicle.getSpeed(foe), vehicle.getLength(foe), hurries),
+                Foe(way, way + across, to, end, vehicle.getSpeed(foe), vehicle.getLength(foe), hurries),
                 speed,
                 length,
                 0.0 if entered else MARGIN,
@@ -233,6 +275,7 @@ class StopLines:
     def _hurries(self, foe: str, to_line: float, is_open: bool) -> bool:
         """Whether a foe may come sooner than by its speed: one that drives, or that stands at a line just opened."""
         if self._sumo.vehicle.getSpeed(foe) >= STANDING:
+            self._ready.pop((foe, ""), None)
             return is_open
         if not is_open or to_line > self._sumo.vehicle.getLength(foe):
             return False
@@ -241,6 +284,7 @@ class StopLines:
     def _held_up(self, foe: str, inside: str) -> bool:
         """Whether a foe stands where it might drive, at an open line or on a lane inside, for longer than it need."""
         if self._sumo.vehicle.getSpeed(foe) >= STANDING:
+            self._ready.pop((foe, inside), None)
             return False
         time = self._sumo.simulation.getTime()
         since, last = self._ready.get((foe, inside), (time, time))

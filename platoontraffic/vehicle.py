@@ -15,8 +15,16 @@ from pydantic import Field
 
 from lidar.pose import wrap
 
+# Vehicles at least this long are of full size; for smaller ones, distances shrink as from a car to them.
+FULL_SIZE, CAR_LENGTH = 2.0, 4.74  # [m]
+
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Model = TypeVar("Model")  # a dataclass of floats
+
+
+def scale(length):
+    """1 for vehicles of full size; of smaller ones, their size beside a car."""
+    return np.where(length >= FULL_SIZE, 1.0, length / CAR_LENGTH)
 
 
 class Twist(NamedTuple):

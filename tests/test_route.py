@@ -189,9 +189,11 @@ def line_at(station: float) -> Line:
 )
 def test_lines_about_a_place_on_an_open_route(station, passed, ahead, way):
     straight = route([(0, 0), (100, 0)], lines=[line_at(30.0), line_at(70.0)])
-    before, after, left = straight.lines_about(station)
-    assert (before and before.station, after and after.station) == (passed, ahead)
-    assert left == pytest.approx(way)
+    before, since = straight.line_passed(station)
+    onward = straight.lines_ahead(station, 1.0)
+    assert (before and before.station, onward[0][0].station if onward else None) == (passed, ahead)
+    assert not before or since == pytest.approx(station - passed)
+    assert not onward or onward[0][1] == pytest.approx(way)
 
 
 @pytest.mark.parametrize(
@@ -208,14 +210,20 @@ def test_lines_about_a_place_on_an_open_route(station, passed, ahead, way):
 )
 def test_lines_about_a_place_on_a_closed_route_and_about_its_seam(station, passed, ahead, way):
     square = route([(0, 0), (25, 0), (25, 25), (0, 25)], closed=True, lines=[line_at(30.0), line_at(70.0)])
-    before, after, left = square.lines_about(station)
+    before, since = square.line_passed(station)
+    ((after, left),) = square.lines_ahead(station, 1.0)
     assert (before.station, after.station) == (passed, ahead)
     assert left == pytest.approx(way)
+    assert since == pytest.approx((station - passed) % 100.0)
+    both = square.lines_ahead(station, 100.0)
+    assert [line.station for line, _ in both] == [ahead, passed]
+    assert both[1][1] == pytest.approx(100.0 - since)
 
 
 def test_where_no_line_is_nothing_is_to_be_stopped_for():
     for one in (route([(0, 0), (9, 0)]), circle(3.0)):
-        assert one.lines_about(5.0) == (None, None, np.inf)
+        assert one.line_passed(5.0)[0] is None
+        assert one.lines_ahead(5.0, np.inf) == []
 
 
 # ---- along the lanes of networks
