@@ -45,7 +45,7 @@ def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, 
             network.lane_pose(platoon.start.edge, platoon.start.lane)
             key = "to" if platoon.to else "route"
             edges = network.fastest_way(platoon.start.edge, platoon.to) if platoon.to else platoon.route
-            route = _route(network, platoon, edges) if edges else None
+            route = _route(network, platoon, edges, scenario.spec.scene.walls == "outline") if edges else None
             key = "start"
             members += _platoon(scenario, network, i, platoon, route)
         except InputError as error:
@@ -101,8 +101,8 @@ def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon, rou
     return members
 
 
-def _route(network: Network, platoon: Platoon, edges: list[str]) -> Route:
-    """The route from the edge on where the platoon starts."""
+def _route(network: Network, platoon: Platoon, edges: list[str], walls: bool) -> Route:
+    """The route from the edge on where the platoon starts; walls: along the outline of the road."""
     if platoon.start.edge not in edges:
         raise InputError(f"{edges}: does not contain the start edge {platoon.start.edge!r}")
     here = edges.index(platoon.start.edge)
@@ -110,7 +110,8 @@ def _route(network: Network, platoon: Platoon, edges: list[str]) -> Route:
     lanes = network.route_lanes(onward, platoon.start.lane, platoon.loop, platoon.start.position_m)
     around = [*onward, onward[0]] if platoon.loop else onward
     network.check_reversals(around, platoon.vehicle.model().turning_radius)
-    return Route.along(onward, *lanes, closed=platoon.loop)
+    walled = walls and not network.leads_on(onward[-1])
+    return Route.along(onward, *lanes, closed=platoon.loop, walled=walled)
 
 
 def _misplaced(members: list[Member], network: Network, scene: Scene) -> list[tuple[Member, str]]:

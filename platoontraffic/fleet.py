@@ -191,17 +191,28 @@ class Fleet:
         window = np.where(routed == row, np.inf, 5 * self.model.length[routed])
         return replace(self, members=members, routes=routes, station=routes.project(x, y, self.station, window))
 
+    def heads(self) -> np.ndarray:
+        """Rows of those whom each member follows in the end, (n,): its own, if it follows nobody."""
+        head = np.arange(len(self))
+        for _ in range(len(self)):
+            ahead = self.predecessor[head]
+            if (ahead < 0).all():
+                break
+            head = np.where(ahead < 0, head, ahead)
+        return head
+
     def arrived(self) -> set[str]:
         """Members whose law is given their route, and whose front bumper has come to its end.
 
-        Or who stand within two lengths of that: a road may end at a wall.
+        Or who stand within two lengths of that, where the road ends at a wall.
         """
         if self.routes is None:
             return set()
         length = self.model.length[self.routed]
         left = self.routes.left(self.station) - length / 2 + self.model.axle[self.routed]
         stands = self.motion.speed[self.routed] < STANDING * length
-        there = self.routed[(left <= 0) | (stands & (left < 2 * length))]
+        before_wall = self.routes.walled & stands & (left < 2 * length)
+        there = self.routed[(left <= 0) | before_wall]
         return {member.id for member in (self.members[i] for i in there) if member.knows_its_way}
 
     def decided(
@@ -257,6 +268,12 @@ class Fleet:
         command = self.command if brakes is None else self.command.braked(brakes, self.motion.speed, dt)
         motion = self.model.moved(self.motion, command, dt)
         return self._with_motion(np.flatnonzero(self.native), self.motion, motion)._located()
+
+    def expected(self, dt: float) -> Fleet:
+        """With those whom SUMO drives where they will be dt later if they keep their speed; for who meets them then."""
+        motion, way = self.motion, np.where(self.native, self.motion.speed * dt, 0.0)
+        x, y = motion.x + way * np.cos(motion.heading), motion.y + way * np.sin(motion.heading)
+        return replace(self, motion=replace(motion, x=x, y=y))
 
     def driven(self, rows: np.ndarray, x, y, heading, speed, dt: float) -> Fleet:
         """With the poses (m,) that SUMO has driven the members of some rows to."""

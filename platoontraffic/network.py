@@ -502,6 +502,11 @@ class Network:
             raise InputError(f"no way for cars from edge '{start}' to '{end}'")
         return [edge.getID() for edge in way]
 
+    def leads_on(self, edge: str) -> bool:
+        """Whether cars find a way on at an edge's end, other than back."""
+        onward = self._net.getEdge(edge).getAllowedOutgoing(CAR).values()
+        return any(link.getDirection() not in TURNS_BACK for links in onward for link in links)
+
     def check_reversals(self, edges: Sequence[str], radius: float) -> None:
         """Raise InputError where a route turns back on its road more tightly than on a radius [m]."""
         for here, there in pairwise(map(self._net.getEdge, edges)):

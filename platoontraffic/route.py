@@ -37,10 +37,17 @@ class Route:
     length: float  # [m]
     limit: np.ndarray  # of speed, from each point of the line on [m/s], (k,)
     lines: tuple[Line, ...]  # where it meets junctions
+    walled: bool = False  # at its end
 
     @classmethod
     def along(
-        cls, edges: Sequence[str], points: np.ndarray, limit: np.ndarray, lines: Sequence[Line] = (), closed=False
+        cls,
+        edges: Sequence[str],
+        points: np.ndarray,
+        limit: np.ndarray,
+        lines: Sequence[Line] = (),
+        closed: bool = False,
+        walled: bool = False,
     ) -> Route:
         """points (k, 2) [m], limit (k,) and lines as in `Network.route_lanes`."""
         points, limit = np.asarray(points, dtype=float), np.asarray(limit, dtype=float)
@@ -53,7 +60,7 @@ class Route:
             return cls(tuple(edges), line, line.length, limit, tuple(lines))
         onward = points[-1] + (points[-1] - points[-2]) / steps[-1] * max(length, 1.0)
         limit = np.append(limit, limit[-1])
-        return cls(tuple(edges), Polyline(np.vstack([points, onward])), length, limit, tuple(lines))
+        return cls(tuple(edges), Polyline(np.vstack([points, onward])), length, limit, tuple(lines), walled)
 
     @property
     def closed(self) -> bool:
@@ -105,6 +112,7 @@ class Routes:
         self._grid = np.concatenate([grid + base for (grid, _), base in zip(grids, bases, strict=True)])
         self._curvature = np.concatenate([curvature for _, curvature in grids])
         self._closed = np.array([route.closed for route in routes])
+        self.walled = np.array([route.walled for route in routes])  # at their ends
         self._end = np.array([route.length for route in routes])
 
     def project(self, x: np.ndarray, y: np.ndarray, near: np.ndarray, window: np.ndarray) -> np.ndarray:

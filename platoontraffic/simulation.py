@@ -161,7 +161,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window
                 break
             brakes = breakdowns.brakes(fleet)
             fleet = move(fleet, dt, brakes)
-            others.move(traffic, fleet, dt)
+            others.move(traffic, fleet.expected(dt), dt)
             place(fleet, brakes)
             world.hold(others.bodies, ways)
             show(fleet, scans)

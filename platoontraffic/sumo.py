@@ -28,6 +28,7 @@ from platoontraffic.errors import InputError, RunError
 from platoontraffic.events import Noted
 from platoontraffic.fleet import CLOSING, Fleet, Member
 from platoontraffic.network import Network
+from platoontraffic.route import Route
 from platoontraffic.stoplines import COMFORTABLE_BRAKING, REACTION, StopLines
 from platoontraffic.traffic import TrafficSnapshot
 
@@ -119,7 +120,7 @@ class World:
             tuple[str, str, str]
         ] = []  # members that have entered a junction: from which lane, on which
         self._leg: dict[str, int] = {}  # how far on its route each member is, as an index of edges
-        self._routed: dict[str, str] = {}  # the edge from which each member's route was last set
+        self._routed: dict[str, tuple[str, Route | None]] = {}  # from which edge on each one's route was last set
         self._slowed: set[str] = set()  # members that SUMO drives, and whose drive is broken
         self._sizes: dict[str, tuple[float, float]] = {}  # length, width of SUMO's own vehicles
         self._far: set[str] = set()  # see _others
@@ -172,7 +173,8 @@ class World:
         self._insert(fleet)
         self._simulate()
         for name in self._in_the_way(fleet, fleet):
-            libsumo.vehicle.remove(name)
+            if not name.startswith(PERSON):
+                libsumo.vehicle.remove(name)
         self.place(fleet)
         self._simulate()
         self._start = libsumo.simulation.getTime()
@@ -282,11 +284,11 @@ class World:
                 continue
             vehicle.setPreviousSpeed(name, speeds[name])
             edge = vehicle.getRoadID(name) if way else ""
-            if edge not in way or edge == self._routed.get(name):
+            if edge not in way or self._routed.get(name) == (edge, None):
                 continue
             if vehicle.getRoute(name)[vehicle.getRouteIndex(name)] == edge:
                 vehicle.setRoute(name, list(way[way.index(edge) :]))
-                self._routed[name] = edge
+                self._routed[name] = edge, None
 
     def _others(self, fleet: Fleet, reach: float) -> list[str]:
         """SUMO's own vehicles, without most of those of which nothing is within reach of a member.
@@ -334,7 +336,7 @@ class World:
     def advance(self, fleet: Fleet) -> Fleet:
         """One step of SUMO: the fleet after it, its speeds and routes set right again.
 
-        Who has come to the end of its route is taken out, and with a leader those of its platoon who know no route. A
+        Who has come to the end of its route is taken out, and with a leader those who follow it and know no route. A
         platoon that is due comes in as soon as there is room.
         """
         due: list[Fleet] = []
@@ -349,8 +351,12 @@ class World:
         self._simulate()
         out = {*libsumo.simulation.getArrivedIDList()} & native
         gone |= out
-        led = {member.platoon for member in fleet.members if member.id in gone and member.place == 0}
-        gone |= {member.id for member in fleet.members if member.platoon in led and not member.knows_its_way}
+        heads = fleet.heads()
+        gone |= {
+            member.id
+            for member, head in zip(fleet.members, heads.tolist(), strict=True)
+            if fleet.members[head].id in gone and not member.knows_its_way
+        }
         for name in sorted(gone - out):
             libsumo.vehicle.remove(name, libsumo.constants.REMOVE_ARRIVED)
         fleet = fleet.without(gone)
@@ -511,13 +517,15 @@ class World:
                 # The speed SUMO derives is wrong where a lane's length is not that of the path driven: at corners.
                 vehicle.setPreviousSpeed(member.id, abs(speed))
             edge = self._roads[member.id][0]
-            if edge == self._routed.get(member.id) or edge not in self._network.edges:  # a junction
+            if self._routed.get(member.id) == (edge, member.route) or edge not in self._network.edges:  # a junction
                 continue
             if vehicle.getRoute(member.id)[vehicle.getRouteIndex(member.id)] != edge:
                 continue  # for a few steps after a junction SUMO still counts it to the edge before
             # Other drivers judge right of way by the route, which leaving it has replaced.
+            if self._routed.get(member.id, ("", member.route))[1] is not member.route:
+                self._leg.pop(member.id, None)
             vehicle.setRoute(member.id, self._onward(member, edge))
-            self._routed[member.id] = edge
+            self._routed[member.id] = edge, member.route
         return fleet
 
     def _onward(self, member: Member, edge: str) -> list[str]:
