@@ -22,8 +22,9 @@ class Event(NamedTuple):
 class Noted(NamedTuple):
     """What happens to a member that is not seen by watching it."""
 
-    row: int
+    row: int  # -1: it is not on the road
     kind: str
     detail: str
     duration: float = np.nan
     other: str = ""
+    vehicle: str = ""  # who that is, if it is not on the road

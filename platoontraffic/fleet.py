@@ -265,7 +265,7 @@ class Fleet:
 
         brakes: what some are brought to a stand with, whatever their laws want [m/s2], (n,); NaN: they are not
         """
-        command = self.command if brakes is None else self.command.braked(brakes, self.motion.speed, dt)
+        command = self.command if brakes is None else self.command.braked(brakes, self.motion, dt)
         motion = self.model.moved(self.motion, command, dt)
         return self._with_motion(np.flatnonzero(self.native), self.motion, motion)._located()
 

@@ -7,6 +7,7 @@ route. Who leaves follows nobody on a way of its own; the one behind is told not
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -57,13 +58,16 @@ class Orders:
         self._later = list(orders)
 
     def given(self, fleet: Fleet, time: float) -> tuple[Fleet, list[Noted]]:
-        """The fleet that knows what it was told just now, and this. Who is not on the road is told nothing."""
+        """The fleet that knows what it was told just now, and this; with why, if it was told in vain."""
         told = []
         while self._later and self._later[0].time < time + 1e-6:
             order = self._later.pop(0)
             row_of = {m.id: i for i, m in enumerate(fleet.members)}
-            row, behind = row_of.get(order.vehicle), row_of.get(order.behind, -1)
-            if row is None or (order.kind == "join" and behind < 0):
+            row, behind = row_of.get(order.vehicle, -1), row_of.get(order.behind, -1)
+            if why := _in_vain(order, fleet, row, behind):
+                told.append(
+                    Noted(row, "told", f"to {order.kind}, but {why}", other=order.behind, vehicle=order.vehicle)
+                )
                 continue
             predecessor = fleet.predecessor.copy()
             if order.kind == "leave":  # who was behind it shall be behind whom it followed
@@ -76,6 +80,24 @@ class Orders:
                 fleet = fleet.with_route(row, order.route)
             told.append(Noted(row, "told", f"to {order.kind}", other=order.behind))
         return fleet, told
+
+
+def _in_vain(order: Order, fleet: Fleet, row: int, behind: int) -> str:
+    """Why an order cannot be followed now; "" if it can."""
+    if row < 0:
+        return "it is not on the road"
+    if order.kind == "join" and behind < 0:
+        return f"{order.behind} is not on the road"
+    while behind >= 0:
+        if behind == row:
+            return f"{order.behind} is behind it"
+        behind = fleet.predecessor[behind]
+    if order.route:
+        x, y = (float(axle[row]) for axle in fleet.model.axle_position(fleet.motion))
+        _, aside = order.route.line.project(x, y, 0.0, math.inf)
+        if abs(aside) > fleet.model.length[row]:
+            return f"it is {abs(aside):.0f} m off that way"
+    return ""
 
 
 def _circles(scenario: Scenario, members: Sequence[Member]) -> list[str]:

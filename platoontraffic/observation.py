@@ -32,6 +32,7 @@ NOTHING, WALL = "", "wall"  # what a target lies on, when it is no vehicle
 STANDSTILL_AFTER = 10.0  # standing longer is an event [s]
 STANDING = 1e-3  # slower than this is standing, and slower approach is none [m/s, rad/s]
 BEAMS_ABOUT = 3  # a target's bearing may fall between beams, or on one that met nothing
+ROUND_ABOUT = 2.0  # so many times as far as it is straight ahead it may be on the way
 PIECES = 24  # a driven path keeps no more points than these in a vehicle's length
 
 OFF_ROAD = 0.3  # farther outside the drivable area is off the road [m]
@@ -119,12 +120,18 @@ class Observer:
             return Event(traffic.time, kind, traffic.ids[i], other, *where, duration, detail)
 
         events = [*self._come_and_go(traffic, fleet, x, y, roads, event)]
-        events += [event(one.kind, one.row, one.other, one.duration, one.detail) for one in noted]
+        for one in noted:
+            if one.row >= 0:
+                events.append(event(one.kind, one.row, one.other, one.duration, one.detail))
+            else:
+                nowhere = np.nan, np.nan, "", np.nan
+                events.append(Event(traffic.time, one.kind, one.vehicle, one.other, *nowhere, one.detail))
         self._drive(fleet, x, y)
         events += self._look(traffic, fleet, scans, event)
         for one in noted:
             if one.kind in ("breaks_down", "repaired"):
-                self._splits.broken[fleet.number[one.row]] = one.detail if one.kind == "breaks_down" else ""
+                broken = self._splits.broken[fleet.number[one.row]]
+                (broken.add if one.kind == "breaks_down" else broken.discard)(one.detail)
         events += self._splits.watch(traffic, fleet, signals, self._together(fleet), event)
         events += self._standstills(traffic, fleet, event)
         events += self._brakings(traffic, fleet, event)
@@ -208,11 +215,15 @@ class Observer:
         ahead, length, axle = fleet.predecessor[rows], fleet.model.length, fleet.model.axle
         number, number_ahead = fleet.number[rows], fleet.number[ahead]
         driven = self._paths.end(number) - self._end[number]
-        reach = 2 * (length[rows] + np.abs(driven))
-        reach = np.where(self._ahead[number] == number_ahead, reach, np.inf)  # it follows another one from now on
+        near, reach = self._station[number], 2 * (length[rows] + np.abs(driven))
+        # One that it follows from now on it is looked for behind, not where that one was laps ago.
+        away = np.hypot(x[ahead] - x[rows], y[ahead] - y[rows])
+        anew = self._ahead[number] != number_ahead
+        near = np.where(anew, self._paths.end(number_ahead) - away, near)
+        reach = np.where(anew, ROUND_ABOUT * (away + length[rows]), reach)
         self._ahead[fleet.number] = -1
         self._ahead[number] = number_ahead
-        station, offset = self._paths.project(number_ahead, x[rows], y[rows], self._station[number], reach)
+        station, offset = self._paths.project(number_ahead, x[rows], y[rows], near, reach)
         front = station + length[rows] / 2 - axle[rows]
         rear = self._paths.end(number_ahead) - length[ahead] / 2 - axle[ahead]
         self._gap[fleet.number] = self._cross_track[fleet.number] = np.nan

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from platoontraffic.errors import did_you_mean
 
@@ -35,6 +35,13 @@ class Place(_Table):
 
 class _Obstacle(_Table):
     id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")] | None = None  # default: its kind and number
+
+    @field_validator("id")
+    @classmethod
+    def not_taken(cls, name: str | None) -> str | None:
+        if name == "wall" or (name or "").startswith("person."):
+            raise ValueError(f"{name!r}: is what walls, or SUMO's pedestrians, are called")
+        return name
 
 
 class _Vehicle(_Obstacle):

@@ -151,9 +151,10 @@ KINDS = {
     "split": "is split off: for 2 s its law has not taken its predecessor (other_id) for it, or the gap has been more "
     "than twice what the law wants and 15 m above that; detail says why",
     "rejoined": "is not so any more, duration_s after that began",
-    "told": "begins a manoeuvre, in detail; other_id: behind whom. Until it has joined it counts as split off",
-    "held": "stands or crawls before a line that is closed to it; detail: by a light, right of way or, before a lane "
-    "change, those beside; of those whose law is told",
+    "told": "begins a manoeuvre, in detail, or why it cannot; other_id: behind whom. Until it has joined it counts as "
+    "split off",
+    "held": "stands or crawls before a line that is closed to it; detail: by a light, right of way, no room behind the "
+    "junction or, before a lane change, those beside; of those whose law is told",
     "released": "it is open again, or behind it, after duration_s",
     "red_light": "enters a junction from a lane, in detail, whose light is red; not of those whom SUMO drives",
     "failed_to_yield": "the same where it should give way to somebody who comes before it is across",

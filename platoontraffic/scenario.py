@@ -338,6 +338,13 @@ class Platoon(Table):
     leader: Driver
     follower: Driver | None = None
 
+    @field_validator("id")
+    @classmethod
+    def not_taken(cls, name: str) -> str:
+        if name == "person":
+            raise ValueError("'person': its members would be called as SUMO's pedestrians are")
+        return name
+
     @model_validator(mode="after")
     def gap_by_vehicle(self) -> Platoon:
         gap = START_GAPS[type(self.vehicle.model())] if self.gap_m is None else self.gap_m
@@ -379,6 +386,9 @@ class Breakdown(Table):
     time_s: Annotated[float, Field(ge=0, allow_inf_nan=False)]
     lasts_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None  # default: to the end
     rate_mps2: Annotated[float, Field(gt=0, le=10)] = 2.0  # without its drive it rolls to a stand so
+
+    def begins_before_end_of(self, other: Breakdown) -> bool:
+        return other.lasts_s is None or self.time_s <= other.time_s + other.lasts_s
 
 
 class Spec(Table):
@@ -761,10 +771,19 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
             fault((table, i, "vehicle"), f"{one.vehicle!r}: no member{did_you_mean(one.vehicle, members)}")
         if one.time_s >= spec.run.duration_s:
             fault((table, i, "time_s"), f"{one.time_s:g}: must be before the end, {spec.run.duration_s:g}")
+        departs = spec.platoon[members[one.vehicle]].start.time_s if one.vehicle in members else 0.0
+        if one.time_s < departs:
+            fault((table, i, "time_s"), f"{one.time_s:g}: {one.vehicle} departs at {departs:g}; must not be earlier")
     for i, one in enumerate(spec.breakdown):
         law = laws.get((members.get(one.vehicle, -1), "leader" if one.vehicle.endswith(".0") else "follower"))
         if one.what == "laser" and getattr(law, "native", False):
             fault(("breakdown", i, "what"), f"'laser': {one.vehicle} has none, SUMO drives it; must be 'drive'")
+        if one.lasts_s is not None and one.lasts_s < spec.run.step_s:
+            fault(("breakdown", i, "lasts_s"), f"{one.lasts_s:g}: must be a step or more, {spec.run.step_s:g}")
+        for k, other in enumerate(spec.breakdown[:i]):
+            same = (one.vehicle, one.what) == (other.vehicle, other.what)
+            if same and one.begins_before_end_of(other) and other.begins_before_end_of(one):
+                fault(("breakdown", i, "time_s"), f"{one.time_s:g}: that {one.what} is broken then, by breakdown.{k}")
     for i, told in enumerate(spec.manoeuvre):
         at = ("manoeuvre", i)
         if told.behind is not None and told.behind not in members:

@@ -36,7 +36,7 @@ class Splits:
         self._held = np.zeros(n, dtype=bool)
         self._held_since, self._held_until = np.full((2, n), -np.inf)
         self._held_by = np.zeros(n, dtype=int)
-        self.broken = np.full(n, "", dtype=object)  # what of each is broken down
+        self.broken: list[set[str]] = [set() for _ in range(n)]  # what of each is broken
 
     def watch(
         self,
@@ -89,7 +89,8 @@ class Splits:
     def stopped_by(self, number: int) -> str:
         """What it stands for, as far as that is known here."""
         if self.broken[number]:
-            return f"its {self.broken[number]} is broken"
+            what = sorted(self.broken[number])
+            return f"its {' and '.join(what)} {'is' if len(what) == 1 else 'are'} broken"
         return f"held by {CLOSED_BY[self._held_by[number]]}" if self._held[number] else ""
 
     def _why(self, traffic: TrafficSnapshot, fleet: Fleet, i: int, locked: bool, target: str, beams: float) -> str:

@@ -59,16 +59,23 @@ class Command(NamedTuple):
         """The commands of some of them."""
         return Command(*(type(kind)(*(values[rows] for values in kind)) for kind in self))
 
-    def braked(self, rate: np.ndarray, speed: np.ndarray, dt: float) -> Command:
-        """With some brought to a stand by no less than a rate [m/s2], on the curvature commanded; NaN: as it is."""
+    def braked(self, rate: np.ndarray, motion: Motion, dt: float) -> Command:
+        """With some brought to a stand by no less than a rate [m/s2]; NaN: as it is.
+
+        On the curvature commanded to what steers, or else that on which it is.
+        """
         twist, drive = self
+        speed, broken = motion.speed, ~np.isnan(rate)
+        stop = -speed / dt
         with np.errstate(divide="ignore", invalid="ignore"):
-            bend = np.nan_to_num(twist.yaw_rate / twist.speed, posinf=0.0, neginf=0.0)
-        least = -np.clip(speed / dt, -rate, rate)
-        broken = ~np.isnan(rate)
-        acceleration = np.where(broken, np.fmin(drive.acceleration, least), drive.acceleration)
-        curvature = np.where(broken & np.isnan(drive.curvature), bend, drive.curvature)
-        return Command(twist, Drive(acceleration, curvature))
+            bend = np.where(speed == 0, 0.0, motion.yaw_rate / speed)
+        forwards = np.clip(np.fmin(drive.acceleration, -rate), stop, 0.0)
+        acceleration = np.where(speed >= 0, forwards, np.minimum(rate, stop))
+        curvature = np.where(np.isnan(drive.curvature), bend, drive.curvature)
+        return Command(
+            twist,
+            Drive(*(np.where(broken, new, old) for new, old in zip((acceleration, curvature), drive, strict=True))),
+        )
 
 
 @dataclass(frozen=True)

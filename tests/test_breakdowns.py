@@ -16,7 +16,7 @@ from platoontraffic.breakdowns import Breakdowns
 from platoontraffic.errors import InputError
 from platoontraffic.fleet import Fleet
 from platoontraffic.scenario import Breakdown
-from platoontraffic.vehicle import Command, Drive, Twist
+from platoontraffic.vehicle import Command, Drive, Motion, Twist
 
 CAR = """
 [sumo]
@@ -55,15 +55,20 @@ def results(tmp_path, *given, **more) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def test_a_broken_drive_brakes_no_less_than_it_would_and_is_steered_as_before():
+    """Two robots with a twist, one of which stands; cars that accelerate, brake, stand, and roll backwards."""
     command = Command(
-        Twist(np.array([0.4, 0.0, 0.0, 0.0]), np.array([0.2, 0.3, 0.0, 0.0])),
-        Drive(np.array([np.nan, np.nan, 1.0, -6.0]), np.array([np.nan, np.nan, 0.01, 0.02])),
+        Twist(np.array([0.001, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.3, 0.3, 0.0, 0.0, 0.0, 0.0])),
+        Drive(np.array([np.nan, np.nan, 1.0, -6.0, -1.0, -1.0]), np.array([np.nan, np.nan, 0.01, 0.02, 0.03, 0.0])),
     )
-    speed, rate = np.array([0.4, 0.0, 10.0, 10.0]), np.full(4, 2.0)
-    braked = command.braked(rate, speed, 0.1).drive
-    np.testing.assert_allclose(braked.acceleration, [-2.0, 0.0, -2.0, -6.0])
-    np.testing.assert_allclose(braked.curvature, [0.5, 0.0, 0.01, 0.02])
-    as_before = command.braked(np.full(4, np.nan), speed, 0.1).drive
+    motion = replace(
+        Motion.at_rest(*np.zeros((3, 6))),
+        speed=np.array([0.4, 0.0, 10.0, 10.0, 0.0, -0.05]),
+        yaw_rate=np.array([0.2, 0.3, 0.1, 0.2, 0.0, 0.0]),
+    )
+    braked = command.braked(np.full(6, 2.0), motion, 0.1).drive
+    np.testing.assert_allclose(braked.acceleration, [-2.0, 0.0, -2.0, -6.0, 0.0, 0.5])
+    np.testing.assert_allclose(braked.curvature, [0.5, 0.0, 0.01, 0.02, 0.03, 0.0])
+    as_before = command.braked(np.full(6, np.nan), motion, 0.1).drive
     np.testing.assert_array_equal(as_before.acceleration, command.drive.acceleration)
     np.testing.assert_array_equal(as_before.curvature, command.drive.curvature)
 
@@ -155,6 +160,7 @@ def test_a_leader_that_sumo_drives_breaks_down_too(tmp_path):
         ('vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 60.0', PATH, "time_s: 60: must be before the end, 60"),
         ('vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 1.0\nlasts_s = 0.0', PATH, "lasts_s"),
         ('vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 1.0\nrate_mps2 = 0.0', PATH, "rate_mps2"),
+        ('vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 1.0\nlasts_s = 0.05', PATH, "lasts_s: 0.05: must be a step"),
         ('vehicle = "platoon.0"\nwhat = "laser"\ntime_s = 1.0', 'law = "sumo"', "platoon.0 has none, SUMO drives it"),
     ],
 )
@@ -165,3 +171,27 @@ def test_what_cannot_be_is_said_in_a_line_with_its_place(tmp_path, breakdown, le
     assert said in fault
     assert "breakdown.0" in fault
     assert fault.startswith(f"{tmp_path / 'breakdown.toml'}:")
+
+
+def test_what_is_broken_cannot_break_again(tmp_path):
+    again = 'vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 5.0\nlasts_s = 5.0\n'
+    text = again + "[[breakdown]]\n" + again.replace("time_s = 5.0", "time_s = 9.0")
+    with pytest.raises(InputError, match=r"breakdown\.1\.time_s: 9: that drive is broken then, by breakdown\.0"):
+        scenario.load(written(tmp_path, text))
+    scenario.load(written(tmp_path, text.replace("9.0", "11.0")))
+    scenario.load(written(tmp_path, text.replace('"drive"', '"laser"', 1)))
+
+
+def test_of_two_things_that_are_broken_each_is_a_cause_until_it_works_again(tmp_path):
+    """The laser's repair does not make the drive's breakdown forgotten."""
+    events, _ = results(
+        tmp_path,
+        'vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 10.0\n[[breakdown]]\n'
+        'vehicle = "platoon.1"\nwhat = "laser"\ntime_s = 11.0\nlasts_s = 2.0',
+        40.0,
+    )
+    split = events[(events.kind == "split") & (events.vehicle_id == "platoon.1")]
+    assert split.detail.isin(["its drive is broken", "its drive and laser are broken"]).all()
+    stands = events[(events.kind == "standstill") & (events.vehicle_id == "platoon.1")]
+    assert stands.detail.str.endswith("its drive is broken").all()
+    assert len(stands) == 1

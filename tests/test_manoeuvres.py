@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -47,16 +49,21 @@ def test_who_joins_follows_again():
     assert not after.leads[1:].any()
 
 
-def test_who_is_not_on_the_road_is_told_nothing():
+def test_what_is_told_in_vain_changes_nothing_and_is_noted_with_why():
     here = fleet()
-    after, told = Orders([order("join", 3, "other.0"), order("split", 9)]).given(here, 1.0)
-    assert told == []
+    after, told = Orders([order("join", 3, "other.0"), order("split", 9), order("join", 1, "robot.2")]).given(here, 1.0)
+    assert [(n.row, n.vehicle, n.detail) for n in told] == [
+        (3, "robot.3", "to join, but other.0 is not on the road"),
+        (-1, "robot.9", "to split, but it is not on the road"),
+        (1, "robot.1", "to join, but robot.2 is behind it"),
+    ]
     assert after is here
 
 
 def written(folder, text: str):
     base = data.scenarios()["corridor_manoeuvres"].read_text(encoding="utf-8")
     file = folder / "told.toml"
+    base = base.replace("position_m = 60.0 }", "position_m = 60.0, time_s = 5.0 }")
     file.write_text(base.split("[[manoeuvre]]")[0] + "[[manoeuvre]]\n" + text, encoding="utf-8")
     return file
 
@@ -72,6 +79,7 @@ def written(folder, text: str):
         ('kind = "leave"\nvehicle = "platoon.2"\ntime_s = 1.0', "a route or `to`, one of both, must be given"),
         ('kind = "leave"\nvehicle = "platoon.2"\ntime_s = 1.0\nto = "nowhere"', "no edge 'nowhere'"),
         ('kind = "split"\nvehicle = "platoon.2"\ntime_s = 1000.0', "must be before the end, 400"),
+        ('kind = "split"\nvehicle = "late.1"\ntime_s = 1.0', "late.1 departs at 5; must not be earlier"),
         ('kind = "merge"\nvehicle = "platoon.2"\ntime_s = 1.0', "kind"),
         ('kind = "leave"\nvehicle = "platoon.0"\ntime_s = 1.0\nto = "b2_east"', "cannot drive alone"),
     ],
@@ -83,6 +91,58 @@ def test_what_cannot_be_is_said_in_a_line_with_its_place(tmp_path, text, said):
     assert said in fault
     assert "manoeuvre.0" in fault
     assert fault.startswith(f"{tmp_path / 'told.toml'}:")
+
+
+RING = """
+[sumo]
+net = "ring"
+traffic = false
+[scene]
+walls = "none"
+[run]
+duration_s = 170.0
+step_s = 0.1
+[[platoon]]
+id = "a"
+vehicle = "car"
+start = { edge = "east_north", position_m = 120.0 }
+route = ["east_north", "north_west", "west_south", "south_east"]
+loop = true
+leader = { law = "path", speed_mps = 10.0, lidar = "car-leader" }
+[[platoon]]
+id = "b"
+vehicle = "car"
+start = { edge = "east_north", position_m = 80.0 }
+route = ["east_north", "north_west", "west_south", "south_east"]
+loop = true
+leader = { law = "tracking", on_loss = "drive" }
+[[manoeuvre]]
+kind = "join"
+vehicle = "b.0"
+behind = "a.0"
+time_s = 145.0
+"""
+
+
+def test_who_joins_after_a_lap_has_the_gap_to_the_one_before_it_and_not_a_lap_more(tmp_path):
+    file = tmp_path / "ring.toml"
+    file.write_text(RING, encoding="utf-8")
+    rows = pd.read_csv(run(tmp_path / "run", file) / "trajectories.csv")
+    joined = rows[(rows.vehicle_id == "b.0") & (rows.time_s > 145.0)]
+    np.testing.assert_allclose(joined.gap_m, joined.seen_gap_m, atol=0.5)
+
+
+def test_who_is_past_the_place_where_the_ways_part_does_not_leave(tmp_path):
+    base = data.scenarios()["corridor_manoeuvres"].read_text(encoding="utf-8").split("[[manoeuvre]]")[0]
+    told = 'kind = "leave"\nvehicle = "platoon.1"\nroute = ["west_light", "light_light_s"]\ntime_s = 60.0\n'
+    file = tmp_path / "late.toml"
+    file.write_text(
+        base.replace("duration_s = 400.0", "duration_s = 75.0") + "[[manoeuvre]]\n" + told, encoding="utf-8"
+    )
+    events = pd.read_csv(run(tmp_path / "run", file) / "events.csv")
+    (told,) = events[events.kind == "told"].detail
+    assert re.fullmatch(r"to leave, but it is \d+ m off that way", told)
+    assert not events.kind.isin(["off_road", "collision"]).any()
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import libsumo
 import numpy as np
@@ -13,6 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidar import PRESETS, Mount, Scene
+from platoontraffic import data
+from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.models import VEHICLES
@@ -20,6 +23,7 @@ from platoontraffic.network import CHANGING, Network
 from platoontraffic.rightofway import ACCELERATION, MARGIN, TURNING_SPEED, Foe, may_cross, time_for
 from platoontraffic.route import Route
 from platoontraffic.sensing import Sensing
+from platoontraffic.stoplines import StopLines
 from platoontraffic.sumo import World
 from platoontraffic.traffic import TrafficSnapshot
 
@@ -355,3 +359,48 @@ def test_a_lane_is_changed_when_who_is_beside_has_passed(scene):
     assert over > at_once + 1.0
     for name, *_ in beside:
         assert clearance(seen, name) > 0.5
+
+
+@pytest.mark.sumo
+def test_a_light_that_is_off_is_given_way_at_as_without_one(scene):
+    column = [(f"c{k}", MAJOR, 440.0 - 20 * k, 10.0) for k in range(5)]
+    seen, _ = scene(
+        "lights", MINOR, column, 33.0, eye=BLIND, first=lambda: libsumo.trafficlight.setProgram("middle", "off")
+    )
+    *_, speed = track(seen)
+    assert speed.min() < 0.5
+    for name, *_ in column:
+        assert clearance(seen, name) > 1.0
+
+
+@pytest.mark.sumo
+def test_entering_a_motorway_it_knows_of_those_beside_beyond_the_next_line_in_time(tmp_path):
+    """The lane begins some metres before the change: it is told of that as soon as it has to brake for it."""
+    network = Network.read(data.networks()["highway"])
+    member = deployed(network, ("e_entry_e3", "e3_e4", "e4_e5"), 259.8, 0, 20.0, BLIND)
+    junction, change = (line for line in member.route.lines[:2])
+    assert (junction.state != CHANGING, change.state) == (True, CHANGING)
+    with World(network, STEP, 1, tmp_path / "words.log") as world:
+        fleet = world.deploy(Fleet.deployed([member], STEP))
+        insert("c", ("e2_e3", "e3_e4", "e4_e5"), 634.0, 20.0)  # as far from the change as it is
+        world.place(fleet)
+        fleet = world.advance(fleet)
+        signals = world.signals(fleet)
+    front = fleet.station[0] + CAR.length / 2 - CAR.axle
+    assert front < junction.station
+    assert not signals.open[0]
+    assert signals.distance[0] == pytest.approx(change.station - front)
+    assert CLOSED_BY[signals.reason[0]] == "lane change"
+
+
+def test_who_has_moved_in_between_is_held_up_anew_only_after_a_while():
+    speeds = [0.0] * 10 + [5.0] * 20 + [0.0] * 40
+    now = SimpleNamespace(step=0)
+    client = SimpleNamespace(
+        vehicle=SimpleNamespace(getSpeed=lambda _: speeds[now.step]),
+        simulation=SimpleNamespace(getTime=lambda: 0.1 * now.step),
+    )
+    lines, held = StopLines(None, client), []
+    for now.step in range(len(speeds)):
+        held.append(lines._held_up("foe", ":inside_0"))
+    assert held.index(True) == 30 + 31

@@ -107,3 +107,24 @@ def test_a_platoon_changes_lanes_behind_a_leader_that_sumo_drives(tmp_path):
     assert (follow.target_id == "platoon." + (follow.place - 1).astype(str)).all()
     sideways = rows[rows.place == 0].y_m.diff().abs().max()
     assert sideways == pytest.approx(3.5 / 30, rel=0.2)  # a lane's width in three seconds
+
+
+def test_who_is_on_the_lane_already_is_not_held_before_the_change_by_itself(tmp_path):
+    """The leader, that SUMO drives, changes lanes before the route does; its followers go with it."""
+    text = OVERTAKES[: OVERTAKES.index("[[platoon]]")].replace("highway", "NET").replace("60.0", "75.0")
+    text += """
+[[platoon]]
+size = 3
+gap_m = 4.0
+vehicle = "car"
+start = { edge = "west_in", position_m = 60.0 }
+to = "north_out"
+leader = { law = "sumo", max_speed_mps = 10.0 }
+follower = { law = "tracking", policy = "obey", on_loss = "drive" }
+"""
+    cross = Path(__file__).parent / "nets" / "cross.net.xml"
+    file = tmp_path / "cross.toml"
+    file.write_text(text.replace("NET", cross.as_posix()), encoding="utf-8")
+    events = pd.read_csv(run(tmp_path / "run", file) / "events.csv")
+    assert not (events.detail == "lane change").any()
+    assert not events.kind.isin(["held", "collision"]).any()
