@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from platoontraffic.membership import Stretch, lengths, split_off, stretches, within
 from platoontraffic.observation import CHANGED, STANDSTILL_AFTER, STRUCK, WALL
-from platoontraffic.splits import SPLIT_AFTER
 
 EXPOSED = 3.0  # a shorter time to collision is dangerous [s]
 ENOUGH_BEAMS = 5  # on a predecessor, for a law to make something of it
@@ -68,7 +68,8 @@ MEANINGS = {
     "splits": "events split",
     "rejoin_time_mean": "of the splits after which it rejoined, from their begin",
     "rejoin_time_longest": "the longest of these",
-    "in_platoon_share": "share of its time, while its predecessor is on the road, in which it was not split off",
+    "in_platoon_share": "share of its time as a follower, while its predecessor is on the road, in which it was not "
+    "split off; told to split off it is that, and after it has left it follows nobody",
     "in_platoon_distance": "driven in that time",
     "steal_share": "share of the recorded instants at which the law's target was a vehicle of no platoon of the run",
     "lock_on_seen": "share of the recorded instants, with 5 beams or more on the predecessor and not split off, at "
@@ -151,7 +152,9 @@ def compute(trajectories: pd.DataFrame, events: pd.DataFrame) -> list[Metric]:
     start = float(trajectories.time_s.min())
     events_of = dict(tuple(events.groupby("vehicle_id")))
     collisions = events[events.kind == "collision"]
-    ids = set(trajectories.vehicle_id)
+    places = trajectories.drop_duplicates("vehicle_id").set_index("vehicle_id")
+    places = dict(zip(places.index, zip(places.platoon_id, places.place, strict=True), strict=True))
+    follows = stretches(places, events, end)
     members: list[Metric] = []
     platoons: list[Metric] = []
     for platoon, of_platoon in trajectories.groupby("platoon_id"):
@@ -166,11 +169,10 @@ def compute(trajectories: pd.DataFrame, events: pd.DataFrame) -> list[Metric]:
             values |= _lines(own, since, until)
             values["collisions", ""] = _collisions(collisions, [vehicle])
             values["collisions_caused", ""] = _caused(collisions, vehicle)
-            if place > 0:
-                leads = vehicles.get(place - 1, "")
-                together = min(until, _first(events_of.get(leads, events[:0]), "arrived", end))
-                values |= _staying(rows, own, since, together, leads, ids)
+            if place > 0 or follows[vehicle]:
+                values |= _staying(rows, own, follows[vehicle], places)
                 values |= _following(rows) | _locking(own, until) | _nearing(rows, own) | _seeing(rows)
+            if place > 0:
                 gains = _speed_gains(speeds[place], speeds.get(place - 1))
                 values["speed_gain_l2", ""], values["speed_gain_linf", ""] = gains
             mine += [Metric("vehicle", platoon, vehicle, name, value, unit) for (name, unit), value in values.items()]
@@ -234,31 +236,27 @@ def _lines(own: pd.DataFrame, since: float, until: float) -> Values:
     }
 
 
-def _staying(
-    rows: pd.DataFrame, own: pd.DataFrame, since: float, until: float, leads: str, members: Collection[str]
-) -> Values:
-    """In its platoon; until: as long as it, and who `leads` it, are on the road."""
-    rows = rows[rows.time_s <= until]
-    began = own.loc[own.kind == "split", "time_s"] - SPLIT_AFTER
+def _staying(rows: pd.DataFrame, own: pd.DataFrame, follows: list[Stretch], members: Collection[str]) -> Values:
+    """In its platoon."""
+    counted, off = [(one.begin, one.end) for one in follows], split_off(own, follows)
+    whole, lost = lengths(counted, off)
+    rows = rows[within(rows.time_s, counted)]
+    split = within(rows.time_s, off)
+    ahead = pd.Series("", index=rows.index)
+    for one in follows:
+        ahead[within(rows.time_s, [(one.begin, one.end)])] = one.ahead
     back = own.loc[own.kind == "rejoined"]
-    split = pd.Series(False, index=rows.index)
-    lasted = 0.0
-    for begin in began:
-        ends = back.time_s[back.time_s > begin]
-        end = min(ends.iloc[0] if len(ends) else until, until)
-        split |= rows.time_s.between(begin, end, inclusive="left")
-        lasted += max(end - begin, 0.0)
     steps = np.hypot(rows.x_m.diff(), rows.y_m.diff())
-    seen = rows[(rows.beams_on_predecessor >= ENOUGH_BEAMS) & ~split]
+    seen = (rows.beams_on_predecessor >= ENOUGH_BEAMS) & ~split
     stolen = rows.target_id.notna() & ~rows.target_id.isin({"", WALL, *members})
     return {
-        ("splits", ""): float(len(began)),
+        ("splits", ""): float((own.kind == "split").sum()),
         ("rejoin_time_mean", "s"): back.duration_s.mean() if len(back) else math.nan,
         ("rejoin_time_longest", "s"): back.duration_s.max() if len(back) else math.nan,
-        ("in_platoon_share", ""): 1 - _share(lasted, until - since),
+        ("in_platoon_share", ""): 1 - _share(lost, whole),
         ("in_platoon_distance", "m"): float(steps[~split].sum()),
         ("steal_share", ""): stolen.mean() if len(rows) else math.nan,
-        ("lock_on_seen", ""): (seen.target_id == leads).mean() if len(seen) else math.nan,
+        ("lock_on_seen", ""): (rows.target_id[seen] == ahead[seen]).mean() if seen.any() else math.nan,
     }
 
 
@@ -280,9 +278,10 @@ def _following(rows: pd.DataFrame) -> Values:
 def _locking(own: pd.DataFrame, until: float) -> Values:
     first = own.loc[own.kind == "locked", "time_s"]
     lost = own.loc[own.kind == "lock_lost", "time_s"].to_list()
-    regained = own.loc[own.kind == "lock_regained", "time_s"].to_list()
-    losses = [b - a for a, b in zip(lost, [*regained, until][: len(lost)], strict=True)]
-    for_good = lost[-1] if len(lost) > len(regained) else math.nan
+    ends = own.loc[own.kind.isin(["lock_regained", "locked", "told"]), "time_s"].to_list()
+    regained = [min((t for t in ends if t > a), default=math.nan) for a in lost]
+    losses = [(until if math.isnan(b) else b) - a for a, b in zip(lost, regained, strict=True)]
+    for_good = lost[-1] if lost and math.isnan(regained[-1]) else math.nan
     since = until - first.iloc[0] if len(first) else 0.0
     return {
         ("lock_on_ratio", ""): 1 - sum(losses) / since if since else 0.0,

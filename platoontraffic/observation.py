@@ -249,7 +249,8 @@ class Observer:
         # the end.
         ids = np.array([*traffic.ids, NOTHING, WALL], dtype=object)
         before, self._target[number] = self._target[number], ids[target]
-        self._locked[number[ahead < 0]] = False
+        nobody = number[ahead < 0]
+        self._locked[nobody], self._lost_since[nobody] = False, np.nan
         yield from self._locks(traffic, fleet, rows[ahead >= 0], ids, before[ahead >= 0], seen[1], event)
 
     def _locks(

@@ -23,6 +23,7 @@ LAYERS = [
     {"window"},
     {"deployment", "observation", "obstacles", "manoeuvres"},
     {"encounters"},
+    {"membership"},
     {"recording", "metrics"},
     {"outputs"},
     {"simulation"},

@@ -21,7 +21,8 @@ def trajectories(**columns: list) -> pd.DataFrame:
 
 
 def events(*rows: tuple) -> pd.DataFrame:
-    table = [dict(zip(("time_s", "kind", "vehicle_id", "other_id", "duration_s"), row, strict=False)) for row in rows]
+    columns = "time_s", "kind", "vehicle_id", "other_id", "duration_s", "detail"
+    table = [dict(zip(columns, row, strict=False)) for row in rows]
     return pd.DataFrame(table, columns=[c.name for c in EVENTS], dtype=object).fillna("")
 
 
