@@ -50,7 +50,7 @@ Changes = Annotated[
 ]
 Platoons = Annotated[
     str | None,
-    typer.Option("--platoon", metavar="FILE", help="platoons for a SUMO configuration: a file of [[platoon]] tables"),
+    typer.Option("--platoon", metavar="FILE", help="platoons for a SUMO configuration: a file of tables `platoon`"),
 ]
 Seed = Annotated[int | None, typer.Option(help="instead of the scenario's")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="no progress and no summary: print the folder only")]

@@ -42,7 +42,7 @@ def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, 
     for i, platoon in enumerate(scenario.spec.platoon):
         key = "start"
         try:
-            network.lane_pose(platoon.start.edge, platoon.start.lane)
+            network.lane_pose(platoon.start.edge, platoon.start.lane, platoon.start.position_m)
             key = "to" if platoon.to else "route"
             edges = network.fastest_way(platoon.start.edge, platoon.to) if platoon.to else platoon.route
             route = _route(network, platoon, edges, scenario.spec.scene.walls == "outline") if edges else None
@@ -107,11 +107,19 @@ def _route(network: Network, platoon: Platoon, edges: list[str], walls: bool) ->
         raise InputError(f"{edges}: does not contain the start edge {platoon.start.edge!r}")
     here = edges.index(platoon.start.edge)
     onward = [*edges[here:], *(edges[:here] if platoon.loop else [])]
-    lanes = network.route_lanes(onward, platoon.start.lane, platoon.loop, platoon.start.position_m)
+    points, limit, lines = network.route_lanes(onward, platoon.start.lane, platoon.loop, platoon.start.position_m)
+    model = platoon.vehicle.model()
+    rear = platoon.start.position_m - platoon.size * model.length - (platoon.size - 1) * platoon.gap_m
+    if rear < 0 and not platoon.loop:  # who stands on the prolongation of the lane drives that first
+        step = points[1] - points[0]
+        more = model.length - rear
+        points = np.vstack([points[0] - more * step / np.hypot(*step), points])
+        limit = np.append(limit[0], limit)
+        lines = [line._replace(station=line.station + more) for line in lines]
     around = [*onward, onward[0]] if platoon.loop else onward
-    network.check_reversals(around, platoon.vehicle.model().turning_radius)
+    network.check_reversals(around, model.turning_radius)
     walled = walls and not network.leads_on(onward[-1])
-    return Route.along(onward, *lanes, closed=platoon.loop, walled=walled)
+    return Route.along(onward, points, limit, lines, platoon.loop, walled)
 
 
 def _misplaced(members: list[Member], network: Network, scene: Scene) -> list[tuple[Member, str]]:

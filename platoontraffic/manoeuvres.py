@@ -11,12 +11,17 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from lidar.pose import wrap
 from platoontraffic.errors import InputError
 from platoontraffic.events import Noted
 from platoontraffic.fleet import Fleet, Member
 from platoontraffic.network import Network
 from platoontraffic.route import Route
 from platoontraffic.scenario import Scenario
+
+PARTED = 0.2  # from another direction one does not turn into a way any more [rad]
 
 
 class Order(NamedTuple):
@@ -88,15 +93,24 @@ def _in_vain(order: Order, fleet: Fleet, row: int, behind: int) -> str:
         return "it is not on the road"
     if order.kind == "join" and behind < 0:
         return f"{order.behind} is not on the road"
-    while behind >= 0:
-        if behind == row:
+    ahead = behind
+    while ahead >= 0:
+        if ahead == row:
             return f"{order.behind} is behind it"
-        behind = fleet.predecessor[behind]
+        ahead = fleet.predecessor[ahead]
+    x, y = fleet.model.axle_position(fleet.motion)
+    length = fleet.model.length[row]
+    if order.kind == "join" and (route := fleet.members[row].route):
+        own, _ = route.line.project(float(x[row]), float(y[row]), 0.0, math.inf)
+        there, aside = route.line.project(float(x[behind]), float(y[behind]), 0.0, math.inf)
+        if abs(aside) > length or (there < own and not route.closed):
+            return f"{order.behind} is not ahead of it on its way"
     if order.route:
-        x, y = (float(axle[row]) for axle in fleet.model.axle_position(fleet.motion))
-        _, aside = order.route.line.project(x, y, 0.0, math.inf)
-        if abs(aside) > fleet.model.length[row]:
-            return f"it is {abs(aside):.0f} m off that way"
+        there, aside = order.route.line.project(float(x[row]), float(y[row]), 0.0, math.inf)
+        along = np.diff(order.route.line.at(np.array([there, there + 0.2 * length])), axis=0)[0]
+        turned = wrap(math.atan2(along[1], along[0]) - fleet.motion.heading[row])
+        if abs(aside) > length or abs(turned) > PARTED:
+            return "the ways have parted"
     return ""
 
 

@@ -123,7 +123,7 @@ class Metric(NamedTuple):
 def of_obstacles(encounters: pd.DataFrame, events: pd.DataFrame) -> list[Metric]:
     """Metrics of a run with obstacles; encounters, events: the tables of the files of those names."""
     came = events[events.kind == "obstacle"]
-    kinds = dict(zip(came.vehicle_id, came.detail.str.partition(",")[0], strict=True))
+    kinds = {obstacle.vehicle_id: str(obstacle.detail).partition(",")[0] for obstacle in came.itertuples()}
     hit = events.loc[events.kind == "collision", "other_id"].astype(str)
     hit = hit.map(kinds).where(~hit.str.startswith("person."), "person")
     cut_ins, steps = (encounters[encounters.kind == kind] for kind in ("cut_in", "pedestrian"))

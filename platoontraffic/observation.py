@@ -121,6 +121,9 @@ class Observer:
 
         events = [*self._come_and_go(traffic, fleet, x, y, roads, event)]
         for one in noted:
+            if one.kind in ("breaks_down", "repaired"):
+                broken = self._splits.broken[fleet.number[one.row]]
+                (broken.add if one.kind == "breaks_down" else broken.discard)(one.detail)
             if one.row >= 0:
                 events.append(event(one.kind, one.row, one.other, one.duration, one.detail))
             else:
@@ -128,10 +131,6 @@ class Observer:
                 events.append(Event(traffic.time, one.kind, one.vehicle, one.other, *nowhere, one.detail))
         self._drive(fleet, x, y)
         events += self._look(traffic, fleet, scans, event)
-        for one in noted:
-            if one.kind in ("breaks_down", "repaired"):
-                broken = self._splits.broken[fleet.number[one.row]]
-                (broken.add if one.kind == "breaks_down" else broken.discard)(one.detail)
         events += self._splits.watch(traffic, fleet, signals, self._together(fleet), event)
         events += self._standstills(traffic, fleet, event)
         events += self._brakings(traffic, fleet, event)
@@ -279,7 +278,9 @@ class Observer:
                 yield event("lock_regained", rows[k], ahead[k], traffic.time - since)
         for k in np.flatnonzero(~on & locked):
             self._lost_since[number[k]] = traffic.time
-            if target[k] != NOTHING:
+            if "laser" in self._splits.broken[number[k]]:
+                cause = "its laser is broken"
+            elif target[k] != NOTHING:
                 cause = "took another for it"
             elif beams[rows[k]]:
                 cause = f"not recognised, though {beams[rows[k]]} beams hit it"
@@ -296,6 +297,8 @@ class Observer:
         began = ~moving & ~noted & (traffic.time - since > STANDSTILL_AFTER)
         for i in np.flatnonzero(began):
             why = self._splits.stopped_by(number[i]) or _stands_behind(traffic, i)
+            if not why and fleet.predecessor[i] >= 0 and not self._locked[number[i]]:
+                why = f"has lost {traffic.ids[fleet.predecessor[i]]}"
             yield event("standstill", i, detail=f"since {since[i]:.3f} s" + (why and f", {why}"))
         for i in np.flatnonzero(moving & noted):
             yield event("standstill_end", i, duration=traffic.time - since[i])
@@ -385,10 +388,11 @@ def _struck(traffic: TrafficSnapshot, i: int, other: str) -> str:
 
 
 def _stands_behind(traffic: TrafficSnapshot, i: int) -> str:
-    """Who is straight ahead of a vehicle, within its own length."""
+    """Who is straight ahead of a vehicle, within a car's length, or three of a robot's."""
     cos, sin = math.cos(traffic.heading[i]), math.sin(traffic.heading[i])
-    way, side = np.array([cos, sin]) * traffic.length[i], np.array([-sin, cos]) * traffic.width[i] / 2
-    front = np.array([traffic.x[i], traffic.y[i]]) + way / 2
+    length, side = traffic.length[i], np.array([-sin, cos]) * traffic.width[i] / 2
+    front = np.array([traffic.x[i] + length / 2 * cos, traffic.y[i] + length / 2 * sin])
+    way = np.array([cos, sin]) * (length if length >= FULL_SIZE else 3 * length)
     strip = shapely.Polygon([front - side, front + side, front + way + side, front + way - side])
     met = [k for k in np.flatnonzero(shapely.intersects(shapely.polygons(traffic.boxes().corners()), strip)) if k != i]
     ahead = [(traffic.x[k] - front[0]) * cos + (traffic.y[k] - front[1]) * sin for k in met]

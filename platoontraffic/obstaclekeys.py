@@ -187,7 +187,7 @@ def check(obstacles: Sequence[Any], sizes: dict[str, int], end: float, fault: Ca
         if name in names[:i]:
             fault((*at, "id"), f"{name!r}: obstacle.{names.index(name)} has this id too; must be another")
         if name in members:
-            fault((*at, "id"), f"{name!r}: is a member of a platoon; must be another")
+            fault((*at, "id"), f"{name!r}: is a member of a platoon; give the obstacle another id")
         for key in ("time_s", "brakes_at_s"):
             time = getattr(own, key, None)
             if time is not None and time >= end:

@@ -141,6 +141,8 @@ SCENE = "drivable area, junctions, borders of lanes, middle lines, walls and bui
 
 SMALLER = " (times length / 4.74 m, if shorter than 2 m)"
 
+CAUSES = {"departed", "obstacle", "told", "breaks_down", "repaired"}  # of what else happens at the same instant
+
 KINDS = {
     "departed": "is on the road from now on",
     "arrived": "is on the road no more; where it was last",
@@ -255,7 +257,8 @@ class Recorder:
                 self._others[vehicle] = float(traffic.length[i]), float(traffic.width[i])
 
     def note(self, events: Iterable[Event]) -> None:
-        self._events.write(_lines(sorted(events), EVENTS))
+        causes_first = sorted(events, key=lambda e: (e.time, e.kind not in CAUSES, *e[1:]))
+        self._events.write(_lines(causes_first, EVENTS))
 
     def flush(self) -> None:
         """What was written is safe even if the process is killed."""

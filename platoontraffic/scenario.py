@@ -761,7 +761,8 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 fault((*at, "lidar"), str(error))
                 continue
             if not _whole(1 / (lidar.rate * spec.run.step_s)):
-                what = f"{lidar.rate:g}: a scan must take whole steps of run.step_s = {spec.run.step_s}"
+                step = spec.run.step_s
+                what = f"{lidar.rate:g}: a scan must take whole steps of run.step_s = {step}, as at {1 / step:g} Hz"
                 fault((*at, "lidar", "rate_hz"), what)
     for table, i, one in (
         *(("manoeuvre", i, one) for i, one in enumerate(spec.manoeuvre)),
@@ -783,7 +784,10 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
         for k, other in enumerate(spec.breakdown[:i]):
             same = (one.vehicle, one.what) == (other.vehicle, other.what)
             if same and one.begins_before_end_of(other) and other.begins_before_end_of(one):
-                fault(("breakdown", i, "time_s"), f"{one.time_s:g}: that {one.what} is broken then, by breakdown.{k}")
+                until = "to the end" if other.lasts_s is None else f"until {other.time_s + other.lasts_s:g}"
+                fault(
+                    ("breakdown", i, "time_s"), f"{one.time_s:g}: that {one.what} is broken {until}, by breakdown.{k}"
+                )
     for i, told in enumerate(spec.manoeuvre):
         at = ("manoeuvre", i)
         if told.behind is not None and told.behind not in members:

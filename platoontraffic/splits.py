@@ -68,6 +68,7 @@ class Splits:
             yield event("split", i, traffic.ids[fleet.predecessor[i]], detail=why)
         for i in np.flatnonzero(~apart & self.split[number]):
             self.split[number[i]] = False
+            self._held_until[number[i]] = -np.inf  # what held it then is no cause of what comes
             if follows[i]:
                 yield event("rejoined", i, traffic.ids[fleet.predecessor[i]], time - self._begun[number[i]])
 

@@ -176,7 +176,7 @@ def test_what_cannot_be_is_said_in_a_line_with_its_place(tmp_path, breakdown, le
 def test_what_is_broken_cannot_break_again(tmp_path):
     again = 'vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 5.0\nlasts_s = 5.0\n'
     text = again + "[[breakdown]]\n" + again.replace("time_s = 5.0", "time_s = 9.0")
-    with pytest.raises(InputError, match=r"breakdown\.1\.time_s: 9: that drive is broken then, by breakdown\.0"):
+    with pytest.raises(InputError, match=r"breakdown\.1\.time_s: 9: that drive is broken until 10, by breakdown\.0"):
         scenario.load(written(tmp_path, text))
     scenario.load(written(tmp_path, text.replace("9.0", "11.0")))
     scenario.load(written(tmp_path, text.replace('"drive"', '"laser"', 1)))

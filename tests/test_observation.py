@@ -159,7 +159,7 @@ def test_a_standstill_says_behind_whom_if_one_stands_within_a_cars_length_ahead(
     assert [(e.vehicle, e.detail) for e in events] == [
         ("robot.0", "since 0.000 s"),
         ("robot.1", "since 0.000 s, behind robot.0"),
-        ("robot.2", "since 0.000 s"),
+        ("robot.2", "since 0.000 s, has lost robot.1"),
         ("robot.3", "since 0.000 s, behind robot.2"),
     ]
 

@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 from conftest import run
 
-from platoontraffic import data
+from platoontraffic import data, scenario, simulation
+from platoontraffic.errors import InputError
 
 ROUTES = [  # each turn of each junction of `corridor`, and its bends both ways
     "west_light light_prio prio_rw rw_rs rs_re re_b0 b0_b1 b1_b2 b2_east",
@@ -128,3 +129,17 @@ follower = { law = "tracking", policy = "obey", on_loss = "drive" }
     events = pd.read_csv(run(tmp_path / "run", file) / "events.csv")
     assert not (events.detail == "lane change").any()
     assert not events.kind.isin(["held", "collision"]).any()
+
+
+def test_who_stands_before_its_routes_begin_knows_the_way_to_it(tmp_path):
+    """The last cars of a platoon may stand on the prolongation of the lane where it starts."""
+    text = data.scenarios()["corridor_breakdown"].read_text(encoding="utf-8").split("[[breakdown]]")[0]
+    text = text.replace("warm_up_s = 120.0", "traffic = false").replace("duration_s = 400.0", "duration_s = 5.0")
+    text = text.replace('edge = "west_light", position_m = 90.0', 'edge = "light_prio", position_m = 5.0')
+    (tmp_path / "start.toml").write_text(text, encoding="utf-8")
+    events = pd.read_csv(run(tmp_path / "run", tmp_path / "start.toml") / "events.csv")
+    assert set(events.kind) == {"departed", "locked", "end"}
+    assert (events.time_s[events.kind == "locked"] == 0).all()
+    (tmp_path / "start.toml").write_text(text.replace("position_m = 5.0", "position_m = -5.0"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"platoon\.0\.start: .* position -5 m is not on it; must be 0\.\.331\.6 m"):
+        simulation.prepare(scenario.load(tmp_path / "start.toml"))

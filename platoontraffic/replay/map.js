@@ -417,6 +417,7 @@ function contrasting(colour) {
 
 /** How much an event matters; kinds that are not known here do. */
 function severity(kind) {
-  if (/^(departed|arrived|locked|lock_regained|standstill_end|on_road|end|rejoin)$/.test(kind)) return "info";
-  return /^(collision|off_road|red_light.*|near_miss)$/.test(kind) ? "bad" : "warn";
+  const fine = "departed|arrived|locked|lock_regained|standstill_end|on_road|end|rejoined|released|repaired|told|obstacle|obstacle_gone";
+  if (new RegExp(`^(${fine})$`).test(kind)) return "info";
+  return /^(collision|off_road|red_light|failed_to_yield|near_miss)$/.test(kind) ? "bad" : "warn";
 }
