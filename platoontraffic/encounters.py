@@ -123,7 +123,7 @@ class Encounters:
 
     def __post_init__(self) -> None:
         self._here: set[str] = set()
-        self._begun: set[str] = set()
+        self._begun: set[tuple[str, str]] = set()  # obstacle, member
         self._given_up: set[str] = set()
         self._plans = {plan.id: plan for plan in self.obstacles.plans}
         self._member = {member.id: member for member in self.members}
@@ -139,11 +139,11 @@ class Encounters:
         rows = {name: i for i, name in enumerate(traffic.ids)}
         for name in bodies.ids:
             plan = self._plans[name]
-            if name in self._begun or not isinstance(plan, CuttingIn | Crossing):
+            if not isinstance(plan, CuttingIn | Crossing):
                 continue
             begin = self._cuts_in if isinstance(plan, CuttingIn) else self._steps_out
             if found := begin(plan, traffic, fleet, rows):
-                self._begun.add(name)
+                self._begun.add((name, found.vehicle))
                 self.met.append(_Watched(found))
                 events.append(self._event(traffic, found, rows))
         self._follow(traffic, fleet, rows, {(e.vehicle, e.other) for e in seen if e.kind == "collision"})
@@ -178,12 +178,13 @@ class Encounters:
     def _cuts_in(self, plan: CuttingIn, traffic: TrafficSnapshot, fleet: Fleet, rows: dict) -> Encounter | None:
         """When its body comes over the strip that the follower's body drives."""
         row = row_of(fleet, plan.ahead_of)
-        if row is None or traffic.time < plan.comes:
+        if row is None or traffic.time < plan.comes or (plan.id, plan.ahead_of) in self._begun:
             return None
         i = rows[plan.id]
         own, own_offset = plan.way.project(traffic.x[row], traffic.y[row])
-        station, offset = plan.way.project(traffic.x[i], traffic.y[i], own)
-        if abs(offset - own_offset) >= (traffic.width[i] + traffic.width[row]) / 2:
+        station, _ = plan.way.project(traffic.x[i], traffic.y[i], own)
+        offsets = [plan.way.project(x, y, station)[1] - own_offset for x, y in _corners(traffic, [i])[0]]
+        if min(offsets) * max(offsets) > 0 and min(map(abs, offsets)) >= traffic.width[row] / 2:
             return None
         gap = plan.way.ahead(own, station) - (traffic.length[i] + traffic.length[row]) / 2
         brakes = max(plan.comes + plan.brakes_after - traffic.time, 0.0)
@@ -211,7 +212,7 @@ class Encounters:
             gap = ahead - (traffic.length[row] + along) / 2
             if nearest is None or gap < nearest[0]:
                 nearest = gap, row, aside < 0
-        if nearest is None or not nearest[2]:
+        if nearest is None or not nearest[2] or (plan.id, fleet.members[nearest[1]].id) in self._begun:
             return None
         gap, row, _ = nearest
         return self._encounter(plan, traffic, row, i, "", gap, Speed(0.0))
@@ -248,7 +249,7 @@ class Encounters:
             one, other = rows[met.vehicle], rows[met.obstacle]
             gap = float(shapely.distance(*shapely.polygons(_corners(traffic, [one, other]))))
             watched.gap = min(watched.gap, gap)
-            watched.contact |= any(met.obstacle in pair for pair in touched)
+            watched.contact |= bool(touched & {(met.vehicle, met.obstacle), (met.obstacle, met.vehicle)})
             turned = traffic.heading[other] - traffic.heading[one]
             closing = traffic.speed[one] - traffic.speed[other] * math.cos(turned)
             if closing > CLOSING and self._in_its_way(met, traffic, one, other):
