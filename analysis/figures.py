@@ -29,6 +29,11 @@ MARKERS = "osD^vPX*"
 ROAD, MIDDLE, WALL, OTHERS, BUILDING = "#e4e4e4", "#ffffff", "#444444", "#999999", "#efe9e2"
 OBSTACLE = "#D55E00"
 ENCOUNTERS = ("cut_in", "steps_out")  # events
+STATES = {  # events that begin and end them, colour and height of the bar
+    "split off": ("split", "rejoined", "#c9c9c9", 0.8),
+    "held": ("held", "released", "#555555", 0.5),
+    "broken": ("breaks_down", "repaired", "#D55E00", 0.3),
+}
 TOWN = 100.0  # a road that extends farther is of cars; things are drawn smaller on it, and vehicles larger [m]
 BESIDE = 6.0  # so far from a line a vehicle is still on its road [m]
 PARTED = 8.0  # times the median gap: a platoon that has parted would press the others' gaps onto the axis
@@ -99,6 +104,28 @@ def losses(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon
     axes.set_ylim(-followers[-1][0] - 0.6, -0.4)
     axes.set_yticks([])
     axes.set_ylabel("lock lost", rotation=0, ha="right", va="center")
+    axes.set_xlabel(label(events, "time_s"))
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    return axes
+
+
+def states(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon: str | None = None) -> Axes:
+    """When each member was held before a line, split off, or broken: a line each, that of the leader above."""
+    columns_of(events, ["time_s", "kind", "vehicle_id"])
+    members = [(place, vehicle, rows.time_s) for place, vehicle, rows in _members(trajectories, platoon)]
+    for name, (begin, end, colour, height) in STATES.items():
+        for place, vehicle, times in members:
+            own = events[events.vehicle_id == vehicle]
+            ends = [*own.loc[own.kind == end, "time_s"], times.max()]
+            begins = own.loc[own.kind == begin, "time_s"]
+            spans = [(a, min(b for b in ends if b >= a) - a) for a in begins if a <= times.max()]
+            axes.broken_barh(
+                spans, (-place - height / 2, height), facecolor=colour, label=name if place == members[0][0] else None
+            )
+    axes.set_xlim(min(times.min() for *_, times in members), max(times.max() for *_, times in members))
+    axes.set_ylim(-members[-1][0] - 0.6, -members[0][0] + 0.6)
+    axes.set_yticks([])
+    axes.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False, fontsize=8)
     axes.set_xlabel(label(events, "time_s"))
     axes.spines[["top", "right", "left"]].set_visible(False)
     return axes

@@ -55,13 +55,16 @@ def road_figure(results: Results) -> Figure:
 
 
 def strips_figure(results: Results) -> Figure:
-    """Gap, speed, spacing error and losses of lock of the main platoon over time."""
+    """Gap, speed, spacing error, losses of lock and `figures.states` of the main platoon over time."""
     table = results.trajectories
     columns = {"gaps": "gap_m", "speeds": "speed_mps", "errors": "gap_error_m"}
     main = table[table.platoon_id == figures.main_platoon(table)]
     there = [name for name, column in columns.items() if main[column].notna().any()]
     strips = [*there, "locks"] if (main.place > 0).any() else there
-    heights = [1.5 if name == "locks" else 4 for name in strips]
+    events = results.events[results.events.vehicle_id.isin(main.vehicle_id)]
+    if events.kind.isin([begin for begin, *_ in figures.STATES.values()]).any():
+        strips = [*strips, "states"]
+    heights = [4 if name in there else 1.5 for name in strips]
     figure = _figure(9, 0.4 + 0.53 * sum(heights))
     parts = figure.subplot_mosaic([[name] for name in strips], height_ratios=heights, sharex=True)
     for name in there:
@@ -72,6 +75,9 @@ def strips_figure(results: Results) -> Figure:
         parts["gaps"].set_ylabel("gap [m]")  # the strip is low
     if "locks" in strips:
         figures.losses(results.events, parts["locks"], results.trajectories)
+        parts["locks"].set_xlabel("")
+    if "states" in strips:
+        figures.states(events, parts["states"], results.trajectories)
     parts[strips[-1]].set_xlabel("time [s]")
     legend = parts["speeds"].get_legend_handles_labels()
     figure.legend(*legend, loc="outside upper center", ncols=6, frameon=False, fontsize=9)

@@ -17,8 +17,9 @@ from typing import Any, NamedTuple, TextIO
 import numpy as np
 
 from platoontraffic.errors import RunError
+from platoontraffic.events import Event
 from platoontraffic.fleet import Fleet, Member
-from platoontraffic.observation import Event, Measures
+from platoontraffic.observation import Measures
 from platoontraffic.scans import ScanRecorder
 from platoontraffic.scans import resource as scans_resource
 from platoontraffic.traffic import TrafficSnapshot

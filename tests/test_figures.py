@@ -26,6 +26,7 @@ from analysis import (
     paired,
     paths,
     road,
+    states,
     summarise,
     time_space,
 )
@@ -84,6 +85,16 @@ def test_losses_are_bars_from_the_loss_to_the_lock(ring, axes):
 def test_without_a_loss_it_says_never(ring, axes):
     losses(ring.events[ring.events.kind != "lock_lost"], axes, ring.trajectories)
     assert [text.get_text() for text in axes.texts] == ["never"]
+
+
+def test_states_are_bars_from_begin_to_end_or_to_the_last_instant(ring, axes):
+    rows = [("held", 3.0), ("released", 5.0), ("split", 4.0), ("breaks_down", 8.0), ("repaired", 9.0), ("held", 9.5)]
+    events = pd.DataFrame([{"kind": kind, "time_s": time, "vehicle_id": "platoon.1"} for kind, time in rows])
+    states(events, axes, ring.trajectories)
+    last = ring.trajectories.time_s.max()
+    bars = [path.get_extents().intervalx.tolist() for bars in axes.collections for path in bars.get_paths()]
+    assert bars == [[4, last], [3, 5], [9.5, last], [8, 9]]
+    assert legend(axes) == ["split off", "held", "broken"]
 
 
 def test_time_space_is_the_way_driven(ring, axes):
@@ -213,6 +224,7 @@ table, line = run.trajectories, run.trajectories[run.trajectories.place == 0][["
 made = {
     "over_time": lambda axes: over_time(table, "gap_m", axes),
     "losses": lambda axes: losses(run.events, axes, table),
+    "states": lambda axes: states(run.events, axes, table),
     "time_space": lambda axes: time_space(table, time_space(run.traffic, axes, line), line),
     "growth": lambda axes: growth(amplification(table), axes),
     "estimates": lambda axes: estimates(paired(runs, "m", "x", (1, 2), "y"), "y", axes),

@@ -45,7 +45,7 @@ class PathLeader:
                 1805); how fast it comes nearer is learnt from the change of the distance, from the second look on.
                 It stops if every beam is lost.
     Lights    : stops at a closed line if it can by `hardest_braking`; for yellow, by twice the comfortable braking.
-                Where it has to give way it comes slowly and passes when SUMO says that it may.
+                Where it has to give way it comes slowly and passes when it is told that it may.
 
     All of these are accelerations, and the least one is driven. A speed v0 that must be kept from a point at distance s
     on takes (v^2 - v0^2) / 2 s, which stands for a share q of the comfortable braking; what is left is
