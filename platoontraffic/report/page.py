@@ -14,8 +14,8 @@ from platoontraffic.report.markup import details, document, figure_files, first_
 MOST_EVENTS = 1000  # in the page; all are in events.csv
 PICTURES = {
     "road": "The road, every member's path, and where it was last",
-    "strips": "Gap, speed and spacing error over time, when a follower had lost its predecessor, and who was held before a line, "
-    "split off or broken",
+    "strips": "Gap, speed and spacing error over time, when a follower had lost its predecessor, and who was held "
+    "before a line, split off or broken",
 }
 # What one asks first of a run.
 FIRST = ("duration", "members", "collisions", "near_misses", "lock_on_ratio_min", "lock_losses", "gap_mean", "gap_min")
