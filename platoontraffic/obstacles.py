@@ -429,10 +429,7 @@ def _car(table: obstaclekeys.Car, name: str, network: Network) -> Plan:
         edges = table.route[table.route.index(start.edge) :]
     else:
         edges = list(network.onward(start.edge, 20 if table.speed_mps else 1))
-    if len(edges) > 1:
-        route = Route.along(edges, *network.route_lanes(edges, start.lane, False, start.position_m))
-    else:
-        route = Route.along(edges, *network.route_lanes(edges, start.lane))
+    route = Route.along(edges, *network.route_lanes(edges, start.lane, False, start.position_m))
     speed = Speed(table.speed_mps)
     if table.brakes_at_s is not None:
         speed = Speed(table.speed_mps, table.brakes_at_s - table.time_s, table.rate_mps2, table.last_speed_mps)
