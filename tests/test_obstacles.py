@@ -252,7 +252,7 @@ CUTS = [
 
 
 @pytest.mark.parametrize(
-    "some", [pytest.param(CUTS[::23], id="some"), pytest.param(CUTS, id="all", marks=pytest.mark.slow)]
+    "some", [pytest.param(CUTS[::23], id="some"), pytest.param(CUTS, id="all", marks=pytest.mark.soak)]
 )
 def test_of_cut_ins_of_every_size_the_avoidable_ones_end_well(some):
     hit, avoidable = [], 0

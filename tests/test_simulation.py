@@ -244,13 +244,13 @@ def test_the_papers_platoon_drives_two_laps(tmp_path):
     assert metric(folder, "gap_max").max() < 1.0
 
 
-@pytest.mark.slow
-def test_ten_robots_move_about_the_papers_world_for_ten_minutes(tmp_path):
-    folder = run(tmp_path / "world", "paper_world")
+@pytest.mark.parametrize("minutes", [pytest.param(3, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.soak)])
+def test_ten_robots_move_about_the_papers_world_for_minutes(tmp_path, minutes):
+    folder = run(tmp_path / "world", "paper_world", f"run.duration_s={60 * minutes}")
     assert len(metric(folder, "collisions")) == 10
     assert (metric(folder, "collisions") == 0).all()
-    assert (metric(folder, "distance") > 30).all()
-    assert pd.read_csv(folder / "events.csv").time_s.max() == 600
+    assert (metric(folder, "distance") > 3 * minutes).all()
+    assert pd.read_csv(folder / "events.csv").time_s.max() == 60 * minutes
 
 
 @pytest.mark.slow
