@@ -415,7 +415,7 @@ def _dask_cluster(folder: Path, killed: list[subprocess.Popen]) -> str:
     return json.loads(said.read_text())["address"]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_scheduler_with_two_workers_started_by_hand_leaves_the_same_tables(tiny, tmp_path, killed):
     pytest.importorskip("distributed")
     file = tiny(5, 4)
