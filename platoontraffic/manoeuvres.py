@@ -93,6 +93,10 @@ def _in_vain(order: Order, fleet: Fleet, row: int, behind: int) -> str:
         return "it is not on the road"
     if order.kind == "join" and behind < 0:
         return f"{order.behind} is not on the road"
+    if order.kind == "join" and fleet.predecessor[row] == behind:
+        return "it is behind that"
+    if order.kind == "split" and fleet.leads[row]:
+        return "it follows nobody"
     ahead = behind
     while ahead >= 0:
         if ahead == row:

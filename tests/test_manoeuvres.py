@@ -49,11 +49,14 @@ def test_who_joins_follows_again():
 
 def test_what_is_told_in_vain_changes_nothing_and_is_noted_with_why():
     here = fleet()
-    after, told = Orders([order("join", 3, "other.0"), order("split", 9), order("join", 1, "robot.2")]).given(here, 1.0)
+    orders = [("join", 3, "other.0"), ("split", 9), ("join", 1, "robot.2"), ("join", 1, "robot.0"), ("split", 0)]
+    after, told = Orders([order(*one) for one in orders]).given(here, 1.0)
     assert [(n.row, n.vehicle, n.detail) for n in told] == [
         (3, "robot.3", "to join, but other.0 is not on the road"),
         (-1, "robot.9", "to split, but it is not on the road"),
         (1, "robot.1", "to join, but robot.2 is behind it"),
+        (1, "robot.1", "to join, but it is behind that"),
+        (0, "robot.0", "to split, but it follows nobody"),
     ]
     assert after is here
 
