@@ -128,14 +128,15 @@ def test_those_behind_a_broken_car_stand_behind_it_and_go_on_with_it(tmp_path):
 @pytest.mark.parametrize("vehicle", ["platoon.0", "platoon.2"])
 def test_who_has_no_laser_any_more_stops(tmp_path, vehicle, on_loss):
     _, rows = results(
-        tmp_path, f'vehicle = "{vehicle}"\nwhat = "laser"\ntime_s = 10.0\nlasts_s = 30.0', 60.0, on_loss=on_loss
+        tmp_path, f'vehicle = "{vehicle}"\nwhat = "laser"\ntime_s = 5.0\nlasts_s = 15.0', 30.0, on_loss=on_loss
     )
     own = rows[rows.vehicle_id == vehicle].set_index("time_s")
-    assert (own.speed_mps.loc[20.0:40.0] == 0).all()
+    assert (own.speed_mps.loc[15.0:20.0] == 0).all()
     assert own.accel_mps2.min() > -3.6
-    assert ((own.beams_on_predecessor.loc[10.5:40.0] == 0) | own.beams_on_predecessor.loc[10.5:40.0].isna()).all()
+    beams = own.beams_on_predecessor.loc[5.5:19.5]
+    assert ((beams == 0) | beams.isna()).all()
     drives_on = vehicle == "platoon.0" or on_loss == "drive"
-    assert (own.speed_mps.loc[45.0:].max() > 5.0) == drives_on
+    assert (own.speed_mps.loc[25.0:].max() > 5.0) == drives_on
 
 
 def test_a_leader_that_sumo_drives_breaks_down_too(tmp_path):

@@ -253,7 +253,7 @@ def test_ten_robots_move_about_the_papers_world_for_minutes(tmp_path, minutes):
     assert pd.read_csv(folder / "events.csv").time_s.max() == 60 * minutes
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_five_robots_follow_a_path_of_several_radii_for_a_lap(tmp_path):
     folder = run(tmp_path / "path", "paper_path")
     assert (metric(folder, "laps") >= 1 - 1e-3).all()
