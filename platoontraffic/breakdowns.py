@@ -18,6 +18,8 @@ from platoontraffic.scenario import Breakdown
 
 
 class Breakdowns:
+    """Follows those of a scenario: `watch` in every step, then `seen` and `brakes` tell what they do."""
+
     def __init__(self, given: Sequence[Breakdown]) -> None:
         self._given = given
         self._since: dict[Breakdown, float] = {}  # of those that there are now

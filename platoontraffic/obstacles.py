@@ -7,6 +7,7 @@ of time or, of one who cuts in, integrated over the run's steps; nothing is rand
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -107,7 +108,7 @@ class Way:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(ABC):
     """What one of them does. `moved` takes its state to the next instant, `pose` tells where it is; None: not there."""
 
     id: str
@@ -131,8 +132,9 @@ class Plan:
         """
         return state
 
+    @abstractmethod
     def pose(self, state: Any, time: float) -> Pose | None:
-        raise NotImplementedError
+        """Where it is at `time`, in that state."""
 
 
 @dataclass(frozen=True, eq=False)

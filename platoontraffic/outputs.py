@@ -18,7 +18,7 @@ from platoontraffic.network import file_named_in, names_files
 from platoontraffic.recording import Column, Recorder
 from platoontraffic.scenario import Scenario
 
-LANE_CHANGE = "3"  # [s], where a laser is to follow; at once, as is SUMO's default, cars jump aside
+CHANGES_LANES_IN = "3"  # [s], where a laser is to follow; at once, as is SUMO's default, cars jump aside
 SSM = "device.ssm.file"  # without this option SUMO writes a file a vehicle where the process runs
 
 
@@ -41,7 +41,7 @@ def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
     if scenario.spec.sumo.lane_change_s is not None:
         options["lanechange.duration"] = str(scenario.spec.sumo.lane_change_s)
     elif "lateral-resolution" not in options and any(getattr(law, "native", False) for law in scenario.laws.values()):
-        options.setdefault("lanechange.duration", LANE_CHANGE)
+        options.setdefault("lanechange.duration", CHANGES_LANES_IN)
     options |= {option: str(_inside(folder, name)) for option, name in (config.outputs if config else {}).items()}
     options.setdefault(SSM, str(folder / "sumo_ssm.xml"))
     for name in ("trips", "summary"):

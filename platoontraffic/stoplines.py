@@ -218,14 +218,14 @@ class StopLines:
         """Whether one will not come to stand in a junction that others cross, for the queue behind it."""
         vehicle, lane = self._sumo.vehicle, self._sumo.lane
         onto = lane.getLastStepVehicleIDs(line.onto)  # the last one first
-        small = scale(length)
-        last = next((k for k, name in enumerate(onto) if vehicle.getSpeed(name) < FLOWS * small), None)
+        size = scale(length)
+        last = next((k for k, name in enumerate(onto) if vehicle.getSpeed(name) < FLOWS * size), None)
         if last is None or not any(map(lane.getInternalFoes, line.via)):
             return True
         left = vehicle.getLanePosition(onto[last]) - vehicle.getLength(onto[last])
         before = [*onto[:last], *(name for via in line.via for name in lane.getLastStepVehicleIDs(via))]
-        taken = sum(vehicle.getLength(name) + QUEUE_GAP * small for name in before)
-        return left > taken + length + OWN_GAP * small
+        taken = sum(vehicle.getLength(name) + QUEUE_GAP * size for name in before)
+        return left > taken + length + OWN_GAP * size
 
     def _go_first(self, line: Line) -> GoFirst:
         if line not in self._first:

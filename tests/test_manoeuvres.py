@@ -146,6 +146,19 @@ def test_who_is_past_the_place_where_the_ways_part_does_not_leave(tmp_path):
     assert not events.kind.isin(["off_road", "collision"]).any()
 
 
+def test_who_turns_the_other_way_already_does_not_leave(tmp_path):
+    """In the junction it is beside both ways yet."""
+    base = data.scenarios()["corridor_cut_in"].read_text(encoding="utf-8").split("[[obstacle]]")[0]
+    base = base.replace("duration_s = 60.0", "duration_s = 45.0").replace("size = 5", "size = 3")
+    base = base.replace("speed_mps = 10.0", "speed_mps = 8.0").replace("gap_m = 10.0", "gap_m = 6.0")
+    base = base.replace('odometry = "car"', 'odometry = "car", policy = "obey", on_loss = "drive"')
+    order = '[[manoeuvre]]\nkind = "leave"\nvehicle = "platoon.1"\nto = "prio_prio_s"\ntime_s = 36.0\n'
+    (tmp_path / "turns.toml").write_text(base + order, encoding="utf-8")
+    events = pd.read_csv(run(tmp_path / "run", tmp_path / "turns.toml") / "events.csv")
+    assert events[events.kind == "told"].detail.tolist() == ["to leave, but the ways have parted"]
+    assert not events.kind.isin(["off_road", "collision"]).any()
+
+
 @pytest.mark.slow
 def test_a_car_leaves_two_split_off_and_join_again_and_others_join_the_end(tmp_path):
     folder = run(tmp_path / "run", "corridor_manoeuvres")
