@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -7,6 +8,10 @@ from pathlib import Path
 import pytest
 
 from platoontraffic import scenario, simulation
+
+# Shells start what they put into the background with SIGINT ignored, and that is inherited; tests send it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # In the first corner of the loop: the leader turns on the spot, all followers go round. Two members, one corner.
 ONE_CORNER = ("run.duration_s=70", "platoon.size=3")
