@@ -1,9 +1,23 @@
 """From the folder of a run or a batch to tables and pictures. Needs no SUMO."""
 
-from analysis.figures import estimates, growth, heat_map, label, losses, over_time, paths, road, states, time_space
-from analysis.pictures import picture
-from analysis.results import Batch, Results, ResultsError, Scans, load
-from analysis.tables import amplification, interval, paired, summarise
+if __name__ != "platoontraffic.analysis":  # a second copy, under another name, would not know the first one's classes
+    raise ImportError("import it as platoontraffic.analysis")
+
+from platoontraffic.analysis.figures import (
+    estimates,
+    growth,
+    heat_map,
+    label,
+    losses,
+    over_time,
+    paths,
+    road,
+    states,
+    time_space,
+)
+from platoontraffic.analysis.pictures import picture
+from platoontraffic.analysis.results import Batch, Results, ResultsError, Scans, load
+from platoontraffic.analysis.tables import amplification, interval, paired, summarise
 
 __all__ = [
     "Batch",

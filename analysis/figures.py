@@ -17,9 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.patches import PathPatch, Polygon
 from matplotlib.path import Path as Outline
-
-from analysis.results import ResultsError
-from analysis.tables import columns_of, summarise
+from platoontraffic.analysis.results import ResultsError
+from platoontraffic.analysis.tables import columns_of, summarise
 
 Scene = dict[str, list[list[list[float]]]]  # as `Results.scene`
 

@@ -7,9 +7,8 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-
-from analysis import figures
-from analysis.results import Results, ResultsError, load_run
+from platoontraffic.analysis import figures
+from platoontraffic.analysis.results import Results, ResultsError, load_run
 
 
 def picture(folder: Path | str, to: Path | str) -> Path:

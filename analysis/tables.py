@@ -10,8 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-
-from analysis.results import Batch, ResultsError
+from platoontraffic.analysis.results import Batch, ResultsError
 
 LEVEL = 0.95
 RESAMPLES = 4000

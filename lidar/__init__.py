@@ -1,5 +1,8 @@
 """A planar laser scanner among walls and boxes: see README.md beside this file."""
 
+if __name__ != "platoontraffic.lidar":  # a second copy, under another name, would not know the first one's classes
+    raise ImportError("import it as platoontraffic.lidar")
+
 from .engines import ENGINES
 from .laserscan import LaserScan, ScanBatch
 from .model import PRESETS, LidarModel, Mount

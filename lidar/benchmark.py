@@ -485,7 +485,7 @@ def _flat(plan, merged):
 
 
 def _tick(plan, size, scene, boxes):
-    """As in platoontraffic.sensing: vehicles from arrays, then a scan for each model."""
+    """As in platoontraffic.world.sensing: vehicles from arrays, then a scan for each model."""
     parts = [(VIEWS["lead60"], slice(0, 200)), (VIEWS["foll30"], slice(200, 1000))]
     ids = [tuple(f"veh.{owner}" for owner in boxes.owner[rows]) for _, rows in parts]
     batches = [None, None]
@@ -508,16 +508,17 @@ def _tick(plan, size, scene, boxes):
 CHILD = """
 import sys, time
 sys.path[0] = sys.argv[1]
-import lidar
+from platoontraffic import lidar
 imported = time.time(), time.process_time(), "numba" in sys.modules
-from lidar import benchmark
+from platoontraffic.lidar import benchmark
 benchmark.child(imported, *sys.argv[2:])
 """
 
 
 def _in_child(environment, *arguments):
     """What `child` prints in a new process."""
-    command = [sys.executable, "-c", CHILD, str(Path(__file__).parents[1]), *arguments]
+    package = Path(sys.modules[__name__.partition(".")[0]].__file__).parent
+    command = [sys.executable, "-c", CHILD, str(package.parent), *arguments]
     done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 

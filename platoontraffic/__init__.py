@@ -1,6 +1,28 @@
 """Platoons that drive by laser scanner, in SUMO traffic."""
 
-from platoontraffic.controllers import Decision, Sensed, Target, per_vehicle
-from platoontraffic.vehicle import Drive, Twist
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from platoontraffic import _checkout
+
+_checkout.add_subpackages()
+
+# Imported at first use: a command that only lists names need not wait for numba.
+_HOMES = {
+    "Decision": "controllers",
+    "Drive": "vehicles.motion",
+    "Sensed": "controllers",
+    "Target": "controllers",
+    "Twist": "vehicles.motion",
+    "per_vehicle": "controllers",
+}
 
 __all__ = ["Decision", "Drive", "Sensed", "Target", "Twist", "per_vehicle"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

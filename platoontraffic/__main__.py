@@ -1,3 +1,3 @@
-from platoontraffic.cli import main
+from platoontraffic.cli.main import main
 
 main()

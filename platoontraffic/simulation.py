@@ -12,23 +12,25 @@ import pandas as pd
 import shapely
 import tomli_w
 
-from lidar import Scene
-from platoontraffic import manoeuvres, metrics, obstacles, outputs, provenance, recording
-from platoontraffic.breakdowns import Breakdowns
-from platoontraffic.contact import Contacts
-from platoontraffic.deployment import deploy, static_scene
-from platoontraffic.encounters import Encounters
 from platoontraffic.errors import InputError, MissingError, RunError
-from platoontraffic.events import Event
-from platoontraffic.fleet import Fleet, Member
-from platoontraffic.network import Network
-from platoontraffic.observation import Observer
-from platoontraffic.obstacles import Obstacles, Plan
-from platoontraffic.recording import Recorder
+from platoontraffic.lidar import Scene
+from platoontraffic.observation.encounters import Encounters
+from platoontraffic.observation.observer import Observer
+from platoontraffic.results import metrics, provenance, sumo_tables
+from platoontraffic.results import recorder as recording
+from platoontraffic.results.recorder import Recorder
+from platoontraffic.road.network import Network
 from platoontraffic.scenario import Run, Scenario
-from platoontraffic.sensing import Sensing
-from platoontraffic.sumo import World
-from platoontraffic.window import Window
+from platoontraffic.sumo.window import Window
+from platoontraffic.sumo.world import World
+from platoontraffic.world import manoeuvres, obstacles
+from platoontraffic.world.breakdowns import Breakdowns
+from platoontraffic.world.contact import Contacts
+from platoontraffic.world.deployment import deploy, static_scene
+from platoontraffic.world.events import Event
+from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.obstacles import Obstacles, Plan
+from platoontraffic.world.sensing import Sensing
 
 Progress = Callable[[float], None]  # told the simulated time [s] now and then
 SAFE_EVERY = 10.0  # what was recorded is flushed to disk every so many simulated seconds
@@ -106,7 +108,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window
         dt,
         scenario.seed,
         recorder.folder / "run.log",
-        outputs.sumo_options(scenario, recorder.folder),
+        sumo_tables.sumo_options(scenario, recorder.folder),
         scenario.spec.sumo.warm_up_s,
         window,
     )
@@ -208,11 +210,11 @@ def _conclude(prepared: Prepared, recorder: Recorder, facts: dict, encounters: E
     scenario, spec = prepared.scenario, prepared.scenario.spec
     recorder.close_tables()
     values = metrics.compute(*(pd.read_csv(recorder.folder / f"{t}.csv") for t in ("trajectories", "events")))
-    outputs.write_tables(recorder, scenario)
+    sumo_tables.write_tables(recorder, scenario)
     if "trips" in spec.record.sumo:
-        trips = outputs.read_trips(recorder.folder)
+        trips = sumo_tables.read_trips(recorder.folder)
         others = {m.id for m in prepared.members} | {plan.id for plan in prepared.obstacles}
-        of_traffic = outputs.traffic_metrics(trips, others)
+        of_traffic = sumo_tables.traffic_metrics(trips, others)
         values += [metrics.Metric("traffic", "", "", *metric) for metric in of_traffic]
     if prepared.obstacles:
         recorder.write_table("encounters.csv", encounters.rows(), recording.ENCOUNTERS)
@@ -231,8 +233,10 @@ def _conclude(prepared: Prepared, recorder: Recorder, facts: dict, encounters: E
     described["metrics"] = meanings = {}
     for m in values:
         of_traffic = m.scope == "traffic"
-        meanings.setdefault(m.scope, {})[m.name] = outputs.MEANINGS[m.name] if of_traffic else metrics.meaning(m.name)
-    package["resources"] += outputs.resources(spec.record.sumo)
+        meanings.setdefault(m.scope, {})[m.name] = (
+            sumo_tables.MEANINGS[m.name] if of_traffic else metrics.meaning(m.name)
+        )
+    package["resources"] += sumo_tables.resources(spec.record.sumo)
     recorder.write("datapackage.json", recording.as_json(package))
     facts["sumo_options_ignored"] = list(scenario.configuration.ignored) if scenario.configuration else []
     recorder.write("provenance.json", recording.as_json(facts))

@@ -10,14 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from platoontraffic import data
-
-ROOT = Path(__file__).parents[1]
+from platoontraffic import shipped
+from tests.support import ROOT
 
 
 def test_a_checkout_uses_its_own_folders():
-    assert data.shipped("sumo_nets") == ROOT / "sumo_nets"
-    assert data.shipped("scenarios") == ROOT / "scenarios"
+    assert shipped.folder("sumo_nets") == ROOT / "sumo_nets"
+    assert shipped.folder("scenarios") == ROOT / "scenarios"
 
 
 @pytest.mark.install
@@ -37,9 +36,9 @@ def test_the_wheel_installed_elsewhere_finds_its_scenarios_and_nets(tmp_path):
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    assert [line.split()[0] for line in call("list").splitlines()] == list(data.scenarios())
+    assert [line.split()[0] for line in call("list").splitlines()] == list(shipped.scenarios())
     assert all(str(tmp_path) in line for line in call("list", "nets").splitlines())
-    for name in data.scenarios():
+    for name in shipped.scenarios():
         call("check", name)
     folder = tmp_path / call("run", "paper_loop", "run.duration_s=5", "-q").strip()
     assert Path(call("plot", str(folder)).strip()).is_file()

@@ -1,16 +1,16 @@
 """The shipped networks: built from their sources, complete, and of the stated shape."""
 
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 from shapely.geometry import box
 
-from platoontraffic.network import Network, build_net, read_polygons
+from platoontraffic.road.network import Network, build_net, read_polygons
+from tests.support import ROOT
 
-NETS = Path(__file__).parents[1] / "sumo_nets"
+NETS = ROOT / "sumo_nets"
 LABS = ["lab_loop", "lab_world", "lab_curves"]  # for robots, in the paper's own metres
 ROADS = ["ring", "highway", "corridor", "grid"]  # for cars, with traffic
 NAMES = [*LABS, *ROADS, "bends"]

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ONE_CORNER, run
 
 from platoontraffic import scenario, simulation
 from platoontraffic.errors import InputError
-from platoontraffic.provenance import run_id
+from platoontraffic.results.provenance import run_id
+from tests.support.runs import ONE_CORNER, run
 
 TABLES = ["trajectories.csv", "events.csv", "metrics.csv", "summary.csv"]
 

@@ -6,15 +6,22 @@ import math
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests/benchmarks"))
-
-from what_holds import FOLLOWERS, QUARTER, SMOKE, Trial, bend_of, bend_trial, drive, smallest, straight_on  # noqa: E402
+from tests.benchmarks.what_holds import (
+    FOLLOWERS,
+    QUARTER,
+    SMOKE,
+    Trial,
+    bend_of,
+    bend_trial,
+    drive,
+    smallest,
+    straight_on,
+)
+from tests.support import ROOT
 
 EXACT = FOLLOWERS["tracking, no noise"]
 

@@ -12,6 +12,6 @@ What a law is given is the scan, its vehicle's own motion and its size. More has
 `needs = {"route", "signals"}`.
 """
 
-from platoontraffic.controllers.base import CLOSED_BY, Body, Decision, RouteAhead, Sensed, Signals, Target, per_vehicle
+from platoontraffic.controllers.law import CLOSED_BY, Body, Decision, RouteAhead, Sensed, Signals, Target, per_vehicle
 
 __all__ = ["CLOSED_BY", "Body", "Decision", "RouteAhead", "Sensed", "Signals", "Target", "per_vehicle"]

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from platoontraffic.vehicle import Positive
+from platoontraffic.vehicles.motion import Positive
 
 
 @dataclass(frozen=True)

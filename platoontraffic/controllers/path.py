@@ -10,10 +10,10 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.base import Decision, Sensed
 from platoontraffic.controllers.closing import closing_speed
+from platoontraffic.controllers.law import Decision, Sensed
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
-from platoontraffic.vehicle import Drive, Positive
+from platoontraffic.vehicles.motion import Drive, Positive
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lidar.compiled import compiler
+from platoontraffic.lidar.compiled import compiler
 
 compiled = compiler(__file__)
 

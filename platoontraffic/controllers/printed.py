@@ -12,9 +12,9 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from lidar import LidarModel, ScanBatch
-from platoontraffic.controllers.base import Decision, Sensed, Target
-from platoontraffic.vehicle import Positive, Twist
+from platoontraffic.controllers.law import Decision, Sensed, Target
+from platoontraffic.lidar import LidarModel, ScanBatch
+from platoontraffic.vehicles.motion import Positive, Twist
 
 EDGE_STEP = 0.5  # neighbouring ranges, and neighbouring points, of an edge differ by more [m]
 SUFFICIENT_DISTANCE = 0.1  # [m]

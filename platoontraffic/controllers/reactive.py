@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.base import Decision, Sensed
-from platoontraffic.vehicle import Positive, Twist
+from platoontraffic.controllers.law import Decision, Sensed
+from platoontraffic.vehicles.motion import Positive, Twist
 
 
 def rule(front: np.ndarray, front_left: np.ndarray, front_right: np.ndarray) -> np.ndarray:

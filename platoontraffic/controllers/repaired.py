@@ -18,8 +18,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from lidar import ScanBatch
-from platoontraffic.controllers.base import Decision, Sensed, Target
+from platoontraffic.controllers.law import Decision, Sensed, Target
 from platoontraffic.controllers.printed import (
     SPEED_GAIN,
     SUFFICIENT_DISTANCE,
@@ -29,7 +28,8 @@ from platoontraffic.controllers.printed import (
     first_two,
     middle,
 )
-from platoontraffic.vehicle import Positive, Twist
+from platoontraffic.lidar import ScanBatch
+from platoontraffic.vehicles.motion import Positive, Twist
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,13 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from lidar.segments import find_segments
-from platoontraffic.controllers.base import Decision, Sensed, Target
 from platoontraffic.controllers.closing import closing_speed
+from platoontraffic.controllers.law import Decision, Sensed, Target
 from platoontraffic.controllers.path import PathLeader
-from platoontraffic.tracking import ACCELERATION, OVERHANG, SPEED, Odometry, Track
-from platoontraffic.trail import Ahead, Trail
-from platoontraffic.vehicle import Drive, Positive
+from platoontraffic.controllers.tracker.track import ACCELERATION, OVERHANG, SPEED, Odometry, Track
+from platoontraffic.controllers.tracker.trail import Ahead, Trail
+from platoontraffic.lidar.segments import find_segments
+from platoontraffic.vehicles.motion import Drive, Positive
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -58,8 +58,8 @@ class TrackingFollower:
     """Tracks its predecessor by laser, drives in its trail, and keeps a time headway.
 
     1. The groups of returns in the scan correct an extended Kalman filter of the predecessor's motion, in the frame of
-       the own odometry (`platoontraffic.tracking`).
-    2. Where its rear axle has been is remembered (`platoontraffic.trail`), and steered along: the trail's curvature,
+       the own odometry (`tracker.track`).
+    2. Where its rear axle has been is remembered (`tracker.trail`), and steered along: the trail's curvature,
        as far ahead as the steering lags, corrected by offset and direction,
 
            curvature = trail's - offset / l^2 - 2 sin(off_heading) / l,      l = max(catch_up, catch_up_time v)

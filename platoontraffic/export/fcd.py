@@ -12,8 +12,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pandas as pd
 
-from analysis.results import Results, ResultsError, load_run
-from platoontraffic.sumo import front_of, sumo_angle
+from platoontraffic.analysis.results import Results, ResultsError, load_run
+from platoontraffic.sumo.world import front_of, sumo_angle
 
 NAME = "fcd.xml"
 HEAD = """<?xml version="1.0" encoding="UTF-8"?>

@@ -32,7 +32,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from analysis.results import Results, ResultsError, Scans, load_run
+from platoontraffic.analysis.results import Results, ResultsError, Scans, load_run
 
 NAME = "rosbag"  # of the folder in that of the run
 STORE = get_typestore(Stores.ROS2_HUMBLE)

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.results import Results, ResultsError, Scans
-from lidar import LidarModel, ScanBatch
-from lidar.segments import find_segments
+from platoontraffic.analysis.results import Results, ResultsError, Scans
 from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.lidar import LidarModel, ScanBatch
+from platoontraffic.lidar.segments import find_segments
 from platoontraffic.replay.columns import Columns
 
 SMALL = 2.0  # shorter vehicles are robots [m]

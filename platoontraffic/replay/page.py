@@ -7,7 +7,7 @@ import html
 import re
 from pathlib import Path
 
-from analysis.results import ResultsError, load
+from platoontraffic.analysis.results import ResultsError, load
 from platoontraffic.replay.content import packed
 
 HERE = Path(__file__).parent

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.results import Batch, load_batch
+from platoontraffic.analysis.results import Batch, load_batch
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.report.figures import heat_map, over_values
 from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text, write

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from analysis.results import Batch
+from platoontraffic.analysis.results import Batch
 
 LONGEST = 28  # characters of a value at an axis
 POINTS, MEAN = "#56B4E9", "#0072B2"

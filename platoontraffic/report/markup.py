@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from analysis.results import ResultsError
+from platoontraffic.analysis.results import ResultsError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

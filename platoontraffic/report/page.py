@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.results import Results, ResultsError, load_run
+from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text, write
 
 MOST_EVENTS = 1000  # in the page; all are in events.csv
@@ -74,7 +74,7 @@ def _first(results: Results) -> str:
 
 def _pictures(results: Results, to: Path) -> Iterable[str]:
     """The pictures as parts of the page, each also written beside it."""
-    from analysis.pictures import road_figure, strips_figure
+    from platoontraffic.analysis.pictures import road_figure, strips_figure
 
     for name, figure in (("road", road_figure(results)), ("strips", strips_figure(results))):
         yield figure_files(figure, to, name, PICTURES[name])

@@ -13,8 +13,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from platoontraffic import batch, scenario, simulation, study
 from platoontraffic.analysis import load
+
+from platoontraffic import scenario, simulation
+from platoontraffic.study import batch, study
 
 
 def written(folder: Path, name: str, duration: float, runs: int) -> study.Study:

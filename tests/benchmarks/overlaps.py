@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from platoontraffic.analysis import load
 
-from analysis import load
 from platoontraffic import scenario
-from platoontraffic.fleet import Fleet
-from platoontraffic.network import Network
-from platoontraffic.outputs import sumo_options
-from platoontraffic.sumo import World
+from platoontraffic.results.sumo_tables import sumo_options
+from platoontraffic.road.network import Network
+from platoontraffic.sumo.world import World
+from platoontraffic.world.fleet import Fleet
 
 STEP, SECONDS = 0.1, 600.0
 OFF_ROAD = 0.3  # [m], of the rear axle, a quarter of the length before the rear

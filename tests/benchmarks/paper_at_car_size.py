@@ -23,18 +23,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from bench import DT, NO_WALLS, Prescribed, amplitude, platoon, snapshot, targets
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from platoontraffic.lidar import LidarModel, Mount, Scene
 
-from lidar import LidarModel, Mount, Scene
-from platoontraffic.bicycle import CARS, Car
-from platoontraffic.contact import Contacts
 from platoontraffic.controllers import Decision, Sensed, Target
 from platoontraffic.controllers.printed import SPEED_GAIN, PrintedFollower
 from platoontraffic.controllers.repaired import RepairedFollower
-from platoontraffic.fleet import Fleet
-from platoontraffic.sensing import Sensing
-from platoontraffic.vehicle import Twist
+from platoontraffic.vehicles.bicycle import CARS, Car
+from platoontraffic.vehicles.motion import Twist
+from platoontraffic.world.contact import Contacts
+from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.sensing import Sensing
+from tests.support.bench import DT, NO_WALLS, Prescribed, amplitude, platoon, snapshot, targets
 
 SCALE = 12.0  # a robot is 0.15 m wide, a car 1.76 m
 FOLLOWERS = 4

@@ -8,11 +8,10 @@ import tempfile
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from browser import chromium, until
-from made_runs import made_run
-
+sys.path.insert(0, str(Path(__file__).parents[2]))
 from platoontraffic.replay import page
+from tests.support.browser import chromium, until
+from tests.support.made_runs import made_run
 
 CASES = {
     "5 min, 150 vehicles, 5 lidars": {"members": 5, "others": 145, "seconds": 300.0, "scans_every": 0.3},

@@ -14,12 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from bench import BLIND, NO_WALLS, platoon, snapshot
-from what_holds import CAR, TRACKING, Leaders, straight_on
-
-from platoontraffic import fleet
-from platoontraffic.sensing import Sensing
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from platoontraffic.world import fleet
+from platoontraffic.world.sensing import Sensing
+from tests.benchmarks.what_holds import CAR, TRACKING, Leaders, straight_on
+from tests.support.bench import BLIND, NO_WALLS, platoon, snapshot
 
 PLATOONS, FOLLOWERS, SPEED = 100, 4, 20.0
 STEPS, REPEATS = 40, 9

@@ -24,18 +24,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from bench import BLIND, DT, NO_WALLS, amplitude, platoon, snapshot, targets
-from paper_at_car_size import CAR, GRIP, PRINTED, QUICK, REPAIRED, SMALLEST, laser, table
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
 
-from lidar import PRESETS, LidarModel, Mount, Noise
-from platoontraffic.bicycle import Car
-from platoontraffic.contact import Contacts
 from platoontraffic.controllers import Decision, Sensed
 from platoontraffic.controllers.tracking import TrackingFollower
-from platoontraffic.fleet import Fleet, Member
-from platoontraffic.sensing import Sensing
-from platoontraffic.vehicle import Drive
+from platoontraffic.vehicles.bicycle import Car
+from platoontraffic.vehicles.motion import Drive
+from platoontraffic.world.contact import Contacts
+from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.sensing import Sensing
+from tests.benchmarks.paper_at_car_size import CAR, GRIP, PRINTED, QUICK, REPAIRED, SMALLEST, laser, table
+from tests.support.bench import BLIND, DT, NO_WALLS, amplitude, platoon, snapshot, targets
 
 LEADER = replace(CAR, lag=0.0, brake_lag=0.0)  # steers as cars do; its acceleration is as prescribed, but for the jerk
 TRACKER = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03))

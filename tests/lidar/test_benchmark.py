@@ -7,9 +7,8 @@ import sys
 import numpy as np
 import pytest
 import shapely
-
-from lidar import ENGINES, Scene, benchmark, scan
-from lidar.benchmark import QUICK, VIEWS, YARDSTICKS, town
+from platoontraffic.lidar import ENGINES, Scene, benchmark, scan
+from platoontraffic.lidar.benchmark import QUICK, VIEWS, YARDSTICKS, town
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracle import endpoint_miss, grazing, oracle_scan, world
+from platoontraffic.lidar import ENGINES, Boxes, LidarModel, Scene, scan
 
-from lidar import ENGINES, Boxes, LidarModel, Scene, scan
+from tests.support.oracle import endpoint_miss, grazing, oracle_scan, world
 
 FOVS = (23.0, 180.0, 270.0, 360.0)
 few = settings(derandomize=True, deadline=None, max_examples=250)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import shapely
 import sumolib
+from platoontraffic.lidar import Boxes, LidarModel, Scene, kerbs, scan
 from shapely.ops import substring
 
-from lidar import Boxes, LidarModel, Scene, kerbs, scan
-from platoontraffic import data
+from platoontraffic import shipped
 
 RIGHT_AHEAD_LEFT = LidarModel(3, -math.pi / 2, math.pi / 2, 0.01, 500.0)
 
@@ -50,9 +50,9 @@ def city(n=4, block=60.0, width=3.2):
     return Town(lanes, [width] * len(lanes), junctions, sides, ways)
 
 
-def shipped(name):
+def network(name):
     """A network that SUMO's tool made."""
-    net = sumolib.net.readNet(str(data.networks()[name]), withInternal=True)
+    net = sumolib.net.readNet(str(shipped.networks()[name]), withInternal=True)
     road = [edge for edge in net.getEdges(withInternal=False) if edge.getLaneNumber()]
     lanes = [lane for edge in road for lane in edge.getLanes()]
     widths = defaultdict(float)
@@ -77,7 +77,7 @@ def shipped(name):
     )
 
 
-TOWNS = {"city": city, **{name: lambda name=name: shipped(name) for name in ("lab_curves", "lab_loop", "lab_world")}}
+TOWNS = {"city": city, **{name: lambda name=name: network(name) for name in ("lab_curves", "lab_loop", "lab_world")}}
 
 
 @pytest.fixture(params=TOWNS)

@@ -7,10 +7,19 @@ import threading
 
 import numpy as np
 import pytest
-from oracle import world
+from platoontraffic.lidar import PRESETS, Boxes, LidarModel, Noise, Scene, scan
+from platoontraffic.lidar.noise import (
+    BOUND,
+    biases,
+    gauss,
+    incidence_cosine_squared,
+    mixed,
+    scan_keys,
+    sensor_keys,
+    uniform,
+)
 
-from lidar import PRESETS, Boxes, LidarModel, Noise, Scene, scan
-from lidar.noise import BOUND, biases, gauss, incidence_cosine_squared, mixed, scan_keys, sensor_keys, uniform
+from tests.support.oracle import world
 
 INF = math.inf
 ROOM = Scene([(-5, -5, 5, -5), (5, -5, 5, 5), (5, 5, -5, 5), (-5, 5, -5, -5)])

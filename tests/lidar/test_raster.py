@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracle import world
+from platoontraffic.lidar import Boxes, LidarModel, Scene, compiled, noise, scan
+from platoontraffic.lidar.engines import raster_engine
+from platoontraffic.lidar.engines.raster_engine import CELL
 
-from lidar import Boxes, LidarModel, Scene, compiled, noise, scan
-from lidar.engines import raster_engine
-from lidar.engines.raster_engine import CELL
-from platoontraffic import bicycle, bicycle_kernel, vehicle
+from platoontraffic.vehicles import bicycle, bicycle_kernel, motion
+from tests.support import ROOT
+from tests.support.oracle import world
 
 few = settings(derandomize=True, deadline=None, max_examples=60)
 VIEW = LidarModel(181, -math.pi / 2, math.pi / 2, 0.0, 45.0)
@@ -124,7 +125,7 @@ def python(code, **environment):
     done = subprocess.run(
         [sys.executable, "-c", code],
         env={**os.environ, **environment},
-        cwd=Path(__file__).parents[2],
+        cwd=ROOT,
         capture_output=True,
         text=True,
     )
@@ -133,13 +134,13 @@ def python(code, **environment):
 
 
 def test_lidar_is_imported_without_numba_and_pymunk():
-    assert python("import sys, lidar; print({'numba', 'pymunk'} & set(sys.modules))") == "set()"
+    assert python("import sys, platoontraffic.lidar; print({'numba', 'pymunk'} & set(sys.modules))") == "set()"
 
 
 def test_commands_that_prepare_no_run_never_import_numba():
     commands = [["list"], *(["list", kind] for kind in ("scenarios", "nets", "laws", "vehicles", "lidars"))]
     code = (
-        "import sys\nfrom platoontraffic.cli import app\n"
+        "import sys\nfrom platoontraffic.cli.main import app\n"
         f"for words in {commands}:\n"
         "    app(words, standalone_mode=False)\n"
         "print('numba' in sys.modules)"
@@ -150,7 +151,7 @@ def test_commands_that_prepare_no_run_never_import_numba():
 @pytest.mark.parametrize("kernel", [raster_engine._scan, bicycle_kernel.move])
 def test_what_is_kept_is_of_all_files_that_a_kernel_calls(kernel):
     # numba looks at one file only; the stamp that it compares is that of all.
-    files = compiled.OWN if kernel is raster_engine._scan else [m.__file__ for m in (bicycle_kernel, bicycle, vehicle)]
+    files = compiled.OWN if kernel is raster_engine._scan else [m.__file__ for m in (bicycle_kernel, bicycle, motion)]
     assert kernel._cache._cache_file._source_stamp == compiled.digest(files)
 
 
@@ -167,7 +168,7 @@ def test_where_nothing_can_be_kept_it_compiles_anew(tmp_path):
     code = (
         "import numba.core.caching as c\n"
         "c.CacheImpl._locator_classes = []\nc.CompileResultCacheImpl._locator_classes = []\n"
-        "from lidar.compiled import compiled\n"
+        "from platoontraffic.lidar.compiled import compiled\n"
         "print(compiled(lambda x: x + 1)(1))"
     )
     assert python(code) == "2"

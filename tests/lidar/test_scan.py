@@ -12,10 +12,10 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracle import endpoint_miss, grazing, world
+from platoontraffic.lidar import ENGINES, PRESETS, Boxes, LidarModel, Mount, Noise, Scene, scan
+from platoontraffic.lidar.pose import compose, wrap
 
-from lidar import ENGINES, PRESETS, Boxes, LidarModel, Mount, Noise, Scene, scan
-from lidar.pose import compose, wrap
+from tests.support.oracle import endpoint_miss, grazing, world
 
 INF = math.inf
 THREE = LidarModel(3, -math.pi / 2, math.pi / 2, 0.5, 10.0)

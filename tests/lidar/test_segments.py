@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-
-from lidar.laserscan import ScanBatch
-from lidar.model import LidarModel
-from lidar.segments import find_segments
+from platoontraffic.lidar.laserscan import ScanBatch
+from platoontraffic.lidar.model import LidarModel
+from platoontraffic.lidar.segments import find_segments
 
 INF, NAN = math.inf, math.nan
 FRONT = LidarModel(1441, -math.pi / 2, math.pi / 2, 0.0, 60.0)

@@ -1,0 +1,442 @@
+"""What a step of the loop costs on this machine, against SUMO alone: `platoontraffic bench traffic`.
+
+Towns from a seed, with traffic; the members are driven from here in the one run, and by SUMO's own driver model on the
+same routes in the other, of which nothing but stepping is measured. Each run has a process of its own, and they take
+turns. All is done in one thread, so that CPU time is that of a machine with nothing else to do, but for what other jobs
+take from its caches. Nothing here fails on a slow day.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import random
+import sys
+import tempfile
+import time
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+import tomli_w
+
+from platoontraffic import scenario, shipped, simulation
+from platoontraffic.cli.nets import _run
+from platoontraffic.errors import RunError
+from platoontraffic.results import sumo_tables
+from platoontraffic.sumo.programs import program
+from platoontraffic.sumo.world import World
+
+STEP = 0.1  # [s]; the lidars scan in every step
+SIZE = 5  # members of a platoon
+BLOCK = 200.0  # from junction to junction [m]
+START, SPEED, GAP = 120.0, 8.0, 11.0  # of a platoon: where on its edge [m], how fast [m/s], bumper to bumper [m]
+WAY = 12  # edges of a route: nobody arrives
+STRAIGHT_ON = 0.7  # share of vehicles, where one may turn too
+EVERY = round(simulation.SAFE_EVERY)  # the loop tells its time so often [s]
+
+STAGES = {  # of the loop, as they are told in provenance.json
+    "SUMO's step": ("step",),
+    "read": ("read",),
+    "scan": ("scan", "odometry"),
+    "decide": ("signals", "decide"),
+    "move": ("move",),
+    "place": ("place",),
+    "observe": ("observe", "measure"),
+    "record": ("record",),
+}
+LARGE, LARGEST = "1000 + 100", "5000 + 500"  # towns of which something is wanted
+
+
+class Town(NamedTuple):
+    """A grid of so many roads each way, and who drives there; for so long [s], after a time for SUMO alone [s]."""
+
+    roads: int
+    background: int
+    platoons: int
+    warm_up: int
+    lasts: int  # a multiple of EVERY
+
+    @property
+    def members(self) -> int:
+        return SIZE * self.platoons
+
+    @property
+    def name(self) -> str:
+        return f"{self.background} + {self.members}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much to measure.
+
+    towns  : of one density
+    turns  : of the loop and of SUMO alone
+    extras : arguments for further runs of the loop in each turn, by name
+    """
+
+    towns: tuple[Town, ...]
+    turns: int
+    extras: dict[str, tuple[str, ...]]
+
+
+NOISE = "platoon.leader.lidar.noise=car-leader", "platoon.follower.lidar.noise=car-follower"
+SELDOM = ("record.every_s=1",)
+FULL = Plan(
+    towns=(Town(7, 100, 1, 20, 30), Town(20, 1000, 20, 20, 30), Town(44, 5000, 100, 10, 10)),
+    turns=3,
+    extras={"with noise": NOISE, "a row a second": SELDOM},
+)
+QUICK = Plan(towns=(Town(7, 100, 1, 10, 10), Town(20, 1000, 20, 10, 10)), turns=1, extras={})
+
+
+# ---- rows of the report; names carry units, for they become JSON
+
+
+class Whole(NamedTuple):
+    """A step of the loop, and of SUMO alone.
+
+    real_time : simulated over CPU time, of the loop
+    wall_...  : the same by the clock on the wall
+    member_us : what the loop takes more than SUMO alone, for each member
+    """
+
+    town: str
+    what: str
+    vehicles: int
+    sumo_ms: float
+    loop_ms: float
+    ratio: float
+    real_time: float
+    wall_ratio: float
+    wall_real_time: float
+    member_us: float
+    peak_mb: float | None
+
+
+class Stage(NamedTuple):
+    """Part of a step of the loop: its CPU time, shared out by the clock."""
+
+    town: str
+    stage: str
+    ms: float
+    share: float
+
+
+class Bar(NamedTuple):
+    wanted: str
+    measured: float
+    met: bool
+
+
+@dataclass(frozen=True)
+class Report:
+    machine: dict[str, str]
+    whole: list[Whole]
+    stages: list[Stage]
+    bars: list[Bar]
+
+    def json(self) -> str:
+        return json.dumps({name: _plain(value) for name, value in vars(self).items()}, indent=1, allow_nan=False)
+
+
+def _plain(value):
+    return [row._asdict() for row in value] if isinstance(value, list) else value
+
+
+def run(plan: Plan, progress: Callable[[str], None] = lambda stage: None) -> Report:
+    """raises: MissingError without eclipse-sumo, whose netgenerate makes the towns"""
+    machine = _machine()
+    rows, parts = [], []
+    for town in plan.towns:
+        with tempfile.TemporaryDirectory(prefix="platoontraffic-") as name:
+            folder = Path(name)
+            progress(f"{town.name}: the town")
+            build(town, folder)
+
+            alone: list[Spent] = []
+            loops: dict[str, list[Spent]] = {"": [], **{what: [] for what in plan.extras}}
+            for turn in range(1, plan.turns + 1):
+                progress(f"{town.name}: {turn} of {plan.turns}")
+                alone.append(_in_a_process(sumo_alone, folder, town))
+                for what, found in loops.items():
+                    found.append(_in_a_process(loop, folder, town, plan.extras.get(what, ())))
+            rows += [whole(town, what, alone, found) for what, found in loops.items()]
+            parts += stages(town, loops[""])
+    return Report(machine, rows, parts, bars(rows))
+
+
+# ---- towns
+
+
+def build(town: Town, folder: Path, seed: int = 1) -> None:
+    """Files for both runs into the folder: town.net.xml, traffic.rou.xml, town.toml, members.rou.xml."""
+    net = folder / "town.net.xml"
+    options = "--grid", "--grid.number", str(town.roads), "--grid.length", str(BLOCK), "-L", "1", "--no-turnarounds"
+    done = _run(program("netgenerate"), *options, "-o", net)
+    if done.returncode:
+        raise RunError(f"netgenerate failed: {done.stderr.strip().rpartition(chr(10))[2]}")
+    rng = random.Random(seed)
+    onward = _onward(net)
+    edges = sorted(onward)
+    begin = rng.sample(edges, town.platoons)
+    ways = [_way(edge, onward, rng) for edge in begin]
+    # No vehicle of the traffic begins where a platoon will.
+    others = sorted(set(edges) - set(begin))
+    background = [_way(rng.choice(others), onward, rng) for _ in range(town.background)]
+    anywhere = 'depart="0" departPos="random_free"'
+    _write_routes(folder / "traffic.rou.xml", [("", str(i), way, anywhere) for i, way in enumerate(background)])
+    (folder / "town.toml").write_text(tomli_w.dumps(_scenario(town, ways)), encoding="utf-8")
+    members = simulation.prepare(scenario.load(folder / "town.toml")).members
+    natives = []
+    for m in members:
+        kind = f'<vType id="{m.id}" length="{m.model.length}" width="{m.model.width}"/>'
+        depart = f'type="{m.id}" depart="{town.warm_up}" departPos="{m.position}" departSpeed="{m.speed}"'
+        natives.append((kind, m.id, m.route.edges, depart))
+    _write_routes(folder / "members.rou.xml", natives)
+
+
+def _onward(net: Path) -> dict[str, dict[str, str]]:
+    """Edge -> direction, s, l or r -> the next one."""
+    onward: dict[str, dict[str, str]] = {}
+    for _, element in ET.iterparse(net):
+        if element.tag == "connection" and not element.get("from").startswith(":"):
+            onward.setdefault(element.get("from"), {})[element.get("dir")] = element.get("to")
+    return onward
+
+
+def _way(edge: str, onward: dict[str, dict[str, str]], rng: random.Random) -> list[str]:
+    way = [edge]
+    while len(way) < WAY:
+        ahead = onward[way[-1]]
+        turns = sorted(set(ahead) - {"s"})
+        straight_on = "s" in ahead and (not turns or rng.random() < STRAIGHT_ON)
+        way.append(ahead["s" if straight_on else rng.choice(turns)])
+    return way
+
+
+def _write_routes(file: Path, vehicles: Iterable[tuple[str, str, Sequence[str], str]]) -> None:
+    """vehicles: an element that comes before, id, edges, attributes."""
+    lines = [
+        f'{before}<vehicle id="{name}" {attributes}><route edges="{" ".join(way)}"/></vehicle>'
+        for before, name, way, attributes in vehicles
+    ]
+    file.write_text("\n".join(["<routes>", *lines, "</routes>", ""]), encoding="utf-8")
+
+
+def _scenario(town: Town, ways: list[list[str]]) -> dict:
+    """Platoons as in the shipped ring_platoon; lidars without errors."""
+    table = tomllib.loads(shipped.scenarios()["ring_platoon"].read_text(encoding="utf-8"))
+    (example,) = table["platoon"]
+    for role in ("leader", "follower"):
+        lidar = example[role]["lidar"]
+        example[role]["lidar"] = ({"preset": lidar} if isinstance(lidar, str) else lidar) | {"noise": "none"}
+    del example["loop"]
+    platoons = [
+        example
+        | {"id": f"p{i}", "size": SIZE, "gap_m": GAP, "route": way}
+        | {"start": {"edge": way[0], "position_m": START, "speed_mps": SPEED}}
+        for i, way in enumerate(ways)
+    ]
+    return {
+        "sumo": {"net": "town.net.xml", "routes": ["traffic.rou.xml"], "warm_up_s": float(town.warm_up)},
+        "scene": {"walls": "none"},
+        "run": {"step_s": STEP, "duration_s": float(town.lasts)},
+        "platoon": platoons,
+    }
+
+
+# ---- runs, each in a process of its own
+
+
+class Spent(NamedTuple):
+    """Times of the whole run [s], of its stages by the clock; vehicles on the road at its end; peak of memory [MB]."""
+
+    cpu: float
+    clock: float
+    vehicles: int
+    peak: float | None
+    stages: dict[str, float]
+
+
+def sumo_alone(folder: Path, town: Town) -> Spent:
+    """Stepping, with the members as vehicles of SUMO's own."""
+    import libsumo
+
+    with (folder / "alone.log").open("wb") as words:
+        os.dup2(words.fileno(), 2)  # which SUMO writes its warnings to
+    prepared = simulation.prepare(scenario.load(folder / "town.toml"))
+    options = sumo_tables.sumo_options(prepared.scenario, folder)
+    options["route-files"] += f",{folder / 'members.rou.xml'}"
+    with World(prepared.network, STEP, prepared.scenario.seed, folder / "start.log", options):
+        libsumo.simulationStep(town.warm_up + 2 * STEP)  # as long as it takes to deploy members
+        began = time.process_time(), time.perf_counter()
+        for _ in range(round(town.lasts / STEP)):
+            libsumo.simulationStep()
+        ended = time.process_time(), time.perf_counter()
+        vehicles = libsumo.vehicle.getIDCount()
+    return Spent(ended[0] - began[0], ended[1] - began[1], vehicles, _peak(), {})
+
+
+def loop(folder: Path, town: Town, arguments: tuple[str, ...] = ()) -> Spent:
+    """The loop of `simulate`, from the end of its first pass to that of its last."""
+    import libsumo
+
+    prepared = simulation.prepare(scenario.load(folder / "town.toml", arguments))
+    times = []
+
+    def progress(_: float) -> None:
+        times.append((time.process_time(), time.perf_counter(), libsumo.vehicle.getIDCount()))
+
+    with tempfile.TemporaryDirectory(dir=folder) as results:
+        # A second of it first, for what is compiled or worked out at the first call.
+        short = scenario.load(folder / "town.toml", ["sumo.warm_up_s=0", "run.duration_s=1", *arguments])
+        simulation.simulate(replace(prepared, scenario=short), Path(results, "first"))
+        done = simulation.simulate(prepared, Path(results, "run"), progress)
+        facts = json.loads((done / "provenance.json").read_text(encoding="utf-8"))
+    (cpu, clock, _), (cpu_end, clock_end, vehicles) = times[0], times[-1]
+    return Spent(cpu_end - cpu, clock_end - clock, vehicles, _peak(), facts["stage_s"])
+
+
+def _in_a_process(function: Callable[..., Spent], *arguments) -> Spent:
+    try:
+        with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+            return pool.submit(function, *arguments).result()
+    except BrokenProcessPool as error:
+        raise RunError(f"a process of the benchmark died: {function.__name__}, {arguments[1].name}") from error
+
+
+def _peak() -> float | None:
+    """Most memory this process has had [MB]; on Linux, ru_maxrss may be that of the process that started this one."""
+    try:
+        status = Path("/proc/self/status").read_text(encoding="utf-8")
+        return int(status.partition("VmHWM:")[2].split()[0]) * 1024 / 1e6
+    except (OSError, IndexError):
+        pass
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
+
+
+def _machine() -> dict[str, str]:
+    processor = platform.processor() or platform.machine()
+    try:
+        info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        processor = info.partition("model name")[2].partition(":")[2].partition("\n")[0].strip() or processor
+    except OSError:
+        pass
+    load = " ".join(f"{load:.2f}" for load in os.getloadavg()) if hasattr(os, "getloadavg") else "unknown"
+    return {
+        "processor": processor,
+        "cores": str(os.cpu_count()),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        **{name: version(name) for name in ("libsumo", "numpy", "numba", "shapely", "pymunk")},
+        "load_before": load,
+    }
+
+
+# ---- what comes of it
+
+
+def whole(town: Town, what: str, alone: Sequence[Spent], loops: Sequence[Spent]) -> Whole:
+    """Medians over the turns; ratios are of runs of one turn."""
+    steps = round(town.lasts / STEP)
+    pairs = list(zip(alone, loops, strict=True))
+    loop_cpu = median(one.cpu for one in loops)
+    return Whole(
+        town=town.name,
+        what=what,
+        vehicles=loops[0].vehicles,
+        sumo_ms=1e3 * median(one.cpu for one in alone) / steps,
+        loop_ms=1e3 * loop_cpu / steps,
+        ratio=median(one.cpu / bare.cpu for bare, one in pairs),
+        real_time=town.lasts / loop_cpu,
+        wall_ratio=median(one.clock / bare.clock for bare, one in pairs),
+        wall_real_time=town.lasts / median(one.clock for one in loops),
+        member_us=1e6 * median(one.cpu - bare.cpu for bare, one in pairs) / steps / town.members,
+        peak_mb=max((one.peak for one in loops if one.peak is not None), default=None),
+    )
+
+
+def stages(town: Town, loops: Sequence[Spent]) -> list[Stage]:
+    rows = []
+    loop_ms = 1e3 * median(one.cpu for one in loops) / round(town.lasts / STEP)
+    for name, parts in STAGES.items():
+        share = median(sum(one.stages[part] for part in parts) / sum(one.stages.values()) for one in loops)
+        rows.append(Stage(town.name, name, share * loop_ms, share))
+    return rows
+
+
+def bars(rows: Sequence[Whole]) -> list[Bar]:
+    """What the loop is to keep to, to be read, not enforced."""
+    found = {row.town: row for row in rows if not row.what}
+    wanted = []
+    if large := found.get(LARGE):
+        wanted.append(Bar(f"{LARGE}: at most 1.6 times SUMO alone", large.ratio, large.ratio <= 1.6))
+        wanted.append(Bar(f"{LARGE}: at least 5 times real time", large.real_time, large.real_time >= 5))
+    if largest := found.get(LARGEST):
+        wanted.append(Bar(f"{LARGEST}: at least real time", largest.real_time, largest.real_time >= 1))
+        if largest.peak_mb is not None:
+            wanted.append(Bar(f"{LARGEST}: less than 2000 MB", largest.peak_mb, largest.peak_mb < 2000))
+    if large and largest:
+        growth = largest.member_us / large.member_us
+        wanted.append(Bar("five times the members, at most 1.2 times the cost of each", growth, growth <= 1.2))
+    return wanted
+
+
+# ---- in print
+
+
+LEGEND = """\
+A step of 0.1 s: background vehicles + members in platoons of five that scan at 10 Hz with 720 beams. CPU time of one
+thread; loop: everything that a run does in a step; sumo: SUMO's step alone, with the members as vehicles of its own.
+real time: simulated over CPU time; wall: by the clock, which other jobs lengthen. member: what the loop takes more than
+sumo, for each of the members. peak: memory of the process."""
+
+
+def text(report: Report) -> str:
+    """The report as tables."""
+    sections = ["\n".join(f"{name:12} {value}" for name, value in report.machine.items()), LEGEND]
+    head = [name.replace("_", " ") for name in Whole._fields]
+    sections.append(_table([head, *(map(_cell, row) for row in report.whole)], 2))
+    towns = list(dict.fromkeys(row.town for row in report.stages))
+    by_stage: dict[str, list[Stage]] = {}
+    for row in report.stages:
+        by_stage.setdefault(row.stage, []).append(row)
+    parts = [[name, *(f"{_cell(row.ms)} ms {row.share:4.0%}" for row in rows)] for name, rows in by_stage.items()]
+    sections.append("Where the time goes\n" + _table([["", *towns], *parts], 1))
+    if report.bars:
+        kept = [[bar.wanted, _cell(bar.measured), "yes" if bar.met else "no"] for bar in report.bars]
+        sections.append("Wanted\n" + _table([["", "measured", "met"], *kept], 1))
+    return "\n\n".join(sections)
+
+
+def _table(rows: Iterable[Iterable[str]], words: int) -> str:
+    """Cells in columns, the first `words` of which begin on the left."""
+    cells = [list(row) for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    aligned = [str.ljust] * words + [str.rjust] * (len(widths) - words)
+    return "\n".join(
+        "  ".join(align(cell, width) for align, cell, width in zip(aligned, row, widths, strict=True)).rstrip()
+        for row in cells
+    )
+
+
+def _cell(value: str | float | None) -> str:
+    if value is None:
+        return "-"
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.{0 if value >= 100 else 1 if value >= 10 else 2}f}"

@@ -1,0 +1,103 @@
+"""What is installed, whether SUMO starts, and what gets in the way."""
+
+from __future__ import annotations
+
+import importlib.util
+import platform
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import NamedTuple
+
+FINE, MISSING, TROUBLE = "fine", "missing", "trouble"  # missing is what is optional
+
+PACKAGES = ("platoontraffic", "libsumo", "numpy", "numba", "shapely", "pymunk", "pandas", "pydantic")
+EXTRAS = {"gui": "eclipse-sumo", "cluster": "distributed", "parquet": "pyarrow", "ros": "rosbags"}
+
+# Ten steps in the smallest network there is; in a process of its own, for it may die.
+START = """
+from platoontraffic import shipped
+import libsumo
+libsumo.start(["sumo", "-n", str(shipped.networks()["lab_loop"]), "--no-step-log", "--step-length", "0.1"])
+for _ in range(10):
+    libsumo.simulationStep()
+assert abs(libsumo.simulation.getTime() - 1.0) < 1e-9
+print(libsumo.getVersion()[1])
+libsumo.close()
+"""
+
+
+class Finding(NamedTuple):
+    verdict: str
+    what: str
+    text: str
+
+
+def examine() -> list[Finding]:
+    return [*_versions(), _sumo(), *_extras(), *_clashes(), *_arrow()]
+
+
+def _versions() -> list[Finding]:
+    yours = Finding(FINE, "python", f"{platform.python_version()} on {platform.platform()}, {sys.executable}")
+    return [yours, *(Finding(FINE, name, v) if (v := _version(name)) else _not_there(name) for name in PACKAGES)]
+
+
+def _not_there(name: str) -> Finding:
+    return Finding(TROUBLE, name, "not installed; pip install platoontraffic brings it")
+
+
+def _sumo() -> Finding:
+    code = f"import sys; sys.path[:] = {sys.path!r}\n{START}"
+    try:
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return Finding(TROUBLE, "SUMO", f"does not start: {error}")
+    if done.returncode:
+        last = done.stderr.strip().rpartition("\n")[2]
+        return Finding(TROUBLE, "SUMO", f"does not start and stop: {last or f'exit code {done.returncode}'}")
+    return Finding(FINE, "SUMO", f"{done.stdout.split()[-1]} starts, steps and stops")
+
+
+def _extras() -> list[Finding]:
+    findings = []
+    for extra, package in EXTRAS.items():
+        if installed := _version(package):
+            findings.append(Finding(FINE, f"extra {extra}", f"{package} {installed}"))
+        else:
+            findings.append(Finding(MISSING, f"extra {extra}", f'pip install "platoontraffic[{extra}]"'))
+    gui, ours = _version("eclipse-sumo"), _version("libsumo")
+    if gui and ours and gui.split(".")[:2] != ours.split(".")[:2]:
+        what = f"eclipse-sumo is {gui}, libsumo {ours}; networks built by one may not suit the other"
+        findings.append(Finding(TROUBLE, "extra gui", f"{what}: pip install eclipse-sumo=={ours}"))
+    return findings
+
+
+def _clashes() -> list[Finding]:
+    """The packages beside this one have names that others have, too."""
+    here = Path(__file__).parents[1]
+    findings = []
+    for name in ("lidar", "analysis"):
+        spec = importlib.util.find_spec(name)
+        where = Path(spec.origin).parent if spec and spec.origin else None
+        if where is None or where.resolve() != (here / name).resolve():
+            what = f"`import {name}` finds {where or 'nothing'}, not {here / name}; use another folder or environment"
+            findings.append(Finding(TROUBLE, name, what))
+        else:
+            findings.append(Finding(FINE, name, str(where)))
+    return findings
+
+
+def _arrow() -> list[Finding]:
+    """libsumo is built against one release of Arrow."""
+    if not (installed := _version("pyarrow")):
+        return []
+    what = f"libsumo warns of pyarrow {installed} when it starts; Parquet is written by processes without libsumo"
+    return [Finding(FINE, "pyarrow", what)]
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,1 @@
+"""Tracks the predecessor by laser, and remembers its path."""

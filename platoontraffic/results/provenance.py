@@ -1,0 +1,106 @@
+"""What a result came from: hashes, versions, machine, times."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import wraps
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import platoontraffic
+from platoontraffic import lidar
+from platoontraffic.scenario import Scenario
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_SOURCES = Path(platoontraffic.__file__).parent
+_PACKAGES = ("libsumo", "numpy", "numba", "shapely", "pymunk", "pandas")
+
+
+def sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def run_id(scenario: Scenario) -> str:
+    """Name of a run: equal for equal input, wherever its files lie and whatever they are called."""
+    return f"{point_id(scenario)}-s{scenario.seed}"
+
+
+def point_id(scenario: Scenario) -> str:
+    """A hash of the resolved scenario without its seed, of every input file and plug-in, and of this tool's sources."""
+    resolved = scenario.resolved()
+    for key in ("seed", "name"):
+        resolved.pop(key)
+    parts = [
+        json.dumps(resolved, sort_keys=True),
+        *(sha256(file) for file in scenario.files().values()),
+        _own_sources(),
+    ]
+    return hashlib.sha256(chr(10).join(parts).encode()).hexdigest()[:10]
+
+
+def provenance(scenario: Scenario) -> dict[str, Any]:
+    """All that is known before the run; status and times are set at its end."""
+    return {
+        "status": "unfinished",
+        "tool": "platoontraffic",
+        "version": version("platoontraffic"),
+        "git": _git(),
+        "command_line": ["platoontraffic", *sys.argv[1:]],
+        "seed": scenario.seed,
+        "input_sha256": {name: sha256(file) for name, file in scenario.files().items()},
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "packages": {name: version(name) for name in _PACKAGES},
+        "given_to_laws": {
+            f"platoon.{i}.{role}": ["scan", "own motion", *sorted(getattr(law, "needs", ()))]
+            for (i, role), law in scenario.laws.items()
+        },
+    }
+
+
+class Stopwatch:
+    """Wall time by stage: `watch("scan", function)` is the function, timed."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, stage: str, function: Callable[P, T]) -> Callable[P, T]:
+        self.seconds[stage] = 0.0
+
+        @wraps(function)
+        def timed(*args: P.args, **kwargs: P.kwargs) -> T:
+            began = time.perf_counter()
+            try:
+                return function(*args, **kwargs)
+            finally:
+                self.seconds[stage] += time.perf_counter() - began
+
+        return timed
+
+
+def _own_sources() -> str:
+    digest = hashlib.sha256()
+    for package in (_SOURCES, Path(lidar.__file__).parent):
+        for file in sorted(package.rglob("*.py")):
+            digest.update(file.relative_to(package).as_posix().encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+def _git() -> str | None:
+    """Commit of the checkout that this runs from, `+changes` where files differ from it; None when installed."""
+    if not (_SOURCES.parent / ".git").exists():
+        return None
+    try:
+        ask = ["git", "-C", str(_SOURCES.parent), "describe", "--always", "--dirty=+changes", "--abbrev=12"]
+        return subprocess.run(ask, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None

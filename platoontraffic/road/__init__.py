@@ -1,0 +1,1 @@
+"""The road network, routes on it, and lines with stations."""

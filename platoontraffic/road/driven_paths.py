@@ -1,0 +1,161 @@
+"""The paths that many vehicles have driven, and where others are along them.
+
+What `Polyline` is for one line, here for all rows at once, compiled, and of bounded size: points that lie nearer
+together than tells anything are left out, and the oldest are forgotten.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from platoontraffic.lidar.compiled import compiler
+
+CORNER = 0.1  # a greater change of direction between two points is a corner, the tangent of it
+
+compiled = compiler(__file__)
+
+
+class DrivenPaths:
+    """One path a vehicle, from where it began to where it is; vehicles are addressed by their number (m,).
+
+    The last point of a path is where its vehicle is; the ones before are `spacing` apart or more, or a tenth of that
+    at corners. Stations are counted from the first point that there ever was, and go on when it is forgotten.
+    """
+
+    def __init__(self, spacing: np.ndarray, capacity: int = 2048) -> None:
+        """spacing: of each vehicle's path, (count,) [m]; capacity: points of a path; the older half goes when full."""
+        self._spacing = np.asarray(spacing, dtype=float)
+        self._points = np.empty((len(self._spacing), capacity, 3))  # x, y, station; untouched, it takes no memory
+        self._size = np.zeros(len(self._spacing), dtype=np.intp)
+
+    def begin(self, number: np.ndarray, from_x, from_y, x, y) -> None:
+        """Start paths (anew) with a straight piece from one point to another, arrays (m,)."""
+        self._points[number, 0] = np.column_stack([from_x, from_y, np.zeros(len(number))])
+        self._size[number] = 1
+        self.drive(number, x, y, np.zeros(len(number), dtype=bool))
+
+    def drive(self, number: np.ndarray, x, y, backwards: np.ndarray) -> None:
+        """Lengthen paths to points, arrays (m,); or, driven backwards, shorten them to the nearest point on them."""
+        _drive(self._points, self._size, self._spacing, number, x, y, backwards)
+
+    def end(self, number: np.ndarray) -> np.ndarray:
+        """Stations of the last points, (m,)."""
+        return self._points[number, self._size[number] - 1, 2]
+
+    def project(self, number: np.ndarray, x, y, near, window) -> tuple[np.ndarray, np.ndarray]:
+        """Stations of the nearest points within `window` of stations `near`, and offsets to the left; arrays (m,).
+
+        NaN, both, where the nearest point has been forgotten.
+        """
+        station, offset = np.empty(len(number)), np.empty(len(number))
+        _project_all(self._points, self._size, number, x, y, near, window, station, offset)
+        return station, offset
+
+
+@compiled
+def _drive(points, size, spacing, number, x, y, backwards):
+    for i in range(len(number)):
+        k = number[i]
+        if backwards[i]:
+            size[k] = _retracted(points[k], size[k], x[i], y[i])
+        else:
+            size[k] = _appended(points[k], size[k], x[i], y[i], spacing[k])
+
+
+@compiled
+def _appended(path, size, x, y, spacing):
+    """Lengthen a path to a further point; its new size."""
+    if size > 1 and _tells_nothing(path[size - 2], path[size - 1], x, y, spacing):
+        size -= 1
+    step = _distance(path[size - 1], x, y)
+    if step == 0.0:
+        return size
+    if size == len(path):
+        half = size // 2
+        path[: size - half] = path[half:].copy()
+        size -= half
+    path[size, 0], path[size, 1], path[size, 2] = x, y, path[size - 1, 2] + step
+    return size + 1
+
+
+@compiled
+def _tells_nothing(before, last, x, y, spacing):
+    """Whether the last point is near the one before, and no corner on the way to the next."""
+    ax, ay, bx, by = last[0] - before[0], last[1] - before[1], x - last[0], y - last[1]
+    size = math.sqrt(ax * ax + ay * ay)
+    corner = abs(ax * by - ay * bx) > CORNER * (ax * bx + ay * by)
+    return size < spacing and not (corner and size >= spacing / 10)
+
+
+@compiled
+def _retracted(path, size, x, y):
+    """Shorten a path to the point on it that is nearest to x, y, no farther back than that is away; its new size."""
+    end, away = path[size - 1, 2], _distance(path[size - 1], x, y)
+    station, _ = _project(path, size, x, y, end - away, away + 1e-9)
+    station = min(station, end)
+    last = size - 1
+    while last > 0 and path[last - 1, 2] >= station:
+        last -= 1
+    if last > 0:
+        before, after = path[last - 1], path[last]
+        share = (station - before[2]) / (after[2] - before[2])
+        after[0] = before[0] + share * (after[0] - before[0])
+        after[1] = before[1] + share * (after[1] - before[1])
+        after[2] = station
+    return last + 1
+
+
+@compiled
+def _project_all(points, size, number, x, y, near, window, station, offset):
+    for i in range(len(number)):
+        k = number[i]
+        first = points[k, 0, 2]  # above 0 if something has been forgotten
+        station[i], offset[i] = math.nan, math.nan
+        if first == 0.0 or near[i] + window[i] > first:
+            s, aside = _project(points[k], size[k], x[i], y[i], near[i], window[i])
+            if first == 0.0 or s > first:
+                station[i], offset[i] = s, aside
+
+
+@compiled
+def _project(path, size, x, y, near, window):
+    """As `Polyline.project`, of an open line."""
+    if size == 1:
+        return path[0, 2], _distance(path[0], x, y)
+    # Of the pieces that begin before the end of the window, those that end after its beginning.
+    first = min(max(_search(path, size, near - window) - 1, 0), size - 2)
+    shortest, at, side = math.inf, path[first, 2], 0.0
+    for i in range(first, size - 1):
+        if i > first and path[i, 2] >= near + window:
+            break
+        ax, ay = path[i, 0], path[i, 1]
+        dx, dy = path[i + 1, 0] - ax, path[i + 1, 1] - ay
+        px, py = x - ax, y - ay
+        length = math.sqrt(dx * dx + dy * dy)
+        along = min(max((px * dx + py * dy) / length, 0.0), length)
+        ex, ey = px - dx * (along / length), py - dy * (along / length)
+        away = ex * ex + ey * ey
+        if away < shortest:
+            shortest, at, side = away, path[i, 2] + along, dx * py - dy * px
+    return at, math.copysign(math.sqrt(shortest), side)
+
+
+@compiled
+def _search(path, size, station):
+    """How many points have a station up to the given one."""
+    low, high = 0, size
+    while low < high:
+        middle = (low + high) // 2
+        if path[middle, 2] <= station:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@compiled
+def _distance(point, x, y):
+    dx, dy = x - point[0], y - point[1]
+    return math.sqrt(dx * dx + dy * dy)

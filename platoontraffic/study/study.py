@@ -1,0 +1,384 @@
+"""Study files: one scenario at many points, each driven with the same seeds.
+
+TOML in, a list of runs out. All that can be wrong with any of them is said before the first starts, one line a fault.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import itertools
+import math
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import tomli_w
+from pydantic import Field, ValidationError
+
+from platoontraffic import scenario, shipped
+from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.results import provenance
+from platoontraffic.road.network import Network
+from platoontraffic.scenario import Change, Identifier, Scenario, Table, dotted, fault_of, toml_lines
+from platoontraffic.study.folder_lock import SHARES
+from platoontraffic.world.deployment import deploy, static_scene
+
+MANY = 20  # faults are enough to see what is wrong
+MOST = len(SHARES)  # runs, and values of a key
+
+RANGE = "a range: { from = 1, to = 5, step = 1 }, or with `count`"
+
+Keys = dict[str, Any]  # scenario keys, dotted or as tables inside one another
+Place = Callable[[tuple], str]  # where a key of the study stands: `file:line`
+
+
+class StudyFile(Table):
+    """A study file."""
+
+    name: Identifier = "study"  # default: the file's
+    title: str = ""
+    base: Annotated[str, Field(min_length=1)]  # a shipped scenario, or a file, relative to this one
+    seeds: list[int] | dict[str, int] | None = None  # a list or a range, of every point; default: the scenario's own
+    replications: Annotated[int, Field(ge=1, le=MOST)] | None = None  # or so many: seeds 1, 2 …
+    set: Keys = Field(default_factory=dict)  # what is different from the base in every run
+    grid: Keys = Field(default_factory=dict)  # key -> its values; all combinations
+    # Key -> its values, as many of every key: the first of all, then the second of all …
+    zip: Keys | list[Keys] = Field(default_factory=dict)
+    # Points at which one of these holds: "platoon.size > 5 and platoon.gap_m < 0.4"
+    leave_out: list[str] = Field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a study."""
+
+    id: str  # of provenance: its folder's name
+    base: str  # what `scenario.load` takes, wherever one is
+    seed: int
+    values: Mapping[str, Any]  # of the keys that the study varies; one object a point
+    changes: tuple[Change, ...]  # of the base, these among them
+    steps: int
+    members: int
+
+
+@dataclass(frozen=True)
+class Study:
+    """A checked study: every run has been looked at."""
+
+    name: str
+    source: Path
+    base: str  # what `scenario.load` takes, wherever one is
+    keys: tuple[str, ...]  # that vary
+    runs: tuple[Run, ...]
+    table: dict[str, Any]  # the study as TOML, with all values written out; its base as it is here
+
+    def text(self, folder: Path) -> str:
+        """The study as a file in `folder`."""
+        base = self.base
+        if base not in shipped.scenarios():
+            base = Path(os.path.relpath(base, folder.resolve())).as_posix()
+        return tomli_w.dumps(self.table | {"base": base})
+
+    def block(self, shard: int, shards: int) -> range:
+        """Which of `shuffled` a shard does, counted from 1: no run is in two of them, and none is left out."""
+        n = len(self.runs)
+        return range(n * (shard - 1) // shards, n * shard // shards)
+
+    def shuffled(self) -> list[Run]:
+        """All runs in an order that has nothing to do with their values, so that shards take equally long."""
+        return sorted(self.runs, key=lambda run: hashlib.sha256(run.id.encode()).digest())
+
+
+class Axis(NamedTuple):
+    """Values that move together: of one key of the grid, or of all keys of a zip."""
+
+    table: str  # "grid" or "zip"
+    keys: tuple[str, ...]
+    rows: tuple[tuple[Change, ...], ...]
+
+
+def load(name_or_file: str | Path, arguments: Sequence[str] = ()) -> Study:
+    """The study of a file, or a shipped one by name; `key=value` arguments are set in every run.
+
+    raises: InputError with one line for every fault found
+    """
+    source = _find(name_or_file)
+    file, place = _read(source)
+    base = _base(file.base, source, place)
+    fixed = [Change(key, value, place(path), key) for key, path, value in _leaves(file.set, ("set",))]
+    fixed += [Change.parse(argument, number) for number, argument in enumerate(arguments, start=1)]
+    axes = _axes(file, place)
+    keys = tuple(key for axis in axes for key in axis.keys)
+    _check_keys([change for axis in axes for change in axis.rows[0]], fixed)
+    seeds = _seeds(file, place)
+    runs = tuple(_runs(_points(file, axes, keys, place), base, fixed, seeds, source))
+    written_out = {
+        "name": file.name,
+        "title": file.title,
+        "base": base,
+        "seeds": seeds or [runs[0].seed],
+        "set": {change.key: change.value for change in fixed},
+        "grid": {axis.keys[0]: [change.value for (change,) in axis.rows] for axis in axes if axis.table == "grid"},
+        "zip": [
+            {key: [row[i].value for row in axis.rows] for i, key in enumerate(axis.keys)}
+            for axis in axes
+            if axis.table == "zip"
+        ],
+        "leave_out": file.leave_out,
+    }
+    return Study(file.name, source, base, keys, runs, written_out)
+
+
+def is_study(name_or_file: str | Path) -> bool:
+    """Whether this names a study rather than a scenario, as far as one can see."""
+    if str(name_or_file) in shipped.studies():
+        return True
+    try:
+        return "base" in scenario.read_toml(name_or_file)[0]
+    except InputError:  # which is said when it is read as a scenario
+        return False
+
+
+def _find(name_or_file: str | Path) -> Path:
+    known = shipped.studies()
+    if str(name_or_file) in known:
+        return known[str(name_or_file)]
+    file = Path(name_or_file)
+    if file.is_file():
+        return file
+    if (file / "study.toml").is_file():
+        raise InputError(f"{file}: is the folder of a batch; its study is {file / 'study.toml'}")
+    if str(name_or_file) in shipped.scenarios():
+        raise InputError(f"{name_or_file}: is a scenario, not a study; `platoontraffic run` runs it")
+    raise InputError(f"{name_or_file}: no such study file, nor a shipped study{did_you_mean(str(name_or_file), known)}")
+
+
+def _read(source: Path) -> tuple[StudyFile, Place]:
+    table, lines = scenario.read_toml(source)
+
+    def place(path: tuple) -> str:
+        line = toml_lines.line_of(lines, path)
+        return f"{source}:{line}" if line else str(source)
+
+    if "platoon" in table and "base" not in table:
+        raise InputError(f"{source}: is a scenario, not a study: it has no base; `platoontraffic run` runs it")
+    table.setdefault("name", re.sub(r"[^A-Za-z0-9_-]", "_", source.stem))
+    try:
+        return StudyFile.model_validate(table), place
+    except ValidationError as error:
+        raise InputError(*(f"{place(f['loc'])}: {fault_of(f, StudyFile)}" for f in error.errors())) from None
+
+
+def _base(base: str, source: Path, place: Place) -> str:
+    known = shipped.scenarios()
+    if base in known:
+        return base
+    file = source.parent / base
+    if not file.is_file():
+        what = f"no such scenario file, nor a shipped scenario{did_you_mean(base, known)}"
+        raise InputError(f"{place(('base',))}: base: {base!r}: {what}")
+    return str(file.resolve())
+
+
+def _leaves(table: Any, path: tuple) -> Iterator[tuple[str, tuple, Any]]:
+    """(dotted key, its path in the file, value) of all that is no table; a range is none."""
+    for name, value in table.items():
+        if isinstance(value, dict) and "from" not in value:
+            for key, inner, leaf in _leaves(value, (*path, name)):
+                yield f"{name}.{key}", inner, leaf
+        else:
+            yield name, (*path, name), value
+
+
+def _axes(file: StudyFile, place: Place) -> list[Axis]:
+    axes = []
+    for key, path, value in _leaves(file.grid, ("grid",)):
+        at = place(path)
+        values = _values(value, f"{at}: {dotted(path)}")
+        axes.append(Axis("grid", (key,), tuple((Change(key, value, at, key),) for value in values)))
+    tables = [(("zip",), file.zip)] if isinstance(file.zip, dict) else [(("zip", i), t) for i, t in enumerate(file.zip)]
+    for at, table in tables:
+        columns = []
+        for key, path, value in _leaves(table, at):
+            values = _values(value, f"{place(path)}: {dotted(path)}", repeat=True)
+            columns.append([Change(key, value, place(path), key) for value in values])
+        if len({len(column) for column in columns}) > 1:
+            lengths = ", ".join(f"{column[0].key} {len(column)}" for column in columns)
+            raise InputError(f"{place(at)}: {dotted(at)}: must have equally many values of every key; has of {lengths}")
+        if columns:
+            rows = tuple(zip(*columns, strict=True))
+            axes.append(Axis("zip", tuple(change.key for change in rows[0]), rows))
+    return axes
+
+
+def _values(value: Any, key: str, repeat: bool = False) -> list[Any]:
+    """Of a list or a range. key: with its place, for faults; repeat: a value may come twice"""
+    if isinstance(value, dict):
+        value = _range(value, key)
+    if not isinstance(value, list):
+        raise InputError(f"{key}: {value!r}: must be a list of values, or {RANGE}")
+    if not value:
+        raise InputError(f"{key}: is empty; must have one value or more")
+    if len(value) > MOST:
+        raise InputError(f"{key}: {len(value)} values; must be at most {MOST}")
+    if not repeat:
+        for i, one in enumerate(value):
+            if one in value[:i]:
+                raise InputError(f"{key}: has {one!r} twice")
+    return value
+
+
+def _range(table: dict[str, Any], key: str) -> list[float]:
+    numbers = all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in table.values())
+    if set(table) not in ({"from", "to", "step"}, {"from", "to", "count"}) or not numbers:
+        raise InputError(f"{key}: {table}: must be a list of values, or {RANGE}")
+    first, last = table["from"], table["to"]
+    if "count" in table:
+        count = table["count"]
+        if not (isinstance(count, int) and 2 <= count <= MOST):
+            raise InputError(f"{key}: count = {count}: must be a whole number from 2 to {MOST}")
+        step = (last - first) / (count - 1)
+    else:
+        step = table["step"]
+        if step <= 0 or last < first or (last - first) / step > MOST:
+            raise InputError(f"{key}: {table}: must go up from `from` to `to`, by a positive `step`, {MOST} at most")
+        count = math.floor((last - first) / step + 1e-9) + 1
+    if all(isinstance(v, int) for v in table.values()) and float(step).is_integer():
+        return [first + i * int(step) for i in range(count)]
+    return [float(f"{first + i * step:.12g}") for i in range(count)]  # 0.3, not 0.30000000000000004
+
+
+def _check_keys(varied: Sequence[Change], fixed: Sequence[Change]) -> None:
+    said = {change.key: change for change in fixed if change.place.startswith("argument")}
+    seen: set[str] = set()
+    for change in varied:
+        if change.key == "seed":
+            raise InputError(f"{change.place}: seed: is no parameter; the key `seeds` of the study has them")
+        if change.key in seen:
+            raise InputError(f"{change.place}: {change.key}: is varied twice")
+        if change.key in said:
+            raise said[change.key].fault(f"is varied by the study, {change.place}")
+        seen.add(change.key)
+    for change in fixed:
+        if change.key == "seed":
+            raise change.fault("the key `seeds` of the study has them")
+
+
+def _seeds(file: StudyFile, place: Place) -> list[int]:
+    """None given: an empty list."""
+    if file.seeds is not None and file.replications is not None:
+        raise InputError(f"{place(('replications',))}: replications: must not be given beside seeds")
+    if file.replications:
+        return list(range(1, file.replications + 1))
+    if file.seeds is None:
+        return []
+    key = f"{place(('seeds',))}: seeds"
+    seeds = _values(file.seeds, key)
+    for seed in seeds:
+        if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**31:
+            raise InputError(f"{key}: {seed!r}: must be whole numbers from 0 to {2**31 - 1}")
+    return seeds
+
+
+def _points(file: StudyFile, axes: Sequence[Axis], keys: Sequence[str], place: Place) -> Iterator[tuple[Change, ...]]:
+    """All combinations that are not left out; the last key changes fastest."""
+    at = place(("leave_out",))
+    conditions = [_condition(text, keys, f"{at}: leave_out") for text in file.leave_out]
+    combinations = math.prod(len(axis.rows) for axis in axes)
+    if combinations > MOST:
+        raise InputError(f"{place(('grid',))}: grid: {combinations} combinations; must be at most {MOST}")
+    left = 0
+    for rows in itertools.product(*(axis.rows for axis in axes)):
+        point = tuple(change for row in rows for change in row)
+        values = [change.value for change in point]
+        if not any(condition(values) for condition in conditions):
+            left += 1
+            yield point
+    if not left:
+        raise InputError(f"{at}: leave_out: leaves no run")
+
+
+_ALLOWED = (
+    *(ast.Expression, ast.BoolOp, ast.And, ast.Or, ast.UnaryOp, ast.Not, ast.USub, ast.Compare, ast.cmpop),
+    *(ast.BinOp, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Name, ast.Load, ast.Constant, ast.List, ast.Tuple),
+)
+
+
+def _condition(text: str, keys: Sequence[str], place: str) -> Callable[[Sequence[Any]], bool]:
+    """A function of a point's values, of a text such as "platoon.size > 5 and not run.laps == 1"."""
+    said = f"{place}: {text!r}"
+    names = {key: f"_{i}" for i, key in enumerate(keys)}
+    # Keys are put into names before it is parsed: platoon.0.size is no Python. What is quoted stays.
+    words = re.compile(r"\"[^\"]*\"|'[^']*'|[A-Za-z_][\w-]*(?:\.[\w-]+)+|[A-Za-z_]\w*")
+    known = {"and", "or", "not", "in", "True", "False"}
+
+    def replaced(match: re.Match) -> str:
+        word = match[0]
+        if word[0] in "\"'" or word in known:
+            return word
+        if word not in names:
+            raise InputError(f"{said}: {word}: not a key that the study varies{did_you_mean(word, keys)}")
+        return names[word]
+
+    try:
+        tree = ast.parse(words.sub(replaced, text).strip(), mode="eval")
+    except SyntaxError as error:
+        raise InputError(f"{said}: {error.msg}; must be a comparison, such as 'platoon.size > 5'") from None
+    if wrong := next((node for node in ast.walk(tree) if not isinstance(node, _ALLOWED)), None):
+        raise InputError(f"{said}: {type(wrong).__name__}: may have comparisons, + - * /, and, or, not, in; no more")
+    code = compile(tree, "leave_out", "eval")
+
+    def holds(values: Sequence[Any]) -> bool:
+        try:
+            return bool(eval(code, {"__builtins__": {}}, dict(zip(names.values(), values, strict=True))))
+        except (TypeError, ZeroDivisionError) as error:
+            at = ", ".join(f"{key} = {value!r}" for key, value in zip(keys, values, strict=True))
+            raise InputError(f"{said}: {error}; at {at}") from None
+
+    return holds
+
+
+def _runs(
+    points: Iterable[tuple[Change, ...]], base: str, fixed: Sequence[Change], seeds: Sequence[int], source: Path
+) -> Iterator[Run]:
+    """raises: InputError with the faults of all points"""
+    networks: dict[Path, Network] = {}
+    faults: dict[str, str] = {}  # by what is wrong, the first point where it is
+    taken: dict[str, str] = {}  # point by id
+    for point in points:
+        at = ", ".join(f"{change.key} = {change.value!r}" for change in point)
+        changes = (*fixed, *point)
+        try:
+            checked = scenario.load(base, changes, seeds[0] if seeds else None)
+            _deploy(checked, networks)
+        except InputError as error:
+            for fault in error.faults:
+                known = not point or fault.startswith((f"{source}:", "argument "))
+                faults.setdefault(fault, fault if known else f"{fault}; at {at}")
+            if len(faults) >= MANY:
+                break
+            continue
+        point_id = provenance.point_id(checked)
+        if point_id in taken:
+            faults[point_id] = f"{point[0].place}: {at}: is the same run as at {taken[point_id]}"
+        taken[point_id] = at
+        if faults:
+            continue
+        spec, values = checked.spec, {change.key: change.value for change in point}
+        steps, members = round(spec.run.duration_s / spec.run.step_s), sum(p.size for p in spec.platoon)
+        for seed in seeds or [checked.seed]:
+            yield Run(f"{point_id}-s{seed}", base, seed, values, changes, steps, members)
+    if faults:
+        raise InputError(*faults.values())
+
+
+def _deploy(checked: Scenario, networks: dict[Path, Network]) -> None:
+    """What is wrong with where the members stand is found by putting them there."""
+    if checked.net not in networks:
+        networks[checked.net] = Network.read(checked.net)
+    network = networks[checked.net]
+    deploy(checked, network, static_scene(checked, network))

@@ -1,0 +1,83 @@
+"""What is drawn of the members in sumo-gui: how far each laser sees, and what its law takes for its predecessor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.lidar import LidarModel, ScanBatch
+from platoontraffic.lidar.pose import compose
+from platoontraffic.world.fleet import Fleet
+
+# Of colours that one can see through SUMO makes opaque ones where there is a road; so a fan has slits.
+BLADE = np.radians(1.25)  # as wide is the slit beside it [rad]
+CORNERS = 3  # of a blade, beside that at the laser
+
+FAN_OF_LEADER, FAN, TARGET = (140, 190, 220), (240, 200, 110), (213, 0, 120)  # red, green, blue
+FAN_LAYER, TARGET_LAYER = 120, 1200  # on the road and below vehicles; above them
+
+
+class Shape(NamedTuple):
+    """A filled polygon."""
+
+    corners: np.ndarray  # (k, 2) world frame [m]
+    colour: tuple[int, int, int]
+    layer: int
+
+
+def shapes(fleet: Fleet, ranges: Mapping[str, np.ndarray]) -> dict[str, Shape]:
+    """What is drawn, by name.
+
+    ranges: of each member's last scan, (samples,) [m]. They are drawn from where it is now: the fans of a sensor that
+            scans more seldom than the world steps stay on their vehicles
+    """
+    motion, drawn = fleet.motion, {}
+    for group in fleet.groups:
+        for row in group.rows.tolist():
+            member = fleet.members[row]
+            if member.id not in ranges:
+                continue
+            pose = compose(motion.x[row], motion.y[row], motion.heading[row], group.lidar.mount)
+            reached = fan(ranges[member.id], group.lidar)
+            colour = FAN_OF_LEADER if member.place == 0 else FAN
+            drawn[f"fan of {member.id}"] = Shape(_in_world(reached, *pose), colour, FAN_LAYER)
+            distance, bearing = float(fleet.target.distance[row]), float(fleet.target.bearing[row])
+            if np.isfinite(distance):
+                size = 0.3 * member.model.width
+                at = distance * np.array([np.cos(bearing), np.sin(bearing)])
+                diamond = at + size * np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
+                drawn[f"target of {member.id}"] = Shape(_in_world(diamond, *pose), TARGET, TARGET_LAYER)
+    return drawn
+
+
+def fan(ranges: np.ndarray, model: LidarModel) -> np.ndarray:
+    """Outline of blades that end where the beams do, each from the laser and back, in its frame, (k, 2) [m].
+
+    Where nothing was met they reach to the farthest range, where something too near was, to the nearest; lost beams are
+    left out.
+
+    ranges: (samples,) [m]
+    """
+    width = max(round(BLADE / model.angle_increment), 1)
+    begins = np.arange(0, max(model.samples - width, 1), 2 * width)
+    beams = np.linspace(begins, begins + width, CORNERS, dtype=int).T  # (blades, CORNERS)
+    ends = (np.clip(ranges, model.range_min, model.range_max) * model.directions).T[beams]
+    outline = np.insert(ends, 0, 0.0, axis=1).reshape(-1, 2)
+    return outline[~np.isnan(outline[:, 0])]
+
+
+def scanned(fleet: Fleet, scans: Sequence[ScanBatch | None]) -> dict[str, np.ndarray]:
+    """Ranges by member, of those whose laser was due."""
+    return {
+        fleet.members[row].id: batch.ranges[k]
+        for group, batch in zip(fleet.groups, scans, strict=True)
+        if batch is not None
+        for k, row in enumerate(group.rows.tolist())
+    }
+
+
+def _in_world(points: np.ndarray, x: float, y: float, yaw: float) -> np.ndarray:
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return points @ np.array([[cos, sin], [-sin, cos]]) + (x, y)

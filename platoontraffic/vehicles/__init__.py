@@ -1,0 +1,1 @@
+"""Vehicles: how commands become motion, and what they know of it."""

@@ -1,0 +1,94 @@
+"""The motion of one car after the other, compiled: the formulas of `bicycle.Car`, sub-step by sub-step.
+
+A car, its motion, its twist and its drive are records with the fields of those classes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.lidar.compiled import compiler
+from platoontraffic.vehicles import bicycle, motion
+from platoontraffic.vehicles.bicycle import Car
+from platoontraffic.vehicles.motion import Drive
+
+compiled = compiler(__file__, bicycle.__file__, motion.__file__)
+
+_strongest_acceleration = compiled(Car.strongest_acceleration)
+_drive_for = compiled(Car.drive_for)
+_within_limits = compiled(Car.within_limits)
+
+
+class _Pace(NamedTuple):
+    """The part of a motion that the drive line changes."""
+
+    speed: float
+    acceleration: float
+    braking: float
+
+
+@compiled
+def move(motions, cars, twists, drives, count, h):
+    """Drive every row `count` sub-steps of h on, in place; the heading is not wrapped."""
+    for i in range(len(motions)):
+        for _ in range(count):
+            _substep(motions[i], cars[i], twists[i], drives[i], h)
+
+
+@compiled
+def _substep(motion, car, twist, drive, h):
+    now = _Pace(motion.speed, motion.acceleration, motion.braking)
+    half_way, _ = _driven(car, now, _saturated(car, twist, drive, now).acceleration, h / 2)
+    wanted = _saturated(car, twist, drive, half_way)
+    after, distance = _driven(car, now, wanted.acceleration, h)
+
+    wheel = math.atan(car.wheelbase * wanted.curvature)
+    steering, mean_steering = _approach(motion.steering, wheel, car.steering_lag, car.max_steering_rate, h)
+    angle = distance * math.tan(mean_steering) / car.wheelbase
+    chord = distance * np.sinc(angle / (2 * np.pi))  # numpy's sinc(x) is sin(pi x) / (pi x)
+    along, heading = motion.heading + angle / 2, motion.heading + angle
+    # The axle moves along the chord; the centre keeps its place before the axle.
+    motion.x += chord * math.cos(along) + car.axle * (math.cos(motion.heading) - math.cos(heading))
+    motion.y += chord * math.sin(along) + car.axle * (math.sin(motion.heading) - math.sin(heading))
+    motion.heading, motion.turned, motion.steering = heading, motion.turned + angle, steering
+    motion.speed, motion.acceleration, motion.braking = after
+    motion.yaw_rate = after.speed * math.tan(steering) / car.wheelbase
+
+
+@compiled
+def _saturated(car, twist, drive, pace):
+    by_twist = math.isnan(drive.acceleration)
+    wanted = _drive_for(car, twist, pace) if by_twist else Drive(drive.acceleration, drive.curvature)
+    return _within_limits(car, wanted, _strongest_acceleration(car, pace.speed))
+
+
+@compiled
+def _driven(car, pace, demand, h):
+    """Pace after h under a constant demand of acceleration, and the distance driven."""
+    drive = pace.acceleration + pace.braking
+    drive, mean_drive = _approach(drive, max(demand, 0.0), car.lag, car.max_jerk, h)
+    braking, mean_braking = _approach(pace.braking, max(-demand, 0.0), car.brake_lag, car.max_jerk, h)
+    speed = pace.speed + (mean_drive - mean_braking) * h
+    if speed <= 0:  # the brakes hold: no car rolls back
+        to_rest = pace.speed * h / max(pace.speed - speed, 1e-300)  # time
+        return _Pace(0.0, 0.0, 0.0), pace.speed / 2 * to_rest
+    return _Pace(speed, drive - braking, braking), (pace.speed + speed) / 2 * h
+
+
+@compiled
+def _approach(value, target, lag, fastest, h):
+    """First-order approach to a target with a bounded rate, exact: the value after h, and its mean over h.
+
+    While the gap is more than lag * fastest the value runs at `fastest`; then the rest decays as exp(-t / lag).
+    """
+    lag = max(lag, 1e-12)
+    gap = abs(target - value)
+    run = min(max(gap / fastest - lag, 0.0), h)  # time at the greatest rate
+    left = gap - fastest * run
+    decayed = -math.expm1((run - h) / lag)
+    mean_gap = ((gap + left) / 2 * run + left * lag * decayed) / h
+    side = np.sign(target - value)
+    return target - side * (left * (1 - decayed)), target - side * mean_gap

@@ -1,0 +1,66 @@
+"""What a vehicle takes its own speed and yaw rate to be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.lidar.noise import GOLDEN, gauss, mixed, scan_keys, sensor_keys
+from platoontraffic.vehicles.motion import Twist
+
+
+@dataclass(frozen=True)
+class OdometryErrors:
+    """Standard deviations, of what a vehicle's sensors keep for the whole run, and of what is new with every reading.
+
+    A vehicle that stands knows it: wheels that do not turn tell no speed.
+    """
+
+    speed_scale: float = 0.0  # kept; share of the speed
+    speed_noise: float = 0.0  # new [m/s]
+    yaw_rate_bias: float = 0.0  # kept [rad/s]
+    yaw_rate_noise: float = 0.0  # new [rad/s]
+
+
+# Tyres wear and are warm or cold: 0.5 %. The bias of a yaw-rate sensor is known from the last stop. Assumptions.
+ODOMETRY = {
+    "none": OdometryErrors(),
+    "car": OdometryErrors(
+        speed_scale=0.005, speed_noise=0.02, yaw_rate_bias=np.radians(0.1), yaw_rate_noise=np.radians(0.1)
+    ),
+}
+
+
+class _Draws(NamedTuple):
+    """Nearly normal, of standard deviation 1, (n,)."""
+
+    speed_scale: np.ndarray
+    yaw_rate_bias: np.ndarray
+    speed_noise: np.ndarray
+    yaw_rate_noise: np.ndarray
+
+
+def measured(
+    errors: Sequence[OdometryErrors],
+    ids: tuple[str, ...],
+    speed: np.ndarray,
+    yaw_rate: np.ndarray,
+    seed: int,
+    step: int,
+) -> Twist:
+    """Speed and yaw rate as n vehicles measure them in a step; equal for equal seed, id and step. Arrays (n,)."""
+    draws = _draws(seed, ids, step)
+    scale, noise, bias, turning = np.array([tuple(vars(one).values()) for one in errors]).reshape(-1, 4).T
+    told = speed * (1 + scale * draws.speed_scale) + noise * draws.speed_noise
+    turned = yaw_rate + bias * draws.yaw_rate_bias + turning * draws.yaw_rate_noise
+    stands = speed == 0
+    return Twist(np.where(stands, 0.0, np.maximum(told, 0.0)), np.where(stands, 0.0, turned))
+
+
+def _draws(seed: int, ids: tuple[str, ...], step: int) -> _Draws:
+    vehicles = sensor_keys(seed, tuple(f"{name} odometry" for name in ids))
+    now = scan_keys(vehicles, step)
+    return _Draws(*(gauss(mixed(keys + offset)) for keys in (vehicles, now) for offset in (np.uint64(0), GOLDEN)))

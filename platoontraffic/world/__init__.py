@@ -1,0 +1,1 @@
+"""What is in the simulated world beside SUMO's own: members, obstacles, their sensing and contacts."""

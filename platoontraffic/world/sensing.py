@@ -1,0 +1,72 @@
+"""What platoon members sense: one batch call for all lidars that share a model and a law, and their odometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from platoontraffic.lidar import Boxes, ScanBatch, Scene, scan
+from platoontraffic.vehicles.motion import Twist
+from platoontraffic.vehicles.odometry import ODOMETRY, measured
+from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.traffic import TrafficSnapshot
+
+
+@dataclass(frozen=True)
+class Sensing:
+    scene: Scene  # what stands still
+    engine: str = "raster"
+    seed: int = 0  # of all errors
+
+    def scan(self, traffic: TrafficSnapshot, fleet: Fleet, step: int) -> list[ScanBatch | None]:
+        """A batch for each of the fleet's groups; None where the lidar is not due in this step.
+
+        All members sense the same instant. The owner of a return is a row of `traffic`.
+        """
+        boxes = _boxes(traffic, fleet)
+        scans: list[ScanBatch | None] = []
+        for group in fleet.groups:
+            rows = group.rows
+            due = step % group.every == 0 and not fleet.native[rows[0]]  # a group shares its law
+            scans.append(
+                scan(
+                    group.lidar,
+                    self.scene,
+                    boxes,
+                    traffic.x[rows],
+                    traffic.y[rows],
+                    traffic.heading[rows],
+                    owner=rows,
+                    motion=(boxes.vx[rows], boxes.vy[rows], boxes.yaw_rate[rows]),
+                    ids=tuple(fleet.members[i].id for i in rows),
+                    stamp=traffic.time,
+                    seed=self.seed,
+                    number=step,
+                    engine=self.engine,
+                )
+                if due
+                else None
+            )
+        return scans
+
+    def odometry(self, fleet: Fleet, step: int) -> Twist | None:
+        """Own speed and yaw rate of all, (n,); None if nobody errs."""
+        errors = [m.odometry for m in fleet.members]
+        if all(one == ODOMETRY["none"] for one in errors):
+            return None
+        ids, motion = tuple(m.id for m in fleet.members), fleet.motion
+        return measured(errors, ids, motion.speed, motion.yaw_rate, self.seed, step)
+
+
+def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:
+    """The vehicles with their motion, which lidars feel whose beams are not of one instant.
+
+    Members turn about the middle of their driven axle; SUMO tells no yaw rate of its own vehicles, taken as 0.
+    """
+    cos, sin = np.cos(traffic.heading), np.sin(traffic.heading)
+    yaw_rate, aside = np.zeros(len(cos)), np.zeros(len(cos))
+    yaw_rate[: len(fleet)] = fleet.motion.yaw_rate
+    aside[: len(fleet)] = -fleet.model.axle * fleet.motion.yaw_rate
+    vx, vy = traffic.speed * cos - aside * sin, traffic.speed * sin + aside * cos
+    return traffic.boxes(vx, vy, yaw_rate)

@@ -1,0 +1,143 @@
+"""Tables for analysis, where there is no SUMO: tidy, with units, and plain words about what is not there."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from platoontraffic.analysis import Batch, ResultsError, load
+
+from platoontraffic.study import batch, study
+
+KEY = "platoon.follower.heading_gain_per_s"
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory) -> Path:
+    """The folder of a batch of four runs."""
+    folder = tmp_path_factory.mktemp("study")
+    text = 'base = "paper_loop"\nreplications = 2\n[set]\nrun.duration_s = 0.5\nplatoon.size = 2\n'
+    (folder / "small.toml").write_text(f"{text}[grid]\n{KEY} = [1.0, 2.0]\n")
+    batch.run(study.load(folder / "small.toml"), folder / "results", "serial")
+    return folder / "results"
+
+
+@pytest.fixture
+def copy(small, tmp_path) -> Path:
+    return shutil.copytree(small, tmp_path / "copy")
+
+
+pytestmark = pytest.mark.sumo
+
+
+def test_a_batch_is_tidy_tables_with_units(small):
+    results = load(small)
+    assert isinstance(results, Batch)
+    assert results.varied == [KEY]
+    assert results.runs[["seed", KEY]].to_numpy().tolist() == [[1, 1.0], [2, 1.0], [1, 2.0], [2, 2.0]]
+    assert results.summary.attrs["units"]["gap_mean_m"] == "m"
+    assert results.runs.attrs["units"]["wall_s"] == "s"
+    assert len(results.missing) == 0
+
+
+@pytest.mark.parametrize("name", ["trajectories", "events", "metrics"])
+def test_tables_of_all_runs_have_what_was_varied(small, name):
+    results = load(small)
+    table = results.table(name)
+    for row in results.summary.itertuples():
+        own = table[table.id == row.id].reset_index(drop=True)
+        assert (own.seed == row.seed).all()
+        assert own[KEY].nunique() == 1
+        alone = pd.read_csv(small / row.id / f"{name}.csv")
+        pd.testing.assert_frame_equal(own[alone.columns.to_list()], alone, check_dtype=False)
+    assert table.id.unique().tolist() == results.summary.id.tolist()
+    if name == "trajectories":
+        assert table.attrs["units"]["gap_m"] == "m"
+
+
+def test_cells_with_line_feeds_stay_with_their_run(copy):
+    events = sorted(copy.glob("*-s1/events.csv"))[0]
+    lines = events.read_text().rstrip("\n")
+    events.write_text(f'{lines}\n0.5,odd,robot.0,,0,0,,,"two\nlines"\n')
+    table = load(copy).table("events")
+    assert table[table.kind == "odd"].id.to_list() == [events.parent.name]
+    assert len(table) == sum(len(pd.read_csv(file)) for file in copy.glob("*/events.csv"))
+
+
+def test_a_run_has_units_too(small):
+    results = load(next(small.glob("*-s1")))
+    assert results.trajectories.attrs["units"]["speed_mps"] == "m/s"
+
+
+def test_what_is_missing_is_said(copy):
+    runs = pd.read_csv(copy / "runs.csv", dtype=str)
+    runs.loc[1, ["status", "error"]] = ["failed", "why"]
+    runs.loc[2, "status"] = "waiting"
+    runs.to_csv(copy / "runs.csv", index=False)
+    with pytest.warns(UserWarning, match="2 of 4 runs are missing: 1 failed, 1 waiting"):
+        assert load(copy).missing.error.to_list()[0] == "why"
+
+
+@pytest.mark.parametrize("name", ["runs.csv", "summary.csv", "datapackage.json"])
+@pytest.mark.parametrize("content", [None, "", "nonsense"])
+def test_a_batch_that_is_not_whole_is_refused(copy, name, content):
+    (copy / name).unlink() if content is None else (copy / name).write_text(content)
+    with pytest.raises(ResultsError, match=name):
+        load(copy)
+
+
+def test_a_table_that_is_not_there_is_refused(copy):
+    results = load(copy)
+    with pytest.raises(
+        ResultsError, match=r"traffic.csv: is missing; there are events, metrics, summary, trajectories"
+    ):
+        results.table("traffic")
+    shutil.rmtree(copy / results.summary.id[0])
+    with pytest.raises(ResultsError, match=r"is missing, though runs.csv has it as done"):
+        results.table("metrics")
+
+
+def test_it_works_without_sumo(small):
+    code = """
+import sys
+sys.modules["libsumo"] = sys.modules["traci"] = sys.modules["sumolib"] = None  # an import of them fails
+from platoontraffic.analysis import load
+print(len(load(sys.argv[1]).table("metrics")))
+"""
+    done = subprocess.run([sys.executable, "-c", code, str(small)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) == len(load(small).table("metrics"))
+
+
+def test_parquet_is_what_the_csv_is(copy):
+    pytest.importorskip("pyarrow")
+    command = [sys.executable, "-m", "platoontraffic", "export", "--to", "parquet"]
+    done = subprocess.run([*command, str(copy)], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    names = {Path(line).name for line in done.stdout.splitlines()}
+    assert names == {f"{name}.parquet" for name in ("runs", "summary", "trajectories", "events", "metrics", "vehicles")}
+    # In a process of its own: this one has libsumo.
+    code = """
+import sys, json, pandas as pd, pyarrow.parquet as parquet
+folder = sys.argv[1]
+table = pd.read_parquet(f"{folder}/trajectories.parquet")
+unit = parquet.read_schema(f"{folder}/trajectories.parquet").field("gap_m").metadata[b"unit"].decode()
+print(json.dumps([len(table), table.columns.to_list(), table.x_m.sum(), unit]))
+"""
+    read = subprocess.run([sys.executable, "-c", code, str(copy)], capture_output=True, text=True, check=True)
+    rows, columns, total, unit = json.loads(read.stdout)
+    table = load(copy).table("trajectories")
+    assert (rows, columns, unit) == (len(table), table.columns.to_list(), "m")
+    assert total == pytest.approx(table.x_m.sum())
+
+
+def test_nothing_is_warned_of_where_all_is_there(small):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load(small)

@@ -1,0 +1,143 @@
+"""The benchmark of the loop: that it measures all of it, and what its towns are. Never how fast."""
+
+import json
+import xml.etree.ElementTree as ET
+from itertools import pairwise
+
+import pytest
+
+from platoontraffic import scenario, simulation
+from platoontraffic.cli import bench
+from platoontraffic.cli.bench import SIZE, STAGES, WAY, Plan, Spent, Town
+from platoontraffic.errors import MissingError
+from platoontraffic.sumo import programs
+
+SMALL = Town(roads=4, background=20, platoons=2, warm_up=2, lasts=10)
+
+
+def spent(cpu, clock=2.0, peak=100.0, step=1.0):
+    parts = {part: 0.0 for parts in STAGES.values() for part in parts}
+    return Spent(cpu, clock, 25, peak, parts | {"step": step, "signals": 1.0, "decide": 2.0})
+
+
+def row(town, what="", **changes):
+    return bench.whole(town, what, [spent(1.0)], [spent(2.0)])._replace(**changes)
+
+
+# ---- the figures
+
+
+def test_ratios_are_of_one_turn_and_times_are_medians():
+    town = Town(20, 1000, 20, 20, 30)
+    found = bench.whole(town, "", [spent(1.0), spent(2.0), spent(4.0)], [spent(3.0), spent(3.0), spent(20.0)])
+    assert (found.town, found.vehicles) == ("1000 + 100", 25)
+    assert (found.sumo_ms, found.loop_ms) == pytest.approx((2e3 / 300, 3e3 / 300))
+    assert (found.ratio, found.real_time, found.wall_real_time) == pytest.approx((3, 10, 15))
+    assert found.member_us == pytest.approx(2e6 / 300 / 100)
+
+
+def test_stages_share_out_the_time_of_the_loop():
+    rows = {found.stage: found for found in bench.stages(SMALL, [spent(2.0)])}
+    assert list(rows) == list(STAGES)
+    assert sum(found.ms for found in rows.values()) == pytest.approx(20)
+    assert rows["decide"].share == pytest.approx(3 / 4)
+
+
+def test_bars_tell_what_is_kept():
+    large, largest = bench.FULL.towns[1:]
+    rows = [row(large, ratio=1.5, real_time=4.0, member_us=100.0), row(largest, real_time=1.0, member_us=121.0)]
+    met = [bar.met for bar in bench.bars([*rows, row(large, "with noise", ratio=9.0)])]
+    assert met == [True, False, True, True, False]
+    assert len(bench.bars([row(largest, peak_mb=None)])) == 1
+    assert bench.bars([row(SMALL)]) == []
+
+
+def test_the_plans_are_what_is_promised():
+    assert [town.name for town in bench.FULL.towns] == ["100 + 5", "1000 + 100", "5000 + 500"]
+    for town in (*bench.FULL.towns, *bench.QUICK.towns):
+        assert town.lasts % bench.EVERY == 0
+        edges = 4 * town.roads * (town.roads - 1)
+        assert town.background / edges == pytest.approx(0.63, abs=0.04)  # one density
+    assert set(bench.FULL.extras) == {"with noise", "a row a second"}
+
+
+# ---- towns
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    pytest.importorskip("sumo", reason="netgenerate comes with eclipse-sumo: pip install platoontraffic[gui]")
+    folder = tmp_path_factory.mktemp("town")
+    bench.build(SMALL, folder)
+    return folder
+
+
+def vehicles(file):
+    return {v.get("id"): v.find("route").get("edges").split() for v in ET.parse(file).iter("vehicle")}
+
+
+def test_members_have_the_same_ways_in_both_runs(folder):
+    native = vehicles(folder / "members.rou.xml")
+    prepared = simulation.prepare(scenario.load(folder / "town.toml"))
+    assert {m.id: list(m.route.edges) for m in prepared.members} == native
+    assert len(native) == SMALL.members == 2 * SIZE
+
+
+def test_ways_follow_connections_and_traffic_begins_where_no_platoon_stands(folder):
+    onward = bench._onward(folder / "town.net.xml")
+    traffic, members = vehicles(folder / "traffic.rou.xml"), vehicles(folder / "members.rou.xml")
+    assert len(traffic) == SMALL.background
+    for way in (*traffic.values(), *members.values()):
+        assert len(way) == WAY
+        assert all(to in onward[edge].values() for edge, to in pairwise(way))
+    assert not {way[0] for way in traffic.values()} & {way[0] for way in members.values()}
+
+
+def test_lidars_have_720_beams_and_no_errors_unless_asked_for(folder):
+    for arguments, noisy in (((), False), (bench.NOISE, True)):
+        prepared = simulation.prepare(scenario.load(folder / "town.toml", arguments))
+        assert {(m.lidar.samples, m.lidar.noise.sigma > 0) for m in prepared.members} == {(720, noisy)}
+
+
+def test_the_same_seed_makes_the_same_town(folder, tmp_path):
+    bench.build(SMALL, tmp_path)
+    for name in ("traffic.rou.xml", "town.toml", "members.rou.xml"):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_without_eclipse_sumo_it_says_what_is_missing(monkeypatch):
+    monkeypatch.setattr(programs.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(MissingError, match="netgenerate comes with eclipse-sumo"):
+        bench.run(Plan((SMALL,), 1, {}))
+
+
+# ---- a small run
+
+
+@pytest.mark.sumo
+def test_the_whole_loop_is_measured_against_sumo_alone(folder):
+    said = []
+    report = bench.run(Plan((SMALL,), 1, {}), said.append)
+    assert said == ["20 + 10: the town", "20 + 10: 1 of 1"]
+    (found,) = report.whole
+    assert min(found.sumo_ms, found.loop_ms, found.ratio, found.real_time, found.wall_ratio) > 0
+    assert 0 < found.vehicles <= 30
+    assert [part.stage for part in report.stages] == list(STAGES)
+    assert all(part.ms > 0 for part in report.stages)
+    assert sum(part.share for part in report.stages) == pytest.approx(1)
+
+    rows = json.loads(report.json())
+    assert rows["whole"][0]["town"] == "20 + 10"
+    assert rows["machine"]["libsumo"]
+    lines = bench.text(report).splitlines()
+    assert [line.split("  ")[0] for line in lines if "%" in line] == list(STAGES)
+    assert max(map(len, lines)) <= 120
+
+
+def test_extras_and_bars_are_printed():
+    large = bench.FULL.towns[1]
+    rows = [row(large, what) for what in ("", *bench.FULL.extras)]
+    report = bench.Report({}, rows, bench.stages(large, [spent(2.0)]), bench.bars(rows))
+    lines = bench.text(report).splitlines()
+    assert "1000 + 100: at most 1.6 times SUMO alone" in "".join(lines)
+    assert max(map(len, lines)) <= 120

@@ -1,0 +1,297 @@
+"""`platoontraffic nets`: what it says of sound and broken networks, and the way from a network back to its sources."""
+
+from __future__ import annotations
+
+import gzip
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from platoontraffic import shipped
+from platoontraffic.cli import nets
+from platoontraffic.cli.nets import differences, nets_app, read
+
+RING = shipped.networks()["ring"]
+LAB = shipped.networks()["lab_loop"]
+
+CROSS = """<nodes><node id="w" x="0" y="0"/><node id="c" x="200" y="0"/><node id="e" x="400" y="0"/>
+<node id="s" x="200" y="-200"/></nodes>"""
+ROADS = """<edges>
+<edge id="in" from="w" to="c" numLanes="2" speed="13.89"/><edge id="out" from="c" to="e" numLanes="2" speed="13.89"/>
+<edge id="side" from="s" to="c" numLanes="1" speed="13.89"/></edges>"""
+
+
+def call(*arguments: object) -> Result:
+    return CliRunner().invoke(nets_app, [str(a) for a in arguments])
+
+
+@pytest.fixture
+def netconvert():
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
+
+
+@pytest.fixture
+def made(netconvert, tmp_path):
+    """Writes plain sources and a .netccfg; returns what builds the network, with more options of netconvert."""
+
+    def make(*changes: tuple[str, str], connections: str = "", **options: str) -> Path:
+        roads = ROADS
+        for old, new in changes:
+            assert old in roads
+            roads = roads.replace(old, new)
+        written = {"nod": CROSS, "edg": roads, "con": f"<connections>{connections}</connections>"}
+        for kind, text in written.items():
+            (tmp_path / f"cross.{kind}.xml").write_text(text)
+        more = "".join(f'<{key.replace("_", "-")} value="{value}"/>' for key, value in options.items())
+        (tmp_path / "cross.netccfg").write_text(
+            '<netconvertConfiguration><input><node-files value="cross.nod.xml"/><edge-files value="cross.edg.xml"/>'
+            '<connection-files value="cross.con.xml"/></input><output><output-file value="cross.net.xml"/></output>'
+            f"<processing>{more}</processing></netconvertConfiguration>"
+        )
+        return nets.build(tmp_path / "cross.netccfg")
+
+    return make
+
+
+def test_list_tells_of_every_shipped_network():
+    lines = call("list").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == sorted(shipped.networks())
+    grid = next(line for line in lines if line.startswith("grid"))
+    assert "five by five blocks" in grid
+    assert "1 to 2 lanes of 3.2 m a direction" in grid
+    assert "20 junctions with lights" in grid
+
+
+def test_road_is_counted_once_for_both_directions():
+    assert "34 m of road" in nets.described(shipped.networks()["lab_world"])
+    assert "999 m of road" in nets.described(RING)  # and in the ring's one direction as it is
+
+
+@pytest.mark.parametrize("name", ["ring", "highway", "corridor", "grid", "bends"])
+def test_shipped_roads_are_fine(name):
+    done = call("check", name)
+    assert (done.exit_code, done.stdout) == (0, f"{shipped.networks()[name]}: fine\n")
+
+
+def test_a_net_for_robots_is_narrow_and_not_wrong():
+    done = call("check", "lab_loop", "ring")
+    first, second = done.stdout.splitlines()
+    assert done.exit_code == 0
+    assert "note: narrow: no lane is wider than 1 m" in first
+    assert second.endswith("fine")
+
+
+def test_import_and_build_give_the_same_network(netconvert, tmp_path):
+    """Round trip: lanes, connections, junctions and lights are equal, shapes within 1 cm."""
+    for name, net in shipped.networks().items():
+        done = call("import", net, tmp_path / name)
+        written = [Path(line) for line in done.stdout.splitlines()]
+        assert (done.exit_code, done.stderr) == (0, "")
+        assert written[-1] == tmp_path / name / f"{name}.netccfg"
+        assert all("generated on" not in file.read_text() and str(tmp_path) not in file.read_text() for file in written)
+        assert call("build", written[-1]).exit_code == 0
+        assert list(differences(read(net), read(tmp_path / name / f"{name}.net.xml"))) == []
+
+
+def test_a_gzipped_net_is_imported_too(netconvert, tmp_path):
+    zipped = tmp_path / "town.net.xml.gz"
+    zipped.write_bytes(gzip.compress(RING.read_bytes()))
+    assert call("check", zipped).stdout == f"{zipped}: fine\n"
+    assert call("import", zipped, tmp_path).exit_code == 0
+    assert list(differences(read(RING), read(nets.build(tmp_path / "town.netccfg")))) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('speed="13.89"', 'speed="10"', "edge 'east_north' is another"),
+        ('to="west"', 'to="south"', "edge 'north_west' is another"),
+        ("160.75,0.15", "160.79,0.15", "edge 'east_north' is another"),
+        ('fromLane="1" toLane="1"', 'fromLane="1" toLane="0"', "connection 'south_east_1 to east_north_1' is missing"),
+    ],
+)
+def test_networks_that_differ_are_told_apart(tmp_path, old, new, said):
+    text = RING.read_text()
+    assert old in text
+    other = tmp_path / "other.net.xml"
+    other.write_text(text.replace(old, new))
+    assert said in list(differences(read(RING), read(other)))
+
+
+def test_import_keeps_what_is_there_unless_forced(netconvert, tmp_path):
+    mine = tmp_path / "ring.nod.xml"
+    mine.write_text("mine")
+    kept = call("import", "ring", tmp_path)
+    assert (kept.exit_code, mine.read_text(), list(tmp_path.iterdir())) == (2, "mine", [mine])
+    assert kept.stderr == f"{mine}: is already there and is kept; --force replaces it\n"
+    assert call("import", "ring", tmp_path, "--force").exit_code == 0
+    assert "<nodes" in mine.read_text()
+
+
+def test_sources_that_would_build_another_net_are_not_written(netconvert, tmp_path, monkeypatch):
+    monkeypatch.setattr(nets, "differences", lambda one, other: iter(["lane 'a_0' is another"]))
+    done = call("import", "ring", tmp_path / "sources")
+    assert done.exit_code == 2
+    assert "its sources would build another network: lane 'a_0' is another" in done.stderr
+    assert not (tmp_path / "sources").exists()
+
+
+def test_a_failed_build_leaves_the_old_net(made, tmp_path):
+    net = made()
+    before = net.read_bytes()
+    (tmp_path / "cross.edg.xml").write_text(ROADS.replace('to="e"', 'to="nowhere"'))
+    done = call("build", tmp_path / "cross.netccfg")
+    assert done.exit_code == 2
+    assert "cross.netccfg: netconvert: " in done.stderr
+    assert net.read_bytes() == before
+    assert sorted(f.name.split(".")[1] for f in tmp_path.iterdir()) == ["con", "edg", "net", "netccfg", "nod"]
+
+
+def test_build_writes_where_it_is_told(made, tmp_path):
+    net = made()
+    done = call("build", tmp_path / "cross.netccfg", "-o", tmp_path / "other.net.xml")
+    assert done.stdout == f"{tmp_path / 'other.net.xml'}\n"
+    assert (tmp_path / "other.net.xml").read_bytes() == net.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("changes", "connections", "options", "said"),
+    [
+        ([], "", {}, "fine"),
+        ([], "", {"no_internal_links": "true"}, "note: no lanes inside junctions"),
+        ([], "", {"lefthand": "true"}, "note: left-hand traffic"),
+        ([], '<connection from="side"/>', {}, "note: edge 'side' leads nowhere, though roads go on from junction 'c'"),
+        ([], '<connection from="in" to="out" fromLane="0" toLane="0"/>', {}, "note: lane 'in_1' has no connection"),
+        (
+            [("</edges>", '<edge id="far" from="c" to="s"/></edges>')],
+            '<connection from="in" to="out" fromLane="0" toLane="0"/><connection from="side"/>',
+            {},
+            "note: edge 'far' cannot be reached, though roads lead to junction 'c'",
+        ),
+        ([('id="side"', 'id="side" width="1.9"')], "", {}, "note: lane 'side_0': 1.9 m wide, too narrow for cars"),
+        ([('id="side"', 'id="side" allow="tram"')], "", {}, "note: lane 'side_0': rails only"),
+        ([('id="side"', 'id="side" allow="pedestrian"')], "", {}, "note: lane 'side_0': pedestrian only"),
+    ],
+)  # fmt: skip
+def test_notes_on_a_net_that_would_run(made, changes, connections, options, said):
+    net = made(*changes, connections=connections, **options)
+    done = call("check", net)
+    assert done.exit_code == 0
+    assert f"{net}: {said}" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("users", "said"), [("tram", "no lane for cars: all are for rails only"), ("pedestrian", "for pedestrian only")]
+)
+def test_a_net_without_cars_is_a_fault(made, users, said):
+    done = call("check", made(('numLanes="', f'allow="{users}" numLanes="')))
+    assert done.exit_code == 2
+    assert said in done.stderr
+
+
+def test_many_findings_of_a_kind_are_summed_up(made):
+    changes = [('numLanes="2"', 'numLanes="9" width="1.9"')]
+    lines = call("check", made(*changes)).stdout.splitlines()
+    assert len(lines) == nets.AT_MOST + 1
+    assert lines[-1].endswith("note: and 10 more like that")
+
+
+@pytest.mark.parametrize("command", ["check", "import"])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda text: "", "the file is empty"),
+        (lambda text: text[: len(text) // 2], "not whole XML"),
+        (lambda text: text.replace("<net ", "<nodes ").replace("</net>", "</nodes>"), "a plain node file"),
+        (lambda text: '<net version="1.20"/>', "the network has no road"),
+        (lambda text: text.replace('width="3.20"', 'width="wide"'), "could not convert string to float"),
+        (lambda text: text.replace('id="north_west"', 'id="east_north"', 1), "edge 'east_north' occurs more than once"),
+    ],
+)
+def test_broken_files_are_told_in_one_line(netconvert, tmp_path, command, change, said):
+    net = tmp_path / "broken.net.xml"
+    net.write_text(change(RING.read_text()))
+    done = call(command, net, *([tmp_path / "sources"] if command == "import" else []))
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert "broken.net.xml" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "sources").exists()
+
+
+def test_a_broken_gzip_is_told_in_one_line(tmp_path):
+    net = tmp_path / "broken.net.xml.gz"
+    net.write_bytes(gzip.compress(RING.read_bytes())[:500])
+    done = call("check", net)
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert f"{net}:" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["check", "rung"], "rung: no such file, nor a shipped network; did you mean 'ring'?"),
+        (["check", "nowhere/ring.net.xml"], "nowhere/ring.net.xml: no such file, nor a shipped network"),
+        (["check", "."], ".: is a folder"),
+        (["import", "rung", "there"], "rung: no such file"),
+        (["build", "nowhere.netccfg"], "nowhere.netccfg: no such file; must be a netconvert configuration"),
+        (["build", RING], "root element is <net>; must be <netconvertConfiguration>"),
+        (["build", RING.with_name("ring.netccfg"), "-o", "nowhere/ring.net.xml"], "no such folder: nowhere"),
+        (["edit", "rung"], "rung: no such file, nor a shipped network; did you mean 'ring'?"),
+        (["edit", RING.with_name("ring.netccfg")], "root element is <netconvertConfiguration>; must be one of"),
+        (["edit", "town.net.xml.gz"], "town.net.xml.gz: is gzipped; unpack it first"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("town.net.xml.gz").write_bytes(gzip.compress(b"<net/>"))
+    done = call(*arguments)
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert said in done.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments", [["edit", "ring"], ["build", RING.with_name("ring.netccfg")], ["import", "ring", "there"]]
+)
+def test_without_eclipse_sumo_it_says_what_to_install(arguments, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    done = call(*arguments)
+    assert (done.exit_code, done.stderr.count("\n")) == (3, 1)
+    assert "pip install platoontraffic[gui]" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_edit_without_a_display_says_so(netconvert, monkeypatch):
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    done = call("edit", "ring")
+    assert (done.exit_code, done.stderr.count("\n")) == (3, 1)
+    assert "needs a display" in done.stderr
+
+
+@pytest.mark.skipif(shutil.which("Xvfb") is None, reason="needs a machine with an X server's library, as one with Xvfb")
+def test_edit_with_a_display_that_is_not_there_says_so(netconvert, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":987")
+    done = call("edit", RING.with_name("ring.netecfg"))
+    assert done.exit_code == 3
+    assert "there is none at :987" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "opened"),
+    [
+        ("ring", ["--netecfg-file", RING.with_name("ring.netecfg")]),
+        (RING, ["--sumo-net-file", RING]),
+        (RING.with_name("ring.sumocfg"), ["--sumocfg-file", RING.with_name("ring.sumocfg")]),
+    ],
+)
+def test_edit_opens_names_networks_and_configurations(netconvert, monkeypatch, name, opened):
+    calls = []
+    monkeypatch.setenv("DISPLAY", ":0")
+    done = nets.subprocess.CompletedProcess([], 0, "", "")
+    monkeypatch.setattr(nets, "_run", lambda program, *arguments: calls.append([program.name, *arguments]) or done)
+    assert call("edit", name).exit_code == 0
+    assert calls == [["netedit", *opened]]

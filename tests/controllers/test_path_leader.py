@@ -1,0 +1,299 @@
+"""The leader on a given path: steering, bends, speeds over time, others, lines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from platoontraffic.lidar import PRESETS, Mount, Scene
+
+from platoontraffic.controllers import path_kernel
+from platoontraffic.controllers.law import Signals
+from platoontraffic.controllers.path import PathLeader
+from platoontraffic.road.route import Route
+from platoontraffic.vehicles.bicycle import CARS
+from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.sensing import Sensing
+from tests.support.bench import BLIND, NO_WALLS, ROBOT, drive, platoon, snapshot
+
+CAR = replace(CARS["car"], lag=0.1, brake_lag=0.1)
+EYE = replace(PRESETS["car-leader"], mount=Mount(CAR.length / 2), noise=PRESETS["paper-leader"].noise)
+FAR = 1e4
+
+
+def line(*points, limit: float = 100.0, closed: bool = False) -> Route:
+    return Route.along(("road",), np.array(points, dtype=float), np.full(len(points), limit), closed=closed)
+
+
+def circle(radius: float, sign: int = 1, limit: float = 100.0) -> Route:
+    angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    points = np.column_stack([radius * np.sin(angle), sign * radius * (1 - np.cos(angle))])
+    return Route.along(("road",), points, np.full(400, limit), closed=True)
+
+
+def along(route, law, scene=NO_WALLS, seconds=20.0, model=ROBOT, eye=BLIND, speed=0.0, dt=0.025, at=0.0):
+    """One vehicle whose driven axle begins at (at, 0), heading east."""
+    (member,) = platoon(law, at=(at - model.axle, 0.0, 0.0), leader_eye=eye, model=model)
+    return drive([replace(member, route=route, speed=speed)], scene, seconds, dt)
+
+
+def axle(log, model=ROBOT):
+    """Where the driven axle's middle was, (k, 2)."""
+    heading = log.heading[:, 0]
+    ahead = np.column_stack([np.cos(heading), np.sin(heading)])
+    return np.column_stack([log.x[:, 0], log.y[:, 0]]) + model.axle * ahead
+
+
+@pytest.mark.parametrize("radius", [0.5, 1.0])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_pure_pursuit_keeps_a_circle(radius, sign):
+    """The arc through two points of a circle, tangent to it at the first, is that circle."""
+    log = along(circle(radius, sign), PathLeader(speed=0.2), seconds=30.0)
+    away = np.hypot(*(axle(log) - (0, sign * radius)).T)
+    assert away == pytest.approx(radius, rel=1e-3)
+    yaw_rate = np.diff(log.turned[:, 0])[log.time[1:] > 5] / 0.025
+    assert yaw_rate == pytest.approx(sign * 0.2 / radius, rel=0.01)
+
+
+def test_started_beside_a_straight_path_it_comes_to_it():
+    log = along(line((0.0, 0.1), (9.0, 0.1)), PathLeader(speed=0.1))
+    assert abs(axle(log)[-1, 1] - 0.1) < 1e-3
+
+
+def test_past_the_end_it_goes_straight_on():
+    log = along(line((0.0, 0.0), (1.0, 0.0)), PathLeader(speed=0.1), seconds=18.0)
+    assert axle(log)[-1] == pytest.approx([1.8, 0.0], abs=0.05)
+
+
+# ---- bends and limits
+
+
+@pytest.mark.parametrize("radius", [12.0, 40.0])
+def test_bends_are_driven_at_the_lateral_acceleration_that_is_allowed(radius):
+    law = PathLeader(speed=30.0, lateral_acceleration=2.0)
+    log = along(circle(radius), law, model=CAR, seconds=60.0, dt=0.1)
+    speed = log.speed[log.time > 30, 0]
+    assert speed == pytest.approx(np.sqrt(2.0 * radius), rel=0.02)
+    assert np.hypot(*(axle(log, CAR) - (0, radius)).T)[log.time > 30] == pytest.approx(radius, abs=0.1)
+
+
+def test_it_slows_down_before_a_bend_and_not_in_it():
+    quarter = np.linspace(-np.pi / 2, 0, 30)
+    bend = [(200 + 12 * np.cos(a), 12 + 12 * np.sin(a)) for a in quarter]
+    log = along(line((0, 0), *bend, (212, 120)), PathLeader(speed=15.0), model=CAR, seconds=40.0, speed=15.0, dt=0.1)
+    x, speed = axle(log, CAR)[:, 0], log.speed[:, 0]
+    in_it = (x > 205) & (x < 211.9)
+    assert speed[in_it].max() < 1.1 * np.sqrt(2 * 12)
+    assert speed[x < 120].min() > 14
+    assert np.diff(speed).min() / 0.1 > -3.0
+    assert speed[-1] > 12
+
+
+def test_it_drives_by_the_limits_of_the_road_and_brakes_before_a_lower_one():
+    limits = np.array([10.0, 5.0, 20.0, 20.0])
+    route = Route.along(("a", "b", "c"), np.array([(0, 0), (200, 0), (300, 0), (900, 0)]), limits)
+    log = along(route, PathLeader(), model=CAR, seconds=80.0, dt=0.1)
+    x, speed = axle(log, CAR)[:, 0], log.speed[:, 0]
+    assert speed[(x > 80) & (x < 150)] == pytest.approx(10.0, rel=0.01)
+    assert speed[(x > 200) & (x < 295)].max() < 5.0 * 1.1
+    assert speed[-1] == pytest.approx(20.0, rel=0.01)
+    faster = along(route, PathLeader(speed_factor=1.2), model=CAR, seconds=80.0, dt=0.1)
+    assert faster.speed[-1, 0] == pytest.approx(24.0, rel=0.01)
+
+
+# ---- speeds over time
+
+STRAIGHT = line((0.0, 0.0), (FAR, 0.0))
+
+
+def speed_of(law: PathLeader, seconds: float, begin: float = 10.0):
+    log = along(STRAIGHT, law, model=CAR, seconds=seconds, speed=begin, dt=0.05)
+    return log.time, log.speed[:, 0]
+
+
+def test_a_sinusoid_is_driven_with_its_amplitude_and_frequency():
+    law = PathLeader(speed=10.0, profile="sinusoid", amplitude=2.0, frequency=0.1, begins=5.0)
+    time, speed = speed_of(law, 65.0)
+    late = time >= 15.0
+    assert speed[time < 5.0] == pytest.approx(10.0)
+    fit = np.column_stack([np.sin(0.2 * np.pi * (time - 5)), np.cos(0.2 * np.pi * (time - 5)), np.ones_like(time)])
+    sin, cos, mean = np.linalg.lstsq(fit[late], speed[late], rcond=None)[0]
+    assert (np.hypot(sin, cos), mean) == pytest.approx((2.0, 10.0), rel=0.03)
+    assert abs(np.arctan2(cos, sin)) < 0.1  # hardly late, for its change is demanded with it
+
+
+def test_a_chirp_grows_from_the_first_to_the_last_frequency():
+    law = PathLeader(speed=10.0, profile="chirp", amplitude=1.0, frequency=0.05, last_frequency=0.25, lasts=60.0)
+    time, speed = speed_of(law, 70.0)
+    crossings = time[1:][np.diff(np.sign(speed - 10.0)) != 0]
+    crossings = crossings[(crossings > 1) & (crossings < 60)]
+    phase = (0.05 + (0.2 / 60) * crossings / 2) * crossings  # [turns]: half a turn from one to the next
+    assert np.diff(phase) == pytest.approx(0.5, abs=0.05)
+    assert speed[time > 64] == pytest.approx(10.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("to", "rate"), [(4.0, 2.0), (0.0, 6.0), (16.0, 1.0)])
+def test_braking_takes_its_rate_to_its_last_speed(to, rate):
+    law = PathLeader(speed=10.0, profile="brake", begins=5.0, last_speed=to, rate=rate)
+    time, speed = speed_of(law, 40.0)
+    assert speed[time <= 5.0] == pytest.approx(10.0)
+    assert speed[-1] == pytest.approx(to, abs=1e-3)
+    half_way = np.interp(0.5, np.abs(speed - 10.0) / abs(to - 10.0), time)
+    late = half_way - (5.0 + abs(to - 10.0) / rate / 2)
+    assert -0.02 < late < CAR.lag + rate / CAR.max_jerk / 2 + 0.05  # what drive line and jerk take, and a step
+
+
+def test_a_step_is_driven_in_comfort():
+    law = PathLeader(speed=10.0, profile="step", begins=5.0, last_speed=4.0, braking=2.0)
+    _, speed = speed_of(law, 30.0)
+    assert speed[-1] == pytest.approx(4.0, abs=1e-3)
+    assert np.diff(speed).min() / 0.05 == pytest.approx(-2.0, rel=0.02)
+
+
+def test_a_trace_from_a_file_is_driven(tmp_path):
+    file = tmp_path / "cycle.csv"
+    file.write_text("time_s,grade,speed_mps\n0,0,10\n10,0,14\n20,0,14\n40,0,4\n")
+    time, speed = speed_of(PathLeader(trace=file), 60.0)
+    wanted = np.interp(time, [0, 10, 20, 40], [10, 14, 14, 4])
+    assert np.abs(speed - wanted).max() < 0.25
+    assert speed[-1] == pytest.approx(4.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("time,speed\n0,1\n", r"has no column speed_mps and time_s; must be a CSV file with columns"),
+        ("time_s,speed_mps\n0,1\n1,fast\n", r"cycle.csv:3: time_s '1', speed_mps 'fast'; must be numbers"),
+        ("time_s,speed_mps\n0,1\n0,2\n", "times must grow from row to row, and speeds be 0 or more"),
+        ("time_s,speed_mps\n0,-1\n", "times must grow from row to row, and speeds be 0 or more"),
+        ("time_s,speed_mps\n", "has no rows"),
+    ],
+)
+def test_what_is_wrong_with_a_trace_is_said(tmp_path, text, said):
+    file = tmp_path / "cycle.csv"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=said):
+        PathLeader(trace=file)
+
+
+# ---- others in its way
+
+
+def test_what_it_meets_first_on_its_strip_is_what_shapely_finds():
+    rng = np.random.default_rng(1)
+    n, k, front, half_width = 40, 90, 1.0, 1.1
+    step = rng.uniform(0.5, 2.0, (n, 30))
+    heading = np.cumsum(rng.normal(0, 0.1, (n, 30)), axis=1)
+    steps = np.stack([step * np.cos(heading), step * np.sin(heading)], axis=2)
+    points = np.concatenate([np.zeros((n, 1, 2)), np.cumsum(steps, axis=1)], axis=1)
+    distance = np.concatenate([np.zeros((n, 1)), np.cumsum(step, axis=1)], axis=1)
+    ranges = rng.uniform(1.0, 40.0, (n, k))
+    ranges[rng.random((n, k)) < 0.3] = np.inf
+    ranges[rng.random((n, k)) < 0.1] = np.nan
+    angle = np.linspace(-1.5, 1.5, k)
+    beams = np.stack([np.cos(angle), np.sin(angle)])
+    free = np.full(n, np.inf)
+    strip = points, distance, np.full(n, half_width)
+    path_kernel.meet(ranges, beams, np.full(n, 0.5), 0.1, strip, np.full(n, front), free)
+
+    routes = shapely.linestrings(points)[:, None]
+    to_there = np.where(np.isfinite(ranges), ranges, -9.0)  # what is behind does not count
+    x, y = 0.5 + to_there * beams[0], 0.1 + to_there * beams[1]
+    met = shapely.points(x, y)
+    way = shapely.line_locate_point(routes, met) - front
+    way[(shapely.distance(routes, met) >= half_width) | (way <= 0) | (x <= 0)] = np.inf
+    assert free == pytest.approx(way.min(axis=1), abs=1e-9)
+    assert np.isfinite(free).sum() > 10
+
+
+@pytest.mark.parametrize("speed", [5.0, 13.9])
+def test_it_stops_its_stand_off_before_what_stands_in_its_way(speed):
+    wall = Scene.from_shapely(solids=[shapely.box(150, -1, 152, 1)])
+    log = along(STRAIGHT, PathLeader(speed=speed, stand_off=3.0), wall, 60.0, CAR, EYE, speed, 0.1)
+    front = log.x[:, 0] + CAR.length / 2
+    assert log.speed[-1, 0] < 0.05
+    assert 150 - front[-1] == pytest.approx(3.0, abs=0.3)
+    assert front.max() < 150
+    assert np.diff(log.speed[:, 0]).min() / 0.1 > -8.1
+
+
+def test_it_passes_what_stands_beside_its_way():
+    beside = Scene.from_shapely(solids=[shapely.box(60, 1.3, 70, 3), shapely.box(60, -3, 70, -1.3)])
+    log = along(STRAIGHT, PathLeader(speed=10.0), beside, 15.0, CAR, EYE, 10.0, 0.1)
+    assert log.speed[:, 0] == pytest.approx(10.0)
+
+
+def test_round_a_bend_it_looks_along_its_route_and_not_straight_ahead():
+    quarter = np.linspace(-np.pi / 2, 0, 30)
+    route = line((0, 0), *[(50 + 15 * np.cos(a), 15 + 15 * np.sin(a)) for a in quarter], (65, 200))
+    beyond = Scene.from_shapely(solids=[shapely.box(70, -3, 80, 5)])  # straight ahead, not on the way
+    log = along(route, PathLeader(speed=5.0), beyond, 40.0, CAR, EYE, 5.0, 0.1)
+    assert axle(log, CAR)[-1, 1] > 60
+    in_it = Scene.from_shapely(solids=[shapely.box(64, 60, 66, 62)])
+    log = along(route, PathLeader(speed=5.0), in_it, 60.0, CAR, EYE, 5.0, 0.1)
+    assert 52 < axle(log, CAR)[-1, 1] + CAR.length / 2 - CAR.axle < 60
+
+
+def test_it_follows_at_stand_off_and_headway():
+    """Where neither comes nearer the interaction term vanishes at s0 + v T."""
+    law = PathLeader(speed=15.0, stand_off=3.0, time_headway=1.5)
+    (one,) = platoon(law, at=(-CAR.axle, 0.0, 0.0), leader_eye=EYE, model=CAR)
+    (ahead,) = platoon(PathLeader(speed=8.0), at=(60.0, 0.0, 0.0), model=CAR)
+    other = replace(ahead, id="other", platoon="other", route=STRAIGHT, speed=8.0)
+    log = drive([replace(one, route=STRAIGHT, speed=15.0), other], NO_WALLS, 60.0, 0.1)
+    gap = log.x[:, 1] - log.x[:, 0] - CAR.length
+    assert gap[-1] == pytest.approx(3.0 + 8.0 * 1.5, rel=0.01)
+    assert gap.min() > 10
+    assert log.speed[-1] == pytest.approx(8.0, rel=0.01)
+
+
+# ---- lines to stop at
+
+
+def before_a_line(at: float, opens: float, *, minor=False, changing=False, speed=12.0, seconds=40.0):
+    """Speed and front bumper over time, before a line that is closed until a time."""
+    (one,) = platoon(PathLeader(speed=12.0), at=(-CAR.axle, 0.0, 0.0), leader_eye=EYE, model=CAR)
+    fleet, sensing = Fleet.deployed([replace(one, route=STRAIGHT, speed=speed)], 0.1), Sensing(NO_WALLS)
+    rows = []
+    for step in range(round(seconds / 0.1)):
+        time = 0.1 * step
+        front = fleet.motion.x[0] + CAR.length / 2
+        passed, is_open = front > at, time >= opens
+        signals = Signals(
+            np.array([np.inf if passed else at - front]), np.array([bool(passed or is_open)]),
+            np.array([minor]), np.array([changing and not is_open]), np.array([0]),
+        )  # fmt: skip
+        fleet = fleet.decided(sensing.scan(snapshot(fleet, time), fleet, step), 0.1, signals).moved(0.1)
+        rows.append((time, front, fleet.motion.speed[0]))
+    return np.array(rows).T
+
+
+def test_it_stops_at_a_closed_line_and_goes_when_it_opens():
+    time, front, speed = before_a_line(100.0, opens=25.0)
+    waits = (time > 18) & (time < 25)
+    assert speed[waits].max() < 0.3
+    assert 98.0 < front[waits].max() <= 100.0
+    assert np.diff(speed).min() / 0.1 > -3
+    assert front[-1] > 150
+
+
+def test_an_open_line_changes_nothing():
+    *_, speed = before_a_line(60.0, opens=0.0)
+    assert speed == pytest.approx(12.0)
+
+
+def test_at_yellow_it_goes_on_where_it_could_not_stop_in_comfort():
+    *_, speed = before_a_line(15.0, opens=100.0, changing=True, seconds=5.0)
+    assert speed == pytest.approx(12.0)
+    _, front, speed = before_a_line(60.0, opens=100.0, changing=True)
+    assert front[-1] < 60 + CAR.length
+    assert speed[-1] < 0.3
+
+
+def test_before_giving_way_it_slows_down_even_if_nobody_comes():
+    _, front, speed = before_a_line(100.0, opens=0.0, minor=True)
+    assert speed[(front > 70) & (front < 95)].min() < 9
+    assert speed.min() > 3  # and does not stand
+    assert speed[-1] == pytest.approx(12.0, rel=0.01)

@@ -1,0 +1,160 @@
+"""Speeds over time by their definitions, and what a leader makes of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from platoontraffic.controllers.path import PathLeader
+from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
+from platoontraffic.road.route import Route
+from platoontraffic.vehicles.bicycle import CARS
+from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.sensing import Sensing
+from tests.support.bench import NO_WALLS, ROBOT, drive, platoon, snapshot
+
+amounts = st.floats(0.1, 10)
+frequencies = st.floats(0.01, 1)
+
+
+@given(st.floats(0, 200), amounts, frequencies)
+def test_a_sinusoid_begins_at_nothing_and_returns_after_a_period(t, amplitude, frequency):
+    now, later, half = (sinusoid(np.array([t + turns / frequency]), amplitude, frequency) for turns in (0, 1, 0.5))
+    assert sinusoid(np.zeros(1), amplitude, frequency) == 0
+    assert sinusoid(np.array([0.25 / frequency]), amplitude, frequency) == pytest.approx(amplitude)
+    assert later == pytest.approx(now, abs=1e-9 * amplitude * (1 + 1e3 * frequency))
+    assert half == pytest.approx(-now, abs=1e-9 * amplitude * (1 + 1e3 * frequency))
+
+
+@given(st.floats(0, 60), amounts, frequencies, frequencies)
+def test_the_frequency_of_a_chirp_grows_linearly(t, amplitude, first, last):
+    """So its phase is that of the mean of the first frequency and the present one."""
+    present = first + (last - first) * t / 60
+    value = chirp(np.array([t]), amplitude, first, last, 60.0)
+    assert value == pytest.approx(amplitude * np.sin(2 * np.pi * (first + present) / 2 * t), abs=1e-9)
+
+
+def test_a_chirp_of_one_frequency_is_a_sinusoid_until_it_ends():
+    t = np.linspace(0, 90, 500)
+    expected = np.where(t <= 60, sinusoid(t, 2.0, 0.1), 0.0)
+    np.testing.assert_allclose(chirp(t, 2.0, 0.1, 0.1, 60.0), expected, atol=1e-9)
+
+
+@given(st.floats(0, 200), st.floats(-30, 30), amounts)
+def test_braking_runs_at_its_rate_and_ends_at_its_height(t, height, rate):
+    (value,) = braking(np.array([t]), np.array([height]), rate)
+    assert abs(value) == pytest.approx(min(rate * t, abs(height)))
+    assert value * height >= 0
+
+
+# ---- traces
+
+
+def test_a_trace_is_linear_between_its_times_and_kept_outside():
+    trace = Trace(np.array([10.0, 20.0, 30.0]), np.array([5.0, 15.0, 15.0]))
+    speed = trace.at(np.array([0.0, 10.0, 12.5, 20.0, 29.0, 30.0, 99.0]))
+    np.testing.assert_allclose(speed, [5, 5, 7.5, 15, 15, 15, 15])
+
+
+def test_a_trace_of_one_row_is_a_constant_speed():
+    speed = Trace(np.array([3.0]), np.array([7.0])).at(np.array([0.0, 3.0, 50.0]))
+    np.testing.assert_array_equal(speed, 7)
+
+
+@pytest.mark.parametrize("start", ["", "\ufeff"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_a_trace_may_come_from_a_spreadsheet(tmp_path, start, end):
+    file = tmp_path / "cycle.csv"
+    rows = ["speed_mps,note,time_s", "1.5,a,0", "2.5,b,10"]
+    file.write_bytes((start + end.join(rows) + end).encode())
+    trace = Trace.read(file)
+    np.testing.assert_array_equal(trace.time, [0, 10])
+    np.testing.assert_array_equal(trace.speed, [1.5, 2.5])
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "has no column speed_mps and time_s"),
+        (b"time_s,speed_mps\n0,1\n1\n", r"cycle.csv:3: time_s '1', speed_mps None; must be numbers"),
+        (b"time_s,speed_mps\n0,nan\n", "speeds be 0 or more"),
+        (b"time_s,speed_mps\n0,inf\n", "speeds be 0 or more"),
+        (b"time_s;speed_mps\n0;1\n", "has no column"),
+        ("time_s,speed_mps,Straße\n0,1,x\n".encode("latin-1"), "cannot be read"),
+    ],
+)
+def test_what_is_wrong_with_a_trace_is_one_line_with_its_file(tmp_path, content, said):
+    file = tmp_path / "cycle.csv"
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match=said) as error:
+        Trace.read(file)
+    assert str(file) in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_a_trace_that_is_not_there_or_is_a_folder_cannot_be_read(tmp_path):
+    for file in (tmp_path / "none.csv", tmp_path):
+        with pytest.raises(ValueError, match="cannot be read"):
+            Trace.read(file)
+
+
+# ---- what a leader makes of them
+
+
+def car(law: PathLeader, model=CARS["car"]):
+    """One on a straight road whose limit is 50 m/s."""
+    (member,) = platoon(law, at=(-model.axle, 0.0, 0.0), model=model)
+    straight = np.array([(0.0, 0.0), (1e4, 0.0)])
+    return replace(member, route=Route.along(("road",), straight, np.full(2, 50.0)))
+
+
+@pytest.mark.parametrize("profile", ["sinusoid", "chirp", "step", "brake"])
+def test_until_it_begins_a_profile_changes_nothing(profile):
+    law = PathLeader(speed=10.0, profile=profile, begins=5.0, amplitude=2.0, last_speed=3.0)
+    log = drive([replace(car(law), speed=10.0)], NO_WALLS, 9.0, dt=0.1)
+    assert log.speed[log.time <= 5.0] == pytest.approx(10.0)
+    assert abs(log.speed[-1, 0] - 10.0) > 0.5
+
+
+def test_each_vehicle_has_the_time_since_it_set_out_itself():
+    law = PathLeader(speed=10.0, profile="brake", begins=2.0, last_speed=4.0, rate=2.0)
+    fleet = Fleet.deployed([replace(car(law), speed=10.0)], 0.1)
+    late = Fleet.deployed(
+        [replace(car(law), id="b.0", platoon="b", pose=(0.0, 50.0, 0.0), speed=10.0)], 0.1, np.ones(1, int)
+    )
+    speeds = []
+    for step in range(120):
+        if step == 50:
+            fleet = fleet.joined(late)
+        fleet = fleet.decided(Sensing(NO_WALLS).scan(snapshot(fleet, step * 0.1), fleet, step), 0.1).moved(0.1)
+        speeds.append(fleet.motion.speed)
+    np.testing.assert_allclose([row[1] for row in speeds[50:]], [row[0] for row in speeds[:70]], atol=1e-9)
+
+
+@pytest.mark.parametrize(("amplitude", "profile"), [(20.0, "sinusoid"), (20.0, "chirp")])
+@pytest.mark.parametrize("model", [CARS["car"], ROBOT], ids=["car", "robot"])
+def test_nobody_drives_backwards_where_a_profile_would_have_it(amplitude, profile, model):
+    scale = 0.02 if model is ROBOT else 1.0
+    law = PathLeader(speed=5.0 * scale, profile=profile, amplitude=amplitude * scale, frequency=0.2)
+    log = drive([car(law, model)], NO_WALLS, 15.0)
+    assert log.speed.min() > -1e-9
+    assert log.speed.max() > 5.1 * scale
+
+
+@pytest.mark.parametrize("frequency", [5.0, 10.0, 50.0])
+def test_a_profile_faster_than_the_steps_does_not_run_away(frequency):
+    """A sinusoid that is at the same phase in every step, at its steepest, is no acceleration without end."""
+    law = PathLeader(speed=10.0, profile="sinusoid", amplitude=1.0, frequency=frequency)
+    log = drive([replace(car(law), speed=10.0)], NO_WALLS, 10.0, dt=0.1)
+    assert np.abs(log.speed - 10.0).max() < 1.5
+
+
+def test_the_change_of_a_profile_is_that_over_the_step():
+    """A robot, which has no lag, is after every step at the speed that the profile has then."""
+    law = PathLeader(speed=0.3, profile="sinusoid", amplitude=0.1, frequency=0.5, acceleration=9.0, braking=9.0)
+    log = drive([replace(car(law, ROBOT), speed=0.3)], NO_WALLS, 6.0)
+    np.testing.assert_allclose(log.speed[:, 0], 0.3 + 0.1 * np.sin(np.pi * log.time), atol=2e-3)

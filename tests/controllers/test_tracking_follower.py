@@ -1,0 +1,284 @@
+"""The laser-only follower of cars: what it holds, on bare ground, without SUMO."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise, Scene
+from platoontraffic.lidar.pose import wrap
+
+from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.vehicles.catalogue import VEHICLES
+from platoontraffic.vehicles.motion import Drive
+from platoontraffic.vehicles.odometry import ODOMETRY
+from tests.support.bench import BLIND, NO_WALLS, Log, Prescribed, amplitude, drive, platoon
+
+DT = 0.1
+CAR = VEHICLES["car"]
+TRACKER = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03), range_max=60.0)
+NOISY, EXACT = TRACKER, replace(TRACKER, noise=Noise())
+FOLLOWER = TrackingFollower()
+BEHIND_BUMPER = CAR.length / 2 - TRACKER.mount.x
+
+
+def cars(
+    at, seconds: float, speed: float, followers: int = 9, eye: LidarModel = EXACT, odometry="none", **options
+) -> Log:
+    """Steady at first; the leader's acceleration and curvature are a function of time."""
+    members = platoon(
+        Prescribed(lambda time: Drive(*at(time))),
+        FOLLOWER,
+        followers,
+        distance=FOLLOWER.desired_distance(speed),
+        model=CAR,
+        leader_eye=replace(BLIND, rate=10.0),
+        eye=eye,
+        speed=speed,
+        odometry=ODOMETRY[odometry],
+    )
+    return drive(members, NO_WALLS, seconds, DT, **options)
+
+
+def gaps(log: Log) -> np.ndarray:
+    """On a straight road, (k, n - 1)."""
+    return log.x[:, :-1] - log.x[:, 1:] - CAR.length
+
+
+def off_path(log: Log, member: int, other: int) -> float:
+    """Greatest distance of a rear axle from the path of another's."""
+    path = shapely.LineString(log.axle[:, other])
+    points = shapely.points(log.axle[:, member])
+    beside = (shapely.line_locate_point(path, points) > 0) & (shapely.line_locate_point(path, points) < path.length)
+    return shapely.distance(points, path)[beside].max()
+
+
+def turn(radius: float, angle: float, speed: float, begins: float = 5.0):
+    """To the right after a straight."""
+    return lambda time: (0.0, -1 / radius if begins <= time < begins + angle * radius / speed else 0.0)
+
+
+def s_bend(speed: float, begins: float = 5.0):
+    """Of falling radius: half a turn each, left and right."""
+    stations = np.cumsum([begins * speed, *(0.9 * radius for radius in RADII)])
+
+    def at(time: float) -> tuple[float, float]:
+        i = int(np.searchsorted(stations, speed * time, side="right"))
+        return (0.0, 0.0) if not 0 < i <= len(RADII) else (0.0, (-1) ** i / RADII[i - 1])
+
+    return at
+
+
+RADII = (60.0, 40.0, 30.0, 20.0, 15.0, 12.0)
+
+
+def straight_on(time: float) -> tuple[float, float]:
+    return 0.0, 0.0
+
+
+# ---- distance
+
+
+@pytest.mark.parametrize("speed", [0.0, 5.0, 15.0, 30.0])
+@pytest.mark.parametrize("eye", [EXACT, NOISY], ids=["exact", "noisy"])
+def test_a_steady_gap_is_that_of_the_law(speed, eye):
+    log = cars(straight_on, 15.0, speed, eye=eye)
+    wanted = FOLLOWER.desired_distance(speed) - BEHIND_BUMPER
+    assert gaps(log)[50:].mean(axis=0) == pytest.approx(wanted, rel=0.005)
+    assert log.locked().all()
+
+
+@pytest.mark.parametrize("frequency", [0.02, 0.05, 0.1, 0.2, 0.3, 0.5])
+def test_no_disturbance_of_speed_grows_along_ten_followers(frequency):
+    omega = 2 * np.pi * frequency
+    most = min(1.5 / omega, 1.5)  # [m/s], within comfortable acceleration
+    # 20 s for the ends of the straight, and whole periods after these.
+    log = cars(
+        lambda time: (most * omega * math.cos(omega * time), 0.0), 20 + max(40, 3 / frequency), 20.0, followers=10
+    )
+    late = log.time > 20
+    of = amplitude(log.time[late], log.speed[late], omega)
+    ratio = of[1:5] / of[:4]
+    assert (ratio < 1).all()
+    assert ratio == pytest.approx(ratio[0], rel=0.03)  # each damps as the one before
+    deviation = log.speed - 20.0
+    assert (np.diff(np.linalg.norm(deviation, axis=0)) <= 1e-6).all()  # L2
+    assert (np.diff(np.abs(deviation).max(axis=0)) <= 1e-3).all()  # L-infinity
+
+
+@pytest.mark.parametrize("seed", [None, *range(20)])
+def test_a_leader_that_brakes_as_hard_as_it_can_is_not_hit(seed):
+    def brake(time: float) -> tuple[float, float]:
+        return (-8.0 if time > 3 else 0.0), 0.0
+
+    log = cars(brake, 26.0, 25.0, eye=EXACT if seed is None else NOISY, seed=seed or 0)
+    assert (log.speed[-1] < 0.05).all()
+    assert gaps(log).min() > 2.0
+    assert log.acceleration[:, 0].min() == pytest.approx(-8.0, abs=0.01)
+
+
+@pytest.mark.parametrize("eye", [EXACT, NOISY], ids=["exact", "noisy"])
+def test_one_who_brakes_in_comfort_is_stopped_behind_at_the_stand_off(eye):
+    log = cars(lambda time: ((-3.0 if time > 3 else 0.0), 0.0), 35.0, 20.0, eye=eye)
+    assert gaps(log)[-1] == pytest.approx(FOLLOWER.stand_off - BEHIND_BUMPER, abs=0.3)
+
+
+@pytest.mark.parametrize("eye", [EXACT, NOISY], ids=["exact", "noisy"])
+@pytest.mark.parametrize("speed", [10.0, 20.0, 30.0])
+def test_a_standing_car_first_seen_at_sixty_metres_is_stopped_for(speed, eye):
+    members = platoon(
+        Prescribed(lambda _: Drive(0.0, 0.0)), FOLLOWER, 1, distance=80.0, model=CAR, eye=eye, speed=speed,
+        leader_eye=replace(BLIND, rate=10.0),
+    )  # fmt: skip
+    members[0] = replace(members[0], speed=0.0)
+    log = drive(members, NO_WALLS, 35.0, DT)
+    assert log.speed[-1, 1] < 0.05
+    assert gaps(log)[-1, 0] == pytest.approx(FOLLOWER.stand_off - BEHIND_BUMPER, abs=0.3)
+
+
+@pytest.mark.parametrize("distance", [3.08, 3.11, 3.2])
+def test_in_a_queue_it_stands_where_it_stands_and_goes_straight_on(distance):
+    """For three minutes, in which measured yaw rates would turn it by up to 18 degrees."""
+    members = platoon(
+        Prescribed(lambda time: Drive(1.0 if 180 <= time < 188 else 0.0, 0.0)), FOLLOWER, 4, distance=distance,
+        model=CAR, leader_eye=replace(BLIND, rate=10.0), eye=NOISY, odometry=ODOMETRY["car"],
+    )  # fmt: skip
+    log = drive(members, NO_WALLS, 210.0, DT)
+    stands = log.time < 180
+    still = gaps(log)[stands]
+    assert still.min() > FOLLOWER.stand_off - BEHIND_BUMPER - 0.02
+    assert np.ptp(still[100:], axis=0).max() < 0.05
+    assert np.abs(log.y).max() < 0.1
+
+
+def test_who_catches_up_is_not_much_faster():
+    members = platoon(
+        Prescribed(lambda _: Drive(0.0, 0.0)), FOLLOWER, 1, distance=55.0, model=CAR, eye=EXACT, speed=15.0,
+        leader_eye=replace(BLIND, rate=10.0),
+    )  # fmt: skip
+    log = drive(members, NO_WALLS, 60.0, DT)
+    assert 17 < log.speed[:, 1].max() < 15 + FOLLOWER.catching_up + 0.1
+    assert gaps(log)[-1, 0] == pytest.approx(FOLLOWER.desired_distance(15.0) - BEHIND_BUMPER, rel=0.02)
+
+
+# ---- path
+
+
+@pytest.mark.parametrize("eye", [EXACT, NOISY], ids=["exact", "noisy"])
+@pytest.mark.parametrize(
+    ("path", "speed", "seconds"),
+    [(turn(8.0, math.pi / 2, 5.0), 5.0, 30.0), (s_bend(6.0), 6.0, 50.0), (turn(500.0, math.pi / 4, 30.0), 30.0, 25.0)],
+    ids=["junction turn", "S-bend", "motorway bend"],
+)
+def test_no_corner_is_cut(path, speed, seconds, eye):
+    log = cars(path, seconds, speed, eye=eye)
+    assert max(off_path(log, i, i - 1) for i in range(1, 10)) < 0.15
+    assert off_path(log, 9, 0) < 0.6
+    assert log.locked().mean(axis=0).min() >= 0.99
+
+
+@pytest.mark.parametrize(
+    ("path", "speed", "seconds"),
+    [(turn(8.0, math.pi / 2, 5.0), 5.0, 30.0), (s_bend(6.0), 6.0, 50.0), (turn(500.0, math.pi / 4, 30.0), 30.0, 25.0)],
+    ids=["junction turn", "S-bend", "motorway bend"],
+)
+def test_no_corner_is_cut_by_a_car_whose_odometry_errs(path, speed, seconds):
+    log = cars(path, seconds, speed, eye=NOISY, odometry="car")
+    assert max(off_path(log, i, i - 1) for i in range(1, 10)) < 0.3
+    assert off_path(log, 9, 0) < 0.6
+    assert log.locked().mean(axis=0).min() >= 0.99
+
+
+def test_nothing_grows_along_the_string_in_a_steady_curve():
+    log = cars(lambda time: (0.0, 1 / 60), 60.0, 10.0)
+    for i in range(1, 10):
+        ahead = shapely.LineString(log.axle[:, i - 1])
+        assert shapely.distance(shapely.points(log.axle[-200:, i]), ahead).max() < 0.03
+    assert shapely.distance(shapely.points(log.axle[-200:, 9]), shapely.LineString(log.axle[:, 0])).max() < 0.15
+
+
+def test_left_and_right_are_the_same():
+    path = turn(15.0, math.pi / 2, 6.0)
+    one = cars(path, 25.0, 6.0, followers=3)
+    other = cars(lambda time: (0.0, -path(time)[1]), 25.0, 6.0, followers=3)
+    assert other.x == pytest.approx(one.x, abs=1e-3)
+    assert other.y == pytest.approx(-one.y, abs=1e-3)
+
+
+# ---- sight
+
+
+@pytest.mark.parametrize(("radius", "speed", "centre", "corner"), [(8.0, 5.0, 58, 64), (6.0, 4.0, 74, 81)])
+def test_the_view_is_as_wide_as_the_smallest_turns_ask(radius, speed, centre, corner):
+    """How far aside a follower has its predecessor's rear [deg]: the preset sees to 90 each way."""
+    log = cars(turn(radius, math.pi / 2, speed), 30.0, speed, eye=NOISY)
+    ahead, own = slice(None, -1), slice(1, None)
+    laser_x = log.x[:, own] + TRACKER.mount.x * np.cos(log.heading[:, own])
+    laser_y = log.y[:, own] + TRACKER.mount.x * np.sin(log.heading[:, own])
+    cos, sin = np.cos(log.heading[:, ahead]), np.sin(log.heading[:, ahead])
+    most = []
+    for side in (0, -CAR.width / 2, CAR.width / 2):
+        x = log.x[:, ahead] - CAR.length / 2 * cos - side * sin - laser_x
+        y = log.y[:, ahead] - CAR.length / 2 * sin + side * cos - laser_y
+        most.append(np.degrees(np.abs(wrap(np.arctan2(y, x) - log.heading[:, own]))).max())
+    assert most[0] == pytest.approx(centre, abs=3)
+    assert max(most) == pytest.approx(corner, abs=3)
+
+
+def test_a_third_of_the_returns_lost_loses_nobody():
+    rainy = replace(NOISY, noise=replace(NOISY.noise, dropout=0.3))
+    log = cars(lambda time: (math.sin(0.5 * time), 0.0), 40.0, 20.0, eye=rainy)
+    assert log.locked().mean(axis=0).min() >= 0.98
+    assert log.locked()[-1].all()
+
+
+@pytest.mark.parametrize(
+    ("path", "speed"), [(straight_on, 20.0), (turn(8.0, math.pi / 2, 5.0), 5.0)], ids=["straight", "turn"]
+)
+def test_a_second_of_blindness_loses_nobody(path, speed):
+    log = cars(path, 25.0, speed, eye=NOISY, blind=(5.5, 6.5))
+    assert log.locked()[70:].mean(axis=0).min() >= 0.99
+    assert max(off_path(log, i, i - 1) for i in range(1, 10)) < 0.3
+
+
+def test_five_seconds_of_blindness_begin_a_stop():
+    log = cars(straight_on, 20.0, 20.0, followers=1, eye=NOISY, blind=(5.0, 30.0))
+    at = {time: log.speed[round(time / DT), 1] for time in (6.0, 10.0, 19.0)}
+    assert at[6.0] == pytest.approx(20.0, abs=0.3)  # it goes on as the other was last seen to
+    assert at[10.0] < 15
+    assert at[19.0] == 0
+    assert log.acceleration[:, 1].min() > -FOLLOWER.braking  # not an emergency
+    assert np.abs(log.y[:, 1]).max() < 1.5  # after 150 m, the direction last seen is known to 0.01 rad
+
+
+def test_nobody_in_sight_it_stands():
+    law = TrackingFollower()
+    alone = platoon(law, eye=NOISY, leader_eye=NOISY, model=CAR)
+    log = drive(alone, NO_WALLS, 3.0, DT)
+    assert (log.speed == 0).all()
+    assert np.isnan(log.distance).all()
+
+
+def test_it_brakes_for_what_stands_in_its_way():
+    """A pole between the two, which the laser sees and the predecessor has missed."""
+    pole = Scene.from_shapely(solids=[shapely.Point(-1.0, 0.3).buffer(0.15)])
+    members = platoon(
+        Prescribed(lambda _: Drive(0.0, 0.0)), FOLLOWER, 1, distance=32.0, model=CAR, eye=NOISY, speed=15.0,
+        leader_eye=replace(BLIND, rate=10.0),
+    )  # fmt: skip
+    log = drive(members, pole, 10.0, DT)
+    assert log.speed[-1, 1] == 0
+    assert log.x[-1, 1] + CAR.length / 2 < -1.0
+
+
+def test_a_pole_beside_the_way_is_passed():
+    pole = Scene.from_shapely(solids=[shapely.Point(10.0, 1.6).buffer(0.15)])
+    members = platoon(
+        Prescribed(lambda _: Drive(0.0, 0.0)), FOLLOWER, 1, distance=18.0, model=CAR, eye=NOISY, speed=15.0,
+        leader_eye=replace(BLIND, rate=10.0),
+    )  # fmt: skip
+    log = drive(members, pole, 5.0, DT)
+    assert log.speed[:, 1] == pytest.approx(15.0, abs=0.1)

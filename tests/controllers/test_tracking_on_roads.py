@@ -1,0 +1,146 @@
+"""The laser-only follower on the shipped roads, without other traffic, with the errors of its laser and odometry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from platoontraffic import scenario, shipped, simulation
+from platoontraffic.errors import InputError
+from tests.support import ODD_NETS
+from tests.support.runs import run
+
+ROUTES = [  # each turn of each junction of `corridor`, and its bends both ways
+    "west_light light_prio prio_rw rw_rs rs_re re_b0 b0_b1 b1_b2 b2_east",
+    "east_b2 b2_b1 b1_b0 b0_re re_rn rn_rw rw_prio prio_light light_west",
+    "west_light light_light_n",
+    "west_light light_light_s",
+    "light_n_light light_west",
+    "light_n_light light_prio prio_prio_s",
+    "light_s_light light_prio prio_prio_n",
+    "light_s_light light_west",
+    "prio_n_prio prio_light light_light_n",
+    "prio_n_prio prio_rw rw_rs rs_round_s",
+    "prio_s_prio prio_light light_light_s",
+    "prio_s_prio prio_rw rw_rs rs_re re_rn rn_round_n",
+    "round_n_rn rn_rw rw_prio prio_prio_n",
+    "round_s_rs rs_re re_b0 b0_b1",
+    "east_b2 b2_b1 b1_b0 b0_re re_rn rn_rw rw_rs rs_re re_b0",
+    "b0_re re_rn rn_rw rw_prio prio_prio_s",
+]
+
+
+def followers(folder: Path) -> pd.DataFrame:
+    """Rows of trajectories.csv; `locked`: on the predecessor; `visible`: five beams hit that."""
+    rows = pd.read_csv(folder / "trajectories.csv")
+    rows = rows[rows.place > 0]
+    ahead = rows.vehicle_id.str.rpartition(".")[0] + "." + (rows.place - 1).astype(str)
+    return rows.assign(locked=rows.target_id == ahead, visible=rows.beams_on_predecessor >= 5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_platoon_of_five_holds_through_every_turn_of_the_corridor(route, tmp_path):
+    edges = route.split()
+    text = shipped.scenarios()["corridor_tracking"].read_text(encoding="utf-8")
+    text = text.replace('edge = "west_light", position_m = 60.0', f'edge = "{edges[0]}", position_m = 51.0')
+    (tmp_path / "turns.toml").write_text(text.replace('to = "b2_east"', f"route = {edges}"), encoding="utf-8")
+    folder = run(tmp_path / "run", tmp_path / "turns.toml")
+    rows, events = followers(folder), pd.read_csv(folder / "events.csv")
+    assert rows[rows.visible].locked.mean() >= 0.99
+    assert rows.visible.mean() >= 0.99
+    assert rows.cross_track_m.abs().max() < 0.3
+    assert not events.kind.isin(["collision", "lock_lost", "off_road"]).any()
+    assert events.detail.iloc[-1] == "arrived"
+
+
+@pytest.mark.slow
+def test_ten_hold_at_thirty_metres_a_second(tmp_path):
+    folder = run(tmp_path / "run", "highway_tracking")
+    rows, events = followers(folder), pd.read_csv(folder / "events.csv")
+    assert rows[rows.visible].locked.mean() >= 0.99
+    assert rows.visible.all()
+    steady = rows[rows.time_s > 120]
+    assert steady.speed_mps.to_numpy() == pytest.approx(30, abs=0.5)
+    assert (steady.gap_error_m.abs() < 0.02 * 33).all()
+    assert rows.cross_track_m.abs().max() < 0.3
+    assert not events.kind.isin(["collision", "lock_lost", "off_road"]).any()
+
+
+OVERTAKES = """
+[sumo]
+net = "highway"
+traffic = false
+[scene]
+walls = "none"
+[run]
+duration_s = 60.0
+step_s = 0.1
+[[platoon]]
+size = 5
+gap_m = 15.0
+vehicle = "car"
+start = { edge = "e0_e1", position_m = 300.0, speed_mps = 20.0 }
+to = "e4_e5"
+leader = { law = "sumo", max_speed_mps = 25.0 }
+follower = { law = "tracking", odometry = "car" }
+[[obstacle]]
+kind = "car"
+start = { edge = "e0_e1", position_m = 420.0 }
+speed_mps = 15.0
+"""
+
+
+def test_a_platoon_changes_lanes_behind_a_leader_that_sumo_drives(tmp_path):
+    """It overtakes a slow car; each follower changes lanes where the leader did."""
+    file = tmp_path / "overtakes.toml"
+    file.write_text(OVERTAKES, encoding="utf-8")
+    folder = run(tmp_path / "run", file)
+    events, rows = (pd.read_csv(folder / f"{name}.csv") for name in ("events", "trajectories"))
+    assert set(events.kind) == {"departed", "locked", "obstacle", "end"}
+    rows = rows[rows.edge_id == "e0_e1"]
+    changed = rows[rows.lane_id == "e0_e1_1"].groupby("vehicle_id").x_m.first()
+    assert len(changed) == 5
+    assert changed.max() - changed.min() < 3.0
+    assert rows.cross_track_m.abs().max() < 0.1
+    follow = rows[rows.place > 0]
+    assert (follow.target_id == "platoon." + (follow.place - 1).astype(str)).all()
+    sideways = rows[rows.place == 0].y_m.diff().abs().max()
+    assert sideways == pytest.approx(3.5 / 30, rel=0.2)  # a lane's width in three seconds
+
+
+def test_who_is_on_the_lane_already_is_not_held_before_the_change_by_itself(tmp_path):
+    """The leader, that SUMO drives, changes lanes before the route does; its followers go with it."""
+    text = OVERTAKES[: OVERTAKES.index("[[platoon]]")].replace("highway", "NET").replace("60.0", "75.0")
+    text += """
+[[platoon]]
+size = 3
+gap_m = 4.0
+vehicle = "car"
+start = { edge = "west_in", position_m = 420.0 }
+to = "north_out"
+leader = { law = "sumo", max_speed_mps = 10.0 }
+follower = { law = "tracking", policy = "obey" }
+"""
+    cross = ODD_NETS / "cross.net.xml"
+    file = tmp_path / "cross.toml"
+    file.write_text(text.replace("NET", cross.as_posix()), encoding="utf-8")
+    events = pd.read_csv(run(tmp_path / "run", file) / "events.csv")
+    assert not (events.detail == "lane change").any()
+    assert not (events.kind == "collision").any()
+
+
+def test_who_stands_before_its_routes_begin_knows_the_way_to_it(tmp_path):
+    """The last cars of a platoon may stand on the prolongation of the lane where it starts."""
+    text = shipped.scenarios()["corridor_breakdown"].read_text(encoding="utf-8").split("[[breakdown]]")[0]
+    text = text.replace("warm_up_s = 120.0", "traffic = false").replace("duration_s = 400.0", "duration_s = 5.0")
+    text = text.replace('edge = "west_light", position_m = 90.0', 'edge = "light_prio", position_m = 5.0')
+    (tmp_path / "start.toml").write_text(text, encoding="utf-8")
+    events = pd.read_csv(run(tmp_path / "run", tmp_path / "start.toml") / "events.csv")
+    assert set(events.kind) == {"departed", "locked", "end"}
+    assert (events.time_s[events.kind == "locked"] == 0).all()
+    (tmp_path / "start.toml").write_text(text.replace("position_m = 5.0", "position_m = -5.0"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"platoon\.0\.start: .* position -5 m is not on it; must be 0\.\.331\.6 m"):
+        simulation.prepare(scenario.load(tmp_path / "start.toml"))

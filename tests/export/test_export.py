@@ -1,0 +1,209 @@
+"""What is exported says what was recorded."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import xml.etree.ElementTree as ET
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from platoontraffic.analysis import load
+from typer.testing import CliRunner
+
+from platoontraffic.cli.main import app
+from tests.support.made_runs import EVIL, LASER, LENGTH, made_run
+
+MEMBERS = 3
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    return made_run(tmp_path_factory.mktemp("results") / "ring" / "made", members=MEMBERS, seconds=5.0)
+
+
+def export(folder: Path, to: str) -> list[Path]:
+    done = CliRunner().invoke(app, ["export", str(folder), "--to", to])
+    assert (done.exit_code, done.stderr) == (0, "")
+    return [Path(line) for line in done.stdout.splitlines()]
+
+
+@pytest.fixture(scope="module")
+def bag(run) -> dict[str, list[tuple[int, object]]]:
+    """Topic -> times [ns] and messages, as another reader has them."""
+    pytest.importorskip("rosbags", reason="needs rosbags: pip install platoontraffic[ros]")
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    files = export(run, "mcap")
+    assert [file.name for file in files] == ["metadata.yaml", "rosbag.mcap"]
+    store, messages = get_typestore(Stores.ROS2_HUMBLE), {}
+    with Reader(files[0].parent) as reader:
+        for connection, time, raw in reader.messages():
+            message = store.deserialize_cdr(raw, connection.msgtype)
+            messages.setdefault(connection.topic, []).append((time, message))
+    return messages
+
+
+def seconds(message) -> float:
+    stamp = message.header.stamp
+    return stamp.sec + stamp.nanosec * 1e-9
+
+
+def test_every_range_comes_back_bit_for_bit(run, bag):
+    scans = load(run).scans
+    members = load(run).trajectories.vehicle_id.unique().tolist()
+    for number, vehicle in enumerate(members):
+        rows = np.flatnonzero(scans.vehicle_id[scans.vehicle] == vehicle)
+        messages = bag[f"/scan{number}"]
+        assert len(messages) == len(rows) > 0
+        for row, (time, message) in zip(rows, messages, strict=True):
+            assert message.ranges.dtype == np.float32
+            assert message.ranges.tobytes() == scans.ranges(row).astype("<f4").tobytes()
+            assert time * 1e-9 == pytest.approx(scans.time_s[row], abs=1e-9)
+            assert seconds(message) == pytest.approx(scans.time_s[row], abs=1e-9)
+            assert message.header.frame_id == f"{vehicle}/laser"
+            last = message.angle_min + message.angle_increment * (len(message.ranges) - 1)
+            assert last == pytest.approx(message.angle_max, abs=1e-5)
+
+
+def test_lost_near_and_absent_returns_are_those_of_rep_117(tmp_path):
+    pytest.importorskip("rosbags")
+    from platoontraffic.export import rosbag
+
+    folder = made_run(tmp_path / "run", seconds=1.0)
+    with np.load(folder / "scans.npz") as archive:
+        columns = dict(archive)
+    columns["ranges_m"][:3] = np.inf, -np.inf, np.nan
+    np.savez(folder / "scans.npz", **columns)
+    first = next(m.message for m in rosbag._messages(load(folder)) if m.topic.startswith("/scan"))
+    raw = rosbag.STORE.serialize_cdr(first, first.__msgtype__)
+    again = rosbag.STORE.deserialize_cdr(raw, first.__msgtype__).ranges[:3]
+    assert again[0] == np.inf
+    assert again[1] == -np.inf
+    assert np.isnan(again[2])
+
+
+def test_poses_and_twists_are_those_of_the_table(run, bag):
+    rows = load(run).trajectories
+    for number, (vehicle, own) in enumerate(rows.groupby("vehicle_id")):
+        odometry, twists = bag[f"/rbt_isr_{number}/odom"], bag[f"/rbt_isr_{number}/cmd_vel"]
+        assert len(odometry) == len(twists) == len(own)
+        assert [seconds(m) for _, m in odometry] == pytest.approx(own.time_s.tolist(), abs=1e-9)
+        assert {(m.header.frame_id, m.child_frame_id) for _, m in odometry} == {("map", f"{vehicle}/base_link")}
+        poses = [m.pose.pose for _, m in odometry]
+        assert [[p.position.x, p.position.y] for p in poses] == own[["x_m", "y_m"]].to_numpy().tolist()
+        headings = [2 * np.arctan2(p.orientation.z, p.orientation.w) for p in poses]
+        assert np.cos(headings - own.heading_rad).min() == pytest.approx(1.0, abs=1e-12)
+        assert [[m.linear.x, m.angular.z] for _, m in twists] == own[
+            ["speed_mps", "yaw_rate_radps"]
+        ].to_numpy().tolist()
+
+
+def test_frames_lead_from_the_map_to_the_laser(run, bag):
+    times = load(run).trajectories.time_s.unique()
+    assert [time for time, _ in bag["/tf"]] == [round(time * 1e9) for time in times]
+    members = load(run).trajectories.vehicle_id.unique()
+    for _, message in bag["/tf"]:
+        frames = [(t.header.frame_id, t.child_frame_id) for t in message.transforms]
+        assert frames == [("map", f"{vehicle}/base_link") for vehicle in members]
+    ((_, mounts),) = bag["/tf_static"]
+    frames = {(t.header.frame_id, t.child_frame_id, t.transform.translation.x) for t in mounts.transforms}
+    assert frames == {(f"{vehicle}/base_link", f"{vehicle}/laser", LASER) for vehicle in members}
+
+
+def test_a_bag_is_written_again_in_the_place_of_the_old_one(run, bag):
+    before = (run / "rosbag" / "rosbag.mcap").read_bytes()
+    (run / "rosbag" / "old").touch()
+    export(run, "mcap")
+    assert (run / "rosbag" / "rosbag.mcap").read_bytes() == before
+    assert not (run / "rosbag" / "old").exists()
+
+
+def test_without_rosbags_it_says_what_to_install(run, monkeypatch):
+    monkeypatch.delitem(sys.modules, "platoontraffic.export.rosbag", raising=False)
+    monkeypatch.setitem(sys.modules, "rosbags.interfaces", None)
+    done = CliRunner().invoke(app, ["export", str(run), "--to", "mcap"])
+    assert (done.exit_code, done.stderr.count("\n")) == (3, 1)
+    assert 'pip install "platoontraffic[ros]"' in done.stderr
+
+
+def vehicles(file: Path) -> pd.DataFrame:
+    """Of an FCD file, poses of centres in the project's own frame."""
+    rows = []
+    for step in ET.parse(file).getroot():
+        for vehicle in step:
+            heading = np.radians(90 - float(vehicle.get("angle")))
+            front = float(vehicle.get("x")), float(vehicle.get("y"))
+            x, y = front[0] - LENGTH / 2 * np.cos(heading), front[1] - LENGTH / 2 * np.sin(heading)
+            rows.append((float(step.get("time")), vehicle.get("id"), x, y, heading, float(vehicle.get("speed"))))
+    columns = ["time_s", "vehicle_id", "x_m", "y_m", "heading_rad", "speed_mps"]
+    return pd.DataFrame(rows, columns=columns).sort_values(["time_s", "vehicle_id"]).reset_index(drop=True)
+
+
+def test_floating_car_data_and_tables_have_the_same_poses(run):
+    (file,) = export(run, "fcd")
+    results = load(run)
+    rows = pd.concat([results.trajectories, results.traffic]).sort_values(["time_s", "vehicle_id"])
+    read = vehicles(file)
+    assert EVIL in set(read.vehicle_id)
+    assert read[["time_s", "vehicle_id"]].to_numpy().tolist() == rows[["time_s", "vehicle_id"]].to_numpy().tolist()
+    for name in ("x_m", "y_m", "speed_mps"):
+        assert np.abs(read[name].to_numpy() - rows[name].to_numpy()).max() < 1e-6
+    assert np.cos(read.heading_rad.to_numpy() - rows.heading_rad.to_numpy()).min() > 1 - 1e-14
+
+
+def test_floating_car_data_are_what_sumo_says_they_are(run):
+    xmlschema = pytest.importorskip("xmlschema", reason="needs xmlschema, and the schemas of eclipse-sumo")
+    sumo = pytest.importorskip("sumo")
+    (file,) = export(run, "fcd")
+    xmlschema.XMLSchema(Path(sumo.SUMO_HOME, "data", "xsd", "fcd_file.xsd")).validate(file)
+
+
+def test_sumos_own_reader_takes_floating_car_data(run):
+    import sumolib
+
+    (file,) = export(run, "fcd")
+    steps = list(sumolib.xml.parse(str(file), "timestep"))
+    assert len(steps) == load(run).trajectories.time_s.nunique()
+    assert all(float(a.time) < float(b.time) for a, b in pairwise(steps))
+    assert len(steps[0].vehicle) == MEMBERS + 20
+
+
+@pytest.mark.sumo
+def test_sumo_and_floating_car_data_agree_on_where_a_vehicle_is(one_corner, tmp_path):
+    """The leader starts with its front bumper at the position that the scenario gives to SUMO."""
+    shutil.copytree(one_corner, tmp_path / "run")
+    (file,) = export(tmp_path / "run", "fcd")
+    first = ET.parse(file).getroot()[0][0]
+    row = load(one_corner).trajectories.iloc[0]
+    length = load(one_corner).vehicles.length_m.iloc[0]
+    assert float(first.get("x")) == pytest.approx(row.x_m + length / 2 * np.cos(row.heading_rad), abs=1e-5)
+    assert first.get("lane") == row.lane_id
+
+
+@pytest.mark.parametrize("to", ["mcap", "fcd", "parquet"])
+@pytest.mark.parametrize("what", ["nothing", "unfinished"])
+def test_what_is_not_a_finished_run_is_one_line(to, what, tmp_path):
+    pytest.importorskip("rosbags" if to == "mcap" else "pyarrow" if to == "parquet" else "pandas")
+    folder = tmp_path / what
+    if what == "unfinished":
+        (made_run(folder, seconds=1.0) / "DONE").unlink()
+    done = CliRunner().invoke(app, ["export", str(folder), "--to", to])
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+
+
+def test_a_run_without_scans_says_how_to_record_them(tmp_path):
+    pytest.importorskip("rosbags")
+    folder = made_run(tmp_path / "run", seconds=1.0, scans_every=None)
+    done = CliRunner().invoke(app, ["export", str(folder), "--to", "mcap"])
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert "record.scans_every_s" in done.stderr
+
+
+def test_an_unknown_format_is_one_line(run):
+    done = CliRunner().invoke(app, ["export", str(run), "--to", "mcpa"])
+    assert (done.exit_code, done.stderr) == (2, "--to: 'mcpa': must be parquet, mcap or fcd; did you mean 'mcap'?\n")

@@ -1,0 +1,102 @@
+"""When a follower is split off, why, and when it is back; SUMO is not needed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from platoontraffic.controllers import Signals
+from platoontraffic.controllers.tracking import TrackingFollower
+from tests.observation.test_observer import CAR, Watched, cars
+
+AHEAD, OTHER, NOTHING = [0] * 20, [2] * 20, [-2] * 20
+
+
+class Road(Watched):
+    """A follower 20 m behind its leader, centre to centre, ten steps a second; its law wants 3 m at rest."""
+
+    def __init__(self, number: int = 2) -> None:
+        leader, *followers = cars(number - 1)
+        super().__init__([leader, *(replace(m, law=TrackingFollower()) for m in followers)])
+        self.time, self.noted = 0.0, []
+
+    def drive(self, seconds: float, hits=AHEAD, gap: float = 20.0, signals: Signals | None = None, **here) -> None:
+        for _ in range(round(seconds / 0.1)):
+            here.setdefault("others", [-60.0])
+            seen = self.at(self.time, x=[0.0, -gap], hits=hits, signals=signals, **here)
+            self.noted += [e for e in seen.events if e.kind in ("split", "rejoined", "held", "released")]
+            self.time = round(self.time + 0.1, 6)
+
+    @property
+    def kinds(self) -> list[str]:
+        return [e.kind for e in self.noted]
+
+
+def lines(is_open: bool, reason: int, distance: float = 3.0) -> Signals:
+    far = np.array([np.inf, distance])
+    return Signals(far, np.array([True, is_open]), *np.zeros((2, 2), bool), np.array([0, reason]))
+
+
+def test_two_seconds_without_its_predecessor_are_a_split_and_the_next_sight_ends_it():
+    road = Road()
+    road.drive(3)
+    road.drive(1.9, NOTHING)
+    road.drive(2)
+    assert road.noted == []
+    road.drive(5, NOTHING)
+    road.drive(1)
+    assert road.kinds == ["split", "rejoined"]
+    split, rejoined = road.noted
+    assert (split.vehicle, split.other, split.detail) == ("robot.1", "robot.0", "out of sight")
+    assert split.time == pytest.approx(6.9 + 2.0, abs=0.11)
+    assert rejoined.duration == pytest.approx(5.0, abs=0.11)
+
+
+def test_who_takes_another_is_split_off_and_says_whom():
+    road = Road()
+    road.drive(1)
+    road.drive(3, OTHER)
+    assert [e.detail for e in road.noted] == ["took other.0 for it"]
+
+
+def test_somebody_between_is_the_cause():
+    road = Road()
+    road.drive(1)
+    road.drive(3, OTHER, others=[-9.0])
+    assert [e.detail for e in road.noted] == ["other.0 between"]
+
+
+@pytest.mark.parametrize(("more", "noted"), [(-0.1, []), (0.1, ["fell behind"])])
+def test_a_gap_much_longer_than_wanted_is_a_split_though_it_is_locked(more, noted):
+    road = Road()
+    farthest = 3.0 + 15.0 + CAR.length  # from centre to centre, at rest: 15 m above what is wanted
+    road.drive(3, gap=farthest + more)
+    assert [e.detail for e in road.noted] == noted
+
+
+def test_a_closed_line_holds_and_is_the_cause_of_the_split_after_it():
+    road = Road()
+    road.drive(1)
+    road.drive(4, signals=lines(False, 1), speed=[10.0, 0.0])
+    road.drive(1, signals=lines(True, 1), speed=[10.0, 0.0])
+    road.drive(3, NOTHING, signals=lines(True, 2, np.inf))
+    assert [(e.kind, e.detail) for e in road.noted] == [
+        ("held", "light"),
+        ("released", ""),
+        ("split", "held by light 7.0 s ago"),
+    ]
+    assert road.noted[1].duration == pytest.approx(4.0, abs=0.11)
+
+
+def test_who_passes_a_closed_line_at_speed_is_not_held():
+    road = Road()
+    road.drive(2, signals=lines(False, 1), speed=[10.0, 8.0])
+    assert road.noted == []
+
+
+def test_a_leader_is_never_split_off():
+    road = Road(1)
+    for k in range(50):
+        assert [e for e in road.at(0.1 * k, x=[0.0]).kinds if e[0] != "departed"] == []

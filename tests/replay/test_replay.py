@@ -1,0 +1,514 @@
+"""The replay's page in a browser: what it draws is what the tables say."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from platoontraffic.analysis import ResultsError, load
+from typer.testing import CliRunner
+
+from platoontraffic.cli.main import app
+from platoontraffic.errors import InputError
+from platoontraffic.replay import page
+from platoontraffic.replay.columns import Columns
+from platoontraffic.replay.content import packed
+from tests.support.browser import NoBrowser, chromium, until
+from tests.support.made_runs import EVIL, LASER, LENGTH, RADIUS, REMEMBERED, angle, made_run, other_pose, pose
+
+# When the first follower's heading goes from π to -π.
+ACROSS = (np.pi / 2 - angle(1, 0.0)) / (angle(1, 1.0) - angle(1, 0.0))
+CENTIMETRE = 0.01  # to which the page knows places of cars [m]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    """A folder with a run, and its page."""
+    folder = made_run(tmp_path_factory.mktemp("results") / "ring" / "made")
+    page(folder, folder / "replay.html")
+    return folder
+
+
+# ---- what is written for the page
+
+
+def unpacked(data: bytes) -> tuple[dict, bytes]:
+    whole = gzip.decompress(data)
+    n = int.from_bytes(whole[:4], "little")
+    return json.loads(whole[4 : 4 + n]), whole[4 + n :]
+
+
+def read(place: dict, content: bytes) -> np.ndarray:
+    """A column, read another way than the page does."""
+    n = place["n"]
+    planes = [np.frombuffer(content, np.uint8, n, place["at"] + i * n).astype(int) for i in range(place["planes"])]
+    signed = sum(plane << (8 * i) for i, plane in enumerate(planes))
+    whole = np.cumsum(np.where(signed % 2, -(signed + 1) // 2, signed // 2)).astype(float)
+    if "lowest" in place:
+        whole = np.where(whole == 0, np.nan, whole - 1 + place["lowest"])
+    return whole * place["step"]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e3, 1e7])
+def test_columns_come_back_to_half_a_step(scale):
+    rng = np.random.default_rng(1)
+    columns, given = Columns(), [scale * rng.normal(size=100), np.array([]), scale * rng.normal(size=7)]
+    given[2][[0, 3, 6]] = np.nan
+    places = [columns.add(values, 0.01) for values in given]
+    _, content = unpacked(columns.packed({}))
+    for place, values in zip(places, given, strict=True):
+        np.testing.assert_allclose(read(place, content), values, rtol=0, atol=0.005 * (1 + 1e-6))
+
+
+def test_a_scan_is_written_with_all_that_a_range_can_be(tmp_path):
+    folder = made_run(tmp_path / "run", seconds=1.0)
+    with np.load(folder / "scans.npz") as archive:
+        parts = dict(archive)
+    parts["ranges_m"][:3] = np.inf, -np.inf, np.nan
+    np.savez(folder / "scans.npz", **parts)
+    header, content = unpacked(packed(load(folder)))
+    ranges = read(header["scans"]["ranges"], content)
+    assert ranges[:3].tolist() == [0, 1, 2]
+    finite = np.isfinite(parts["ranges_m"][:720])
+    step = 30.0 / header["scans"]["rangeSteps"]
+    np.testing.assert_allclose((ranges[:720][finite] - 3) * step, parts["ranges_m"][:720][finite], atol=step / 2 + 1e-6)
+
+
+def test_the_same_run_gives_the_same_page(made, tmp_path):
+    again = page(made, tmp_path / "again.html")
+    assert again.read_bytes() == (made / "replay.html").read_bytes()
+
+
+# ---- in the browser
+
+
+@pytest.fixture(scope="module")
+def browser():
+    try:
+        with chromium() as started:
+            yield started
+    except NoBrowser as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture
+def opened(browser):
+    """Opens a page from disk; afterwards nothing must have gone wrong in it, and nothing been asked of a network."""
+    contexts, said, asked = [], [], []
+
+    def open_page(file: Path, **context):
+        contexts.append(browser.new_context(**({"viewport": {"width": 1280, "height": 860}} | context)))
+        tab = contexts[-1].new_page()
+        tab.on("console", lambda message: said.append(message.text) if message.type in ("error", "warning") else None)
+        tab.on("pageerror", lambda error: said.append(str(error)))
+        tab.on("dialog", lambda dialog: said.append(f"dialog: {dialog.message}"))
+        tab.on("request", lambda request: asked.append(request.url))
+        tab.goto(file.as_uri())
+        until(tab, "window.replay?.drawn")
+        return tab
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert said == []
+    assert [url for url in asked if not url.startswith("file://")] == []
+    assert len(asked) == len(contexts)
+
+
+def seek(tab, time: float) -> dict:
+    tab.evaluate("t => { slider.value = t; slider.dispatchEvent(new Event('input')); }", time)
+    until(tab, "t => Math.abs(replay.drawn.time - t) < 1e-3", time)
+    return tab.evaluate("replay")
+
+
+def member(state: dict, name: str) -> dict:
+    return next(m for m in state["drawn"]["members"] if m["id"] == name)
+
+
+def turn(a: float, b: float) -> float:
+    return abs((a - b + np.pi) % (2 * np.pi) - np.pi)
+
+
+def test_a_browser_without_a_base64_of_its_own_reads_the_same(browser, made):
+    context = browser.new_context()
+    context.add_init_script("delete Uint8Array.fromBase64")
+    tab = context.new_page()
+    tab.goto((made / "replay.html").as_uri())
+    until(tab, "window.replay?.drawn")
+    assert len(tab.evaluate("replay.drawn.members")) == 3
+    context.close()
+
+
+@pytest.mark.parametrize("time", [0.0, 6.3, 12.8, 20.0])
+def test_members_are_drawn_where_the_table_has_them(opened, made, time):
+    state = seek(opened(made / "replay.html"), time)
+    rows = pd.read_csv(made / "trajectories.csv")
+    for row in rows[np.isclose(rows.time_s, time)].itertuples():
+        drawn = member(state, row.vehicle_id)
+        assert np.hypot(drawn["x"] - row.x_m, drawn["y"] - row.y_m) < CENTIMETRE
+        assert turn(drawn["heading"], row.heading_rad) < 1e-3
+
+
+@pytest.mark.parametrize("time", [6.35, ACROSS])
+def test_between_recorded_instants_vehicles_are_in_between(opened, made, time):
+    state = seek(opened(made / "replay.html"), time)
+    x, y, heading = pose(angle(1, time))
+    drawn = member(state, "platoon.1")
+    assert np.hypot(drawn["x"] - x, drawn["y"] - y) < CENTIMETRE
+    assert turn(drawn["heading"], heading) < 2e-3
+
+
+def test_it_plays_and_pauses(opened, made):
+    tab = opened(made / "replay.html")
+    tab.get_by_role("button", name="Play").click()
+    until(tab, "replay.time > 0.3")
+    tab.get_by_role("button", name="Pause").click()
+    state = tab.evaluate("replay")
+    assert not state["playing"]
+    x, y, _ = pose(angle(1, state["time"]))
+    assert np.hypot(member(state, "platoon.1")["x"] - x, member(state, "platoon.1")["y"] - y) < 0.2
+    tab.wait_for_timeout(200)
+    assert tab.evaluate("replay.time") == state["time"]
+
+
+def test_faster_is_faster(opened, made):
+    tab = opened(made / "replay.html")
+    tab.locator("#speed").select_option("10")
+    tab.keyboard.press("Escape")
+    tab.get_by_role("button", name="Play").click()
+    tab.wait_for_timeout(700)
+    assert tab.evaluate("replay.time") > 3
+    until(tab, "!replay.playing")
+    assert tab.evaluate("replay.time") == 20.0  # and stops at the end
+
+
+def test_steps_go_from_recorded_instant_to_instant_and_with_shift_from_scan_to_scan(opened, made):
+    tab = opened(made / "replay.html")
+    times = []
+    for key in ("ArrowRight", "ArrowRight", "ArrowLeft", "Shift+ArrowRight", "Shift+ArrowRight", "Shift+ArrowLeft"):
+        tab.keyboard.press(key)
+        times.append(round(tab.evaluate("replay.time"), 6))
+    assert times == [0.1, 0.2, 0.1, 0.5, 1.0, 0.5]
+
+
+def test_an_event_in_the_list_jumps_there_and_shows_who_is_taken_for_the_predecessor(opened, made):
+    tab = opened(made / "replay.html")
+    tab.get_by_role("button", name="wrong target").click()
+    until(tab, "replay.drawn.time === 10")
+    state = tab.evaluate("replay")
+    row = pd.read_csv(made / "trajectories.csv").query("vehicle_id == 'platoon.1' and time_s == 10").iloc[0]
+    assert state["chosen"] == row.vehicle_id
+    target = state["drawn"]["target"]
+    assert (target["id"], target["right"]) == (row.target_id, False) == (EVIL, False)
+    laser = np.array([row.x_m, row.y_m]) + LASER * np.array([np.cos(row.heading_rad), np.sin(row.heading_rad)])
+    bearing = row.heading_rad + row.seen_bearing_rad
+    distance = row.seen_gap_m + LENGTH / 2 - LASER  # the gap is from the bumper, the bearing from the laser
+    seen = laser + distance * np.array([np.cos(bearing), np.sin(bearing)])
+    np.testing.assert_allclose([target["x"], target["y"]], seen, atol=0.03)
+    tab.keyboard.press("n")
+    assert tab.evaluate("replay.time") == 13.5
+    assert tab.evaluate("replay.chosen") == "platoon.2"
+    tab.keyboard.press("p")
+    assert tab.evaluate("replay.time") == 10
+
+
+def test_a_mark_over_the_slider_jumps_too(opened, made):
+    tab = opened(made / "replay.html")
+    box = tab.locator("#marks").bounding_box()
+    tab.locator("#marks").click(position={"x": box["width"] * 13.5 / 20 + 3, "y": box["height"] / 2})
+    assert tab.evaluate("replay.time") == 13.5
+
+
+def test_another_vehicle_is_followed(opened, made):
+    tab = opened(made / "replay.html")
+    assert tab.evaluate("replay.chosen") == "platoon.1"
+    tab.get_by_role("button", name="platoon.2").first.click()
+    state = seek(tab, 5.0)
+    assert (state["chosen"], state["follows"]) == ("platoon.2", "platoon.2")
+    row = pd.read_csv(made / "trajectories.csv").query("vehicle_id == 'platoon.2' and time_s == 5").iloc[0]
+    np.testing.assert_allclose(state["centre"], [row.x_m, row.y_m], atol=CENTIMETRE)
+    assert state["drawn"]["target"]["id"] == "platoon.1"
+    tab.keyboard.press("1")
+    assert tab.evaluate("replay.chosen") == "platoon.0"
+
+
+def test_a_press_on_a_stranger_follows_it(opened, made):
+    tab = opened(made / "replay.html")
+    tab.keyboard.press("0")
+    state = seek(tab, 3.0)
+    x, y, _ = other_pose(7, 3.0, 20)
+    box = tab.locator("#map").bounding_box()
+    tab.locator("#map").click(
+        position={
+            "x": box["width"] / 2 + (x - state["centre"][0]) * state["scale"],
+            "y": box["height"] / 2 - (y - state["centre"][1]) * state["scale"],
+        }
+    )
+    assert tab.evaluate("replay.follows") == "car.7"
+
+
+def test_dragging_moves_the_map_and_lets_go(opened, made):
+    tab = opened(made / "replay.html")
+    before = tab.evaluate("replay")
+    box = tab.locator("#map").bounding_box()
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    tab.mouse.move(*middle)
+    tab.mouse.down()
+    tab.mouse.move(middle[0] + 100, middle[1] + 50, steps=5)
+    tab.mouse.up()
+    state = tab.evaluate("replay")
+    assert state["follows"] is None
+    moved = np.subtract(state["centre"], before["centre"]) * state["scale"]
+    np.testing.assert_allclose(moved, [-100, 50], atol=0.5)
+    tab.mouse.wheel(0, -300)
+    until(tab, "s => replay.scale > 1.2 * s", state["scale"])
+
+
+def test_two_fingers_zoom_and_one_moves(opened, made):
+    tab = opened(made / "replay.html", viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    tab.locator("#map").scroll_into_view_if_needed()
+    box = tab.locator("#map").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    hand = tab.context.new_cdp_session(tab)
+
+    def touch(kind: str, *offsets: tuple[float, float]) -> None:
+        points = [{"x": x + dx, "y": y + dy, "id": i} for i, (dx, dy) in enumerate(offsets)]
+        hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    before = tab.evaluate("replay.scale")
+    touch("touchStart", (-40, 0), (40, 0))
+    for apart in (50, 60, 70, 80):
+        touch("touchMove", (-apart, 0), (apart, 0))
+    touch("touchEnd")
+    assert 1.6 < tab.evaluate("replay.scale") / before <= 2.1
+    assert tab.evaluate("replay.follows") == "platoon.1"
+    touch("touchStart", (0, 0))
+    for dx in (10, 20, 40):
+        touch("touchMove", (dx, 0))
+    touch("touchEnd")
+    assert tab.evaluate("replay.follows") is None
+
+
+def test_the_scan_is_that_of_the_archive(opened, made):
+    state = seek(opened(made / "replay.html"), 5.2)
+    with np.load(made / "scans.npz") as archive:
+        which = np.flatnonzero((archive["time_s"] == 5.0) & (archive["vehicle_id"][archive["vehicle"]] == "platoon.1"))
+        begin, end = archive["offset"][which[0] : which[0] + 2]
+        returns = np.isfinite(archive["ranges_m"][begin:end]).sum()
+    scan = state["drawn"]["scan"]
+    assert (scan["time"], scan["beams"], scan["returns"]) == (5.0, 720, returns)
+    assert returns > 100
+    assert scan["segments"] >= 1
+
+
+def test_what_is_seen_with_a_layer_is_gone_without_it(opened, made):
+    tab = opened(made / "replay.html")
+    assert tab.evaluate("replay.drawn.traffic") > 0
+    for name in ("Beams and returns", "Target chosen", "Other traffic"):
+        tab.get_by_label(name).uncheck()
+    until(tab, "replay.drawn.traffic === 0 && !replay.drawn.scan && !replay.drawn.target")
+
+
+def test_a_remembered_path_is_written_where_it_is(made):
+    header, content = unpacked(packed(load(made)))
+    scans, path = header["scans"], header["scans"]["path"]
+    offset = read(path["offset"], content).astype(int)
+    laser, time = read(scans["laser"], content), read(scans["time"], content)
+    (i,) = np.flatnonzero((laser == 1) & (np.abs(time - 5.0) < 1e-6))
+    rows = slice(offset[i], offset[i + 1])
+    points = np.column_stack([read(path[name], content)[rows] for name in "xy"]) + header["origin"]
+    along = angle(1, 5.0) + np.linspace(0, angle(0, 5.0) - angle(1, 5.0), REMEMBERED)
+    assert points == pytest.approx(np.column_stack(pose(along)[:2]), abs=2.5 * CENTIMETRE)
+
+
+def test_the_path_that_a_law_remembers_is_a_layer(opened, made):
+    tab = opened(made / "replay.html")
+    seek(tab, 5.0)
+    assert tab.evaluate("replay.drawn.remembered") == REMEMBERED
+    tab.get_by_label("Path remembered").uncheck()
+    until(tab, "replay.drawn.remembered === 0")
+
+
+def test_laws_that_tell_no_path_have_no_layer_of_it(opened, tmp_path):
+    folder = made_run(tmp_path / "run", seconds=2.0)
+    with np.load(folder / "scans.npz") as archive:
+        columns = {name: archive[name] for name in archive if not name.startswith("path")}
+    np.savez(folder / "scans.npz", **columns)
+    tab = opened(page(folder, tmp_path / "replay.html"))
+    assert tab.get_by_label("Path remembered (not recorded)").is_disabled()
+    assert tab.evaluate("replay.drawn.remembered") == 0
+
+
+@pytest.mark.parametrize("kind", ["cut_in", "red_light_run", "collision", "split", "levitated"])
+def test_every_kind_of_event_has_a_mark_and_its_name_known_here_or_not(kind, opened, tmp_path):
+    folder = made_run(tmp_path / "run", seconds=5.0)
+    with (folder / "events.csv").open("a") as file:
+        file.write(f"3.0,{kind},platoon.1,,,,0.0,0.0\n")
+    tab = opened(page(folder, tmp_path / "replay.html"))
+    item = tab.locator(f'#events [data-kind="{kind}"]')
+    assert kind.replace("_", " ") in item.inner_text()
+    assert item.locator(".bad, .warn").count() == 1
+    box = tab.locator("#marks").bounding_box()
+    tab.mouse.move(box["x"] + box["width"] * 3 / 5, box["y"] + box["height"] / 2)
+    until(tab, f"document.getElementById('marks').title.includes({kind.replace('_', ' ')!r})")
+
+
+def test_a_name_that_is_a_script_is_text(opened, made):
+    tab = opened(made / "replay.html")
+    seek(tab, 11.0)
+    assert EVIL in tab.locator("#members").inner_text()
+    assert EVIL in tab.locator("#events").inner_text()
+    assert EVIL in tab.locator("h1").inner_text()
+    assert tab.locator("script").count() == 1  # the page's own; that of the data has gone
+    assert "alert" not in (made / "replay.html").read_text(encoding="utf-8").split("<style>")[0]
+
+
+def test_strips_lead_and_follow(opened, made):
+    tab = opened(made / "replay.html")
+    strip = tab.locator(".strip canvas").nth(1)
+    box = strip.bounding_box()
+    strip.click(position={"x": 44 + (box["width"] - 52) / 4, "y": 20})
+    assert abs(tab.evaluate("replay.time") - 5.0) < 0.1
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_on_a_phone_nothing_is_wider_than_the_screen(opened, made, scheme):
+    tab = opened(
+        made / "replay.html",
+        viewport={"width": 390, "height": 844},
+        has_touch=True,
+        is_mobile=True,
+        color_scheme=scheme,
+    )
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+    assert tab.locator("#play").bounding_box()["height"] >= 44
+    tab.locator("#play").tap()
+    until(tab, "replay.time > 0.1")
+
+
+def test_every_control_has_a_name(opened, made):
+    tab = opened(made / "replay.html")
+    nameless = tab.evaluate(
+        """[...document.querySelectorAll("button, select, input, canvas:not([aria-hidden])")].filter((e) =>
+            !(e.getAttribute("aria-label") || e.textContent.trim() || e.labels?.length)).map((e) => e.outerHTML)"""
+    )
+    assert nameless == []
+    tab.get_by_role("slider", name="Time").press("ArrowRight")
+    until(tab, "slider.getAttribute('aria-valuetext') === '0.1 s'")
+    assert "platoon.1: speed" in tab.locator("#now").inner_text()
+
+
+def test_without_what_was_not_recorded_the_page_opens_and_says_so(opened, tmp_path):
+    folder = made_run(tmp_path / "run", traffic_every=None, scans_every=None, seconds=2.0)
+    (folder / "vehicles.csv").unlink()  # as of runs of the first version
+    (folder / "provenance.json").unlink()
+    tab = opened(page(folder, folder / "replay.html"))
+    assert "Not recorded in this run: other vehicles" in tab.locator("#missing").inner_text()
+    assert "scans" in tab.locator("#missing").inner_text()
+    assert tab.get_by_label("Beams and returns").is_disabled()
+    assert len(tab.evaluate("replay.drawn.members")) == 3
+
+
+def test_a_leader_alone_has_a_page(opened, tmp_path):
+    folder = made_run(tmp_path / "run", members=1, others=1, seconds=2.0)
+    tab = opened(page(folder, folder / "replay.html"))
+    assert tab.evaluate("replay.chosen") == "platoon.0"
+    tab.keyboard.press("End")
+
+
+def test_members_that_come_and_go_are_drawn_only_while_they_are_there(opened, tmp_path):
+    folder = made_run(tmp_path / "run", seconds=4.0)
+    rows = pd.read_csv(folder / "trajectories.csv")
+    here = (rows.vehicle_id != "platoon.2") | rows.time_s.between(1.0, 2.0) | rows.time_s.between(3.0, 3.5)
+    rows[here].to_csv(folder / "trajectories.csv", index=False)
+    tab = opened(page(folder, folder / "replay.html"))
+    for time, there in ((0.5, False), (1.0, True), (1.95, True), (2.5, False), (3.2, True), (3.9, False)):
+        assert any(m["id"] == "platoon.2" for m in seek(tab, time)["drawn"]["members"]) == there, time
+
+
+# ---- bad input
+
+
+def call(*arguments: object):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.mark.parametrize("command", ["replay", "report"])
+def test_what_is_no_finished_run_is_said_in_a_line(command, tmp_path):
+    unfinished = made_run(tmp_path / "unfinished", seconds=1.0)
+    (unfinished / "DONE").unlink()
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").touch()
+    for folder, words in (
+        (unfinished, "an unfinished run"),
+        (tmp_path / "empty", "not the folder of a run"),
+        (tmp_path / "file", "a file, not the folder of a run"),
+        (tmp_path / "missing", "no such folder"),
+    ):
+        done = call(command, folder)
+        assert (done.exit_code, done.stdout) == (2, "")
+        assert words in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+
+
+def test_an_unknown_member_is_said_in_a_line(made, tmp_path):
+    done = call("replay", made, "--vehicle", "platoon.9", "--to", tmp_path / "page.html")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert done.stderr == "--vehicle: no member 'platoon.9' in this run; did you mean 'platoon.2'?\n"
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError):
+        packed(load(made), "")
+
+
+def test_the_page_begins_with_the_member_that_was_asked_for(made, tmp_path):
+    done = call("replay", made, "--vehicle", "platoon.2", "--to", tmp_path / "page.html")
+    assert (done.exit_code, done.stdout.strip()) == (0, str(tmp_path / "page.html"))
+    header, _ = unpacked(packed(load(made), "platoon.2"))
+    assert header["chosen"] == "platoon.2"
+
+
+@pytest.mark.parametrize("command", ["replay", "report"])
+def test_a_page_that_cannot_be_written_is_said_in_a_line(command, made, tmp_path):
+    done = call(command, made, "--to", tmp_path / "nowhere" / "page.html")
+    assert done.exit_code == 2
+    assert "cannot be written: No such file or directory" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x05\x06" + bytes(18)])
+def test_scans_that_cannot_be_read_are_named(made, tmp_path, content):
+    folder = tmp_path / "run"
+    shutil.copytree(made, folder)
+    (folder / "scans.npz").write_bytes(content)
+    with pytest.raises(ResultsError, match=r"scans.npz: cannot be read"):
+        page(folder, tmp_path / "page.html")
+
+
+def test_nobody_on_the_road_is_said(made, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(made, folder)
+    head = (folder / "trajectories.csv").read_text().splitlines()[0]
+    (folder / "trajectories.csv").write_text(head + "\n")
+    for command in ("replay", "report"):
+        done = call(command, folder)
+        assert done.exit_code == 2
+        assert "nobody was ever on the road" in done.stderr
+
+
+def test_vehicles_may_be_called_like_numbers_or_nothing(tmp_path):
+    folder = made_run(tmp_path / "run", seconds=1.0)
+    text = (folder / "traffic.csv").read_text()
+    (folder / "traffic.csv").write_text(text.replace(EVIL, "NA").replace("car.7", "0012"))
+    header, _ = unpacked(packed(load(folder)))
+    assert {"NA", "0012"} <= set(header["traffic"]["ids"])
+
+
+def test_the_ring_is_where_it_should_be(made):
+    """What the other tests measure against."""
+    rows = pd.read_csv(made / "trajectories.csv")
+    np.testing.assert_allclose(np.hypot(rows.x_m, rows.y_m), RADIUS, atol=1e-5)

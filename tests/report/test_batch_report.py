@@ -1,0 +1,145 @@
+"""The report of a batch says what runs.csv and summary.csv say, whole or not."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from platoontraffic.cli.main import app
+from tests.report.test_report import Reader
+from tests.support.browser import NoBrowser, chromium
+from tests.support.made_runs import EVIL, made_batch, made_run
+
+KEY, OTHER = "platoon.size", "platoon.follower.law"
+
+
+@pytest.fixture
+def batch(tmp_path) -> Path:
+    return made_batch(tmp_path / "study", {KEY: [2, 3], OTHER: ["printed", EVIL]})
+
+
+def report(folder: Path, *arguments: str) -> str:
+    done = CliRunner().invoke(app, ["report", str(folder), *arguments])
+    assert (done.exit_code, done.stderr) == (0, "")
+    return Path(done.stdout.strip()).read_text(encoding="utf-8")
+
+
+def test_it_is_one_sound_file_that_asks_for_nothing(batch):
+    reader = Reader(report(batch))
+    assert reader.open == []
+    assert "script" not in reader.seen
+    assert all(address.startswith("data:") for address in reader.addresses)
+
+
+def test_it_lists_what_was_varied(batch):
+    rows = Reader(report(batch)).rows
+    assert [KEY, "2", "2, 3"] in rows
+    assert [OTHER, "2", f"printed, {EVIL}"] in rows
+
+
+def test_metrics_by_point_are_means_and_spreads_of_the_runs_that_are_done(batch):
+    rows = Reader(report(batch)).rows
+    assert ["2", "printed", "2", "2.5", "0.7071", "2", "3"] in rows  # the first seed failed: 2 and 3 remain
+    assert ["3", "printed", "3", "22", "1", "21", "23"] in rows
+    assert ["3", EVIL, "2", "31.5", "0.7071", "31", "32"] in rows  # the last seed is not done
+
+
+def test_failed_runs_are_told_with_their_errors_and_others_as_missing(batch):
+    rows = Reader(report(batch)).rows
+    assert ["run0-s1", "1", "2", "printed", f"{EVIL} is not a number"] in rows
+    assert ["run3-s3", "3", "3", EVIL] in rows
+
+
+@pytest.mark.parametrize(
+    ("varied", "drawn"),
+    [
+        ({KEY: [2, 3]}, "over platoon.size"),
+        ({OTHER: ["printed", EVIL, "tracking"]}, "over platoon.follower.law"),
+        ({KEY: [2, 3], OTHER: ["printed", "tracking"]}, "over platoon.size and platoon.follower.law"),
+        ({KEY: [2, 3], OTHER: ["a", "b"], "seedling": [True, False]}, "over all values of seedling"),
+    ],
+)
+def test_pictures_suit_the_number_of_keys_and_are_files(varied, drawn, tmp_path):
+    folder = made_batch(tmp_path / "study", varied)
+    assert drawn in re.sub(r"\s+", " ", report(folder))
+    assert (folder / "report-gap_mean_m.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "report-gap_mean_m.svg").read_bytes().startswith(b"<?xml")
+    assert not (folder / "report-collisions.png").exists()  # the same in all runs
+
+
+def test_a_metric_may_be_chosen(batch):
+    report(batch, "--metric", "collisions")
+    assert (batch / "report-collisions.svg").is_file()
+    assert not (batch / "report-gap_mean_m.svg").exists()
+
+
+def test_keys_that_move_together_are_one(tmp_path):
+    folder = made_batch(tmp_path / "study", {KEY: [2, 3, 4]})
+    for name in ("runs.csv", "summary.csv"):
+        lines = (folder / name).read_text().splitlines()
+        at = lines[0].split(",").index(KEY)
+        rows = [line.split(",") for line in lines]
+        rows = [[*row[: at + 1], "gap" if row[at] == KEY else f"g{row[at]}", *row[at + 1 :]] for row in rows]
+        (folder / name).write_text("".join(",".join(row) + "\n" for row in rows))
+    assert f"gap_mean_m over {KEY}: each run" in report(folder)
+
+
+def test_the_same_batch_gives_the_same_bytes(batch, tmp_path):
+    first = report(batch, "--to", str(tmp_path / "report.html"))
+    assert report(batch, "--to", str(tmp_path / "report.html")) == first
+
+
+@pytest.mark.parametrize(("failed", "waiting"), [(0, 12), (12, 0)])
+def test_a_batch_without_a_run_that_is_done_has_a_report(failed, waiting, tmp_path):
+    folder = made_batch(tmp_path / "study", {KEY: [2, 3, 4, 5]}, failed=failed, waiting=waiting)
+    text = report(folder)
+    assert ">12 of 12<" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--metric", "gap_mean"], "--metric: 'gap_mean': no metric in summary.csv; did you mean 'gap_mean_m'?"),
+        (["--to", "no/where.html"], "cannot be written: No such file or directory"),
+    ],
+)
+def test_wrong_use_is_one_line(arguments, said, batch, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["report", str(batch), *arguments])
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert said in done.stderr
+
+
+def test_a_run_has_no_metric_to_choose(tmp_path):
+    folder = made_run(tmp_path / "run", seconds=1.0)
+    done = CliRunner().invoke(app, ["report", str(folder), "--metric", "gap_mean_m"])
+    assert (done.exit_code, done.stderr) == (2, "--metric: is for batches; a run's report has them all\n")
+
+
+def test_a_batch_without_its_tables_is_one_line(batch):
+    (batch / "runs.csv").unlink()
+    done = CliRunner().invoke(app, ["report", str(batch)])
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert "runs.csv is missing" in done.stderr
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_in_a_browser_names_are_text_and_the_page_fits_a_phone(scheme, batch):
+    report(batch)
+    try:
+        with chromium() as browser:
+            tab = browser.new_context(viewport={"width": 390, "height": 800}, color_scheme=scheme).new_page()
+            said = []
+            tab.on("dialog", lambda dialog: said.append(dialog.message))
+            tab.on("request", lambda request: said.append(request.url) if request.url.startswith("http") else None)
+            tab.goto((batch / "report.html").as_uri())
+            assert EVIL in tab.inner_text("h1")
+            assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+            images = "[...document.images].every(image => image.complete && image.naturalWidth > 0)"
+            assert tab.evaluate(images)
+            assert said == []
+    except NoBrowser as error:
+        pytest.skip(str(error))

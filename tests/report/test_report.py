@@ -1,0 +1,100 @@
+"""The report says what the tables say."""
+
+from __future__ import annotations
+
+import html.parser
+import re
+from pathlib import Path
+
+import pytest
+from platoontraffic.analysis import load
+from typer.testing import CliRunner
+
+from platoontraffic.cli.main import app
+from platoontraffic.report import page
+from platoontraffic.results import metrics, sumo_tables
+from tests.support.made_runs import EVIL, made_run
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory) -> Path:
+    folder = made_run(tmp_path_factory.mktemp("results") / "ring" / "made")
+    return page(folder, folder / "report.html")
+
+
+class Reader(html.parser.HTMLParser):
+    """Tags that stay open, addresses, and rows of tables."""
+
+    void = frozenset({"meta", "link", "img", "br"})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open, self.seen, self.addresses, self.rows = [], set(), [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.seen.add(tag)
+        self.addresses += [value for name, value in attributes if name in ("src", "href")]
+        if tag not in self.void:
+            self.open.append(tag)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+
+
+def test_it_is_one_sound_file_that_asks_for_nothing(report):
+    reader = Reader(report.read_text(encoding="utf-8"))
+    assert reader.open == []
+    assert "script" not in reader.seen
+    assert all(address.startswith("data:") for address in reader.addresses)
+
+
+def test_events_and_metrics_are_those_of_the_tables(report):
+    rows = Reader(report.read_text(encoding="utf-8")).rows
+    results = load(report.parent)
+    assert ["10", "wrong_target", "platoon.1", EVIL, "", ""] in rows  # time, kind, vehicle, other, duration, detail
+    assert ["gap_mean", "m", "12", "12", ""] in rows
+    listed = [row for row in rows if len(row) == 6 and re.fullmatch(r"[\d.]+", row[0])]
+    assert len(listed) == len(results.events)
+
+
+def test_pictures_are_there_as_files(report):
+    for name, start in (("png", b"\x89PNG"), ("svg", b"<?xml")):
+        for what in ("road", "strips"):
+            assert (report.parent / f"report-{what}.{name}").read_bytes().startswith(start)
+
+
+def test_the_same_run_gives_the_same_bytes(report, tmp_path):
+    page(report.parent, tmp_path / "report.html")
+    for file in tmp_path.iterdir():
+        assert file.read_bytes() == (report.parent / file.name).read_bytes(), file.name
+
+
+@pytest.mark.parametrize("members", [1, 2])
+def test_a_leader_alone_and_a_pair_have_a_report(members, tmp_path):
+    folder = made_run(tmp_path / "run", members=members, seconds=2.0, traffic_every=None, scans_every=None)
+    assert page(folder, folder / "report.html").is_file()
+
+
+@pytest.mark.sumo
+def test_every_metric_of_a_run_is_explained_in_its_report(one_corner, tmp_path):
+    done = CliRunner().invoke(app, ["report", str(one_corner), "--to", str(tmp_path / "report.html")])
+    assert done.exit_code == 0, done.stderr
+    rows = {tuple(row[:1]): row for row in Reader((tmp_path / "report.html").read_text(encoding="utf-8")).rows}
+    for name in load(one_corner).metrics.dropna(subset="value").metric.unique():
+        assert rows[(name,)][-1], name
+
+
+def test_metrics_over_members_are_explained_by_those_of_members():
+    assert metrics.meaning("ttc_min") == "of ttc_s"
+    assert metrics.meaning("laps_min") == "the members' least laps: |turned_rad| / 2 pi at the end"
+    assert metrics.meaning("nonsense_min") == ""
+    assert all(sumo_tables.MEANINGS.values())

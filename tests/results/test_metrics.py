@@ -1,0 +1,155 @@
+"""Metrics of tables small enough to work out by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from platoontraffic.results.metrics import compute
+from platoontraffic.results.recorder import EVENTS, TRAJECTORIES
+
+
+def trajectories(**columns: list) -> pd.DataFrame:
+    """One follower behind one leader, as many instants as values; what is not given is zero."""
+    n = len(next(iter(columns.values())))
+    rows = {c.name: [0.0] * n for c in TRAJECTORIES} | {"time_s": [float(i) for i in range(n)], "platoon_id": ["p"] * n}
+    leader = pd.DataFrame(rows | {"vehicle_id": ["p.0"] * n, "place": [0] * n})
+    return pd.concat([leader, pd.DataFrame(rows | {"vehicle_id": ["p.1"] * n, "place": [1] * n} | columns)])
+
+
+def events(*rows: tuple) -> pd.DataFrame:
+    columns = "time_s", "kind", "vehicle_id", "other_id", "duration_s", "detail"
+    table = [dict(zip(columns, row, strict=False)) for row in rows]
+    return pd.DataFrame(table, columns=[c.name for c in EVENTS], dtype=object).fillna("")
+
+
+def values(table: pd.DataFrame, *rows: tuple, scope="vehicle", vehicle="p.1", end=10.0) -> dict[str, float]:
+    metrics = compute(table, events(*rows, (end, "end")))
+    return {m.name: m.value for m in metrics if m.scope == scope and m.vehicle == vehicle}
+
+
+def test_gaps_and_distance_off_the_path():
+    of = values(trajectories(gap_m=[1.0, 2.0, 3.0], gap_error_m=[-3.0, 0.0, 3.0], cross_track_m=[0.0, -0.4, 0.3]))
+    assert (of["gap_min"], of["gap_mean"], of["gap_max"]) == (1, 2, 3)
+    assert of["gap_error_rms"] == pytest.approx(math.sqrt(6))
+    assert of["cross_track_max"] == 0.4
+    assert of["cross_track_rms"] == pytest.approx(math.sqrt(0.25 / 3))
+
+
+def test_lock_on_counts_from_the_first_lock_to_the_end():
+    still = trajectories(gap_m=[1.0])
+    lost_twice = [(2.0, "locked", "p.1"), (4.0, "lock_lost", "p.1"), (5.0, "lock_regained", "p.1"),
+                  (8.0, "lock_lost", "p.1")]  # fmt: skip
+    of = values(still, *lost_twice)
+    assert of["lock_on_ratio"] == pytest.approx(1 - (1 + 2) / 8)
+    assert (of["lock_losses"], of["lock_loss_longest"], of["lost_for_good"]) == (2, 2, 8)
+    assert values(still, *lost_twice[:3])["lock_on_ratio"] == pytest.approx(1 - 1 / 8)
+    assert math.isnan(values(still, *lost_twice[:3])["lost_for_good"])
+    assert values(still)["lock_on_ratio"] == 0
+
+
+def test_the_share_of_standstills_counts_the_one_that_lasts_to_the_end():
+    rows = [(12.0, "standstill", "p.1"), (15.0, "standstill_end", "p.1", "", 13.0), (95.0, "standstill", "p.1")]
+    of = values(trajectories(gap_m=[1.0]), *rows, end=100.0)
+    assert (of["standstills"], of["standstill_share"]) == (2, pytest.approx((13 + 15) / 100))
+
+
+def test_right_lane_leaves_out_where_it_is_undefined():
+    of = values(trajectories(right_of_middle_m=[0.5, math.nan, -0.5, 0.1]))
+    assert of["right_lane_share"] == pytest.approx(2 / 3)
+
+
+def test_corners_are_quarter_turns():
+    for degrees, corners in [(0, 0), (79, 0), (89, 1), (171, 2), (-359, 4)]:
+        assert values(trajectories(turned_rad=[0.0, math.radians(degrees)]))["corners"] == corners
+
+
+def test_a_contact_of_two_members_is_one_contact_of_the_run():
+    touch = [(1.0, "collision", "p.0", "p.1"), (2.0, "collision", "p.1", "wall")]
+    assert values(trajectories(gap_m=[1.0]), *touch)["collisions"] == 2
+    assert values(trajectories(gap_m=[1.0]), *touch, scope="run", vehicle="")["collisions"] == 2
+
+
+def test_a_member_is_measured_over_the_time_that_it_is_there():
+    rows = [(20.0, "departed", "p.1"), (40.0, "standstill", "p.1"), (42.0, "locked", "p.1"), (52.0, "lock_lost", "p.1"),
+            (62.0, "arrived", "p.1")]  # fmt: skip
+    of = values(trajectories(time_s=[20.0, 61.0]), *rows, end=100.0)
+    assert of["standstill_share"] == pytest.approx((62 - 40 + 10) / 42)
+    assert of["lock_on_ratio"] == 0.5
+    assert (of["lock_loss_longest"], of["lost_for_good"]) == (10, 52)
+
+
+def test_exposure_to_short_times_to_collision():
+    """2 s and 1 s are below 3 s, each for the half second up to the next instant; the last instant has none."""
+    table = trajectories(
+        time_s=[0.0, 0.5, 1.0, 1.5, 2.0], ttc_s=[math.nan, 2.0, 1.0, 4.0, 0.5], drac_mps2=[0, 1, 3, 1, 9]
+    )
+    of = values(table, (1.0, "near_miss", "p.1"), (2.0, "near_miss", "p.0"))
+    assert (of["ttc_min"], of["tet"], of["tit"], of["drac_max"]) == (0.5, 1.0, 0.5 + 1.0, 9)
+    assert of["near_misses"] == 1
+
+
+def test_comfort_is_of_accelerations_and_their_change():
+    of = values(trajectories(accel_mps2=[3.0, -4.0], jerk_mps3=[0.0, -2.0]), (1.0, "emergency_brake", "p.1"))
+    assert of["accel_rms"] == pytest.approx(math.sqrt(25 / 2))
+    assert (of["jerk_rms"], of["jerk_max"], of["hard_brakings"]) == (pytest.approx(math.sqrt(2)), 2, 1)
+
+
+def test_the_share_off_the_road_counts_the_time_that_lasts_to_the_end():
+    rows = [(1.0, "off_road", "p.1"), (3.0, "on_road", "p.1", "", 2.0), (7.0, "off_road", "p.1")]
+    assert values(trajectories(gap_m=[1.0]), *rows)["off_road_share"] == pytest.approx((2 + 3) / 10)
+
+
+def test_beams_and_occlusion_leave_out_where_nothing_could_be_seen():
+    table = trajectories(beams_on_predecessor=[math.nan, 5, 4, 9], occluded_share=[math.nan, math.nan, 0.5, 0.25])
+    of = values(table)
+    assert (of["beams_share5"], of["occluded_share_mean"]) == (pytest.approx(2 / 3), 0.375)
+
+
+def test_time_gaps_are_of_those_that_move():
+    of = values(trajectories(time_gap_s=[500.0, 1.0, 2.0], speed_mps=[0.1, 10.0, 10.0]))
+    assert (of["time_gap_min"], of["time_gap_mean"], of["time_gap_median"]) == (1, 1.5, 2)
+
+
+def string(*amplitudes: float) -> dict[str, dict[str, float]]:
+    """Metrics of a platoon whose members' speeds swing by these amplitudes: by scope or vehicle."""
+    time = np.arange(0, 20, 0.1)
+    rows = [
+        trajectories(time_s=time, speed_mps=10 + a * np.sin(np.pi * time - i)).query("place == 1").assign(
+            vehicle_id=f"p.{i}", place=i
+        )
+        for i, a in enumerate(amplitudes)
+    ]  # fmt: skip
+    found: dict[str, dict[str, float]] = {}
+    for metric in compute(pd.concat(rows), events((20.0, "end"))):
+        found.setdefault(metric.vehicle or metric.scope, {})[metric.name] = metric.value
+    return found
+
+
+def test_the_gains_of_a_string_are_the_ratios_of_its_swings():
+    of = string(1.0, 1.2, 0.6)
+    assert of["p.1"]["speed_gain_l2"] == pytest.approx(1.2)
+    assert of["p.2"]["speed_gain_l2"] == pytest.approx(0.5)
+    assert of["p.2"]["speed_gain_linf"] == pytest.approx(0.5, rel=0.02)
+    assert of["platoon"]["head_to_tail_l2"] == of["run"]["head_to_tail_l2"] == pytest.approx(0.6)
+    assert of["run"]["speed_gain_l2_max"] == pytest.approx(1.2)
+    assert "speed_gain_l2" not in of["p.0"]
+
+
+def test_a_steady_leader_tells_nothing_of_a_string():
+    of = string(0.01, 1.0, 1.0)
+    assert math.isnan(of["p.1"]["speed_gain_l2"])
+    assert math.isnan(of["platoon"]["head_to_tail_l2"])
+    assert of["p.2"]["speed_gain_l2"] == pytest.approx(1)
+
+
+def test_the_run_has_the_worst_and_the_sum():
+    table = trajectories(ttc_s=[2.0, 1.0, 5.0], drac_mps2=[1.0, 2.0, 0.0], jerk_mps3=[0.0, -9.0, 1.0])
+    rows = [(1.0, "near_miss", "p.1"), (2.0, "emergency_brake", "p.0"), (3.0, "emergency_brake", "p.1")]
+    of = values(table, *rows, scope="run", vehicle="")
+    # The leader's zeros are no measures of a follower.
+    assert (of["ttc_min"], of["tet"], of["drac_max"], of["jerk_max"]) == (1, 2, 2, 9)
+    assert (of["near_misses"], of["hard_brakings"]) == (1, 2)

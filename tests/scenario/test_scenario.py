@@ -1,0 +1,237 @@
+"""Bad input is said in one line a fault, with its place, before anything starts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+
+import pytest
+import tomli_w
+from platoontraffic.lidar import PRESETS, Noise
+
+from platoontraffic import scenario, shipped, simulation
+from platoontraffic.errors import InputError
+from platoontraffic.scenario.toml_lines import key_lines
+from platoontraffic.vehicles.catalogue import VEHICLES
+
+
+def faults(name, *changes) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        simulation.prepare(scenario.load(name, changes))
+    for fault in caught.value.faults:
+        assert "\n" not in fault
+    return list(caught.value.faults)
+
+
+def vehicle(*changes):
+    """The leader's in the paper's loop."""
+    return scenario.load("paper_loop", [f"platoon.{c}" for c in changes]).spec.platoon[0].vehicle.model()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("laps = 2.0", "lapps = 2.0", "mine.toml:8: run.lapps: unknown key; did you mean 'laps'?"),
+        ("size = 5", 'size = "5"', "mine.toml:12: platoon.0.size: '5': should be a valid integer"),
+        ("gap_m = 0.45", "gap_m = -0.45", "mine.toml:14: platoon.0.gap_m: -0.45: should be greater than 0"),
+        ("duration_s = 900.0", "duration_s = nan", "mine.toml:7: run.duration_s: nan: should be a finite number"),
+        ("duration_s = 900.0", "step_s = 0.0333", "mine.toml:7: run.step_s: 0.0333: must be whole milliseconds"),
+        ('net = "lab_loop"', 'net = "lab_lop"', "mine.toml:4: sumo.net: 'lab_lop': no such file, nor a shipped"),
+        ('law = "repaired"', 'law = "repared"', "mine.toml:21: platoon.0.follower.law: no law 'repared'; did you mean"),
+        ('law = "repaired"', 'law = "nosuch:Law"', "mine.toml:21: platoon.0.follower.law: nosuch: cannot be imported"),
+        ('law = "repaired"', 'law = "path"', "mine.toml:21: platoon.0.follower.law: 'path' needs platoon.0.route"),
+        ('"paper-follower"', '"paper-folower"', "lidar.preset: 'paper-folower': not known; did you mean"),
+        ('"paper-follower"', "{ range_min_m = 2.0 }", "mine.toml:22: platoon.0.follower.lidar: range_max = 1.0"),
+        ('"paper-follower"', "{ rate_hz = 30.0 }", "rate_hz: 30: a scan must take whole steps of run.step_s = 0.025"),
+        ('"paper-follower"', '{ noise = "utm30l" }', "follower.lidar.noise.preset: 'utm30l': not known; did you mean"),
+        ('"paper-follower"', "{ noise = 5 }", "follower.lidar.noise: 5: should be a table, or a name"),
+        ('"paper-follower"', "{ noise = { sigma = 1 } }", "lidar.noise.sigma: unknown key; did you mean 'sigma_m'?"),
+        ('"paper-follower"', "{ noise = { dropout = 2 } }", "noise.dropout: 2: should be less than or equal to 1"),
+        ('"paper-follower"', "{ sweeps = 1000 }", "sweeps = 1000; must be a whole number from 1 to samples = 720"),
+        ('edge = "sw_se"', 'edge = "sw_es"', "mine.toml:13: platoon.0.start: no edge 'sw_es'"),
+        ("position_m = 1.9", "position_m = 9.9", "mine.toml:13: platoon.0.start: edge 'sw_se': position 9.9 m is not"),
+        ("position_m = 1.9", "position_m = 1.9, lateral_m = -0.45", "robot.0 would start at (3.80, 0.05) m, not"),
+        ("gap_m = 0.45", 'vehicle = "carr"', "mine.toml:14: platoon.0.vehicle.type: 'carr': not known; did you mean"),
+        ("gap_m = 0.45", "vehicle = { whelbase_m = 0.1 }", "whelbase_m: unknown key; did you mean 'wheelbase_m'?"),
+        ("gap_m = 0.45", "vehicle = { max_wheel_speed_radps = 0.0 }", "radps: 0.0: should be greater than 0"),
+        ("[platoon.follower]", "[platoon.folower]", "mine.toml:20: platoon.0.folower: unknown key; did you mean"),
+        ("[sumo]", "[sumo", "not valid TOML"),
+    ],
+)  # fmt: skip
+def test_a_fault_is_named_with_line_and_key(scenario_file, old, new, said):
+    assert any(said in fault for fault in faults(scenario_file((old, new))))
+
+
+def test_errors_of_a_lidar_are_those_of_its_preset_unless_given():
+    def noise(*changes):
+        changes = [f"platoon.follower.lidar.{change}" for change in changes]
+        return simulation.prepare(scenario.load("paper_loop", changes)).members[1].lidar.noise
+
+    assert noise() == Noise()
+    assert noise("noise=utm30lx") == PRESETS["utm30lx"].noise
+    given = noise("noise=utm30lx", "noise.sigma_m=0.02", "noise.grazing_from_deg=60", "noise.dropout_grazing=0.1")
+    assert given == replace(PRESETS["utm30lx"].noise, sigma=0.02, grazing_from=math.pi / 3, dropout_grazing=0.1)
+    car = ("preset=car-follower", "range_min_m=0.3", "range_max_m=3")
+    assert noise(*car) == PRESETS["car-follower"].noise
+    assert noise(*car, "noise=none", "noise.bias_m=0.1") == Noise(bias=0.1)
+
+
+def test_keys_of_another_class_of_vehicle_are_refused_each_by_itself(scenario_file):
+    table = 'vehicle = { type = "van", wheel_radius_m = 0.3, max_wheel_speed_radps = 9.0, lag_s = 0.1 }'
+    file = scenario_file(("gap_m = 0.45", table))
+    radius, speed = faults(file)
+    assert radius.startswith(f"{file}:14: platoon.0.vehicle.wheel_radius_m: 0.3: a key of paper-robot, not of van; did")
+    assert "max_wheel_speed_radps: 9.0: a key of paper-robot, not of van; did you mean" in speed
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_a_vehicle_by_name_is_that_of_the_list(name):
+    assert vehicle(f"vehicle={name}") == VEHICLES[name]
+
+
+def test_keys_of_a_vehicle_become_si():
+    given = vehicle("vehicle.type=car", "vehicle.max_steering_deg=30", "vehicle.power_wpkg=40", "vehicle.lag_s=0")
+    assert given == replace(VEHICLES["car"], max_steering=math.radians(30), power=40.0, lag=0.0)
+
+
+def test_every_field_of_every_vehicle_has_a_key_with_a_unit():
+    keys = [key.rsplit("_", 1)[0] for key in scenario.Vehicle.model_fields]
+    assert set(keys) == {"type"} | {f.name for v in VEHICLES.values() for f in fields(v)}
+    assert len(keys) == len(set(keys))
+
+
+@pytest.mark.parametrize(("name", "gap"), [("paper-robot", 0.5), ("truck", 2.5)])
+def test_a_resolved_scenario_says_the_gap_and_the_vehicle_and_reads_back(tmp_path, name, gap):
+    text = (
+        shipped.scenarios()["paper_loop"]
+        .read_text()
+        .replace("gap_m = 0.45", f'vehicle = {{ type = "{name}", lag_s = 1.0 }}')
+    )
+    (tmp_path / "first.toml").write_text(text)
+    first = scenario.load(tmp_path / "first.toml")
+    assert first.spec.platoon[0].gap_m == gap
+    resolved = first.resolved(tmp_path)
+    assert resolved["platoon"][0]["vehicle"] == {"type": name, "lag_s": 1.0}
+    (tmp_path / "again.toml").write_text(tomli_w.dumps(resolved))
+    assert scenario.load(tmp_path / "again.toml").resolved(tmp_path) == resolved
+
+
+def test_all_faults_are_said_at_once(scenario_file):
+    file = scenario_file(("size = 5", "size = 0"), ("gap_m = 0.45", "gap_m = 0.0"), ("laps = 2.0", "laps = -1.0"))
+    assert len(faults(file)) == 3
+
+
+def test_platoons_may_not_share_an_id_or_a_place(scenario_file):
+    second = '\n[[platoon]]\nid = "robot"\nstart = { edge = "sw_se", position_m = 1.8 }\nleader = "reactive"\n'
+    file = scenario_file()
+    text = file.read_text()
+    file.write_text(text + second)
+    assert faults(file) == [f"{file}:25: platoon.1.id: 'robot': platoon.0 has this id too"]
+    file.write_text(text + second.replace('"robot"', '"other"'))
+    assert faults(file) == [f"{file}:26: platoon.1.start: other.0 would start on robot.0"]
+
+
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [("3.5,0.3 4.5,0.3 4.5,0.7 3.5,0.7", "robot.0 would start inside an obstacle"),
+     ("3.75,0.3 3.85,0.3 3.85,0.7 3.75,0.7", "robot.0 would start in contact with the wall or obstacle at"),
+     ("3.5,0.3 nonsense", "boxes.poly.xml:2: poly 'box'")],
+)  # fmt: skip
+def test_a_start_on_an_obstacle_and_a_broken_one_are_refused(scenario_file, tmp_path, shape, said):
+    poly = f'<additional>\n<poly id="box" type="obstacle" shape="{shape}"/>\n</additional>'
+    (tmp_path / "boxes.poly.xml").write_text(poly)
+    (fault,) = faults(scenario_file(('net = "lab_loop"', 'net = "lab_loop"\nadditional = ["boxes.poly.xml"]')))
+    assert said in fault
+
+
+def test_a_start_between_roads_and_a_route_that_does_not_connect(scenario_file):
+    route = 'gap_m = 0.45\nroute = ["sw_se", "ne_nw"]'
+    said = faults(scenario_file(("gap_m = 0.45", route), ('law = "reactive"', 'law = "path"')))
+    assert said[0].endswith("mine.toml:15: platoon.0.route: no way from edge 'sw_se' to 'ne_nw'; it leads to: se_ne")
+
+
+@pytest.mark.parametrize(
+    ("argument", "said"),
+    [
+        ("platoon.size", "argument 1: 'platoon.size': must be key=value"),
+        ("platoon.3.size=2", "argument 1: 'platoon.3.size=2': there are 1, numbered from 0"),
+        ("run.duration_s=ten", "argument 1: run.duration_s: 'ten': should be a valid number"),
+        ("platoon.follower.stand_of_m=1", "argument 1: platoon.0.follower.stand_of_m: unknown key; did you mean"),
+        ("platoon.size.x=1", "platoon.0.size is not a table"),
+    ],
+)
+def test_a_fault_in_an_argument_names_the_argument(argument, said):
+    assert any(said in fault for fault in faults("paper_loop", argument))
+
+
+@pytest.mark.parametrize("content", ["", "<net", "<net></net>", '<net version="1.20"></net>', "<routes/>"])
+def test_a_broken_net_is_refused_before_sumo_sees_it(scenario_file, tmp_path, content):
+    (tmp_path / "broken.net.xml").write_text(content)
+    (said,) = faults(scenario_file(('"lab_loop"', '"broken.net.xml"')))
+    assert "broken.net.xml:" in said
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("import nothing_of_that_name\n", "law.py:1: cannot be imported: ModuleNotFoundError"),
+        ("def broken(:\n", "law.py:1: cannot be imported: SyntaxError"),
+        ("1 / 0\n", "law.py:1: cannot be imported: ZeroDivisionError"),
+        ("class Lew: ...\n", "law has no law 'Law', a class with __call__; did you mean 'Lew'?"),
+        ("class Law:\n    def __call__(self): ...\n", "Law must be a frozen dataclass, of its gains"),
+    ],
+)
+def test_a_plug_in_that_cannot_be_used_is_named(scenario_file, tmp_path, source, said):
+    (tmp_path / "law.py").write_text(source)
+    (fault,) = faults(scenario_file(('law = "repaired"', 'law = "law:Law"')))
+    assert fault.startswith(f"{tmp_path / 'mine.toml'}:21: platoon.0.follower.law: ")
+    assert said in fault
+
+
+def test_arguments_change_every_platoon_or_one():
+    world = scenario.load("paper_world", ["platoon.gap_m=0.6", "platoon.2.leader.speed_mps=0.2", "run.laps=3"])
+    assert {p.gap_m for p in world.spec.platoon} == {0.6}
+    assert [world.laws[i, "leader"].speed for i in (1, 2, 3)] == [0.1, 0.2, 0.1]
+    assert world.spec.run.laps == 3
+
+
+@pytest.mark.parametrize("name", shipped.scenarios())
+def test_shipped_scenarios_are_fine_and_titled(name):
+    loaded = scenario.load(name)
+    assert loaded.spec.title
+    simulation.prepare(loaded)
+
+
+def test_lines_of_keys_in_every_form_of_toml():
+    text = '''a = 1
+b.c = [
+  1, # ]
+  2,
+]
+[t.u]
+"d e" = """
+[not.a.table]
+x = 1
+"""
+[[p]]
+q = { r = 1 }
+[[p]]
+[p.s]
+v = 1
+'''
+    assert key_lines(text) == {
+        ("a",): 1, ("b", "c"): 2, ("t", "u"): 6, ("t", "u", "d e"): 7,
+        ("p", 0): 11, ("p", 0, "q"): 12, ("p", 1): 13, ("p", 1, "s"): 14, ("p", 1, "s", "v"): 15,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "kept"), [("trips", ["trips"]), ("trips,edges", ["trips", "edges"]), ("[]", [])])
+def test_tables_of_sumo_may_be_named_without_brackets(given, kept):
+    assert scenario.load("paper_loop", [f"record.sumo={given}"]).spec.record.sumo == kept
+
+
+def test_a_law_that_needs_what_there_is_not_is_refused(scenario_file, tmp_path):
+    law = '@dataclass(frozen=True)\nclass Law:\n    needs = {"v2v"}\n    def __call__(self, sensed, memory, dt): ...\n'
+    (tmp_path / "law.py").write_text("from dataclasses import dataclass\n" + law)
+    (fault,) = faults(scenario_file(('law = "repaired"', 'law = "law:Law"')))
+    assert fault.endswith("'law:Law' needs v2v; there is: route, signals")

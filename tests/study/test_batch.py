@@ -1,0 +1,498 @@
+"""Batches: the same tables however they came about, and nothing that dies or is wrong costs more than it must."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from platoontraffic import shipped
+from platoontraffic.errors import InputError
+from platoontraffic.study import batch, study
+from platoontraffic.study.folder_lock import Lock
+
+COMMAND = [sys.executable, "-m", "platoontraffic", "batch"]
+
+TINY = """
+base = "{base}"
+replications = {replications}
+[set]
+run.duration_s = 0.5
+platoon.size = 2
+[grid]
+platoon.follower.{key} = {values}
+"""
+
+# A law that at one gain dies, or fails, as it is told by `how`.
+LAW = """
+import os
+import signal
+import time
+from dataclasses import dataclass
+
+from platoontraffic import Decision, Twist, per_vehicle
+
+@dataclass(frozen=True)
+class Law:
+    gain: float = 1.0
+
+    @per_vehicle
+    def __call__(self, sensed, memory, dt):
+        if self.gain == 3.0:
+            {how}
+        return Decision(Twist(0.0, 0.0))
+"""
+DIES = "os.kill(os.getpid(), signal.SIGSEGV)"
+
+needs_signals = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+pytestmark = pytest.mark.sumo
+
+
+@pytest.fixture
+def tiny(tmp_path) -> Callable[..., Path]:
+    """Writes a study of short runs; with a law, a base whose followers have it."""
+
+    def write(gains: int = 2, replications: int = 2, how: str = "") -> Path:
+        base, key = "paper_loop", "heading_gain_per_s"
+        values = [float(gain) for gain in range(1, gains + 1)]
+        if how:
+            base, key = "base.toml", "gain"
+            (tmp_path / "law.py").write_text(LAW.format(how=how))
+            text = shipped.scenarios()["paper_loop"].read_text()
+            (tmp_path / base).write_text(text.replace('law = "repaired"', 'law = "law:Law"'))
+        text = TINY.format(base=base, replications=replications, key=key, values=values)
+        (tmp_path / "tiny.toml").write_text(text)
+        return tmp_path / "tiny.toml"
+
+    return write
+
+
+def call(*arguments: object, **options) -> subprocess.CompletedProcess:
+    return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=600, **options)
+
+
+def started(*arguments: object) -> subprocess.Popen:
+    words = [*COMMAND, *map(str, arguments)]
+    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def tables(folder: Path) -> tuple[list[list[str]], bytes, bytes]:
+    """runs.csv without its times, and the rest as it is."""
+    with (folder / "runs.csv").open(newline="") as file:
+        runs = [row[:-1] for row in csv.reader(file)]
+    return runs, (folder / "summary.csv").read_bytes(), (folder / "datapackage.json").read_bytes()
+
+
+def statuses(folder: Path) -> list[str]:
+    return [row[1] for row in tables(folder)[0][1:]]
+
+
+def done(folder: Path) -> dict[str, int]:
+    return {file.parent.name: file.stat().st_mtime_ns for file in folder.glob("*/DONE")}
+
+
+def until(true: Callable[[], object], deadline: float = 60) -> None:
+    end = time.monotonic() + deadline
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def children(pid: int) -> list[int]:
+    listed = subprocess.run(["ps", "-o", "pid=", "--ppid", str(pid)], capture_output=True, text=True).stdout
+    own = [int(word) for word in listed.split()]
+    return [child for child in own if alive(child) and "platoontraffic.study.worker" in words_of(child)]
+
+
+def words_of(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text()
+    except OSError:
+        return ""
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.fixture
+def killed() -> Iterator[list[subprocess.Popen]]:
+    """Processes that are ended with the test."""
+    processes: list[subprocess.Popen] = []
+    yield processes
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def test_a_batch_leaves_tables_and_is_not_repeated(tiny, tmp_path):
+    first = call(tiny(), "-j", 2, "--out", tmp_path / "out")
+    folder = tmp_path / "out" / "tiny"
+    assert (first.returncode, first.stderr) == (0, "")
+    assert first.stdout == f"4 runs: 4 done, 0 failed\n{folder}\n"
+    before, made = tables(folder), done(folder)
+    assert before[0][0] == ["id", "status", "seed", "platoon.follower.heading_gain_per_s", "error"]
+    assert [row[1:4] for row in before[0][1:]] == [
+        ["done", "1", "1.0"], ["done", "2", "1.0"], ["done", "1", "2.0"], ["done", "2", "2.0"],
+    ]  # fmt: skip
+    second = call(tiny(), "--out", tmp_path / "out")
+    assert "4 done (4 of them before), 0 failed" in second.stdout
+    assert done(folder) == made
+    assert tables(folder) == before
+    assert sorted(entry.name for entry in folder.iterdir() if entry.name not in made) == [
+        ".lock", "datapackage.json", "runs.csv", "study.toml", "summary.csv",
+    ]  # fmt: skip
+
+
+def test_the_executors_and_shards_leave_the_same_tables(tiny, tmp_path):
+    file = tiny()
+    batch.run(study.load(file), tmp_path / "processes", slots=2)
+    batch.run(study.load(file), tmp_path / "serial", "serial")
+    for number in (3, 1, 2):
+        batch.run(study.load(file), tmp_path / "shards", shard=batch.Shard(number, 3))
+    assert tables(tmp_path / "processes") == tables(tmp_path / "serial") == tables(tmp_path / "shards")
+
+
+def test_the_run_of_a_batch_is_the_run_alone(tiny, tmp_path):
+    loaded = study.load(tiny())
+    batch.run(loaded, tmp_path / "batch" / "paper_loop")
+    words = ["run", "paper_loop", "run.duration_s=0.5", "platoon.size=2", "platoon.follower.heading_gain_per_s=2.0"]
+    command = [sys.executable, "-m", "platoontraffic", *words, "--seed", "2", "-q", "--out", str(tmp_path / "alone")]
+    alone = Path(subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1])
+    together = tmp_path / "batch" / "paper_loop" / alone.name
+    for name in ("trajectories.csv", "events.csv", "metrics.csv"):
+        assert (alone / name).read_bytes() == (together / name).read_bytes()
+
+
+def test_an_edited_study_repeats_only_what_changed(tiny, tmp_path):
+    folder = tmp_path / "out"
+    batch.run(study.load(tiny()), folder, "serial")
+    made = done(folder)
+    report = batch.run(study.load(tiny(gains=3)), folder, "serial")
+    assert (report.progress.runs, report.progress.earlier, report.progress.done) == (6, 4, 6)
+    assert made.items() <= done(folder).items()
+    fewer = batch.run(study.load(tiny(gains=1)), folder, "serial")
+    assert (fewer.progress.runs, fewer.progress.earlier) == (2, 2)
+    assert len(statuses(folder)) == 2
+
+
+def test_half_written_runs_are_done_again(tiny, tmp_path):
+    folder = tmp_path / "out"
+    batch.run(study.load(tiny()), folder, "serial")
+    before, (one, other, more, _) = tables(folder), sorted(done(folder))
+    (folder / one / "DONE").unlink()
+    shutil.rmtree(folder / other)
+    (folder / f"{other}.123.partial").mkdir()
+    (folder / f"{more}.123.partial").mkdir()
+    (folder / f"{other}.unfinished").mkdir()
+    report = batch.run(study.load(tiny()), folder, "serial")
+    assert report.progress.earlier == 2
+    assert tables(folder) == before
+    assert not [*folder.glob("*.partial"), *folder.glob("*.unfinished")]
+
+
+@pytest.mark.parametrize("name", ["summary.csv", "provenance.json"])
+def test_a_damaged_run_is_one_line(tiny, tmp_path, name):
+    batch.run(study.load(tiny()), tmp_path / "out" / "tiny", "serial")
+    damaged = next((tmp_path / "out" / "tiny").glob(f"*-s1/{name}"))
+    damaged.write_text("")
+    again = call(tiny(), "--out", tmp_path / "out")
+    assert (again.returncode, again.stderr.count("\n")) == (2, 1)
+    assert f"{damaged}: is missing or damaged" in again.stderr
+
+
+@needs_signals
+@pytest.mark.parametrize("executor", ["processes", "dask"])
+def test_a_run_that_dies_by_a_signal_costs_only_itself(tiny, tmp_path, executor):
+    if executor == "dask":
+        pytest.importorskip("distributed")
+    ended = call(tiny(4, 1, DIES), "-j", 2, "--executor", executor, "--out", tmp_path / "out")
+    folder = tmp_path / "out" / "tiny"
+    assert ended.returncode == 1
+    assert statuses(folder) == ["done", "done", "failed", "done"]
+    error = "the process of the run died of SIGSEGV"
+    assert tables(folder)[0][3][-1] == error
+    assert error in ended.stdout
+    failure = json.loads(next(folder.glob("*.unfinished/failure.json")).read_text())
+    assert "law.py" in failure["traceback"]  # faulthandler's
+    assert next(folder.glob("*.unfinished/config.toml")).is_file()
+
+
+def test_a_failed_run_keeps_its_words_and_is_done_again_on_request_only(tiny, tmp_path):
+    folder = tmp_path / "out"
+    bad = "raise ValueError('this is\\nthe reason')"
+    first = batch.run(study.load(tiny(4, 1, bad)), folder, "serial")
+    (error,) = first.failures.values()
+    assert "law Law failed at 0.000 s: ValueError: this is the reason" in error
+    again = batch.run(study.load(tiny(4, 1, bad)), folder, "serial")
+    assert again.failures == first.failures
+    assert again.progress.ended_now == 0
+    retried = batch.run(study.load(tiny(4, 1, bad)), folder, retry_failed=True)
+    assert retried.progress.ended_now == 1
+    assert retried.failures == first.failures
+    mended = batch.run(study.load(tiny(4, 1, "pass")), folder, "serial")  # another law is another run
+    assert (mended.failures, mended.progress.done) == ({}, 4)
+
+
+def test_what_a_law_prints_disturbs_nothing(tiny, tmp_path):
+    report = batch.run(study.load(tiny(4, 1, "print('{\"error\": 1}', flush=True)")), tmp_path / "out")
+    assert report.progress.done == 4
+
+
+@needs_signals
+def test_control_c_ends_a_batch_and_leaves_no_process(tiny, tmp_path, killed):
+    loaded = tiny(5, 40)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        running = started(loaded, "-j", 2, "--out", tmp_path / "out")
+        killed.append(running)
+        folder, had = tmp_path / "out" / "tiny", len(done(tmp_path / "out" / "tiny"))
+        until(lambda folder=folder, had=had: len(done(folder)) > had + 2)
+        workers = children(running.pid)
+        running.send_signal(number)
+        out, err = running.communicate(timeout=20)
+        assert (running.returncode, out) == (130, "")
+        said, counts = err.splitlines()
+        assert said == "interrupted"
+        assert counts == f"{len(done(folder))} of 200 runs are done; started again, the batch goes on from there"
+        assert workers
+        assert not any(map(alive, workers))
+        assert statuses(folder).count("done") == len(done(folder))
+        assert not list(folder.glob("*.partial"))
+
+
+@needs_signals
+def test_workers_end_with_their_parent(tiny, tmp_path, killed):
+    running = started(tiny(5, 40), "-j", 2, "--out", tmp_path / "out")
+    killed.append(running)
+    until(lambda: len(done(tmp_path / "out" / "tiny")) > 2)
+    workers = children(running.pid)
+    assert len(workers) == 2
+    running.kill()
+    until(lambda: not any(map(alive, workers)), deadline=10)
+
+
+def test_two_at_once_are_one(tiny, tmp_path, killed):
+    file = tiny(5, 40)
+    killed.append(started(file, "-j", 1, "--out", tmp_path / "out"))
+    until(lambda: (tmp_path / "out" / "tiny" / "study.toml").is_file())
+    second = call(file, "--out", tmp_path / "out")
+    assert (second.returncode, second.stderr.count("\n")) == (2, 1)
+    assert "another batch is at work there" in second.stderr
+
+
+def test_shards_work_side_by_side_but_not_on_the_same_runs(tiny, tmp_path):
+    shard = (tiny(5, 40), "-j", 1, "--out", tmp_path / "out", "--shard")
+    assert call(*shard, "1/200").returncode == 0
+    with contextlib.closing(Lock(tmp_path / "out" / "tiny" / batch.LOCK)) as lock:
+        assert lock.take(0, 100)  # as who works on 1/2 does
+        assert "another batch" in call(*shard, "1/3").stderr
+        assert "another batch" in call(*shard, "3/3", "platoon.gap_m=0.5").stderr
+        assert call(*shard, "200/200").stdout.startswith("1 runs: 1 done")
+
+
+def test_a_lock_is_given_back_by_who_dies(tmp_path):
+    lock = str(tmp_path / "lock")
+    code = f"from platoontraffic.study.folder_lock import Lock; Lock({lock!r}).take(3, 4); print(1); input()"
+    other = subprocess.Popen(
+        [sys.executable, "-c", f"from pathlib import Path; {code}"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    other.stdout.readline()
+    lock = Lock(tmp_path / "lock")
+    assert lock.take(0, 3)
+    assert not lock.take(6, 1)
+    other.kill()
+    other.communicate()
+    assert lock.take(6, 1)
+    lock.close()
+
+
+def test_a_folder_of_something_else_is_left_as_it_is(tiny, tmp_path):
+    loaded = study.load(tiny())
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="not the folder of a batch"):
+        batch.run(loaded, folder)
+    assert [f.name for f in folder.iterdir()] == ["notes.txt"]
+    (folder / "notes.txt").unlink()
+    batch.run(loaded, folder, "serial")
+    before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+    (tmp_path / "tiny.toml").write_text((tmp_path / "tiny.toml").read_text().replace("paper_loop", "paper_path"))
+    with pytest.raises(InputError, match="is of another study, 'tiny' on 'paper_loop'; for 'tiny' on 'paper_path'"):
+        batch.run(study.load(tmp_path / "tiny.toml"), folder)
+    (folder / "study.toml").write_text("half a stu")
+    with pytest.raises(InputError, match="is no study of a batch"):
+        batch.run(loaded, folder)
+    (folder / "study.toml").write_bytes(before[folder / "study.toml"])
+    assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == before
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tiny, tmp_path):
+    (tmp_path / "file").write_text("")
+    ended = call(tiny(), "--out", tmp_path / "file")
+    assert (ended.returncode, ended.stderr) == (2, f"{tmp_path / 'file' / 'tiny'}: Not a directory\n")
+
+
+@needs_signals
+def test_a_full_disk_stops_the_batch_in_one_line(tiny, tmp_path):
+    """As on a full disk every write of more than a little fails."""
+    import resource
+
+    def little() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2500, 2500))
+
+    ended = call(tiny(), "--out", tmp_path / "out", preexec_fn=little)
+    assert ended.returncode == 2
+    assert "File too large" in ended.stderr.splitlines()[0]
+    assert not list((tmp_path / "out").glob("*/*/DONE"))
+    again = call(tiny(), "--out", tmp_path / "out")
+    assert "4 done, 0 failed" in again.stdout
+
+
+def test_input_that_changes_while_a_batch_goes_on_stops_it(tiny, tmp_path, monkeypatch):
+    loaded = study.load(tiny(4, 1, "pass"))
+    (tmp_path / "law.py").write_text(LAW.format(how="pass") + "\n# edited\n")
+    with pytest.raises(InputError, match="is not what it was when the batch was started"):
+        batch.run(loaded, tmp_path / "out")
+    assert not list((tmp_path / "out").glob("*/failure.json"))
+
+
+def test_a_dry_run_writes_nothing_and_knows_what_is_done(tiny, tmp_path):
+    dry = call(tiny(), "--dry-run", "--json", "--out", tmp_path / "out")
+    assert [run["status"] for run in json.loads(dry.stdout)["runs"]] == ["waiting"] * 4
+    assert not (tmp_path / "out").exists()
+    batch.run(study.load(tiny()), tmp_path / "out" / "tiny", "serial")
+    dry = call(tiny(gains=3), "--dry-run", "--out", tmp_path / "out")
+    assert "6 runs, 2 to do, about " in dry.stdout
+    assert "(by the 4 runs that are done)" in dry.stdout
+
+
+def test_json_is_one_document(tiny, tmp_path):
+    ended = call(tiny(), "--json", "--out", tmp_path / "out")
+    report = json.loads(ended.stdout)
+    assert (report["runs"], report["done"], report["failures"]) == (4, 4, {})
+
+
+def test_no_scheduler_and_no_dask_are_one_line(tiny, tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    from platoontraffic.errors import MissingError
+
+    with pytest.raises(InputError, match="no dask scheduler can be reached"):
+        batch.run(study.load(tiny()), tmp_path / "out", "dask:nonsense")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingError, match=r"platoontraffic\[cluster\]"):
+        batch.run(study.load(tiny()), tmp_path / "out", "dask")
+
+
+def _dask_cluster(folder: Path, killed: list[subprocess.Popen]) -> str:
+    """Starts a scheduler and two workers by hand, of two threads each; returns the scheduler's address."""
+    said = folder / "scheduler.json"
+    module = [sys.executable, "-m", "distributed.cli"]
+    options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
+    scheduler = [*module[:2], "distributed.cli.dask_scheduler", "--port", "0", "--scheduler-file", str(said)]
+    killed.append(subprocess.Popen([*scheduler, "--no-dashboard"], **options))
+    until(said.is_file)
+    until(lambda: said.read_text().endswith("}"))
+    for _ in range(2):
+        worker = [*module[:2], "distributed.cli.dask_worker", "--scheduler-file", str(said), "--nthreads", "2"]
+        killed.append(subprocess.Popen([*worker, "--no-dashboard", "--no-nanny"], **options))
+    return json.loads(said.read_text())["address"]
+
+
+@pytest.mark.soak
+def test_a_scheduler_with_two_workers_started_by_hand_leaves_the_same_tables(tiny, tmp_path, killed):
+    pytest.importorskip("distributed")
+    file = tiny(5, 4)
+    batch.run(study.load(file), tmp_path / "processes", slots=2)
+    batch.run(study.load(file), tmp_path / "local", "dask", slots=2)
+    batch.run(study.load(file), tmp_path / "cluster", f"dask:{_dask_cluster(tmp_path, killed)}")
+    assert tables(tmp_path / "processes") == tables(tmp_path / "local") == tables(tmp_path / "cluster")
+
+
+@pytest.mark.soak
+@needs_signals
+@pytest.mark.parametrize("executor", ["processes", "dask"])
+def test_200_runs_are_the_same_however_often_they_are_killed(tiny, tmp_path, killed, executor):
+    if executor == "dask":
+        pytest.importorskip("distributed")
+    file, folder = tiny(10, 20), tmp_path / "out" / "tiny"
+    batch.run(study.load(file), tmp_path / "undisturbed", slots=2)
+    rng = random.Random(1)
+    for whom in ("parent", "worker", "parent", "worker", "parent"):
+        if not killed or killed[-1].poll() is not None:
+            killed.append(started(file, "-j", 2, "--executor", executor, "--out", tmp_path / "out"))
+        had = len(done(folder))
+        more = rng.randint(3, 35)
+        until(lambda had=had, more=more: len(done(folder)) >= had + more, deadline=300)
+        time.sleep(rng.random())
+        workers = _workers(killed[-1].pid)
+        if whom == "parent":
+            killed[-1].kill()
+            killed[-1].communicate()
+            until(lambda workers=workers: not any(map(alive, workers)))
+        else:
+            os.kill(rng.choice(workers), signal.SIGKILL)
+    before = done(folder)
+    assert 0 < len(before) < 200
+    ended = call(file, "-j", 2, "--executor", executor, "--out", tmp_path / "out")
+    assert ended.returncode == 0, ended
+    assert before.items() <= done(folder).items()
+    assert tables(folder) == tables(tmp_path / "undisturbed")
+    assert not [*folder.glob("*.partial"), *folder.glob("*.unfinished")]
+
+
+def _workers(pid: int) -> list[int]:
+    """Those below a process, at whatever depth."""
+    listed = subprocess.run(["ps", "-eo", "pid=,ppid="], capture_output=True, text=True).stdout
+    parents = dict(tuple(map(int, line.split())) for line in listed.splitlines())
+    below, found = {pid}, []
+    while new := {child for child, parent in parents.items() if parent in below} - below:
+        below |= new
+        found += [child for child in new if "platoontraffic.study.worker" in words_of(child)]
+    return found
+
+
+@pytest.mark.soak
+@needs_signals
+@pytest.mark.parametrize("executor", ["processes", "dask"])
+def test_199_of_200_runs_survive_one_that_dies(tiny, tmp_path, executor):
+    if executor == "dask":
+        pytest.importorskip("distributed")
+    ended = call(tiny(200, 1, DIES), "-j", 2, "--executor", executor, "--out", tmp_path / "out")
+    assert ended.returncode == 1
+    assert statuses(tmp_path / "out" / "tiny") == ["done"] * 2 + ["failed"] + ["done"] * 197
+
+
+@pytest.mark.soak
+@needs_signals
+def test_the_memory_of_the_parent_does_not_grow_with_the_runs(tiny, tmp_path, killed):
+    killed.append(started(tiny(50, 20), "run.duration_s=0.1", "-j", 2, "--out", tmp_path / "out"))
+    folder = tmp_path / "out" / "tiny"
+
+    def resident() -> float:  # [MB]
+        status = Path(f"/proc/{killed[-1].pid}/status").read_text()
+        return int(status.partition("VmRSS:")[2].split()[0]) / 1024
+
+    until(lambda: len(done(folder)) > 100, deadline=600)
+    early = resident()
+    until(lambda: len(done(folder)) > 950, deadline=3000)
+    assert resident() < early + 5
+    assert killed[-1].communicate(timeout=300)[0].startswith("1000 runs: 1000 done")

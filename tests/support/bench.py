@@ -1,0 +1,191 @@
+"""A test bench without SUMO: the loop of `simulation` on bare walls, and laws and scans made by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from platoontraffic.lidar import PRESETS, LaserScan, LidarModel, Mount, ScanBatch, Scene
+
+from platoontraffic.controllers import Decision, Sensed
+from platoontraffic.vehicles.catalogue import VehicleModel
+from platoontraffic.vehicles.motion import DifferentialDrive, Drive, Twist
+from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
+from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.obstacles import Obstacles, Plan
+from platoontraffic.world.sensing import Sensing
+from platoontraffic.world.traffic import TrafficSnapshot
+
+DT = 0.025
+ROBOT = DifferentialDrive()
+AT_BUMPER = Mount(ROBOT.length / 2 - 0.03)
+FOLLOWER_EYE = replace(PRESETS["paper-follower"], mount=AT_BUMPER)
+LEADER_EYE = replace(PRESETS["paper-leader"], mount=AT_BUMPER)
+BLIND = LidarModel(2, -0.1, 0.1, 0.0, 1.0)  # for leaders that drive by the clock
+NO_WALLS = Scene.from_shapely()
+LOOP = Scene.from_shapely(walls=[shapely.box(0, 0, 6, 5)], solids=[shapely.box(2, 2, 4, 3)])  # a road 2 m wide
+
+POINT = DifferentialDrive(length=0.002, width=0.02, axle=0.0)  # laser, rear and driven axle in one place
+WIDE_EYE = LidarModel(1441, -np.pi / 4, np.pi / 4, 0.01, 4.0)
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """A leader's twist by the clock."""
+
+    twist_at: Callable[[float], Twist | Drive]
+
+    def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
+        command = self.twist_at(sensed.scan.stamp)
+        return Decision(type(command)(*(np.full(len(sensed.speed), float(value)) for value in command)))
+
+
+def constant(speed: float, yaw_rate: float = 0.0) -> Prescribed:
+    return Prescribed(lambda time: Twist(speed, yaw_rate))
+
+
+class Log(NamedTuple):
+    """What happened, sampled after every decision; time (k,), the rest (k, n), one column a member."""
+
+    time: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    heading: np.ndarray
+    turned: np.ndarray
+    speed: np.ndarray
+    wanted_speed: np.ndarray
+    wanted_yaw_rate: np.ndarray
+    distance: np.ndarray  # of the law's target; NaN: none
+    bearing: np.ndarray
+    on: np.ndarray  # what that target lies on: a column, -1 a wall, -2 nothing
+    acceleration: np.ndarray
+    yaw_rate: np.ndarray
+    axle: np.ndarray  # middle of the driven axle, (k, n, 2)
+
+    def locked(self) -> np.ndarray:
+        """Which followers have the member ahead for their target, (k, n - 1)."""
+        return self.on[:, 1:] == np.arange(self.on.shape[1] - 1)
+
+
+def platoon(
+    leader: Any,
+    follower: Any = None,
+    followers: int = 0,
+    *,
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    distance: float = 0.5,
+    model: VehicleModel = ROBOT,
+    leader_eye: LidarModel = BLIND,
+    eye: LidarModel = FOLLOWER_EYE,
+    speed: float = 0.0,
+    odometry: OdometryErrors = ODOMETRY["none"],
+) -> list[Member]:
+    """A leader with its centre at a pose, and followers straight behind it, each laser `distance` from a rear."""
+    x, y, heading = at
+    spacing = distance + model.length / 2 + eye.mount.x
+    return [
+        Member(
+            id=f"robot.{i}",
+            platoon="robot",
+            place=i,
+            model=model,
+            lidar=eye if i else leader_eye,
+            law=follower if i else leader,
+            edge="",
+            lane=0,
+            position=0.0,
+            pose=(x - i * spacing * np.cos(heading), y - i * spacing * np.sin(heading), heading),
+            speed=speed,
+            odometry=odometry,
+        )
+        for i in range(followers + 1)
+    ]
+
+
+def drive(
+    members: Sequence[Member],
+    scene: Scene,
+    seconds: float,
+    dt: float = DT,
+    observe=lambda *_: None,
+    seed: int = 0,
+    blind: tuple[float, float] = (np.inf, np.inf),
+    plans: Sequence[Plan] = (),
+) -> Log:
+    """Sense, decide, observe, move; obstacles by their plans. From one to another time [s] no beam meets anything.
+
+    observe: called with the traffic, the fleet, its scans and, if there are plans, the obstacles, in every step
+    """
+    fleet, sensing = Fleet.deployed(members, dt), Sensing(scene, seed=seed)
+    others = Obstacles(plans, fleet)
+    rows = []
+    for step in range(round(seconds / dt) + 1):
+        traffic = snapshot(fleet, round(step * dt, 6))
+        if others.bodies.ids:
+            traffic = traffic.with_others(others.bodies)
+        scans = sensing.scan(traffic, fleet, step)
+        if blind[0] <= traffic.time < blind[1]:
+            scans = [scan and replace(scan, ranges=np.full(scan.ranges.shape, np.inf)) for scan in scans]
+        fleet = fleet.decided(scans, dt, odometry=sensing.odometry(fleet, step))
+        observe(traffic, fleet, scans, *([others] if plans else []))
+        motion = fleet.motion
+        on = targets(fleet, scans)
+        where = motion.x, motion.y, motion.heading, motion.turned, motion.speed
+        more = motion.acceleration, motion.yaw_rate, np.column_stack(fleet.model.axle_position(motion))
+        rows.append((*where, *fleet.command.twist, *fleet.target, on, *more))
+        fleet = fleet.moved(dt)
+        others.move(traffic, fleet, dt)
+    return Log(np.arange(len(rows)) * dt, *(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def snapshot(fleet: Fleet, time: float) -> TrafficSnapshot:
+    motion, ids = fleet.motion, tuple(m.id for m in fleet.members)
+    size = fleet.model.length, fleet.model.width
+    return TrafficSnapshot(time, ids, motion.x, motion.y, motion.heading, motion.speed, *size)
+
+
+def targets(fleet: Fleet, scans: Sequence[ScanBatch | None]) -> np.ndarray:
+    """What the beam nearest to each law's target met, (n,)."""
+    on = np.full(len(fleet), -2)
+    for group, scan in zip(fleet.groups, scans, strict=True):
+        bearing = fleet.target.bearing[group.rows]
+        seen = ~np.isnan(bearing)
+        beam = np.rint((np.where(seen, bearing, 0.0) - scan.model.angle_min) / scan.model.angle_increment).astype(int)
+        hit = scan.hits[np.arange(len(beam)), np.clip(beam, 0, scan.model.samples - 1)]
+        on[group.rows] = np.where(seen, hit, -2)
+    return on
+
+
+def scan_of(ranges: np.ndarray, model: LidarModel = PRESETS["paper-follower"]) -> LaserScan:
+    return batch_of([ranges], model)[0]
+
+
+def batch_of(ranges: Sequence[np.ndarray], model: LidarModel = PRESETS["paper-follower"]) -> ScanBatch:
+    """Scans with these ranges, (n, k), made by hand."""
+    ranges = np.asarray(ranges, dtype=float)
+    n = len(ranges)
+    return ScanBatch(model, 0.0, tuple(map(str, range(n))), ranges, np.full(ranges.shape, -2), np.zeros(n, dtype=bool))
+
+
+def asked(
+    law: Any, ranges: Sequence[np.ndarray], model: LidarModel = PRESETS["paper-follower"], memory=None
+) -> Decision:
+    """What a law decides on scans made by hand, (n, k)."""
+    n = len(ranges)
+    return law(Sensed(batch_of(ranges, model), np.zeros(n), np.zeros(n)), memory, DT)
+
+
+def rear_at(distance: float, width: float, bearing: float = 0.0, model: LidarModel = PRESETS["paper-follower"]):
+    """Ranges to a rear that stands square to the direction `bearing`, and to nothing else, (k,)."""
+    off = model.angles - bearing
+    return np.where(np.abs(distance * np.tan(off)) <= width / 2, distance / np.cos(off), np.inf)
+
+
+def amplitude(time: np.ndarray, values: np.ndarray, omega: float) -> np.ndarray:
+    """Amplitude of the oscillation at omega in values (k, n), (n,)."""
+    basis = np.column_stack([np.cos(omega * time), np.sin(omega * time), np.ones_like(time)])
+    cos, sin, _ = np.linalg.lstsq(basis, values, rcond=None)[0]
+    return np.hypot(cos, sin)

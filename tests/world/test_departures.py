@@ -1,0 +1,369 @@
+"""Platoons that depart later, wait for room, and arrive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import libsumo
+import numpy as np
+import pandas as pd
+import pytest
+import shapely
+
+from platoontraffic import scenario, simulation
+from platoontraffic.errors import InputError
+from platoontraffic.sumo.world import World
+from platoontraffic.vehicles.catalogue import VEHICLES
+from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.sensing import Sensing
+from tests.support import ODD_NETS
+from tests.support.runs import run
+
+CROSS = ODD_NETS / "cross.net.xml"
+LENGTH, WIDTH = VEHICLES["car"].length, VEHICLES["car"].width
+EYE = '{ preset = "car-follower", fov_deg = 16.0 }'
+FOLLOWER = f'{{ law = "repaired", stand_off_m = 4.0, group_step_m = 1.0, lidar = {EYE} }}'
+PATH = '{ law = "path", speed_mps = 8.0, lidar = "car-leader" }'
+SUMO = '{ law = "sumo", max_speed_mps = 8.0 }'
+END = 492.8  # [m] where the arms of the cross end
+EAST = 'route = ["west_in", "east_out"]'
+
+pytestmark = pytest.mark.sumo
+
+
+def platoon(
+    name: str,
+    start: str,
+    leader: str = PATH,
+    size: int = 1,
+    way: str = EAST,
+    follower: str = FOLLOWER,
+    gap: float = 6.0,
+) -> str:
+    behind = f"follower = {follower}" if size > 1 else ""
+    return f"""
+[[platoon]]
+id = "{name}"
+size = {size}
+vehicle = {{ type = "car", response_s = 0.2, lag_s = 0.1 }}
+gap_m = {gap}
+start = {{ {start} }}
+{way}
+leader = {leader}
+{behind}
+"""
+
+
+@pytest.fixture
+def written(tmp_path) -> Callable[..., Path]:
+    def write(*platoons: str, duration: float = 20.0, net: str | Path = CROSS, name: str = "mine") -> Path:
+        file = tmp_path / f"{name}.toml"
+        sumo = f'[sumo]\nnet = "{net}"\ntraffic = false\n[scene]\nwalls = "none"\n'
+        file.write_text(f"{sumo}[run]\nstep_s = 0.1\nduration_s = {duration}\n" + "".join(platoons))
+        return file
+
+    return write
+
+
+@pytest.fixture
+def tables(tmp_path, written) -> Callable[..., tuple[pd.DataFrame, pd.DataFrame]]:
+    """Runs platoons; their trajectories and events."""
+
+    def play(*platoons: str, name: str = "mine", changes=(), **options) -> tuple[pd.DataFrame, pd.DataFrame]:
+        folder = run(tmp_path / name, written(*platoons, name=name, **options), *changes)
+        return pd.read_csv(folder / "trajectories.csv"), pd.read_csv(folder / "events.csv")
+
+    return play
+
+
+def of(table: pd.DataFrame, vehicle: str) -> pd.DataFrame:
+    return table[table.vehicle_id == vehicle].reset_index(drop=True)
+
+
+def events(table: pd.DataFrame, kind: str) -> dict[str, float]:
+    """Vehicle -> time."""
+    some = table[table.kind == kind]
+    return dict(zip(some.vehicle_id, some.time_s, strict=True))
+
+
+def ending(table: pd.DataFrame) -> tuple[float, str]:
+    (row,) = table[table.kind == "end"].itertuples()
+    return row.time_s, row.detail
+
+
+def clearance(table: pd.DataFrame, one: str, other: str) -> pd.Series:
+    """Distance between two footprints over time, when both are there [m]."""
+    both = of(table, one).merge(of(table, other), on="time_s")
+    box = shapely.box(-LENGTH / 2, -WIDTH / 2, LENGTH / 2, WIDTH / 2)
+
+    def footprint(x: float, y: float, heading: float) -> shapely.Polygon:
+        turned = shapely.affinity.rotate(box, heading, origin=(0, 0), use_radians=True)
+        return shapely.affinity.translate(turned, x, y)
+
+    columns = [[f"{name}_{side}" for name in ("x_m", "y_m", "heading_rad")] for side in "xy"]
+    ones, others = ([footprint(*row) for row in both[names].to_numpy()] for names in columns)
+    return pd.Series(shapely.distance(ones, others), index=both.time_s)
+
+
+# ---- they come
+
+
+@pytest.mark.parametrize("leader", [PATH, SUMO], ids=["path", "sumo"])
+@pytest.mark.parametrize("speed", [0.0, 8.0])
+def test_a_platoon_is_there_from_its_time_on_at_its_place_and_speed(tables, leader, speed):
+    here = platoon("a", 'edge = "north_in", position_m = 50', way='to = "south_out"')
+    start = f'edge = "west_in", position_m = 100, time_s = 2.3, speed_mps = {speed}'
+    rows, noted = tables(here, platoon("b", start, leader, size=3), duration=4.0)
+    for place in range(3):
+        member = of(rows, f"b.{place}")
+        assert member.time_s[0] == 2.3
+        np.testing.assert_allclose(np.diff(member.time_s), 0.1, atol=1e-9)
+        assert member.x_m[0] == pytest.approx(100 - LENGTH / 2 - place * (LENGTH + 6.0), abs=1e-6)
+        assert (member.y_m[0], member.heading_rad[0]) == pytest.approx((-4.8, 0), abs=1e-6)
+        assert member.speed_mps[0] == pytest.approx(speed, abs=1e-9)
+    assert of(rows, "a.0").time_s[0] == 0
+    assert events(noted, "departed") == {"a.0": 0.0, "b.0": 2.3, "b.1": 2.3, "b.2": 2.3}
+    assert of(rows, "b.1").gap_m[0] == pytest.approx(6.0, abs=1e-6)
+
+
+def test_nobody_need_be_there_at_first(tables):
+    rows, noted = tables(platoon("a", 'edge = "west_in", position_m = 100, time_s = 1.0'), duration=2.0)
+    assert rows.time_s.min() == 1.0
+    assert events(noted, "departed") == {"a.0": 1.0}
+    assert ending(noted) == (2.0, "duration")
+
+
+def test_it_drives_from_then_on_as_it_would_have_from_the_beginning(tables):
+    start = 'edge = "west_in", position_m = 100'
+    (one, _), (other, _) = (
+        tables(platoon("a", start + later, size=3), duration=duration, name=name)
+        for later, duration, name in (("", 10.0, "first"), (", time_s = 5.0", 15.0, "second"))
+    )
+    assert len(one) == len(other)
+    same = ["vehicle_id", "x_m", "y_m", "speed_mps", "gap_m"]
+    pd.testing.assert_frame_equal(one[same], other[same], rtol=0, atol=0.05)  # each scan has its own noise
+
+
+# ---- they wait for room
+
+
+def standing(tmp_path: Path, seconds: float) -> str:
+    """A leader that stands for some time and then drives."""
+    (tmp_path / "stands.csv").write_text(f"time_s,speed_mps\n0,0\n{seconds},0\n{seconds + 4},8\n")
+    return '{ law = "path", trace = "stands.csv", lidar = "car-leader" }'
+
+
+def test_who_finds_its_place_taken_comes_when_the_other_has_gone(tables, tmp_path):
+    place = 'edge = "west_in", position_m = 100'
+    first = platoon("a", place, standing(tmp_path, 4.0))
+    rows, noted = tables(first, platoon("b", place + ", time_s = 2.0", size=2), duration=12.0)
+    came = events(noted, "departed")["b.0"]
+    assert 4.0 < came < 10.0
+    assert events(noted, "departed")["b.1"] == came == of(rows, "b.0").time_s[0]
+    assert of(rows, "b.0").x_m[0] == pytest.approx(100 - LENGTH / 2)
+    there = clearance(rows, "a.0", "b.0")
+    assert there.iloc[0] >= LENGTH  # as much room as its own length
+    a = of(rows, "a.0").set_index("time_s").x_m
+    a.index = a.index.round(3)
+    assert a[round(came - 0.2, 3)] - 100 - LENGTH / 2 < LENGTH  # not yet, two steps before
+    assert there.min() > 2.0
+    assert "collision" not in set(noted.kind)
+
+
+def test_where_the_other_stays_it_never_comes(tables, tmp_path):
+    place = 'edge = "west_in", position_m = 100'
+    first = platoon("a", place, standing(tmp_path, 100.0))
+    rows, noted = tables(first, platoon("b", place + ", time_s = 2.0", size=2), duration=6.0)
+    assert set(rows.vehicle_id) == {"a.0"}
+    assert events(noted, "departed") == {"a.0": 0.0}
+    assert events(noted, "never_departed") == {"b.0": 6.0, "b.1": 6.0}
+    assert ending(noted) == (6.0, "duration")
+
+
+def test_of_several_who_wait_for_one_place_one_comes_at_a_time(tables, tmp_path):
+    place = 'edge = "west_in", position_m = 100'
+    waiting = (platoon(name, f"{place}, time_s = {time}") for name, time in (("b", 2.0), ("c", 2.5), ("d", 3.0)))
+    rows, noted = tables(platoon("a", place, standing(tmp_path, 4.0)), *waiting, duration=20.0)
+    came = events(noted, "departed")
+    assert came["a.0"] < came["b.0"] < came["c.0"] < came["d.0"]
+    assert "collision" not in set(noted.kind)
+    for one, other in (("a.0", "b.0"), ("b.0", "c.0"), ("c.0", "d.0")):
+        assert clearance(rows, one, other).min() > 2.0
+
+
+def test_who_waits_elsewhere_keeps_nobody_waiting(tables, tmp_path):
+    place = 'edge = "west_in", position_m = 100'
+    blocked = platoon("b", place + ", time_s = 1.0")
+    free = platoon("c", 'edge = "east_in", position_m = 100, time_s = 2.0', way='to = "west_out"')
+    _, noted = tables(platoon("a", place, standing(tmp_path, 100.0)), blocked, free, duration=3.0)
+    assert events(noted, "departed") == {"a.0": 0.0, "c.0": 2.0}
+
+
+def test_who_stands_on_the_lane_beside_is_in_nobodys_way(tables, tmp_path):
+    place = 'edge = "west_in", position_m = 100'
+    other = platoon("b", place + ", lane = 1, time_s = 1.0", way='route = ["west_in", "east_out"]')
+    _, noted = tables(platoon("a", place, standing(tmp_path, 100.0)), other, duration=2.0)
+    assert events(noted, "departed") == {"a.0": 0.0, "b.0": 1.0}
+
+
+def test_a_platoon_does_not_come_about_another_vehicle(tables, tmp_path):
+    """One that stands in the 30 m between two members, farther from either than anybody needs."""
+    stands = platoon("a", 'edge = "west_in", position_m = 83', standing(tmp_path, 100.0))
+    pair = platoon("b", 'edge = "west_in", position_m = 100, time_s = 1.0', size=2, gap=30.0)
+    _, noted = tables(stands, pair, duration=3.0)
+    assert events(noted, "departed") == {"a.0": 0.0}
+
+
+@pytest.mark.parametrize("leader", [PATH, SUMO.replace("8.0", "30.0")], ids=["path", "sumo"])
+def test_nobody_departs_too_fast_to_stop_behind_another(tables, tmp_path, leader):
+    """It stands 11 m ahead; from 13 m/s they would take 19 m, and from 3 m/s 1 m."""
+    stands = platoon("a", 'edge = "west_in", position_m = 120', standing(tmp_path, 100.0))
+    start = 'edge = "west_in", position_m = 104, time_s = 1.0, speed_mps = '
+    _, noted = tables(stands, platoon("b", start + "13.0", leader), duration=5.0, name="fast")
+    assert "b.0" not in events(noted, "departed")
+    _, noted = tables(stands, platoon("b", start + "3.0", leader), duration=5.0, name="slow")
+    assert events(noted, "departed")["b.0"] == 1.0
+    assert "collision" not in set(noted.kind)
+
+
+# ---- what is refused
+
+
+def faults(file: Path) -> tuple[str, ...]:
+    with pytest.raises(InputError) as error:
+        simulation.prepare(scenario.load(file))
+    return error.value.faults
+
+
+def test_two_at_one_place_are_refused_only_at_one_time(written):
+    place = 'edge = "west_in", position_m = 100, time_s = '
+    (fault,) = faults(written(platoon("a", place + "3.0"), platoon("b", place + "3.0")))
+    assert fault.endswith("platoon.1.start: b.0 would start on a.0")
+    simulation.prepare(scenario.load(written(platoon("a", place + "3.0"), platoon("b", place + "3.1"))))
+
+
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [
+        (2.05, "2.05: must be a multiple of run.step_s = 0.1"),
+        (0.01, "0.01: must be a multiple of run.step_s = 0.1"),
+        (20.0, "20.0: must be before the end, 20.0"),
+        (1e6, "1000000.0: must be before the end, 20.0"),
+        (-1.0, "-1.0: should be greater than or equal to 0"),
+        ("nan", "nan: should be"),
+    ],
+)
+def test_times_that_no_step_has_are_refused(written, time, said):
+    (fault,) = faults(written(platoon("a", f'edge = "west_in", position_m = 100, time_s = {time}')))
+    assert f"mine.toml:15: platoon.0.start.time_s: {said}" in fault
+
+
+@pytest.mark.parametrize(("leader", "speed"), [(PATH, 60.0), (SUMO, 20.0)], ids=["path", "sumo"])
+def test_nobody_departs_faster_than_it_can_or_may(written, leader, speed):
+    """Else SUMO would end the run at that moment. A car drives 55 m/s, one of SUMO's by the limit of 13.9 m/s."""
+    start = f'edge = "west_in", position_m = 100, time_s = 5.0, speed_mps = {speed}'
+    (fault,) = faults(written(platoon("a", start, leader)))
+    assert "mine.toml:15: platoon.0.start" in fault
+    assert f"{speed:g}" in fault
+
+
+def test_sumo_drives_no_follower(written):
+    """It would overtake, and arrive before its leader."""
+    (fault,) = faults(written(platoon("a", 'edge = "west_in", position_m = 100', size=2, follower=SUMO)))
+    assert "platoon.0.follower.law: 'sumo' follows nobody" in fault
+
+
+# ---- they arrive
+
+
+@pytest.mark.parametrize("leader", [PATH, SUMO], ids=["path", "sumo"])
+def test_a_platoon_arrives_with_its_leader_and_the_run_ends(tables, leader):
+    start = 'edge = "east_out", position_m = 460, speed_mps = 8.0'
+    rows, noted = tables(platoon("a", start, leader, size=3), duration=20.0)
+    came = events(noted, "arrived")
+    (time,) = set(came.values())
+    assert set(came) == {"a.0", "a.1", "a.2"}
+    assert ending(noted) == (time, "arrived")
+    front = of(rows, "a.0").x_m.iloc[-1] + LENGTH / 2
+    assert 1000 - 2 * 8.0 * 0.1 - 0.1 <= front <= 1000 + 1e-6
+    last = [of(rows, name).time_s.iloc[-1] for name in came]
+    assert last == pytest.approx([time - 0.1] * 3)
+    where = noted[noted.kind == "arrived"].set_index("vehicle_id").x_m
+    for name in came:
+        assert where[name] == pytest.approx(of(rows, name).x_m.iloc[-1])
+
+
+def test_a_run_goes_on_until_the_last_has_come_and_gone(tables):
+    first = platoon("a", 'edge = "east_out", position_m = 480, speed_mps = 8.0')
+    later = platoon("b", 'edge = "north_out", position_m = 270, time_s = 6.0', way='route = ["north_out"]')
+    rows, noted = tables(first, later, duration=30.0)
+    arrived = events(noted, "arrived")
+    assert arrived["a.0"] < 3.0 < 6.0 < arrived["b.0"]
+    assert ending(noted) == (arrived["b.0"], "arrived")
+    assert not len(rows[(rows.time_s > arrived["a.0"]) & (rows.time_s < 6.0)])
+
+
+def test_a_lap_is_not_over_before_all_have_come(tables):
+    lap = 'route = ["east_north", "north_west", "west_south", "south_east"]\nloop = true'
+    first = platoon("a", 'edge = "east_north", position_m = 80, speed_mps = 8.0', way=lap)
+    later = platoon("b", 'edge = "west_south", position_m = 80, speed_mps = 8.0, time_s = 8.0', way=lap)
+    _, noted = tables(first, later, changes=["run.laps=0.05"], duration=30.0, net="ring")
+    assert "b.0" in events(noted, "departed")
+    time, why = ending(noted)
+    assert (why, time) == ("laps", pytest.approx(8.0 + 0.05 * 2 * np.pi * 159 / 8.0, abs=1.0))
+
+
+def played(file: Path, words: Path, steps: int, told: Callable[[Fleet], None]) -> None:
+    """The loop of a run, with a look at SUMO after every step."""
+    prepared = simulation.prepare(scenario.load(file))
+    dt = prepared.scenario.spec.run.step_s
+    fleet, later = simulation._departures(prepared.members, dt)
+    sensing = Sensing(prepared.scene)
+    with World(prepared.network, dt, 1, words) as world:
+        fleet = world.deploy(fleet, later)
+        for step in range(steps):
+            traffic = world.snapshot(fleet)
+            fleet = fleet.decided(sensing.scan(traffic, fleet, step), dt, world.signals(fleet)).moved(dt)
+            world.place(fleet)
+            fleet = world.advance(fleet)
+            told(fleet)
+
+
+@pytest.mark.parametrize("leader", [PATH, SUMO], ids=["path", "sumo"])
+def test_who_has_arrived_is_no_more_in_sumo_either(written, tmp_path, leader):
+    start = 'edge = "east_out", position_m = 460, speed_mps = 8.0'
+    there: list[tuple[Sequence[str], set[str]]] = []
+
+    def told(fleet: Fleet) -> None:
+        there.append(([m.id for m in fleet.members], set(libsumo.vehicle.getIDList())))
+
+    file = written(platoon("a", start, leader, size=3))
+    played(file, tmp_path / "words.log", 80, told)
+    assert there[0] == (["a.0", "a.1", "a.2"], {"a.0", "a.1", "a.2"})
+    assert there[-1] == ([], set())
+    gone = [members for members, _ in there].index([])
+    assert all(not ids for _, ids in there[gone + 1 :])
+    for members, ids in there[:gone]:
+        assert set(members) == ids
+
+
+@pytest.mark.parametrize("of_a", [PATH, SUMO], ids=["path", "sumo"])
+def test_who_comes_and_goes_changes_nothing_for_others(tables, of_a, tmp_path):
+    """A platoon that shares law and lidar with one that arrives, and with one that departs, far off on the ring."""
+    start = 'edge = "west_south", position_m = 100, speed_mps = 5.0'
+    stays = platoon(
+        "z", start, size=3, way='route = ["east_north", "north_west", "west_south", "south_east"]\nloop = true'
+    )
+    goes = platoon("a", 'edge = "east_north", position_m = 200', of_a, size=2, way='route = ["east_north"]')
+    comes = platoon("c", 'edge = "east_north", position_m = 50, time_s = 4.0', size=2, way='to = "north_west"')
+    for name, platoons in (("alone", [stays]), ("among", [goes, stays, comes])):
+        _, noted = tables(*platoons, duration=12.0, net="ring", name=name)
+    assert {"a.0", "a.1"} == set(events(noted, "arrived"))
+    assert events(noted, "departed")["c.0"] == 4.0
+    alone, among = (
+        [row for row in (tmp_path / name / "trajectories.csv").read_bytes().splitlines() if b",z," in row]
+        for name in ("alone", "among")
+    )
+    assert len(alone) == 3 * 121
+    assert among == alone
