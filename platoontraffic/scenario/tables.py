@@ -14,7 +14,7 @@ import shlex
 import tomllib
 import typing
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -24,13 +24,13 @@ from pydantic import (
     Field,
     GetJsonSchemaHandler,
     ValidationError,
-    create_model,
     field_validator,
     model_validator,
 )
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
 from platoontraffic import shipped
+from platoontraffic.controllers.gains import keys_of, law_of, with_files
 from platoontraffic.controllers.registry import Law, find_law, plug_in_file
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
@@ -521,7 +521,7 @@ class Scenario:
             table["sumo"][key] = [named(file) for file in files[len(files) - n :]]
         for (i, role), law in self.laws.items():
             driver = table["platoon"][i][role]
-            keys = {alias: getattr(law, name) for name, alias in _keys(type(law)).items()}
+            keys = {alias: getattr(law, name) for name, alias in keys_of(type(law)).items()}
             driver.clear()
             given = {key: named(v) if isinstance(v, Path) else v for key, v in keys.items() if v is not None}
             driver |= {"law": getattr(self.spec.platoon[i], role).law, **given}
@@ -738,8 +738,8 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 law = found[driver.law] = found.get(driver.law) or find_law(driver.law, folder)
                 kind = law.kind
                 sources |= set(law.sources)
-                gains = _with_files(kind, driver.model_extra or {}, folder)
-                laws[i, role] = _law(kind, gains, lambda key, what, at=at: fault((*at, key), what))
+                gains = with_files(kind, driver.model_extra or {}, folder)
+                laws[i, role] = law_of(kind, gains, lambda key, what, at=at: fault((*at, key), what), _without_key)
                 sources |= {value for value in gains.values() if isinstance(value, Path)}
             except LookupError as error:
                 fault((*at, "law"), str(error))
@@ -821,61 +821,6 @@ def _brought(sumo: Sumo) -> tuple[list[Path], list[Path]]:
     return [file for file in routes if file.is_file()], [file for file in additional if file.is_file()]
 
 
-def _with_files(kind: type, gains: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The keys of a law, with whole paths of the files that some of them name: those of its fields that are a Path."""
-    keys = _keys(kind) if is_dataclass(kind) else {}
-    hints = typing.get_type_hints(kind) if keys else {}
-    files = {key for name, key in keys.items() if Path in (hints[name], *typing.get_args(hints[name]))}
-    return {key: folder / value if key in files and isinstance(value, str) else value for key, value in gains.items()}
-
-
-def _law(kind: type, gains: dict[str, Any], fault: Any) -> Any:
-    """An instance of a law's class from the keys of a scenario file."""
-    if not (is_dataclass(kind) and kind.__dataclass_params__.frozen):
-        raise LookupError(f"{kind.__qualname__} must be a frozen dataclass, of its gains")
-    try:
-        hints = typing.get_type_hints(kind, include_extras=True)
-        model = create_model(
-            kind.__name__,
-            __config__=ConfigDict(extra="forbid", strict=True),
-            **{f.name: (hints[f.name], _default(f)) for f in fields(kind)},
-        )
-    except Exception as error:  # whatever a user's annotations may come to
-        raise LookupError(f"{kind.__qualname__}: its fields cannot be keys: {error}") from error
-    # TOML has no tuples, and a gain must be hashable.
-    gains = {key: tuple(value) if isinstance(value, list) else value for key, value in gains.items()}
-    try:
-        checked = model.model_validate(gains)
-        law = kind(**{f.name: getattr(checked, f.name) for f in fields(kind)})
-        hash(law)
-    except ValidationError as error:
-        for e in error.errors():
-            fault(e["loc"][0] if e["loc"] else "law", fault_of(e, model).split(": ", 1)[-1])
-        return None
-    except ValueError as error:  # of a law's own checks
-        raise LookupError(str(error)) from error
-    except Exception as error:  # whatever a user's __post_init__ may raise
-        raise LookupError(f"{kind.__qualname__}: {type(error).__name__}: {error}") from error
-    return law
-
-
-def _default(field: Any) -> Any:
-    """A dataclass field's default as pydantic wants it: `...` for none."""
-    if field.default_factory is not MISSING:
-        return field.default_factory()
-    return ... if field.default is MISSING else field.default
-
-
-def _keys(kind: type) -> dict[str, str]:
-    """Field name -> key in a scenario file."""
-    hints = typing.get_type_hints(kind, include_extras=True)
-    keys = {}
-    for f in fields(kind):
-        notes = getattr(hints[f.name], "__metadata__", ())
-        keys[f.name] = next((a for n in notes if (a := getattr(n, "alias", None))), f.name)
-    return keys
-
-
 def _find(name_or_file: str | Path) -> Path:
     known = shipped.scenarios()
     if str(name_or_file) in known:
@@ -945,6 +890,10 @@ def fault_of(error: dict, model: type[BaseModel]) -> str:
     value = error["input"]
     shown = "" if isinstance(value, dict | BaseModel) else f"{value!r}: "
     return f"{dotted(path)}: {shown}{what}"
+
+
+def _without_key(error: dict, model: type[BaseModel]) -> str:
+    return fault_of(error, model).split(": ", 1)[-1]
 
 
 def fault_path(error: dict) -> tuple:
