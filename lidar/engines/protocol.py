@@ -85,7 +85,7 @@ def enclosing(scene, boxes, x, y, yaw, owner):
     """Owner of what a sensor is inside of or touches; see `around` above."""
     around = np.full(len(x), NOBODY, dtype=np.int32)
     for rows in blocks(len(x), max(len(boxes), len(scene.segments))):
-        sensor, box = pairs_near(boxes.bounds, x[rows], y[rows], TOUCHING)
+        sensor, box = pairs_near(boxes.bounds, x[rows], y[rows], 2 * TOUCHING)  # also beyond a corner, both ways
         sensor += rows.start
         others = boxes.owner[box] != owner[sensor]
         sensor, box = sensor[others], box[others]

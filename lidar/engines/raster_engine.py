@@ -342,9 +342,11 @@ def _gather_boxes(pose, own, fan, grid, cells, n, faces, owners):
                 owners[n] = box_owner[i]
                 n += 1
             if aside > TOUCHING:
+                # The corner shared with the front or rear is summed in the same order, middle, along, across: were it a
+                # unit in the last place apart, a beam could pass between the two faces.
                 s = 1.0 if across > 0.0 else -1.0
-                fx, fy, wx, wy = mx - s * side * hy, my + s * side * hx, s * half * hx, s * half * hy
-                faces[0, n], faces[1, n], faces[2, n], faces[3, n] = fx - wx, fy - wy, fx + wx, fy + wy
+                lx, ly, wx, wy = s * half * hx, s * half * hy, -s * side * hy, s * side * hx
+                faces[0, n], faces[1, n], faces[2, n], faces[3, n] = mx - lx + wx, my - ly + wy, mx + lx + wx, my + ly + wy
                 faces[4, n], faces[5, n] = s * hy / aside, -s * hx / aside
                 owners[n] = box_owner[i]
                 n += 1

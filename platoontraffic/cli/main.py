@@ -351,7 +351,7 @@ def bench(
     import subprocess
 
     if what == "lidar":
-        pass
+        from platoontraffic.lidar import benchmark as bench
     else:
         from platoontraffic.cli import bench
 
