@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .compiled import compiled
-from .laserscan import NO_HIT
+from ..compiled import compiled
+from ..laserscan import NO_HIT
 
 
 @compiled

@@ -25,11 +25,11 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from .engines import ENGINES
-from .model import PRESETS, LidarModel, Mount
-from .pose import compose
-from .scene import STATIC, Boxes, Scene, blocks, bounds, pairs_near
-from .sense import scan
+from ..engines import ENGINES
+from ..model import PRESETS, LidarModel, Mount
+from ..pose import compose
+from ..scene import STATIC, Boxes, Scene, blocks, bounds, pairs_near
+from ..sense import scan
 
 BLOCK, ROAD = 150.0, 7.0  # from road to road, and width of a road of two lanes [m]
 LENGTH, WIDTH = 4.5, 1.8  # of a vehicle [m]
@@ -329,10 +329,10 @@ def _scanning(model, scene, boxes, sensors, engine="raster"):
 
 def _floor(model, sensors):
     """A call that clears, divides and stores as many numbers as a scan has."""
-    from . import benchmark_kernels  # here, for it imports numba
+    from . import kernels  # here, for it imports numba
 
     ranges = np.empty((sensors, model.samples))
-    return lambda: benchmark_kernels.floor(model.directions, 0.1, ranges)
+    return lambda: kernels.floor(model.directions, 0.1, ranges)
 
 
 def _brute_force(model, sensor, ends, owner, sensors):
@@ -340,7 +340,7 @@ def _brute_force(model, sensor, ends, owner, sensors):
 
     Finding and turning the candidates, checks and errors are not in its time: it is slower than it seems.
     """
-    from . import benchmark_kernels
+    from . import kernels
 
     first = np.searchsorted(sensor, np.arange(sensors + 1))
     faces = np.ascontiguousarray(ends.transpose(1, 0, 2).reshape(4, -1))
@@ -349,7 +349,7 @@ def _brute_force(model, sensor, ends, owner, sensors):
     # same place at first; of twenty layouts one took two to four times as long.
     room = np.concatenate([model.directions, np.empty((2, model.samples))])
     arguments = first, faces, owner.astype(float), *room, model.range_min, model.range_max, ranges, hits
-    return lambda: benchmark_kernels.brute_force(*arguments), ranges
+    return lambda: kernels.brute_force(*arguments), ranges
 
 
 def _candidates(model, scene, boxes, sensors):
@@ -557,7 +557,7 @@ def _memory(plan, environment):
 
 def _grid_of(scene, boxes):
     """Arrays that the raster engine keeps for a scene, and the scene's own [MB]."""
-    from .engines.raster_engine import _walls
+    from ..engines.raster_engine import _walls
 
     scan(VIEWS["lead30"], scene, boxes, *_first(1, boxes))
     kept = [scene.segments, *(part for part in _walls[scene] if isinstance(part, np.ndarray))]
