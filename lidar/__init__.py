@@ -3,6 +3,7 @@
 if __name__ != "platoontraffic.lidar":  # a second copy, under another name, would not know the first one's classes
     raise ImportError("import it as platoontraffic.lidar")
 
+from .carriers import Carriers, Occasion
 from .engines import ENGINES
 from .laserscan import LaserScan, ScanBatch
 from .model import PRESETS, LidarModel, Mount
@@ -15,10 +16,12 @@ __all__ = [
     "ENGINES",
     "PRESETS",
     "Boxes",
+    "Carriers",
     "LaserScan",
     "LidarModel",
     "Mount",
     "Noise",
+    "Occasion",
     "ScanBatch",
     "Scene",
     "Segments",

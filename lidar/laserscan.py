@@ -1,4 +1,4 @@
-"""What a scanner returns. Fields as in sensor_msgs/LaserScan; special values as in REP 117.
+"""Measurements of a scanner. Fields as in sensor_msgs/LaserScan; special values as in REP 117.
 
 Nothing within range_max: +inf. Nearer than range_min, or the sensor is inside a solid: −inf. Erroneous: NaN.
 """
@@ -12,9 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from .model import LidarModel
+from .noise import DEFAULT_NAME
 
 NO_HIT = -2
-"""In `hits`: the beam met nothing within range_max."""
+"""In `hits`: the beam meets nothing within range_max."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,11 +23,12 @@ class LaserScan:
     """One scan of one sensor; ranges and hits are (k,), angles in the sensor frame.
 
     stamp    : time of the first beam [s]
-    frame_id : id of the vehicle
+    frame_id : id of the vehicle; for a scanner of another name than the default, id/name
     ranges   : distance to the first surface on each beam [m], or ±inf, NaN
     hits     : owner of that surface, also where it is too close or the return is lost; −1 the static scene, −2
-               nothing. None where it is kept from whom the scan is given to
+               nothing. None where the receiver of the scan is not to know
     inside   : the sensor is inside a solid
+    name     : of the scanner
     """
 
     stamp: float
@@ -41,6 +43,7 @@ class LaserScan:
     ranges: np.ndarray
     hits: np.ndarray | None
     inside: bool
+    name: str = DEFAULT_NAME
 
     def angles(self) -> np.ndarray:
         """Beam angles, (k,) [rad]."""
@@ -53,7 +56,7 @@ class LaserScan:
     def points(self, sensor=(0.0, 0.0, 0.0)) -> np.ndarray:
         """Measured points in beam order, (p, 2) [m].
 
-        sensor : its pose x, y, yaw in the frame that is wanted; by default the points are in the sensor's own
+        sensor : pose x, y, yaw of the sensor in the frame of the result; by default the sensor frame
         """
         x, y, yaw = sensor
         valid = self.valid()
@@ -61,25 +64,28 @@ class LaserScan:
         return np.stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)], axis=1)
 
     def to_ros_dict(self) -> dict:
-        """The fields of a sensor_msgs/LaserScan message, as plain Python."""
-        sec, nanosec = divmod(round(self.stamp * 1e9), 10**9)
+        """The fields of a sensor_msgs/LaserScan message as plain Python floats, lists and strings.
+
+        Ranges keep ±inf and NaN, as REP 117 wants; strict JSON has no such numbers.
+        """
+        sec, nanosec = divmod(round(float(self.stamp) * 1e9), 10**9)
         names = ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min", "range_max")
         return {
             "header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": self.frame_id},
-            **{name: getattr(self, name) for name in names},
-            "ranges": self.ranges.tolist(),
+            **{name: float(getattr(self, name)) for name in names},
+            "ranges": np.asarray(self.ranges, dtype=np.float64).tolist(),
             "intensities": [],
         }
 
     def filled(self, no_return=None, too_close=None, error=None) -> np.ndarray:
-        """Ranges with numbers for +inf (default range_max), −inf (range_min) and NaN (range_max), (k,) float64."""
+        """Ranges, (k,) float64, with numbers for +inf (default range_max), −inf (range_min) and NaN (range_max)."""
         return _filled(self.ranges, self, no_return, too_close, error)
 
 
 @dataclass(frozen=True, eq=False)
 class ScanBatch:
-    """Scans of n sensors of one model, begun at one time; `batch[0]` and `batch["veh.3"]` are LaserScans that share its
-    memory.
+    """Scans of n sensors of one model that begin at one time; `batch[0]` and `batch["veh.3"]` are LaserScans that share
+    its memory.
 
     stamp        : time of the first beams [s]
     ids          : vehicle of each row
@@ -97,12 +103,17 @@ class ScanBatch:
     def __len__(self) -> int:
         return len(self.ids)
 
+    @property
+    def name(self) -> str:
+        """Name of the scanner."""
+        return self.model.name
+
     def __getitem__(self, key: int | str) -> LaserScan:
-        row = self._row[key] if isinstance(key, str) else operator.index(key)
-        model = self.model
+        row = self._row_of(key) if isinstance(key, str) else operator.index(key)
+        model, vehicle = self.model, self.ids[row]
         return LaserScan(
             stamp=self.stamp,
-            frame_id=self.ids[row],
+            frame_id=vehicle if model.name == DEFAULT_NAME else f"{vehicle}/{model.name}",
             angle_min=model.angle_min,
             angle_max=model.angle_max,
             angle_increment=model.angle_increment,
@@ -113,17 +124,27 @@ class ScanBatch:
             ranges=self.ranges[row],
             hits=None if self.hits is None else self.hits[row],
             inside=bool(self.inside[row]),
+            name=model.name,
         )
 
     @cached_property
-    def _row(self):
+    def _row_by_id(self):
         return {name: row for row, name in enumerate(self.ids)}
 
+    def _row_of(self, vehicle):
+        try:
+            return self._row_by_id[vehicle]
+        except KeyError:
+            raise KeyError(f"{vehicle!r} is not among the {len(self)} ids of the batch") from None
+
     def rows(self, which) -> ScanBatch:
-        """The batch of some rows: their numbers or ids, in the order given, or a mask (n,) bool."""
+        """A batch of some rows, copied: row numbers or ids, in the given order, or a mask (n,) bool.
+
+        raises: KeyError, IndexError, TypeError
+        """
         which = np.asarray(which)
         if which.dtype.kind == "U":
-            indices = np.array([self._row[name] for name in which.tolist()], dtype=np.intp)
+            indices = np.array([self._row_of(name) for name in which.tolist()], dtype=np.intp)
         elif which.dtype == bool and which.shape == (len(self),):
             indices = np.flatnonzero(which)
         elif which.dtype.kind in "iu" or which.size == 0:

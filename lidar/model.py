@@ -1,4 +1,4 @@
-"""What a scanner is: its beams, its limits and where it sits on the vehicle."""
+"""Parameters of a scanner: its beams, its limits, its errors and its place on the vehicle."""
 
 import math
 import numbers
@@ -10,16 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .noise import Noise
+from .noise import DEFAULT_NAME, ROUNDING, Noise
 
 
 class Fan(NamedTuple):
-    """Beams side by side, counter-clockwise, as engines cast them.
+    """Neighbouring rays, counter-clockwise, as engines cast them.
 
     angles     : in the sensor frame, (k,) [rad]
-    directions : unit vectors of the beams, (2, k)
+    directions : unit vectors of the rays, (2, k)
     increment  : between neighbours [rad]
-    reach      : how far to look, a little beyond range_max: what is in range is decided afterwards [m]
+    reach      : distance up to which engines look; a little beyond range_max, as limits are applied later [m]
     """
 
     angles: np.ndarray
@@ -31,9 +31,10 @@ class Fan(NamedTuple):
         return self._replace(angles=self.angles[beams], directions=self.directions[:, beams])
 
 
-LARGEST_RANGE = 1e9  # [m]
-SLACK = 1 + 1e-9  # of Fan.reach over range_max
-ROUNDING = 1 + 1e-12  # an angle of just a full turn is allowed however it was computed
+LARGEST_RANGE = 1e9  # of range_max [m]
+REACH = 1 + 1e-9  # Fan.reach, as a multiple of range_max
+FULL_TURN = 2 * math.pi * (1 + ROUNDING)  # [rad]
+MERGING = 0.5  # distance below which two echoes of a laser pulse of 3.3 ns overlap, c τ / 2 [m]
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Mount:
     yaw: float = 0.0
 
     def __post_init__(self):
-        _refuse_non_finite(self, "x", "y", "yaw")
+        _convert_to_floats(self, "x", "y", "yaw")
 
 
 @dataclass(frozen=True)
@@ -54,16 +55,27 @@ class LidarModel:
 
     samples              : beams in a scan
     angle_min, angle_max : first and last beam [rad]
-    range_min, range_max : nearest and farthest distance it can tell [m]
+    range_min, range_max : nearest and farthest distance that the sensor measures [m]
     rate                 : scans per second [Hz]
-    mount                : where it sits on the vehicle
-    noise                : its errors
-    divergence           : angle that one beam fills [rad]; felt only where there are several sub-beams
-    subbeams             : rays by which a beam is sampled over its divergence; the nearest return counts
-    merging              : returns of one beam that lie less than this behind the nearest are not told apart: their
-                           mean is measured, a point between two surfaces ("mixed pixel") [m]
-    sweeps               : parts into which a scan is cut in time, as the mirror turns; 1 is all beams at one instant.
-                           Incidence, for the noise, is known from neighbours within a part
+    mount                : pose on the vehicle
+    noise                : errors of a measured range
+    divergence           : angle over which one beam spreads; has an effect only with several sub-beams [rad]
+    subbeams             : rays that sample a beam over its divergence
+    merging              : the range of a beam is the mean over its sub-beams that are at most this far behind the
+                           nearest one; if they are on two surfaces, it lies between them ("mixed pixel") [m]
+    sweeps               : parts of a scan that are measured one after the other as the mirror turns; 1: all beams are
+                           measured at one instant. The incidence, for the noise, is estimated within a part
+    name                 : of this scanner among those of its vehicle. Scanners of different names have independent
+                           errors; those of one name on one vehicle have the same errors
+
+    The default of `merging` follows from the length of the laser's pulse. The echoes of two surfaces a distance d apart
+    reach the receiver 2 d / c after one another; where this is less than the length τ of the pulse, they overlap and
+    are measured as one. The pulse of a time-of-flight scanner lasts a few nanoseconds; the default, 0.5 m, is c τ / 2
+    of 3.3 ns. With `merging = 0`, as if the pulse were infinitely short, the nearest ray alone counts: on an oblique
+    surface the range is then that of the near rim of the spot, 27 cm too short at 10 m and 75° with a divergence of
+    15 mrad.
+
+    raises: ValueError
     """
 
     samples: int
@@ -76,11 +88,12 @@ class LidarModel:
     noise: Noise = field(default_factory=Noise)
     divergence: float = 0.0
     subbeams: int = 1
-    merging: float = 0.0
+    merging: float = MERGING
     sweeps: int = 1
+    name: str = DEFAULT_NAME
 
     def __post_init__(self):
-        _refuse_non_finite(self, "angle_min", "angle_max", "range_min", "range_max", "rate", "divergence", "merging")
+        _convert_to_floats(self, "angle_min", "angle_max", "range_min", "range_max", "rate", "divergence", "merging")
         for name in ("samples", "subbeams", "sweeps"):
             value = getattr(self, name)
             if not isinstance(value, numbers.Real) or value != value // 1:
@@ -88,15 +101,29 @@ class LidarModel:
             object.__setattr__(self, name, int(value))
         if not isinstance(self.mount, Mount) or not isinstance(self.noise, Noise):
             raise ValueError(f"mount = {self.mount!r}, noise = {self.noise!r}; must be a Mount and a Noise")
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"name = {self.name!r}; must be a text of one character or more")
+        self._check_beams()
+        self._check_limits()
+
+    def _check_beams(self):
         if self.samples < 2:
             raise ValueError(f"samples = {self.samples}; must be a whole number, 2 or more")
         if self.angle_max <= self.angle_min:
             raise ValueError(f"angle_max = {self.angle_max}; must be above angle_min = {self.angle_min}")
-        if max(abs(self.angle_min), abs(self.angle_max)) > 2 * math.pi * ROUNDING:
-            angles = f"{self.angle_min} to {self.angle_max}"
+        if max(abs(self.angle_min), abs(self.angle_max)) > FULL_TURN:
+            angles = f"{self.angle_min} to {self.angle_max} rad"
             raise ValueError(f"angles {angles}; must be within a full turn of straight ahead")
-        if self.angle_max - self.angle_min > 2 * math.pi * ROUNDING:
+        if self.angle_max - self.angle_min > FULL_TURN:
             raise ValueError(f"field of view = {self.angle_max - self.angle_min} rad; must not exceed a full turn")
+        if not 0 <= self.divergence <= 0.1:
+            raise ValueError(f"divergence = {self.divergence} rad; must be 0 to 0.1")
+        if not 1 <= self.subbeams <= 64:
+            raise ValueError(f"subbeams = {self.subbeams}; must be a whole number from 1 to 64")
+        if not 1 <= self.sweeps <= self.samples:
+            raise ValueError(f"sweeps = {self.sweeps}; must be a whole number from 1 to samples = {self.samples}")
+
+    def _check_limits(self):
         if self.range_min < 0:
             raise ValueError(f"range_min = {self.range_min}; must not be negative")
         if self.range_max <= self.range_min:
@@ -105,14 +132,8 @@ class LidarModel:
             raise ValueError(f"range_max = {self.range_max}; must be {LARGEST_RANGE:g} m or less")
         if self.rate <= 0:
             raise ValueError(f"rate = {self.rate}; must be positive")
-        if not 0 <= self.divergence <= 0.1:
-            raise ValueError(f"divergence = {self.divergence} rad; must be 0 to 0.1")
         if self.merging < 0:
             raise ValueError(f"merging = {self.merging}; must not be negative")
-        if not 1 <= self.subbeams <= 64:
-            raise ValueError(f"subbeams = {self.subbeams}; must be a whole number from 1 to 64")
-        if not 1 <= self.sweeps <= self.samples:
-            raise ValueError(f"sweeps = {self.sweeps}; must be a whole number from 1 to samples = {self.samples}")
 
     def __reduce__(self):  # copies and pickles keep the tables below read-only
         return type(self), tuple(getattr(self, field.name) for field in fields(self))
@@ -143,7 +164,7 @@ class LidarModel:
 
     @cached_property
     def slices(self) -> tuple[tuple[slice, float], ...]:
-        """Parts of a scan, and when each is measured: as its middle beam is, before the scan ends (negative) [s]."""
+        """Parts of a scan, and the time of the middle beam of each, counted from the end of the scan, 0 or less [s]."""
         ends = [self.samples * i // self.sweeps for i in range(self.sweeps + 1)]
         middles = [(first + end - 1) / 2 / (self.samples - 1) for first, end in pairwise(ends)]
         return tuple(
@@ -153,21 +174,22 @@ class LidarModel:
 
     @property
     def reach(self) -> float:
-        """How far engines look [m]."""
-        return self.range_max * SLACK
+        """Distance up to which engines look [m]."""
+        return self.range_max * REACH
 
     @property
     def sweep_time(self) -> float:
-        """From the first beam to the last [s]; the mirror turns once in 1 / rate. 0 if all are of one instant."""
+        """Time from the first beam to the last; the mirror turns once in 1 / rate. 0 if all share one instant [s]."""
         turned = (self.angle_max - self.angle_min) / (2 * math.pi)
         return turned / self.rate if self.sweeps > 1 else 0.0
 
 
-def _refuse_non_finite(record, *names):
+def _convert_to_floats(record, *names):
     for name in names:
         value = getattr(record, name)
         if not isinstance(value, numbers.Real) or not math.isfinite(value):
             raise ValueError(f"{name} = {value!r}; must be a finite number")
+        object.__setattr__(record, name, float(value))
 
 
 def _read_only(array):
@@ -184,12 +206,12 @@ def _fan(half_angle_deg, range_min, range_max, samples=720, rate=40.0, noise=Noi
     return LidarModel(samples, -half, half, range_min, range_max, rate, noise=noise)
 
 
-# Errors are bounded at 3.46 sigma (see Noise). The data sheet allows 30 mm to 10 m and 50 mm to 30 m; with half a step
-# of the millimetres that it reports, this is just less at 10 m and at 30 m.
+# Errors are bounded at 3.46 sigma (see Noise). The data sheet allows 30 mm up to 10 m and 50 mm up to 30 m; with half a
+# step of the reported millimetres, the bound is just below these values at 10 m and at 30 m.
 _UTM30LX = Noise(sigma=0.00562, sigma_per_metre=0.000288, resolution=0.001)
 
-# 1 cm is the custom in simulators. How often returns are lost is an assumption: one of 500 always, one of 50 more at
-# the end of the range, half of them where a surface is seen edge-on, beginning 15 degrees before.
+# 1 cm is customary in simulators. The loss of returns is an assumption: one of 500 anywhere, one more of 50 at the end
+# of the range, and one more of two at a surface seen edge-on, beginning 15 degrees before.
 _CAR = Noise(
     sigma=0.01,
     resolution=0.001,

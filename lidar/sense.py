@@ -1,122 +1,88 @@
-"""One scan of many sensors: the meaning of `ranges`, whichever engine measures them.
+"""One scan by many sensors. The meaning of `ranges`, which does not depend on the engine:
 
 1. A range is the distance from the sensor to the first surface on the beam; both ends of a segment belong to it.
 2. Beyond range_max: +inf. Exactly range_max is a hit.
 3. Nearer than range_min: −inf, and the beam is blocked; nothing behind is reported.
-4. Sensor inside a solid, or within 1 nm of a wall: every beam −inf, and `inside`.
-5. A lone segment edge-on, its line within 1 nm of the sensor, is invisible. Solids never are: another face is hit.
-6. A vehicle's own boxes are never seen.
-7. Then come the errors of the model, in this order: mixed pixels, noise, resolution, limits, loss. Only returns have
-   them: a beam that met nothing stays +inf.
-8. A scanner whose beams are not of one instant ends its sweep at the instant of the world it is given.
+4. Sensor inside a solid, or within 1 nm of a wall: every beam −inf, and `inside` is set.
+5. A single segment edge-on, its line within 1 nm of the sensor, is invisible. Solids never are: the beam meets another
+   face.
+6. The vehicle's own boxes are transparent.
+7. The errors of the model follow, in this order: mixed pixels, noise, resolution, limits, loss. They apply to returns
+   only: a beam that met nothing stays +inf.
+8. If the beams are not measured at one instant, the last one is measured at the instant of the given world.
 """
 
 import difflib
 import operator
-from functools import lru_cache
 
 import numpy as np
 
+from .carriers import Carriers, Occasion
 from .engines import ENGINES
 from .engines.protocol import Sensors
 from .laserscan import NO_HIT, ScanBatch
 from .model import LidarModel
 from .noise import draws
 from .pose import compose
-from .scene import FARTHEST, Boxes, Scene, owners
+from .scene import Boxes, Scene
 
 
 def scan(
     model: LidarModel,
     scene: Scene,
     boxes: Boxes,
-    x,
-    y,
-    heading,
-    owner,
+    carriers: Carriers,
+    occasion: Occasion = Occasion(),  # noqa: B008 (it is immutable)
     *,
-    motion=(0.0, 0.0, 0.0),
-    ids=None,
-    stamp: float = 0.0,
-    seed: int = 0,
-    number: int = 0,
     engine: str = "raster",
     dtype=np.float32,
-    hits: bool = True,
     out: ScanBatch | None = None,
 ) -> ScanBatch:
     """Scan once from each of n vehicles.
 
-    x, y, heading : centre of each vehicle in the world frame, (n,) [m, rad]; the model's mount is added here
-    owner         : owner id of each vehicle, (n,); its own boxes are transparent to it
-    motion        : vx, vy, yaw rate of each vehicle in the world frame, (n,) each or one for all [m/s, rad/s]; felt
-                    only where the model has sweeps
-    ids           : names of the rows, (n,); row numbers if not given. Errors belong to the name, not to the row
-    stamp         : time of the world that is given [s]; the last beam is measured then
-    seed, number  : of the run, and of the scan in it: the same numbers give the same errors
-    engine        : a name of ENGINES
-    dtype         : of the ranges; all decisions are taken in float64
-    hits          : whether to tell what each beam met
-    out           : a batch of the same model and size that is no longer needed, nor any scan taken from it: its arrays
-                    are written over and become those of the result
+    model    : the scanner that each of the vehicles carries
+    occasion : time, number of the scan and seed of the run
+    engine   : a name in ENGINES
+    dtype    : of the ranges, float32 or float64; all computations are in float64
+    out      : a batch of the same model and size that is no longer needed, nor any scan taken from it: the result
+               overwrites and takes over its arrays
+
+    raises: ValueError
     """
     measure = _engine(engine)
-    x, y, heading = (np.array(values, dtype=np.float64, ndmin=1) for values in (x, y, heading))
-    owner = owners(owner)
-    if not (x.shape == y.shape == heading.shape == owner.shape and x.ndim == 1):
-        shapes = ", ".join(str(values.shape) for values in (x, y, heading, owner))
-        raise ValueError(f"x, y, heading, owner have shapes {shapes}; must be equal, one value a sensor")
-    ids = _numbers(len(x)) if ids is None else tuple(ids)
-    if len(ids) != len(x) or _different(ids) != len(ids):
-        raise ValueError(f"{len(ids)} ids, {_different(ids)} different, for {len(x)} sensors; must be one name each")
-    good = (np.abs(x) <= FARTHEST) & (np.abs(y) <= FARTHEST) & np.isfinite(heading)
-    if not good.all():
-        row = int(np.flatnonzero(~good)[0])
-        pose = f"{x[row]}, {y[row]}, {heading[row]}"
-        raise ValueError(f"row {row} ({ids[row]}): pose {pose}; must be finite, within {FARTHEST:g} m of the origin")
-    vx, vy, yaw_rate = (np.asarray(values, dtype=np.float64) for values in motion)
-    for name, values in (("vx", vx), ("vy", vy), ("yaw_rate", yaw_rate)):
-        if values.shape not in ((), x.shape) or not np.isfinite(values).all():
-            raise ValueError(f"motion: {name} = {values}; must be finite, one value or one a sensor")
-    dtype = np.dtype(dtype)
-    if dtype not in (np.float32, np.float64):
-        raise ValueError(f"dtype = {dtype}; must be float32 or float64")
-    number = operator.index(number)
+    stamp, number, seed = occasion[0], operator.index(occasion[1]), operator.index(occasion[2])
     if number < 0:
         raise ValueError(f"number = {number}; must be 0 or more")
-
-    keys, bias = draws(model.noise, operator.index(seed), ids, number)
-    ranges, met, inside = _buffers(out, model, len(x), dtype, hits)
+    ids = carriers.ids
+    keys, bias = draws(model.noise, seed, ids, number, model.name)
+    ranges, hits, inside = _buffers(out, model, len(carriers), dtype)
     inside[:] = False
     for beams, later in model.slices:
         world = boxes.after(later) if later else boxes
-        poses = compose(x + later * vx, y + later * vy, heading + later * yaw_rate, model.mount)
-        sensors = Sensors(*poses, owner, keys, bias)
-        inside |= measure(model, beams, scene, world, sensors, ranges, met) != NO_HIT
-    for array in (ranges, met, inside):
+        sensors = Sensors(*_poses(carriers, later, model.mount), carriers.owner, keys, bias)
+        inside |= measure(model, beams, scene, world, sensors, ranges, hits) != NO_HIT
+    for array in (ranges, hits, inside):
         array.setflags(write=False)
-    return ScanBatch(model, stamp - model.sweep_time, ids, ranges, met if hits else None, inside)
+    return ScanBatch(model, stamp - model.sweep_time, ids, ranges, hits, inside)
 
 
-@lru_cache(maxsize=64)  # the same vehicles scan again and again
-def _different(ids):
-    return len(set(ids))
+def _poses(carriers, later, mount):
+    """Poses of the sensors `later` seconds after the given instant: x, y, yaw, world frame, (n,) each."""
+    x, y = carriers.x + later * carriers.vx, carriers.y + later * carriers.vy
+    return compose(x, y, carriers.heading + later * carriers.yaw_rate, mount)
 
 
-@lru_cache(maxsize=64)
-def _numbers(n):
-    return tuple(str(row) for row in range(n))
-
-
-def _buffers(out, model, n, dtype, hits):
+def _buffers(out, model, n, dtype):
     """Memory for ranges, hits and inside: that of `out`, or new."""
-    shape = n, model.samples
+    shape, dtype = (n, model.samples), np.dtype(dtype)
+    if dtype not in (np.float32, np.float64):
+        raise ValueError(f"dtype = {dtype}; must be float32 or float64")
     if out is None:
-        return np.empty(shape, dtype), np.empty(shape if hits else (shape[0], 0), np.int32), np.empty(shape[0], bool)
-    if out.model != model or out.ranges.shape != shape or out.ranges.dtype != dtype or (out.hits is not None) != hits:
-        have = f"{out.ranges.shape} {out.ranges.dtype}, hits {out.hits is not None}"
-        raise ValueError(f"out has ranges {have}; must be {shape} {dtype}, hits {hits}, of the same model")
-    arrays = (out.ranges, out.hits if hits else np.empty((n, 0), np.int32), out.inside)
+        return np.empty(shape, dtype), np.empty(shape, np.int32), np.empty(n, bool)
+    if out.model != model or out.ranges.shape != shape or out.ranges.dtype != dtype or out.hits is None:
+        given = f"{out.ranges.shape} {out.ranges.dtype}, hits {'left out' if out.hits is None else 'kept'}"
+        raise ValueError(f"out has ranges {given}; must be {shape} {dtype}, hits kept, of the same model")
+    arrays = out.ranges, out.hits, out.inside
     try:
         for array in arrays:
             array.setflags(write=True)

@@ -1,13 +1,14 @@
-"""What an engine is given and gives, and the part of the work that most engines share.
+"""The interface of an engine, and the part of the work that most engines share.
 
 An engine measures (model, beams, scene, boxes, sensors, ranges, hits) -> around:
 
 beams   : which of the model's beams, a slice; only these columns are filled
-sensors : where they are, and what makes their errors
+sensors : poses of the sensors, and what their errors are drawn from
 ranges  : (n, samples), to be filled with what the scanner reports: see `lidar.sense`
 hits    : (n, samples) int32, to be filled with the owner of the surface met within range_max, the smallest if several
-          are equally near; or (n, 0) if nobody asks
-around  : owner of what each sensor is inside of or touches, the smallest if several; NO_HIT if it is free, (n,) int32
+          are equally near
+around  : owner of the box or wall that a sensor is inside of or touches, the smallest if several; NO_HIT if there is
+          none, (n,) int32
 """
 
 from typing import NamedTuple
@@ -15,16 +16,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ..laserscan import NO_HIT
-from ..noise import perturbed
+from ..noise import ROUNDING, perturbed
 from ..scene import STATIC, blocks, pairs_near
 
-NOBODY = np.iinfo(np.int32).max  # no owner yet; any owner is less
-TOUCHING = 1e-9  # [m]
-ROUNDING = 1e-12  # relative; so that a wall exactly at a limit counts as in range, however it was computed
+NOBODY = np.iinfo(np.int32).max  # no owner yet; every owner is smaller
+TOUCHING = 1e-9  # distance at which a sensor touches a surface [m]
 
 
 class Sensors(NamedTuple):
-    """Poses in the world frame [m, rad]; owner whose boxes each does not see; what its errors are made of. All (n,)."""
+    """Poses, world frame [m, rad]; owners, whose boxes are transparent; keys and biases of the errors. All (n,)."""
 
     x: np.ndarray
     y: np.ndarray
@@ -35,40 +35,40 @@ class Sensors(NamedTuple):
 
 
 def engine(cast):
-    """An engine of a function (fan, scene, boxes, x, y, yaw, owner) -> (ranges, hits) that only measures distances.
+    """An engine from a function (fan, scene, boxes, x, y, yaw, owner) -> (ranges, hits) that only measures distances.
 
     ranges : distance to the first surface on each beam, (n, k) float64, new memory. Exact up to the fan's reach;
              beyond, the distance to any surface there, or +inf
-    hits   : owner of that surface, the smallest if several are equally near, (n, k) int32
+    hits   : owner of that surface, the smallest if several are equally near, (n, k) int32, new memory
 
-    Sensors that are inside a solid may get anything.
+    The values of sensors inside a solid are ignored.
     """
 
     def measure(model, beams, scene, boxes, sensors, ranges, hits):
         poses = sensors[:4]
-        fans = (fan.part(beams) for fan in model.fans)
-        exact, met = _merged([cast(fan, scene, boxes, *poses) for fan in fans], model.merging)
-        too_far = exact > model.range_max * (1 + ROUNDING)
-        too_close = exact < model.range_min * (1 - ROUNDING)
+        rays = [cast(fan.part(beams), scene, boxes, *poses) for fan in model.fans]
+        farthest = model.range_max * (1 + ROUNDING)
+        for ranges_of_ray, owners in rays:  # before sub-beams are merged: what is beyond the reach gives no echo
+            beyond = ranges_of_ray > farthest
+            ranges_of_ray[beyond], owners[beyond] = np.inf, NO_HIT
+        exact, met = _merged(rays, model.merging)
+        too_far, too_close = exact > farthest, exact < model.range_min * (1 - ROUNDING)
         exact = np.clip(exact, model.range_min, model.range_max)
         exact[too_far], met[too_far] = np.inf, NO_HIT
         exact[too_close] = -np.inf
         if not model.noise.none:
-            limits = (model.range_min, model.range_max, model.angle_increment)
-            exact = perturbed(model.noise, *limits, exact, met, sensors.keys, sensors.bias, beams.start)
+            exact = perturbed(model, beams.start, exact, met, sensors.keys, sensors.bias)
         around = enclosing(scene, boxes, *poses)
         inside = around != NO_HIT
         exact[inside], met[inside] = -np.inf, around[inside, None]
-        ranges[:, beams] = exact
-        if hits.shape[1]:
-            hits[:, beams] = met
+        ranges[:, beams], hits[:, beams] = exact, met
         return around
 
     return measure
 
 
 def _merged(rays, merging):
-    """One range and owner for each beam, of those of its sub-beams: the nearest, or the mean of those close behind."""
+    """Range and owner of each beam from its rays: the mean of the nearest and those at most `merging` behind it."""
     if len(rays) == 1:
         return rays[0]
     ranges, owners = np.stack([r for r, _ in rays]), np.stack([h for _, h in rays])
@@ -76,16 +76,16 @@ def _merged(rays, merging):
     owner = np.where(ranges == nearest, owners, NOBODY).min(axis=0)
     together = ranges <= nearest + merging
     total = np.zeros_like(nearest)
-    for subbeam, merged in zip(ranges, together, strict=True):  # one after the other: the compiled engine adds so too
+    for subbeam, merged in zip(ranges, together, strict=True):  # in the order in which the compiled engine adds
         total += np.where(merged, subbeam, 0.0)
     return total / together.sum(axis=0), owner
 
 
 def enclosing(scene, boxes, x, y, yaw, owner):
-    """Owner of what a sensor is inside of or touches; see `around` above."""
+    """Owner of the box or wall that a sensor is inside of or touches; see `around` above."""
     around = np.full(len(x), NOBODY, dtype=np.int32)
     for rows in blocks(len(x), max(len(boxes), len(scene.segments))):
-        sensor, box = pairs_near(boxes.bounds, x[rows], y[rows], 2 * TOUCHING)  # also beyond a corner, both ways
+        sensor, box = pairs_near(boxes.bounds, x[rows], y[rows], 2 * TOUCHING)  # a corner is √2 of it away
         sensor += rows.start
         others = boxes.owner[box] != owner[sensor]
         sensor, box = sensor[others], box[others]

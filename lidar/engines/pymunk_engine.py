@@ -1,4 +1,4 @@
-"""Reference: one Chipmunk segment query for each beam. Slow and plain; a second opinion on the others."""
+"""Reference: one Chipmunk segment query for each beam. Slow and plain; a second opinion on the other engines."""
 
 import weakref
 
@@ -25,10 +25,10 @@ def measure(fan, scene, boxes, x, y, yaw, owner):
         bearing = yaw[row] + fan.angles
         ends = np.stack([x[row] + fan.reach * np.cos(bearing), y[row] + fan.reach * np.sin(bearing)], axis=1).tolist()
         for beam, end in enumerate(ends):
-            hit = space.segment_query_first(origin, end, 0, others)
-            if hit is not None:
-                ranges[row, beam] = hit.alpha * fan.reach
-                hits[row, beam] = owner_of[hit.shape]
+            found = [(hit.alpha, owner_of[hit.shape]) for hit in space.segment_query(origin, end, 0, others)]
+            if found:  # segment_query_first would return any of several that are equally near
+                alpha, hits[row, beam] = min(found)
+                ranges[row, beam] = alpha * fan.reach
     return ranges, hits
 
 

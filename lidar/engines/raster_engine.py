@@ -1,13 +1,13 @@
-"""The fast engine: what is near a sensor is drawn into a buffer of inverse ranges, one value for each beam.
+"""The fast engine: surfaces near a sensor are drawn into a buffer of inverse ranges, one value a beam.
 
 Along a straight segment the inverse range is linear in the beam's direction d: a point r·d lies on the line n·p = 1
-just when 1/r = n·d. So a segment costs two angles, and one multiply-add for each beam it covers; the buffer keeps the
-largest inverse range, and one division a beam ends the scan. What is near a sensor is known from a grid: walls lie in
-its cells once for a scene, boxes anew at every call. A box shows at most two faces, and their distances and directions
-follow from its pose. Rows do not depend on what else is in the batch, nor on the order of the obstacles.
+just when 1/r = n·d. A segment thus costs two angles, and one multiply-add for each beam that it covers; the buffer
+keeps the largest inverse range, and one division a beam ends the scan. A grid gives the surfaces near a sensor: walls
+are sorted into its cells once for a scene, boxes at every call. A box shows at most two faces; their distances and
+directions follow from its pose. A row depends neither on the rest of the batch nor on the order of the obstacles.
 
-For each sensor: gather the faces that may be in view, place them among the beams, draw them, and make of the buffer
-what the scanner reports. What goes over arrays has no branches, so that the processor does several at a time.
+For each sensor: gather the faces that may be in view, place them among the beams, draw them, and turn the buffer into
+what the scanner reports. Loops over arrays have no branches, so that the processor computes several values at a time.
 """
 
 import math
@@ -17,14 +17,14 @@ import numpy as np
 
 from ..compiled import compiled
 from ..laserscan import NO_HIT
-from ..noise import DROPOUT, GAUSS, GOLDEN, PURPOSES, gauss, mixed, uniform
+from ..noise import DROPOUT, GAUSS, GOLDEN, PURPOSES, ROUNDING, gauss, mixed, uniform
 from ..scene import STATIC
-from .protocol import NOBODY, ROUNDING, TOUCHING
+from .protocol import NOBODY, TOUCHING
 
-CELL = 60.0  # [m]; walls are cut to it, so that none reaches far beyond its cell. Half or twice as much is slower
-MOST_CELLS = 16  # for each wall or box, and pieces for each wall; a grid that would have more has larger ones
+CELL = 60.0  # side of a cell; walls are cut to it, so that none reaches far beyond its cell. 30 and 120 are slower [m]
+MOST_CELLS = 16  # of a grid, for each wall or box; pieces of a wall, on average. Beyond, cells and pieces are larger
 TURN = 2 * math.pi
-FINE = 4e4  # beams a radian from which rough angles are not good to half a beam
+FINE = 4e4  # beams a radian from which approximate angles are not good to half a beam
 
 _mixed, _gauss, _uniform = compiled(mixed), compiled(gauss), compiled(uniform)
 
@@ -43,7 +43,7 @@ def measure(model, beams, scene, boxes, sensors, ranges, hits):
     angles = np.array([[fan.angles[0], fan.increment] for fan in fans])
     directions = np.array([fan.directions for fan in fans])
     noise = model.noise
-    limits = (model.range_min, model.range_max, model.reach, model.merging)
+    limits = model.range_min, model.range_max, model.reach, model.merging
     errors = (
         not noise.none,
         noise.sigma,
@@ -62,7 +62,7 @@ def measure(model, beams, scene, boxes, sensors, ranges, hits):
 
 
 def _wall_grid(segments):
-    """Walls, cut into pieces no longer than a cell: see _sorted."""
+    """Walls, cut into pieces no longer than a cell: place of the grid, first piece of each cell, pieces, (4, m)."""
     vector = segments[:, 2:] - segments[:, :2]
     length = np.hypot(*vector.T)
     longest = max(CELL, length.sum() / (MOST_CELLS * len(segments) + 1000))  # few walls of many kilometres
@@ -87,7 +87,7 @@ def _wall_grid(segments):
 
 
 def _cell(width, height, n):
-    """Size of the cells for n things in a rectangle: larger where they are few and far between."""
+    """Size of the cells for n things in a rectangle: larger where they are sparse."""
     cell = CELL
     while (width // cell + 1) * (height // cell + 1) > MOST_CELLS * n + 1000:
         cell *= 2
@@ -95,7 +95,7 @@ def _cell(width, height, n):
 
 
 def _box_grid(boxes, x, y, reach):
-    """Boxes in a grid about the sensors at x, y: its place, first of each cell, their middles, rows, shapes, owners."""
+    """Boxes in a grid around the sensors at x, y: its place, first box of each cell, middles, rows, shapes, owners."""
     if boxes not in _shapes:
         _shapes[boxes] = _shape(boxes)
     shapes, radius = _shapes[boxes]
@@ -116,7 +116,7 @@ def _shape(boxes):
 
 @compiled
 def _sorted(place, x, y):
-    """Middles and rows of boxes by cells, and the first of each; those outside of the grid come last, in no cell."""
+    """First box of each cell, and middles and rows of boxes by cell; those outside the grid come last, in no cell."""
     west, south, cell, columns, rows, _ = place
     per_metre = 1.0 / cell
     index = np.empty(len(x), np.intp)
@@ -124,7 +124,7 @@ def _sorted(place, x, y):
         column, row = math.floor((x[i] - west) * per_metre), math.floor((y[i] - south) * per_metre)
         inside = (column >= 0.0) & (column < columns) & (row >= 0.0) & (row < rows)
         index[i] = np.intp(row * columns + column if inside else columns * rows)
-    first = np.zeros(columns * rows + 2, np.intp)  # how many there are in each cell, then where the next cell begins
+    first = np.zeros(columns * rows + 2, np.intp)  # boxes in each cell, then the beginning of the next cell
     for i in range(len(x)):
         first[index[i]] += 1
     for i in range(1, columns * rows + 2):
@@ -139,13 +139,13 @@ def _sorted(place, x, y):
 
 @compiled
 def _scan(poses, owner, around, angles, directions, limits, errors, keys, bias, walls, boxes, begin, ranges, hits):
-    """Fill a row of ranges and hits for each pose, from the column `begin` on, and what is around it."""
+    """Fill a row of ranges and hits for each pose, from the column `begin` on, and the owner around it."""
     range_min, range_max, reach, merging = limits
     rays, beams = directions.shape[0], directions.shape[2]
     inverse, met = np.empty((rays, beams)), np.empty((rays, beams), np.int64)
     exact, errant = np.empty(beams), np.empty(beams)
     squared, spare = np.empty(beams), np.empty(beams)
-    near, faces, owners = np.empty((5, 256)), np.empty((8, 256)), np.empty(256, np.int64)
+    room = _room(256)
     for i in range(len(poses)):
         for ray in range(rays):
             inverse[ray, :] = 0.0
@@ -153,8 +153,9 @@ def _scan(poses, owner, around, angles, directions, limits, errors, keys, bias, 
             fan = _fan(angles[ray], directions[ray], reach)
             wall_cells, box_cells = _cells(poses[i], fan, walls[0]), _cells(poses[i], fan, boxes[0])
             most = _count(wall_cells, walls[0], walls[1]) + 2 * _count(box_cells, boxes[0], boxes[1])
-            if most > len(owners):
-                near, faces, owners = np.empty((5, 2 * most)), np.empty((8, 2 * most)), np.empty(2 * most, np.int64)
+            if most > len(room[2]):
+                room = _room(2 * most)
+            near, faces, owners = room
             n, touched = _gather_walls(poses[i], fan, walls, wall_cells, near, faces, owners)
             n, enclosed = _gather_boxes(poses[i], owner[i], fan, boxes, box_cells, n, faces, owners)
             around[i] = min(around[i], touched, enclosed)
@@ -166,27 +167,36 @@ def _scan(poses, owner, around, angles, directions, limits, errors, keys, bias, 
             continue
         around[i] = NO_HIT
         if rays > 1:
-            _merge(inverse, met, merging, exact, spare, errant)
+            _merge(inverse, met, merging, range_max * (1 + ROUNDING), exact, spare, errant)
+        _limit(inverse[0], range_min, range_max, exact)
         for beam in range(np.uint64(beams)):
-            r = 1.0 / inverse[0, beam]
-            value = min(max(r, range_min), range_max)
-            value = -np.inf if r < range_min * (1 - ROUNDING) else value
-            exact[beam] = np.inf if r > range_max * (1 + ROUNDING) else value
-        if hits.shape[1]:
-            for beam in range(np.uint64(beams)):
-                hits[i, begin + beam] = NO_HIT if exact[beam] == np.inf else met[0, beam]
+            hits[i, begin + beam] = NO_HIT if exact[beam] == np.inf else met[0, beam]
         if errors[0]:
             _perturb(errors, range_min, range_max, begin, exact, met[0], keys[i], bias[i], squared, spare, errant)
-            for beam in range(np.uint64(beams)):
-                ranges[i, begin + beam] = errant[beam]
-        else:
-            for beam in range(np.uint64(beams)):
-                ranges[i, begin + beam] = exact[beam]
+        measured = errant if errors[0] else exact
+        for beam in range(np.uint64(beams)):
+            ranges[i, begin + beam] = measured[beam]
+
+
+@compiled
+def _room(size):
+    """Memory for `size` faces: near, faces and owners."""
+    return np.empty((5, size)), np.empty((8, size)), np.empty(size, np.int64)
+
+
+@compiled
+def _limit(inverse, range_min, range_max, exact):
+    """Ranges from inverse ranges, ±inf beyond the limits."""
+    for beam in range(np.uint64(len(inverse))):
+        r = 1.0 / inverse[beam]
+        value = min(max(r, range_min), range_max)
+        value = -np.inf if r < range_min * (1 - ROUNDING) else value
+        exact[beam] = np.inf if r > range_max * (1 + ROUNDING) else value
 
 
 @compiled
 def _fan(angles, directions, reach):
-    """What drawing needs to know of the fan: first angle, beams a radian, reach, whether it is convex, its borders."""
+    """A fan as drawing needs it: first angle, beams a radian, reach, whether it is convex, its borders."""
     angle_min, increment = angles
     last = directions.shape[1] - 1
     convex = last * increment <= math.pi
@@ -205,7 +215,7 @@ def _in_view(x, y, fan):
 
 @compiled
 def _cells(pose, fan, place):
-    """Columns and rows of the cells in which lies the middle of everything that may be in view."""
+    """First and last column and row of the cells that contain the middle of anything that may be in view."""
     x, y, cos, sin = pose
     west, south, cell, columns, rows, radius = place
     _, _, reach, _, x0, y0, x1, y1 = fan
@@ -220,7 +230,7 @@ def _cells(pose, fan, place):
         bottom = -1.0
     if _in_view(sin, cos, fan):
         top = 1.0
-    far = radius + 1e-6 * reach  # rounding is not to leave out what is just at the border
+    far = radius + 1e-6 * reach  # rounding must not exclude a surface just at the border
     return (
         np.intp(max(math.floor((x + reach * left - far - west) / cell), 0)),
         np.intp(min(math.floor((x + reach * right + far - west) / cell), columns - 1)),
@@ -231,7 +241,7 @@ def _cells(pose, fan, place):
 
 @compiled
 def _count(cells, place, first):
-    """How many things lie in these cells."""
+    """Number of walls or boxes in these cells."""
     left, right, bottom, top = cells
     columns = place[3]
     count = 0
@@ -245,8 +255,7 @@ def _count(cells, place, first):
 def _gather_walls(pose, fan, walls, cells, near, faces, owners):
     """Walls that may be in view, into `faces`: their number, and STATIC if the sensor is on one, else NOBODY."""
     place, first, segments = walls
-    x, y, cos, sin = pose
-    _, _, reach, convex, x0, y0, x1, y1 = fan
+    x, y = pose[0], pose[1]
     left, right, bottom, top = cells
     columns = place[3]
     n, touched = 0, np.int64(NOBODY)
@@ -257,28 +266,7 @@ def _gather_walls(pose, fan, walls, cells, near, faces, owners):
         xs0, ys0, xs1, ys1 = (segments[0, start:stop], segments[1, start:stop],
                               segments[2, start:stop], segments[3, start:stop])  # fmt: skip
         near_ax, near_ay, near_bx, near_by, keep = near[0], near[1], near[2], near[3], near[4]
-        on_line = False
-        for k in range(stop - start):  # vectorised: no branches
-            e0, n0, e1, n1 = xs0[k] - x, ys0[k] - y, xs1[k] - x, ys1[k] - y
-            ax, ay = cos * e0 + sin * n0, cos * n0 - sin * e0
-            bx, by = cos * e1 + sin * n1, cos * n1 - sin * e1
-            ex, ey = bx - ax, by - ay
-            # Twice the area of the triangle sensor, a, b: its sign tells the turn, its size the distance of the line.
-            area, square, far = ax * ey - ay * ex, ex * ex + ey * ey, reach * reach
-            out = area * area > far * square
-            # The nearest point of the line is not between the ends, and the nearer end is beyond reach.
-            out |= (ax * ex + ay * ey > 0.0) & (ax * ax + ay * ay > far)
-            out |= (bx * ex + by * ey < 0.0) & (bx * bx + by * by > far)
-            before = (x0 * ay - y0 * ax < 0.0) & (x0 * by - y0 * bx < 0.0)
-            behind = (x1 * ay - y1 * ax > 0.0) & (x1 * by - y1 * bx > 0.0)
-            out |= (before | behind) if convex else (before & behind)
-            edge_on = area * area <= TOUCHING * TOUCHING * square
-            on_line |= edge_on
-            turn = area > 0.0
-            near_ax[k], near_ay[k] = ax if turn else bx, ay if turn else by
-            near_bx[k], near_by[k] = bx if turn else ax, by if turn else ay
-            keep[k] = 0.0 if out | edge_on else 1.0
-        if on_line:
+        if _turn_walls(pose, fan, xs0, ys0, xs1, ys1, near_ax, near_ay, near_bx, near_by, keep):
             for k in range(stop - start):
                 if _touches(xs0[k] - x, ys0[k] - y, xs1[k] - x, ys1[k] - y):
                     touched = np.int64(STATIC)
@@ -292,6 +280,38 @@ def _gather_walls(pose, fan, walls, cells, near, faces, owners):
         scale = 1.0 / (ax * ey - ay * ex)
         faces[4, k], faces[5, k] = ey * scale, -ex * scale
     return n, touched
+
+
+@compiled
+def _turn_walls(pose, fan, xs0, ys0, xs1, ys1, near_ax, near_ay, near_bx, near_by, keep):
+    """Ends of walls in the sensor frame, counter-clockwise as seen from it; keep is 1 where a wall may be in view.
+
+    returns: whether the sensor is on the line of any wall
+    """
+    x, y, cos, sin = pose
+    _, _, reach, convex, x0, y0, x1, y1 = fan
+    on_line = False
+    for k in range(len(xs0)):  # vectorised: no branches
+        e0, n0, e1, n1 = xs0[k] - x, ys0[k] - y, xs1[k] - x, ys1[k] - y
+        ax, ay = cos * e0 + sin * n0, cos * n0 - sin * e0
+        bx, by = cos * e1 + sin * n1, cos * n1 - sin * e1
+        ex, ey = bx - ax, by - ay
+        # Twice the area of the triangle sensor, a, b: its sign tells the turn, its size the distance of the line.
+        area, square, far = ax * ey - ay * ex, ex * ex + ey * ey, reach * reach
+        out = area * area > far * square
+        # The nearest point of the line is not between the ends, and the nearer end is beyond reach.
+        out |= (ax * ex + ay * ey > 0.0) & (ax * ax + ay * ay > far)
+        out |= (bx * ex + by * ey < 0.0) & (bx * bx + by * by > far)
+        before = (x0 * ay - y0 * ax < 0.0) & (x0 * by - y0 * bx < 0.0)
+        behind = (x1 * ay - y1 * ax > 0.0) & (x1 * by - y1 * bx > 0.0)
+        out |= (before | behind) if convex else (before & behind)
+        edge_on = area * area <= TOUCHING * TOUCHING * square
+        on_line |= edge_on
+        turn = area > 0.0
+        near_ax[k], near_ay[k] = ax if turn else bx, ay if turn else by
+        near_bx[k], near_by[k] = bx if turn else ax, by if turn else ay
+        keep[k] = 0.0 if out | edge_on else 1.0
+    return on_line
 
 
 @compiled
@@ -330,32 +350,45 @@ def _gather_boxes(pose, own, fan, grid, cells, n, faces, owners):
             hx, hy = cos * boxes[i, 0] + sin * boxes[i, 1], cos * boxes[i, 1] - sin * boxes[i, 0]
             along, across = -(hx * mx + hy * my), hy * mx - hx * my
             half, side = boxes[i, 2], boxes[i, 3]
-            ahead, aside = abs(along) - half, abs(across) - side
-            if ahead <= TOUCHING and aside <= TOUCHING:
+            if abs(along) - half <= TOUCHING and abs(across) - side <= TOUCHING:
                 enclosed = min(enclosed, np.int64(box_owner[i]))
                 continue
-            if ahead > TOUCHING:  # the front or the rear is in sight, from left to right as seen from the box
-                s = 1.0 if along > 0.0 else -1.0
-                fx, fy, wx, wy = mx + s * half * hx, my + s * half * hy, -s * side * hy, s * side * hx
-                faces[0, n], faces[1, n], faces[2, n], faces[3, n] = fx + wx, fy + wy, fx - wx, fy - wy
-                faces[4, n], faces[5, n] = -s * hx / ahead, -s * hy / ahead
-                owners[n] = box_owner[i]
-                n += 1
-            if aside > TOUCHING:
-                # The corner shared with the front or rear is summed in the same order, middle, along, across: were it a
-                # unit in the last place apart, a beam could pass between the two faces.
-                s = 1.0 if across > 0.0 else -1.0
-                lx, ly, wx, wy = s * half * hx, s * half * hy, -s * side * hy, s * side * hx
-                faces[0, n], faces[1, n], faces[2, n], faces[3, n] = mx - lx + wx, my - ly + wy, mx + lx + wx, my + ly + wy
-                faces[4, n], faces[5, n] = s * hy / aside, -s * hx / aside
-                owners[n] = box_owner[i]
-                n += 1
+            n = _add_faces(mx, my, hx, hy, half, side, along, across, box_owner[i], n, faces, owners)
     return n, enclosed
 
 
 @compiled
+def _add_faces(mx, my, hx, hy, half, side, along, across, owner, n, faces, owners):
+    """Append the faces of a box that are in sight, from left to right as seen from the box: how many there are now.
+
+    mx, my, hx, hy : middle and direction of the box in the sensor frame
+    along, across  : the sensor in the frame of the box
+
+    The corner that two faces share is summed in the same order in both: middle, along, across. Were the two results a
+    unit in the last place apart, a beam could pass between the faces.
+    """
+    ahead, aside = abs(along) - half, abs(across) - side
+    if ahead > TOUCHING:  # the front or the rear
+        s = 1.0 if along > 0.0 else -1.0
+        fx, fy, wx, wy = mx + s * half * hx, my + s * half * hy, -s * side * hy, s * side * hx
+        faces[0, n], faces[1, n], faces[2, n], faces[3, n] = fx + wx, fy + wy, fx - wx, fy - wy
+        faces[4, n], faces[5, n] = -s * hx / ahead, -s * hy / ahead
+        owners[n] = owner
+        n += 1
+    if aside > TOUCHING:  # the left or the right side
+        s = 1.0 if across > 0.0 else -1.0
+        lx, ly, wx, wy = s * half * hx, s * half * hy, -s * side * hy, s * side * hx
+        faces[0, n], faces[1, n] = (mx - lx) + wx, (my - ly) + wy
+        faces[2, n], faces[3, n] = (mx + lx) + wx, (my + ly) + wy
+        faces[4, n], faces[5, n] = s * hy / aside, -s * hx / aside
+        owners[n] = owner
+        n += 1
+    return n
+
+
+@compiled
 def _place(fan, n, faces):
-    """Where each face begins and ends, counted in beams from the first, to about half a beam: rows 6 and 7."""
+    """Beginning and end of each face, in beams from the first, to about half a beam: rows 6 and 7."""
     angle_min, per_radian = fan[0], fan[1]
     if per_radian < FINE:
         for k in range(n):
@@ -380,7 +413,7 @@ def _draw(directions, turn, n, faces, owners, inverse, met):
         begin, end = faces[6, k] + 0.5, faces[7, k] + 0.5
         if begin < last_beam + 1.0:
             _draw_span(begin, end, last_beam, directions, k, faces, owners[k], inverse, met)
-        if end >= turn:  # it crosses the direction of the first beam, and meets the fan once more
+        if end >= turn:  # it crosses the direction of the first beam, so it meets the fan once more
             _draw_span(begin - turn, end - turn, last_beam, directions, k, faces, owners[k], inverse, met)
 
 
@@ -389,12 +422,12 @@ def _draw_span(begin, end, last_beam, directions, k, faces, owner, inverse, met)
     """Draw face k over the beams between two places that are good to half a beam."""
     dx, dy = directions[0], directions[1]
     first, last = np.uint64(max(begin, 0.0)), np.uint64(min(end, last_beam))
-    # The side on which a beam passes an end decides which is the first and which the last.
+    # The first and the last beam are those that pass the ends on the inner side.
     stop = last + np.uint64(faces[2, k] * dy[last] <= faces[3, k] * dx[last])
     first += np.uint64(faces[0, k] * dy[first] < faces[1, k] * dx[first])
     normal_x, normal_y = faces[4, k], faces[5, k]
-    # Unsigned indices are not tested for wrapping round, and the loops are vectorised.
-    if owner == STATIC:  # walls come first, and have the least of all owners: what is equally near changes nothing
+    # Unsigned indices need no test for negative values, so the loops are vectorised.
+    if owner == STATIC:  # walls are drawn first, and theirs is the smallest owner: ties change nothing
         for beam in range(first, stop):
             value, best = normal_x * dx[beam] + normal_y * dy[beam], inverse[beam]
             inverse[beam] = max(value, best)
@@ -409,7 +442,7 @@ def _draw_span(begin, end, last_beam, directions, k, faces, owner, inverse, met)
 
 @compiled
 def _angle(x, y):
-    """Direction of a point, within 3e-6 rad, in a fraction of the time that all digits take."""
+    """Direction of a point to 3e-6 rad, in a fraction of the time of the exact one."""
     across, along = abs(y), abs(x)
     least, most = min(across, along), max(across, along)
     t = least / max(most, 1e-300)
@@ -424,10 +457,14 @@ def _angle(x, y):
 
 
 @compiled
-def _merge(inverse, met, merging, limit, total, count):
-    """One inverse range for each beam of those of its sub-beams, into inverse[0]; its owner into met[0]."""
+def _merge(inverse, met, merging, farthest, limit, total, count):
+    """As lidar.engines.protocol._merged: inverse range of each beam into inverse[0], its owner into met[0]."""
     rays, beams = inverse.shape[0], np.uint64(inverse.shape[1])
-    for beam in range(beams):  # assigning the whole row would take numba two seconds to compile
+    for ray in range(rays):  # what is beyond the range gives no echo
+        for beam in range(beams):
+            value = inverse[ray, beam]
+            inverse[ray, beam] = 0.0 if 1.0 / value > farthest else value
+    for beam in range(beams):  # numba takes two seconds to compile an assignment of the whole row
         limit[beam] = inverse[0, beam]
     for ray in range(1, rays):
         for beam in range(beams):
@@ -461,9 +498,10 @@ def _perturb(errors, range_min, range_max, begin, exact, met, key, bias, squared
         for beam in range(beams):
             errant[beam] = np.rint(errant[beam] / resolution) * resolution
     for beam in range(beams):
-        value = errant[beam]
-        value = -np.inf if value < range_min else value
-        errant[beam] = np.inf if value > range_max else value
+        measured = errant[beam]
+        value = min(max(measured, range_min), range_max)
+        value = -np.inf if measured < range_min * (1 - ROUNDING) else value
+        errant[beam] = np.inf if measured > range_max * (1 + ROUNDING) else value
     if dropout > 0.0 or dropout_far > 0.0 or dropout_grazing > 0.0:
         if dropout_grazing > 0.0:
             _incidence_cosine_squared(exact, met, increment, squared, spare)

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 import random
-import sys
 import tempfile
 import time
 import tomllib
@@ -21,7 +19,6 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
@@ -32,6 +29,7 @@ import tomli_w
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.cli.nets import _run
 from platoontraffic.errors import RunError
+from platoontraffic.lidar.benchmark.frame import as_json, facts, machine, peak_memory, table
 from platoontraffic.results import sumo_tables
 from platoontraffic.sumo.programs import program
 from platoontraffic.sumo.world import World
@@ -146,16 +144,12 @@ class Report:
     bars: list[Bar]
 
     def json(self) -> str:
-        return json.dumps({name: _plain(value) for name, value in vars(self).items()}, indent=1, allow_nan=False)
-
-
-def _plain(value):
-    return [row._asdict() for row in value] if isinstance(value, list) else value
+        return as_json(self)
 
 
 def run(plan: Plan, progress: Callable[[str], None] = lambda stage: None) -> Report:
     """raises: MissingError without eclipse-sumo, whose netgenerate makes the towns"""
-    machine = _machine()
+    here = machine("libsumo", "numpy", "numba", "shapely", "pymunk")
     rows, parts = [], []
     for town in plan.towns:
         with tempfile.TemporaryDirectory(prefix="platoontraffic-") as name:
@@ -172,7 +166,7 @@ def run(plan: Plan, progress: Callable[[str], None] = lambda stage: None) -> Rep
                     found.append(_in_a_process(loop, folder, town, plan.extras.get(what, ())))
             rows += [whole(town, what, alone, found) for what, found in loops.items()]
             parts += stages(town, loops[""])
-    return Report(machine, rows, parts, bars(rows))
+    return Report(here, rows, parts, bars(rows))
 
 
 # ---- towns
@@ -284,7 +278,7 @@ def sumo_alone(folder: Path, town: Town) -> Spent:
             libsumo.simulationStep()
         ended = time.process_time(), time.perf_counter()
         vehicles = libsumo.vehicle.getIDCount()
-    return Spent(ended[0] - began[0], ended[1] - began[1], vehicles, _peak(), {})
+    return Spent(ended[0] - began[0], ended[1] - began[1], vehicles, peak_memory(), {})
 
 
 def loop(folder: Path, town: Town, arguments: tuple[str, ...] = ()) -> Spent:
@@ -304,7 +298,7 @@ def loop(folder: Path, town: Town, arguments: tuple[str, ...] = ()) -> Spent:
         done = simulation.simulate(prepared, Path(results, "run"), progress)
         facts = json.loads((done / "provenance.json").read_text(encoding="utf-8"))
     (cpu, clock, _), (cpu_end, clock_end, vehicles) = times[0], times[-1]
-    return Spent(cpu_end - cpu, clock_end - clock, vehicles, _peak(), facts["stage_s"])
+    return Spent(cpu_end - cpu, clock_end - clock, vehicles, peak_memory(), facts["stage_s"])
 
 
 def _in_a_process(function: Callable[..., Spent], *arguments) -> Spent:
@@ -313,38 +307,6 @@ def _in_a_process(function: Callable[..., Spent], *arguments) -> Spent:
             return pool.submit(function, *arguments).result()
     except BrokenProcessPool as error:
         raise RunError(f"a process of the benchmark died: {function.__name__}, {arguments[1].name}") from error
-
-
-def _peak() -> float | None:
-    """Most memory this process has had [MB]; on Linux, ru_maxrss may be that of the process that started this one."""
-    try:
-        status = Path("/proc/self/status").read_text(encoding="utf-8")
-        return int(status.partition("VmHWM:")[2].split()[0]) * 1024 / 1e6
-    except (OSError, IndexError):
-        pass
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
-
-
-def _machine() -> dict[str, str]:
-    processor = platform.processor() or platform.machine()
-    try:
-        info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-        processor = info.partition("model name")[2].partition(":")[2].partition("\n")[0].strip() or processor
-    except OSError:
-        pass
-    load = " ".join(f"{load:.2f}" for load in os.getloadavg()) if hasattr(os, "getloadavg") else "unknown"
-    return {
-        "processor": processor,
-        "cores": str(os.cpu_count()),
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        **{name: version(name) for name in ("libsumo", "numpy", "numba", "shapely", "pymunk")},
-        "load_before": load,
-    }
 
 
 # ---- what comes of it
@@ -408,30 +370,19 @@ sumo, for each of the members. peak: memory of the process."""
 
 def text(report: Report) -> str:
     """The report as tables."""
-    sections = ["\n".join(f"{name:12} {value}" for name, value in report.machine.items()), LEGEND]
+    sections = [facts(report.machine), LEGEND]
     head = [name.replace("_", " ") for name in Whole._fields]
-    sections.append(_table([head, *(map(_cell, row) for row in report.whole)], 2))
+    sections.append(table([head, *(map(_cell, row) for row in report.whole)], [True, True] + [False] * (len(head) - 2)))
     towns = list(dict.fromkeys(row.town for row in report.stages))
     by_stage: dict[str, list[Stage]] = {}
     for row in report.stages:
         by_stage.setdefault(row.stage, []).append(row)
     parts = [[name, *(f"{_cell(row.ms)} ms {row.share:4.0%}" for row in rows)] for name, rows in by_stage.items()]
-    sections.append("Where the time goes\n" + _table([["", *towns], *parts], 1))
+    sections.append("Where the time goes\n" + table([["", *towns], *parts], [True] + [False] * len(towns)))
     if report.bars:
         kept = [[bar.wanted, _cell(bar.measured), "yes" if bar.met else "no"] for bar in report.bars]
-        sections.append("Wanted\n" + _table([["", "measured", "met"], *kept], 1))
+        sections.append("Wanted\n" + table([["", "measured", "met"], *kept], [True, False, False]))
     return "\n\n".join(sections)
-
-
-def _table(rows: Iterable[Iterable[str]], words: int) -> str:
-    """Cells in columns, the first `words` of which begin on the left."""
-    cells = [list(row) for row in rows]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    aligned = [str.ljust] * words + [str.rjust] * (len(widths) - words)
-    return "\n".join(
-        "  ".join(align(cell, width) for align, cell, width in zip(aligned, row, widths, strict=True)).rstrip()
-        for row in cells
-    )
 
 
 def _cell(value: str | float | None) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from platoontraffic.lidar import Boxes, ScanBatch, Scene, scan
+from platoontraffic.lidar import Boxes, Carriers, Occasion, ScanBatch, Scene, scan
 from platoontraffic.vehicles.motion import Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, measured
 from platoontraffic.world.fleet import Fleet
@@ -34,15 +34,8 @@ class Sensing:
                     group.lidar,
                     self.scene,
                     boxes,
-                    traffic.x[rows],
-                    traffic.y[rows],
-                    traffic.heading[rows],
-                    owner=rows,
-                    motion=(boxes.vx[rows], boxes.vy[rows], boxes.yaw_rate[rows]),
-                    ids=tuple(fleet.members[i].id for i in rows),
-                    stamp=traffic.time,
-                    seed=self.seed,
-                    number=step,
+                    Carriers.of(boxes, rows, tuple(fleet.members[i].id for i in rows)),
+                    Occasion(traffic.time, step, self.seed),
                     engine=self.engine,
                 )
                 if due

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 import shapely
-from platoontraffic.lidar import ENGINES, Scene, benchmark, scan
+from platoontraffic.lidar import ENGINES, Carriers, Scene, benchmark, scan
 from platoontraffic.lidar.benchmark import QUICK, VIEWS, YARDSTICKS, town
 
 
@@ -45,7 +45,7 @@ def test_all_engines_and_brute_force_measure_what_shapely_does(report):
 
 def test_importing_lidar_does_not_import_numba_nor_does_the_benchmark(report):
     assert [row.numba_imported for row in report.starts] == [False, True]
-    code = "import sys, lidar.benchmark; print('numba' in sys.modules)"
+    code = "import sys, platoontraffic.lidar.benchmark; print('numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 
@@ -91,7 +91,7 @@ def test_vehicles_of_a_jam_touch_neither_each_other_nor_walls(jam):
 
 def test_no_sensor_of_a_jam_is_inside_of_another_vehicle(jam):
     scene, boxes = jam
-    batch = scan(VIEWS["foll30"], scene, boxes, boxes.x, boxes.y, boxes.heading, boxes.owner)
+    batch = scan(VIEWS["foll30"], scene, boxes, Carriers.of(boxes))
     assert not batch.inside.any()
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from platoontraffic.lidar import ENGINES, Boxes, LidarModel, Scene, scan
+from platoontraffic.lidar import ENGINES, Boxes, Carriers, LidarModel, Scene, scan
 
 from tests.support.oracle import endpoint_miss, grazing, oracle_scan, world
 
@@ -39,7 +39,7 @@ def street(seed, offset=0.0):
 
 
 def exact(model, scene, boxes, x, y, heading, owner, engine="raster"):
-    return scan(model, scene, boxes, x, y, heading, owner, engine=engine, dtype=np.float64)
+    return scan(model, scene, boxes, Carriers(x, y, heading, owner), engine=engine, dtype=np.float64)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -222,12 +222,6 @@ def test_both_ends_of_a_segment_belong_to_it(engine):
 def test_lone_wall_edge_on_is_invisible(engine):
     model = LidarModel(3, -math.pi / 2, math.pi / 2, 0.0, 10.0)
     assert np.isinf(exact(model, *world([(2, 0, 4, 0)]), [0], [0], [0], [0], engine).ranges).all()
-
-
-def test_of_equally_near_owners_the_smallest_is_hit_in_any_order():
-    rows = [(4, 0, 0, 2, 2, 5), (4, 0, 0, 2, 2, 3), (4, 0, 0, 2, 2, 8)]
-    for boxes in (rows, rows[::-1]):
-        assert exact(fan(10), *world(boxes=boxes), [0], [0], [0], [0]).hits[0, 45] == 3
 
 
 def test_walls_edge_on_but_for_rounding_stay_in_their_direction():

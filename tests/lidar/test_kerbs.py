@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import shapely
 import sumolib
-from platoontraffic.lidar import Boxes, LidarModel, Scene, kerbs, scan
+from platoontraffic.lidar import Boxes, Carriers, LidarModel, Scene, kerbs, scan
 from shapely.ops import substring
 
 from platoontraffic import shipped
@@ -101,9 +101,8 @@ def drivable(town, cache=None):
 def look(scene, places, headings):
     """Ranges to the right, ahead and to the left, (n, 3)."""
     x, y = np.transpose(places)
-    return scan(
-        RIGHT_AHEAD_LEFT, scene, Boxes.empty(), x, y, headings, np.arange(len(x)), engine="numpy", dtype=float
-    ).ranges
+    carriers = Carriers(x, y, headings, np.arange(len(x)))
+    return scan(RIGHT_AHEAD_LEFT, scene, Boxes.empty(), carriers, engine="numpy", dtype=float).ranges
 
 
 def bearing(line):

@@ -7,7 +7,9 @@ import threading
 
 import numpy as np
 import pytest
-from platoontraffic.lidar import PRESETS, Boxes, LidarModel, Noise, Scene, scan
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from platoontraffic.lidar import ENGINES, PRESETS, Boxes, Carriers, LidarModel, Noise, Occasion, Scene, scan
 from platoontraffic.lidar.noise import (
     BOUND,
     biases,
@@ -34,9 +36,10 @@ def fan(half_deg=90.0, samples=720, range_max=30.0, **more):
     return LidarModel(samples, -half, half, 0.3, range_max, **more)
 
 
-def look(model, scene=ROOM, boxes=NOBODY, x=0.0, y=0.0, heading=0.0, owner=0, engine="raster", **more):
-    more = {"dtype": np.float64} | more
-    return scan(model, scene, boxes, x, y, heading, owner, engine=engine, **more)
+def look(model, scene=ROOM, boxes=NOBODY, x=0.0, y=0.0, heading=0.0, owner=0, *, ids=None, motion=(0.0, 0.0, 0.0),
+         stamp=0.0, number=0, seed=0, engine="raster", dtype=np.float64):  # fmt: skip
+    carriers = Carriers(x, y, heading, owner, ids, *motion)
+    return scan(model, scene, boxes, carriers, Occasion(stamp, number, seed), engine=engine, dtype=dtype)
 
 
 def errors(model, scans=200, **more):
@@ -110,6 +113,47 @@ def test_another_seed_scan_or_vehicle_has_other_errors(change):
     assert (look(model, **usual).ranges != look(model, **usual | change).ranges).mean() > 0.99
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_scanners_of_other_names_on_one_vehicle_have_other_errors(engine):
+    model = fan(noise=ALL_ERRORS)
+    front, rear, again = (
+        look(dataclasses.replace(model, name=name), ids=["A"], engine=engine).ranges
+        for name in ("front", "rear", "front")
+    )
+    np.testing.assert_array_equal(again, front)
+    both = np.isfinite(front) & np.isfinite(rear)
+    assert (front[both] != rear[both]).mean() > 0.9
+    assert (np.isnan(front) != np.isnan(rear)).any()
+
+
+def test_errors_of_two_scanners_on_one_vehicle_are_unrelated():
+    n = 20_000
+    ids = tuple(map(str, range(n)))
+    one, other = (sensor_keys(3, ids, name) for name in ("front", "rear"))
+    for draw in (lambda keys: gauss(mixed(keys)), lambda keys: gauss(mixed(scan_keys(keys, 7)))):
+        assert abs((draw(one) * draw(other)).mean()) < 4 / math.sqrt(n)
+
+
+def test_name_of_a_scanner_is_no_part_of_the_id():
+    keys = {int(sensor_keys(0, (name,), scanner)[0]) for name, scanner in
+            [("A", "lidar"), ("A", "rear"), ("A rear", "lidar"), ("A", "rear2"), ("A/rear", "lidar")]}  # fmt: skip
+    assert len(keys) == 5
+
+
+def test_default_name_keeps_the_errors_of_the_vehicle():
+    assert sensor_keys(0, ("A",)).tolist() == sensor_keys(0, ("A",), LidarModel(3, -1, 1, 0, 1).name).tolist()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_ids_that_compare_equal_are_different_names_in_any_order(engine):
+    model, three = fan(noise=Noise(0.01), samples=30), (1, 1.0, True)
+    together = look(model, x=[0, 0, 0], y=[0, 0, 0], heading=[0, 0, 0], owner=[0, 0, 0], ids=three, engine=engine)
+    assert together.ids == ("1", "1.0", "True")
+    assert len({row.tobytes() for row in together.ranges}) == 3
+    for one in (1.0, True, 1):
+        np.testing.assert_array_equal(look(model, ids=(one,), engine=engine).ranges[0], together[str(one)].ranges)
+
+
 @pytest.mark.parametrize("model", [fan(noise=ALL_ERRORS), dataclasses.replace(PRESETS["utm30lx"], sweeps=7)])
 def test_engines_make_the_same_errors(model):
     scene, boxes = world([(-5, -5, 5, -5), (5, -5, 5, 5)], [(3, 1, 0.4, 2, 1, 1), (1, -3, 0, 1, 1, 2)])
@@ -150,6 +194,22 @@ def test_resolution_rounds_to_its_steps():
     ranges = look(fan(noise=Noise(resolution=0.05))).ranges[0]
     np.testing.assert_allclose(ranges / 0.05, np.rint(ranges / 0.05), atol=1e-9)
     np.testing.assert_allclose(ranges, look(fan()).ranges[0], atol=0.025 + 1e-12)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@given(steps=st.integers(1, 20_000), digits=st.integers(1, 3))
+@settings(derandomize=True, deadline=None, max_examples=60)
+def test_rounding_to_a_step_loses_no_return_at_either_limit(engine, steps, digits):
+    resolution = 10.0**-digits
+    far = steps * resolution  # may be a unit in the last place above or below the rounded range
+    limits = {"range_min": far / 2, "range_max": far}, {"range_min": far, "range_max": 2 * far}
+    for limit in (round(far, digits), far):
+        for keywords in (one | {"range_max": limit} if one["range_max"] == far else one for one in limits):
+            model = LidarModel(3, -0.1, 0.1, **keywords, noise=Noise(resolution=resolution))
+            wall = Scene([(limit, -limit, limit, limit)])
+            measured = look(model, wall, engine=engine).ranges[0, 1]
+            assert measured == pytest.approx(limit, rel=1e-12)
+            assert model.range_min <= measured <= model.range_max
 
 
 def test_utm30lx_keeps_to_its_data_sheet():
@@ -240,7 +300,7 @@ def test_inside_a_solid_noise_does_not_help():
 @pytest.mark.parametrize("engine", ["raster", "numpy"])
 def test_at_an_edge_a_beam_measures_between_two_surfaces(engine):
     scene = Scene([(5, 0, 5, 10), (6, -10, 6, 0)])
-    model = fan(half_deg=5, samples=201, divergence=math.radians(0.5), subbeams=5)
+    model = fan(half_deg=5, samples=201, divergence=math.radians(0.5), subbeams=5, merging=0.0)
     apart = look(model, scene, engine=engine).ranges[0]
     merged = look(dataclasses.replace(model, merging=2.0), scene, engine=engine).ranges[0]
     at_edge = np.abs(model.angles) < math.radians(0.25)
@@ -261,7 +321,7 @@ def test_subbeams_of_no_divergence_change_nothing():
 
 
 @pytest.mark.parametrize("merging", [0.0, 0.5])
-def test_subbeams_are_the_same_in_both_engines(merging):
+def test_subbeams_are_the_same_in_the_fast_engines(merging):
     rng = np.random.default_rng(0)
     scene = Scene(rng.uniform(-20, 20, (40, 4)))
     boxes = Boxes(*rng.uniform(-20, 20, (2, 20)), rng.uniform(-3, 3, 20), *rng.uniform(1, 3, (2, 20)), np.arange(20))
@@ -270,6 +330,45 @@ def test_subbeams_are_the_same_in_both_engines(merging):
     raster, plain = (look(model, scene, boxes, *poses, engine=engine) for engine in ("raster", "numpy"))
     np.testing.assert_array_equal(raster.hits, plain.hits)
     np.testing.assert_allclose(raster.ranges, plain.ranges, atol=1e-9)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("incidence_deg", [0, 30, 60, 75])
+def test_on_an_oblique_wall_a_beam_measures_the_mean_over_its_spot(engine, incidence_deg):
+    """Closed form: ray i of an angle a_i off the axis meets the wall at r cos(incidence) / cos(incidence + a_i)."""
+    incidence, distance, rays = math.radians(incidence_deg), 10.0, 8
+    model = LidarModel(3, -0.01, 0.01, 0.05, 60.0, divergence=0.015, subbeams=rays)
+    along = np.array([-math.sin(incidence), math.cos(incidence)])
+    wall = np.concatenate([(distance, 0) - 50 * along, (distance, 0) + 50 * along])
+    off_axis = 0.015 * ((np.arange(rays) + 0.5) / rays - 0.5)
+    spot = distance * math.cos(incidence) / np.cos(off_axis - incidence)
+    assert np.ptp(spot) < 0.5  # all echoes overlap in a pulse of 3.3 ns
+    assert look(model, Scene([wall]), engine=engine).ranges[0, 1] == pytest.approx(spot.mean(), abs=1e-9)
+    assert abs(spot.mean() - distance) < 0.02
+    infinitely_short = dataclasses.replace(model, merging=0.0)
+    assert look(infinitely_short, Scene([wall]), engine=engine).ranges[0, 1] == pytest.approx(spot.min(), abs=1e-9)
+
+
+@given(seed=st.integers(0, 2**32 - 1), merging=st.sampled_from([0.0, 0.5, 5.0]))
+@settings(derandomize=True, deadline=None, max_examples=40)
+def test_all_engines_merge_the_same_sub_beams_near_the_end_of_the_range(seed, merging):
+    rng = np.random.default_rng(seed)
+    bearing, distance = rng.uniform(-0.5, 0.5, 12), rng.uniform(9.4, 10.3, 12)
+    middle = np.stack([distance * np.cos(bearing), distance * np.sin(bearing)], axis=1)
+    half = rng.uniform(-0.8, 0.8, (12, 2))
+    scene = Scene(np.hstack([middle - half, middle + half]))
+    model = LidarModel(41, -0.5, 0.5, 0.1, 10.0, divergence=0.03, subbeams=5, merging=merging)
+    first, *others = (look(model, scene, engine=engine) for engine in ENGINES)
+    for batch in others:
+        np.testing.assert_array_equal(batch.hits, first.hits)
+        np.testing.assert_allclose(batch.ranges, first.ranges, rtol=0, atol=1e-7)  # walls may be nearly edge-on
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_surface_beyond_the_range_is_not_merged_with_one_within(engine):
+    scene = Scene([(9.9, -5, 9.9, 0), (10.15, -0.5, 9, 8)])
+    model = LidarModel(3, -0.02, 0.02, 0.1, 10.0, divergence=0.02, subbeams=8, merging=0.5)
+    assert look(model, scene, engine=engine).ranges[0, 1] == pytest.approx(9.90016, abs=1e-5)
 
 
 # ---- sweeps: a scan takes time

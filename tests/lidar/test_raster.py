@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from platoontraffic.lidar import Boxes, LidarModel, Scene, compiled, noise, scan
+from platoontraffic.lidar import Boxes, Carriers, LidarModel, Occasion, Scene, compiled, noise, scan
 from platoontraffic.lidar.engines import raster_engine
 from platoontraffic.lidar.engines.raster_engine import CELL
 
@@ -27,7 +27,8 @@ VIEW = LidarModel(181, -math.pi / 2, math.pi / 2, 0.0, 45.0)
 
 def both(model, scene, boxes, x, y, heading, owner):
     """Ranges of raster and of numpy, which knows no grid."""
-    return (scan(model, scene, boxes, x, y, heading, owner, engine=e, dtype=float) for e in ("raster", "numpy"))
+    carriers = Carriers(x, y, heading, owner)
+    return (scan(model, scene, boxes, carriers, engine=e, dtype=float) for e in ("raster", "numpy"))
 
 
 def same(raster, plain):
@@ -95,7 +96,7 @@ def test_few_long_walls_take_no_more_memory():
 def test_nothing_and_nobody():
     for scene, boxes in (world(), world([(1, -1, 1, 1)]), world(boxes=[(3, 0, 0, 1, 1, 1)])):
         same(*both(VIEW, scene, boxes, [0], [0], [0], [0]))
-        assert scan(VIEW, scene, boxes, [], [], [], []).ranges.shape == (0, 181)
+        assert scan(VIEW, scene, boxes, Carriers([], [], [], [])).ranges.shape == (0, 181)
 
 
 def test_rough_angle_is_good_to_half_a_beam_of_the_finest_fan_it_serves():
@@ -112,7 +113,7 @@ def test_scanning_on_takes_no_more_memory():
     out = None
     for number in range(4000):
         before = out
-        out = scan(VIEW, scene, boxes, boxes.x, boxes.y, boxes.heading, boxes.owner, number=number, out=out)
+        out = scan(VIEW, scene, boxes, Carriers.of(boxes), Occasion(number=number), out=out)
         assert before is None or (out.ranges is before.ranges and out.hits is before.hits)
         if number == 2999:  # whatever numpy and Python keep for later is full by then
             gc.collect()

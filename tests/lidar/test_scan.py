@@ -12,7 +12,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from platoontraffic.lidar import ENGINES, PRESETS, Boxes, LidarModel, Mount, Noise, Scene, scan
+from platoontraffic.lidar import ENGINES, PRESETS, Boxes, Carriers, LidarModel, Mount, Noise, Occasion, Scene, scan
 from platoontraffic.lidar.pose import compose, wrap
 
 from tests.support.oracle import endpoint_miss, grazing, world
@@ -20,6 +20,7 @@ from tests.support.oracle import endpoint_miss, grazing, world
 INF = math.inf
 THREE = LidarModel(3, -math.pi / 2, math.pi / 2, 0.5, 10.0)
 MIDDLE = 1
+ORIGIN = Carriers(0, 0, 0, 0)
 
 
 @pytest.fixture(params=ENGINES)
@@ -27,7 +28,7 @@ def look(request):
     """Scan with THREE beams, right, ahead and left, from one pose; owner 0."""
 
     def look(scene, boxes, x=0.0, y=0.0, heading=0.0, owner=0, model=THREE):
-        return scan(model, scene, boxes, x, y, heading, owner, engine=request.param)
+        return scan(model, scene, boxes, Carriers(x, y, heading, owner), engine=request.param)
 
     return look
 
@@ -99,13 +100,14 @@ def test_own_rows_have_own_poses(look):
 
 def test_ranges_are_float32_unless_asked_otherwise():
     scene, boxes = world([(3.3, -1, 3.3, 1)])
-    assert scan(THREE, scene, boxes, 0, 0, 0, 0).ranges.dtype == np.float32
-    assert scan(THREE, scene, boxes, 0, 0, 0, 0, dtype=np.float64).ranges[0, MIDDLE] == 3.3
+    assert scan(THREE, scene, boxes, ORIGIN).ranges.dtype == np.float32
+    assert scan(THREE, scene, boxes, ORIGIN, dtype=np.float64).ranges[0, MIDDLE] == 3.3
 
 
 def two_scans():
     scene, boxes = world([(3, -1, 3, 1), (-1, 0.2, 1, 0.2)])
-    return scan(THREE, scene, boxes, [0, 0], [0, -3], [0, 0], [0, 1], ids=["veh.3", "veh.1"], stamp=2.5)
+    carriers = Carriers([0, 0], [0, -3], [0, 0], [0, 1], ids=["veh.3", "veh.1"])
+    return scan(THREE, scene, boxes, carriers, Occasion(stamp=2.5))
 
 
 def test_filled_puts_limits_in_place_of_infinities():
@@ -157,7 +159,7 @@ def test_points_are_where_the_walls_are():
 
 @pytest.mark.parametrize("model", [*PRESETS.values(), LidarModel(1081, -2.356, 2.356, 0.1, 30)])
 def test_last_beam_is_first_plus_increments(model):
-    one = scan(model, *world(), 0, 0, 0, 0)[0]
+    one = scan(model, *world(), ORIGIN)[0]
     assert one.angle_max == pytest.approx(one.angle_min + one.angle_increment * (len(one.ranges) - 1), abs=1e-12)
     np.testing.assert_array_equal(one.angles(), model.angles)
 
@@ -200,19 +202,19 @@ def test_bad_mount_is_refused():
 
 def test_bad_pose_is_refused_by_id():
     with pytest.raises(ValueError, match=r"veh\.7"):
-        scan(THREE, *world(), [0, math.nan], [0, 0], [0, 0], [0, 1], ids=["veh.1", "veh.7"])
+        Carriers([0, math.nan], [0, 0], [0, 0], [0, 1], ids=["veh.1", "veh.7"])
 
 
 def test_misspelt_engine_is_corrected():
     with pytest.raises(ValueError, match=r"did you mean 'numpy'\? must be one of raster, numpy, pymunk, shapely"):
-        scan(THREE, *world(), 0, 0, 0, 0, engine="nunpy")
+        scan(THREE, *world(), ORIGIN, engine="nunpy")
 
 
 def test_shapes_and_ids_must_match():
     with pytest.raises(ValueError, match="shapes"):
-        scan(THREE, *world(), [0, 1], 0, 0, 0)
+        Carriers([0, 1], 0, 0, 0)
     with pytest.raises(ValueError, match="ids"):
-        scan(THREE, *world(), [0, 1], [0, 1], [0, 1], [0, 1], ids=["a", "a"])
+        Carriers([0, 1], [0, 1], [0, 1], [0, 1], ids=["a", "a"])
 
 
 @pytest.mark.parametrize(
@@ -231,60 +233,57 @@ def test_bad_box_is_refused(row):
         ({"owner": 2**32 + 1}, "owner = 4294967297; must be a whole number"),
         ({"owner": 1.5}, "owner = 1.5; must be a whole number"),
         ({"owner": 2**31 - 1}, "owner = 2147483647; must be"),
-        ({"dtype": int}, "must be float32 or float64"),
-        ({"number": -1}, "number = -1; must be 0 or more"),
-        ({"motion": (np.zeros(3), 0, 0)}, "motion: vx = .*; must be finite, one value or one a sensor"),
-        ({"motion": (0, math.nan, 0)}, "motion: vy = nan"),
+        ({"vx": np.zeros(3)}, "vx = .*; must be finite, one value or one a sensor"),
+        ({"vy": math.nan}, "vy = nan"),
     ],
 )
-def test_bad_argument_is_refused(change, said):
+def test_bad_carrier_is_refused(change, said):
     with pytest.raises(ValueError, match=said):
-        scan(THREE, *world(), **{"x": 0.0, "y": 0.0, "heading": 0.0, "owner": 0} | change)
+        Carriers(**{"x": 0.0, "y": 0.0, "heading": 0.0, "owner": 0} | change)
+
+
+def test_bad_dtype_or_number_of_a_scan_is_refused():
+    with pytest.raises(ValueError, match="must be float32 or float64"):
+        scan(THREE, *world(), ORIGIN, dtype=int)
+    with pytest.raises(ValueError, match="number = -1; must be 0 or more"):
+        scan(THREE, *world(), ORIGIN, Occasion(number=-1))
 
 
 def test_numbers_of_numpy_are_numbers():
     noisy = dataclasses.replace(THREE, noise=Noise(0.01))
     scene = world([(3, -1, 3, 1)])
-    plain = scan(noisy, *scene, 0, 0, 0, 0, number=2, seed=3).ranges
-    np.testing.assert_array_equal(scan(noisy, *scene, 0, 0, 0, 0, number=np.int64(2), seed=np.int64(3)).ranges, plain)
+    plain = scan(noisy, *scene, ORIGIN, Occasion(number=2, seed=3)).ranges
+    same = Occasion(number=np.int64(2), seed=np.int64(3))
+    np.testing.assert_array_equal(scan(noisy, *scene, ORIGIN, same).ranges, plain)
     with pytest.raises(TypeError):
-        scan(noisy, *scene, 0, 0, 0, 0, number=2.0)
+        scan(noisy, *scene, ORIGIN, Occasion(number=2.0))
 
 
-def test_out_is_written_over_if_it_fits():
-    scene = world([(3, -1, 3, 1)])
-    first = scan(THREE, *scene, [0, 1], [0, 0], [0, 0], [0, 1])
-    again = scan(THREE, *scene, [1, 2], [0, 0], [0, 0], [0, 1], out=first)
+def test_result_overwrites_a_batch_that_fits():
+    scene, two = world([(3, -1, 3, 1)]), Carriers([0, 1], [0, 0], [0, 0], [0, 1])
+    first = scan(THREE, *scene, two)
+    again = scan(THREE, *scene, dataclasses.replace(two, x=[1, 2]), out=first)
     assert again.ranges is first.ranges
     assert again.ranges[:, MIDDLE].tolist() == [2, 1]
     with pytest.raises(ValueError, match="read-only"):
         again.ranges[0] = 0
     for other in (
-        scan(dataclasses.replace(THREE, range_max=9), *scene, [0, 1], [0, 0], [0, 0], [0, 1]),
-        scan(THREE, *scene, 0, 0, 0, 0),
-        scan(THREE, *scene, [0, 1], [0, 0], [0, 0], [0, 1], hits=False),
+        scan(dataclasses.replace(THREE, range_max=9), *scene, two),
+        scan(THREE, *scene, ORIGIN),
+        dataclasses.replace(first, hits=None),
     ):
         with pytest.raises(ValueError, match=r"out has ranges .*; must be"):
-            scan(THREE, *scene, [0, 1], [0, 0], [0, 0], [0, 1], out=other)
+            scan(THREE, *scene, two, out=other)
     view = dataclasses.replace(first, ranges=first.ranges[:], hits=first.hits[:])
     with pytest.raises(ValueError, match="out holds views"):
-        scan(THREE, *scene, [0, 1], [0, 0], [0, 0], [0, 1], out=view)
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_hits_are_left_out_where_nobody_asks(engine):
-    scene = world([(3, -1, 3, 1)])
-    silent = scan(THREE, *scene, 0, 0, 0, 0, hits=False, engine=engine)
-    assert silent.hits is None
-    assert silent[0].hits is None
-    np.testing.assert_array_equal(silent.ranges, scan(THREE, *scene, 0, 0, 0, 0, engine=engine).ranges)
+        scan(THREE, *scene, two, out=view)
 
 
 def test_copies_and_pickles_are_the_same_and_read_only():
     scene, boxes = world([(3, -1, 3, 1)], [(2, 2, 0.3, 4, 2, 5)])
-    batch = scan(THREE, scene, boxes, 0, 0, 0, 0)
+    batch = scan(THREE, scene, boxes, ORIGIN)
     for copied in (copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))):
-        again = scan(copied(THREE), copied(scene), copied(boxes), 0, 0, 0, 0)
+        again = scan(copied(THREE), copied(scene), copied(boxes), ORIGIN)
         np.testing.assert_array_equal(again.ranges, batch.ranges)
         assert not copied(scene).segments.flags.writeable
         assert not copied(boxes).x.flags.writeable
@@ -303,7 +302,66 @@ def test_message_has_the_fields_of_ros():
     assert json.loads(json.dumps(message))["angle_max"] == one.angle_max
 
 
-def test_points_may_be_wanted_in_another_frame():
+def test_message_holds_plain_floats_whatever_the_numbers_of_the_model():
+    model = LidarModel(3, -1, np.float32(1), 0, np.int64(10), rate=np.float32(10))
+    message = scan(model, *world([(3, -1, 3, 1)]), ORIGIN, Occasion(np.float32(2.5)))[0].to_ros_dict()
+    assert message["header"]["stamp"] == {"sec": 2, "nanosec": 500_000_000}
+    numbers = [value for name, value in message.items() if name not in ("header", "ranges", "intensities")]
+    assert {type(value) for value in (*numbers, *message["ranges"])} == {float}
+    by_hand = dataclasses.replace(two_scans()[0], range_max=np.float32(10), angle_min=-1).to_ros_dict()
+    assert (type(by_hand["range_max"]), type(by_hand["angle_min"])) == (float, float)
+    assert json.loads(json.dumps(message))["range_max"] == 10.0
+
+
+def test_scans_carry_the_name_of_their_scanner():
+    scene, carriers = world([(3, -1, 3, 1)]), Carriers(0, 0, 0, 0, ids="veh.3")
+    batches = [scan(model, *scene, carriers) for model in (THREE, dataclasses.replace(THREE, name="rear"))]
+    assert [batch.name for batch in batches] == [batch["veh.3"].name for batch in batches] == ["lidar", "rear"]
+    assert [batch[0].frame_id for batch in batches] == ["veh.3", "veh.3/rear"]
+    assert batches[1][0].to_ros_dict()["header"]["frame_id"] == "veh.3/rear"
+    assert batches[1].rows([0]).name == "rear"
+
+
+@pytest.mark.parametrize("name", ["", None, 3])
+def test_scanner_without_a_name_is_refused(name):
+    with pytest.raises(ValueError, match=r"name = .*; must be a text"):
+        dataclasses.replace(THREE, name=name)
+
+
+def test_carriers_of_boxes_have_their_poses_owners_and_motion():
+    boxes = Boxes([1, 2, 3], [4, 5, 6], [0.1, 0.2, 0.3], 4, 2, [7, 8, 9], vx=[1, 2, 3], vy=0.5, yaw_rate=-0.1)
+    two = Carriers.of(boxes, np.array([2, 0]), ["c", "a"])
+    assert (two.x.tolist(), two.y.tolist(), two.heading.tolist()) == ([3, 1], [6, 4], [0.3, 0.1])
+    assert (two.owner.tolist(), two.ids) == ([9, 7], ("c", "a"))
+    assert (two.vx.tolist(), two.vy.tolist(), two.yaw_rate.tolist()) == ([3, 1], [0.5, 0.5], [-0.1, -0.1])
+    assert len(Carriers.of(boxes)) == 3
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("order", [(5, 3, 8), (8, 5, 3), (3, 8, 5)])
+def test_smallest_of_equally_near_owners_is_hit(engine, order):
+    scene, boxes = world(boxes=[(4, 0, 0, 2, 2, owner) for owner in order])
+    assert scan(THREE, scene, boxes, ORIGIN, engine=engine).hits[0, MIDDLE] == 3
+    on_wall = world([(3, -1, 3, 1)], [(4, 0, 0, 2, 2, owner) for owner in order])
+    assert scan(THREE, *on_wall, ORIGIN, engine=engine).hits[0, MIDDLE] == -1
+
+
+def test_sensor_just_off_a_corner_both_ways_touches_the_box_in_every_engine():
+    near = 0.9e-9
+    for turn in (0.0, 0.4):
+        scene, boxes = world(boxes=[(0, 0, turn, 2, 2, 3)])
+        x, y = (1 + near) * (math.cos(turn) - math.sin(turn)), (1 + near) * (math.sin(turn) + math.cos(turn))
+        for engine in ENGINES:
+            assert scan(THREE, scene, boxes, Carriers(x, y, 0.0, 0), engine=engine).inside[0], engine
+
+
+def test_id_that_is_not_in_the_batch_is_named():
+    for ask in (lambda batch: batch["veh.9"], lambda batch: batch.rows(["veh.9"])):
+        with pytest.raises(KeyError, match=r"'veh\.9' is not among the 2 ids"):
+            ask(two_scans())
+
+
+def test_points_in_a_given_frame():
     one = two_scans()["veh.3"]
     np.testing.assert_allclose(one.points(sensor=(10, 20, math.pi / 2)), [[10, 23]], atol=1e-12)
 
@@ -372,10 +430,9 @@ def test_pieces_of_straight_walls_become_one_and_scans_stay(seed):
     assert shapely.hausdorff_distance(lines_of(straight), lines_of(rugged), densify=0.01) <= 1e-6
 
     x, y = corners.mean(axis=(0, 1))[:, None] + rng.uniform(-20, 20, (2, 5))
-    model = LidarModel(360, -math.pi, math.pi, 0.01, 100.0)
+    model, carriers = LidarModel(360, -math.pi, math.pi, 0.01, 100.0), Carriers(x, y, np.zeros(5), np.arange(5))
     a, b = (
-        scan(model, scene, Boxes.empty(), x, y, np.zeros(5), np.arange(5), engine="numpy", dtype=float).ranges
-        for scene in (straight, rugged)
+        scan(model, scene, Boxes.empty(), carriers, engine="numpy", dtype=float).ranges for scene in (straight, rugged)
     )
     for i in range(5):
         place = (model, straight, Boxes.empty(), x[i], y[i], 0.0, 0)

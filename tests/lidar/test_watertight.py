@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from platoontraffic.lidar import Boxes, LidarModel, Scene, scan
+from platoontraffic.lidar import Boxes, Carriers, LidarModel, Scene, scan
 
 ROUND = LidarModel(720, -math.pi, math.pi - math.radians(0.5), 0.05, 60.0)
 AIMED = np.arange(10, 720, 36)  # 20 beams; what stands on one of them hides no other
@@ -17,7 +17,7 @@ watertight = pytest.mark.parametrize(("engine", "scans"), [("raster", 250), ("nu
 
 def ranges_at_corners(engine, segments, boxes):
     scene = Scene(np.concatenate([WALLS, segments]))
-    return scan(ROUND, scene, boxes, 0, 0, 0, 99, engine=engine, dtype=np.float64).ranges[0, AIMED]
+    return scan(ROUND, scene, boxes, Carriers(0, 0, 0, 99), engine=engine, dtype=np.float64).ranges[0, AIMED]
 
 
 def aimed_points(rng):

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import shapely
-from platoontraffic.lidar import PRESETS, Boxes, LidarModel, Mount, ScanBatch, scan
+from platoontraffic.lidar import PRESETS, Boxes, Carriers, LidarModel, Mount, ScanBatch, scan
 
 from platoontraffic.controllers import Target
 from platoontraffic.observation import observer
@@ -309,7 +309,7 @@ def test_beams_across_a_lone_vehicle_are_those_that_a_scan_has_on_it(model):
     for _ in range(60):
         pose = np.array([rng.uniform(-8, 8, 2), rng.uniform(-8, 8, 2), rng.uniform(-np.pi, np.pi, 2)])
         size = np.full(2, 4.0), np.full(2, 1.8)
-        batch = scan(model, NO_WALLS, Boxes(*pose, *size, np.arange(2)), *pose[:, [0]], owner=[0])
+        batch = scan(model, NO_WALLS, Boxes(*pose, *size, np.arange(2)), Carriers(*pose[:, [0]], owner=[0]))
         _, on, alone = seen(batch, 0, 1, 0.0, *pose, *size)
         assert on == np.count_nonzero(batch.hits == 1)
         assert abs(alone - on) <= 1  # a beam through a corner, or at the end of the range
@@ -323,6 +323,6 @@ def test_a_vehicle_between_hides_what_is_behind_it():
     leader, between = np.array([20.0, 0.0, 0.0]), np.array([10.0, 1.5, 0.0])
     poses = np.array([leader, np.zeros(3), between]).T
     size = np.full(3, 4.0), np.array([2.0, 2.0, 3.0])
-    batch = scan(eye, NO_WALLS, Boxes(*poses, *size, np.arange(3)), *poses[:, [1]], owner=[1])
+    batch = scan(eye, NO_WALLS, Boxes(*poses, *size, np.arange(3)), Carriers(*poses[:, [1]], owner=[1]))
     _, on, alone = seen(batch, 1, 0, 0.0, *poses, *size)
     assert on / alone == pytest.approx(0.5, abs=0.01)

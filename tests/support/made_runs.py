@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from platoontraffic.lidar import PRESETS, Boxes, Mount, Scene, scan
+from platoontraffic.lidar import PRESETS, Boxes, Carriers, Mount, Occasion, Scene, scan
 
 RADIUS, LENGTH, WIDTH, SPEED = 120.0, 4.74, 1.80, 10.0
 LASER = LENGTH / 2 - 0.4  # behind the front bumper
@@ -162,7 +162,7 @@ def _scans(folder: Path, ids: list[str], others: int, seconds: float, every: flo
         sizes = np.full(n + others, LENGTH), np.full(n + others, WIDTH)
         batch = scan(
             model, Scene.from_shapely(), Boxes(x, y, heading, *sizes, np.arange(n + others)),
-            *own, owner=np.arange(n), ids=ids, number=number,
+            Carriers(*own, np.arange(n), ids), Occasion(number=number),
         )  # fmt: skip
         rows += [(time, v, own[0][v], own[1][v], own[2][v]) for v in range(n)]
         ranges.append(batch.ranges)
