@@ -1,4 +1,4 @@
-"""How kernels are compiled: once a machine, kept on disk."""
+"""Compilation of kernels: once a machine, kept on disk."""
 
 import contextlib
 import hashlib
@@ -9,9 +9,9 @@ import numba
 
 
 def compiler(*files: str | Path) -> Callable:
-    """A decorator for functions that call, and take constants from, no other files of ours than these.
+    """A decorator for functions that call, and take constants from, no files of this project other than these.
 
-    The function is compiled by numba at its first call, without fast-math, so every processor rounds alike. The code is
+    numba compiles the function at its first call, without fast-math, so that every processor rounds alike. The code is
     kept beside the source, or else in the user's cache folder, or in NUMBA_CACHE_DIR, until one of the files changes.
     Where none of them can be written, it is compiled anew in every process.
     """
@@ -22,8 +22,8 @@ def compiler(*files: str | Path) -> Callable:
             dispatcher = numba.njit(cache=True, error_model="numpy")(function)
         except RuntimeError:  # no place to keep it
             return numba.njit(error_model="numpy")(function)
-        # numba compiles anew when the function's own file has changed, and would not notice that what it calls, or a
-        # constant, has changed in another. A test tells when a new numba keeps this stamp elsewhere.
+        # numba compiles anew when the function's own file has changed, but does not notice a change of a function or a
+        # constant in another file. A test fails when a new numba keeps this stamp elsewhere.
         with contextlib.suppress(AttributeError):
             dispatcher._cache._cache_file._source_stamp = stamp
         return dispatcher

@@ -1,4 +1,4 @@
-"""Kerbs: from lanes and junctions to the area one can drive on, and to its borders. World frame, metres."""
+"""Kerbs: the drivable area of lanes and junctions, and its borders. World frame, metres."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-CLOSING = 0.05  # [m] slits between neighbouring lanes narrower than twice this are closed
-VERSION = 1  # of how the area is made; another one leaves the files of earlier ones aside
+CLOSING = 0.05  # half the width below which a slit between neighbouring lanes is closed [m]
+VERSION = 1  # of the construction of the area; a new one ignores files of earlier ones
 
 
 def drivable(
@@ -28,7 +28,7 @@ def drivable(
     lanes     : centre lines, (k, 2) each
     widths    : of each lane
     junctions : their polygons
-    cache     : folder where the area is kept under a hash of its input; a faulty folder or file in it does no harm
+    cache     : folder where the area is kept under a hash of its input; a faulty folder or file does no harm
     """
     centres = [shapely.LineString(lane) for lane in lanes]
     widths = np.array(widths, dtype=float)
@@ -57,7 +57,7 @@ def drivable(
 def borders(area: shapely.Geometry, tolerance: float = 0.0) -> list[shapely.LinearRing]:
     """The borders of an area as rings; a hole is one as well.
 
-    tolerance : how far they may be from the exact ones, for fewer vertices
+    tolerance : largest distance from the exact borders, for fewer vertices [m]
     """
     if tolerance:
         area = shapely.simplify(area, tolerance)  # keeps the topology: no ring crosses another, none vanishes
@@ -75,7 +75,7 @@ def _kept(file: Path, build: Callable[[], shapely.Geometry]) -> shapely.Geometry
     wkb = shapely.to_wkb(geometry)
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=file.parent) as own:  # who reads meanwhile finds the whole file or none
+        with tempfile.TemporaryDirectory(dir=file.parent) as own:  # a reader meanwhile finds the whole file or none
             whole = Path(own, file.name)
             whole.write_bytes(wkb + _digest(wkb))
             os.replace(whole, file)

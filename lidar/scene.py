@@ -1,4 +1,4 @@
-"""What a scanner can meet: a static world of segments, and boxes that move. World frame, SI."""
+"""The world of a scanner: static segments, and boxes that move. World frame, SI."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STATIC = -1
 """Owner id of everything in the static scene."""
 
 FARTHEST = 1e12
-"""No coordinate may be larger [m]. Ranges are exact to the rounding of coordinates: a nanometre at 1e6 m."""
+"""Largest coordinate allowed [m]. Ranges are exact to the rounding of coordinates: a nanometre at 1e6 m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Scene:
                 raise ValueError(f"solids = {self.solids!r:.60}; must be one shapely geometry: see Scene.from_shapely")
             shapely.prepare(self.solids)
 
-    def __reduce__(self):  # copies and pickles are made from what it was made of, and read-only as well
+    def __reduce__(self):  # copies and pickles are made anew from the fields, so they are read-only as well
         return type(self), (self.segments, self.solids)
 
     @classmethod
@@ -56,8 +56,8 @@ class Scene:
 
         walls     : lines, rings or polygons (also multi-part); lines and boundaries stop a beam, interiors stay free
         solids    : polygons (also multi-part); a sensor inside one sees nothing
-        tolerance : how far walls may move for that [m]; points where three or more pieces meet do not, and rings that
-                    are smaller vanish
+        tolerance : largest displacement of a wall [m]; points where three or more pieces meet stay, and rings that are
+                    smaller vanish
         """
         if not (math.isfinite(tolerance) and tolerance >= 0):
             raise ValueError(f"tolerance = {tolerance}; must be finite and not negative")
@@ -73,9 +73,10 @@ class Scene:
         return cls(_straightened(cls(np.concatenate(segments)).segments, tolerance), union)
 
     def enclosed(self, x, y) -> np.ndarray:
-        """Which points are inside a solid, (n,) bool: what shapely.contains_xy says, sooner.
+        """Which points are inside a solid, (n,) bool: the result of shapely.contains_xy in less time.
 
-        Only near the borders of solids shapely is asked. It compares a point with all sides as far north or south.
+        A grid answers for points that are not near the border of a solid. shapely answers for the others; it compares a
+        point with all sides as far north or south.
         """
         x, y = np.array(x, dtype=np.float64, ndmin=1), np.array(y, dtype=np.float64, ndmin=1)
         if self.solids is None or self.solids.is_empty:
@@ -104,15 +105,15 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Oriented rectangles that move, one vehicle or one part of a vehicle each. Every field (v,); all but owner may
-    be one value for all.
+    """Oriented rectangles that move; each is a vehicle or a part of one. Every field is (v,); all but owner may be one
+    value for all.
 
     x, y    : centre [m]
     heading : of the length axis, counter-clockwise from east [rad]
     length  : along the heading [m]
     width   : across it [m]
-    owner   : id of what the box belongs to, 0 or more; a tractor and its trailer share one
-    vx, vy, yaw_rate : motion in the world frame [m/s, rad/s], 0 if not given; felt by scanners that take time
+    owner   : id of the vehicle that the box belongs to, 0 or more; a tractor and its trailer share one
+    vx, vy, yaw_rate : motion in the world frame [m/s, rad/s], 0 if not given; has an effect on scanners with sweeps
     """
 
     x: np.ndarray
@@ -158,7 +159,7 @@ class Boxes:
         return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     def after(self, time: float) -> Boxes:
-        """Where they are when they have moved on for a while [s]; negative is where they were."""
+        """The boxes after some time at constant motion [s]; a negative time gives earlier poses."""
         return replace(
             self,
             x=self.x + time * self.vx,
@@ -228,7 +229,7 @@ def pairs_near(bounds, x, y, reach):
 
 
 def blocks(n, width, size=1 << 17):
-    """Slices of range(n), so short that a block by width table has about `size` entries: bounds the temporaries."""
+    """Slices of range(n), so short that a table of slice by width has about `size` entries: bounds the temporaries."""
     step = max(1, size // max(width, 1))
     return [slice(start, min(start + step, n)) for start in range(0, n, step)]
 
@@ -237,7 +238,7 @@ _FREE, _INSIDE, _BORDER = range(3)
 
 
 class _Cells(NamedTuple):
-    """Squares around solids; each is wholly free, wholly inside or has a border in it. The outermost ones are free.
+    """Squares around solids; each is wholly free, wholly inside or contains a border. The outermost ones are free.
 
     x, y : where the first one begins [m]
     size : of their sides [m]
@@ -253,13 +254,13 @@ class _Cells(NamedTuple):
     def of(cls, solids) -> _Cells:
         sides = np.array(_lines(solids))
         low, high = shapely.bounds(solids).reshape(2, 2)
-        # Some 60 for each side of a solid: few points on a street share one with a wall. At most 4 MB of them.
+        # Some 60 squares for each side of a solid: few points on a street share one with a wall. At most 4 MB.
         wanted = min(64 * shapely.get_num_coordinates(solids), 1 << 22)
         size = max(np.sqrt(np.prod(high - low) / wanted), 2 * (high - low).max() / wanted)  # the latter if slender
         low = low - 1.5 * size
         kind = np.full(np.ceil((high - low) / size).astype(int) + 2, _FREE, dtype=np.uint8)
 
-        # A piece shorter than a side is in no other cells than the corners of its bounding box. The margin makes
+        # A piece shorter than a side lies only in the cells of the corners of its bounding box. The margin makes
         # rounding harmless, here and in `at`.
         pieces = [_segments(line) for line in shapely.segmentize(sides, 0.9 * size)]
         xmin, ymin, xmax, ymax = bounds((np.concatenate(pieces).T - np.tile(low, 2)[:, None]) / size)
@@ -267,7 +268,7 @@ class _Cells(NamedTuple):
             for row in (ymin - 0.01, ymax + 0.01):
                 kind[column.astype(int), row.astype(int)] = _BORDER
 
-        # From one border to the next all cells of a column are alike: the first tells.
+        # All cells of a column between two borders are alike: the first one decides.
         clear = kind != _BORDER
         first = clear.copy()
         first[:, 1:] &= ~clear[:, :-1]
@@ -278,14 +279,14 @@ class _Cells(NamedTuple):
 
     def at(self, x, y):
         columns, rows = self.kind.shape
-        # fmax and fmin pass over NaN, which is nowhere and thus free
+        # fmax and fmin ignore NaN, which thus lands in a free cell
         column = np.fmin(np.fmax((x - self.x) / self.size, 0), columns - 1).astype(np.intp)
         row = np.fmin(np.fmax((y - self.y) / self.size, 0), rows - 1).astype(np.intp)
         return self.kind[column, row]
 
 
 def _union(solids):
-    """Of polygons. In floating point GEOS may lose a whole one (libgeos/geos issues 965, 1344), on a grid it won't."""
+    """Union of polygons. In floating point GEOS may lose a whole one (libgeos/geos issues 965, 1344); on a grid not."""
     union = shapely.union_all(solids)
     shapely.prepare(union)
     amid = shapely.point_on_surface(solids)
@@ -294,7 +295,7 @@ def _union(solids):
 
 
 def _straightened(segments, tolerance):
-    """The same walls in fewer segments: each only once, and in one piece from corner to corner; (m, 4) both."""
+    """The same walls in fewer segments: each once, and in one piece from corner to corner; (m, 4) both."""
     points, ends = np.unique(segments.view(complex).ravel(), return_inverse=True)
     ends = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0)
     meeting = np.bincount(ends.ravel())  # how many segments at each point
@@ -303,12 +304,13 @@ def _straightened(segments, tolerance):
     for i in np.flatnonzero(shapely.is_closed(lines)):
         ring = shapely.get_coordinates(lines[i])[:-1]
         if meeting[np.searchsorted(points, ring.view(complex)[0, 0])] == 2:
-            # It began anywhere; let it begin at a corner, and what is farthest from a point surely is one.
+            # The ring begins anywhere; let it begin at a corner. The vertex farthest from any point is one.
             ring = np.roll(ring, -np.argmax(np.hypot(*(ring - ring[0]).T)), axis=0)
             lines[i] = shapely.LineString([*ring, ring[0]])
     lines = shapely.simplify(lines, tolerance / 2, preserve_topology=False)
-    # Of vertices equally far from a chord this keeps any, though it may be amid a straight wall parallel to the
-    # chord; one more look at each and its neighbours finds it. Never two in a row go, or errors would add up.
+    # simplify keeps any of several vertices that are equally far from a chord, even one within a straight wall parallel
+    # to the chord; a second comparison of each vertex with its neighbours finds it. Only one of two in a row is
+    # removed, or errors would add up.
     vertices, line = shapely.get_coordinates(lines, return_index=True)
     inner = np.flatnonzero(line[2:] == line[:-2]) + 1
     chords = shapely.linestrings(np.stack([vertices[inner - 1], vertices[inner + 1]], axis=1))
@@ -320,7 +322,7 @@ def _straightened(segments, tolerance):
 
 
 def _check(name, geometry, area):
-    """Raise ValueError unless it is of the kinds that a scene is made of."""
+    """Raise ValueError unless the geometry is of a kind that a scene is made of."""
     allowed = ("Polygon", "MultiPolygon") if area else _WALLS
     kind = getattr(geometry, "geom_type", type(geometry).__name__)
     if kind == "GeometryCollection":

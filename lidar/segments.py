@@ -96,8 +96,8 @@ def find_segments(
     jump      : noise of the difference of two ranges, three standard deviations or more [m]
     grazing   : [rad]
     min_beams : groups of fewer returns are left out
-    bridge    : so many beams without a return (NaN, +inf or −inf: real scanners lose returns either way) do not end a
-                group; φ is then wider
+    bridge    : number of successive beams without a return (NaN, +inf or −inf: real scanners lose returns either way)
+                that do not end a group; φ is then wider
 
     Right angle: of returns 1..j on a line of normal n and the others on one of normal Jn (J turns by π/2), both lines
     through the means of their returns, the squared distances sum up to n'(S1 + J'S2 J)n, S1 and S2 the scatter matrices
@@ -128,7 +128,7 @@ def find_segments(
 
 
 def _rule(model: LidarModel, jump, grazing, min_beams, bridge):
-    """What the distance rule needs, for 0 to `bridge` beams without a return, in the fan and across its seam.
+    """Constants of the distance rule for 0 to `bridge` beams without a return, in the fan and across its seam.
 
     Returns at a and b with the angle φ between them are (b − a)² + spread a b apart, squared.
 

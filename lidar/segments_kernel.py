@@ -1,7 +1,7 @@
 """The loops of `lidar.segments`, compiled by numba.
 
-Two habits are for speed: unsigned indices need no test for wrapping round, and rows of a table are taken by index, for
-numba forgets that they are contiguous if they are unpacked.
+Two habits are for speed: unsigned indices need no test for negative values, and rows of a table are taken by index, as
+numba does not know that they are contiguous once they are unpacked.
 """
 
 import math
@@ -71,7 +71,7 @@ def _joined(a, b, missing, spread, reach, jump):
 
 @compiled
 def describe(ranges, directions, angles, groups, ends, nearest, line, corner):
-    """Fill in what is known of each group; the tuples are fields of Segments, in the order there."""
+    """Fill in the properties of each group; the tuples are fields of Segments, in the order there."""
     k = ranges.shape[1]
     sums, costs, beams = np.empty((5, k)), np.empty(k), np.empty(k, np.intp)
     for g in range(groups.shape[1]):

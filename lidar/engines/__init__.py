@@ -1,9 +1,9 @@
-"""Engines by name; see `protocol`. What numbers mean is in `lidar.sense`, and is the same for all of them.
+"""Engines by name; see `protocol`. The meaning of the numbers is stated in `lidar.sense`, and is the same for all.
 
-raster  : compiled; draws what is near into each sensor's beams. For everything
+raster  : compiled; draws nearby surfaces into each sensor's beams. For everything
 numpy   : the same idea without numba
 pymunk  : one query of the physics engine for each beam; the reference
-shapely : exact intersections of lines, beam by beam; the slowest, and what the others are judged by
+shapely : exact intersections of lines, beam by beam; the slowest, by which the others are judged
 """
 
 from importlib import import_module

@@ -46,31 +46,51 @@ def _edges(scene, boxes):
 
 def _draw(fan, edges, edge_owner, sensor, poses, inverse, hits):
     """Draw edge i, (4, p), into the beams of sensor i, an index into poses; inverse and hits (n·k,) are updated."""
-    x, y, yaw, owner = (values[sensor] for values in poses)
+    edge, px, py, ex, ey, area = _in_reach(fan, edges, edge_owner, sensor, poses)
+    sensor, edge_owner = sensor[edge], edge_owner[edge]
+    normal_x, normal_y = ey / area, -ex / area
+    run, first, count = _spans(fan, px, py, np.sign(area))
 
-    # Ends in the sensor frame, rows: first, second.
+    # One entry for each edge and beam.
+    begin = np.cumsum(count) - count
+    entry = np.repeat(run, count)
+    beam = np.arange(len(entry)) + np.repeat(first - begin, count)
+    cell = np.repeat(sensor[run] * len(fan.angles), count) + beam
+    dx, dy = fan.directions
+    value = normal_x[entry] * dx[beam] + normal_y[entry] * dy[beam]
+    np.maximum.at(inverse, cell, value)
+    nearest = np.flatnonzero(value == inverse[cell])
+    np.minimum.at(hits, cell[nearest], edge_owner[entry[nearest]])
+
+
+def _in_reach(fan, edges, edge_owner, sensor, poses):
+    """Edges that face their sensor within its reach, in the sensor frame.
+
+    returns: number of the edge, (q,); x and y of its ends, rows first and second, (2, q) each; x and y of the vector
+             from first to second, (q,); twice the area of the triangle sensor, first, second, (q,): its sign tells the
+             turn, its size the distance of the line
+    """
+    x, y, yaw, owner = (values[sensor] for values in poses)
     east, north = edges[0::2] - x, edges[1::2] - y
     cos, sin = np.cos(yaw), np.sin(yaw)
     px, py = cos * east + sin * north, cos * north - sin * east
     ex, ey = px[1] - px[0], py[1] - py[0]
-
-    # Twice the area of the triangle sensor, first, second: its sign tells the turn, its size the distance of the line.
     area = px[0] * ey - py[0] * ex
     length = np.hypot(ex, ey)
     facing = (edge_owner == STATIC) | (area < 0)  # boxes are counter-clockwise; their far faces are hidden anyway
     facing &= edge_owner != owner
     facing &= (np.abs(area) > TOUCHING * length) & (np.abs(area) <= fan.reach * length)  # neither edge-on nor too far
     keep = np.flatnonzero(facing)
-    px, py, ex, ey, area = px[:, keep], py[:, keep], ex[keep], ey[keep], area[keep]
-    sensor, edge_owner = sensor[keep], edge_owner[keep]
-    turn = np.sign(area)
-    normal_x, normal_y = ey / area, -ex / area
+    return keep, px[:, keep], py[:, keep], ex[keep], ey[keep], area[keep]
 
+
+def _spans(fan, px, py, turn):
+    """Runs of beams that meet edges: number of the edge, first beam, number of beams, (s,) each."""
     # First and last beam of the wedge, seen counter-clockwise.
     angle = np.arctan2(py, px)
     start = np.where(turn > 0, angle[0], angle[1])
     span = np.mod(turn * (angle[1] - angle[0]), 2 * np.pi)
-    span[span > 1.5 * np.pi] = 0.0  # seen all but edge-on; rounding turned it the other way round
+    span[span > 1.5 * np.pi] = 0.0  # seen all but edge-on; rounding reversed the turn
     increment, last_beam = fan.increment, len(fan.angles) - 1
     start = np.mod(start - fan.angles[0], 2 * np.pi)
     # A wedge that crosses the direction of angle_min meets the fan once more, a turn earlier.
@@ -79,21 +99,11 @@ def _draw(fan, edges, edge_owner, sensor, poses, inverse, hits):
     first = np.clip(np.rint(start / increment), 0, last_beam + 1).astype(np.intp)
     last = np.clip(np.rint(stop / increment), -1, last_beam).astype(np.intp)
     run = np.flatnonzero(first <= last)
-    first, last, edge = first[run], last[run], run % len(keep)
+    first, last, edge = first[run], last[run], run % len(turn)
 
     # Rounded angles are good to half a beam; which beam is the first and last is decided by the side it passes an end.
     dx, dy = fan.directions
     swap = (turn[edge] < 0).astype(np.intp)
     first += px[swap, edge] * dy[first] < py[swap, edge] * dx[first]
     last -= px[1 - swap, edge] * dy[last] > py[1 - swap, edge] * dx[last]
-    count = np.maximum(last - first + 1, 0)
-
-    # One entry for each edge and beam.
-    begin = np.cumsum(count) - count
-    entry = np.repeat(edge, count)
-    beam = np.arange(len(entry)) + np.repeat(first - begin, count)
-    cell = np.repeat(sensor[edge] * len(fan.angles), count) + beam
-    value = normal_x[entry] * dx[beam] + normal_y[entry] * dy[beam]
-    np.maximum.at(inverse, cell, value)
-    nearest = np.flatnonzero(value == inverse[cell])
-    np.minimum.at(hits, cell[nearest], edge_owner[entry[nearest]])
+    return edge, first, np.maximum(last - first + 1, 0)
