@@ -1,4 +1,4 @@
-"""The benchmark of scans: that it measures everything, and what its towns are. Never how fast."""
+"""The benchmark of scans: it measures everything, and its towns are as described. Times are not tested."""
 
 import json
 import subprocess
@@ -89,7 +89,7 @@ def test_vehicles_of_a_jam_touch_neither_each_other_nor_walls(jam):
     assert walls.query(bodies, predicate="intersects").size == 0
 
 
-def test_no_sensor_of_a_jam_is_inside_of_another_vehicle(jam):
+def test_no_sensor_of_a_jam_is_inside_another_vehicle(jam):
     scene, boxes = jam
     batch = scan(VIEWS["foll30"], scene, boxes, Carriers.of(boxes))
     assert not batch.inside.any()

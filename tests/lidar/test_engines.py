@@ -224,7 +224,7 @@ def test_lone_wall_edge_on_is_invisible(engine):
     assert np.isinf(exact(model, *world([(2, 0, 4, 0)]), [0], [0], [0], [0], engine).ranges).all()
 
 
-def test_walls_edge_on_but_for_rounding_stay_in_their_direction():
+def test_walls_edge_on_but_for_rounding_are_seen_in_no_other_direction():
     behind = np.random.default_rng(0).uniform(0.6 * np.pi, 1.4 * np.pi, 500)
     near = np.stack([np.cos(behind), np.sin(behind)], axis=1)
     assert np.isinf(exact(fan(180), *world(np.hstack([near, 3.3 * near])), [0], [0], [0], [0]).ranges).all()

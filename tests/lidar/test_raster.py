@@ -1,4 +1,4 @@
-"""What only the compiled engine has: its grid, its rough angles, its compilation."""
+"""Properties of the compiled engine alone: its grid, its approximate angles, its compilation."""
 
 import dataclasses
 import gc
@@ -39,7 +39,7 @@ def same(raster, plain):
 
 @given(seed=st.integers(0, 2**32 - 1), fov=st.sampled_from([3.0, 23.0, 180.0, 270.0, 360.0]))
 @few
-def test_grid_leaves_nothing_out(seed, fov):
+def test_grid_hides_no_surface_from_a_sensor(seed, fov):
     # Sensors and vehicles also exactly on borders of cells and outside of the grid of walls; walls longer than cells.
     rng = np.random.default_rng(seed)
     start = rng.uniform(0, 300, (60, 2))
@@ -62,7 +62,7 @@ def test_fan_may_begin_anywhere(seed, angle_min, span):
 
 
 @pytest.mark.parametrize("samples", [2, 3, 100_000])
-def test_few_beams_and_very_many(samples):
+def test_two_beams_and_a_hundred_thousand_agree_with_numpy(samples):
     rng = np.random.default_rng(samples)
     scene, boxes = Scene(rng.uniform(-30, 30, (200, 4))), Boxes.empty()
     for half in (math.pi, 2.6, 0.2, 1e-3):
@@ -70,14 +70,14 @@ def test_few_beams_and_very_many(samples):
         same(*both(model, scene, boxes, *rng.uniform(-30, 30, (2, 5)), rng.uniform(-3, 3, 5), [0] * 5))
 
 
-def test_more_in_sight_than_there_was_room_for():
+def test_memory_for_faces_grows_with_the_surfaces_in_sight():
     rng = np.random.default_rng(0)
     boxes = Boxes(*rng.uniform(-40, 40, (2, 2000)), *[np.full(2000, 0.1)] * 3, np.arange(2000))
     scene = Scene(rng.uniform(-40, 40, (2000, 4)))
     same(*both(VIEW, scene, boxes, [0.0, 1.0], [0.0, 2.0], [0.0, 2.0], [0, 1]))
 
 
-def test_world_far_flung_takes_no_more_memory():
+def test_far_flung_world_takes_no_more_memory():
     # SUMO has vehicles that are not on the road yet at -2^30 m.
     scene = Scene([(0, 5, 10, 5), (1e6, 1e6, 1e6 + 1, 1e6)])
     boxes = Boxes([20, -(2.0**30)], [0, -(2.0**30)], [0, 0], [4, 4], [2, 2], [1, 2])
@@ -93,20 +93,20 @@ def test_few_long_walls_take_no_more_memory():
     assert raster_engine._walls[scene][2].shape[1] < 2000
 
 
-def test_nothing_and_nobody():
+def test_empty_worlds_and_empty_batches_scan():
     for scene, boxes in (world(), world([(1, -1, 1, 1)]), world(boxes=[(3, 0, 0, 1, 1, 1)])):
         same(*both(VIEW, scene, boxes, [0], [0], [0], [0]))
         assert scan(VIEW, scene, boxes, Carriers([], [], [], [])).ranges.shape == (0, 181)
 
 
-def test_rough_angle_is_good_to_half_a_beam_of_the_finest_fan_it_serves():
+def test_approximate_angle_is_good_to_half_a_beam_of_the_finest_fan_it_serves():
     angles = np.linspace(-math.pi, math.pi, 100_001)[1:]
     for size in (1e-9, 1.0, 1e9):
         rough = np.array([raster_engine._angle(size * math.cos(a), size * math.sin(a)) for a in angles])
         assert np.abs(rough - angles).max() < 3e-6 < 0.25 / raster_engine.FINE
 
 
-def test_scanning_on_takes_no_more_memory():
+def test_repeated_scans_take_no_more_memory():
     rng = np.random.default_rng(0)
     scene = Scene(rng.uniform(0, 100, (300, 4)))
     boxes = Boxes(*rng.uniform(0, 100, (2, 50)), *[np.ones(50)] * 3, np.arange(50))
@@ -150,7 +150,7 @@ def test_commands_that_prepare_no_run_never_import_numba():
 
 
 @pytest.mark.parametrize("kernel", [raster_engine._scan, bicycle_kernel.move])
-def test_what_is_kept_is_of_all_files_that_a_kernel_calls(kernel):
+def test_compiled_code_is_kept_until_any_file_that_a_kernel_calls_changes(kernel):
     # numba looks at one file only; the stamp that it compares is that of all.
     files = compiled.OWN if kernel is raster_engine._scan else [m.__file__ for m in (bicycle_kernel, bicycle, motion)]
     assert kernel._cache._cache_file._source_stamp == compiled.digest(files)
@@ -164,7 +164,7 @@ def test_a_changed_file_changes_the_stamp(tmp_path):
     assert compiled.digest(copies) != before
 
 
-def test_where_nothing_can_be_kept_it_compiles_anew(tmp_path):
+def test_kernels_compile_anew_where_no_cache_can_be_written(tmp_path):
     # No place for the cache: neither beside the source nor in a home folder.
     code = (
         "import numba.core.caching as c\n"

@@ -1,4 +1,4 @@
-"""The slow second opinion: for each beam, shapely intersects one line with every single wall and side of a box."""
+"""The slow second opinion: for each beam, shapely intersects one line with every wall and every side of a box."""
 
 import numpy as np
 import shapely
