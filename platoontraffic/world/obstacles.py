@@ -16,8 +16,8 @@ import numpy as np
 import shapely
 
 from platoontraffic.errors import InputError
+from platoontraffic.geometry.polyline import Polyline
 from platoontraffic.road.network import Network
-from platoontraffic.road.polyline import Polyline
 from platoontraffic.road.route import Route
 from platoontraffic.scenario import Scenario, obstacle_tables
 from platoontraffic.world.fleet import Fleet, Member

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from platoontraffic import shipped
 from platoontraffic.errors import InputError
+from platoontraffic.geometry.polyline import Polyline
 from platoontraffic.road.network import CHANGING, Line, Network
-from platoontraffic.road.polyline import Polyline
 from platoontraffic.road.route import REACH, Route, Routes
 from tests.support import ODD_NETS
 

@@ -18,8 +18,8 @@ import shapely
 from platoontraffic.lidar import PRESETS
 
 from platoontraffic.controllers.reactive import ReactiveLeader
+from platoontraffic.geometry.polyline import Polyline
 from platoontraffic.road.network import Network, build_net
-from platoontraffic.road.polyline import Polyline
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES

@@ -20,6 +20,7 @@ from platoontraffic.lidar import PRESETS, Mount, Scene
 
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.geometry.polyline import Polyline
 from platoontraffic.observation.encounters import (
     Encounter,
     Encounters,
@@ -29,7 +30,6 @@ from platoontraffic.observation.encounters import (
     reaction,
     stopping_distance,
 )
-from platoontraffic.road.polyline import Polyline
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from platoontraffic.road.driven_paths import DrivenPaths
-from platoontraffic.road.polyline import Polyline
+from platoontraffic.geometry.driven_paths import DrivenPaths
+from platoontraffic.geometry.polyline import Polyline
 
 
 def ways(rng: np.random.Generator, n: int, steps: int, speed: float, turn: float = 0.3) -> tuple[np.ndarray, ...]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from platoontraffic.road.polyline import Polyline
+from platoontraffic.geometry.polyline import Polyline
 
 BENT = np.array([(0.0, 0.0), (3.0, 0.0), (3.0, 2.0), (1.0, 4.0)])
 SQUARE = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)])
