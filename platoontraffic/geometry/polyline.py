@@ -1,12 +1,79 @@
-"""Lines with a station (arc length) on them: a given route, and the path that a vehicle has driven."""
+"""Polylines with stations (arc length along the line), and the nearest place on one.
+
+Kernels of other files that call these functions name this file too: `compiler(__file__, polyline.__file__)`.
+"""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+
+from platoontraffic.lidar.compiled import compiler
+
+compiled = compiler(__file__)
+
+
+@compiled
+def beside(points, k, x, y, low, high):
+    """The place nearest to a point on the piece from points[k] to points[k + 1].
+
+    points    : (m, 2) or more columns, of which the first two are x and y [m]
+    low, high : limits of the share; 0.0 and 1.0 keep to the piece, -inf and inf prolong it
+    returns   : share of the piece; squared distance [m2]; step x offset [m2], positive if the point is to the left
+    """
+    step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+    from_x, from_y = x - points[k, 0], y - points[k, 1]
+    size = step_x * step_x + step_y * step_y
+    share = min(max((from_x * step_x + from_y * step_y) / size, low), high) if size > 0.0 else 0.0
+    away_x, away_y = from_x - share * step_x, from_y - share * step_y
+    return share, away_x * away_x + away_y * away_y, step_x * from_y - step_y * from_x
+
+
+@compiled
+def nearest(points, first, last, x, y):
+    """The piece nearest to a point, among those that start at points[first] .. points[last - 1].
+
+    returns : the piece's index; and share, squared distance [m2] and side as from `beside`
+    """
+    piece, share, shortest, side = first, 0.0, math.inf, 0.0
+    for k in range(first, last):
+        part, away, left = beside(points, k, x, y, 0.0, 1.0)
+        if away < shortest:
+            piece, share, shortest, side = k, part, away, left
+    return piece, share, shortest, side
+
+
+@compiled
+def project(points, stations, x, y, near, window):
+    """The place nearest to a point, among the pieces that lie within `window` of station `near` or reach into it.
+
+    points, stations : (m, 2 or more) and (m,), m at least 2
+    returns          : its station [m]; the point's distance from it [m], positive to the left
+    """
+    first = min(max(_count(stations, near - window) - 1, 0), len(stations) - 2)
+    last = first + 1
+    while last < len(stations) - 1 and stations[last] < near + window:
+        last += 1
+    k, share, squared, side = nearest(points, first, last, x, y)
+    return stations[k] + share * (stations[k + 1] - stations[k]), math.copysign(math.sqrt(squared), side)
+
+
+@compiled
+def _count(stations, station):
+    """The number of stations up to the given one; stations (m,) rise."""
+    low, high = 0, len(stations)
+    while low < high:
+        middle = (low + high) // 2
+        if stations[middle] <= station:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 class Polyline:
-    """Points (k, 2) joined by straight lines; station 0 at the first point.
+    """Points (k, 2) joined by straight lines; station 0 is at the first point.
 
     closed: the last point joins the first, and stations wrap round.
     """
@@ -20,68 +87,17 @@ class Polyline:
         self.closed = closed
         self.length = float(steps.sum())
         # A closed line is laid out twice, so that no window has to wrap.
-        self._points = np.vstack([points, points[1:]]) if closed else points
-        self._station = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self._points, axis=0).T))])
-        self._size = len(self._points)
-
-    @property
-    def points(self) -> np.ndarray:
-        """(k, 2); those of a closed line are laid out twice."""
-        return self._points[: self._size]
-
-    @property
-    def stations(self) -> np.ndarray:
-        """Of the points, (k,)."""
-        return self._station[: self._size]
-
-    @property
-    def end(self) -> float:
-        """Station of the last point."""
-        return float(self._station[self._size - 1])
-
-    def append(self, x: float, y: float) -> None:
-        """Lengthen an open line to a further point; a point that is there already adds nothing."""
-        last_x, last_y = self._points[self._size - 1]
-        step = np.hypot(x - last_x, y - last_y)
-        if step == 0:
-            return
-        if self._size == len(self._points):
-            self._points = np.concatenate([self._points, np.empty_like(self._points)])
-            self._station = np.concatenate([self._station, np.empty_like(self._station)])
-        self._points[self._size] = x, y
-        self._station[self._size] = self._station[self._size - 1] + step
-        self._size += 1
-
-    def retract(self, x: float, y: float) -> None:
-        """Shorten an open line to the point on it nearest to x, y: its end has been driven backwards."""
-        near = self.end - np.hypot(*(self._points[self._size - 1] - (x, y)))
-        station, _ = self.project(x, y, near, window=self.end - near + 1e-9)
-        point = self.at(np.array([station]))[0]
-        self._size = max(int(np.searchsorted(self._station[: self._size], station)), 1)
-        self.append(*point)
+        self.points = np.vstack([points, points[1:]]) if closed else points  # (m, 2)
+        self.stations = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.points, axis=0).T))])  # (m,)
 
     def project(self, x: float, y: float, near: float, window: float) -> tuple[float, float]:
         """Station of the nearest point among those within `window` of station `near`, and the offset to the left."""
         if self.closed and window < np.inf:
             near = near % self.length + (self.length if near % self.length < self.length / 2 else 0)
-        station = self._station[: self._size]
-        first = max(np.searchsorted(station, near - window, side="right") - 1, 0)
-        last = min(np.searchsorted(station, near + window) + 1, self._size)
-        first = min(first, max(last - 2, 0))
-        points = self._points[first:last]
-        step = np.diff(points, axis=0)
-        length = np.hypot(*step.T)
-        from_start = np.array([x, y]) - points[:-1]
-        along = np.clip((from_start * step).sum(axis=1) / length, 0, length)
-        away = from_start - step * (along / length)[:, None]
-        nearest = int(np.argmin((away**2).sum(axis=1)))
-        offset = step[nearest, 0] * from_start[nearest, 1] - step[nearest, 1] * from_start[nearest, 0]
-        distance = float(np.hypot(*away[nearest]))
-        return float(station[first + nearest] + along[nearest]), float(np.copysign(distance, offset))
+        return project(self.points, self.stations, float(x), float(y), float(near), float(window))
 
     def at(self, station: np.ndarray) -> np.ndarray:
         """Points (m, 2) at stations (m,); before and after an open line, its ends."""
         if self.closed:
             station = np.mod(station, self.length)
-        known = self._station[: self._size]
-        return np.column_stack([np.interp(station, known, self._points[: self._size, i]) for i in (0, 1)])
+        return np.column_stack([np.interp(station, self.stations, self.points[:, i]) for i in (0, 1)])

@@ -14,7 +14,8 @@ from functools import cached_property
 import numpy as np
 
 from platoontraffic.controllers import RouteAhead
-from platoontraffic.geometry.polyline import Polyline
+from platoontraffic.geometry import polyline
+from platoontraffic.geometry.polyline import Polyline, project
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.road.network import Line
@@ -25,7 +26,7 @@ REACH = np.concatenate([np.arange(0, 6, 0.25), np.arange(6, 50.1, 0.5)])
 BEND = 1.5  # half the length over which curvature is taken: lanes are polylines, and a corner of one is no bend
 GRID = 8  # curvatures in a vehicle length
 
-compiled = compiler(__file__)
+compiled = compiler(__file__, polyline.__file__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +106,8 @@ class Routes:
         bases = np.concatenate([[0.0], np.cumsum(spans[:-1] + 1.0)])
         self._length = length
         self._base, self._span = bases[which], spans[which]
+        stops = np.cumsum([len(line.points) for line in lines])
+        self._points_of = np.column_stack([np.concatenate([[0], stops[:-1]]), stops])[which]
         self._stations = np.concatenate([line.stations + base for line, base in zip(lines, bases, strict=True)])
         self._points = np.concatenate([line.points for line in lines])
         self._limits = np.concatenate([chosen[key].limit for key, _ in kinds])
@@ -121,7 +124,7 @@ class Routes:
         near = np.where(self._closed, np.mod(near, turn), near)
         near = np.where(self._closed & (near < self._end / 2), near + self._end, near)
         station = np.empty(len(x))
-        _project(self._stations, self._points, self._base, self._span, x, y, near, window, station)
+        _project((self._stations, self._points), self._base, self._points_of, x, y, near, window, station)
         return station
 
     def ahead(self, station: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> RouteAhead:
@@ -143,23 +146,17 @@ class Routes:
 
 
 @compiled
-def _project(stations, points, base, span, x, y, near, window, station):
-    """Fill in the stations (n,) of `Routes.project`."""
+def _project(lines, base, points_of, x, y, near, window, station):
+    """Fill in the stations (n,) of `Routes.project`.
+
+    lines     : stations (k,) and points (k, 2) of all routes
+    points_of : first point of each row's route, and the one after its last, (n, 2)
+    """
+    stations, points = lines
     for i in range(len(x)):
-        first_of, last_of = np.searchsorted(stations, base[i]), np.searchsorted(stations, base[i] + span[i])
-        begin, end = base[i] + max(near[i] - window[i], 0.0), base[i] + min(near[i] + window[i], span[i]) + 1e-9
-        first = min(max(np.searchsorted(stations, begin, side="right") - 1, first_of), last_of - 1)
-        last = max(min(np.searchsorted(stations, end), last_of), first + 1)
-        shortest = np.inf
-        for k in range(first, last):
-            step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
-            size = stations[k + 1] - stations[k]
-            from_x, from_y = x[i] - points[k, 0], y[i] - points[k, 1]
-            along = min(max((from_x * step_x + from_y * step_y) / size, 0.0), size)
-            away_x, away_y = from_x - step_x * (along / size), from_y - step_y * (along / size)
-            away = away_x * away_x + away_y * away_y
-            if away < shortest:
-                shortest, station[i] = away, stations[k] + along - base[i]
+        first, stop = points_of[i]
+        there, _ = project(points[first:stop], stations[first:stop], x[i], y[i], near[i] + base[i], window[i])
+        station[i] = there - base[i]
 
 
 @compiled
