@@ -7,7 +7,9 @@ import pytest
 import shapely
 from shapely.geometry import box
 
-from platoontraffic.road.network import Network, build_net, read_polygons
+from platoontraffic.road.netconvert import build_net
+from platoontraffic.road.network import Network
+from platoontraffic.road.sumo_files import read_polygons
 from tests.support import ROOT
 
 NETS = ROOT / "sumo_nets"

@@ -91,7 +91,7 @@ class Content(NamedTuple):
 
 def read(net: Path) -> Content:
     """All that the tool wants to know of a whole network file, plain or gzipped."""
-    from platoontraffic.road.network import check_net_file
+    from platoontraffic.road.sumo_files import check_net_file
 
     check_net_file(net)
     with net.open("rb") as file:
@@ -195,7 +195,8 @@ def _stem(net: Path) -> str:
 
 def build(config: Path, output: Path | None = None) -> Path:
     """Build a network from its sources and return its path. Where that fails, the old network stays."""
-    from platoontraffic.road.network import build_net, check_net_file
+    from platoontraffic.road.netconvert import build_net
+    from platoontraffic.road.sumo_files import check_net_file
 
     root = _root(config, "a netconvert configuration (.netccfg)")
     if root.tag != "netconvertConfiguration":
@@ -379,7 +380,7 @@ def import_net(net: Path, folder: Path, force: bool = False) -> list[Path]:
 
     Nothing is written unless the sources build a network with the same lanes, connections, junctions and lights.
     """
-    from platoontraffic.road.network import build_net
+    from platoontraffic.road.netconvert import build_net
 
     content, name = read(net), _stem(net)
     netconvert = program("netconvert")

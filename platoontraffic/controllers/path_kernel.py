@@ -30,7 +30,6 @@ def meet(ranges, beams, laser, aside, strip, front, free):
                 continue
             x, y = laser[i] + ranges[i, k] * beams[0, k], aside + ranges[i, k] * beams[1, k]
             if low < y < high and x > 0:
-                j, share, squared, _ = nearest(points[i], 0, len(distance[i]) - 1, x, y)
-                station = distance[i, j] + share * (distance[i, j + 1] - distance[i, j])
+                station, squared, _ = nearest(points[i], distance[i], 0, len(distance[i]) - 1, x, y, False)
                 if np.sqrt(squared) < half_width[i] and front[i] < station < front[i] + free[i]:
                     free[i] = station - front[i]

@@ -15,48 +15,58 @@ compiled = compiler(__file__)
 
 
 @compiled
-def beside(points, k, x, y, low, high):
-    """The place nearest to a point on the piece from points[k] to points[k + 1].
+def beside(points, k, x, y, size, low, high, whole):
+    """The place nearest to a point on the piece from points[k] to points[k + 1], in metres or as a share of the piece.
 
     points    : (m, 2) or more columns, of which the first two are x and y [m]
-    low, high : limits of the share; 0.0 and 1.0 keep to the piece, -inf and inf prolong it
-    returns   : share of the piece; squared distance [m2]; step x offset [m2], positive if the point is to the left
+    size      : length of the piece for metres [m], its square for a share [m2]
+    low, high : limits of the result; 0.0 and `whole` keep to the piece, -inf and inf prolong it
+    whole     : the result at points[k + 1]: length of the piece [m], or 1.0
+    returns   : distance along the piece [m] or share; squared distance [m2]; step x offset [m2], positive to the left
     """
     step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
     from_x, from_y = x - points[k, 0], y - points[k, 1]
-    size = step_x * step_x + step_y * step_y
-    share = min(max((from_x * step_x + from_y * step_y) / size, low), high) if size > 0.0 else 0.0
-    away_x, away_y = from_x - share * step_x, from_y - share * step_y
-    return share, away_x * away_x + away_y * away_y, step_x * from_y - step_y * from_x
+    along = min(max((from_x * step_x + from_y * step_y) / size, low), high) if size > 0.0 else 0.0
+    share = along / whole if size > 0.0 else 0.0
+    away_x, away_y = from_x - step_x * share, from_y - step_y * share
+    return along, away_x * away_x + away_y * away_y, step_x * from_y - step_y * from_x
 
 
 @compiled
-def nearest(points, first, last, x, y):
-    """The piece nearest to a point, among those that start at points[first] .. points[last - 1].
+def nearest(points, stations, first, last, x, y, by_length):
+    """The place nearest to a point on the pieces that start at points[first] .. points[last - 1].
 
-    returns : the piece's index; and share, squared distance [m2] and side as from `beside`
+    stations  : of the points, (m,) [m]
+    by_length : whether stations are lengths along these points; else they are interpolated on each piece
+    returns   : its station [m]; squared distance and side as from `beside`
     """
-    piece, share, shortest, side = first, 0.0, math.inf, 0.0
+    shortest, station, side = math.inf, stations[first], 0.0
     for k in range(first, last):
-        part, away, left = beside(points, k, x, y, 0.0, 1.0)
+        length = stations[k + 1] - stations[k]
+        if by_length:
+            along, away, left = beside(points, k, x, y, length, 0.0, length, length)
+        else:
+            step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+            share, away, left = beside(points, k, x, y, step_x * step_x + step_y * step_y, 0.0, 1.0, 1.0)
+            along = share * length
         if away < shortest:
-            piece, share, shortest, side = k, part, away, left
-    return piece, share, shortest, side
+            shortest, station, side = away, stations[k] + along, left
+    return station, shortest, side
 
 
 @compiled
 def project(points, stations, x, y, near, window):
     """The place nearest to a point, among the pieces that lie within `window` of station `near` or reach into it.
 
-    points, stations : (m, 2 or more) and (m,), m at least 2
+    points, stations : (m, 2 or more), and lengths along them (m,) [m]; m is at least 2
     returns          : its station [m]; the point's distance from it [m], positive to the left
     """
     first = min(max(_count(stations, near - window) - 1, 0), len(stations) - 2)
     last = first + 1
     while last < len(stations) - 1 and stations[last] < near + window:
         last += 1
-    k, share, squared, side = nearest(points, first, last, x, y)
-    return stations[k] + share * (stations[k + 1] - stations[k]), math.copysign(math.sqrt(squared), side)
+    station, squared, side = nearest(points, stations, first, last, x, y, True)
+    return station, math.copysign(math.sqrt(squared), side)
 
 
 @compiled

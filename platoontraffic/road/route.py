@@ -18,7 +18,7 @@ from platoontraffic.geometry import polyline
 from platoontraffic.geometry.polyline import Polyline, project
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.lidar.pose import wrap
-from platoontraffic.road.network import Line
+from platoontraffic.road.lane_routes import Line
 
 # What a law is given, in vehicle lengths: close together at first, for steering, then out to where a car at 40 m/s
 # that brakes at 3.5 m/s2 comes to stand, close enough that no bend falls between two points.

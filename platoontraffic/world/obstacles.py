@@ -423,7 +423,7 @@ def _until(table: Any) -> float:
 def _car(table: obstacle_tables.Car, name: str, network: Network) -> Plan:
     start = table.start
     if table.to:
-        edges = network.fastest_way(start.edge, table.to)
+        edges = network.fastest_route(start.edge, table.to)
     elif table.route:
         if start.edge not in table.route:
             raise InputError(f"{table.route}: does not contain the start edge {start.edge!r}")

@@ -76,8 +76,11 @@ def test_without_a_window_the_projection_agrees_with_shapely(seed):
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=50, deadline=None)
 def test_the_place_beside_a_prolonged_piece_is_the_foot_of_the_perpendicular(seed):
-    start, end, point = rng_points = np.random.default_rng(seed).normal(0, 10, (3, 2))
-    share, squared, side = beside(rng_points[:2], 0, *point, -np.inf, np.inf)
+    start, end, point = points = np.random.default_rng(seed).normal(0, 10, (3, 2))
+    size = (end - start) @ (end - start)
+    share, squared, side = beside(points[:2], 0, *point, size, -np.inf, np.inf, 1.0)
+    along, *_ = beside(points[:2], 0, *point, np.sqrt(size), -np.inf, np.inf, np.sqrt(size))
+    assert along == pytest.approx(share * np.sqrt(size))
     foot = start + share * (end - start)
     assert (point - foot) @ (end - start) == pytest.approx(0, abs=1e-9)
     assert np.hypot(*(point - foot)) == pytest.approx(np.sqrt(squared), abs=1e-9)
@@ -85,4 +88,4 @@ def test_the_place_beside_a_prolonged_piece_is_the_foot_of_the_perpendicular(see
 
 
 def test_a_piece_without_length_is_a_point():
-    assert beside(np.array([(3.0, 4.0), (3.0, 4.0)]), 0, 0.0, 0.0, 0.0, 1.0) == (0.0, 25.0, 0.0)
+    assert beside(np.array([(3.0, 4.0), (3.0, 4.0)]), 0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0) == (0.0, 25.0, 0.0)

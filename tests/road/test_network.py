@@ -11,7 +11,8 @@ import shapely
 
 from platoontraffic import shipped
 from platoontraffic.errors import InputError
-from platoontraffic.road.network import Network, check_net_file, read_polygons
+from platoontraffic.road.network import Network
+from platoontraffic.road.sumo_files import check_net_file, read_polygons
 from platoontraffic.world.deployment import static_scene
 from tests.support import ODD_NETS, ROOT
 
@@ -161,7 +162,7 @@ def test_open_route_begins_and_ends_on_its_lanes(world):
 
 
 def test_route_says_where_an_edge_leads(loop):
-    with pytest.raises(InputError, match=r"no way from edge 'sw_se' to 'ne_nw'; it leads to: se_ne"):
+    with pytest.raises(InputError, match=r"no connection from edge 'sw_se' to 'ne_nw'; it leads to: se_ne"):
         loop.route_line(["sw_se", "ne_nw"])
     with pytest.raises(InputError, match="empty"):
         loop.route_line([])
@@ -263,8 +264,8 @@ def test_middle_lines_of_the_loop_close_on_its_nodes(loop):
     [
         (r"\s*<connection .*?/>", "", "no connection leads over lane ':ne_0_0' in junction 'ne'"),
         (r"<connection from=\"sw_se\".*?/>", "", "no connection leads over lane ':se_"),
-        (r"<junction .*</junction>", "", "goes from junction 'ne', which is not there"),
-        ('from="sw" to="se"', 'from="xx" to="se"', "edge 'sw_se' goes from junction 'xx', which is not there"),
+        (r"<junction .*</junction>", "", "goes from junction 'ne', which is missing"),
+        ('from="sw" to="se"', 'from="xx" to="se"', "edge 'sw_se' goes from junction 'xx', which is missing"),
         (r'(<lane id="sw_se_0"[^>]*?) shape="[^"]*"', r"\1", "lane 'sw_se_0' has no shape of two or more points"),
         (r'(<lane id="sw_se_0"[^>]*?) shape="[^"]*"', r'\1 shape="nan,nan 1,1"', "lane 'sw_se_0' has no shape"),
         ('<edge id="se_ne"', '<edge id="sw_se"', "something is missing"),

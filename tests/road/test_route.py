@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from platoontraffic import shipped
 from platoontraffic.errors import InputError
 from platoontraffic.geometry.polyline import Polyline
-from platoontraffic.road.network import CHANGING, Line, Network
+from platoontraffic.road.lane_routes import CHANGING, Line
+from platoontraffic.road.network import Network
 from platoontraffic.road.route import REACH, Route, Routes
 from tests.support import ODD_NETS
 
@@ -326,7 +327,7 @@ def test_who_turns_from_the_wrong_lane_changes_it_first(cross):
 
 
 def test_where_no_way_leads_is_said(cross):
-    with pytest.raises(InputError, match="no way from edge 'west_in' to 'south_in'; it leads to: east_out"):
+    with pytest.raises(InputError, match="no connection from edge 'west_in' to 'south_in'; it leads to: east_out"):
         cross.route_lanes(["west_in", "south_in"])
     with pytest.raises(InputError, match="the route is empty"):
         cross.route_lanes([])
