@@ -38,9 +38,8 @@ def may_cross(foe: Foe, speed: float, length: float, margin: float = MARGIN) -> 
         return foe.foe_to_conflict > 0  # it waits; otherwise it blocks the path
     arrives = time_for(foe.foe_to_conflict, foe.foe_speed) if foe.hurries else foe.foe_to_conflict / foe.foe_speed
     clears = math.inf if stands else (foe.foe_to_exit + foe.foe_length) / foe.foe_speed
-    return arrives > time_for(foe.to_exit + length, speed) + margin or clears + margin < time_for(
-        foe.to_conflict, speed
-    )
+    before = arrives > time_for(foe.to_exit + length, speed) + margin
+    return before or clears + margin < time_for(foe.to_conflict, speed)
 
 
 def time_for(distance: float, speed: float) -> float:

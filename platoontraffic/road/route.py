@@ -165,9 +165,7 @@ def _seen(there, stations, points, limits, x, y, cos, sin, seen, limit):
     for i in range(there.shape[0]):
         k = len(stations)
         for j in range(there.shape[1]):
-            if (
-                k == len(stations) or there[i, j] < stations[k]
-            ):  # the first point, or the begin of a closed route's next lap
+            if k == len(stations) or there[i, j] < stations[k]:  # the first, or a new lap
                 k = max(np.searchsorted(stations, there[i, j], side="right") - 1, 0)
             while k + 1 < len(stations) and stations[k + 1] <= there[i, j]:
                 k += 1

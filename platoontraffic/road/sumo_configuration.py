@@ -64,7 +64,7 @@ class Configuration(NamedTuple):
 
 @dataclass
 class _Written:
-    """Options as they are written in one file, and faults found on the way."""
+    """Options as they are written in one file, and the faults found in them."""
 
     path: Path
     root: str = ""

@@ -284,7 +284,7 @@ def test_an_incomplete_network_is_refused_before_it_kills_the_process(tmp_path, 
 
 
 @pytest.mark.parametrize(("width", "tolerance"), [(3.2, 0.01), (2.0, 0.01), (1.0, 0.0)])
-def test_kerbs_of_streets_are_exact_to_a_centimetre_and_those_of_lab_networks_exact(tmp_path, width, tolerance):
+def test_kerbs_are_within_a_centimetre_in_streets_and_exact_in_lab_networks(tmp_path, width, tolerance):
     bend = " ".join(f"{50 * np.sin(a):.2f},{50 * np.cos(a):.2f}" for a in np.linspace(0, 1.5, 60))
     network = one_way(tmp_path, LANE.replace('width="1"', f'width="{width}"').replace("0,0 1,0", bend))
     exact = network.outline()

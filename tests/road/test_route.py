@@ -343,9 +343,7 @@ def test_upstream_gives_the_lanes_that_lead_to_a_lane_and_the_distances_of_their
 
 
 def test_upstream_gives_each_lane_once_with_its_shortest_distance():
-    world = Network.read(
-        shipped.networks()["lab_world"]
-    )  # blocks of some metres: within 50 m there are millions of paths
+    world = Network.read(shipped.networks()["lab_world"])  # its blocks are small: millions of paths
     lane = next(f"{edge}_0" for edge in sorted(world.edges))
     lanes, distances = zip(*world.upstream(lane, 50.0), strict=True)
     assert len(set(lanes)) == len(lanes)

@@ -125,7 +125,7 @@ class MemberNear:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Crossing(Plan):
-    """A pedestrian who waits at a kerb and then walks straight across. The state is the time of setting out."""
+    """A pedestrian that waits at a kerb and then walks straight across. The state is the time of setting out."""
 
     start: tuple[float, float]
     end: tuple[float, float]
