@@ -17,13 +17,38 @@ from shapely.geometry import LinearRing, LineString, Polygon
 
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import kerbs
-from platoontraffic.road.lane_routes import LaneRoute, Line, inside, least_changes, links_between
+from platoontraffic.road.lane_routes import CHANGING, LaneRoute, Line, inside, least_changes, links_between
 from platoontraffic.road.middle_lines import MiddleLines
+from platoontraffic.road.netconvert import build_net
 from platoontraffic.road.permissions import CAR, is_road, users
-from platoontraffic.road.sumo_files import check_net_file
+from platoontraffic.road.sumo_configuration import Configuration, read_configuration
+from platoontraffic.road.sumo_files import (
+    Shape,
+    check_net_file,
+    file_named_in,
+    id_clashes,
+    names_files,
+    read_polygons,
+)
 
 if TYPE_CHECKING:
     import sumolib.net
+
+# Beside Network, the names of this room's other files that other rooms use.
+__all__ = [
+    "CHANGING",
+    "Configuration",
+    "Line",
+    "Network",
+    "Shape",
+    "build_net",
+    "check_net_file",
+    "file_named_in",
+    "id_clashes",
+    "names_files",
+    "read_configuration",
+    "read_polygons",
+]
 
 CACHED_LANES = 100  # below this number, computing the drivable area takes some 15 ms: not worth a file in the cache
 TURNS_BACK = "tT"  # directions of links that return on the same road; T in left-hand traffic
