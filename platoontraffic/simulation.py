@@ -56,7 +56,7 @@ def prepare(scenario: Scenario) -> Prepared:
     network.entered_from  # noqa: B018
     scene = static_scene(scenario, network)
     members = deploy(scenario, network, scene)
-    plans = obstacles.plans(scenario, network, members)
+    plans = obstacles.plans_of(scenario, network, members)
     return Prepared(scenario, network, scene, members, plans, manoeuvres.orders(scenario, network, members))
 
 

@@ -7,7 +7,9 @@ import pytest
 import shapely
 from shapely.geometry import box
 
-from platoontraffic.road.network import Network, build_net, read_polygons
+from platoontraffic.road.netconvert import build_net
+from platoontraffic.road.network import Network
+from platoontraffic.road.sumo_files import read_polygons
 from tests.support import ROOT
 
 NETS = ROOT / "sumo_nets"
@@ -21,7 +23,7 @@ def network(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_sources_build_the_committed_net(name, tmp_path):
+def test_the_sources_build_the_committed_network(name, tmp_path):
     pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
     built = tmp_path / f"{name}.net.xml"
     build_net(NETS / name / f"{name}.netccfg", built)
@@ -30,7 +32,7 @@ def test_sources_build_the_committed_net(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_committed_net_tells_nothing_of_the_machine_that_built_it(name):
+def test_a_committed_network_has_no_trace_of_the_machine_that_built_it(name):
     text = (NETS / name / f"{name}.net.xml").read_text()
     assert "generated on" not in text
     assert len(text) < 500_000
@@ -45,7 +47,7 @@ def test_committed_net_tells_nothing_of_the_machine_that_built_it(name):
         ("netccfg", "netconvertConfiguration", {"node-files", "edge-files"}),
     ],
 )
-def test_configurations_name_files_beside_them(name, suffix, root, inputs):
+def test_configurations_name_existing_files_in_their_folder(name, suffix, root, inputs):
     config = ET.parse(NETS / name / f"{name}.{suffix}").getroot()
     files = {item.tag: item.get("value").split(",") for item in config.find("input")}
     if name in ROADS:
@@ -82,7 +84,7 @@ def test_lab_world_is_a_grid_of_streets_with_a_dead_end():
     assert len(world.outline()) == 5
 
 
-def test_lab_world_turns_round_only_at_the_dead_end():
+def test_lab_world_allows_turning_back_only_at_the_dead_end():
     root = ET.parse(NETS / "lab_world" / "lab_world.net.xml").getroot()
     turns = [(link.get("from"), link.get("to")) for link in root.iterfind("connection[@dir='t']") if link.get("via")]
     assert turns == [("s_end", "end_s")]
@@ -120,7 +122,7 @@ def test_lab_curves_lap_is_smooth_and_bends_right_once():
     turns = np.degrees(np.diff(heading))
     assert np.abs(turns).max() < 6.5
     assert np.degrees(heading[-1] - heading[0]) == pytest.approx(360)
-    assert turns[turns < -0.5].sum() == pytest.approx(-90, abs=3.5)  # half a step is lost where bends meet
+    assert turns[turns < -0.5].sum() == pytest.approx(-90, abs=3.5)  # half a step is lost at each joint of bends
     # straights, the corners' quarter circles, the S-bend: a quarter turn left of 2 m in all, one right of 1 m
     straights = 1.0 + (8 - 2.75 - 6 / 2**0.5) + 3.5 + 4.0 + 2.75
     arcs = np.pi / 2 * (1.25 + 1.5 + 2 + 3) + np.pi / 2 * (2 + 1)
@@ -178,7 +180,7 @@ def test_houses_stand_beside_the_road(name):
 
 
 @pytest.mark.parametrize("name", ROADS)
-def test_traffic_is_mixed_and_every_flow_has_a_way(name):
+def test_traffic_is_mixed_and_every_flow_has_a_route(name):
     root = ET.parse(NETS / name / f"{name}.rou.xml").getroot()
     assert {kind.get("id") for kind in root.iter("vType")} >= {"car", "van", "truck"}
     assert sum(float(kind.get("probability")) for kind in root.find("vTypeDistribution")) == pytest.approx(1)
@@ -207,8 +209,8 @@ def test_highway_has_two_lanes_a_ramp_off_and_a_ramp_on(side):
     assert [len(highway.edges[edge]) for edge in main] == [2, 3, 2, 3, 2]
     line = highway.route_line(main, lane=1)
     assert np.hypot(*np.diff(line, axis=0).T).sum() == pytest.approx(5000, abs=10)
-    for way in (main, [*main[:2], f"{side}2_{side}_exit"], [f"{side}_entry_{side}3", *main[3:]]):
-        assert np.abs(corners(highway.route_line(way))).max() < 5  # a lane is changed at 1 in 12: 4.8
+    for route in (main, [*main[:2], f"{side}2_{side}_exit"], [f"{side}_entry_{side}3", *main[3:]]):
+        assert np.abs(corners(highway.route_line(route))).max() < 5  # a lane is changed at 1 in 12: 4.8
     assert {float(lane.get("speed")) for e in roads("highway") if e.get("id") in main for lane in e} == {33.33}
 
 
@@ -232,7 +234,7 @@ def test_corridor_bends_have_falling_radii():
     np.testing.assert_allclose(radii, [60 + 1.6, -(40 - 1.6), 25 + 1.6, -(15 - 1.6)], rtol=0.02)
 
 
-def test_corridor_roundabout_is_round_and_has_a_way_to_every_arm():
+def test_corridor_roundabout_is_round_and_leads_to_every_arm():
     corridor = network("corridor")
     ring = corridor.route_line(["rw_rs", "rs_re", "re_rn", "rn_rw"], closed=True)
     np.testing.assert_allclose(np.hypot(*(ring - (1100, 0)).T), 20, atol=0.03)

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import tomli_w
 
 from platoontraffic import scenario, shipped, simulation
-from platoontraffic.cli.nets import _run
+from platoontraffic.cli.net_sources import run_program
 from platoontraffic.errors import RunError
 from platoontraffic.lidar.benchmark.frame import as_json, facts, machine, peak_memory, table
 from platoontraffic.results import sumo_tables
@@ -176,7 +176,7 @@ def build(town: Town, folder: Path, seed: int = 1) -> None:
     """Files for both runs into the folder: town.net.xml, traffic.rou.xml, town.toml, members.rou.xml."""
     net = folder / "town.net.xml"
     options = "--grid", "--grid.number", str(town.roads), "--grid.length", str(BLOCK), "-L", "1", "--no-turnarounds"
-    done = _run(program("netgenerate"), *options, "-o", net)
+    done = run_program(program("netgenerate"), *options, "-o", net)
     if done.returncode:
         raise RunError(f"netgenerate failed: {done.stderr.strip().rpartition(chr(10))[2]}")
     rng = random.Random(seed)

@@ -1,24 +1,26 @@
-"""What a laser meets on the strip along a route, compiled; rows (n,) of vehicles, in frames of their driven axles."""
+"""The first laser return on the strip along a route, compiled; rows (n,) of vehicles, frames of their driven axles."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
+from platoontraffic.geometry import polyline
+from platoontraffic.geometry.polyline import nearest
 from platoontraffic.lidar.compiled import compiler
 
-compiled = compiler(__file__)
+compiled = compiler(__file__, polyline.__file__)
 
 
 @compiled
 def meet(ranges, beams, laser, aside, strip, front, free):
-    """Fill in the way along the route from each front bumper to the first return on the strip, (n,).
+    """Fill in the distance along the route from each front bumper to the first return on the strip [m], (n,).
 
-    ranges       : inf or NaN for no return, (n, k)
-    beams        : directions, x and y, (2, k)
-    laser, aside : where the laser is, x (n,) and y
-    strip        : points (n, m, 2) of the routes, the ways to them (n, m), half the width (n,)
+    ranges       : inf or NaN for no return [m], (n, k)
+    beams        : unit vectors, x and y, (2, k)
+    laser, aside : position of the laser, x (n,) and y [m]
+    strip        : points of the routes (n, m, 2), their distances along them (n, m), half the width (n,) [m]
+    front        : x of the front bumpers [m], (n,)
+    free         : filled in; returns farther ahead than its values are left out
     """
     points, distance, half_width = strip
     for i in range(len(free)):
@@ -28,22 +30,6 @@ def meet(ranges, beams, laser, aside, strip, front, free):
                 continue
             x, y = laser[i] + ranges[i, k] * beams[0, k], aside + ranges[i, k] * beams[1, k]
             if low < y < high and x > 0:
-                station, offset = _on_route(points[i], distance[i], x, y)
-                if offset < half_width[i] and front[i] < station < front[i] + free[i]:
+                station, squared, _ = nearest(points[i], distance[i], 0, len(distance[i]) - 1, x, y, False)
+                if np.sqrt(squared) < half_width[i] and front[i] < station < front[i] + free[i]:
                     free[i] = station - front[i]
-
-
-@compiled
-def _on_route(points, distance, x, y):
-    """Way along the route to what is nearest to a point, and how far off that is."""
-    nearest, station = np.inf, 0.0
-    for j in range(len(points) - 1):
-        step_x, step_y = points[j + 1, 0] - points[j, 0], points[j + 1, 1] - points[j, 1]
-        from_x, from_y = x - points[j, 0], y - points[j, 1]
-        size = max(step_x * step_x + step_y * step_y, 1e-12)
-        along = min(max((from_x * step_x + from_y * step_y) / size, 0.0), 1.0)
-        away_x, away_y = from_x - along * step_x, from_y - along * step_y
-        away = away_x * away_x + away_y * away_y
-        if away < nearest:
-            nearest, station = away, distance[j] + along * (distance[j + 1] - distance[j])
-    return station, math.sqrt(nearest)

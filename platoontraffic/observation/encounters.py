@@ -14,7 +14,7 @@ import shapely
 from platoontraffic.lidar import Boxes
 from platoontraffic.world.events import Event
 from platoontraffic.world.fleet import Fleet, Member
-from platoontraffic.world.obstacles import Crossing, CuttingIn, Obstacles, Plan, Speed, Way, row_of
+from platoontraffic.world.obstacles import Crossing, CuttingIn, Obstacles, PathLine, Plan, SpeedProfile, row_of
 from platoontraffic.world.traffic import TrafficSnapshot
 
 WATCHED = 10.0  # so long after somebody got in the way it is measured what comes of it [s]
@@ -66,7 +66,7 @@ def stopping_distance(speed: float, member: Member) -> float:
     return speed * reaction(member) + speed * speed / (2 * hardest(member))
 
 
-def least_gap(gap: float, speed: float, member: Member, ahead: Speed, braking: float | None = None) -> float:
+def least_gap(gap: float, speed: float, member: Member, ahead: SpeedProfile, braking: float | None = None) -> float:
     """The least gap there will be if the member brakes as hard as it can, T after now [m]; negative: it hits.
 
         least over t of  gap + s_ahead(t) - s(t),   s(t) = v t - b max(t - T, 0)^2 / 2  until it stands
@@ -77,12 +77,12 @@ def least_gap(gap: float, speed: float, member: Member, ahead: Speed, braking: f
     braking: of the member [m/s2]; default: the hardest
     """
     most = hardest(member) if braking is None else braking
-    own = Speed(speed, reaction(member), min(most, 1e6), 0.0)
+    own = SpeedProfile(speed, reaction(member), min(most, 1e6), 0.0)
     stands = own.ends
     times = sorted({0.0, stands, *(t for t in (own.brakes_at, ahead.brakes_at, ahead.ends) if 0 < t < stands)})
 
     def between(t: float) -> float:
-        return gap + ahead.way(t) - own.way(t)
+        return gap + ahead.distance(t) - own.distance(t)
 
     least = min(map(between, times))
     for a, b in pairwise(times):
@@ -92,7 +92,7 @@ def least_gap(gap: float, speed: float, member: Member, ahead: Speed, braking: f
     return least
 
 
-def least_braking(gap: float, speed: float, member: Member, ahead: Speed) -> float:
+def least_braking(gap: float, speed: float, member: Member, ahead: SpeedProfile) -> float:
     """The braking by which the gap just stays positive, after the member's reaction [m/s2]; inf: none does."""
     if least_gap(gap, speed, member, ahead, 1e6) <= 0:
         return math.inf
@@ -127,7 +127,7 @@ class Encounters:
         self._given_up: set[str] = set()
         self._plans = {plan.id: plan for plan in self.obstacles.plans}
         self._member = {member.id: member for member in self.members}
-        ways = {id(m.route): Way(m.route) for m in self.members if m.route}
+        ways = {id(m.route): PathLine(m.route) for m in self.members if m.route}
         self._ways = {m.id: ways[id(m.route)] for m in self.members if m.route}
 
     def watch(self, traffic: TrafficSnapshot, fleet: Fleet, seen: Iterable[Event]) -> list[Event]:
@@ -171,26 +171,26 @@ class Encounters:
         for name, why in self.obstacles.given_up().items():
             if name not in self._given_up:
                 self._given_up.add(name)
-                behind = self._plans[name].ahead_of
+                behind = self._plans[name].gap.follower
                 yield Event(traffic.time, "no_cut_in", behind, name, np.nan, np.nan, "", np.nan, why)
         self._here = here
 
     def _cuts_in(self, plan: CuttingIn, traffic: TrafficSnapshot, fleet: Fleet, rows: dict) -> Encounter | None:
         """When its body comes over the strip that the follower's body drives."""
-        row = row_of(fleet, plan.ahead_of)
-        if row is None or traffic.time < plan.comes or (plan.id, plan.ahead_of) in self._begun:
+        row = row_of(fleet, plan.gap.follower)
+        if row is None or traffic.time < plan.lane_change.starts or (plan.id, plan.gap.follower) in self._begun:
             return None
         i = rows[plan.id]
-        own, own_offset = plan.way.project(traffic.x[row], traffic.y[row])
-        station, _ = plan.way.project(traffic.x[i], traffic.y[i], own)
-        offsets = [plan.way.project(x, y, station)[1] - own_offset for x, y in _corners(traffic, [i])[0]]
+        own, own_offset = plan.path.project(traffic.x[row], traffic.y[row])
+        station, _ = plan.path.project(traffic.x[i], traffic.y[i], own)
+        offsets = [plan.path.project(x, y, station)[1] - own_offset for x, y in _corners(traffic, [i])[0]]
         if min(offsets) * max(offsets) > 0 and min(map(abs, offsets)) >= traffic.width[row] / 2:
             return None
-        gap = plan.way.ahead(own, station) - (traffic.length[i] + traffic.length[row]) / 2
-        brakes = max(plan.comes + plan.brakes_after - traffic.time, 0.0)
+        gap = plan.path.ahead(own, station) - (traffic.length[i] + traffic.length[row]) / 2
+        brakes = max(plan.lane_change.starts + plan.braking.after - traffic.time, 0.0)
         speed = float(traffic.speed[i])
-        ahead = Speed(speed, brakes, plan.rate, min(plan.last_speed, speed))
-        return self._encounter(plan, traffic, row, i, plan.behind, gap, ahead)
+        ahead = SpeedProfile(speed, brakes, plan.braking.rate, min(plan.braking.last_speed, speed))
+        return self._encounter(plan, traffic, row, i, plan.gap.predecessor, gap, ahead)
 
     def _steps_out(self, plan: Crossing, traffic: TrafficSnapshot, fleet: Fleet, rows: dict) -> Encounter | None:
         """When a pedestrian comes over the strip that the next member's body drives."""
@@ -215,10 +215,10 @@ class Encounters:
         if nearest is None or not nearest[2] or (plan.id, fleet.members[nearest[1]].id) in self._begun:
             return None
         gap, row, _ = nearest
-        return self._encounter(plan, traffic, row, i, "", gap, Speed(0.0))
+        return self._encounter(plan, traffic, row, i, "", gap, SpeedProfile(0.0))
 
     def _encounter(
-        self, plan: Plan, traffic: TrafficSnapshot, row: int, i: int, behind: str, gap: float, ahead: Speed
+        self, plan: Plan, traffic: TrafficSnapshot, row: int, i: int, behind: str, gap: float, ahead: SpeedProfile
     ) -> Encounter:
         member, speed = self._member[traffic.ids[row]], float(traffic.speed[row])
         needed = least_braking(gap, speed, member, ahead) if gap > 0 else math.inf

@@ -14,10 +14,10 @@ import numpy as np
 import shapely
 
 from platoontraffic.controllers import Signals
+from platoontraffic.geometry.driven_paths import DrivenPaths, compiled
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.laserscan import NO_HIT
 from platoontraffic.observation.splits import NEAR_MORE, NEAR_TIMES, Splits
-from platoontraffic.road.driven_paths import DrivenPaths, compiled
 from platoontraffic.road.network import Network
 from platoontraffic.vehicles.motion import FULL_SIZE, scale
 from platoontraffic.world.contact import Contacts

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 import pandas as pd
 
-from platoontraffic.road.network import file_named_in, names_files
+from platoontraffic.road.sumo_files import file_named_in, names_files
 from platoontraffic.results.recorder import Column, Recorder
 from platoontraffic.scenario import Scenario
 

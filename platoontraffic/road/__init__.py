@@ -1,1 +1,1 @@
-"""The road network, routes on it, and lines with stations."""
+"""The road network and its files, routes on it, and gap acceptance at junctions."""

@@ -1,7 +1,7 @@
-"""Routes: the lanes that members mean to drive, and what a driver knows of the road ahead.
+"""Routes of members, and the road ahead of them as their drivers know it.
 
-Everything is done for all rows of a fleet at once: the lines of all routes stand one behind the other in one array,
-each at a station of its own.
+All rows of a fleet are handled at once: the lines of all routes are concatenated in one array, each from a base
+station of its own.
 """
 
 from __future__ import annotations
@@ -14,30 +14,31 @@ from functools import cached_property
 import numpy as np
 
 from platoontraffic.controllers import RouteAhead
+from platoontraffic.geometry import polyline
+from platoontraffic.geometry.polyline import Polyline, project
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.lidar.pose import wrap
-from platoontraffic.road.network import Line
-from platoontraffic.road.polyline import Polyline
+from platoontraffic.road.lane_routes import Line
 
-# What a law is given, in vehicle lengths: close together at first, for steering, then out to where a car at 40 m/s
-# that brakes at 3.5 m/s2 comes to stand, close enough that no bend falls between two points.
+# Distances of the points ahead that a law is given [vehicle lengths]: dense at first, for steering; then as far as a
+# car at 40 m/s that brakes at 3.5 m/s2 needs to stop, dense enough that no bend falls between two points.
 REACH = np.concatenate([np.arange(0, 6, 0.25), np.arange(6, 50.1, 0.5)])
-BEND = 1.5  # half the length over which curvature is taken: lanes are polylines, and a corner of one is no bend
-GRID = 8  # curvatures in a vehicle length
+BEND = 1.5  # half the length over which curvature is measured [vehicle lengths]: corners of polylines are no bends
+GRID = 8  # stored curvatures per vehicle length
 
-compiled = compiler(__file__)
+compiled = compiler(__file__, polyline.__file__)
 
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """Edges to drive, and the centre line of their lanes; made by `along`."""
+    """Edges to drive, and the centre line of their lanes; constructed by `along`."""
 
     edges: tuple[str, ...]
-    line: Polyline  # an open one goes on straight beyond `length`
+    line: Polyline  # an open one continues straight beyond `length`
     length: float  # [m]
-    limit: np.ndarray  # of speed, from each point of the line on [m/s], (k,)
-    lines: tuple[Line, ...]  # where it meets junctions
-    walled: bool = False  # at its end
+    limit: np.ndarray  # speed limit from each point of the line on [m/s], (k,)
+    lines: tuple[Line, ...]  # stop lines and lane changes
+    walled: bool = False  # a wall closes the road at its end
 
     @classmethod
     def along(
@@ -49,7 +50,7 @@ class Route:
         closed: bool = False,
         walled: bool = False,
     ) -> Route:
-        """points (k, 2) [m], limit (k,) and lines as in `Network.route_lanes`."""
+        """The route along points (k, 2) [m], with limit (k,) and lines as from `Network.route_lanes`."""
         points, limit = np.asarray(points, dtype=float), np.asarray(limit, dtype=float)
         steps = np.hypot(*np.diff(points, axis=0).T)
         length = float(steps.sum())
@@ -71,32 +72,32 @@ class Route:
         return [line.station for line in self.lines]
 
     def line_passed(self, station: float) -> tuple[Line | None, float]:
-        """The last line before a station, and the way since [m]; None where there is none."""
-        here, ahead = self._about(station)
+        """The last stop line before a station, and the distance since it [m]; None and inf where there is none."""
+        here, ahead = self._located(station)
         if not ahead and not (self.closed and self.lines):
             return None, np.inf
         line = self.lines[ahead - 1]
         return line, here - line.station + (0.0 if ahead else self.length)
 
     def lines_ahead(self, station: float, reach: float) -> list[tuple[Line, float]]:
-        """The next line and others up to `reach` ahead, and the way to each [m]; none where there is none."""
-        here, ahead = self._about(station)
+        """The next stop line, further ones within `reach` [m], and the distance to each [m]."""
+        here, ahead = self._located(station)
         lines = [(line, line.station - here) for line in self.lines[ahead:]]
         if self.closed:
             lines += [(line, line.station + self.length - here) for line in self.lines[:ahead]]
         return [one for k, one in enumerate(lines) if k == 0 or one[1] < reach]
 
-    def _about(self, station: float) -> tuple[float, int]:
-        """Where on the route that is, and the index of the next line."""
+    def _located(self, station: float) -> tuple[float, int]:
+        """The station within one lap, and the index of the next stop line."""
         here = station % self.length if self.closed else station
         return here, bisect.bisect_left(self._line_stations, here)
 
 
 class Routes:
-    """The routes of some vehicles, and where these are on them. Rows (n,)."""
+    """The routes of some vehicles; rows (n,)."""
 
     def __init__(self, routes: Sequence[Route], length: np.ndarray) -> None:
-        """length: of the vehicles [m], (n,)."""
+        """length: of the vehicles [m], (n,)"""
         kinds = list(dict.fromkeys(zip(map(id, routes), length.tolist(), strict=True)))
         chosen = {id(route): route for route in routes}
         which = np.array([kinds.index(kind) for kind in zip(map(id, routes), length.tolist(), strict=True)])
@@ -105,6 +106,8 @@ class Routes:
         bases = np.concatenate([[0.0], np.cumsum(spans[:-1] + 1.0)])
         self._length = length
         self._base, self._span = bases[which], spans[which]
+        stops = np.cumsum([len(line.points) for line in lines])
+        self._points_of = np.column_stack([np.concatenate([[0], stops[:-1]]), stops])[which]
         self._stations = np.concatenate([line.stations + base for line, base in zip(lines, bases, strict=True)])
         self._points = np.concatenate([line.points for line in lines])
         self._limits = np.concatenate([chosen[key].limit for key, _ in kinds])
@@ -112,7 +115,7 @@ class Routes:
         self._grid = np.concatenate([grid + base for (grid, _), base in zip(grids, bases, strict=True)])
         self._curvature = np.concatenate([curvature for _, curvature in grids])
         self._closed = np.array([route.closed for route in routes])
-        self.walled = np.array([route.walled for route in routes])  # at their ends
+        self.walled = np.array([route.walled for route in routes])  # a wall closes the road at the end of the route
         self._end = np.array([route.length for route in routes])
 
     def project(self, x: np.ndarray, y: np.ndarray, near: np.ndarray, window: np.ndarray) -> np.ndarray:
@@ -121,11 +124,11 @@ class Routes:
         near = np.where(self._closed, np.mod(near, turn), near)
         near = np.where(self._closed & (near < self._end / 2), near + self._end, near)
         station = np.empty(len(x))
-        _project(self._stations, self._points, self._base, self._span, x, y, near, window, station)
+        _project((self._stations, self._points), self._base, self._points_of, x, y, near, window, station)
         return station
 
     def ahead(self, station: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> RouteAhead:
-        """What lies ahead of stations (n,), as seen from poses of the driven axle."""
+        """The road ahead of stations (n,), in the frames of driven axles at poses (n,)."""
         distance = REACH * self._length[:, None]
         there = station[:, None] + distance
         turn = np.where(self._closed, self._end, np.inf)[:, None]
@@ -138,37 +141,31 @@ class Routes:
         return RouteAhead(distance, points, limit, curvature)
 
     def left(self, station: np.ndarray) -> np.ndarray:
-        """Way to the end of the route [m], (n,); inf on a closed one."""
+        """Distance to the end of the route [m], (n,); inf on a closed one."""
         return np.where(self._closed, np.inf, self._end - station)
 
 
 @compiled
-def _project(stations, points, base, span, x, y, near, window, station):
-    """Fill in the stations (n,) of `Routes.project`."""
+def _project(lines, base, points_of, x, y, near, window, station):
+    """Fill in the stations (n,) of `Routes.project`.
+
+    lines     : stations (k,) and points (k, 2) of all routes
+    points_of : first point of each row's route, and the one after its last, (n, 2)
+    """
+    stations, points = lines
     for i in range(len(x)):
-        first_of, last_of = np.searchsorted(stations, base[i]), np.searchsorted(stations, base[i] + span[i])
-        begin, end = base[i] + max(near[i] - window[i], 0.0), base[i] + min(near[i] + window[i], span[i]) + 1e-9
-        first = min(max(np.searchsorted(stations, begin, side="right") - 1, first_of), last_of - 1)
-        last = max(min(np.searchsorted(stations, end), last_of), first + 1)
-        shortest = np.inf
-        for k in range(first, last):
-            step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
-            size = stations[k + 1] - stations[k]
-            from_x, from_y = x[i] - points[k, 0], y[i] - points[k, 1]
-            along = min(max((from_x * step_x + from_y * step_y) / size, 0.0), size)
-            away_x, away_y = from_x - step_x * (along / size), from_y - step_y * (along / size)
-            away = away_x * away_x + away_y * away_y
-            if away < shortest:
-                shortest, station[i] = away, stations[k] + along - base[i]
+        first, stop = points_of[i]
+        there, _ = project(points[first:stop], stations[first:stop], x[i], y[i], near[i] + base[i], window[i])
+        station[i] = there - base[i]
 
 
 @compiled
 def _seen(there, stations, points, limits, x, y, cos, sin, seen, limit):
-    """Fill in points (n, k, 2) of the lines at stations (n, k), seen from poses (n,), and the limits there (n, k)."""
+    """Fill in points (n, k, 2) at stations (n, k), in the frames of poses (n,), and the speed limits there (n, k)."""
     for i in range(there.shape[0]):
         k = len(stations)
         for j in range(there.shape[1]):
-            if k == len(stations) or there[i, j] < stations[k]:  # the first, or a closed route begins anew
+            if k == len(stations) or there[i, j] < stations[k]:  # the first, or a new lap
                 k = max(np.searchsorted(stations, there[i, j], side="right") - 1, 0)
             while k + 1 < len(stations) and stations[k + 1] <= there[i, j]:
                 k += 1
@@ -183,12 +180,12 @@ def _seen(there, stations, points, limits, x, y, cos, sin, seen, limit):
 
 
 def _curvature(line: Polyline, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Stations (g,) and curvature there, to the left [1/m]: change of heading over 2 BEND vehicle lengths."""
+    """Stations [m] and curvature there, positive to the left [1/m], (g,): change of heading over 2 BEND lengths."""
     half, end = BEND * length, line.stations[-1]
     stations = np.linspace(0, end, max(int(np.ceil(end / length * GRID)), 1) + 1)
     behind, here, before = (line.at(s if line.closed else np.clip(s, 0, end)) for s in
                             (stations - half, stations, stations + half))  # fmt: skip
     one, two = here - behind, before - here
-    whole = (np.hypot(*one.T) > half / 2) & (np.hypot(*two.T) > half / 2)  # not where an open line begins or ends
+    whole = (np.hypot(*one.T) > half / 2) & (np.hypot(*two.T) > half / 2)  # false near the ends of an open line
     turn = wrap(np.arctan2(two[:, 1], two[:, 0]) - np.arctan2(one[:, 1], one[:, 0]))
     return stations, np.where(whole, turn / half, 0.0)

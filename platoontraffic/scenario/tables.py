@@ -34,7 +34,9 @@ from platoontraffic.controllers.gains import keys_of, law_of, with_files
 from platoontraffic.controllers.registry import Law, find_law, plug_in_file
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
-from platoontraffic.road.network import Configuration, Network, id_clashes, read_configuration
+from platoontraffic.road.network import Network
+from platoontraffic.road.sumo_configuration import Configuration, read_configuration
+from platoontraffic.road.sumo_files import id_clashes
 from platoontraffic.scenario import obstacle_tables, toml_lines
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
@@ -652,7 +654,7 @@ def _take_duration(table: dict[str, Any], config: Configuration) -> None:
 
 
 def _example(config: Configuration) -> str:
-    lane, position, to = Network.read(config.net).sample_way()
+    lane, position, to = Network.read(config.net).sample_trip()
     edge, _, index = lane.rpartition("_")
     words = ["platoontraffic", "run", str(config.path), *([] if config.end else ["run.duration_s=600"])]
     words += [f"platoon.start.edge={edge}", *([f"platoon.start.lane={index}"] if index != "0" else [])]

@@ -10,7 +10,8 @@ import numpy as np
 
 from platoontraffic.controllers import CLOSED_BY, Signals
 from platoontraffic.road.gap_acceptance import ACCELERATION, MARGIN, STANDING, TURNING_SPEED, Foe, may_cross, time_for
-from platoontraffic.road.network import CHANGING, Line, Network
+from platoontraffic.road.lane_routes import CHANGING, Line
+from platoontraffic.road.network import Network
 from platoontraffic.vehicles.motion import CAR_LENGTH, scale
 from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import Fleet, Member

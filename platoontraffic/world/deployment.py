@@ -9,8 +9,9 @@ import shapely
 
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import Scene
-from platoontraffic.road.network import Network, read_polygons
+from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
+from platoontraffic.road.sumo_files import read_polygons
 from platoontraffic.scenario import Platoon, Scenario, default_preset
 from platoontraffic.world.fleet import Member
 
@@ -44,7 +45,7 @@ def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, 
         try:
             network.lane_pose(platoon.start.edge, platoon.start.lane, platoon.start.position_m)
             key = "to" if platoon.to else "route"
-            edges = network.fastest_way(platoon.start.edge, platoon.to) if platoon.to else platoon.route
+            edges = network.fastest_route(platoon.start.edge, platoon.to) if platoon.to else platoon.route
             route = _route(network, platoon, edges, scenario.spec.scene.walls == "outline") if edges else None
             key = "start"
             members += _platoon(scenario, network, i, platoon, route)

@@ -41,7 +41,7 @@ def orders(scenario: Scenario, network: Network, members: Sequence[Member]) -> t
         if told.kind == "leave":
             member = by_id[told.vehicle]
             try:
-                edges = network.fastest_way(member.edge, told.to) if told.to else told.route
+                edges = network.fastest_route(member.edge, told.to) if told.to else told.route
                 if member.edge not in edges:
                     raise InputError(f"{edges}: does not contain the start edge {member.edge!r}")
                 edges = edges[edges.index(member.edge) :]

@@ -1,17 +1,20 @@
-"""`platoontraffic nets`: what it says of sound and broken networks, and the way from a network back to its sources."""
+"""`platoontraffic nets`: reports on sound and broken networks, and sources made from networks."""
 
 from __future__ import annotations
 
 import gzip
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from platoontraffic import shipped
-from platoontraffic.cli import nets
-from platoontraffic.cli.nets import differences, nets_app, read
+from platoontraffic.cli import net_findings, net_sources, nets
+from platoontraffic.cli.net_content import read
+from platoontraffic.cli.net_sources import differences
+from platoontraffic.cli.nets import nets_app
 
 RING = shipped.networks()["ring"]
 LAB = shipped.networks()["lab_loop"]
@@ -34,7 +37,7 @@ def netconvert():
 
 @pytest.fixture
 def made(netconvert, tmp_path):
-    """Writes plain sources and a .netccfg; returns what builds the network, with more options of netconvert."""
+    """A function that writes plain sources and builds the network, with further options of netconvert."""
 
     def make(*changes: tuple[str, str], connections: str = "", **options: str) -> Path:
         roads = ROADS
@@ -50,32 +53,32 @@ def made(netconvert, tmp_path):
             '<connection-files value="cross.con.xml"/></input><output><output-file value="cross.net.xml"/></output>'
             f"<processing>{more}</processing></netconvertConfiguration>"
         )
-        return nets.build(tmp_path / "cross.netccfg")
+        return net_sources.build(tmp_path / "cross.netccfg")
 
     return make
 
 
-def test_list_tells_of_every_shipped_network():
+def test_list_describes_every_shipped_network():
     lines = call("list").stdout.splitlines()
     assert [line.split()[0] for line in lines] == sorted(shipped.networks())
     grid = next(line for line in lines if line.startswith("grid"))
     assert "five by five blocks" in grid
-    assert "1 to 2 lanes of 3.2 m a direction" in grid
+    assert "1 to 2 lanes of 3.2 m per direction" in grid
     assert "20 junctions with lights" in grid
 
 
 def test_road_is_counted_once_for_both_directions():
     assert "34 m of road" in nets.described(shipped.networks()["lab_world"])
-    assert "999 m of road" in nets.described(RING)  # and in the ring's one direction as it is
+    assert "999 m of road" in nets.described(RING)  # the ring has one direction only
 
 
 @pytest.mark.parametrize("name", ["ring", "highway", "corridor", "grid", "bends"])
-def test_shipped_roads_are_fine(name):
+def test_shipped_road_networks_have_no_findings(name):
     done = call("check", name)
     assert (done.exit_code, done.stdout) == (0, f"{shipped.networks()[name]}: fine\n")
 
 
-def test_a_net_for_robots_is_narrow_and_not_wrong():
+def test_a_network_for_robots_is_narrow_but_no_fault():
     done = call("check", "lab_loop", "ring")
     first, second = done.stdout.splitlines()
     assert done.exit_code == 0
@@ -83,7 +86,7 @@ def test_a_net_for_robots_is_narrow_and_not_wrong():
     assert second.endswith("fine")
 
 
-def test_import_and_build_give_the_same_network(netconvert, tmp_path):
+def test_a_network_imported_and_built_again_is_the_same(netconvert, tmp_path):
     """Round trip: lanes, connections, junctions and lights are equal, shapes within 1 cm."""
     for name, net in shipped.networks().items():
         done = call("import", net, tmp_path / name)
@@ -95,24 +98,24 @@ def test_import_and_build_give_the_same_network(netconvert, tmp_path):
         assert list(differences(read(net), read(tmp_path / name / f"{name}.net.xml"))) == []
 
 
-def test_a_gzipped_net_is_imported_too(netconvert, tmp_path):
+def test_a_gzipped_network_can_be_imported(netconvert, tmp_path):
     zipped = tmp_path / "town.net.xml.gz"
     zipped.write_bytes(gzip.compress(RING.read_bytes()))
     assert call("check", zipped).stdout == f"{zipped}: fine\n"
     assert call("import", zipped, tmp_path).exit_code == 0
-    assert list(differences(read(RING), read(nets.build(tmp_path / "town.netccfg")))) == []
+    assert list(differences(read(RING), read(net_sources.build(tmp_path / "town.netccfg")))) == []
 
 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('speed="13.89"', 'speed="10"', "edge 'east_north' is another"),
-        ('to="west"', 'to="south"', "edge 'north_west' is another"),
-        ("160.75,0.15", "160.79,0.15", "edge 'east_north' is another"),
+        ('speed="13.89"', 'speed="10"', "edge 'east_north' differs"),
+        ('to="west"', 'to="south"', "edge 'north_west' differs"),
+        ("160.75,0.15", "160.79,0.15", "edge 'east_north' differs"),
         ('fromLane="1" toLane="1"', 'fromLane="1" toLane="0"', "connection 'south_east_1 to east_north_1' is missing"),
     ],
 )
-def test_networks_that_differ_are_told_apart(tmp_path, old, new, said):
+def test_differences_between_networks_are_named(tmp_path, old, new, said):
     text = RING.read_text()
     assert old in text
     other = tmp_path / "other.net.xml"
@@ -120,25 +123,25 @@ def test_networks_that_differ_are_told_apart(tmp_path, old, new, said):
     assert said in list(differences(read(RING), read(other)))
 
 
-def test_import_keeps_what_is_there_unless_forced(netconvert, tmp_path):
+def test_import_keeps_existing_files_unless_forced(netconvert, tmp_path):
     mine = tmp_path / "ring.nod.xml"
     mine.write_text("mine")
     kept = call("import", "ring", tmp_path)
     assert (kept.exit_code, mine.read_text(), list(tmp_path.iterdir())) == (2, "mine", [mine])
-    assert kept.stderr == f"{mine}: is already there and is kept; --force replaces it\n"
+    assert kept.stderr == f"{mine}: exists and is kept; --force replaces it\n"
     assert call("import", "ring", tmp_path, "--force").exit_code == 0
     assert "<nodes" in mine.read_text()
 
 
-def test_sources_that_would_build_another_net_are_not_written(netconvert, tmp_path, monkeypatch):
-    monkeypatch.setattr(nets, "differences", lambda one, other: iter(["lane 'a_0' is another"]))
+def test_sources_that_would_build_a_different_network_are_not_written(netconvert, tmp_path, monkeypatch):
+    monkeypatch.setattr(net_sources, "differences", lambda one, other: iter(["lane 'a_0' differs"]))
     done = call("import", "ring", tmp_path / "sources")
     assert done.exit_code == 2
-    assert "its sources would build another network: lane 'a_0' is another" in done.stderr
+    assert "its sources would build a different network: lane 'a_0' differs" in done.stderr
     assert not (tmp_path / "sources").exists()
 
 
-def test_a_failed_build_leaves_the_old_net(made, tmp_path):
+def test_a_failed_build_keeps_the_old_network(made, tmp_path):
     net = made()
     before = net.read_bytes()
     (tmp_path / "cross.edg.xml").write_text(ROADS.replace('to="e"', 'to="nowhere"'))
@@ -149,7 +152,7 @@ def test_a_failed_build_leaves_the_old_net(made, tmp_path):
     assert sorted(f.name.split(".")[1] for f in tmp_path.iterdir()) == ["con", "edg", "net", "netccfg", "nod"]
 
 
-def test_build_writes_where_it_is_told(made, tmp_path):
+def test_build_writes_to_the_given_file(made, tmp_path):
     net = made()
     done = call("build", tmp_path / "cross.netccfg", "-o", tmp_path / "other.net.xml")
     assert done.stdout == f"{tmp_path / 'other.net.xml'}\n"
@@ -162,7 +165,7 @@ def test_build_writes_where_it_is_told(made, tmp_path):
         ([], "", {}, "fine"),
         ([], "", {"no_internal_links": "true"}, "note: no lanes inside junctions"),
         ([], "", {"lefthand": "true"}, "note: left-hand traffic"),
-        ([], '<connection from="side"/>', {}, "note: edge 'side' leads nowhere, though roads go on from junction 'c'"),
+        ([], '<connection from="side"/>', {}, "note: edge 'side' leads nowhere, though roads lead on"),
         ([], '<connection from="in" to="out" fromLane="0" toLane="0"/>', {}, "note: lane 'in_1' has no connection"),
         (
             [("</edges>", '<edge id="far" from="c" to="s"/></edges>')],
@@ -175,7 +178,7 @@ def test_build_writes_where_it_is_told(made, tmp_path):
         ([('id="side"', 'id="side" allow="pedestrian"')], "", {}, "note: lane 'side_0': pedestrian only"),
     ],
 )  # fmt: skip
-def test_notes_on_a_net_that_would_run(made, changes, connections, options, said):
+def test_oddities_of_a_network_that_runs_are_notes(made, changes, connections, options, said):
     net = made(*changes, connections=connections, **options)
     done = call("check", net)
     assert done.exit_code == 0
@@ -185,17 +188,17 @@ def test_notes_on_a_net_that_would_run(made, changes, connections, options, said
 @pytest.mark.parametrize(
     ("users", "said"), [("tram", "no lane for cars: all are for rails only"), ("pedestrian", "for pedestrian only")]
 )
-def test_a_net_without_cars_is_a_fault(made, users, said):
+def test_a_network_without_lanes_for_cars_is_a_fault(made, users, said):
     done = call("check", made(('numLanes="', f'allow="{users}" numLanes="')))
     assert done.exit_code == 2
     assert said in done.stderr
 
 
-def test_many_findings_of_a_kind_are_summed_up(made):
+def test_many_findings_of_one_kind_are_cut_short(made):
     changes = [('numLanes="2"', 'numLanes="9" width="1.9"')]
     lines = call("check", made(*changes)).stdout.splitlines()
-    assert len(lines) == nets.AT_MOST + 1
-    assert lines[-1].endswith("note: and 10 more like that")
+    assert len(lines) == net_findings.AT_MOST + 1
+    assert lines[-1].endswith("note: and 10 more of this kind")
 
 
 @pytest.mark.parametrize("command", ["check", "import"])
@@ -210,7 +213,7 @@ def test_many_findings_of_a_kind_are_summed_up(made):
         (lambda text: text.replace('id="north_west"', 'id="east_north"', 1), "edge 'east_north' occurs more than once"),
     ],
 )
-def test_broken_files_are_told_in_one_line(netconvert, tmp_path, command, change, said):
+def test_a_broken_file_is_one_line_and_exit_code_2(netconvert, tmp_path, command, change, said):
     net = tmp_path / "broken.net.xml"
     net.write_text(change(RING.read_text()))
     done = call(command, net, *([tmp_path / "sources"] if command == "import" else []))
@@ -221,7 +224,7 @@ def test_broken_files_are_told_in_one_line(netconvert, tmp_path, command, change
     assert not (tmp_path / "sources").exists()
 
 
-def test_a_broken_gzip_is_told_in_one_line(tmp_path):
+def test_a_truncated_gzip_is_one_line_and_exit_code_2(tmp_path):
     net = tmp_path / "broken.net.xml.gz"
     net.write_bytes(gzip.compress(RING.read_bytes())[:500])
     done = call("check", net)
@@ -255,7 +258,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path, monkey
 @pytest.mark.parametrize(
     "arguments", [["edit", "ring"], ["build", RING.with_name("ring.netccfg")], ["import", "ring", "there"]]
 )
-def test_without_eclipse_sumo_it_says_what_to_install(arguments, monkeypatch, tmp_path):
+def test_without_eclipse_sumo_the_message_names_what_to_install(arguments, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     done = call(*arguments)
@@ -264,7 +267,7 @@ def test_without_eclipse_sumo_it_says_what_to_install(arguments, monkeypatch, tm
     assert list(tmp_path.iterdir()) == []
 
 
-def test_edit_without_a_display_says_so(netconvert, monkeypatch):
+def test_edit_without_a_display_is_exit_code_3(netconvert, monkeypatch):
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     done = call("edit", "ring")
@@ -273,7 +276,7 @@ def test_edit_without_a_display_says_so(netconvert, monkeypatch):
 
 
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="needs a machine with an X server's library, as one with Xvfb")
-def test_edit_with_a_display_that_is_not_there_says_so(netconvert, monkeypatch):
+def test_edit_with_an_unreachable_display_names_it(netconvert, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":987")
     done = call("edit", RING.with_name("ring.netecfg"))
     assert done.exit_code == 3
@@ -288,10 +291,12 @@ def test_edit_with_a_display_that_is_not_there_says_so(netconvert, monkeypatch):
         (RING.with_name("ring.sumocfg"), ["--sumocfg-file", RING.with_name("ring.sumocfg")]),
     ],
 )
-def test_edit_opens_names_networks_and_configurations(netconvert, monkeypatch, name, opened):
+def test_edit_opens_shipped_names_networks_and_configurations(netconvert, monkeypatch, name, opened):
     calls = []
     monkeypatch.setenv("DISPLAY", ":0")
-    done = nets.subprocess.CompletedProcess([], 0, "", "")
-    monkeypatch.setattr(nets, "_run", lambda program, *arguments: calls.append([program.name, *arguments]) or done)
+    done = subprocess.CompletedProcess([], 0, "", "")
+    monkeypatch.setattr(
+        nets, "run_program", lambda program, *arguments: calls.append([program.name, *arguments]) or done
+    )
     assert call("edit", name).exit_code == 0
     assert calls == [["netedit", *opened]]

@@ -11,7 +11,8 @@ import shapely
 
 from platoontraffic import shipped
 from platoontraffic.errors import InputError
-from platoontraffic.road.network import Network, check_net_file, read_polygons
+from platoontraffic.road.network import Network
+from platoontraffic.road.sumo_files import check_net_file, read_polygons
 from platoontraffic.world.deployment import static_scene
 from tests.support import ODD_NETS, ROOT
 
@@ -61,7 +62,7 @@ def right(network, x, y, degrees):
         ("<html/>", 1, "must be <net>"),
     ],
 )
-def test_broken_net_is_one_line_with_its_place(tmp_path, text, line, words):
+def test_a_broken_network_is_one_fault_with_file_and_line(tmp_path, text, line, words):
     file = tmp_path / "some.net.xml"
     file.write_text(text)
     with pytest.raises(InputError) as error:
@@ -73,14 +74,14 @@ def test_broken_net_is_one_line_with_its_place(tmp_path, text, line, words):
     assert "\n" not in fault
 
 
-def test_missing_file_and_folder_are_named(tmp_path):
+def test_a_missing_file_or_a_folder_is_an_input_error(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         check_net_file(tmp_path / "none.net.xml")
     with pytest.raises(InputError, match="is a folder"):
         check_net_file(tmp_path)
 
 
-def test_gzipped_net_is_read_and_a_cut_one_refused(tmp_path):
+def test_a_gzipped_network_is_read_and_a_truncated_one_refused(tmp_path):
     whole = gzip.compress((NETS / "lab_loop" / "lab_loop.net.xml").read_bytes())
     file = tmp_path / "lab_loop.net.xml.gz"
     file.write_bytes(whole)
@@ -90,7 +91,7 @@ def test_gzipped_net_is_read_and_a_cut_one_refused(tmp_path):
         check_net_file(file)
 
 
-def test_polygons_tell_walls_from_solids_and_skip_the_rest(tmp_path):
+def test_polygons_are_walls_or_obstacles_by_type_and_others_are_skipped(tmp_path):
     file = tmp_path / "some.poly.xml"
     file.write_text(
         '<additional><poly id="w" type="wall" shape="0,0 1,0"/>'
@@ -107,7 +108,7 @@ def test_polygons_tell_walls_from_solids_and_skip_the_rest(tmp_path):
 
 
 @pytest.mark.parametrize("shape", ["", "0,0", "0,0 1,x", "0,0 1", "0,0 nan,1"])
-def test_bad_polygon_is_named_with_its_line(tmp_path, shape):
+def test_a_polygon_with_too_few_points_is_named_with_its_line(tmp_path, shape):
     file = tmp_path / "some.poly.xml"
     file.write_text(f'<additional>\n<poly id="w" type="wall" shape="{shape}"/></additional>')
     with pytest.raises(InputError, match=r"poly\.xml:2: poly 'w'.*must be 2 or more points"):
@@ -141,12 +142,12 @@ def test_lane_pose_follows_a_bend(curves):
         (("sw_se", 0, float("nan")), "must be 0..2 m"),
     ],
 )
-def test_lane_pose_says_what_is_allowed(loop, place, words):
+def test_lane_pose_names_the_allowed_values(loop, place, words):
     with pytest.raises(InputError, match=words):
         loop.lane_pose(*place)
 
 
-def test_lap_closes_and_is_the_outer_lane_but_for_its_corners(loop):
+def test_a_lap_closes_and_follows_the_outer_lane_except_at_corners(loop):
     lap = loop.route_line(LAP, closed=True)
     steps = np.hypot(*np.diff(lap, axis=0).T)
     assert lap[0] == pytest.approx(lap[-1])
@@ -154,20 +155,20 @@ def test_lap_closes_and_is_the_outer_lane_but_for_its_corners(loop):
     assert steps.max() == pytest.approx(2)  # the longest straight: no jump
 
 
-def test_open_route_begins_and_ends_on_its_lanes(world):
+def test_an_open_route_begins_and_ends_on_its_lanes(world):
     line = world.route_line(["c_s", "s_end", "end_s"])
     assert line[0] == pytest.approx((5.5, 8))
     assert line[-1] == pytest.approx((6.5, 4))
 
 
-def test_route_says_where_an_edge_leads(loop):
-    with pytest.raises(InputError, match=r"no way from edge 'sw_se' to 'ne_nw'; it leads to: se_ne"):
+def test_a_route_without_a_connection_names_where_the_edge_leads(loop):
+    with pytest.raises(InputError, match=r"no connection from edge 'sw_se' to 'ne_nw'; it leads to: se_ne"):
         loop.route_line(["sw_se", "ne_nw"])
     with pytest.raises(InputError, match="empty"):
         loop.route_line([])
 
 
-def test_turning_back_on_a_road_takes_a_radius_that_the_vehicle_has():
+def test_turning_back_on_a_road_needs_a_radius_that_the_vehicle_has():
     """A half circle between lanes 3.2 m apart has a radius of 1.6 m."""
     cross = Network.read(ODD_NETS / "cross.net.xml")
     cross.check_reversals(["north_in", "north_out"], 0.5)
@@ -176,7 +177,7 @@ def test_turning_back_on_a_road_takes_a_radius_that_the_vehicle_has():
         cross.check_reversals(["north_in", "north_out"], 4.0)
 
 
-def test_onward_goes_as_straight_as_it_can(world):
+def test_onward_follows_the_straightest_route(world):
     assert world.onward("sw_s", 3) == ("sw_s", "s_se", "se_e")
     assert world.onward("c_s", 3) == ("c_s", "s_end", "end_s")
     assert world.onward("w_c", 1) == ("w_c",)
@@ -185,7 +186,7 @@ def test_onward_goes_as_straight_as_it_can(world):
 # ---- the side of the road
 
 
-def test_outer_lane_is_right_counter_clockwise_and_inner_left(loop):
+def test_the_outer_lane_of_a_counter_clockwise_loop_is_right_of_the_middle(loop):
     assert right(loop, 3, 0.5, 0) == pytest.approx(0.5)
     assert right(loop, 3, 1.5, 0) == pytest.approx(-0.5)
     assert right(loop, 5.5, 2.5, 90) == pytest.approx(0.5)
@@ -194,7 +195,7 @@ def test_outer_lane_is_right_counter_clockwise_and_inner_left(loop):
 
 
 @pytest.mark.parametrize("degrees", [-80, -30, 0, 60])
-def test_turning_round_changes_the_side(curves, degrees):
+def test_the_opposite_heading_has_the_opposite_side(curves, degrees):
     rng = np.random.default_rng(1)
     x, y = rng.uniform((0, 0), (10, 8), (500, 2)).T
     heading = np.full(500, np.radians(degrees))
@@ -204,7 +205,7 @@ def test_turning_round_changes_the_side(curves, degrees):
 
 
 @pytest.mark.parametrize("corner", range(4))
-def test_robot_turning_on_the_spot_in_a_corner_stays_right(loop, corner):
+def test_a_robot_turning_on_the_spot_in_a_corner_stays_right_of_the_middle(loop, corner):
     arriving = 90.0 * corner
     inward = np.array([(-1, 1), (-1, -1), (1, -1), (1, 1)])[corner]
     point = np.array([(6, 0), (6, 5), (0, 5), (0, 0)])[corner]
@@ -215,14 +216,14 @@ def test_robot_turning_on_the_spot_in_a_corner_stays_right(loop, corner):
         assert (sides > 0).all(), (x, y)
 
 
-def test_lap_on_the_right_lane_is_right_everywhere(curves):
+def test_a_lap_on_the_right_lane_is_right_of_the_middle_everywhere(curves):
     lap = curves.route_line(["s_e", "e_n", "n_w", "w_s"], closed=True)
     steps = np.diff(lap, axis=0)
     sides = curves.right_of_middle(*lap[:-1].T, np.arctan2(steps[:, 1], steps[:, 0]))
     np.testing.assert_allclose(sides, 0.5, atol=0.02)  # the inner lane has a radius of 0.25 m in four points
 
 
-def test_no_side_inside_intersections_or_off_the_road(world):
+def test_inside_intersections_and_off_the_road_there_is_no_side(world):
     assert np.isnan(right(world, 6.5, 9, 90))
     assert np.isnan(right(world, 6, 5, 90))  # where the stub begins
     assert np.isnan(right(world, 3, 11, 0))  # in a block
@@ -245,14 +246,14 @@ def one_way(folder, lane=LANE):
     return Network.read(file)
 
 
-def test_one_way_road_has_no_side(tmp_path):
+def test_a_one_way_road_has_no_side(tmp_path):
     network = one_way(tmp_path)
     assert network.drivable.area == pytest.approx(1)
     assert network.middle_lines() == []
     assert np.isnan(right(network, 0.5, 0.2, 0))
 
 
-def test_middle_lines_of_the_loop_close_on_its_nodes(loop):
+def test_the_middle_line_of_the_loop_is_a_ring_through_its_nodes(loop):
     (middle,) = loop.middle_lines()
     assert middle.is_ring
     assert middle.length == pytest.approx(14)
@@ -263,14 +264,14 @@ def test_middle_lines_of_the_loop_close_on_its_nodes(loop):
     [
         (r"\s*<connection .*?/>", "", "no connection leads over lane ':ne_0_0' in junction 'ne'"),
         (r"<connection from=\"sw_se\".*?/>", "", "no connection leads over lane ':se_"),
-        (r"<junction .*</junction>", "", "goes from junction 'ne', which is not there"),
-        ('from="sw" to="se"', 'from="xx" to="se"', "edge 'sw_se' goes from junction 'xx', which is not there"),
+        (r"<junction .*</junction>", "", "goes from junction 'ne', which is missing"),
+        ('from="sw" to="se"', 'from="xx" to="se"', "edge 'sw_se' goes from junction 'xx', which is missing"),
         (r'(<lane id="sw_se_0"[^>]*?) shape="[^"]*"', r"\1", "lane 'sw_se_0' has no shape of two or more points"),
         (r'(<lane id="sw_se_0"[^>]*?) shape="[^"]*"', r'\1 shape="nan,nan 1,1"', "lane 'sw_se_0' has no shape"),
         ('<edge id="se_ne"', '<edge id="sw_se"', "something is missing"),
     ],
 )
-def test_a_net_that_lacks_a_part_is_refused_before_it_kills_the_process(tmp_path, pattern, new, said):
+def test_an_incomplete_network_is_refused_before_it_kills_the_process(tmp_path, pattern, new, said):
     whole = shipped.networks()["lab_loop"].read_text(encoding="utf-8")
     broken = re.sub(pattern, new, whole, flags=re.DOTALL)
     assert broken != whole
@@ -283,7 +284,7 @@ def test_a_net_that_lacks_a_part_is_refused_before_it_kills_the_process(tmp_path
 
 
 @pytest.mark.parametrize(("width", "tolerance"), [(3.2, 0.01), (2.0, 0.01), (1.0, 0.0)])
-def test_kerbs_of_streets_are_true_to_a_centimetre_and_those_of_robots_exact(tmp_path, width, tolerance):
+def test_kerbs_are_within_a_centimetre_in_streets_and_exact_in_lab_networks(tmp_path, width, tolerance):
     bend = " ".join(f"{50 * np.sin(a):.2f},{50 * np.cos(a):.2f}" for a in np.linspace(0, 1.5, 60))
     network = one_way(tmp_path, LANE.replace('width="1"', f'width="{width}"').replace("0,0 1,0", bend))
     exact = network.outline()
@@ -296,7 +297,7 @@ def test_kerbs_of_streets_are_true_to_a_centimetre_and_those_of_robots_exact(tmp
     assert (len(kerbs) < sum(len(ring.coords) - 1 for ring in exact)) == (tolerance > 0)
 
 
-def test_only_large_networks_are_kept_in_the_users_cache(tmp_path, monkeypatch):
+def test_only_the_areas_of_large_networks_are_cached(tmp_path, monkeypatch):
     monkeypatch.setattr(platformdirs, "user_cache_path", lambda name: tmp_path / name)
     file = shipped.networks()["lab_world"]
     new = Network.read(file).drivable
@@ -307,10 +308,10 @@ def test_only_large_networks_are_kept_in_the_users_cache(tmp_path, monkeypatch):
         assert len(list((tmp_path / "platoontraffic").iterdir())) == 1
 
 
-# ---- what towns have
+# ---- networks of towns
 
 
-def test_footpaths_and_rails_are_no_road_and_bus_lanes_are():
+def test_bus_lanes_are_road_and_footpaths_and_rails_are_not():
     odd = Network.read(ODD / "odd.net.xml")
     assert sorted(odd.edges) == ["buses", "em", "me", "ms", "mw", "sm", "wm"]
     inside = [bool(odd.drivable.contains(shapely.Point(50, y))) for y in (-1.6, -4.8, -7.4, 60)]
@@ -318,7 +319,7 @@ def test_footpaths_and_rails_are_no_road_and_bus_lanes_are():
     assert odd.route_line(["wm", "me"], 2)[:, 1] == pytest.approx(-1.6)
 
 
-def test_where_one_drives_on_the_left_the_right_lane_is_left_of_the_middle():
+def test_in_left_hand_traffic_the_own_lane_is_left_of_the_middle():
     right_hand, left_hand = Network.read(ODD / "odd.net.xml"), Network.read(ODD / "left.net.xml")
     assert right(right_hand, *right_hand.lane_pose("wm", 2, 50)[:2], 0) == pytest.approx(1.6)
     assert right(left_hand, *left_hand.lane_pose("wm", 2, 50)[:2], 0) == pytest.approx(-1.6)
@@ -327,7 +328,7 @@ def test_where_one_drives_on_the_left_the_right_lane_is_left_of_the_middle():
 
 
 @pytest.mark.parametrize(("name", "side"), [("odd", -1), ("left", 1)])
-def test_lanes_meet_half_a_lane_beside_the_inner_one(name, side):
+def test_lane_borders_are_half_a_lane_beside_the_inner_lane(name, side):
     network = Network.read(ODD / f"{name}.net.xml")
     x, y, heading = network.lane_pose("wm", 2, 50)
     half = network._net.getEdge("wm").getLane(2).getWidth() / 2
@@ -340,7 +341,7 @@ def test_junctions_are_where_roads_meet(world, loop):
     assert all(shapely.contains(loop.drivable.buffer(1e-6), area) for area in loop.junctions())
 
 
-def test_without_lanes_inside_junctions_routes_go_straight_across():
+def test_without_lanes_inside_junctions_routes_cross_them_in_straight_lines():
     bare = Network.read(ODD / "bare.net.xml")
     line = bare.route_line(["wm", "me"], 1)
     assert line[:, 1] == pytest.approx(-1.6)

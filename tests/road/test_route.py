@@ -1,4 +1,4 @@
-"""Routes of many vehicles at once against one line at a time; and routes along the lanes of networks."""
+"""Routes of many vehicles compared with one line at a time, and routes along the lanes of networks."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from platoontraffic import shipped
 from platoontraffic.errors import InputError
-from platoontraffic.road.network import CHANGING, Line, Network
-from platoontraffic.road.polyline import Polyline
+from platoontraffic.geometry.polyline import Polyline
+from platoontraffic.road.lane_routes import CHANGING, Line
+from platoontraffic.road.network import Network
 from platoontraffic.road.route import REACH, Route, Routes
 from tests.support import ODD_NETS
 
@@ -33,7 +34,7 @@ def circle(radius: float, sign: int = 1, points: int = 720) -> Route:
 
 
 def some_routes(rng: np.random.Generator, n: int) -> tuple[list[Route], np.ndarray]:
-    """Random routes, open and closed, of which some vehicles share one; and the vehicles' lengths."""
+    """Random routes, open and closed, some of them shared by several vehicles; and the vehicles' lengths."""
     kinds = [
         route(rng.normal(0, 40, (k, 2)), rng.uniform(5, 30, k), closed)
         for k, closed in zip(rng.integers(3, 12, 4), (True, False, True, False), strict=True)
@@ -42,18 +43,18 @@ def some_routes(rng: np.random.Generator, n: int) -> tuple[list[Route], np.ndarr
 
 
 def beside(rng: np.random.Generator, routes: list[Route], station: np.ndarray) -> np.ndarray:
-    """Points some metres off the routes, where no two pieces are equally near, (n, 2)."""
+    """Points some metres beside the routes, where no two pieces are equally near, (n, 2)."""
     on = np.array([r.line.at(np.array([s]))[0] for r, s in zip(routes, station, strict=True)])
     return on + rng.normal(0, 2, (len(routes), 2))
 
 
-# ---- where one is
+# ---- stations
 
 
 @given(seeds)
 @example(5643)
 @settings(max_examples=50, deadline=None)
-def test_all_rows_are_projected_as_onto_one_line_each(seed):
+def test_all_rows_project_as_onto_one_line_each(seed):
     rng = np.random.default_rng(seed)
     routes, length = some_routes(rng, 12)
     station = rng.uniform(0, 1, 12) * [r.length for r in routes]
@@ -61,7 +62,7 @@ def test_all_rows_are_projected_as_onto_one_line_each(seed):
     x, y = beside(rng, routes, station).T
     found = Routes(routes, length).project(x, y, station, window)
     expected = [r.line.project(*row, w)[0] for r, *row, w in zip(routes, x, y, station, window, strict=True)]
-    # On closed routes a station, and the one a turn later, are one place.
+    # On closed routes, stations one lap apart are the same place.
     turn = np.array([r.length if r.closed else np.inf for r in routes])
     off = np.abs(found - expected)
     np.testing.assert_allclose(np.minimum(off, np.abs(off - turn)), 0, atol=1e-7)
@@ -69,7 +70,7 @@ def test_all_rows_are_projected_as_onto_one_line_each(seed):
 
 @given(seeds)
 @settings(max_examples=30, deadline=None)
-def test_without_a_window_it_is_the_nearest_of_all_points(seed):
+def test_without_a_window_the_nearest_of_all_points_is_found(seed):
     rng = np.random.default_rng(seed)
     routes, length = some_routes(rng, 8)
     station = rng.uniform(0, 1, 8) * [r.length for r in routes]
@@ -82,7 +83,7 @@ def test_without_a_window_it_is_the_nearest_of_all_points(seed):
 
 
 @pytest.mark.parametrize("passed", [-0.4, -1e-9, 0.0, 1e-9, 0.4])
-def test_over_the_seam_of_a_closed_route_stations_go_on(passed):
+def test_stations_continue_across_the_seam_of_a_closed_route(passed):
     ring = circle(50.0)
     angle = passed / 50.0
     x, y = np.array([[50 * np.sin(angle)], [50 * (1 - np.cos(angle))]])
@@ -91,24 +92,24 @@ def test_over_the_seam_of_a_closed_route_stations_go_on(passed):
     assert (found[0] + 1) % ring.length == pytest.approx(1 + passed, abs=1e-3)
 
 
-def test_where_a_route_meets_itself_one_stays_on_ones_own_leg():
+def test_the_window_keeps_a_vehicle_on_its_leg_where_a_route_returns_beside_itself():
     there_and_back = route([(0, 0), (100, 0), (100, 1), (0, 1)])
     at, near = np.array([50.0, 50.0]), np.array([49.0, 150.0])
     found = Routes([there_and_back] * 2, np.full(2, 4.0)).project(at, np.full(2, 0.5), near, np.full(2, 20.0))
     np.testing.assert_allclose(found, [50.0, 151.0])
 
 
-def test_the_way_that_is_left_ends_with_an_open_route_and_never_with_a_closed_one():
+def test_the_distance_left_is_finite_on_open_routes_only():
     routes = [route([(0, 0), (30, 40)]), circle(10.0)]
     np.testing.assert_allclose(Routes(routes, np.full(2, 4.0)).left(np.array([20.0, 20.0])), [30.0, np.inf])
 
 
-# ---- what lies ahead
+# ---- the road ahead
 
 
 @given(seeds)
 @settings(max_examples=30, deadline=None)
-def test_points_and_limits_ahead_are_those_of_one_vehicle_at_a_time(seed):
+def test_points_and_limits_ahead_agree_with_those_of_each_vehicle_alone(seed):
     rng = np.random.default_rng(seed)
     n = 6
     routes, length = some_routes(rng, n)
@@ -128,7 +129,7 @@ def test_points_and_limits_ahead_are_those_of_one_vehicle_at_a_time(seed):
 
 @given(seeds)
 @settings(max_examples=20, deadline=None)
-def test_no_vehicle_changes_what_lies_ahead_of_another(seed):
+def test_the_road_ahead_does_not_depend_on_other_rows(seed):
     rng = np.random.default_rng(seed)
     routes, length = some_routes(rng, 6)
     pose = rng.uniform(0, 1, 6) * [r.length for r in routes], *rng.normal(0, 40, (2, 6)), rng.uniform(-3, 3, 6)
@@ -141,20 +142,20 @@ def test_no_vehicle_changes_what_lies_ahead_of_another(seed):
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("radius", [15.0, 80.0])
-def test_the_curvature_of_a_circle_is_one_over_its_radius_to_its_side(radius, sign):
+def test_the_curvature_of_a_circle_is_one_over_its_radius_with_the_sign_of_its_side(radius, sign):
     zero = np.zeros(1)
     ahead = Routes([circle(radius, sign)], np.array([4.74])).ahead(zero + 7.0, zero, zero, zero)
     assert ahead.curvature == pytest.approx(sign / radius, rel=0.01)
 
 
-def test_a_straight_has_none_not_even_where_it_begins_or_ends():
+def test_a_straight_route_has_no_curvature_even_at_its_ends():
     straight, zero = route([(0, 0), (10, 10), (100, 100)]), np.zeros(2)
     ahead = Routes([straight] * 2, np.array([4.74, 9.2])).ahead(np.array([0.0, 130.0]), zero, zero, zero)
     assert ahead.curvature == pytest.approx(0, abs=1e-12)
 
 
-def test_the_curvature_of_a_corner_is_spread_over_the_vehicles_own_length():
-    """Its integral is the angle of the corner, for long and for short ones."""
+def test_the_curvature_of_a_corner_is_spread_in_proportion_to_the_vehicle_length():
+    """Its integral is the angle of the corner, for long and for short vehicles."""
     corner = route([(0, 0), (100, 0), (100, 100)])
     for length in (2.0, 10.0):
         zero = np.zeros(1)
@@ -162,14 +163,14 @@ def test_the_curvature_of_a_corner_is_spread_over_the_vehicles_own_length():
         assert np.trapezoid(ahead.curvature[0], ahead.distance[0]) == pytest.approx(np.pi / 2, rel=0.06)
 
 
-def test_past_the_end_of_an_open_route_it_goes_straight_on():
+def test_an_open_route_continues_straight_beyond_its_end():
     bent, zero = route([(0, 0), (100, 0), (100, 60)]), np.zeros(1)
     points = Routes([bent], np.array([2.0])).ahead(zero + bent.length, zero + 100, zero + 60, zero).points[0]
     np.testing.assert_allclose(points[:, 0], 0, atol=1e-9)
     np.testing.assert_allclose(points[:, 1], REACH * 2.0, atol=1e-9)
 
 
-# ---- lines on the way
+# ---- stop lines
 
 
 def line_at(station: float) -> Line:
@@ -177,27 +178,27 @@ def line_at(station: float) -> Line:
 
 
 @pytest.mark.parametrize(
-    ("station", "passed", "ahead", "way"),
+    ("station", "passed", "ahead", "distance"),
     [
         (0.0, None, 30.0, 30.0),
         (29.0, None, 30.0, 1.0),
-        (30.0, None, 30.0, 0.0),  # it stands at the line, and has not passed it
+        (30.0, None, 30.0, 0.0),  # at the line, which is not passed yet
         (30.1, 30.0, 70.0, 39.9),
         (70.1, 70.0, None, np.inf),
         (150.0, 70.0, None, np.inf),
     ],
 )
-def test_lines_about_a_place_on_an_open_route(station, passed, ahead, way):
+def test_stop_lines_before_and_ahead_on_an_open_route(station, passed, ahead, distance):
     straight = route([(0, 0), (100, 0)], lines=[line_at(30.0), line_at(70.0)])
     before, since = straight.line_passed(station)
     onward = straight.lines_ahead(station, 1.0)
     assert (before and before.station, onward[0][0].station if onward else None) == (passed, ahead)
     assert not before or since == pytest.approx(station - passed)
-    assert not onward or onward[0][1] == pytest.approx(way)
+    assert not onward or onward[0][1] == pytest.approx(distance)
 
 
 @pytest.mark.parametrize(
-    ("station", "passed", "ahead", "way"),
+    ("station", "passed", "ahead", "distance"),
     [
         (0.0, 70.0, 30.0, 30.0),
         (50.0, 30.0, 70.0, 20.0),
@@ -208,19 +209,19 @@ def test_lines_about_a_place_on_an_open_route(station, passed, ahead, way):
         (270.0, 30.0, 70.0, 0.0),
     ],
 )
-def test_lines_about_a_place_on_a_closed_route_and_about_its_seam(station, passed, ahead, way):
+def test_stop_lines_before_and_ahead_on_a_closed_route_and_at_its_seam(station, passed, ahead, distance):
     square = route([(0, 0), (25, 0), (25, 25), (0, 25)], closed=True, lines=[line_at(30.0), line_at(70.0)])
     before, since = square.line_passed(station)
     ((after, left),) = square.lines_ahead(station, 1.0)
     assert (before.station, after.station) == (passed, ahead)
-    assert left == pytest.approx(way)
+    assert left == pytest.approx(distance)
     assert since == pytest.approx((station - passed) % 100.0)
     both = square.lines_ahead(station, 100.0)
     assert [line.station for line, _ in both] == [ahead, passed]
     assert both[1][1] == pytest.approx(100.0 - since)
 
 
-def test_where_no_line_is_nothing_is_to_be_stopped_for():
+def test_routes_without_junctions_have_no_stop_lines():
     for one in (route([(0, 0), (9, 0)]), circle(3.0)):
         assert one.line_passed(5.0)[0] is None
         assert one.lines_ahead(5.0, np.inf) == []
@@ -252,8 +253,8 @@ def changes(lines: list[Line]) -> list[tuple[str, str]]:
     ("start", "to", "crossed"),
     [(RIGHT, "e2_e_exit", 1), (MIDDLE, "e2_e_exit", 2), (RIGHT, "e2_e3", 0), (MIDDLE, "e2_e3", 0)],
 )
-def test_off_the_highway_it_changes_no_more_lanes_than_it_must(highway, start, to, crossed):
-    """Before the exit a lane is added on the right: who comes from lane i is on lane i + 1 there."""
+def test_a_route_off_the_highway_changes_as_few_lanes_as_possible(highway, start, to, crossed):
+    """Before the exit a lane is added on the right: lane i continues as lane i + 1."""
     _, _, lines = highway.route_lanes(["e0_e1", "e1_e2", to], start)
     assert sum(abs(int(one[-1]) - int(other[-1])) for one, other in changes(lines)) == crossed
     assert all(one[:-1] == other[:-1] for one, other in changes(lines))
@@ -261,7 +262,7 @@ def test_off_the_highway_it_changes_no_more_lanes_than_it_must(highway, start, t
 
 
 @pytest.mark.parametrize("start", [RIGHT, MIDDLE])
-def test_its_line_lies_on_its_lanes_but_for_the_changes(highway, start):
+def test_the_line_of_a_route_lies_on_its_lanes_except_where_it_changes_them(highway, start):
     edges = ["e0_e1", "e1_e2", "e2_e_exit"]
     points, _, lines = highway.route_lanes(edges, start)
     line = Polyline(points)
@@ -281,13 +282,13 @@ def test_its_line_lies_on_its_lanes_but_for_the_changes(highway, start):
         assert np.diff(aside) == pytest.approx(1.6 * (int(change.onto[-1]) - int(lane)), abs=0.05)
 
 
-def test_one_that_starts_late_on_a_lane_changes_it_only_from_there_on(highway):
+def test_a_route_that_starts_late_on_a_lane_changes_it_after_its_start(highway):
     *_, (change, *_) = highway.route_lanes(["e1_e2", "e2_e_exit"], MIDDLE, position=120.0)
     assert change.state == CHANGING
     assert 120.0 < change.station < 244.55 - 12 * 3.2 + 1
 
 
-def test_limits_are_those_of_the_lanes_one_is_on(highway):
+def test_speed_limits_are_those_of_the_lanes_on_the_route(highway):
     points, limit, _ = highway.route_lanes(["e1_e2", "e2_e_exit"], RIGHT)
     assert len(points) == len(limit)
     before = points[:, 0] < 1548
@@ -295,7 +296,7 @@ def test_limits_are_those_of_the_lanes_one_is_on(highway):
     assert limit[points[:, 0] > 1552] == pytest.approx(22.22)
 
 
-def test_a_lap_ends_on_the_lane_where_it_began(highway):
+def test_a_lap_ends_on_the_lane_where_it_starts(highway):
     ring = Network.read(shipped.networks()["ring"])
     lap = ["east_north", "north_west", "west_south", "south_east"]
     for lane in (0, 1):
@@ -308,7 +309,7 @@ def test_a_lap_ends_on_the_lane_where_it_began(highway):
         assert radius.max() - radius.min() < 0.1
 
 
-def test_lines_stand_where_lanes_end_and_say_who_goes_first(cross, lights):
+def test_stop_lines_are_at_the_ends_of_lanes_and_have_the_right_of_way(cross, lights):
     *_, (line,) = cross.route_lanes(["north_in", "south_out"])
     assert (line.state, line.light, line.lane, line.onto) == ("m", "", "north_in_0", "south_out_0")
     assert (line.station, line.across) == pytest.approx((289.6, 20.8))
@@ -318,21 +319,21 @@ def test_lines_stand_where_lanes_end_and_say_who_goes_first(cross, lights):
     assert (line.via, line.across) == ((":middle_16_0", ":middle_20_0"), pytest.approx(3.71 + 13.14))
 
 
-def test_who_turns_from_the_wrong_lane_changes_it_first(cross):
+def test_a_turn_from_the_wrong_lane_begins_with_a_lane_change(cross):
     *_, lines = cross.route_lanes(["west_in", "north_out"], 0)
     assert changes(lines) == [("west_in_0", "west_in_1")]
     assert [line.state for line in lines] == [CHANGING, "m"]
     assert all(one.station < other.station for one, other in pairwise(lines))
 
 
-def test_where_no_way_leads_is_said(cross):
-    with pytest.raises(InputError, match="no way from edge 'west_in' to 'south_in'; it leads to: east_out"):
+def test_a_route_without_a_connection_is_an_input_error(cross):
+    with pytest.raises(InputError, match="no connection from edge 'west_in' to 'south_in'; it leads to: east_out"):
         cross.route_lanes(["west_in", "south_in"])
     with pytest.raises(InputError, match="the route is empty"):
         cross.route_lanes([])
 
 
-def test_upstream_are_the_lanes_that_lead_there_and_how_far_off_their_ends_are(highway):
+def test_upstream_gives_the_lanes_that_lead_to_a_lane_and_the_distances_of_their_ends(highway):
     near = highway.upstream("e1_e2_1", 100.0)
     assert near == [("e1_e2_1", 0.0)]
     far = dict(highway.upstream("e1_e2_1", 300.0))
@@ -341,19 +342,19 @@ def test_upstream_are_the_lanes_that_lead_there_and_how_far_off_their_ends_are(h
     assert merged == {"e3_e4_0": 0.0, "e_entry_e3_0": pytest.approx(294.51)}
 
 
-def test_upstream_round_blocks_each_lane_comes_once_by_its_shortest_way():
-    world = Network.read(shipped.networks()["lab_world"])  # of some metres: on 50 m there are millions of ways
+def test_upstream_gives_each_lane_once_with_its_shortest_distance():
+    world = Network.read(shipped.networks()["lab_world"])  # its blocks are small: millions of paths
     lane = next(f"{edge}_0" for edge in sorted(world.edges))
-    ways = world.upstream(lane, 50.0)
-    assert len(dict(ways)) == len(ways)
-    assert ways[0] == (lane, 0.0)
-    assert [way for _, way in ways] == sorted(way for _, way in ways)
-    assert max(way for _, way in ways) < 20.0
+    lanes, distances = zip(*world.upstream(lane, 50.0), strict=True)
+    assert len(set(lanes)) == len(lanes)
+    assert (lanes[0], distances[0]) == (lane, 0.0)
+    assert list(distances) == sorted(distances)
+    assert max(distances) < 20.0
 
 
 @pytest.mark.parametrize(
     ("inside", "lane"),
     [(":middle_14_0", "west_in_0"), (":middle_16_0", "west_in_1"), (":middle_20_0", "west_in_1")],
 )
-def test_entered_from_is_the_lane_before_the_junction_however_long_the_chain_inside(cross, inside, lane):
+def test_entered_from_is_the_lane_before_the_junction_for_each_lane_of_a_chain(cross, inside, lane):
     assert cross.entered_from[inside] == lane

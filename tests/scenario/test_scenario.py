@@ -147,7 +147,9 @@ def test_a_start_on_an_obstacle_and_a_broken_one_are_refused(scenario_file, tmp_
 def test_a_start_between_roads_and_a_route_that_does_not_connect(scenario_file):
     route = 'gap_m = 0.45\nroute = ["sw_se", "ne_nw"]'
     said = faults(scenario_file(("gap_m = 0.45", route), ('law = "reactive"', 'law = "path"')))
-    assert said[0].endswith("mine.toml:15: platoon.0.route: no way from edge 'sw_se' to 'ne_nw'; it leads to: se_ne")
+    assert said[0].endswith(
+        "mine.toml:15: platoon.0.route: no connection from edge 'sw_se' to 'ne_nw'; it leads to: se_ne"
+    )
 
 
 @pytest.mark.parametrize(

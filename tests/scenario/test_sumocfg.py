@@ -20,7 +20,8 @@ from platoontraffic import scenario, shipped, simulation
 from platoontraffic.cli.main import app
 from platoontraffic.errors import InputError
 from platoontraffic.results import sumo_tables
-from platoontraffic.road.network import Network, read_configuration
+from platoontraffic.road.network import Network
+from platoontraffic.road.sumo_configuration import read_configuration
 from tests.support import ODD_NETS
 
 RING = shipped.networks()["ring"].parent
@@ -369,16 +370,19 @@ def test_platoons_drive_on_odd_networks(tmp_path, net, lane):
         (["start.edge=mw", "start.lane=0"], "edge 'mw' lane 0 is for pedestrian; must be one for cars: 1 or 2"),
         (["start.edge=wm", "start.lane=1"], "edge 'wm' lane 1 is for bus; must be one for cars: 2"),
         (["start.edge=buses"], "edge 'buses' has no lane for cars: it is for bus, pedestrian"),
-        (["start.edge=rail"], "edge 'rail' is no road: it is for rail"),
-        (["start.edge=path"], "edge 'path' is no road: it is for pedestrian"),
+        (["start.edge=rail"], "edge 'rail' is not a road: it is for rail"),
+        (["start.edge=path"], "edge 'path' is not a road: it is for pedestrian"),
         (["start.edge=wm", "start.lane=5"], "edge 'wm' has no lane 5; must be 0..2, 0 rightmost"),
         (["start.edge=wn"], "no edge 'wn' in odd.net.xml"),
         (["start.edge=wm", "start.lane=2", "start.position_m=500"], "position 500 m is not on it; must be 0..192.8 m"),
         (["start.edge=wm", "start.lane=2", "to=buses"], "edge 'buses' has no lane for cars: it is for bus, pedestrian"),
-        (["start.edge=wm", "start.lane=2", "to=rail"], "edge 'rail' is no road: it is for rail"),
+        (["start.edge=wm", "start.lane=2", "to=rail"], "edge 'rail' is not a road: it is for rail"),
         (["start.edge=wm", "start.lane=2", "to=mf"], "no edge 'mf' in odd.net.xml"),
-        (["start.edge=wm", "start.lane=2", 'route=["wm", "em"]'], "no way from edge 'wm' to 'em'; it leads to: me, ms"),
-        (["start.edge=wm", "start.lane=2", 'route=["wm", "rail"]'], "edge 'rail' is no road: it is for rail"),
+        (
+            ["start.edge=wm", "start.lane=2", 'route=["wm", "em"]'],
+            "from edge 'wm' to 'em'; it leads to: me, ms",
+        ),
+        (["start.edge=wm", "start.lane=2", 'route=["wm", "rail"]'], "edge 'rail' is not a road: it is for rail"),
         (["start.edge=wm", "start.lane=2", 'route=["me", "em"]'], "does not contain the start edge 'wm'"),
     ],
 )

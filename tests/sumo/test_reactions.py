@@ -18,8 +18,9 @@ import shapely
 from platoontraffic.lidar import PRESETS
 
 from platoontraffic.controllers.reactive import ReactiveLeader
-from platoontraffic.road.network import Network, build_net
-from platoontraffic.road.polyline import Polyline
+from platoontraffic.geometry.polyline import Polyline
+from platoontraffic.road.netconvert import build_net
+from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES

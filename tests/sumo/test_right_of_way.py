@@ -17,7 +17,8 @@ from platoontraffic import shipped
 from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.road.gap_acceptance import ACCELERATION, MARGIN, TURNING_SPEED, Foe, may_cross, time_for
-from platoontraffic.road.network import CHANGING, Network
+from platoontraffic.road.lane_routes import CHANGING
+from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.stoplines import StopLines
 from platoontraffic.sumo.world import World

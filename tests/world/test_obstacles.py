@@ -1,6 +1,6 @@
-"""What gets in the way: where it is at each instant, whether contact could be avoided, and that the laws then avoid it.
+"""Obstacles: their motion, whether contact can be avoided, and that the laws then avoid it.
 
-On bare ground, without SUMO. A human comes in on a straight road; pedestrians step out; a car stands behind a bend.
+On bare ground, without SUMO: a cut-in on a straight road, pedestrians that step out, a car behind a bend.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from platoontraffic.lidar import PRESETS, Mount, Scene
 
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.geometry.polyline import Polyline
 from platoontraffic.observation.encounters import (
     Encounter,
     Encounters,
@@ -29,13 +30,26 @@ from platoontraffic.observation.encounters import (
     reaction,
     stopping_distance,
 )
-from platoontraffic.road.polyline import Polyline
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.vehicles.odometry import ODOMETRY
 from platoontraffic.world.fleet import Fleet, Member
-from platoontraffic.world.obstacles import Crossing, CuttingIn, Driving, Lying, Obstacles, Patrol, Plan, Speed, Way
+from platoontraffic.world.obstacles import (
+    Braking,
+    Crossing,
+    CuttingIn,
+    Driving,
+    LaneChange,
+    Lying,
+    MemberNear,
+    Obstacles,
+    PathLine,
+    Patrol,
+    Plan,
+    SpeedProfile,
+    TargetGap,
+)
 from platoontraffic.world.traffic import TrafficSnapshot
 from tests.support.bench import BLIND, NO_WALLS, Prescribed, drive, platoon
 
@@ -45,12 +59,13 @@ AT_BUMPER = Mount(CAR.length / 2 - 0.03)
 TRACKER = replace(PRESETS["car-tracker"], mount=AT_BUMPER)
 LEADING = replace(PRESETS["car-leader"], mount=AT_BUMPER)
 STRAIGHT = Route.along(["e"], np.array([(-500.0, 0.0), (5000.0, 0.0)]), np.array([40.0, 40.0]))
-WAY = Way(STRAIGHT)
+PATH = PathLine(STRAIGHT)
+BETWEEN = TargetGap("robot.1", "robot.0")
 NEVER = math.inf
 
 
 def followers(speed: float, headway: float = 1.0, n: int = 2, route: Route = STRAIGHT) -> list[Member]:
-    """Behind a leader that keeps its speed, with the car's laser and odometry and their errors."""
+    """Followers of a leader at constant speed, with the car's lidar and odometry and their errors."""
     law = TrackingFollower(time_headway=headway)
     members = platoon(
         Prescribed(lambda _: Drive(0.0, 0.0)), law, n, distance=law.desired_distance(speed), model=CAR, eye=TRACKER,
@@ -66,24 +81,30 @@ def leader(speed: float, route: Route = STRAIGHT, at=(0.0, 0.0, 0.0)) -> list[Me
 
 
 def cut_in(
-    share: float = 0.5, relative: float = 0.0, takes: float = 3.0, comes: float = 4.0, brakes_after: float = NEVER,
-    rate: float = 9.0, aside: float = 3.2, leaves_after: float = NEVER,
+    gap: TargetGap = BETWEEN, takes: float = 3.0, starts: float = 4.0, offset: float = 3.2,
+    returns_after: float = NEVER, brakes_after: float = NEVER, rate: float = 9.0,
 ) -> CuttingIn:  # fmt: skip
-    size, since = (CAR.length, CAR.width), max(comes - 3.0, 0.0)
     return CuttingIn(
-        "human", "cut_in", *size, since, NEVER, (), WAY, "robot.1", "robot.0", comes, share, relative, aside, takes,
-        brakes_after, rate, 0.5, leaves_after,
+        id="human", kind="cut_in", length=CAR.length, width=CAR.width, since=max(starts - 3.0, 0.0), path=PATH, gap=gap,
+        lane_change=LaneChange(starts, takes, offset, returns_after), braking=Braking(brakes_after, rate, 0.5),
     )  # fmt: skip
 
 
-def walk(x: float, speed: float, sets_out: float, side: float) -> Crossing:
-    """From 4 m aside of the middle of the lane."""
-    return Crossing("ped", "pedestrian", 0.3, 0.5, 0.0, NEVER, (), (x, side * 4.0), (x, -side * 4.0), speed, sets_out)
+def walk(x: float, speed: float, sets_out: float | None, side: float, event: MemberNear | None = None) -> Crossing:
+    """From 4 m beside the middle of the lane to the other side."""
+    return Crossing(
+        id="ped", kind="pedestrian", length=0.3, width=0.5, start=(x, side * 4.0), end=(x, -side * 4.0), speed=speed,
+        sets_out=sets_out, at_event=event,
+    )  # fmt: skip
+
+
+def parked(x: float, y: float, heading: float, since: float = 0.0) -> Lying:
+    return Lying(id="c", kind="car", length=4.74, width=1.76, since=since, x=x, y=y, heading=heading)
 
 
 class Played(NamedTuple):
     met: list[Encounter]
-    clearance: float  # least that any member ever had from the obstacle [m]
+    clearance: float  # least distance between any member and the obstacle [m]
     seen: list[TrafficSnapshot]
 
 
@@ -104,27 +125,29 @@ def play(members: Sequence[Member], plan: Plan, seconds: float, seed: int = 0, s
 
 
 def of(seen: list[TrafficSnapshot], name: str) -> np.ndarray:
-    """time, x, y, heading, speed of one of them, (k, 5)."""
+    """time, x, y, heading and speed of one vehicle, (k, 5)."""
     rows = [(t, t.ids.index(name)) for t in seen if name in t.ids]
     return np.array([(t.time, t.x[i], t.y[i], t.heading[i], t.speed[i]) for t, i in rows])
 
 
-# ---- where they are
+# ---- their motion
 
 
 @settings(deadline=None, max_examples=50)
 @given(st.floats(0, 40), st.floats(0, 20), st.floats(1, 9), st.floats(0, 1), st.floats(0, 60))
-def test_the_way_is_the_integral_of_the_speed(first, brakes_at, rate, share, time):
-    speed = Speed(first, brakes_at, rate, share * first)
+def test_the_distance_is_the_integral_of_the_speed(first, brakes_at, rate, share, time):
+    speed = SpeedProfile(first, brakes_at, rate, share * first)
     ticks = np.linspace(0, time, 2001)
-    assert speed.way(time) == pytest.approx(np.trapezoid([speed.at(t) for t in ticks], ticks), rel=1e-5, abs=2e-3)
+    assert speed.distance(time) == pytest.approx(np.trapezoid([speed.at(t) for t in ticks], ticks), rel=1e-5, abs=2e-3)
     assert speed.at(1e4) == pytest.approx(share * first if rate else first, abs=1e-9)
 
 
-def test_a_car_brakes_on_its_way_and_ends_with_it():
+def test_a_car_brakes_on_its_path_and_is_gone_at_its_end():
     route = Route.along(["e"], np.array([(0.0, 0.0), (100.0, 0.0), (100.0, 200.0)]), np.array([20.0] * 3))
-    size = 4.74, 1.76
-    car = Driving("c", "car", *size, 5.0, NEVER, (), Way(route), 10.0, 1.5, Speed(20.0, 3.0, 5.0, 10.0))
+    car = Driving(
+        id="c", kind="car", length=4.74, width=1.76, since=5.0, path=PathLine(route), station=10.0, lateral=1.5,
+        speed=SpeedProfile(20.0, 3.0, 5.0, 10.0),
+    )  # fmt: skip
     assert car.pose(None, 6.0) == pytest.approx((30.0, 1.5, 0.0, 20.0))
     assert car.pose(None, 10.0)[3] == 10.0
     x, y, heading, _ = car.pose(None, 11.0)  # 10 + 60 + 30 + 10 m
@@ -132,9 +155,9 @@ def test_a_car_brakes_on_its_way_and_ends_with_it():
     assert car.pose(None, 100.0) is None
 
 
-def test_a_robot_goes_to_and_fro_and_another_round():
+def test_a_robot_drives_there_and_back_or_round_a_square():
     there_and_back = Polyline(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (1.0, 0.0)]), closed=True)
-    robot = Patrol("r", "robot", 0.2, 0.15, 2.0, NEVER, (), there_and_back, 0.1)
+    robot = Patrol(id="r", kind="robot", length=0.2, width=0.15, since=2.0, line=there_and_back, speed=0.1)
     assert robot.pose(None, 7.0) == pytest.approx((0.5, 0.0, 0.0, 0.1))
     assert robot.pose(None, 17.0) == pytest.approx((1.0, 0.5, math.pi / 2, 0.1))
     assert robot.pose(None, 27.0) == pytest.approx((1.0, 0.5, -math.pi / 2, 0.1))
@@ -144,16 +167,15 @@ def test_a_robot_goes_to_and_fro_and_another_round():
     assert square.pose(None, 37.0) == pytest.approx((0.0, 0.5, -math.pi / 2, 0.1))
 
 
-def test_a_pedestrian_waits_at_the_kerb_for_a_member_and_walks_straight_across():
+def test_a_pedestrian_waits_at_the_kerb_until_a_member_is_near_and_walks_straight_across():
     members = leader(10.0)
-    standing = walk(100.0, 2.0, 0.0, -1)
-    walker = replace(standing, sets_out=None, member="robot.0", within=50.0, way=WAY, station=600.0)
+    walker = walk(100.0, 2.0, None, -1, MemberNear("robot.0", 50.0, PATH, 600.0))
     seen = play(members, walker, 12.0).seen
     walked = of(seen, "ped")
     cars = of(seen, "robot.0")
     began = np.argmax(walked[:, 4] > 0)
     front = cars[began, 1] + CAR.length / 2
-    assert 0 <= 50.0 - (100.0 - front) < 1.0  # within the way of one step
+    assert 0 <= 50.0 - (100.0 - front) < 1.0  # within the distance of one step
     assert walked[: began + 1, 2] == pytest.approx(-4.0)
     assert np.diff(walked[began:, 2]) == pytest.approx(0.2)
     assert walked[:, 3] == pytest.approx(math.pi / 2)
@@ -162,8 +184,8 @@ def test_a_pedestrian_waits_at_the_kerb_for_a_member_and_walks_straight_across()
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
-def test_one_who_cuts_in_comes_over_smoothly_at_its_share_of_the_gap(share):
-    seen = play(followers(20.0), cut_in(share=share), 15.0).seen
+def test_a_cut_in_changes_lanes_smoothly_at_its_share_of_the_gap(share):
+    seen = play(followers(20.0), cut_in(replace(BETWEEN, share=share)), 15.0).seen
     human, ahead, behind = (of(seen, name) for name in ("human", "robot.0", "robot.1"))
     first = round(human[0, 0] / DT)
     assert human[0, 0] == pytest.approx(1.0)
@@ -176,8 +198,8 @@ def test_one_who_cuts_in_comes_over_smoothly_at_its_share_of_the_gap(share):
     assert np.abs(np.diff(over, 2)).max() / DT**2 < 10 / math.sqrt(3) * 3.2 / 9 * 1.01  # of the profile
 
 
-def test_one_who_cuts_in_keeps_behind_who_is_ahead_and_drives_on_when_it_brakes_no_more():
-    seen = play(followers(20.0), cut_in(brakes_after=6.0, rate=3.0, leaves_after=11.0, takes=2.0), 22.0).seen
+def test_a_cut_in_keeps_behind_the_predecessor_brakes_and_leaves_as_prescribed():
+    seen = play(followers(20.0), cut_in(brakes_after=6.0, rate=3.0, returns_after=11.0, takes=2.0), 22.0).seen
     human, ahead = of(seen, "human"), of(seen, "robot.0")
     first = round(human[0, 0] / DT)
     n = len(human)
@@ -189,51 +211,51 @@ def test_one_who_cuts_in_keeps_behind_who_is_ahead_and_drives_on_when_it_brakes_
     assert human[-1, 0] == pytest.approx(4 + 11 + 2 + 1)  # then it is gone
 
 
-def test_nobody_cuts_into_a_gap_shorter_than_itself():
+def test_a_gap_shorter_than_the_vehicle_is_not_cut_into():
     members = followers(2.0, headway=0.5)  # 3.97 m
     played = play(members, cut_in(), 8.0)
     assert played.met == []
     assert "human" not in played.seen[-1].ids
     fleet = Fleet.deployed(members, DT)
-    others = Obstacles([cut_in(comes=0.0)], fleet)
+    others = Obstacles([cut_in(starts=0.0)], fleet)
     assert others.given_up()["human"].startswith("the gap is 3.97 m")
     assert others.bodies.ids == ()
 
 
-# ---- whether it could be avoided
+# ---- whether contact can be avoided
 
 
 @settings(deadline=None, max_examples=50)
 @given(
     st.floats(0.1, 60), st.floats(1, 40), st.floats(0, 40), st.floats(0, 5), st.floats(1, 9), st.floats(0, 1)
 )  # fmt: skip
-def test_the_least_gap_is_that_of_the_two_motions(gap, speed, other, brakes_at, rate, share):
+def test_the_least_gap_equals_that_of_the_sampled_motions(gap, speed, other, brakes_at, rate, share):
     (member,) = leader(10.0)
-    ahead = Speed(other, brakes_at, rate, share * other)
+    ahead = SpeedProfile(other, brakes_at, rate, share * other)
     ticks = np.arange(0, 45, 0.005)
-    own = Speed(speed, reaction(member), hardest(member))
-    moved = np.array([gap + ahead.way(t) - own.way(t) for t in ticks])
+    own = SpeedProfile(speed, reaction(member), hardest(member))
+    moved = np.array([gap + ahead.distance(t) - own.distance(t) for t in ticks])
     assert least_gap(gap, speed, member, ahead) == pytest.approx(moved.min(), abs=5e-3)
 
 
-def test_before_what_stands_it_is_the_stopping_distance():
+def test_before_a_standing_obstacle_the_stopping_distance_is_just_enough():
     for member in (*leader(10.0), followers(10.0)[1]):
         for speed in (3.0, 10.0, 30.0):
             enough = stopping_distance(speed, member)
-            assert least_gap(enough, speed, member, Speed(0.0)) == pytest.approx(0.0, abs=1e-9)
-            assert least_braking(enough, speed, member, Speed(0.0)) == pytest.approx(hardest(member), rel=1e-6)
+            assert least_gap(enough, speed, member, SpeedProfile(0.0)) == pytest.approx(0.0, abs=1e-9)
+            assert least_braking(enough, speed, member, SpeedProfile(0.0)) == pytest.approx(hardest(member), rel=1e-6)
 
 
-def test_reaction_is_a_scan_the_brakes_lag_and_half_of_their_rise():
+def test_reaction_time_is_a_scan_the_brake_lag_and_half_the_brake_rise():
     assert reaction(followers(10.0)[1]) == pytest.approx(0.1 + 0.2 + 9.0 / 40)
-    assert reaction(leader(10.0)[0]) == pytest.approx(0.1 + 0.2 + 8.0 / 40)  # of which its law uses 8 m/s2
+    assert reaction(leader(10.0)[0]) == pytest.approx(0.1 + 0.2 + 8.0 / 40)  # its law brakes at 8 m/s2 at most
 
 
-# ---- nobody is hit who need not be
+# ---- avoidable contact is avoided
 
 
 @pytest.mark.parametrize("seed", [*range(3), *(pytest.param(n, marks=pytest.mark.slow) for n in range(3, 20))])
-def test_who_has_been_between_for_ten_seconds_and_brakes_at_9_is_not_hit(seed):
+def test_a_cut_in_that_brakes_at_9_after_ten_seconds_is_not_hit(seed):
     played = play(followers(25.0), cut_in(brakes_after=13.0), 30.0, seed)
     human = of(played.seen, "human")
     late = human[human[:, 0] > 17.0]
@@ -254,20 +276,22 @@ CUTS = [
 @pytest.mark.parametrize(
     "some", [pytest.param(CUTS[::23], id="some"), pytest.param(CUTS, id="all", marks=pytest.mark.soak)]
 )
-def test_of_cut_ins_of_every_size_the_avoidable_ones_end_well(some):
+def test_avoidable_cut_ins_end_without_contact(some):
     hit, avoidable = [], 0
     for n, (speed, headway, share, relative, takes) in enumerate(some):
-        played = play(followers(speed, headway), cut_in(share, relative, takes), 14.0, seed=n)
+        played = play(
+            followers(speed, headway), cut_in(replace(BETWEEN, share=share, relative=relative), takes), 14.0, seed=n
+        )
         if played.met and played.met[0].avoidable:
             avoidable += 1
-            if played.clearance == 0:  # and nobody is hit by the human, either
+            if played.clearance == 0:  # neither hits the other
                 hit.append((speed, headway, share, relative, takes))
     assert avoidable > len(some) / 4
     assert hit == []
 
 
 @pytest.mark.parametrize("seeds", [range(6), pytest.param(range(100), marks=pytest.mark.slow)], ids=["6", "100"])
-def test_a_pedestrian_before_whom_a_leader_can_brake_is_not_hit(seeds):
+def test_a_leader_that_can_brake_in_time_does_not_hit_a_pedestrian(seeds):
     could = 0
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -283,7 +307,7 @@ def test_a_pedestrian_before_whom_a_leader_can_brake_is_not_hit(seeds):
 
 
 @pytest.mark.parametrize("seeds", [range(6), pytest.param(range(100), marks=pytest.mark.slow)], ids=["6", "100"])
-def test_a_pedestrian_between_members_before_whom_a_follower_can_brake_is_not_hit(seeds):
+def test_a_follower_that_can_brake_in_time_does_not_hit_a_pedestrian_between_members(seeds):
     could = 0
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -305,15 +329,14 @@ def test_a_pedestrian_between_members_before_whom_a_follower_can_brake_is_not_hi
 RADIUS = 30.0
 ARC = [(RADIUS * math.sin(a), RADIUS * (1 - math.cos(a))) for a in np.linspace(0, math.pi / 2, 60)]
 BEND = np.array([(-300.0, 0.0), *ARC, (RADIUS, 300.0)])
-HEDGE = Scene.from_shapely(solids=[shapely.box(-80.0, 4.0, RADIUS - 4.0, 84.0)])  # all that is inside of the bend
+HEDGE = Scene.from_shapely(solids=[shapely.box(-80.0, 4.0, RADIUS - 4.0, 84.0)])  # everything inside the bend
 
 
-@pytest.mark.parametrize("behind", [5.0, 15.0, 25.0, 40.0])  # the begin of the bend [m]
-def test_a_car_that_stands_behind_a_bend_is_stopped_for_by_a_leader(behind):
+@pytest.mark.parametrize("behind", [5.0, 15.0, 25.0, 40.0])  # distance behind the begin of the bend [m]
+def test_a_leader_stops_for_a_standing_car_behind_a_bend(behind):
     route = Route.along(["e"], BEND, np.full(len(BEND), 20.0))
-    way = Way(route)
-    x, y, heading = way.pose(300.0 + behind, 0.0, 4.74)
-    stands = Lying("c", "car", 4.74, 1.76, 0.0, NEVER, (), x, y, heading)
+    x, y, heading = PathLine(route).pose(300.0 + behind, 0.0, 4.74)
+    stands = parked(x, y, heading)
     members = leader(13.0, route, at=(-150.0, 0.0, 0.0))
     played = play(members, stands, 40.0, scene=HEDGE)
     assert of(played.seen, "robot.0")[-1, 4] < 0.05
@@ -321,10 +344,10 @@ def test_a_car_that_stands_behind_a_bend_is_stopped_for_by_a_leader(behind):
 
 
 @pytest.mark.parametrize("behind", [10.0, 20.0, 30.0])
-def test_a_car_that_stands_behind_a_bend_is_stopped_for_by_a_follower(behind):
-    """It has come to stand there when the predecessor was past."""
+def test_a_follower_stops_for_a_standing_car_behind_a_bend(behind):
+    """The car appears when the predecessor has passed."""
     route = Route.along(["e"], BEND, np.full(len(BEND), 20.0))
-    x, y, heading = Way(route).pose(300.0 + behind, 0.0, 4.74)
+    x, y, heading = PathLine(route).pose(300.0 + behind, 0.0, 4.74)
     speed, law = 7.0, TrackingFollower(time_headway=3.0)
     turn = Prescribed(lambda time: Drive(0.0, 1 / RADIUS if 0 <= 7 * time - 51.27 < RADIUS * math.pi / 2 else 0.0))
     members = platoon(
@@ -333,7 +356,7 @@ def test_a_car_that_stands_behind_a_bend_is_stopped_for_by_a_follower(behind):
     )  # fmt: skip
     members = [replace(m, route=route) for m in members]
     passed = (50.0 + behind + 5.0) / speed + 0.2
-    stands = Lying("c", "car", 4.74, 1.76, passed, NEVER, (), x, y, heading)
+    stands = parked(x, y, heading, passed)
     played = play(members, stands, 25.0, scene=HEDGE)
     assert of(played.seen, "robot.1")[-1, 4] < 0.05
     assert played.clearance > 0.5

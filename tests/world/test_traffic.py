@@ -12,7 +12,7 @@ import pytest
 
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
-from platoontraffic.road.network import read_configuration
+from platoontraffic.road.sumo_configuration import read_configuration
 from tests.support import ODD_NETS
 
 pytestmark = pytest.mark.sumo

@@ -1,7 +1,7 @@
-"""The paths that many vehicles have driven, and where others are along them.
+"""The paths that many vehicles have driven, and stations along them.
 
-What `Polyline` is for one line, here for all rows at once, compiled, and of bounded size: points that lie nearer
-together than tells anything are left out, and the oldest are forgotten.
+What `Polyline` is for one line, here for all rows at once, compiled and of bounded size: points too close together
+to matter are left out, and the oldest points are forgotten.
 """
 
 from __future__ import annotations
@@ -10,22 +10,24 @@ import math
 
 import numpy as np
 
+from platoontraffic.geometry import polyline
+from platoontraffic.geometry.polyline import project
 from platoontraffic.lidar.compiled import compiler
 
-CORNER = 0.1  # a greater change of direction between two points is a corner, the tangent of it
+CORNER = 0.1  # tangent of the change of direction above which a point is a corner, and kept
 
-compiled = compiler(__file__)
+compiled = compiler(__file__, polyline.__file__)
 
 
 class DrivenPaths:
-    """One path a vehicle, from where it began to where it is; vehicles are addressed by their number (m,).
+    """One path per vehicle, from its first position to its present one; vehicles are addressed by number, (m,).
 
-    The last point of a path is where its vehicle is; the ones before are `spacing` apart or more, or a tenth of that
-    at corners. Stations are counted from the first point that there ever was, and go on when it is forgotten.
+    The last point of a path is the vehicle's position; the earlier ones are at least `spacing` apart, or a tenth of
+    that at corners. Stations count from the first point ever added, and keep their values when it is forgotten.
     """
 
     def __init__(self, spacing: np.ndarray, capacity: int = 2048) -> None:
-        """spacing: of each vehicle's path, (count,) [m]; capacity: points of a path; the older half goes when full."""
+        """spacing: of each path [m], (count,); capacity: points in a path; a full one drops its older half."""
         self._spacing = np.asarray(spacing, dtype=float)
         self._points = np.empty((len(self._spacing), capacity, 3))  # x, y, station; untouched, it takes no memory
         self._size = np.zeros(len(self._spacing), dtype=np.intp)
@@ -37,17 +39,17 @@ class DrivenPaths:
         self.drive(number, x, y, np.zeros(len(number), dtype=bool))
 
     def drive(self, number: np.ndarray, x, y, backwards: np.ndarray) -> None:
-        """Lengthen paths to points, arrays (m,); or, driven backwards, shorten them to the nearest point on them."""
+        """Extend paths to points, arrays (m,); where `backwards` (bool), shorten them to the nearest point instead."""
         _drive(self._points, self._size, self._spacing, number, x, y, backwards)
 
     def end(self, number: np.ndarray) -> np.ndarray:
-        """Stations of the last points, (m,)."""
+        """Stations of the last points [m], (m,)."""
         return self._points[number, self._size[number] - 1, 2]
 
     def project(self, number: np.ndarray, x, y, near, window) -> tuple[np.ndarray, np.ndarray]:
-        """Stations of the nearest points within `window` of stations `near`, and offsets to the left; arrays (m,).
+        """Stations of the nearest points within `window` of stations `near`, and offsets to the left [m]; arrays (m,).
 
-        NaN, both, where the nearest point has been forgotten.
+        Both are NaN where the nearest point has been forgotten.
         """
         station, offset = np.empty(len(number)), np.empty(len(number))
         _project_all(self._points, self._size, number, x, y, near, window, station, offset)
@@ -66,8 +68,8 @@ def _drive(points, size, spacing, number, x, y, backwards):
 
 @compiled
 def _appended(path, size, x, y, spacing):
-    """Lengthen a path to a further point; its new size."""
-    if size > 1 and _tells_nothing(path[size - 2], path[size - 1], x, y, spacing):
+    """Extend a path to a further point; returns its new size."""
+    if size > 1 and _is_redundant(path[size - 2], path[size - 1], x, y, spacing):
         size -= 1
     step = _distance(path[size - 1], x, y)
     if step == 0.0:
@@ -81,8 +83,8 @@ def _appended(path, size, x, y, spacing):
 
 
 @compiled
-def _tells_nothing(before, last, x, y, spacing):
-    """Whether the last point is near the one before, and no corner on the way to the next."""
+def _is_redundant(before, last, x, y, spacing):
+    """Whether the last point is close to the one before it, and is no corner on the way to the next."""
     ax, ay, bx, by = last[0] - before[0], last[1] - before[1], x - last[0], y - last[1]
     size = math.sqrt(ax * ax + ay * ay)
     corner = abs(ax * by - ay * bx) > CORNER * (ax * bx + ay * by)
@@ -91,7 +93,7 @@ def _tells_nothing(before, last, x, y, spacing):
 
 @compiled
 def _retracted(path, size, x, y):
-    """Shorten a path to the point on it that is nearest to x, y, no farther back than that is away; its new size."""
+    """Shorten a path to its point nearest to x, y, searched as far back as x, y is from its end; its new size."""
     end, away = path[size - 1, 2], _distance(path[size - 1], x, y)
     station, _ = _project(path, size, x, y, end - away, away + 1e-9)
     station = min(station, end)
@@ -121,38 +123,10 @@ def _project_all(points, size, number, x, y, near, window, station, offset):
 
 @compiled
 def _project(path, size, x, y, near, window):
-    """As `Polyline.project`, of an open line."""
+    """`polyline.project` onto a path, which may be a single point."""
     if size == 1:
         return path[0, 2], _distance(path[0], x, y)
-    # Of the pieces that begin before the end of the window, those that end after its beginning.
-    first = min(max(_search(path, size, near - window) - 1, 0), size - 2)
-    shortest, at, side = math.inf, path[first, 2], 0.0
-    for i in range(first, size - 1):
-        if i > first and path[i, 2] >= near + window:
-            break
-        ax, ay = path[i, 0], path[i, 1]
-        dx, dy = path[i + 1, 0] - ax, path[i + 1, 1] - ay
-        px, py = x - ax, y - ay
-        length = math.sqrt(dx * dx + dy * dy)
-        along = min(max((px * dx + py * dy) / length, 0.0), length)
-        ex, ey = px - dx * (along / length), py - dy * (along / length)
-        away = ex * ex + ey * ey
-        if away < shortest:
-            shortest, at, side = away, path[i, 2] + along, dx * py - dy * px
-    return at, math.copysign(math.sqrt(shortest), side)
-
-
-@compiled
-def _search(path, size, station):
-    """How many points have a station up to the given one."""
-    low, high = 0, size
-    while low < high:
-        middle = (low + high) // 2
-        if path[middle, 2] <= station:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+    return project(path[:size], path[:size, 2], x, y, near, window)
 
 
 @compiled

@@ -1,0 +1,113 @@
+"""Polylines with stations (arc length along the line), and the nearest place on one.
+
+Kernels of other files that call these functions name this file too: `compiler(__file__, polyline.__file__)`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from platoontraffic.lidar.compiled import compiler
+
+compiled = compiler(__file__)
+
+
+@compiled
+def beside(points, k, x, y, size, low, high, whole):
+    """The place nearest to a point on the piece from points[k] to points[k + 1], in metres or as a share of the piece.
+
+    points    : (m, 2) or more columns, of which the first two are x and y [m]
+    size      : length of the piece for metres [m], its square for a share [m2]
+    low, high : limits of the result; 0.0 and `whole` keep to the piece, -inf and inf prolong it
+    whole     : the result at points[k + 1]: length of the piece [m], or 1.0
+    returns   : distance along the piece [m] or share; squared distance [m2]; step x offset [m2], positive to the left
+    """
+    step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+    from_x, from_y = x - points[k, 0], y - points[k, 1]
+    along = min(max((from_x * step_x + from_y * step_y) / size, low), high) if size > 0.0 else 0.0
+    share = along / whole if size > 0.0 else 0.0
+    away_x, away_y = from_x - step_x * share, from_y - step_y * share
+    return along, away_x * away_x + away_y * away_y, step_x * from_y - step_y * from_x
+
+
+@compiled
+def nearest(points, stations, first, last, x, y, by_length):
+    """The place nearest to a point on the pieces that start at points[first] .. points[last - 1].
+
+    stations  : of the points, (m,) [m]
+    by_length : whether stations are lengths along these points; else they are interpolated on each piece
+    returns   : its station [m]; squared distance and side as from `beside`
+    """
+    shortest, station, side = math.inf, stations[first], 0.0
+    for k in range(first, last):
+        length = stations[k + 1] - stations[k]
+        if by_length:
+            along, away, left = beside(points, k, x, y, length, 0.0, length, length)
+        else:
+            step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+            share, away, left = beside(points, k, x, y, step_x * step_x + step_y * step_y, 0.0, 1.0, 1.0)
+            along = share * length
+        if away < shortest:
+            shortest, station, side = away, stations[k] + along, left
+    return station, shortest, side
+
+
+@compiled
+def project(points, stations, x, y, near, window):
+    """The place nearest to a point, among the pieces that lie within `window` of station `near` or reach into it.
+
+    points, stations : (m, 2 or more), and lengths along them (m,) [m]; m is at least 2
+    returns          : its station [m]; the point's distance from it [m], positive to the left
+    """
+    first = min(max(_count(stations, near - window) - 1, 0), len(stations) - 2)
+    last = first + 1
+    while last < len(stations) - 1 and stations[last] < near + window:
+        last += 1
+    station, squared, side = nearest(points, stations, first, last, x, y, True)
+    return station, math.copysign(math.sqrt(squared), side)
+
+
+@compiled
+def _count(stations, station):
+    """The number of stations up to the given one; stations (m,) rise."""
+    low, high = 0, len(stations)
+    while low < high:
+        middle = (low + high) // 2
+        if stations[middle] <= station:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+class Polyline:
+    """Points (k, 2) joined by straight lines; station 0 is at the first point.
+
+    closed: the last point joins the first, and stations wrap round.
+    """
+
+    def __init__(self, points: np.ndarray, closed: bool = False) -> None:
+        points = np.asarray(points, dtype=float)
+        if closed:
+            points = np.vstack([points, points[:1]])
+        steps = np.hypot(*np.diff(points, axis=0).T)
+        points = points[np.concatenate([[True], steps > 0])]
+        self.closed = closed
+        self.length = float(steps.sum())
+        # A closed line is laid out twice, so that no window has to wrap.
+        self.points = np.vstack([points, points[1:]]) if closed else points  # (m, 2)
+        self.stations = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.points, axis=0).T))])  # (m,)
+
+    def project(self, x: float, y: float, near: float, window: float) -> tuple[float, float]:
+        """Station of the nearest point among those within `window` of station `near`, and the offset to the left."""
+        if self.closed and window < np.inf:
+            near = near % self.length + (self.length if near % self.length < self.length / 2 else 0)
+        return project(self.points, self.stations, float(x), float(y), float(near), float(window))
+
+    def at(self, station: np.ndarray) -> np.ndarray:
+        """Points (m, 2) at stations (m,); before and after an open line, its ends."""
+        if self.closed:
+            station = np.mod(station, self.length)
+        return np.column_stack([np.interp(station, self.stations, self.points[:, i]) for i in (0, 1)])

@@ -1,0 +1,153 @@
+"""The lanes of a route: which ones it takes, where it changes them, and where it meets stop lines.
+
+Edges, lanes and links (connections of two lanes) are sumolib's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from shapely.geometry import LineString, Point
+
+from platoontraffic.errors import InputError
+from platoontraffic.road.permissions import CAR
+
+CHANGING = "change"  # state of a line where a change of lanes begins
+CHANGE_AFTER = 5.0  # distance of a lane change from the begin of its edge [lane widths]: 16 m in streets
+CHANGE_LENGTH = 12.0  # length of a change over one lane [lane widths]: 38 m, or 3 s at 13 m/s
+EARLIEST_SHARE = 0.1  # share of a short edge that precedes a lane change
+
+
+class Line(NamedTuple):
+    """A stop line: where a lane ends at a junction, and the right of way there; or where a lane change begins."""
+
+    station: float  # on the route [m]
+    state: str  # SUMO's link state: M and G have priority, m, s and w yield; or CHANGING
+    light: str  # id of the traffic light; "" if there is none
+    index: int  # of this link among those of the light
+    lane: str
+    onto: str  # lane beyond the junction, or the adjacent lane
+    via: tuple[str, ...]  # lanes inside the junction: two or more where vehicles may wait midway
+    across: float  # length of those lanes, or of the lane change [m]
+    to_end: float = 0.0  # from where a lane change begins to the lane's end [m]
+
+
+def links_between(here: Any, there: Any) -> list[Any]:
+    """The links for cars from one edge to another.
+
+    raises : InputError where there is none
+    """
+    links = here.getAllowedOutgoing(CAR).get(there, [])
+    if not links:
+        onward = ", ".join(sorted(edge.getID() for edge in here.getAllowedOutgoing(CAR)))
+        raise InputError(
+            f"no connection from edge '{here.getID()}' to '{there.getID()}'; "
+            f"it leads to: {onward or 'nothing, the road ends'}"
+        )
+    return links
+
+
+def inside(link: Any, net: Any) -> list[Any]:
+    """The lanes of a link inside the junction: one, or several in a chain where vehicles wait midway."""
+    lanes = []
+    while via := link.getViaLaneID():
+        lanes.append(net.getLane(via))
+        link = lanes[-1].getOutgoing()[0]
+    return lanes
+
+
+def least_changes(road: Sequence[Any], lane: int, last: int | None) -> list[Any]:
+    """The links from each edge to the next that cross the fewest lanes; of equal ones, those that change latest.
+
+    lane, last : index of the first lane, and of the last one if it can be reached; None: any
+    """
+    best: dict[int, tuple[int, list[Any]]] = {lane: (0, [])}  # index of the lane reached -> lanes crossed, links
+    for here, there in pairwise(road):
+        onward: dict[int, tuple[int, list[Any]]] = {}
+        for now, (crossed, links) in best.items():
+            for link in links_between(here, there):
+                cost, to = crossed + abs(link.getFromLane().getIndex() - now), link.getToLane().getIndex()
+                if to not in onward or cost < onward[to][0]:
+                    onward[to] = cost, [*links, link]
+        best = onward
+    return best[last][1] if last in best else min(best.values(), key=lambda option: option[0])[1]
+
+
+@dataclass
+class LaneRoute:
+    """The centre line of a route, put together lane by lane."""
+
+    net: Any
+    parts: list[np.ndarray] = field(default_factory=list)  # points (k, 2) of each lane [m]
+    limits: list[float] = field(default_factory=list)  # speed limit of each lane [m/s]
+    lines: list[Line] = field(default_factory=list)
+
+    def add(self, lane: Any) -> None:
+        """Append a whole lane."""
+        self.parts.append(np.array(lane.getShape()))
+        self.limits.append(lane.getSpeed())
+
+    def cross(self, lane: Any, link: Any, position: float) -> None:
+        """Append a lane, the change to the lane on which a link begins, the stop line and the junction.
+
+        position : on the lane, before which it is not changed [m]
+        """
+        points, before, change = _crossing_over(lane, link.getFromLane(), position)
+        if lane is not link.getFromLane():
+            sides = lane.getID(), link.getFromLane().getID()
+            self.lines.append(
+                Line(self._length() + before, CHANGING, "", 0, *sides, (), change, _length(points) - before)
+            )
+        self.parts.append(points)
+        self.limits.append(lane.getSpeed())
+        across = inside(link, self.net)
+        ends = link.getFromLane().getID(), link.getToLane().getID()
+        via, length = tuple(one.getID() for one in across), sum(one.getLength() for one in across)
+        signal = link.getState(), link.getTLSID(), link.getTLLinkIndex()
+        self.lines.append(Line(self._length(), *signal, *ends, via, length))
+        for one in across:
+            self.add(one)
+
+    def close(self, lane: Any) -> None:
+        """Append the first point, on the lane from which the route starts."""
+        self.parts.append(self.parts[0][:1])
+        self.limits.append(lane.getSpeed())
+
+    def joined(self) -> tuple[np.ndarray, np.ndarray, list[Line]]:
+        """Points (k, 2) [m], speed limit from each point on (k,) [m/s], stop lines."""
+        line, limit = np.concatenate(self.parts), np.repeat(self.limits, [len(part) for part in self.parts])
+        # Where one lane's last point is the first point of the next, the limit is that of the next.
+        new = np.concatenate([np.hypot(*np.diff(line, axis=0).T) > 1e-6, [True]])
+        return line[new], limit[new], self.lines
+
+    def _length(self) -> float:
+        return sum(_length(part) for part in self.parts)
+
+
+def _crossing_over(lane: Any, other: Any, position: float) -> tuple[np.ndarray, float, float]:
+    """A line along a lane that crosses over to another lane of the same edge.
+
+    position : after which it does [m]
+    returns  : its points (k, 2) [m], where the change begins [m], its length [m]
+    """
+    line, beside = LineString(lane.getShape()), LineString(other.getShape())
+    if lane is other:
+        return np.array(lane.getShape()), 0.0, 0.0
+    wanted = CHANGE_LENGTH * lane.getWidth() * abs(lane.getIndex() - other.getIndex()) / line.length
+    begin = min((position + CHANGE_AFTER * lane.getWidth()) / line.length, max(1 - wanted, EARLIEST_SHARE))
+    change = min(wanted, 1 - begin)
+    ends = [one.project(Point(p), normalized=True) for one in (line, beside) for p in one.coords]
+    share = np.unique([*ends, begin, begin + change])
+    points = shapely.line_interpolate_point(np.array([line, beside])[:, None], share, normalized=True)
+    begun, ended = shapely.get_coordinates(points).reshape(2, -1, 2)
+    points = begun + np.clip((share - begin) / change, 0.0, 1.0)[:, None] * (ended - begun)
+    return points, begin * line.length, change * line.length
+
+
+def _length(line: np.ndarray) -> float:
+    return float(np.hypot(*np.diff(line, axis=0).T).sum())
