@@ -89,6 +89,8 @@ def _check_declared(law: Law) -> None:
         raise ValueError(f"{name} declares needs = {needs!r}; must be a set of names: {known}")
     if unknown := [str(need) for need in needs if need not in NEEDS]:
         raise ValueError(f"{name} needs {', '.join(sorted(unknown))}; there is: {known}")
+    if law.drives_alone and (missing := {"route", "leads"}.difference(needs)):
+        raise ValueError(f"{name} declares drives_alone; then it must also need {' and '.join(sorted(missing))}")
     if not callable(law.desired_distance) or not callable(law.remembered_path):
         raise ValueError(f"{name}: desired_distance and remembered_path must be methods")
     if not isinstance(law.hardest_braking, int | float) or not law.hardest_braking > 0:

@@ -13,7 +13,7 @@ import numpy as np
 from platoontraffic.lidar import LaserScan, ScanBatch
 from platoontraffic.vehicles.motion import Drive, Twist
 
-# What a law may declare in `needs`, and is then given in `Sensed`: its route; the next stop line; the order to lead.
+# What a law may declare in `needs`, and is then given in `Sensed`: its route, the next stop line, the order to lead.
 NEEDS = frozenset({"route", "signals", "leads"})
 
 
@@ -28,7 +28,7 @@ class Law:
     lidar: str | None = None  # the lidar preset, where a scenario names none; None: the paper's
     native: bool = False  # SUMO's own driver model drives; the law has gains and decides nothing
     hardest_braking: float = math.inf  # it never brakes harder [m/s2]
-    drives_alone: bool = False  # it can drive its route without a predecessor, so it can be given manoeuvres
+    drives_alone: bool = False  # it drives its route when it has no predecessor, so it can be given manoeuvres
 
     def __call__(self, sensed: Sensed, memory: Any, dt: float) -> Decision:
         """The decision of n vehicles, one row each.

@@ -1,7 +1,7 @@
 """The paper's follower: Algorithm 2 of Soni & Hu, exactly as printed.
 
 Where the text is ambiguous, every reading is a named option; the default is the one that this project takes. The polar
-angle theta is pi/2 straight ahead (x to the right, y forward), since the printed `angvel = theta - 90` must vanish there.
+angle theta is pi/2 straight ahead (x to the right, y forward): the printed `angvel = theta - 90` must vanish there.
 """
 
 from __future__ import annotations
