@@ -13,13 +13,14 @@ _checkout.add_subpackages()
 _HOMES = {
     "Decision": "controllers",
     "Drive": "vehicles.motion",
+    "Law": "controllers",
     "Sensed": "controllers",
     "Target": "controllers",
     "Twist": "vehicles.motion",
     "per_vehicle": "controllers",
 }
 
-__all__ = ["Decision", "Drive", "Sensed", "Target", "Twist", "per_vehicle"]
+__all__ = ["Decision", "Drive", "Law", "Sensed", "Target", "Twist", "per_vehicle"]
 
 
 def __getattr__(name: str) -> Any:

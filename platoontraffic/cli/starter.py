@@ -1,4 +1,4 @@
-"""`platoontraffic new NAME`: a scenario with a follower of the user's own, small enough to be read at once."""
+"""`platoontraffic new NAME`: a scenario with a follower to start from, short enough to read in a minute."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SCENARIO = """\
 title = "My follower behind the paper's leader"
 
 [sumo]
-net = "lab_loop"                # a shipped network (platoontraffic list nets), or a .net.xml file
+net = "lab_loop"                # a shipped network (see: platoontraffic list nets), or a .net.xml file
 
 [run]
 duration_s = 120.0
@@ -20,33 +20,37 @@ duration_s = 120.0
 id = "robot"
 size = 3
 start = { edge = "sw_se", position_m = 1.9 }
-gap_m = 0.45
+gap_m = 0.45                    # between the bumpers, at the start
 
 [platoon.leader]
 law = "reactive"
 
 [platoon.follower]
 law = "follower:MyFollower"
-gap_m = 0.40                    # a field of the law
+gap_m = 0.40                    # a field of MyFollower
 """
 
 LAW = '''\
-"""Follow the nearest return, at a gap."""
+"""A follower that drives towards the nearest return of its laser, and stops at a gap."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from platoontraffic import Decision, Target, Twist, per_vehicle
+from platoontraffic import Decision, Law, Target, Twist, per_vehicle
 
 
 @dataclass(frozen=True)
-class MyFollower:
-    gap_m: float = 0.40          # its fields are keys of [platoon.follower] in the scenario
+class MyFollower(Law):
+    gap_m: float = 0.40          # laser to rear [m]; the fields are keys of [platoon.follower] in the scenario
     speed_gain: float = 1.0      # [1/s]
     turn_gain: float = 1.0       # [1/s]
 
-    @per_vehicle
+    def desired_distance(self, speed):
+        """The distance that it keeps at a steady speed [m]: the results then have a gap error."""
+        return self.gap_m + speed / self.speed_gain
+
+    @per_vehicle                 # written for one vehicle: a scan and floats
     def __call__(self, sensed, memory, dt):
         ranges = np.where(sensed.scan.valid(), sensed.scan.ranges, np.inf)
         nearest = ranges.argmin()
@@ -59,7 +63,10 @@ class MyFollower:
 
 
 def write_starter(folder: Path) -> Path:
-    """raises: InputError if the name is no name, or the folder is there already"""
+    """Make a folder with a scenario and a law in it.
+
+    raises: InputError if its name cannot be that of a scenario, or if it exists or cannot be written
+    """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", folder.name):
         raise InputError(f"argument 1: {folder.name!r}: must begin with a letter, then letters, digits, _ or -")
     try:
@@ -67,7 +74,7 @@ def write_starter(folder: Path) -> Path:
         (folder / f"{folder.name}.toml").write_text(SCENARIO, encoding="utf-8")
         (folder / "follower.py").write_text(LAW, encoding="utf-8")
     except FileExistsError:
-        raise InputError(f"argument 1: {folder} is there already; nothing was changed") from None
+        raise InputError(f"argument 1: {folder} exists already; nothing was changed") from None
     except OSError as error:
         raise InputError(f"argument 1: {folder}: {error.strerror}") from error
     return folder

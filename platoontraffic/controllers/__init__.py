@@ -1,17 +1,27 @@
-"""Control laws: one file a law. A law turns what a vehicle senses into a command.
+"""Control laws, one file for each. A law turns what a vehicle senses into a command.
 
-A law is a frozen dataclass of its gains with
+A law is a frozen dataclass of its gains, derived from `Law`, with
 
     __call__(sensed: Sensed, memory, dt) -> Decision
 
-written over rows: every array has one row a vehicle that drives by this law. What it remembers it returns and is given
-back at the next call (`None` at the first); it must keep nothing elsewhere. A law written for one vehicle is lifted to
-rows by `@per_vehicle` on its `__call__`.
+written over rows: every array has one row for each vehicle that drives by this law. It returns what it remembers and is
+given that at the next call (`None` at the first); it keeps nothing elsewhere and changes nothing that it is given. A
+law written for one vehicle is lifted to rows by `@per_vehicle` on its `__call__`.
 
-What a law is given is the scan, its vehicle's own motion and its size. More has to be declared:
-`needs = {"route", "signals"}`.
+A law is given the scan, its vehicle's own motion and its size. It declares whatever else it needs, and what it can do:
+see `Law`.
 """
 
-from platoontraffic.controllers.law import CLOSED_BY, Body, Decision, RouteAhead, Sensed, Signals, Target, per_vehicle
+from platoontraffic.controllers.law import (
+    CLOSED_BY,
+    Body,
+    Decision,
+    Law,
+    RouteAhead,
+    Sensed,
+    Signals,
+    Target,
+    per_vehicle,
+)
 
-__all__ = ["CLOSED_BY", "Body", "Decision", "RouteAhead", "Sensed", "Signals", "Target", "per_vehicle"]
+__all__ = ["CLOSED_BY", "Body", "Decision", "Law", "RouteAhead", "Sensed", "Signals", "Target", "per_vehicle"]

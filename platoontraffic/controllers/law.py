@@ -1,7 +1,8 @@
-"""What every law is given and gives."""
+"""The law: what every control law declares, what it is given and what it gives."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
@@ -11,6 +12,42 @@ import numpy as np
 
 from platoontraffic.lidar import LaserScan, ScanBatch
 from platoontraffic.vehicles.motion import Drive, Twist
+
+# What a law may declare in `needs`, and is then given in `Sensed`: its route, the next stop line, the order to lead.
+NEEDS = frozenset({"route", "signals", "leads"})
+
+
+class Law:
+    """A control law: a frozen dataclass of its gains that turns what n vehicles sense into their commands.
+
+    It is a function: equal `sensed` and memory give equal decisions, and it changes neither. What it declares beside
+    `__call__` has these defaults.
+    """
+
+    needs: frozenset[str] = frozenset()  # of NEEDS: what it is given beside scan, own motion and body
+    lidar: str | None = None  # the lidar preset, where a scenario names none; None: the paper's
+    native: bool = False  # SUMO's own driver model drives; the law has gains and decides nothing
+    hardest_braking: float = math.inf  # it never brakes harder [m/s2]
+    drives_alone: bool = False  # it drives its route when it has no predecessor, so it can be given manoeuvres
+
+    def __call__(self, sensed: Sensed, memory: Any, dt: float) -> Decision:
+        """The decision of n vehicles, one row each.
+
+        memory : of the last decision; None at the first
+        dt     : since the last decision [s]
+        """
+        raise NotImplementedError
+
+    def desired_distance(self, speed: np.ndarray) -> np.ndarray:
+        """Distance from laser to the predecessor's rear that it keeps at steady speeds [m], (n,); NaN: none."""
+        return np.full(np.shape(speed), np.nan)
+
+    def remembered_path(self, memory: Any) -> np.ndarray | None:
+        """The path that it remembers to drive, to be recorded and drawn; None if it remembers none.
+
+        returns: points as seen from the driven axle, x forward, y to the left [m], (n, k, 2); NaN where there are fewer
+        """
+        return None
 
 
 class Body(NamedTuple):
@@ -22,7 +59,7 @@ class Body(NamedTuple):
 
 
 class RouteAhead(NamedTuple):
-    """The given route from beside the driven axle on: rows (n, ...) of k points, or one vehicle's row."""
+    """The given route from the driven axle on, as k points: rows (n, ...), or one vehicle's row."""
 
     distance: np.ndarray  # of the points, along the route [m], (n, k); from 0 on, close together at first
     points: np.ndarray  # as seen from the driven axle, x forward, y to the left [m], (n, k, 2)
@@ -37,25 +74,26 @@ class Signals(NamedTuple):
     """The next stop line on the given route: rows (n,), or one vehicle's row."""
 
     distance: np.ndarray  # from the front bumper [m]; inf: there is none
-    open: np.ndarray  # lights, right of way and the queue behind the junction let this vehicle pass now, bool
-    minor: np.ndarray  # it has to give way there, bool
-    changing: np.ndarray  # closed, but it need not be stopped for by who cannot in comfort (yellow), bool
+    open: np.ndarray  # light, right of way and the queue behind the junction let this vehicle pass now, bool
+    minor: np.ndarray  # this vehicle has to give way there, bool
+    changing: np.ndarray  # closed (yellow), but a vehicle that cannot stop in comfort may pass, bool
     reason: np.ndarray  # why it is closed, or would be: an index of CLOSED_BY
 
 
 @dataclass(frozen=True)
 class Sensed:
-    """What a law is given: rows (n, ...), or one vehicle's row."""
+    """What a law is given: rows (n, ...), or one vehicle's row. The last three only if it declares them in `needs`."""
 
     scan: ScanBatch | LaserScan
     speed: np.ndarray  # own, by odometry [m/s], (n,)
     yaw_rate: np.ndarray  # own, to the left [rad/s], (n,)
     body: Body | None = None
-    route: RouteAhead | None = None  # to those that declare it in `needs`
-    signals: Signals | None = None  # same
-    leads: np.ndarray | None = None  # told to follow nobody, bool (n,)
+    route: RouteAhead | None = None
+    signals: Signals | None = None
+    leads: np.ndarray | None = None  # ordered to follow no vehicle, bool (n,)
 
     def row(self, i: int) -> Sensed:
+        """What one vehicle senses: a `LaserScan` and floats."""
         body, route, signals = (
             record and type(record)(*(values[i] for values in record))
             for record in (self.body, self.route, self.signals)
@@ -75,12 +113,10 @@ NO_TARGET = Target(np.nan, np.nan)
 
 
 class Decision(NamedTuple):
-    """A command; what to remember; and what was taken for the predecessor, from which lock-on is measured.
+    """A command, what to remember, and what was taken for the predecessor, from which lock-on is measured.
 
-    What is remembered is None, or arrays, lists, NamedTuples or dataclasses of them, with one row a vehicle: vehicles
-    that arrive are taken out of it. A law that remembers a path to drive may tell it, for those who watch, by a method
-    `remembered_path(memory)`: points as seen from the driven axle, x forward, y to the left [m], (n, k, 2); NaN where
-    there are fewer.
+    The memory is None, or arrays, lists, NamedTuples or dataclasses of them, with one row for each vehicle: the rows of
+    vehicles that arrive are taken out.
     """
 
     command: Twist | Drive

@@ -7,19 +7,21 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
+from platoontraffic.controllers.law import Law
 from platoontraffic.vehicles.motion import Positive
 
 
 @dataclass(frozen=True)
-class SumoDriver:
-    """SUMO's own driver: follows cars, changes lanes, obeys lights and right of way. It is read, not moved.
+class SumoDriver(Law):
+    """SUMO's own driver: follows cars, changes lanes, obeys lights and right of way. Its motion is read, not set.
 
-    It has no laser and decides nothing here. Who has followers stays on the lane on which it has overtaken, for those
-    would come back before whom they have not yet passed. Where it drives, lane changes take 3 s (`sumo.lane_change_s`).
+    It has no laser and decides nothing in this package. With followers behind it, it stays on the lane on which it
+    overtook: changing back would put its followers beside a vehicle that they have not yet passed. On roads with such a
+    driver, a lane change takes 3 s (`sumo.lane_change_s`).
     """
 
     needs: ClassVar[frozenset[str]] = frozenset({"route"})
-    native: ClassVar[bool] = True  # SUMO moves it
+    native: ClassVar[bool] = True
 
     max_speed: Annotated[Positive, Field(alias="max_speed_mps")] = 50.0
-    speed_factor: Positive = 1.0  # of the limit that it drives at, where it may
+    speed_factor: Positive = 1.0  # its speed by the limit, on a free road

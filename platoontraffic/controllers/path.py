@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers.closing import closing_speed
-from platoontraffic.controllers.law import Decision, Sensed
+from platoontraffic.controllers.law import Decision, Law, Sensed
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
 from platoontraffic.vehicles.motion import Drive, Positive
 
@@ -33,7 +33,7 @@ class Memory(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PathLeader:
+class PathLeader(Law):
     """Drives its route's lanes by pure pursuit, at the speed of a profile, as far as bends, lights and others allow.
 
     Steering  : the arc through the point of the path one lookahead away: curvature = 2 y / (x^2 + y^2) (R. C. Coulter,

@@ -1,7 +1,7 @@
 """The paper's follower: Algorithm 2 of Soni & Hu, exactly as printed.
 
-Where the text is open, every reading is a named option; the default is the one taken by this project. The polar angle
-theta has straight ahead at pi/2 (x to the right, y forward), since the printed `angvel = theta - 90` must vanish there.
+Where the text is ambiguous, every reading is a named option; the default is the one that this project takes. The polar
+angle theta is pi/2 straight ahead (x to the right, y forward): the printed `angvel = theta - 90` must vanish there.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.law import Decision, Sensed, Target
+from platoontraffic.controllers.law import Decision, Law, Sensed, Target
 from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.vehicles.motion import Positive, Twist
 
@@ -24,22 +24,23 @@ FAR = 1e9  # stands for infinity where neighbours are subtracted [m]
 
 
 class Middle(NamedTuple):
-    """The middle of the predecessor's rear in the paper's polar coordinates, (n,) each; NaN where none is seen."""
+    """The middle of the predecessor's rear in the paper's polar coordinates. Arrays (n,); NaN where none is seen."""
 
-    distance: np.ndarray
-    theta: np.ndarray  # polar angle; straight ahead at pi/2
+    distance: np.ndarray  # from the laser [m]
+    theta: np.ndarray  # polar angle [rad]; pi/2 straight ahead
 
 
 def points(model: LidarModel, ranges: np.ndarray, beams: np.ndarray) -> np.ndarray:
-    """Returns of some beams, ranges and beams (...), as points (2, ...), x to the right and y forward of the laser."""
+    """Returns of some beams, ranges [m] and beams (...), as points (2, ...): x to the right, y forward of the laser."""
     theta = model.angle_min + model.angle_increment * beams + np.pi / 2
     return ranges * np.stack([np.cos(theta), np.sin(theta)])
 
 
 def edges(model: LidarModel, ranges: np.ndarray, rule: str = "absolute") -> tuple[np.ndarray, np.ndarray]:
-    """Scans s and indices i, in order, of the edges between beam i and beam i + 1: lines 1-16 of Algorithm 2.
+    """Scans s and beams i, in order, with an edge between beam i and beam i + 1: lines 1-16 of Algorithm 2.
 
-    ranges : of all scans, (n, k)
+    ranges : of all scans [m], (n, k)
+    rule   : "absolute" or "signed": the edges are steps of either sign, or those outwards only
     """
     step = np.diff(ranges)
     s, i = np.nonzero((np.abs(step) if rule == "absolute" else step) > EDGE_STEP)
@@ -49,7 +50,10 @@ def edges(model: LidarModel, ranges: np.ndarray, rule: str = "absolute") -> tupl
 
 
 def first_two(scans: np.ndarray, beams: np.ndarray, n: int) -> np.ndarray:
-    """The first two edges of each of n scans, (2, n); -1 where it has fewer."""
+    """The first two edges of each of n scans, (2, n); -1 where a scan has fewer.
+
+    scans, beams : of all edges, in order, (m,)
+    """
     place = np.arange(len(scans)) - np.searchsorted(scans, scans)  # of an edge among those of its scan
     counts = place < 2
     two = np.full((2, n), -1)
@@ -60,7 +64,7 @@ def first_two(scans: np.ndarray, beams: np.ndarray, n: int) -> np.ndarray:
 def middle(model: LidarModel, ranges: np.ndarray, ends: np.ndarray) -> Middle:
     """Midway between the returns of two beams: lines 17-19 and 21.
 
-    ranges : of all scans, (n, k)
+    ranges : of all scans [m], (n, k)
     ends   : the two beams of each scan, (2, n); -1: none
     """
     returns = np.where(ends < 0, np.nan, ranges[np.arange(len(ranges)), ends])
@@ -69,20 +73,20 @@ def middle(model: LidarModel, ranges: np.ndarray, ends: np.ndarray) -> Middle:
 
 
 def arc_speed(distance: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Lines 23-24: r = D / (2 sin(theta/2)), v = r theta."""
+    """Lines 23-24: r = D / (2 sin(theta/2)), v = r theta [m/s]. Arrays (n,)."""
     theta = np.where(theta == 0, NEARLY_ZERO, theta)
     return distance * theta / (2 * np.sin(theta / 2))
 
 
 @dataclass(frozen=True)
-class PrintedFollower:
+class PrintedFollower(Law):
     """Follows the middle between the first two edges of the scan (Algorithm 2).
 
     Straight ahead this is a constant-time-headway law: v = 1.1107 D, headway 0.900 s, no stand-off.
     """
 
     edge: Literal["absolute", "signed"] = "absolute"  # signed, as printed: range[i+1] - range[i] > 0.5
-    no_return: Literal["range_max", "infinity"] = "range_max"  # the value of a beam that met nothing
+    no_return: Literal["range_max", "infinity"] = "range_max"  # the range of a beam without a return
     yaw_unit: Literal["rad", "deg"] = "rad"  # deg: theta - 90 in degrees taken as rad/s
     angle_in_speed: Literal["polar", "bearing"] = "polar"  # theta in lines 23-24
     on_loss: Literal["stop", "hold"] = "stop"  # with fewer than two edges
@@ -108,5 +112,5 @@ class PrintedFollower:
         return middle(scan.model, ranges, np.where(second < 0, -1, (first + 1, second)))
 
     def desired_distance(self, speed):
-        """Distance from laser to rear at which a steady speed is kept straight ahead [m]."""
+        """Distance from laser to rear that holds a steady speed straight ahead [m]."""
         return speed / (SPEED_GAIN if self.angle_in_speed == "polar" else 1.0)

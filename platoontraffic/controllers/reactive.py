@@ -8,14 +8,14 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.law import Decision, Sensed
+from platoontraffic.controllers.law import Decision, Law, Sensed
 from platoontraffic.vehicles.motion import Positive, Twist
 
 
 def rule(front: np.ndarray, front_left: np.ndarray, front_right: np.ndarray) -> np.ndarray:
     """Number of the rule of Algorithm 1 that applies, by the smallest range [m] in three of the five sectors, (n,).
 
-    The rules stand in the paper's order. Rule 5 can never apply, since rule 1 takes all its cases; rule 7 can hold for
+    The rules are in the paper's order. Rule 5 never applies, since rule 1 takes all its cases; rule 7 can apply for
     ever, for example with front > 2 and front_left < 1.
     """
     rules = [
@@ -34,7 +34,7 @@ ACTIONS = np.array([(1, 0), (1, 0), (0, -1), (0, -1), (0, +1), (0, -1), (0, 0)])
 
 
 @dataclass(frozen=True)
-class ReactiveLeader:
+class ReactiveLeader(Law):
     """Keeps to the right lane and turns left at walls, by five sectors of its scan (Algorithm 1).
 
     The sign of the turn: the text has the robot turn *left* at a wall, and the rules print an angular velocity of

@@ -1,12 +1,12 @@
-"""The paper's follower with what it needs to do what the paper's Fig. 6 shows.
+"""The paper's follower with three repairs, which make it drive as the paper's Fig. 6 shows.
 
-Three repairs of Algorithm 2, each switchable; with all of them off the law is the printed one.
+The repairs of Algorithm 2 can be switched off one by one; without all three the law is the printed one.
 
-nearest_group   The predecessor is the nearest group of neighbouring returns, not what lies between the first two steps
-                of 0.5 m. The printed edges exist only while the predecessor is nearer than range_max - 0.5 m.
-visible_middle  The border of the field of view counts as an end of the predecessor: its middle is that of the part in
-                sight. As printed both rear corners must be seen, which fails nearer than width / (2 tan 11.5 deg).
-stand_off       v = 1.1107 (D - stand_off). As printed the wanted distance at 0.1 m/s is 0.09 m, where the laser is
+nearest_group   The predecessor is the nearest group of neighbouring returns, not the part of the scan between the first
+                two steps of 0.5 m. The printed edges exist only while it is nearer than range_max - 0.5 m.
+visible_middle  The border of the field of view counts as an end of the predecessor: the middle is that of its visible
+                part. As printed both rear corners must be seen, which fails nearer than width / (2 tan 11.5 deg).
+stand_off       v = 1.1107 (D - stand_off). As printed the distance kept at 0.1 m/s is 0.09 m, where the laser is
                 blind.
 """
 
@@ -18,7 +18,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.law import Decision, Sensed, Target
+from platoontraffic.controllers.law import Decision, Law, Sensed, Target
 from platoontraffic.controllers.printed import (
     SPEED_GAIN,
     SUFFICIENT_DISTANCE,
@@ -33,7 +33,7 @@ from platoontraffic.vehicles.motion import Positive, Twist
 
 
 @dataclass(frozen=True)
-class RepairedFollower:
+class RepairedFollower(Law):
     """Follows the middle of the visible part of the nearest group of returns, at a stand-off."""
 
     nearest_group: bool = True
@@ -62,17 +62,17 @@ class RepairedFollower:
     def _nearest_group(self, scan: ScanBatch) -> tuple[np.ndarray, np.ndarray]:
         """Ranges (n, k), and the first and last beam of the run of neighbouring returns around the nearest, (2, n)."""
         n, k = scan.ranges.shape
-        # One scan after the other in a line, a miss before each and behind the last, so that no run reaches over.
+        # All scans in one line, a miss before each and after the last, so that no run reaches into the next scan.
         table = np.full((n + 1, k + 1), np.inf)
         table[:n, 1:] = scan.ranges
         table[table == -np.inf] = scan.model.range_min
         line = table.ravel()
-        lost = np.isnan(line)  # tells nothing, and parts nothing: as if the return before it came again
+        lost = np.isnan(line)  # an erroneous return ends no group: it repeats the return before it
         again = before(lost)
         line[lost] = line[again]
 
         nearest = table[:n].argmin(axis=1)
-        met = np.flatnonzero(nearest)  # the others have nothing nearer than the miss before them
+        met = np.flatnonzero(nearest)  # scans with a return; in the others the miss before them is the nearest
         with np.errstate(invalid="ignore"):  # from miss to miss inf - inf is NaN, which is no step
             step = np.diff(line)
         breaks = np.flatnonzero(np.abs(step, out=step) > self.group_step)
@@ -89,7 +89,7 @@ class RepairedFollower:
     def _between_edges(self, scan: ScanBatch) -> tuple[np.ndarray, np.ndarray]:
         """Ranges (n, k), and the first and last beam between the first two edges of Algorithm 2, (2, n).
 
-        Borders of the view are counted if wanted.
+        The borders of the view count as edges if `visible_middle` is set.
         """
         ranges = scan.filled()
         n, k = ranges.shape
@@ -97,8 +97,8 @@ class RepairedFollower:
         if not self.visible_middle:
             return ranges, np.where(second < 0, -1, (first + 1, second))
         rows, none = np.arange(n), first < 0
-        whole = none & (scan.ranges < np.inf).all(axis=1)  # every beam met something, be it too close to be measured
-        # A first edge that steps out, away from the robot, is the far end of something cut by the border.
+        whole = none & (scan.ranges < np.inf).all(axis=1)  # every beam has a return, or is blocked
+        # A first edge outwards, away from the robot, is the far end of an object that the border cuts.
         out = ranges[rows, first + 1] > ranges[rows, first]
         return ranges, np.stack(
             [
@@ -108,15 +108,15 @@ class RepairedFollower:
         )
 
     def desired_distance(self, speed):
-        """Distance from laser to rear at which a steady speed is kept straight ahead [m]."""
+        """Distance from laser to rear that holds a steady speed straight ahead [m]."""
         return self.stand_off + speed / SPEED_GAIN
 
 
 def before(lost: np.ndarray) -> np.ndarray:
-    """Place of the last return before each lost one, (m,).
+    """Index of the last sound return before each lost one, (m,).
 
-    lost : which returns of a line are, (k,) bool; not the first
+    lost : mask of the lost returns of a line, (k,); the first return is sound
     """
     places = np.flatnonzero(lost)
-    begins = np.diff(places, prepend=-1) > 1  # of those side by side
+    begins = np.diff(places, prepend=-1) > 1  # of a run of lost returns
     return np.maximum.accumulate(np.where(begins, places, 0)) - 1

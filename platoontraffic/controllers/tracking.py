@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers.closing import closing_speed
-from platoontraffic.controllers.law import Decision, Sensed, Target
+from platoontraffic.controllers.law import Decision, Law, Sensed, Target
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracker.track import ACCELERATION, OVERHANG, SPEED, Odometry, Track
 from platoontraffic.controllers.tracker.trail import Ahead, Trail
@@ -54,7 +54,7 @@ class Memory(NamedTuple):
 
 
 @dataclass(frozen=True)
-class TrackingFollower:
+class TrackingFollower(Law):
     """Tracks its predecessor by laser, drives in its trail, and keeps a time headway.
 
     1. The groups of returns in the scan correct an extended Kalman filter of the predecessor's motion, in the frame of
@@ -110,8 +110,12 @@ class TrackingFollower:
     @property
     def needs(self) -> frozenset[str]:
         if self.on_loss == "drive":
-            return frozenset({"route", "signals"})
+            return frozenset({"route", "signals", "leads"})
         return frozenset({"signals"} if self.policy == "obey" else ())
+
+    @property
+    def drives_alone(self) -> bool:
+        return self.on_loss == "drive"
 
     def desired_distance(self, speed):
         """From laser to rear at a steady speed [m]."""

@@ -42,23 +42,13 @@ class Encounter(NamedTuple):
 
 
 def reaction(member: Member) -> float:
-    """From what the laser could see to full braking [s].
-
-        T = T_scan + T_brake + b / 2 j
-
-    One scan; the lag of the brakes; and half of the time in which they, with jerk j, come up to b. A robot's wheels
-    obey at once.
-    """
-    scan, model = 1 / member.lidar.rate, member.model
-    if not hasattr(model, "max_braking"):
-        return scan
-    return scan + model.brake_lag + hardest(member) / (2 * model.max_jerk)
+    """Time from what the laser could see to full braking [s]: one scan, and the delay of the vehicle's brakes."""
+    return member.model.braking_delay(1 / member.lidar.rate, hardest(member))
 
 
 def hardest(member: Member) -> float:
-    """Braking that its vehicle has and its law uses [m/s2]; of a robot inf."""
-    most = getattr(member.model, "max_braking", math.inf)
-    return min(most, getattr(member.law, "hardest_braking", most))
+    """Braking that its vehicle has and its law uses [m/s2]; inf if both stop at once."""
+    return min(member.model.hardest_braking, member.law.hardest_braking)
 
 
 def stopping_distance(speed: float, member: Member) -> float:

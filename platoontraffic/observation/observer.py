@@ -15,6 +15,7 @@ import shapely
 
 from platoontraffic.controllers import Signals
 from platoontraffic.geometry.driven_paths import DrivenPaths, compiled
+from platoontraffic.controllers.calls import desired_distance
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.laserscan import NO_HIT
 from platoontraffic.observation.splits import NEAR_MORE, NEAR_TIMES, Splits
@@ -22,7 +23,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.vehicles.motion import FULL_SIZE, scale
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.events import Event, Noted
-from platoontraffic.world.fleet import Fleet, Member, desired_distance
+from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
 
 # Details of a collision that is not the member's fault.
@@ -183,7 +184,7 @@ class Observer:
         for i in np.flatnonzero(~self._here[before.number]) if before else ():
             member = self._members[before.number[i]]
             where = before.x[i], before.y[i], before.roads[i][0]
-            how = "" if member.place == 0 or member.knows_its_way else "with its leader"
+            how = "" if member.place == 0 or member.arrives_alone else "with its leader"
             yield Event(traffic.time, "arrived", member.id, "", *where, np.nan, how)
         if before is None or not np.array_equal(number, before.number):
             self._laws = _by_law(fleet.members)
@@ -471,11 +472,10 @@ def _beams_across(row, other, boxes, eye, directions, range_max):
 
 
 def _by_law(members: Sequence[Member]) -> list[tuple[Any, np.ndarray]]:
-    """Laws that name a distance that they want, and the rows of those who have them."""
+    """Laws, and the rows of the members that have each."""
     rows: dict[Any, list[int]] = {}
     for i, m in enumerate(members):
-        if callable(getattr(m.law, "desired_distance", None)):
-            rows.setdefault(m.law, []).append(i)
+        rows.setdefault(m.law, []).append(i)
     return [(law, np.array(of_law)) for law, of_law in rows.items()]
 
 
@@ -487,5 +487,5 @@ def _wanted_distance(laws: list[tuple[Any, np.ndarray]], fleet: Fleet) -> np.nda
         try:
             wanted[rows] = law.desired_distance(speed)
         except Exception:  # it takes one speed at a time; or it fails, then again here, and that is said
-            wanted[rows] = [desired_distance(fleet.members[i], v) for i, v in zip(rows, speed, strict=True)]
+            wanted[rows] = [desired_distance(law, v) for v in speed]
     return wanted

@@ -61,7 +61,7 @@ def provenance(scenario: Scenario) -> dict[str, Any]:
         "platform": platform.platform(),
         "packages": {name: version(name) for name in _PACKAGES},
         "given_to_laws": {
-            f"platoon.{i}.{role}": ["scan", "own motion", *sorted(getattr(law, "needs", ()))]
+            f"platoon.{i}.{role}": ["scan", "own motion", *sorted(law.needs)]
             for (i, role), law in scenario.laws.items()
         },
     }

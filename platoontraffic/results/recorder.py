@@ -275,7 +275,7 @@ class Recorder:
         rows: list[tuple] = []
         for m in sorted(members, key=lambda m: (m.platoon, m.place)):
             mount = m.lidar.mount
-            laser = (None,) * 3 if getattr(m.law, "native", False) else (mount.x, mount.y, mount.yaw)
+            laser = (None,) * 3 if m.law.native else (mount.x, mount.y, mount.yaw)
             rows.append((m.id, m.platoon, m.place, m.model.length, m.model.width, *laser))
         rows += [(vehicle, "", None, *size, None, None, None) for vehicle, size in self._others.items()]
         self.write_table("vehicles.csv", rows, VEHICLES)

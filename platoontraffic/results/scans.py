@@ -94,10 +94,11 @@ class ScanRecorder:
 
     def _remembered(self, group: Group) -> np.ndarray:
         """Paths (n, k, 2) as seen from the driven axles."""
-        if not hasattr(group.law, "remembered_path"):
+        path = group.law.remembered_path(group.memory)
+        if path is None:
             return np.empty((len(group.rows), 0, 2))
         self._remembering = True
-        return group.law.remembered_path(group.memory)
+        return path
 
     def flush(self) -> None:
         self._raw.flush()

@@ -40,7 +40,7 @@ def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
         options["scale"] = str(demand * float(options.get("scale", 1)))  # of what the configuration asks for
     if scenario.spec.sumo.lane_change_s is not None:
         options["lanechange.duration"] = str(scenario.spec.sumo.lane_change_s)
-    elif "lateral-resolution" not in options and any(getattr(law, "native", False) for law in scenario.laws.values()):
+    elif "lateral-resolution" not in options and any(law.native for law in scenario.laws.values()):
         options.setdefault("lanechange.duration", CHANGES_LANES_IN)
     options |= {option: str(_inside(folder, name)) for option, name in (config.outputs if config else {}).items()}
     options.setdefault(SSM, str(folder / "sumo_ssm.xml"))

@@ -31,7 +31,8 @@ from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
 from platoontraffic import shipped
 from platoontraffic.controllers.gains import keys_of, law_of, with_files
-from platoontraffic.controllers.registry import Law, find_law, plug_in_file
+from platoontraffic.controllers.law import Law
+from platoontraffic.controllers.registry import FoundLaw, find_law, plug_in_file
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
 from platoontraffic.road.network import Network
@@ -40,7 +41,7 @@ from platoontraffic.road.sumo_files import id_clashes
 from platoontraffic.scenario import obstacle_tables, toml_lines
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
-from platoontraffic.vehicles.motion import DifferentialDrive
+from platoontraffic.vehicles.differential import DifferentialDrive
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 
 Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -50,7 +51,6 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Lag = Annotated[float, Field(ge=0, allow_inf_nan=False)]  # [s]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 
-NEEDS = frozenset({"route", "signals"})  # what a law may declare beside scan and own motion
 
 START_GAPS = {DifferentialDrive: 0.5, Car: 2.5}  # [m]; SUMO's cars stand 2.5 m apart (minGap)
 
@@ -535,9 +535,9 @@ class Scenario:
         return table
 
 
-def default_preset(role: str, law: Any) -> str:
+def default_preset(role: str, law: Law | type[Law]) -> str:
     """The lidar of a driver that names none: that of its law, or else the paper's."""
-    return getattr(law, "lidar", f"paper-{role}")
+    return law.lidar or f"paper-{role}"
 
 
 def load(
@@ -678,7 +678,7 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
         except InputError as error:
             raise InputError(*(f"{place(('sumo', 'config'))}: sumo.config: {one}" for one in error.faults)) from error
     net = config.net if config else nets.get(spec.sumo.net, folder / spec.sumo.net)
-    found: dict[str, Law] = {}  # one class a name, so that members may share a call
+    found: dict[str, FoundLaw] = {}  # one class a name, so that members may share a call
     sources: set[Path] = set()
     if not net.is_file():
         what = "no such file, nor a shipped network"
@@ -748,13 +748,11 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 continue
             if file := plug_in_file(driver.law, folder):
                 plug_ins[i, role] = file
-            needs = frozenset(getattr(laws[i, role], "needs", ()))
-            if unknown := sorted(needs - NEEDS):
-                fault((*at, "law"), f"{driver.law!r} needs {', '.join(unknown)}; there is: {', '.join(sorted(NEEDS))}")
+            needs = frozenset(laws[i, role].needs if laws[i, role] else ())
             if needs & {"route", "signals"} and not platoon.route and not platoon.to:
                 ways = f"platoon.{i}.route, the edges to drive, or platoon.{i}.to, the last of them"
                 fault((*at, "law"), f"{driver.law!r} needs {ways}")
-            if getattr(kind, "native", False):  # SUMO drives, without a laser
+            if kind.native:  # SUMO drives, without a laser
                 if role == "follower":
                     fault((*at, "law"), f"{driver.law!r} follows nobody; must be a law that drives by its scan")
                 continue
@@ -780,7 +778,7 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
             fault((table, i, "time_s"), f"{one.time_s:g}: {one.vehicle} departs at {departs:g}; must not be earlier")
     for i, one in enumerate(spec.breakdown):
         law = laws.get((members.get(one.vehicle, -1), "leader" if one.vehicle.endswith(".0") else "follower"))
-        if one.what == "laser" and getattr(law, "native", False):
+        if one.what == "laser" and law is not None and law.native:
             fault(("breakdown", i, "what"), f"'laser': {one.vehicle} has none, SUMO drives it; must be 'drive'")
         if one.lasts_s is not None and one.lasts_s < spec.run.step_s:
             fault(("breakdown", i, "lasts_s"), f"{one.lasts_s:g}: must be a step or more, {spec.run.step_s:g}")
@@ -803,10 +801,12 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 fault((*at, "vehicle"), f"{told.vehicle!r}: leads already; must be a follower")
                 continue
             law = laws.get((members[told.vehicle], role))
-            if law is not None and getattr(law, "on_loss", "") != "drive":
+            if law is not None and not law.drives_alone:
                 which = f"platoon.{members[told.vehicle]}.{role}"
                 fault(
-                    (*at, "vehicle"), f"{told.vehicle!r}: {which} cannot drive alone; must be tracking, on_loss drive"
+                    (*at, "vehicle"),
+                    f"{told.vehicle!r}: the law of {which} cannot drive alone; manoeuvres need one that can: "
+                    'law = "tracking" with on_loss = "drive", or a law that declares drives_alone',
                 )
     if faults:
         raise InputError(*faults)

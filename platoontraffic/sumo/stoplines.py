@@ -82,11 +82,12 @@ class StopLines:
 
         roads: edge and lane of each member
         """
-        front = fleet.station + (fleet.model.length / 2 - fleet.model.axle)[fleet.routed]
+        progress = fleet.progress
+        front = progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]
         asking = [
             (i, station)
-            for i, station in zip(fleet.routed.tolist(), front.tolist(), strict=True)
-            if "signals" in getattr(fleet.members[i].law, "needs", ())
+            for i, station in zip(progress.rows.tolist(), front.tolist(), strict=True)
+            if "signals" in fleet.members[i].law.needs
         ]
         if not asking:
             return None

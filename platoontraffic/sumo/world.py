@@ -355,7 +355,7 @@ class World:
         gone |= {
             member.id
             for member, head in zip(fleet.members, heads.tolist(), strict=True)
-            if fleet.members[head].id in gone and not member.knows_its_way
+            if fleet.members[head].id in gone and not member.arrives_alone
         }
         for name in sorted(gone - out):
             libsumo.vehicle.remove(name, libsumo.constants.REMOVE_ARRIVED)
@@ -461,7 +461,7 @@ class World:
         kind = f"platoontraffic.{member.id}"
         model = member.model
         self._make_type(kind, model.length, model.width)
-        if getattr(member.law, "native", False):
+        if member.law.native:
             libsumo.vehicletype.setSpeedFactor(kind, member.law.speed_factor)
             libsumo.vehicletype.setMaxSpeed(kind, min(member.law.max_speed, model.top_speed))
             libsumo.route.add(kind, self._onward(member, member.edge))

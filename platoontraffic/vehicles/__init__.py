@@ -1,1 +1,1 @@
-"""Vehicles: how commands become motion, and what they know of it."""
+"""Vehicles: how commands become motion, and the motion that vehicles measure of themselves."""

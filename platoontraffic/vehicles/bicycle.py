@@ -1,16 +1,18 @@
 """Motion of cars, vans and trucks: a kinematic bicycle with a drive line, for many vehicles at once.
 
-World frame: x east, y north, heading counter-clockwise from east. The pose is that of the centre of the footprint; the
-point that the equations move is the middle of the rear axle. Everything is SI and radians. With rear axle (x, y),
-heading psi, speed v, acceleration a, steering angle delta, wheelbase L:
+Frames and units are those of `motion`. The pose is that of the centre of the footprint; the point that the equations
+move is the middle of the rear axle. For the rear axle (x, y), heading psi, speed v, acceleration a, steering angle
+delta and wheelbase L:
 
     x' = v cos psi     y' = v sin psi     psi' = v tan(delta) / L     v' = a = drive - brake
     drive' = (max(demand, 0) - drive) / lag                |drive'| <= max_jerk
     brake' = (max(-demand, 0) - brake) / brake_lag         |brake'| <= max_jerk
-    delta' = (demand of angle - delta) / steering_lag      |delta'| <= max_steering_rate
+    delta' = (demanded angle - delta) / steering_lag       |delta'| <= max_steering_rate
 
 The wheels do not slip, so nothing bounds the lateral acceleration: see `lateral_acceleration`. Road, load and wind are
 not modelled: an acceleration of 0 keeps the speed, as a car's own lower controller would.
+
+The formulas of a demand are in `bicycle_formulas`, their integration in `bicycle_kernel`.
 
 [Rajamani] Vehicle Dynamics and Control, 2nd ed. 2012: 2.2 the bicycle, 5.3 the lag between demand and acceleration.
 [Polack]   Polack, Altché, d'Andréa-Novel, de La Fortelle: The kinematic bicycle model: a consistent model for planning
@@ -22,26 +24,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from platoontraffic.lidar.pose import wrap
-from platoontraffic.vehicles.motion import Command, Drive, Motion, Positive, Twist
-
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+from platoontraffic.vehicles import bicycle_formulas
+from platoontraffic.vehicles.motion import Command, Drive, Motion, NotNegative, Positive, Twist
 
 SUBSTEP = 0.025  # longest step of the integration [s]; of second order: 2 mm after 8 s of hard driving
-CRAWL = 0.5  # [m/s]; slower than this a yaw rate is not turned into ever more steering
 
 
 @dataclass(frozen=True)
 class Car:
     """A vehicle steered by its front wheels, with a drive line that lags behind its command.
 
-    Each field is a float, or an array (n,) for n vehicles at once (`stack`). Ready ones are in `CARS`. The speed of its
-    motion is the rear axle's, never negative.
+    Each field is a float, or an array (n,) for n vehicles at once (`records.stack`). `CARS` holds ready ones. The speed
+    of its motion is that of the rear axle, never negative.
     """
 
     length: Positive  # of the footprint rectangle [m]
@@ -55,10 +54,14 @@ class Car:
     power: Positive  # at the wheels, by mass [W/kg]
     max_speed: Positive  # [m/s], where drag takes all of the power
     max_braking: Positive  # [m/s2]
-    max_jerk: Positive  # [m/s3], of drive and of brake; of both together when one takes over from the other
+    max_jerk: Positive  # [m/s3], of drive and of brake each; one that takes over from the other changes at both rates
     lag: NotNegative  # first order, of the drive [s]; 0: none
     brake_lag: NotNegative  # same, of the brakes
     response: Positive  # to the speed of a Twist, first order [s]
+
+    strongest_acceleration = bicycle_formulas.strongest_acceleration
+    drive_for = bicycle_formulas.drive_for
+    within_limits = bicycle_formulas.within_limits
 
     @property
     def top_speed(self) -> float:
@@ -67,41 +70,27 @@ class Car:
 
     @property
     def turning_radius(self) -> float:
-        """Of the rear axle's middle at full lock [m]."""
+        """That of the rear axle's middle at full lock [m]."""
         return self.wheelbase / np.tan(self.max_steering)
 
+    @property
+    def hardest_braking(self) -> float:
+        """[m/s2]."""
+        return self.max_braking
+
+    def braking_delay(self, scan: float, braking: float) -> float:
+        """T = T_scan + T_brake + b / 2 j [s].
+
+        One scan; the lag of the brakes; and half of the time in which their jerk j builds up the deceleration b.
+        """
+        return scan + self.brake_lag + braking / (2 * self.max_jerk)
+
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """The middle of the rear axle, the point whose path the curvature is of. Arrays (n,)."""
+        """The middle of the rear axle, the point whose path the curvature describes, x and y [m]. Arrays (n,)."""
         return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
 
-    def strongest_acceleration(self, speed: np.ndarray) -> np.ndarray:
-        """What the engine can give at a speed: constant at first, then what power p leaves over drag [m/s2].
-
-            p / v (1 - (v / v_top)^3)
-
-        Drag power grows with v^3 and takes all of p at v_top; above it the engine cannot hold the speed.
-        """
-        share = speed / self.max_speed
-        return np.minimum(self.max_acceleration, self.power / np.maximum(speed, 1e-9) * (1 - share * share * share))
-
-    def drive_for(self, twist: Twist, motion: Motion) -> Drive:
-        """The command that brings a car to a twist.
-
-        acceleration : v + lag drive - brake_lag brake is the speed that would be reached if the demand ended now; its
-                       rate is the demand. So it approaches the wanted speed with time constant `response`, and the
-                       speed itself as through two lags in series, without overshoot unless a limit of jerk or brakes is
-                       met. Less than 0 is a wish to stand.
-        curvature    : yaw rate by speed, of the wanted and the present speed the greater: so a car that pulls away is
-                       on the final circle at once, and one that brakes does not turn faster than it was told. Below
-                       CRAWL the curvature fades, for a car cannot turn on the spot.
-        """
-        wanted = np.maximum(twist.speed, 0.0)
-        run_out = self.lag * (motion.acceleration + motion.braking) - self.brake_lag * motion.braking
-        acceleration = (wanted - motion.speed - run_out) / self.response
-        return Drive(acceleration, twist.yaw_rate / np.maximum(np.maximum(wanted, motion.speed), CRAWL))
-
     def saturated(self, command: Command | Drive | Twist, motion: Motion) -> Drive:
-        """What the car tries now: the demand within the limits of engine, brakes and steering lock, before any lag."""
+        """The demand within the limits of engine, brakes and steering lock, before any lag."""
         if isinstance(command, Command):
             by_twist, driven = self.drive_for(command.twist, motion), ~np.isnan(command.drive.acceleration)
             drive = Drive(*(np.where(driven, given, own) for given, own in zip(command.drive, by_twist, strict=True)))
@@ -109,28 +98,18 @@ class Car:
             drive = self.drive_for(command, motion) if isinstance(command, Twist) else command
         return self.within_limits(drive, self.strongest_acceleration(motion.speed))
 
-    def within_limits(self, drive: Drive, strongest: np.ndarray) -> Drive:
-        """What there can be of a demand, by engine, brakes and steering lock; `strongest_acceleration` is given."""
-        tightest = np.tan(self.max_steering) / self.wheelbase
-        return Drive(
-            np.maximum(np.minimum(drive.acceleration, strongest), -self.max_braking),
-            np.maximum(np.minimum(drive.curvature, tightest), -tightest),
-        )
-
     def moved(self, motion: Motion, command: Command | Drive | Twist, dt: float) -> Motion:
-        """Motion after dt under one command, in equal sub-steps of at most SUBSTEP.
+        """Motion after dt [s] under one command, in equal sub-steps of at most SUBSTEP.
 
         Within a sub-step the demand is constant, the one at its middle; lag, jerk and steering rate are then exact, and
         the axle drives an arc. The error falls with the square of the sub-step. At constant steering the path is an
         exact circle, whatever the speed does. A car that has braked to 0 stands, with acceleration 0.
-        """
-        from platoontraffic.vehicles.bicycle_kernel import move  # here, for it costs half a second to import numba
 
-        if not isinstance(command, Command):
-            for name, values in zip(command._fields, command, strict=True):
-                if not np.isfinite(values).all():
-                    raise ValueError(f"{type(command).__name__} {name} = {values}; must be finite")
-            command = Command.of(command)
+        raises: ValueError if a single twist or drive is not finite
+        """
+        from platoontraffic.vehicles.bicycle_kernel import move  # here, since importing numba takes half a second
+
+        command = command if isinstance(command, Command) else Command.of(_finite(command))
         shape = np.broadcast_shapes(np.shape(motion.x), *(np.shape(values) for kind in command for values in kind))
         after = _records(vars(motion), shape)
         cars, twists, drives = (_records(of, shape) for of in (vars(self), *(kind._asdict() for kind in command)))
@@ -144,32 +123,40 @@ class Car:
 def lateral_acceleration(motion: Motion) -> np.ndarray:
     """v^2 times curvature, at the rear axle, to the left [m/s2]. Arrays (n,).
 
-    The model itself drives any. A car does not: the bicycle is to be trusted up to half of what the tyres hold
+    The model drives any lateral acceleration, a car does not: the bicycle is valid up to half of what the tyres hold
     [Polack], about 4 m/s2 on a dry road.
     """
     return motion.speed * motion.yaw_rate
 
 
 def steering_at_lock(turning_circle: float, wheelbase: float, width: float) -> float:
-    """Steering angle of the bicycle on a vehicle's smallest circle.
+    """Steering angle of the bicycle on a vehicle's smallest circle [rad].
 
     turning_circle : diameter from kerb to kerb, that of the outer front wheel's path [m]
-    width          : of the vehicle, taken for that from wheel to wheel
+    wheelbase      : [m]
+    width          : of the vehicle, taken as the distance between its outer wheels [m]
     """
     rear_radius = math.sqrt((turning_circle / 2) ** 2 - wheelbase**2) - width / 2
     return math.atan(wheelbase / rear_radius)
 
 
+def _finite(command: Drive | Twist) -> Drive | Twist:
+    for name, values in zip(command._fields, command, strict=True):
+        if not np.isfinite(values).all():
+            raise ValueError(f"{type(command).__name__} {name} = {values}; must be finite")
+    return command
+
+
 def _records(values: Mapping[str, Any], shape: tuple[int, ...]) -> np.ndarray:
-    """Named arrays, or floats, as one array of records."""
+    """Arrays or floats by name, as one array of records."""
     table = np.empty(shape, dtype=[(name, float) for name in values])
-    for name, of_all in values.items():
-        table[name] = of_all
+    for name, column in values.items():
+        table[name] = column
     return table
 
 
 CARS = {
-    # The car that roads are designed for: RASt 06 / FGSV "Bemessungsfahrzeuge": length, width, wheelbase, circle.
+    # The design car of road geometry: RASt 06 / FGSV "Bemessungsfahrzeuge": length, width, wheelbase, circle.
     "car": Car(
         length=4.74,
         width=1.76,
@@ -205,7 +192,7 @@ CARS = {
         brake_lag=0.2,
         response=1.0,  # assumption
     ),
-    # Two-axle truck that roads are designed for: AASHTO Green Book, SU (SU-30): length, width, wheelbase, circle.
+    # The two-axle design truck of road geometry: AASHTO Green Book, SU (SU-30): length, width, wheelbase, circle.
     "truck": Car(
         length=9.2,
         width=2.4,

@@ -1,4 +1,4 @@
-"""The motion of one car after the other, compiled: the formulas of `bicycle.Car`, sub-step by sub-step.
+"""The motion of one car after the other, compiled: the equations of `bicycle`, sub-step by sub-step.
 
 A car, its motion, its twist and its drive are records with the fields of those classes.
 """
@@ -11,28 +11,30 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
-from platoontraffic.vehicles import bicycle, motion
-from platoontraffic.vehicles.bicycle import Car
+from platoontraffic.vehicles import bicycle_formulas, motion
 from platoontraffic.vehicles.motion import Drive
 
-compiled = compiler(__file__, bicycle.__file__, motion.__file__)
+compiled = compiler(__file__, bicycle_formulas.__file__, motion.__file__)
 
-_strongest_acceleration = compiled(Car.strongest_acceleration)
-_drive_for = compiled(Car.drive_for)
-_within_limits = compiled(Car.within_limits)
+_strongest_acceleration = compiled(bicycle_formulas.strongest_acceleration)
+_drive_for = compiled(bicycle_formulas.drive_for)
+_within_limits = compiled(bicycle_formulas.within_limits)
 
 
 class _Pace(NamedTuple):
     """The part of a motion that the drive line changes."""
 
-    speed: float
-    acceleration: float
-    braking: float
+    speed: float  # [m/s]
+    acceleration: float  # drive - brake [m/s2]
+    braking: float  # brake [m/s2]
 
 
 @compiled
 def move(motions, cars, twists, drives, count, h):
-    """Drive every row `count` sub-steps of h on, in place; the heading is not wrapped."""
+    """Advance every row by `count` sub-steps of h [s], in place; the heading is not wrapped.
+
+    motions, cars, twists, drives : arrays of records (n,); a row whose drive is NaN obeys its twist
+    """
     for i in range(len(motions)):
         for _ in range(count):
             _substep(motions[i], cars[i], twists[i], drives[i], h)
@@ -40,6 +42,13 @@ def move(motions, cars, twists, drives, count, h):
 
 @compiled
 def _substep(motion, car, twist, drive, h):
+    """Advance one car by h [s], in place; the demand is that at the middle of h, with which the error is of order h^3.
+
+    For a mean steering angle delta the rear axle drives an arc of length s and angle theta, along its chord c:
+
+        theta = s tan(delta) / L        c = s sin(theta / 2) / (theta / 2)        psi += theta
+        (x, y) += c (cos, sin)(psi + theta / 2)        psi' = v tan(delta) / L
+    """
     now = _Pace(motion.speed, motion.acceleration, motion.braking)
     half_way, _ = _driven(car, now, _saturated(car, twist, drive, now).acceleration, h / 2)
     wanted = _saturated(car, twist, drive, half_way)
@@ -60,6 +69,7 @@ def _substep(motion, car, twist, drive, h):
 
 @compiled
 def _saturated(car, twist, drive, pace):
+    """The demand, by drive or else by twist, within the limits of engine, brakes and steering lock."""
     by_twist = math.isnan(drive.acceleration)
     wanted = _drive_for(car, twist, pace) if by_twist else Drive(drive.acceleration, drive.curvature)
     return _within_limits(car, wanted, _strongest_acceleration(car, pace.speed))
@@ -67,26 +77,34 @@ def _saturated(car, twist, drive, pace):
 
 @compiled
 def _driven(car, pace, demand, h):
-    """Pace after h under a constant demand of acceleration, and the distance driven."""
+    """Pace after h [s] under a constant demand of acceleration [m/s2], and the distance driven [m].
+
+        v(h) = v + (mean drive - mean brake) h        s = (v + v(h)) / 2 h
+
+    with the means of `_approach`. The brakes hold at v = 0: the car then stands, after s = v / 2 t with t = v h /
+    (v - v(h)), and does not roll back.
+    """
     drive = pace.acceleration + pace.braking
     drive, mean_drive = _approach(drive, max(demand, 0.0), car.lag, car.max_jerk, h)
     braking, mean_braking = _approach(pace.braking, max(-demand, 0.0), car.brake_lag, car.max_jerk, h)
     speed = pace.speed + (mean_drive - mean_braking) * h
-    if speed <= 0:  # the brakes hold: no car rolls back
-        to_rest = pace.speed * h / max(pace.speed - speed, 1e-300)  # time
+    if speed <= 0:
+        to_rest = pace.speed * h / max(pace.speed - speed, 1e-300)  # time [s]
         return _Pace(0.0, 0.0, 0.0), pace.speed / 2 * to_rest
     return _Pace(speed, drive - braking, braking), (pace.speed + speed) / 2 * h
 
 
 @compiled
 def _approach(value, target, lag, fastest, h):
-    """First-order approach to a target with a bounded rate, exact: the value after h, and its mean over h.
+    """First-order approach to a target with a bounded rate, exact: the value after h [s], and its mean over h.
 
-    While the gap is more than lag * fastest the value runs at `fastest`; then the rest decays as exp(-t / lag).
+        y' = (target - y) / lag,  |y'| <= fastest
+
+    While the gap is more than lag * fastest the value changes at `fastest`; the rest then decays as exp(-t / lag).
     """
     lag = max(lag, 1e-12)
     gap = abs(target - value)
-    run = min(max(gap / fastest - lag, 0.0), h)  # time at the greatest rate
+    run = min(max(gap / fastest - lag, 0.0), h)  # time at the greatest rate [s]
     left = gap - fastest * run
     decayed = -math.expm1((run - h) / lag)
     mean_gap = ((gap + left) / 2 * run + left * lag * decayed) / h

@@ -1,23 +1,23 @@
-"""The motion models of a whole fleet, robots and cars mixed, and the vehicles there are by name."""
+"""The vehicles by name, and the motion of a fleet in which their classes are mixed."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from platoontraffic.vehicles.bicycle import CARS, Car
-from platoontraffic.vehicles.motion import ROBOTS, Command, DifferentialDrive, Drive, Motion, Twist, stack
-
-VehicleModel = DifferentialDrive | Car
+from platoontraffic.vehicles.bicycle import CARS
+from platoontraffic.vehicles.differential import ROBOTS
+from platoontraffic.vehicles.motion import Command, Drive, Motion, Twist, VehicleModel
+from platoontraffic.vehicles.records import put, stack, take
 
 VEHICLES: dict[str, VehicleModel] = ROBOTS | CARS
 
 
 class Kind(NamedTuple):
-    """Members of one class."""
+    """The members of one class."""
 
     rows: np.ndarray
     model: VehicleModel  # of these members, fields (m,)
@@ -25,7 +25,7 @@ class Kind(NamedTuple):
 
 @dataclass(frozen=True)
 class FleetModel:
-    """What all members are: arrays (n,), each member in its row whatever its class."""
+    """The vehicle models of all members: arrays (n,), each member in its row whatever its class."""
 
     length: np.ndarray  # of the footprint [m]
     width: np.ndarray
@@ -37,20 +37,16 @@ class FleetModel:
         rows: dict[type, list[int]] = {}
         for i, model in enumerate(models):
             rows.setdefault(type(model), []).append(i)
-        kinds = tuple(Kind(np.array(which), stack([models[i] for i in which])) for which in rows.values())
-        size = (np.array([getattr(m, name) for m in models], dtype=float) for name in ("length", "width", "axle"))
-        return cls(*size, kinds)
+        kinds = tuple(Kind(np.array(of_kind), stack([models[i] for i in of_kind])) for of_kind in rows.values())
+        length, width, axle = ([m.length for m in models], [m.width for m in models], [m.axle for m in models])
+        return cls(*(np.array(values, dtype=float) for values in (length, width, axle)), kinds)
 
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """The middle of the driven axle. Arrays (n,)."""
+        """The middle of the driven axle, x and y [m]. Arrays (n,)."""
         return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
 
     def moved(self, motion: Motion, command: Command | Drive | Twist, dt: float) -> Motion:
-        """Motion after dt under one command, each member by its own class."""
+        """Motion after dt [s] under one command, each member by its own model."""
         command = command if isinstance(command, Command) else Command.of(command)
-        after = {f.name: np.empty(len(self.length)) for f in fields(Motion)}
-        for rows, model in self.kinds:
-            moved = model.moved(motion.of(rows), command.rows(rows), dt)
-            for name, values in after.items():
-                values[rows] = getattr(moved, name)
-        return Motion(**after)
+        after = [model.moved(take(motion, rows), take(command, rows), dt) for rows, model in self.kinds]
+        return put(motion, [kind.rows for kind in self.kinds], after)

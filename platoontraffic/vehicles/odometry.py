@@ -1,4 +1,4 @@
-"""What a vehicle takes its own speed and yaw rate to be."""
+"""Own speed and yaw rate as a vehicle measures them, with errors."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from platoontraffic.vehicles.motion import Twist
 
 @dataclass(frozen=True)
 class OdometryErrors:
-    """Standard deviations, of what a vehicle's sensors keep for the whole run, and of what is new with every reading.
+    """Standard deviations of errors: some are drawn once for a vehicle and run, some anew for every reading.
 
-    A vehicle that stands knows it: wheels that do not turn tell no speed.
+    A standing vehicle measures 0: wheels that do not turn give no pulses.
     """
 
-    speed_scale: float = 0.0  # kept; share of the speed
-    speed_noise: float = 0.0  # new [m/s]
-    yaw_rate_bias: float = 0.0  # kept [rad/s]
-    yaw_rate_noise: float = 0.0  # new [rad/s]
+    speed_scale: float = 0.0  # drawn once; share of the speed
+    speed_noise: float = 0.0  # anew [m/s]
+    yaw_rate_bias: float = 0.0  # drawn once [rad/s]
+    yaw_rate_noise: float = 0.0  # anew [rad/s]
 
 
-# Tyres wear and are warm or cold: 0.5 %. The bias of a yaw-rate sensor is known from the last stop. Assumptions.
+# Assumptions: tyres wear and warm up, 0.5 %; the bias of a yaw-rate sensor is known from the last stop.
 ODOMETRY = {
     "none": OdometryErrors(),
     "car": OdometryErrors(
@@ -35,7 +35,7 @@ ODOMETRY = {
 
 
 class _Draws(NamedTuple):
-    """Nearly normal, of standard deviation 1, (n,)."""
+    """Random numbers, nearly normal, of standard deviation 1. Arrays (n,)."""
 
     speed_scale: np.ndarray
     yaw_rate_bias: np.ndarray
@@ -51,13 +51,16 @@ def measured(
     seed: int,
     step: int,
 ) -> Twist:
-    """Speed and yaw rate as n vehicles measure them in a step; equal for equal seed, id and step. Arrays (n,)."""
+    """Speed [m/s] and yaw rate [rad/s] as n vehicles measure them in a step. Arrays (n,).
+
+    Equal seed, id and step give equal errors.
+    """
     draws = _draws(seed, ids, step)
     scale, noise, bias, turning = np.array([tuple(vars(one).values()) for one in errors]).reshape(-1, 4).T
-    told = speed * (1 + scale * draws.speed_scale) + noise * draws.speed_noise
+    driven = speed * (1 + scale * draws.speed_scale) + noise * draws.speed_noise
     turned = yaw_rate + bias * draws.yaw_rate_bias + turning * draws.yaw_rate_noise
     stands = speed == 0
-    return Twist(np.where(stands, 0.0, np.maximum(told, 0.0)), np.where(stands, 0.0, turned))
+    return Twist(np.where(stands, 0.0, np.maximum(driven, 0.0)), np.where(stands, 0.0, turned))
 
 
 def _draws(seed: int, ids: tuple[str, ...], step: int) -> _Draws:

@@ -77,7 +77,7 @@ def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon, rou
         y += -back * math.sin(heading) + start.lateral_m * math.cos(heading)
         driver, law = getattr(platoon, role), scenario.laws[i, role]
         fastest = model.top_speed
-        if getattr(law, "native", False):  # SUMO refuses what is faster than it would drive
+        if law.native:  # SUMO refuses what is faster than it would drive
             fastest = min(fastest, law.max_speed, law.speed_factor * network.limit(start.edge, start.lane))
         if start.speed_mps > fastest:
             raise InputError(f"speed_mps {start.speed_mps:g}: faster than its {role} drives there; up to {fastest:g}")

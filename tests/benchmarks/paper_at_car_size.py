@@ -26,7 +26,7 @@ import shapely
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from platoontraffic.lidar import LidarModel, Mount, Scene
 
-from platoontraffic.controllers import Decision, Sensed, Target
+from platoontraffic.controllers import Decision, Law, Sensed, Target
 from platoontraffic.controllers.printed import SPEED_GAIN, PrintedFollower
 from platoontraffic.controllers.repaired import RepairedFollower
 from platoontraffic.vehicles.bicycle import CARS, Car
@@ -52,7 +52,7 @@ DECELERATIONS = (2.0, 4.0, 6.0, 8.0)
 
 
 @dataclass(frozen=True)
-class Scaled:
+class Scaled(Law):
     """A law of robots, for vehicles that are `scale` times as large: it is shown, and commands, a world that is not."""
 
     law: Any

@@ -27,7 +27,7 @@ import shapely
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
 
-from platoontraffic.controllers import Decision, Sensed
+from platoontraffic.controllers import Decision, Law, Sensed
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.vehicles.motion import Drive
@@ -193,7 +193,7 @@ class Run(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Leaders:
+class Leaders(Law):
     """Each drives by the clock; the memory is which of them is left."""
 
     at: tuple[Callable[[float], tuple[float, float]], ...]

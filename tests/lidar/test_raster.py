@@ -17,7 +17,7 @@ from platoontraffic.lidar import Boxes, Carriers, LidarModel, Occasion, Scene, c
 from platoontraffic.lidar.engines import raster_engine
 from platoontraffic.lidar.engines.raster_engine import CELL
 
-from platoontraffic.vehicles import bicycle, bicycle_kernel, motion
+from platoontraffic.vehicles import bicycle_formulas, bicycle_kernel, motion
 from tests.support import ROOT
 from tests.support.oracle import world
 
@@ -152,7 +152,8 @@ def test_commands_that_prepare_no_run_never_import_numba():
 @pytest.mark.parametrize("kernel", [raster_engine._scan, bicycle_kernel.move])
 def test_compiled_code_is_kept_until_any_file_that_a_kernel_calls_changes(kernel):
     # numba looks at one file only; the stamp that it compares is that of all.
-    files = compiled.OWN if kernel is raster_engine._scan else [m.__file__ for m in (bicycle_kernel, bicycle, motion)]
+    of_cars = [module.__file__ for module in (bicycle_kernel, bicycle_formulas, motion)]
+    files = compiled.OWN if kernel is raster_engine._scan else of_cars
     assert kernel._cache._cache_file._source_stamp == compiled.digest(files)
 
 

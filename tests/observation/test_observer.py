@@ -11,7 +11,7 @@ import pytest
 import shapely
 from platoontraffic.lidar import PRESETS, Boxes, Carriers, LidarModel, Mount, ScanBatch, scan
 
-from platoontraffic.controllers import Target
+from platoontraffic.controllers import Law, Target
 from platoontraffic.observation import observer
 from platoontraffic.observation.observer import Event, Measures, Observer
 from platoontraffic.vehicles.bicycle import CARS
@@ -175,7 +175,7 @@ def test_time_to_collision_and_needed_braking():
 
 
 @dataclass(frozen=True)
-class OneAtATime:
+class OneAtATime(Law):
     """Its distance wanted is for one speed, not for an array of them."""
 
     def desired_distance(self, speed: float) -> float:
@@ -183,7 +183,7 @@ class OneAtATime:
 
 
 @dataclass(frozen=True)
-class AllAtOnce:
+class AllAtOnce(Law):
     def desired_distance(self, speed: np.ndarray) -> np.ndarray:
         return np.where(speed > 2, 5.0 + speed, 5.0)
 

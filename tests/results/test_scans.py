@@ -16,7 +16,7 @@ from platoontraffic.analysis import load
 from platoontraffic.lidar import Mount
 from platoontraffic import scenario
 from platoontraffic.cli.main import app
-from platoontraffic.controllers import Decision
+from platoontraffic.controllers import Decision, Law
 from platoontraffic.errors import InputError
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.results.recorder import Recorder
@@ -168,7 +168,7 @@ def test_run_with_replay_leaves_scans_and_a_page_and_drives_the_same(tmp_path):
 
 
 @dataclass(frozen=True)
-class Remembering:
+class Remembering(Law):
     """Drives straight on, and remembers two points before its axle, the second of which only robot.1 has."""
 
     def __call__(self, sensed, memory, dt):

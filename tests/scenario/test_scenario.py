@@ -236,4 +236,4 @@ def test_a_law_that_needs_what_there_is_not_is_refused(scenario_file, tmp_path):
     law = '@dataclass(frozen=True)\nclass Law:\n    needs = {"v2v"}\n    def __call__(self, sensed, memory, dt): ...\n'
     (tmp_path / "law.py").write_text("from dataclasses import dataclass\n" + law)
     (fault,) = faults(scenario_file(('law = "repaired"', 'law = "law:Law"')))
-    assert fault.endswith("'law:Law' needs v2v; there is: route, signals")
+    assert fault.endswith("Law needs v2v; there is: leads, route, signals")

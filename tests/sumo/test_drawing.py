@@ -12,7 +12,8 @@ from platoontraffic.lidar import PRESETS, LidarModel, Mount, ScanBatch
 from platoontraffic.controllers import Target
 from platoontraffic.controllers.reactive import ReactiveLeader
 from platoontraffic.sumo.drawing import fan, scanned, shapes
-from platoontraffic.vehicles.motion import DifferentialDrive, Motion
+from platoontraffic.vehicles.differential import DifferentialDrive
+from platoontraffic.vehicles.motion import Motion
 from platoontraffic.world.fleet import Fleet, Member
 
 LASER = LidarModel(361, -np.pi / 2, np.pi / 2, 0.1, 10.0, mount=Mount(0.3, 0.1, np.pi / 2))

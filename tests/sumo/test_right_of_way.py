@@ -387,7 +387,7 @@ def test_entering_a_motorway_it_knows_of_those_beside_beyond_the_next_line_in_ti
         world.place(fleet)
         fleet = world.advance(fleet)
         signals = world.signals(fleet)
-    front = fleet.station[0] + CAR.length / 2 - CAR.axle
+    front = fleet.progress.station[0] + CAR.length / 2 - CAR.axle
     assert front < junction.station
     assert not signals.open[0]
     assert signals.distance[0] == pytest.approx(change.station - front)

@@ -17,7 +17,8 @@ from platoontraffic.errors import InputError, RunError
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.world import World, centre_of, front_of, heading_of, sumo_angle
-from platoontraffic.vehicles.motion import DifferentialDrive, Motion
+from platoontraffic.vehicles.differential import DifferentialDrive
+from platoontraffic.vehicles.motion import Motion
 from platoontraffic.world.fleet import Fleet, Member
 
 STEP = 0.025

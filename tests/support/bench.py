@@ -10,9 +10,10 @@ import numpy as np
 import shapely
 from platoontraffic.lidar import PRESETS, LaserScan, LidarModel, Mount, ScanBatch, Scene
 
-from platoontraffic.controllers import Decision, Sensed
+from platoontraffic.controllers import Decision, Law, Sensed
 from platoontraffic.vehicles.catalogue import VehicleModel
-from platoontraffic.vehicles.motion import DifferentialDrive, Drive, Twist
+from platoontraffic.vehicles.differential import DifferentialDrive
+from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.obstacles import Obstacles, Plan
@@ -33,7 +34,7 @@ WIDE_EYE = LidarModel(1441, -np.pi / 4, np.pi / 4, 0.01, 4.0)
 
 
 @dataclass(frozen=True)
-class Prescribed:
+class Prescribed(Law):
     """A leader's twist by the clock."""
 
     twist_at: Callable[[float], Twist | Drive]

@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 from platoontraffic.lidar.pose import wrap
 
-from platoontraffic.vehicles.bicycle import (
-    CARS,
-    CRAWL,
-    SUBSTEP,
-    Car,
-    Drive,
-    lateral_acceleration,
-    steering_at_lock,
-)
-from platoontraffic.vehicles.motion import Motion, Twist, stack
+from platoontraffic.vehicles.bicycle import CARS, SUBSTEP, Car, lateral_acceleration, steering_at_lock
+from platoontraffic.vehicles.bicycle_formulas import CRAWL
+from platoontraffic.vehicles.motion import Drive, Motion, Twist
+from platoontraffic.vehicles.records import stack
 
 CAR = CARS["car"]
 QUICK = replace(CAR, max_jerk=1e9, max_steering_rate=1e9, steering_lag=0.0)  # lag of drive and brakes alone

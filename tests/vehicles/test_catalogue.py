@@ -16,6 +16,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.catalogue import FleetModel
 from platoontraffic.vehicles.motion import Motion, Twist
+from platoontraffic.vehicles.records import take
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.sensing import Sensing
 from tests.support.bench import DT, NO_WALLS, ROBOT, Prescribed, platoon, snapshot
@@ -67,7 +68,7 @@ def test_axles_of_a_fleet_are_those_of_its_members():
     model = FleetModel.of(MODELS)
     motion = Motion.at_rest([0, 1, 2, 3], [5, 6, 7, 8], [0.1, 0.2, 0.3, -3.0])
     for i, alone in enumerate(MODELS):
-        axle = alone.axle_position(motion.of(np.array([i])))
+        axle = alone.axle_position(take(motion, np.array([i])))
         np.testing.assert_array_equal(np.array(model.axle_position(motion))[:, [i]], axle)
         assert (model.length[i], model.width[i]) == (alone.length, alone.width)
 

@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from platoontraffic.controllers import Decision, Sensed, per_vehicle
+from platoontraffic.controllers import Decision, Law, Sensed, per_vehicle
 from platoontraffic.errors import InputError
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import Drive, Twist
+from platoontraffic.vehicles.records import take
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.sensing import Sensing
 from tests.support.bench import BLIND, DT, NO_WALLS, ROBOT, drive, platoon, snapshot
@@ -23,7 +24,7 @@ CAR = CARS["car"]
 
 
 @dataclass(frozen=True)
-class Driver:
+class Driver(Law):
     """The same drive always."""
 
     acceleration: float
@@ -35,7 +36,7 @@ class Driver:
 
 
 @dataclass(frozen=True)
-class Turner:
+class Turner(Law):
     """The same twist always."""
 
     speed: float
@@ -102,7 +103,7 @@ def test_drives_and_twists_go_side_by_side_as_each_does_alone():
 
 
 @dataclass(frozen=True)
-class Hesitant:
+class Hesitant(Law):
     """A twist, and from a second on a drive."""
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
@@ -139,7 +140,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Counting:
+class Counting(Law):
     """Counts its calls for every row; a speed that is the count says who remembers what."""
 
     kind: str
@@ -186,7 +187,7 @@ def test_who_stays_keeps_its_own_memory(kind):
 
 
 @dataclass(frozen=True)
-class OneByOne:
+class OneByOne(Law):
     """As Counting, written for one vehicle."""
 
     @per_vehicle
@@ -202,7 +203,7 @@ def test_a_law_for_one_vehicle_may_remember_what_it_likes():
 
 
 @dataclass(frozen=True)
-class Remembering:
+class Remembering(Law):
     what: str
 
     def __call__(self, sensed: Sensed, memory: Any, dt: float) -> Decision:
@@ -223,7 +224,7 @@ def test_a_memory_that_rows_cannot_be_taken_out_of_is_said_in_one_line(what, nam
 
 
 @dataclass(frozen=True)
-class Misshapen:
+class Misshapen(Law):
     rows: int | None
 
     def __call__(self, sensed: Sensed, memory: Any, dt: float) -> Decision:
@@ -271,13 +272,13 @@ def test_who_stays_goes_on_as_if_the_others_had_never_been(gone):
         fleet = decided(fleet, step).moved(0.1)
     rows = [i for i, m in enumerate(members) if m.platoon != gone]
     left = fleet.without(of(fleet, gone))
-    same(left.motion, fleet.motion.of(np.array(rows)))
+    same(left.motion, take(fleet.motion, np.array(rows)))
     np.testing.assert_array_equal(left.number, rows)
     assert [m.id for m in left.members] == [members[i].id for i in rows]
     expected = [rows.index(fleet.predecessor[i]) if fleet.predecessor[i] >= 0 else -1 for i in rows]
     np.testing.assert_array_equal(left.predecessor, expected)
     both = decided(fleet, 5).moved(0.1), decided(left, 5).moved(0.1)
-    same(both[1].motion, both[0].motion.of(np.array(rows)))
+    same(both[1].motion, take(both[0].motion, np.array(rows)))
 
 
 def test_who_joins_is_driven_as_if_deployed_with_the_others():

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from platoontraffic.lidar.pose import wrap
 
-from platoontraffic.vehicles.motion import DifferentialDrive, Motion, Twist, stack
+from platoontraffic.vehicles.differential import DifferentialDrive
+from platoontraffic.vehicles.motion import Motion, Twist
+from platoontraffic.vehicles.records import stack
 
 ROBOT = DifferentialDrive()
 CENTRED = replace(ROBOT, axle=0.0)

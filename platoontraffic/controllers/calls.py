@@ -1,0 +1,100 @@
+"""Calls of laws, in which the faults of a plug-in are reported with its file and line."""
+
+from __future__ import annotations
+
+import inspect
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from platoontraffic.controllers.law import Decision, Law, Sensed, Target
+from platoontraffic.errors import InputError
+from platoontraffic.vehicles.motion import Drive, Twist
+from platoontraffic.vehicles.records import take
+
+
+def decide(law: Law, sensed: Sensed, memory: Any, dt: float) -> Decision:
+    """The decision of a law, its command and target as arrays (n,).
+
+    raises: InputError if a plug-in fails, or decides nothing that fits n vehicles; or if a command is not finite
+    """
+    decision = _call(law, f"at {sensed.scan.stamp:.3f} s", law, sensed, memory, dt)
+    n = len(sensed.speed)
+    try:
+        kind = Drive if isinstance(decision.command, Drive) else Twist
+        command = kind(*(_row_each(values, n) for values in decision.command))
+        distance, bearing = (_row_each(values, n) for values in decision.target)
+        decision = Decision(command, decision.memory, Target(distance, bearing))
+    except (AttributeError, TypeError, ValueError) as error:
+        if _is_shipped(law):
+            raise
+        what = f"gave {decision!r:.200}; must be a Decision of a Twist, or a Drive, and a Target with numbers, {n} rows"
+        raise _fault(law, what) from error
+    _check_finite(law, sensed, decision)
+    return decision
+
+
+def desired_distance(law: Law, speed: float) -> float:
+    """Distance from laser to rear that a law keeps at one steady speed [m]; NaN: none."""
+    return float(_call(law, f"in desired_distance({speed:g})", lambda: float(law.desired_distance(speed))))
+
+
+def memory_of(law: Law, memory: Any, rows: np.ndarray) -> Any:
+    """The rows of a law's memory for some of its vehicles.
+
+    raises: InputError if no rows can be taken out of it
+    """
+    try:
+        return take(memory, rows)
+    except TypeError as error:
+        raise _fault(law, f"remembers {error}") from error
+
+
+def _call(law: Law, when: str, function: Callable, *arguments: Any) -> Any:
+    """function(*arguments); an error of a plug-in becomes an InputError that says when and where it failed."""
+    try:
+        return function(*arguments)
+    except (Exception, SystemExit) as error:  # whatever a user's code may raise
+        if _is_shipped(law):
+            raise
+        raise _fault(law, f"failed {when}: {type(error).__name__}: {error}", error) from error
+
+
+def _check_finite(law: Law, sensed: Sensed, decision: Decision) -> None:
+    command, (distance, bearing) = decision.command, decision.target
+    sound = np.isfinite(command).all(axis=0) & ~np.isinf(distance) & ~np.isinf(bearing)
+    if sound.all():
+        return
+    row = int(np.argmin(sound))
+    given = ", ".join(f"{name.replace('_', ' ')} {values[row]}" for name, values in command._asdict().items())
+    given += f", target {distance[row]}, {bearing[row]}"
+    vehicle = f"{sensed.scan.ids[row]} at {sensed.scan.stamp:.3f} s"
+    raise _fault(law, f"gave {given} for {vehicle}; must be finite, a target may be NaN")
+
+
+def _row_each(values: Any, n: int) -> np.ndarray:
+    """Numbers as an array (n,)."""
+    values = np.asarray(values)
+    if values.dtype.kind not in "iuf":
+        raise TypeError(f"{values.dtype} is no number")
+    return np.broadcast_to(values.astype(float), (n,))
+
+
+def _is_shipped(law: Law) -> bool:
+    return type(law).__module__.startswith("platoontraffic.")
+
+
+def _fault(law: Law, what: str, error: BaseException | None = None) -> InputError:
+    return InputError(f"{_place(law, error)}: law {type(law).__qualname__} {what}")
+
+
+def _place(law: Law, error: BaseException | None) -> str:
+    """`file:line` in the law's own file: the line that failed, or else that of its class."""
+    try:
+        file, line = inspect.getsourcefile(type(law)), inspect.getsourcelines(type(law))[1]
+    except (OSError, TypeError):  # its source is not at hand
+        return type(law).__module__
+    frames = traceback.extract_tb(error.__traceback__) if error else []
+    return f"{file}:{next((f.lineno for f in reversed(frames) if f.filename == file), line)}"

@@ -1,0 +1,64 @@
+"""Records of arrays with one row for each vehicle: take rows, put other values in, join records, stack many.
+
+A record is an array (n, ...), or a NamedTuple or dataclass of records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+Record = TypeVar("Record")
+
+
+def take(record: Record, rows: np.ndarray) -> Record:
+    """Some rows of a record, in which lists of n values and None may stand too.
+
+    rows   : indices (m,), or a mask (n,)
+    raises : TypeError if a part is none of all that, or is not as long as the mask
+    """
+    if record is None:
+        return None
+    mask = rows.dtype == bool
+    if isinstance(record, np.ndarray) and (not mask or record.shape[:1] == rows.shape):
+        return record[rows]
+    if isinstance(record, list) and (not mask or len(record) == len(rows)):
+        return [record[i] for i in (np.flatnonzero(rows) if mask else rows)]
+    return _part_by_part(lambda part: take(part, rows), record)
+
+
+def put(record: Record, rows: Sequence[np.ndarray], values: Sequence[Record]) -> Record:
+    """A copy of a record, (n, ...), with each of the values, (m, ...), in its rows, (m,)."""
+    if not isinstance(record, np.ndarray):
+        return _part_by_part(lambda old, *new: put(old, rows, new), record, *values)
+    changed = record.copy()
+    for where, new in zip(rows, values, strict=True):
+        changed[where] = new
+    return changed
+
+
+def concatenate(one: Record, other: Record) -> Record:
+    """Two records as one: the rows of the other come last."""
+    if not isinstance(one, np.ndarray):
+        return _part_by_part(concatenate, one, other)
+    return np.concatenate([one, other])
+
+
+def stack(models: Sequence[Record]) -> Record:
+    """Dataclasses of floats, all of one class, as one of arrays (n,)."""
+    kind = type(models[0])
+    return kind(*(np.array([getattr(m, f.name) for m in models]) for f in fields(kind)))
+
+
+def _part_by_part(function: Callable[..., Any], record: Record, *others: Record) -> Record:
+    """The record made of function(part, the same part of each other record)."""
+    if isinstance(record, tuple) and hasattr(record, "_fields"):
+        return type(record)(*map(function, record, *others))
+    if is_dataclass(record):
+        names = [f.name for f in fields(record)]
+        return replace(record, **{name: function(*(getattr(one, name) for one in (record, *others))) for name in names})
+    what = f"a {type(record).__name__}; must be arrays, lists, NamedTuples or dataclasses of them"
+    raise TypeError(f"{what}, with one row for each vehicle")
