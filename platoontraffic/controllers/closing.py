@@ -1,10 +1,10 @@
-"""How fast the way to something ahead becomes less, learnt from its change from scan to scan."""
+"""Closing speed, filtered from successive measurements of a free distance."""
 
 from __future__ import annotations
 
 import numpy as np
 
-OTHERS = 40.0  # nobody comes nearer faster than by that and the own speed [m/s]
+FASTEST = 40.0  # greatest speed of anything that comes towards the vehicle or drives away from it [m/s]
 
 
 def closing_speed(
@@ -17,16 +17,17 @@ def closing_speed(
     same: float | np.ndarray,
     time_constant: float,
 ) -> np.ndarray:
-    """Filtered [m/s], (n,); NaN at the first look at something.
+    """Rate at which the free distance shrinks [m/s], (n,); NaN at the first measurement of an obstacle.
 
-    free, before  : the way to it [m], and that in the scan before; inf: nothing is there
-    closing       : what was returned then
-    same          : by which the way may differ from what is expected, of the same thing [m]
+    free, before  : free distance in this scan and in the one before [m]; inf: nothing is there
+    closing       : result for the scan before
+    speed         : own [m/s]
+    same          : greatest difference of the distance from its prediction, for the same obstacle [m]
     time_constant : of the filter [s]
     """
     with np.errstate(invalid="ignore"):
         known = np.where(np.isnan(closing), (before - free) / dt, closing)
-        known = np.where((known > -OTHERS) & (known < speed + OTHERS), known, np.nan)  # else it is another thing
+        known = np.where((known > -FASTEST) & (known < speed + FASTEST), known, np.nan)  # else another obstacle
         surprise = free - (before - known * dt)
         is_same = np.isfinite(free) & (np.abs(surprise) < same)
         return np.where(is_same, known + np.expm1(-dt / time_constant) * surprise / dt, np.nan)

@@ -1,4 +1,4 @@
-"""What a laser meets on the strip along a route, compiled; rows (n,) of vehicles, in frames of their driven axles."""
+"""First return on the strip along a route, compiled; rows (n,) of vehicles, in frames of their driven axles."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ compiled = compiler(__file__)
 
 
 @compiled
-def meet(ranges, beams, laser, aside, strip, front, free):
-    """Fill in the way along the route from each front bumper to the first return on the strip, (n,).
+def first_on_strip(ranges, beams, laser, aside, strip, front, free):
+    """Fill in the distance along the route from each front bumper to the first return on the strip [m], (n,).
 
     ranges       : inf or NaN for no return, (n, k)
     beams        : directions, x and y, (2, k)
-    laser, aside : where the laser is, x (n,) and y
-    strip        : points (n, m, 2) of the routes, the ways to them (n, m), half the width (n,)
+    laser, aside : place of the laser, x (n,) and y
+    strip        : points (n, m, 2) of the routes, their stations (n, m), half the width (n,)
+    front        : front bumpers, x (n,)
+    free         : greatest distance of interest, then the result
     """
     points, distance, half_width = strip
     for i in range(len(free)):
@@ -28,14 +30,14 @@ def meet(ranges, beams, laser, aside, strip, front, free):
                 continue
             x, y = laser[i] + ranges[i, k] * beams[0, k], aside + ranges[i, k] * beams[1, k]
             if low < y < high and x > 0:
-                station, offset = _on_route(points[i], distance[i], x, y)
+                station, offset = project(points[i], distance[i], x, y)
                 if offset < half_width[i] and front[i] < station < front[i] + free[i]:
                     free[i] = station - front[i]
 
 
 @compiled
-def _on_route(points, distance, x, y):
-    """Way along the route to what is nearest to a point, and how far off that is."""
+def project(points, distance, x, y):
+    """Station of the nearest place on a polyline (m, 2) with stations (m,), and the distance from it."""
     nearest, station = np.inf, 0.0
     for j in range(len(points) - 1):
         step_x, step_y = points[j + 1, 0] - points[j, 0], points[j + 1, 1] - points[j, 1]

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
+from platoontraffic.controllers import idm
 from platoontraffic.errors import InputError
 from platoontraffic.road.network import Network
 from platoontraffic.road.polyline import Polyline
@@ -294,11 +295,9 @@ class CuttingIn(Plan):
         own, since = state.speed, time - self.comes
         closing = max(own - ahead, 0.0)
         needed = closing**2 / (2 * max(gap - STANDING_GAP / 2, 0.1))
-        wanted = STANDING_GAP + max(
-            own * HEADWAY + own * (own - ahead) / (2 * math.sqrt(ACCELERATION * COMFORTABLE_BRAKING)), 0.0
-        )
-        free = 1 - (own / max(self.way.limit(state.station), 0.1)) ** 4
-        acceleration = ACCELERATION * (free - (wanted / max(gap, 0.1)) ** 2)
+        wanted = float(idm.desired_gap(own, own - ahead, STANDING_GAP, HEADWAY, ACCELERATION, COMFORTABLE_BRAKING))
+        free = idm.free_road(own, max(self.way.limit(state.station), 0.1))
+        acceleration = idm.acceleration(wanted, max(gap, 0.1), ACCELERATION, free)
         acceleration = max(acceleration, -COMFORTABLE_BRAKING)
         if since < self.takes - 1e-9:
             acceleration = 0.0

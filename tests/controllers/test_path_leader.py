@@ -196,7 +196,7 @@ def test_what_it_meets_first_on_its_strip_is_what_shapely_finds():
     beams = np.stack([np.cos(angle), np.sin(angle)])
     free = np.full(n, np.inf)
     strip = points, distance, np.full(n, half_width)
-    path_kernel.meet(ranges, beams, np.full(n, 0.5), 0.1, strip, np.full(n, front), free)
+    path_kernel.first_on_strip(ranges, beams, np.full(n, 0.5), 0.1, strip, np.full(n, front), free)
 
     routes = shapely.linestrings(points)[:, None]
     to_there = np.where(np.isfinite(ranges), ranges, -9.0)  # what is behind does not count
