@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from platoontraffic.controllers.tracker.track import ACCELERATION, CURVATURE, HEADING, OVERHANG, SPEED, Odometry, Track
+from platoontraffic.controllers.tracker.records import ACCELERATION, CURVATURE, HEADING, OVERHANG, SPEED
+from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.vehicles.motion import Drive
 from tests.controllers.test_tracking_follower import CAR, DT, EXACT, NOISY, s_bend, straight_on, turn
