@@ -1,34 +1,33 @@
-"""Closing speed to whatever is ahead, filtered from successive measurements of its distance."""
+"""Closing speed, filtered from successive measurements of a free distance."""
 
 from __future__ import annotations
 
 import numpy as np
 
-FASTEST_OBJECT = 40.0  # greatest speed of anything else, towards the vehicle or away from it [m/s]
+FASTEST = 40.0  # greatest speed of anything that comes towards the vehicle or drives away from it [m/s]
 
 
 def closing_speed(
-    distance: np.ndarray,
-    last_distance: np.ndarray,
-    last_closing: np.ndarray,
+    free: np.ndarray,
+    before: np.ndarray,
+    closing: np.ndarray,
     speed: np.ndarray,
     dt: float,
     *,
     same: float | np.ndarray,
     time_constant: float,
 ) -> np.ndarray:
-    """Rate at which a distance falls [m/s], (n,), by a first-order filter; NaN at the first measurement of an object.
+    """Rate at which the free distance shrinks [m/s], (n,); NaN at the first measurement of an obstacle.
 
-    distance, last_distance : now and dt earlier [m], (n,); inf: nothing is there
-    last_closing            : the closing speed returned dt earlier [m/s], (n,)
-    speed                   : own [m/s], (n,)
-    same                    : a distance that differs by more from the expected one is that of another object [m]
-    time_constant           : of the filter [s]
+    free, before  : free distance in this scan and in the one before [m]; inf: nothing is there
+    closing       : result for the scan before
+    speed         : own [m/s]
+    same          : greatest difference of the distance from its prediction, for the same obstacle [m]
+    time_constant : of the filter [s]
     """
     with np.errstate(invalid="ignore"):
-        known = np.where(np.isnan(last_closing), (last_distance - distance) / dt, last_closing)
-        possible = (known > -FASTEST_OBJECT) & (known < speed + FASTEST_OBJECT)
-        known = np.where(possible, known, np.nan)  # a faster change is that from one object to another
-        surprise = distance - (last_distance - known * dt)
-        is_same = np.isfinite(distance) & (np.abs(surprise) < same)
+        known = np.where(np.isnan(closing), (before - free) / dt, closing)
+        known = np.where((known > -FASTEST) & (known < speed + FASTEST), known, np.nan)  # else another obstacle
+        surprise = free - (before - known * dt)
+        is_same = np.isfinite(free) & (np.abs(surprise) < same)
         return np.where(is_same, known + np.expm1(-dt / time_constant) * surprise / dt, np.nan)

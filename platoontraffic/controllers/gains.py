@@ -13,32 +13,42 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from platoontraffic.controllers.law import NEEDS, Law
 
 
-def with_files(kind: type[Law], gains: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The keys of a law, those of its fields that are a Path with the whole path of a file in `folder`."""
-    keys = keys_of(kind) if is_dataclass(kind) else {}
-    hints = typing.get_type_hints(kind) if keys else {}
-    files = {key for name, key in keys.items() if Path in (hints[name], *typing.get_args(hints[name]))}
-    return {key: folder / value if key in files and isinstance(value, str) else value for key, value in gains.items()}
+def with_files(kind: type, gains: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The keys of a law, with whole paths where a field is a Path. Nested tables too."""
+    if not is_dataclass(kind):
+        return gains
+    hints = typing.get_type_hints(kind)
+    by_key = {key: hints[name] for name, key in keys_of(kind).items()}
+
+    def whole(hint: Any, value: Any) -> Any:
+        if isinstance(value, dict):
+            return with_files(hint, value, folder)
+        is_file = isinstance(value, str) and Path in (hint, *typing.get_args(hint))
+        return folder / value if is_file else value
+
+    return {key: whole(by_key.get(key), value) for key, value in gains.items()}
 
 
-def law_of(kind: type[Law], gains: dict[str, Any], fault: Callable, fault_of: Callable) -> Law | None:
-    """An instance of a law's class from the keys of a scenario file; None if `fault` was called for some of them.
+def law_of(kind: type, gains: dict[str, Any], fault: Callable, fault_of: Callable) -> Any:
+    """An instance of a law's class from the keys of a scenario file; None if there are faults.
 
-    fault    : fault(key, text) takes a fault of a key
-    fault_of : fault_of(error, model) is the text of one of pydantic's errors
-    raises   : LookupError if the class is no law, whatever the keys are, or refuses the gains as a whole
+    fault    : called with the path of a key, a tuple, and what is wrong with it
+    fault_of : the text of one of pydantic's errors, given that and the model
+    raises   : LookupError where the class, or its own checks, are at fault
     """
-    model = _model_of(kind)
-    # TOML has no tuples, and a gain must be hashable.
-    gains = {key: tuple(value) if isinstance(value, list) else value for key, value in gains.items()}
+    if not (is_dataclass(kind) and kind.__dataclass_params__.frozen):
+        raise LookupError(f"{kind.__qualname__} must be a frozen dataclass, of its gains")
     try:
-        checked = model.model_validate(gains)
-        law = kind(**{f.name: getattr(checked, f.name) for f in fields(kind)})
+        model = _model(kind)
+    except Exception as error:  # whatever a user's annotations may come to
+        raise LookupError(f"{kind.__qualname__}: its fields cannot be keys: {error}") from error
+    try:
+        law = _made(kind, model.model_validate(_hashable(gains)))
         hash(law)
         _check_declared(law)
     except ValidationError as error:
         for e in error.errors():
-            fault(e["loc"][0] if e["loc"] else "law", fault_of(e, model))
+            fault(_keys_in(e["loc"], model) or ("law",), fault_of(e, model))
         return None
     except ValueError as error:  # of a law's own checks
         raise LookupError(str(error)) from error
@@ -47,32 +57,55 @@ def law_of(kind: type[Law], gains: dict[str, Any], fault: Callable, fault_of: Ca
     return law
 
 
-def keys_of(kind: type[Law]) -> dict[str, str]:
-    """Field name -> key in a scenario file."""
-    hints = typing.get_type_hints(kind, include_extras=True)
-    keys = {}
-    for f in fields(kind):
-        notes = getattr(hints[f.name], "__metadata__", ())
-        keys[f.name] = next((a for n in notes if (a := getattr(n, "alias", None))), f.name)
-    return keys
+def table_of(law: Any, named: Callable[[Path], str]) -> dict[str, Any]:
+    """The keys of a law with its gains, as for TOML; those that are None are left out.
 
-
-def _model_of(kind: type[Law]) -> type[BaseModel]:
-    """A pydantic model with the fields of a law's class.
-
-    raises: LookupError if it is no frozen dataclass, or if pydantic cannot check its fields
+    named : what a file is called there
     """
-    if not (is_dataclass(kind) and kind.__dataclass_params__.frozen):
-        raise LookupError(f"{kind.__qualname__} must be a frozen dataclass, of its gains")
-    try:
-        hints = typing.get_type_hints(kind, include_extras=True)
-        return create_model(
-            kind.__name__,
-            __config__=ConfigDict(extra="forbid", strict=True),
-            **{f.name: (hints[f.name], _default(f)) for f in fields(kind)},
-        )
-    except Exception as error:  # whatever a user's annotations may come to
-        raise LookupError(f"{kind.__qualname__}: its fields cannot be keys: {error}") from error
+
+    def value_of(gain: Any) -> Any:
+        if is_dataclass(gain):
+            return table_of(gain, named)
+        return named(gain) if isinstance(gain, Path) else gain
+
+    gains = {key: getattr(law, name) for name, key in keys_of(type(law)).items()}
+    return {key: value_of(gain) for key, gain in gains.items() if gain is not None}
+
+
+def _model(kind: type, given: Any = None) -> type[BaseModel]:
+    """The model of a dataclass's fields; a field that is a dataclass is a nested model.
+
+    given : an instance, whose values are the defaults
+    """
+    hints, definitions = typing.get_type_hints(kind, include_extras=True), {}
+    for f in fields(kind):
+        hint, default = hints[f.name], _default(f) if given is None else getattr(given, f.name)
+        if is_dataclass(hint):
+            hint = _model(hint, None if default is ... else default)
+            default = default if default is ... else hint()
+        definitions[f.name] = (hint, default)
+    return create_model(kind.__name__, __config__=ConfigDict(extra="forbid", strict=True), **definitions)
+
+
+def _made(kind: type, checked: BaseModel) -> Any:
+    """The dataclass from its model's values."""
+    hints, gains = typing.get_type_hints(kind), {f.name: getattr(checked, f.name) for f in fields(kind)}
+    nested = {name: _made(hints[name], value) for name, value in gains.items() if isinstance(value, BaseModel)}
+    return kind(**gains | nested)
+
+
+def _hashable(value: Any) -> Any:
+    """TOML has no tuples, and a gain must be hashable."""
+    if isinstance(value, dict):
+        return {key: _hashable(inner) for key, inner in value.items()}
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _keys_in(place: tuple, model: type[BaseModel]) -> tuple:
+    """The keys in the place of a pydantic error, which also names members of unions."""
+    nested = model.model_fields[place[0]].annotation if place and place[0] in model.model_fields else None
+    inner = isinstance(nested, type) and issubclass(nested, BaseModel)
+    return (*place[:1], *_keys_in(place[1:], nested)) if inner else place[:1]
 
 
 def _default(field: Any) -> Any:
@@ -80,6 +113,16 @@ def _default(field: Any) -> Any:
     if field.default_factory is not MISSING:
         return field.default_factory()
     return ... if field.default is MISSING else field.default
+
+
+def keys_of(kind: type) -> dict[str, str]:
+    """Field name -> key in a scenario file."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    keys = {}
+    for f in fields(kind):
+        notes = getattr(hints[f.name], "__metadata__", ())
+        keys[f.name] = next((a for n in notes if (a := getattr(n, "alias", None))), f.name)
+    return keys
 
 
 def _check_declared(law: Law) -> None:

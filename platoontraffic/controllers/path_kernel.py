@@ -12,7 +12,7 @@ compiled = compiler(__file__, polyline.__file__)
 
 
 @compiled
-def meet(ranges, beams, laser, aside, strip, front, free):
+def first_on_strip(ranges, beams, laser, aside, strip, front, free):
     """Fill in the distance along the route from each front bumper to the first return on the strip [m], (n,).
 
     ranges       : inf or NaN for no return [m], (n, k)

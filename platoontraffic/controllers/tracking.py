@@ -1,8 +1,8 @@
-"""A follower for cars at the speed of traffic, that is given its laser and its own speed and yaw rate."""
+"""A follower for cars at road speed, by its laser and its own speed and yaw rate."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -11,75 +11,128 @@ from pydantic import Field
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.law import Decision, Law, Sensed, Target
 from platoontraffic.controllers.path import PathLeader
-from platoontraffic.controllers.tracker.track import ACCELERATION, OVERHANG, SPEED, Odometry, Track
-from platoontraffic.controllers.tracker.trail import Ahead, Trail
+from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED, PathAhead, Sighting
+from platoontraffic.controllers.tracker.track import Odometry, Track
+from platoontraffic.controllers.tracker.trail import Ahead, RouteSection, Strip, Trail
 from platoontraffic.lidar.segments import find_segments
 from platoontraffic.vehicles.motion import Drive, Positive
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
-OTHERS_FILTER = 0.2  # time constant of the filter for the speed of what is in the way [s]
-SAME = 1.0  # by which the free way may differ from what that filter expects, of the same thing [m]
+FILTER = 0.2  # time constant of the filter of the closing speed of obstacles [s]
+SAME = 1.0  # greatest difference of the free distance from its prediction, for one obstacle [m]
 FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
-STANDING = 0.05  # [m/s]
-STILL = 0.1  # slower and not accelerating, it stands still [m/s]
-CLOSE_ENOUGH, MOVE_UP = 0.1, 0.4  # to the wanted distance: it stops, and standing it moves up [m]
-CREEPING = 0.5  # slower, its yaw rate is rather what its steering makes of its speed than what is measured [m/s]
+STANDING = 0.05  # speed below which it is held [m/s]
+STILL = 0.1  # speed below which it stands, if it does not accelerate [m/s]
+CREEPING = 0.5  # speed below which the yaw rate follows better from steering than from measurement [m/s]
+CLOSE_ENOUGH, MOVE_UP = 0.1, 0.4  # excess of distance at which it stops, and at which it moves up again [m]
+APPROACH = 1.5  # deceleration of the approach to a standing car [m/s2]
+RECOVERY = 2.5  # lateral acceleration of the return to the trail [m/s2]
+STEEPEST = 0.35  # sine of the greatest angle of that return
+ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed [m]
+PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
 SHOWN = 32  # points of the trail that are recorded
-RECOVERY = 2.5  # lateral acceleration to come back with [m/s2]
-APPROACH = 1.5  # deceleration with which a standing car is come up to [m/s2]
-STEEPEST = 0.35  # sine of the greatest angle to come back to the trail at
-ASTRAY = 0.7  # farther off the trail it drives no faster than its own bend allows [m]
 
-ALONE = PathLeader()  # how one drives that has nobody to follow
-LOOKAHEAD = 1.0  # then [s]: it may come to its route from aside
-ASIDE = 5.0  # of the route [m]: there a predecessor is followed no more that was never lost, and may change lanes
-ASIDE_ANEW = 2.0  # the same of whoever was met on the way [m]
-ROUNDED = 0.4  # vehicle lengths each way over which the route's corners are rounded
-RUN_UP = 8.0  # so far before somebody met the route ends, and an arc leads on into its trail [m]
+LOOKAHEAD = 1.0  # time of the steering along the route [s], from which the vehicle may be aside
+ASIDE = 5.0  # distance from the route beyond which a predecessor that was never lost is dropped [m]
+ASIDE_ANEW = 2.0  # the same for one that was met on the route [m]
+ROUNDED = 0.4  # distance each way over which corners of the route are rounded [vehicle lengths]
+RUN_UP = 8.0  # distance before a predecessor at which the trail leaves the route, by an arc [m]
 
 
 class Memory(NamedTuple):
-    """Arrays (n,), but for the records of such."""
+    """Arrays (n,), or records of arrays."""
 
     odometry: Odometry
     track: Track
     trail: Trail
-    acceleration: np.ndarray  # that was asked for last [m/s2]
-    curvature: np.ndarray  # the same [1/m]
-    own: np.ndarray  # that the car has by now, for its lag [m/s2]
-    free: np.ndarray  # way to what is in the way, not the predecessor [m]; inf: nothing
-    closing: np.ndarray  # how fast that becomes less [m/s]; NaN: not known yet
-    never_lost: np.ndarray  # bool
+    acceleration: np.ndarray  # last command [m/s2]
+    curvature: np.ndarray  # last command [1/m]
+    achieved: np.ndarray  # acceleration that the drive line has by now, modelled [m/s2]
+    free: np.ndarray  # distance from the bumper to the first obstacle but the predecessor [m]; inf: none
+    closing: np.ndarray  # rate at which that shrinks [m/s]; NaN: not known yet
+    never_lost: np.ndarray  # it has had the same predecessor from the start, bool
+
+    @classmethod
+    def begin(cls, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
+        n = len(speed)
+        records = Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n)
+        return cls(*records, *np.zeros((3, n)), np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool))
+
+
+class Now(NamedTuple):
+    """Inputs of a decision; odometry is that after the step."""
+
+    sensed: Sensed
+    memory: Memory
+    odometry: Odometry
+    dt: float
+
+    @property
+    def speed(self) -> np.ndarray:
+        return self.odometry.speed
+
+    @property
+    def leads(self) -> np.ndarray:
+        """Ordered to follow nothing, bool (n,)."""
+        return np.zeros(len(self.speed), bool) if self.sensed.leads is None else self.sensed.leads
+
+    @property
+    def laser(self) -> np.ndarray:
+        """Distance from the own driven axle to the laser [m], (n,)."""
+        return self.sensed.scan.model.mount.x - self.sensed.body.axle
+
+
+class Estimate(NamedTuple):
+    """The predecessor, by the laser."""
+
+    predicted: Track  # before the scan
+    track: Track
+    sighting: Sighting
+    on_route: np.ndarray  # the path is the given route, not the predecessor's trail, bool (n,)
+
+
+class Obstacle(NamedTuple):
+    """The first return over the strip ahead but the predecessor, arrays (n,)."""
+
+    free: np.ndarray  # distance from the front bumper [m]; inf: none
+    closing: np.ndarray  # rate at which that shrinks [m/s]; NaN: not known yet
+
+
+class Demand(NamedTuple):
+    """Accelerations, arrays (n,) [m/s2]."""
+
+    wanted: np.ndarray  # driven within comfort
+    needed: np.ndarray  # to avoid a collision, driven if that takes more than comfortable braking; inf: none
 
 
 @dataclass(frozen=True)
 class TrackingFollower(Law):
     """Tracks its predecessor by laser, drives in its trail, and keeps a time headway.
 
-    1. The groups of returns in the scan correct an extended Kalman filter of the predecessor's motion, in the frame of
-       the own odometry (`tracker.track`).
-    2. Where its rear axle has been is remembered (`tracker.trail`), and steered along: the trail's curvature,
-       as far ahead as the steering lags, corrected by offset and direction,
+    1. Estimate. The groups of returns in the scan correct an extended Kalman filter of the predecessor's motion, in the
+       frame of the own odometry (`tracker.track`).
+    2. Steer. The path of its rear axle is remembered (`tracker.trail`), and steered along: the trail's curvature, as
+       far ahead as the steering lags, corrected by offset and direction,
 
            curvature = trail's - offset / l^2 - 2 sin(off_heading) / l,      l = max(catch_up, catch_up_time v)
 
-       that is critically damped: e'' + 2 e' / l + e / l^2 = 0 along the way. From far off it comes back at a fixed
-       angle, and slowly enough for the bend that it drives.
-    3. The distance from laser to rear shall be stand_off + time_headway v. With its error e and the gap's rate r the
-       acceleration (r + distance_gain e) / time_headway makes the speed follow the predecessor's by a first-order lag
-       of time_headway, whatever its frequency: no disturbance grows (Ioannou & Chien, "Autonomous intelligent cruise
-       control", IEEE Trans. Vehicular Technology 42, 1993). The drive line's own lag is led by the rate of that wish,
-       into which the predecessor's estimated acceleration goes.
-    4. It brakes harder than in comfort for what needs it: the braking that just does, if both go on as they do now
-       (constant-acceleration heuristic: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 2010), for the
-       predecessor and for whatever else is met on the strip that it will drive over.
-    5. It does not know where its predecessor is when it has not seen it for `patience`: then it stops, in the trail.
-       With on_loss = "drive" it is given its route, and drives on along it as a `PathLeader` would, until somebody is
-       before it on that route: whom it follows then, along the route, for a laser does not tell who that is. Who leaves
-       the route is followed no farther.
-       Told to lead, it follows nobody.
-    6. With policy = "obey" it is given lights and right of way, and stops at a closed line; alone it always does.
+       which is critically damped: e'' + 2 e' / l + e / l^2 = 0 along the trail. From a large offset the vehicle returns
+       at a fixed angle, at a speed that its own bend allows.
+    3. Follow. The distance from laser to rear shall be stand_off + time_headway v. With its error e and the gap's rate
+       r the acceleration (r + distance_gain e) / time_headway makes the speed follow the predecessor's by a first-order
+       lag of time_headway at every frequency, so no disturbance grows (Ioannou & Chien, "Autonomous intelligent cruise
+       control", IEEE Trans. Vehicular Technology 42, 1993). The drive line's own lag is compensated by the rate of that
+       acceleration, which contains the predecessor's estimated acceleration.
+    4. Avoid. It brakes harder than in comfort if that is needed: by the braking that just suffices, if both vehicles go
+       on as they do now (constant-acceleration heuristic: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 2010),
+       for the predecessor and for any obstacle on the strip ahead.
+    5. Alone. A predecessor not seen for `patience` is lost: the vehicle then stops, in the trail. With
+       on_loss = "drive" it is given its route, and drives on along it as the path law `alone` does, until a vehicle is
+       ahead on the route. It follows that one, along the route, since a laser cannot identify it; a predecessor that
+       leaves the route is dropped. On the order to lead it drops its predecessor.
+    6. Stop lines. With policy = "obey" it is given lights and right of way, and stops at a closed line as `alone` does;
+       without a predecessor it always does.
     """
 
     lidar: ClassVar[str] = "car-tracker"  # the preset, where a scenario names none
@@ -87,34 +140,40 @@ class TrackingFollower(Law):
     stand_off: Annotated[Positive, Field(alias="stand_off_m")] = 3.0  # laser to rear at rest
     time_headway: Annotated[Positive, Field(alias="time_headway_s")] = 1.0
     distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s")] = 0.4
-    catching_up: Annotated[Positive, Field(alias="catching_up_mps")] = 3.0  # faster than the predecessor, no more
+    catching_up: Annotated[Positive, Field(alias="catching_up_mps")] = 3.0  # greatest speed above the predecessor's
     drive_lag: Annotated[NotNegative, Field(alias="drive_lag_s")] = 0.2  # of the own drive line, with half a scan
     acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5  # comfortable
     braking: Annotated[Positive, Field(alias="braking_mps2")] = 3.5  # comfortable; ISO 15622 allows it at any speed
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 9.0
     jerk: Annotated[Positive, Field(alias="jerk_mps3")] = 5.0  # comfortable; ISO 15622 at low speed
-    margin: Annotated[Positive, Field(alias="margin_m")] = 2.7  # laser to rear that hard braking leaves
+    margin: Annotated[Positive, Field(alias="margin_m")] = 2.7  # laser to rear after hard braking
     lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 4.0
-    # Steering: about three times its lag and half a scan. Shorter ways swing, longer ones cut corners.
+    # About three times the steering's lag and half a scan. Shorter distances make it swing, longer ones cut corners.
     catch_up: Annotated[Positive, Field(alias="catch_up_m")] = 2.5
     catch_up_time: Annotated[Positive, Field(alias="catch_up_time_s")] = 0.6
-    # The trail is smoothed over so much each way: 8 points at any speed.
+    # The trail is smoothed over this distance each way: 8 points at any speed.
     window: Annotated[Positive, Field(alias="window_m")] = 1.5
     window_time: Annotated[Positive, Field(alias="window_time_s")] = 0.4
     steering_lag: Annotated[NotNegative, Field(alias="steering_lag_s")] = 0.15  # of the own car, with half a scan
     patience: Annotated[Positive, Field(alias="patience_s")] = 1.5
-    half_width: Annotated[Positive, Field(alias="half_width_m")] = 1.1  # of the strip that is to be free
-    policy: Literal["convoy", "obey"] = "convoy"  # where lights or right of way are against it
+    half_width: Annotated[Positive, Field(alias="half_width_m")] = 1.1  # of the strip that must be free
+    policy: Literal["convoy", "obey"] = "convoy"  # at closed stop lines behind a predecessor
     on_loss: Literal["stop", "drive"] = "stop"
+    alone: PathLeader = field(default_factory=PathLeader)  # drives along the route, and stops at lines
+
+    def __post_init__(self) -> None:
+        if self.alone.profile or self.alone.trace:
+            raise ValueError("alone: profile and trace are for leaders; must be left out")
 
     @property
     def needs(self) -> frozenset[str]:
-        if self.on_loss == "drive":
+        if self.drives_alone:
             return frozenset({"route", "signals", "leads"})
         return frozenset({"signals"} if self.policy == "obey" else ())
 
     @property
     def drives_alone(self) -> bool:
+        """It drives on without a predecessor."""
         return self.on_loss == "drive"
 
     def desired_distance(self, speed):
@@ -122,120 +181,139 @@ class TrackingFollower(Law):
         return self.stand_off + self.time_headway * speed
 
     def __call__(self, sensed: Sensed, memory: Memory | None, dt: float) -> Decision:
-        scan, body = sensed.scan, sensed.body
         if memory is None:
-            memory = self._begin(sensed.speed, sensed.yaw_rate)
-        speed, yaw_rate = self._own_motion(sensed, memory)
-        odometry = memory.odometry.moved(speed, yaw_rate, dt)
+            memory = Memory.begin(sensed.speed, sensed.yaw_rate)
+        now = Now(sensed, memory, memory.odometry.moved(*self._own_motion(sensed, memory), dt), dt)
+        estimate = self._estimate(now)
 
-        before = memory.track.predicted(odometry, dt)
-        before = before.forgotten(before.blind > self.patience)
-        ways = np.empty((len(speed), 0, 2))  # nobody is told a route
-        if sensed.route is not None:
-            ways = sensed.route.points
-            limit = np.where(memory.never_lost, ASIDE, ASIDE_ANEW)
-            before = before.forgotten(before.aside(ways, odometry) > limit)
-        leads = np.zeros(len(speed), bool) if sensed.leads is None else sensed.leads
-        before = before.forgotten(leads)
-        ahead_of_axle = scan.model.mount.x - body.axle
-        turning = np.where(speed > 1.0, yaw_rate / np.maximum(speed, 1.0), 0.0)
-        segments = find_segments(scan, jump=0.3, bridge=5)
-        track, seen, beams = before.corrected(scan, segments, odometry, ahead_of_axle, turning, ways, dt)
-        if leads.any():
-            track, seen[leads], beams[leads] = track.forgotten(leads), np.nan, -1
+        trail = self._remember(now, estimate)
+        ahead = self._look_ahead(now, estimate, trail)
+        curvature = self._steer(now, estimate, ahead)
 
-        trail, anew = memory.trail, before.blind > 1.5 * dt
-        if sensed.route is not None:
-            strange = ~before.known | ~memory.never_lost  # whoever was met on the way is followed along the route
-            met = np.hypot(track.mean[:, 0] - odometry.x, track.mean[:, 1] - odometry.y) - RUN_UP
-            until = np.where(track.known, met, scan.model.range_max)
-            trail.lay(strange, odometry, sensed.route.points, sensed.route.distance, until, ROUNDED * body.length)
-            anew |= strange
-        trail.lengthen(track, odometry, anew)
-        catch_up = np.maximum(self.catch_up, self.catch_up_time * speed)
-        window = np.maximum(self.window, self.window_time * speed)
-        ahead = trail.ahead(odometry, track, window, self.steering_lag * speed)
-        curvature = self._steer(ahead, catch_up, speed)
-        if sensed.route is not None:
-            curvature = np.where(strange, ALONE.curvature_on(sensed, LOOKAHEAD), curvature)
+        achieved = memory.achieved + (memory.acceleration - memory.achieved) * -np.expm1(
+            -dt / max(self.drive_lag, 1e-9)
+        )
+        demand = self._follow(now, estimate.track, ahead, achieved)
+        obstacle = self._obstacle(now, estimate, trail, ahead)
+        demand = self._avoid(now, ahead, obstacle, demand)
+        demand = self._by_road(now, estimate.track, obstacle, demand)
+        demand = self._gently_back(now, ahead, curvature, demand)
+        acceleration = self._comfort(now, demand)
 
-        distance = ahead.way - OVERHANG - ahead_of_axle
-        reach = np.where(track.known, ahead.way - OVERHANG - 0.5, np.maximum(ahead.way, 0) + scan.model.range_max / 2)
-        free = trail.free_way(odometry, scan, beams, body, np.full(len(speed), self.half_width), reach)
-        closing = closing_speed(free, memory.free, memory.closing, speed, dt, same=SAME, time_constant=OTHERS_FILTER)
-        own = memory.own + (memory.acceleration - memory.own) * -np.expm1(-dt / max(self.drive_lag, 1e-9))
-        wanted, needed = self._follow(distance, speed, own, track, memory.acceleration)
-        wanted = np.minimum(wanted, self._bends(ahead, speed))
-        blind_spot = body.length / 2 - scan.model.mount.x  # from laser to front bumper
-        needed = np.minimum(needed, self._brake_for(free + blind_spot, speed, speed - closing, 0.0))
-        astray = (np.abs(ahead.offset) > ASTRAY) | (np.abs(ahead.off_heading) > STEEPEST)
-        too_fast = speed**2 * np.abs(curvature) > self.lateral_acceleration
-        wanted, needed = self._by_road(sensed, memory, track, (free, closing), wanted, needed, dt)
-        wanted = np.where(astray & too_fast, np.minimum(wanted, -self.braking), wanted)
-        last = np.where(speed < STANDING, np.maximum(memory.acceleration, -FIRM), memory.acceleration)
-        acceleration = self._comfort(wanted, needed, last, dt)
-        acceleration = np.maximum(acceleration, -self.hardest_braking)
-
-        never_lost = memory.never_lost & ~leads & (before.known | ~memory.track.known)
-        memory = Memory(odometry, track, trail, acceleration, curvature, own, free, closing, never_lost)
-        return Decision(Drive(acceleration, curvature), memory, Target(*seen.T))
+        never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
+        commands = acceleration, curvature, achieved
+        memory = Memory(now.odometry, estimate.track, trail, *commands, *obstacle, never_lost)
+        return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
-        """Where the predecessor's rear axle has been, as seen from the own one, (n, SHOWN, 2) [m]."""
+        """Path of the predecessor's rear axle, as seen from the own one, (n, SHOWN, 2) [m]."""
         return memory.trail.seen_from_axle(memory.odometry, SHOWN)
 
-    def _begin(self, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
-        n = len(speed)
-        nothing, unknown = np.full(n, np.inf), np.full(n, np.nan)
-        begun = Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n)
-        return Memory(*begun, *np.zeros((3, n)), nothing, unknown, np.ones(n, bool))
-
     def _own_motion(self, sensed: Sensed, memory: Memory) -> tuple[np.ndarray, np.ndarray]:
-        """Speed and yaw rate, (n,): as measured, but for who stands or creeps, when errors are most of what is."""
+        """Speed and yaw rate, (n,): as measured; at walking pace and below, modelled, since noise would dominate."""
         still = (np.abs(sensed.speed) < STILL) & (memory.acceleration <= 0)
         speed = np.where(still, 0.0, sensed.speed)
-        lock = 1 / sensed.body.length  # about
+        lock = 1 / sensed.body.length  # greatest curvature of a car, roughly [1/m]
         steered = np.clip(memory.curvature, -lock, lock)
         return speed, np.where(speed < CREEPING, speed * steered, sensed.yaw_rate)
 
-    def _steer(self, ahead: Ahead, catch_up: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        towards = -np.clip(ahead.offset / (2 * catch_up), -STEEPEST, STEEPEST)  # sine of the angle to come back at
+    # ---- 1. estimate
+
+    def _estimate(self, now: Now) -> Estimate:
+        route, speed = now.sensed.route, now.speed
+        predicted = self._predict(now)
+        turning = np.where(speed > 1.0, now.odometry.yaw_rate / np.maximum(speed, 1.0), 0.0)
+        path = PathAhead(turning, np.empty((len(speed), 0, 2)) if route is None else route.points)
+        segments = find_segments(now.sensed.scan, jump=0.3, bridge=5)
+        track, sighting = predicted.corrected(now.sensed.scan, segments, now.odometry, now.laser, path, now.dt)
+        if now.leads.any():
+            track, sighting = track.forgotten(now.leads), sighting.without(now.leads)
+        # A predecessor that was met on the route is followed along the route.
+        on_route = (~predicted.known | ~now.memory.never_lost) & (route is not None)
+        return Estimate(predicted, track, sighting, on_route)
+
+    def _predict(self, now: Now) -> Track:
+        """The track at the time of this scan, without predecessors that are lost, off the route, or not wanted."""
+        track = now.memory.track.predicted(now.odometry, now.dt)
+        track = track.forgotten(track.blind > self.patience)
+        if now.sensed.route is not None:
+            limit = np.where(now.memory.never_lost, ASIDE, ASIDE_ANEW)
+            track = track.forgotten(track.offset(now.sensed.route.points, now.odometry) > limit)
+        return track.forgotten(now.leads)
+
+    # ---- 2. steer
+
+    def _remember(self, now: Now, estimate: Estimate) -> Trail:
+        track, odometry, route = estimate.track, now.odometry, now.sensed.route
+        gap, section = estimate.predicted.blind > 1.5 * now.dt, None
+        if route is not None:
+            near = np.hypot(track.mean[:, 0] - odometry.x, track.mean[:, 1] - odometry.y) - RUN_UP
+            length = np.where(track.known, near, now.sensed.scan.model.range_max)
+            rounding = ROUNDED * now.sensed.body.length
+            section = RouteSection(estimate.on_route, route.points, route.distance, length, rounding)
+        return now.memory.trail.extended(track, odometry, gap | estimate.on_route, section)
+
+    def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
+        window = np.maximum(self.window, self.window_time * now.speed)
+        return trail.ahead(now.odometry, estimate.track, window, self.steering_lag * now.speed)
+
+    def _steer(self, now: Now, estimate: Estimate, ahead: Ahead) -> np.ndarray:
+        """Curvature to drive [1/m], (n,)."""
+        speed = now.speed
+        catch_up = np.maximum(self.catch_up, self.catch_up_time * speed)
+        towards = -np.clip(ahead.offset / (2 * catch_up), -STEEPEST, STEEPEST)  # sine of the angle of return
         back = 2 * (np.sin(ahead.off_heading) - towards) / catch_up
         gentle = RECOVERY / np.maximum(speed, 2.0) ** 2  # steering is too slow for more, and would swing
-        return ahead.curvature - np.clip(back, -gentle, gentle)
+        curvature = ahead.curvature - np.clip(back, -gentle, gentle)
+        if now.sensed.route is None:
+            return curvature
+        return np.where(estimate.on_route, self.alone.curvature_on(now.sensed, LOOKAHEAD), curvature)
 
-    def _follow(self, distance, speed, own, track: Track, last) -> tuple[np.ndarray, np.ndarray]:
-        """The acceleration that keeps the headway, and the braking that is needed."""
+    # ---- 3. follow
+
+    def _follow(self, now: Now, track: Track, ahead: Ahead, achieved: np.ndarray) -> Demand:
+        """To keep the headway; without a predecessor, to stop."""
+        distance = ahead.length - OVERHANG - now.laser
         speed_ahead, acceleration_ahead = track.mean[:, SPEED], track.mean[:, ACCELERATION]
+        wanted = self._headway(now, distance, track, achieved)
+        stop = np.where(now.speed < STANDING, -FIRM, -self.braking / 2)
+        needed = self._brake_for(distance, now.speed, speed_ahead, np.minimum(acceleration_ahead, 0.0))
+        return Demand(np.where(track.known, wanted, stop), np.where(track.known, needed, np.inf))
+
+    def _headway(self, now: Now, distance: np.ndarray, track: Track, achieved: np.ndarray) -> np.ndarray:
+        speed, speed_ahead, acceleration_ahead = now.speed, track.mean[:, SPEED], track.mean[:, ACCELERATION]
         error, rate = distance - self.desired_distance(speed), speed_ahead - speed
-        fast = np.sqrt(2 * APPROACH * np.maximum(error, 0.0)) - speed_ahead  # towards who stands or nearly so
+        fast = np.sqrt(2 * APPROACH * np.maximum(error, 0.0)) - speed_ahead  # to a vehicle that nearly stands
         wanted = rate + np.minimum(self.distance_gain * error, np.maximum(self.catching_up, fast))
         wanted = wanted / self.time_headway
-        change = (acceleration_ahead - own + self.distance_gain * (rate - self.time_headway * own)) / self.time_headway
+        closing = rate - self.time_headway * achieved
+        change = (acceleration_ahead - achieved + self.distance_gain * closing) / self.time_headway
         wanted = wanted + self.drive_lag * change
-        near = error < np.where(last <= -FIRM, MOVE_UP, CLOSE_ENOUGH)
+        near = error < np.where(now.memory.acceleration <= -FIRM, MOVE_UP, CLOSE_ENOUGH)
         stands = (speed < STANDING) & (speed_ahead < 2 * STANDING) & near
-        wanted = np.where(stands, -FIRM, wanted)
-        wanted = np.where(track.known, wanted, np.where(speed < STANDING, -FIRM, -self.braking / 2))
-        needed = self._brake_for(distance, speed, speed_ahead, np.minimum(acceleration_ahead, 0.0))
-        return wanted, np.where(track.known, needed, np.inf)
+        return np.where(stands, -FIRM, wanted)
 
-    def _by_road(self, sensed: Sensed, memory: Memory, track: Track, others, wanted, needed, dt: float):
-        """Both accelerations, with what the route and the lines on it ask for of those who are told of them."""
-        if sensed.route is not None:
-            alone = ALONE.acceleration_on(sensed, np.zeros(len(sensed.speed)), *others, dt)
-            wanted = np.where(track.known, wanted, alone)
-            # Who was met on the way may drive on straight where the route turns.
-            bends = ALONE.acceleration_for_bends(sensed)
-            wanted = np.where(memory.never_lost, wanted, np.minimum(wanted, bends))
-        if sensed.signals is not None:
-            stop = ALONE.acceleration_for_lines(sensed)
-            stop = np.where(track.known & (self.policy == "convoy"), np.inf, stop)
-            wanted, needed = np.minimum(wanted, stop), np.minimum(needed, stop)
-        return wanted, needed
+    # ---- 4. avoid
+
+    def _obstacle(self, now: Now, estimate: Estimate, trail: Trail, ahead: Ahead) -> Obstacle:
+        sensed, memory = now.sensed, now.memory
+        beyond_end = np.maximum(ahead.length, 0) + sensed.scan.model.range_max / 2
+        reach = np.where(estimate.track.known, ahead.length - OVERHANG - PAST_PREDECESSOR, beyond_end)
+        strip = Strip(np.full(len(now.speed), self.half_width), reach)
+        free = trail.free_distance(now.odometry, sensed.scan, sensed.body, strip, estimate.sighting.beams)
+        closing = closing_speed(
+            free, memory.free, memory.closing, now.speed, now.dt, same=SAME, time_constant=FILTER
+        )  # fmt: skip
+        return Obstacle(free, closing)
+
+    def _avoid(self, now: Now, ahead: Ahead, obstacle: Obstacle, demand: Demand) -> Demand:
+        """Limited by bends of the trail and by the obstacle."""
+        blind_spot = now.sensed.body.length / 2 - now.sensed.scan.model.mount.x  # from laser to front bumper
+        brake = self._brake_for(obstacle.free + blind_spot, now.speed, now.speed - obstacle.closing, 0.0)
+        return Demand(np.minimum(demand.wanted, self._bends(ahead, now.speed)), np.minimum(demand.needed, brake))
 
     def _brake_for(self, distance, speed, speed_ahead, acceleration_ahead) -> np.ndarray:
-        """Acceleration that just does not come nearer than the margin; inf where it is not known."""
+        """Acceleration that just keeps the margin to what is ahead [m/s2], (n,); inf where that is not known."""
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = np.maximum(speed - speed_ahead, 0.0)
             left = np.maximum(distance - self.margin - rate * self.drive_lag, 0.01)
@@ -246,14 +324,43 @@ class TrackingFollower(Law):
         return np.where(np.isnan(needed) | (distance == np.inf), np.inf, needed)
 
     def _bends(self, ahead: Ahead, speed: np.ndarray) -> np.ndarray:
-        """The greatest acceleration with which bends ahead are driven at no more than the lateral acceleration."""
+        """Greatest acceleration that keeps to the lateral acceleration in bends ahead [m/s2], (n,)."""
         fastest2 = self.lateral_acceleration / np.maximum(np.abs(ahead.bend), 1e-6)
-        way = np.maximum(ahead.distance, self.drive_lag * speed[:, None] + 0.5)
-        share = np.maximum(speed[:, None] ** 2 - fastest2, 0.0) / (2 * way) / self.braking
+        distance = np.maximum(ahead.distance, self.drive_lag * speed[:, None] + 0.5)
+        share = np.maximum(speed[:, None] ** 2 - fastest2, 0.0) / (2 * distance) / self.braking
         return (self.acceleration - (self.acceleration + self.braking) * share).min(axis=1)
 
-    def _comfort(self, wanted, needed, last, dt: float) -> np.ndarray:
-        """What is wanted, within comfort; what is needed, whatever it takes, and no longer than it is."""
-        wanted, last = np.clip(wanted, -self.braking, self.acceleration), np.maximum(last, -self.braking)
-        wanted = np.clip(wanted, last - self.jerk * dt, last + self.jerk * dt)
-        return np.where(needed < -self.braking, np.minimum(wanted, needed), wanted)
+    # ---- 5. and 6. alone, stop lines
+
+    def _by_road(self, now: Now, track: Track, obstacle: Obstacle, demand: Demand) -> Demand:
+        """Limited by route and stop lines, where they are given; without a predecessor, as `alone` drives."""
+        sensed, (wanted, needed) = now.sensed, demand
+        if sensed.route is not None:
+            alone = self.alone.acceleration_on(sensed, np.zeros(len(now.speed)), *obstacle, now.dt)
+            wanted = np.where(track.known, wanted, alone)
+            # A vehicle that was met on the route may go straight on where the route turns.
+            bends = self.alone.acceleration_for_bends(sensed)
+            wanted = np.where(now.memory.never_lost, wanted, np.minimum(wanted, bends))
+        if sensed.signals is not None:
+            stop = self.alone.acceleration_for_lines(sensed)
+            stop = np.where(track.known & (self.policy == "convoy"), np.inf, stop)
+            wanted, needed = np.minimum(wanted, stop), np.minimum(needed, stop)
+        return Demand(wanted, needed)
+
+    # ---- limits
+
+    def _gently_back(self, now: Now, ahead: Ahead, curvature: np.ndarray, demand: Demand) -> Demand:
+        """Braking where the vehicle is astray and too fast for the bend back to the trail."""
+        astray = (np.abs(ahead.offset) > ASTRAY) | (np.abs(ahead.off_heading) > STEEPEST)
+        too_fast = now.speed**2 * np.abs(curvature) > self.lateral_acceleration
+        slower = np.minimum(demand.wanted, -self.braking)
+        return demand._replace(wanted=np.where(astray & too_fast, slower, demand.wanted))
+
+    def _comfort(self, now: Now, demand: Demand) -> np.ndarray:
+        """The wanted acceleration within comfort; the needed one where it is harder braking [m/s2], (n,)."""
+        last = now.memory.acceleration
+        last = np.where(now.speed < STANDING, np.maximum(last, -FIRM), last)
+        wanted, last = np.clip(demand.wanted, -self.braking, self.acceleration), np.maximum(last, -self.braking)
+        wanted = np.clip(wanted, last - self.jerk * now.dt, last + self.jerk * now.dt)
+        acceleration = np.where(demand.needed < -self.braking, np.minimum(wanted, demand.needed), wanted)
+        return np.maximum(acceleration, -self.hardest_braking)

@@ -30,7 +30,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
 from platoontraffic import shipped
-from platoontraffic.controllers.gains import keys_of, law_of, with_files
+from platoontraffic.controllers.gains import law_of, table_of, with_files
 from platoontraffic.controllers.law import Law
 from platoontraffic.controllers.registry import FoundLaw, find_law, plug_in_file
 from platoontraffic.errors import InputError, did_you_mean
@@ -523,10 +523,8 @@ class Scenario:
             table["sumo"][key] = [named(file) for file in files[len(files) - n :]]
         for (i, role), law in self.laws.items():
             driver = table["platoon"][i][role]
-            keys = {alias: getattr(law, name) for name, alias in keys_of(type(law)).items()}
             driver.clear()
-            given = {key: named(v) if isinstance(v, Path) else v for key, v in keys.items() if v is not None}
-            driver |= {"law": getattr(self.spec.platoon[i], role).law, **given}
+            driver |= {"law": getattr(self.spec.platoon[i], role).law, **table_of(law, named)}
             lidar = getattr(self.spec.platoon[i], role).lidar.model_dump(exclude_none=True)
             driver["lidar"] = {"preset": default_preset(role, law)} | lidar
             driver["odometry"] = getattr(self.spec.platoon[i], role).odometry.model_dump(exclude_none=True)
@@ -741,7 +739,7 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 kind = law.kind
                 sources |= set(law.sources)
                 gains = with_files(kind, driver.model_extra or {}, folder)
-                laws[i, role] = law_of(kind, gains, lambda key, what, at=at: fault((*at, key), what), _without_key)
+                laws[i, role] = law_of(kind, gains, lambda keys, what, at=at: fault((*at, *keys), what), _without_key)
                 sources |= {value for value in gains.values() if isinstance(value, Path)}
             except LookupError as error:
                 fault((*at, "law"), str(error))

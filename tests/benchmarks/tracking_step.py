@@ -1,8 +1,8 @@
-"""Print what the law `tracking` costs a step: estimation, trail and law of 400 followers, beside their scans.
+"""Print the time that the law `tracking` takes for a step of 400 followers, and that of their scans.
 
     .venv/bin/python tests/benchmarks/tracking_step.py
 
-A hundred platoons of five at 20 m/s, with the errors of a car's laser; CPU time of the one thread that works.
+A hundred platoons of five at 20 m/s, with the errors of a car's laser; CPU time of the single working thread.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The leader on a given path: steering, bends, speeds over time, others, lines."""
+"""The leader on a given path: steering, bends, speeds over time, obstacles, stop lines."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_past_the_end_it_goes_straight_on():
 
 
 @pytest.mark.parametrize("radius", [12.0, 40.0])
-def test_bends_are_driven_at_the_lateral_acceleration_that_is_allowed(radius):
+def test_bends_are_driven_at_the_allowed_lateral_acceleration(radius):
     law = PathLeader(speed=30.0, lateral_acceleration=2.0)
     log = along(circle(radius), law, model=CAR, seconds=60.0, dt=0.1)
     speed = log.speed[log.time > 30, 0]
@@ -79,7 +79,7 @@ def test_bends_are_driven_at_the_lateral_acceleration_that_is_allowed(radius):
     assert np.hypot(*(axle(log, CAR) - (0, radius)).T)[log.time > 30] == pytest.approx(radius, abs=0.1)
 
 
-def test_it_slows_down_before_a_bend_and_not_in_it():
+def test_it_slows_down_before_a_bend_rather_than_in_it():
     quarter = np.linspace(-np.pi / 2, 0, 30)
     bend = [(200 + 12 * np.cos(a), 12 + 12 * np.sin(a)) for a in quarter]
     log = along(line((0, 0), *bend, (212, 120)), PathLeader(speed=15.0), model=CAR, seconds=40.0, speed=15.0, dt=0.1)
@@ -91,7 +91,7 @@ def test_it_slows_down_before_a_bend_and_not_in_it():
     assert speed[-1] > 12
 
 
-def test_it_drives_by_the_limits_of_the_road_and_brakes_before_a_lower_one():
+def test_it_drives_at_the_speed_limit_and_brakes_before_a_lower_one():
     limits = np.array([10.0, 5.0, 20.0, 20.0])
     route = Route.along(("a", "b", "c"), np.array([(0, 0), (200, 0), (300, 0), (900, 0)]), limits)
     log = along(route, PathLeader(), model=CAR, seconds=80.0, dt=0.1)
@@ -121,7 +121,7 @@ def test_a_sinusoid_is_driven_with_its_amplitude_and_frequency():
     fit = np.column_stack([np.sin(0.2 * np.pi * (time - 5)), np.cos(0.2 * np.pi * (time - 5)), np.ones_like(time)])
     sin, cos, mean = np.linalg.lstsq(fit[late], speed[late], rcond=None)[0]
     assert (np.hypot(sin, cos), mean) == pytest.approx((2.0, 10.0), rel=0.03)
-    assert abs(np.arctan2(cos, sin)) < 0.1  # hardly late, for its change is demanded with it
+    assert abs(np.arctan2(cos, sin)) < 0.1  # hardly late, since the rate is demanded too
 
 
 def test_a_chirp_grows_from_the_first_to_the_last_frequency():
@@ -142,7 +142,7 @@ def test_braking_takes_its_rate_to_its_last_speed(to, rate):
     assert speed[-1] == pytest.approx(to, abs=1e-3)
     half_way = np.interp(0.5, np.abs(speed - 10.0) / abs(to - 10.0), time)
     late = half_way - (5.0 + abs(to - 10.0) / rate / 2)
-    assert -0.02 < late < CAR.lag + rate / CAR.max_jerk / 2 + 0.05  # what drive line and jerk take, and a step
+    assert -0.02 < late < CAR.lag + rate / CAR.max_jerk / 2 + 0.05  # lags of drive line and jerk, and a step
 
 
 def test_a_step_is_driven_in_comfort():
@@ -171,17 +171,17 @@ def test_a_trace_from_a_file_is_driven(tmp_path):
         ("time_s,speed_mps\n", "has no rows"),
     ],
 )
-def test_what_is_wrong_with_a_trace_is_said(tmp_path, text, said):
+def test_faults_of_a_trace_are_named(tmp_path, text, said):
     file = tmp_path / "cycle.csv"
     file.write_text(text)
     with pytest.raises(ValueError, match=said):
         PathLeader(trace=file)
 
 
-# ---- others in its way
+# ---- obstacles
 
 
-def test_what_it_meets_first_on_its_strip_is_what_shapely_finds():
+def test_the_first_return_on_its_strip_is_the_one_that_shapely_finds():
     rng = np.random.default_rng(1)
     n, k, front, half_width = 40, 90, 1.0, 1.1
     step = rng.uniform(0.5, 2.0, (n, 30))
@@ -196,20 +196,20 @@ def test_what_it_meets_first_on_its_strip_is_what_shapely_finds():
     beams = np.stack([np.cos(angle), np.sin(angle)])
     free = np.full(n, np.inf)
     strip = points, distance, np.full(n, half_width)
-    path_kernel.meet(ranges, beams, np.full(n, 0.5), 0.1, strip, np.full(n, front), free)
+    path_kernel.first_on_strip(ranges, beams, np.full(n, 0.5), 0.1, strip, np.full(n, front), free)
 
     routes = shapely.linestrings(points)[:, None]
-    to_there = np.where(np.isfinite(ranges), ranges, -9.0)  # what is behind does not count
+    to_there = np.where(np.isfinite(ranges), ranges, -9.0)  # returns from behind do not count
     x, y = 0.5 + to_there * beams[0], 0.1 + to_there * beams[1]
     met = shapely.points(x, y)
-    way = shapely.line_locate_point(routes, met) - front
-    way[(shapely.distance(routes, met) >= half_width) | (way <= 0) | (x <= 0)] = np.inf
-    assert free == pytest.approx(way.min(axis=1), abs=1e-9)
+    distance = shapely.line_locate_point(routes, met) - front
+    distance[(shapely.distance(routes, met) >= half_width) | (distance <= 0) | (x <= 0)] = np.inf
+    assert free == pytest.approx(distance.min(axis=1), abs=1e-9)
     assert np.isfinite(free).sum() > 10
 
 
 @pytest.mark.parametrize("speed", [5.0, 13.9])
-def test_it_stops_its_stand_off_before_what_stands_in_its_way(speed):
+def test_it_stops_at_its_stand_off_before_an_obstacle(speed):
     wall = Scene.from_shapely(solids=[shapely.box(150, -1, 152, 1)])
     log = along(STRAIGHT, PathLeader(speed=speed, stand_off=3.0), wall, 60.0, CAR, EYE, speed, 0.1)
     front = log.x[:, 0] + CAR.length / 2
@@ -219,16 +219,16 @@ def test_it_stops_its_stand_off_before_what_stands_in_its_way(speed):
     assert np.diff(log.speed[:, 0]).min() / 0.1 > -8.1
 
 
-def test_it_passes_what_stands_beside_its_way():
+def test_it_passes_obstacles_beside_its_route():
     beside = Scene.from_shapely(solids=[shapely.box(60, 1.3, 70, 3), shapely.box(60, -3, 70, -1.3)])
     log = along(STRAIGHT, PathLeader(speed=10.0), beside, 15.0, CAR, EYE, 10.0, 0.1)
     assert log.speed[:, 0] == pytest.approx(10.0)
 
 
-def test_round_a_bend_it_looks_along_its_route_and_not_straight_ahead():
+def test_in_a_bend_it_looks_along_its_route_and_not_straight_ahead():
     quarter = np.linspace(-np.pi / 2, 0, 30)
     route = line((0, 0), *[(50 + 15 * np.cos(a), 15 + 15 * np.sin(a)) for a in quarter], (65, 200))
-    beyond = Scene.from_shapely(solids=[shapely.box(70, -3, 80, 5)])  # straight ahead, not on the way
+    beyond = Scene.from_shapely(solids=[shapely.box(70, -3, 80, 5)])  # straight ahead, not on the route
     log = along(route, PathLeader(speed=5.0), beyond, 40.0, CAR, EYE, 5.0, 0.1)
     assert axle(log, CAR)[-1, 1] > 60
     in_it = Scene.from_shapely(solids=[shapely.box(64, 60, 66, 62)])
@@ -237,7 +237,7 @@ def test_round_a_bend_it_looks_along_its_route_and_not_straight_ahead():
 
 
 def test_it_follows_at_stand_off_and_headway():
-    """Where neither comes nearer the interaction term vanishes at s0 + v T."""
+    """At equal speeds the interaction term vanishes at s0 + v T."""
     law = PathLeader(speed=15.0, stand_off=3.0, time_headway=1.5)
     (one,) = platoon(law, at=(-CAR.axle, 0.0, 0.0), leader_eye=EYE, model=CAR)
     (ahead,) = platoon(PathLeader(speed=8.0), at=(60.0, 0.0, 0.0), model=CAR)
@@ -253,7 +253,7 @@ def test_it_follows_at_stand_off_and_headway():
 
 
 def before_a_line(at: float, opens: float, *, minor=False, changing=False, speed=12.0, seconds=40.0):
-    """Speed and front bumper over time, before a line that is closed until a time."""
+    """Time, place of the front bumper and speed, before a line that is closed until it opens."""
     (one,) = platoon(PathLeader(speed=12.0), at=(-CAR.axle, 0.0, 0.0), leader_eye=EYE, model=CAR)
     fleet, sensing = Fleet.deployed([replace(one, route=STRAIGHT, speed=speed)], 0.1), Sensing(NO_WALLS)
     rows = []
@@ -292,7 +292,7 @@ def test_at_yellow_it_goes_on_where_it_could_not_stop_in_comfort():
     assert speed[-1] < 0.3
 
 
-def test_before_giving_way_it_slows_down_even_if_nobody_comes():
+def test_it_slows_down_before_a_line_without_right_of_way_on_an_empty_road():
     _, front, speed = before_a_line(100.0, opens=0.0, minor=True)
     assert speed[(front > 70) & (front < 95)].min() < 9
     assert speed.min() > 3  # and does not stand

@@ -1,4 +1,4 @@
-"""The laser-only follower of cars: what it holds, on bare ground, without SUMO."""
+"""The laser-only follower of cars: distance, path and sight, on bare ground, without SUMO."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ BEHIND_BUMPER = CAR.length / 2 - TRACKER.mount.x
 def cars(
     at, seconds: float, speed: float, followers: int = 9, eye: LidarModel = EXACT, odometry="none", **options
 ) -> Log:
-    """Steady at first; the leader's acceleration and curvature are a function of time."""
+    """A platoon at steady speed; at: the leader's acceleration and curvature as a function of time."""
     members = platoon(
         Prescribed(lambda time: Drive(*at(time))),
         FOLLOWER,
@@ -62,7 +62,7 @@ def turn(radius: float, angle: float, speed: float, begins: float = 5.0):
 
 
 def s_bend(speed: float, begins: float = 5.0):
-    """Of falling radius: half a turn each, left and right."""
+    """Half turns of falling radius, left and right."""
     stations = np.cumsum([begins * speed, *(0.9 * radius for radius in RADII)])
 
     def at(time: float) -> tuple[float, float]:
@@ -84,7 +84,7 @@ def straight_on(time: float) -> tuple[float, float]:
 
 @pytest.mark.parametrize("speed", [0.0, 5.0, 15.0, 30.0])
 @pytest.mark.parametrize("eye", [EXACT, NOISY], ids=["exact", "noisy"])
-def test_a_steady_gap_is_that_of_the_law(speed, eye):
+def test_a_steady_gap_is_the_desired_distance(speed, eye):
     log = cars(straight_on, 15.0, speed, eye=eye)
     wanted = FOLLOWER.desired_distance(speed) - BEHIND_BUMPER
     assert gaps(log)[50:].mean(axis=0) == pytest.approx(wanted, rel=0.005)
@@ -103,7 +103,7 @@ def test_no_disturbance_of_speed_grows_along_ten_followers(frequency):
     of = amplitude(log.time[late], log.speed[late], omega)
     ratio = of[1:5] / of[:4]
     assert (ratio < 1).all()
-    assert ratio == pytest.approx(ratio[0], rel=0.03)  # each damps as the one before
+    assert ratio == pytest.approx(ratio[0], rel=0.03)  # each damps like its predecessor
     deviation = log.speed - 20.0
     assert (np.diff(np.linalg.norm(deviation, axis=0)) <= 1e-6).all()  # L2
     assert (np.diff(np.abs(deviation).max(axis=0)) <= 1e-3).all()  # L-infinity
@@ -121,14 +121,14 @@ def test_a_leader_that_brakes_as_hard_as_it_can_is_not_hit(seed):
 
 
 @pytest.mark.parametrize("eye", [EXACT, NOISY], ids=["exact", "noisy"])
-def test_one_who_brakes_in_comfort_is_stopped_behind_at_the_stand_off(eye):
+def test_it_stops_at_the_stand_off_behind_a_leader_that_brakes_in_comfort(eye):
     log = cars(lambda time: ((-3.0 if time > 3 else 0.0), 0.0), 35.0, 20.0, eye=eye)
     assert gaps(log)[-1] == pytest.approx(FOLLOWER.stand_off - BEHIND_BUMPER, abs=0.3)
 
 
 @pytest.mark.parametrize("eye", [EXACT, NOISY], ids=["exact", "noisy"])
 @pytest.mark.parametrize("speed", [10.0, 20.0, 30.0])
-def test_a_standing_car_first_seen_at_sixty_metres_is_stopped_for(speed, eye):
+def test_it_stops_behind_a_standing_car_first_seen_at_sixty_metres(speed, eye):
     members = platoon(
         Prescribed(lambda _: Drive(0.0, 0.0)), FOLLOWER, 1, distance=80.0, model=CAR, eye=eye, speed=speed,
         leader_eye=replace(BLIND, rate=10.0),
@@ -140,7 +140,7 @@ def test_a_standing_car_first_seen_at_sixty_metres_is_stopped_for(speed, eye):
 
 
 @pytest.mark.parametrize("distance", [3.08, 3.11, 3.2])
-def test_in_a_queue_it_stands_where_it_stands_and_goes_straight_on(distance):
+def test_in_a_queue_it_neither_creeps_nor_turns(distance):
     """For three minutes, in which measured yaw rates would turn it by up to 18 degrees."""
     members = platoon(
         Prescribed(lambda time: Drive(1.0 if 180 <= time < 188 else 0.0, 0.0)), FOLLOWER, 4, distance=distance,
@@ -154,7 +154,7 @@ def test_in_a_queue_it_stands_where_it_stands_and_goes_straight_on(distance):
     assert np.abs(log.y).max() < 0.1
 
 
-def test_who_catches_up_is_not_much_faster():
+def test_catching_up_is_bounded_in_speed():
     members = platoon(
         Prescribed(lambda _: Drive(0.0, 0.0)), FOLLOWER, 1, distance=55.0, model=CAR, eye=EXACT, speed=15.0,
         leader_eye=replace(BLIND, rate=10.0),
@@ -212,8 +212,8 @@ def test_left_and_right_are_the_same():
 
 
 @pytest.mark.parametrize(("radius", "speed", "centre", "corner"), [(8.0, 5.0, 58, 64), (6.0, 4.0, 74, 81)])
-def test_the_view_is_as_wide_as_the_smallest_turns_ask(radius, speed, centre, corner):
-    """How far aside a follower has its predecessor's rear [deg]: the preset sees to 90 each way."""
+def test_bearing_of_the_predecessor_in_the_smallest_turns(radius, speed, centre, corner):
+    """Of its rear's centre and corners [deg]; the preset sees to 90 on both sides."""
     log = cars(turn(radius, math.pi / 2, speed), 30.0, speed, eye=NOISY)
     ahead, own = slice(None, -1), slice(1, None)
     laser_x = log.x[:, own] + TRACKER.mount.x * np.cos(log.heading[:, own])
@@ -228,7 +228,7 @@ def test_the_view_is_as_wide_as_the_smallest_turns_ask(radius, speed, centre, co
     assert max(most) == pytest.approx(corner, abs=3)
 
 
-def test_a_third_of_the_returns_lost_loses_nobody():
+def test_it_keeps_its_predecessor_with_a_third_of_the_returns_lost():
     rainy = replace(NOISY, noise=replace(NOISY.noise, dropout=0.3))
     log = cars(lambda time: (math.sin(0.5 * time), 0.0), 40.0, 20.0, eye=rainy)
     assert log.locked().mean(axis=0).min() >= 0.98
@@ -238,23 +238,23 @@ def test_a_third_of_the_returns_lost_loses_nobody():
 @pytest.mark.parametrize(
     ("path", "speed"), [(straight_on, 20.0), (turn(8.0, math.pi / 2, 5.0), 5.0)], ids=["straight", "turn"]
 )
-def test_a_second_of_blindness_loses_nobody(path, speed):
+def test_it_keeps_its_predecessor_through_a_second_of_blindness(path, speed):
     log = cars(path, 25.0, speed, eye=NOISY, blind=(5.5, 6.5))
     assert log.locked()[70:].mean(axis=0).min() >= 0.99
     assert max(off_path(log, i, i - 1) for i in range(1, 10)) < 0.3
 
 
-def test_five_seconds_of_blindness_begin_a_stop():
+def test_lasting_blindness_makes_it_stop():
     log = cars(straight_on, 20.0, 20.0, followers=1, eye=NOISY, blind=(5.0, 30.0))
     at = {time: log.speed[round(time / DT), 1] for time in (6.0, 10.0, 19.0)}
-    assert at[6.0] == pytest.approx(20.0, abs=0.3)  # it goes on as the other was last seen to
+    assert at[6.0] == pytest.approx(20.0, abs=0.3)  # it follows the prediction
     assert at[10.0] < 15
     assert at[19.0] == 0
     assert log.acceleration[:, 1].min() > -FOLLOWER.braking  # not an emergency
     assert np.abs(log.y[:, 1]).max() < 1.5  # after 150 m, the direction last seen is known to 0.01 rad
 
 
-def test_nobody_in_sight_it_stands():
+def test_without_a_predecessor_it_does_not_start():
     law = TrackingFollower()
     alone = platoon(law, eye=NOISY, leader_eye=NOISY, model=CAR)
     log = drive(alone, NO_WALLS, 3.0, DT)
@@ -262,8 +262,8 @@ def test_nobody_in_sight_it_stands():
     assert np.isnan(log.distance).all()
 
 
-def test_it_brakes_for_what_stands_in_its_way():
-    """A pole between the two, which the laser sees and the predecessor has missed."""
+def test_it_brakes_for_an_obstacle_on_its_path():
+    """A pole between the two cars, which the predecessor has missed."""
     pole = Scene.from_shapely(solids=[shapely.Point(-1.0, 0.3).buffer(0.15)])
     members = platoon(
         Prescribed(lambda _: Drive(0.0, 0.0)), FOLLOWER, 1, distance=32.0, model=CAR, eye=NOISY, speed=15.0,
@@ -274,7 +274,7 @@ def test_it_brakes_for_what_stands_in_its_way():
     assert log.x[-1, 1] + CAR.length / 2 < -1.0
 
 
-def test_a_pole_beside_the_way_is_passed():
+def test_a_pole_beside_its_path_is_passed():
     pole = Scene.from_shapely(solids=[shapely.Point(10.0, 1.6).buffer(0.15)])
     members = platoon(
         Prescribed(lambda _: Drive(0.0, 0.0)), FOLLOWER, 1, distance=18.0, model=CAR, eye=NOISY, speed=15.0,

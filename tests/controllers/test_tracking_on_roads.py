@@ -1,4 +1,4 @@
-"""The laser-only follower on the shipped roads, without other traffic, with the errors of its laser and odometry."""
+"""The laser-only follower on the shipped roads, without background traffic, with errors of laser and odometry."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from platoontraffic.errors import InputError
 from tests.support import ODD_NETS
 from tests.support.runs import run
 
-ROUTES = [  # each turn of each junction of `corridor`, and its bends both ways
+ROUTES = [  # each turn of each junction of `corridor`, and its bends in both directions
     "west_light light_prio prio_rw rw_rs rs_re re_b0 b0_b1 b1_b2 b2_east",
     "east_b2 b2_b1 b1_b0 b0_re re_rn rn_rw rw_prio prio_light light_west",
     "west_light light_light_n",
@@ -42,7 +42,7 @@ def followers(folder: Path) -> pd.DataFrame:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("route", ROUTES)
-def test_a_platoon_of_five_holds_through_every_turn_of_the_corridor(route, tmp_path):
+def test_a_platoon_of_five_stays_together_through_every_turn_of_the_corridor(route, tmp_path):
     edges = route.split()
     text = shipped.scenarios()["corridor_tracking"].read_text(encoding="utf-8")
     text = text.replace('edge = "west_light", position_m = 60.0', f'edge = "{edges[0]}", position_m = 51.0')
@@ -57,7 +57,7 @@ def test_a_platoon_of_five_holds_through_every_turn_of_the_corridor(route, tmp_p
 
 
 @pytest.mark.slow
-def test_ten_hold_at_thirty_metres_a_second(tmp_path):
+def test_a_platoon_of_ten_stays_together_at_thirty_metres_a_second(tmp_path):
     folder = run(tmp_path / "run", "highway_tracking")
     rows, events = followers(folder), pd.read_csv(folder / "events.csv")
     assert rows[rows.visible].locked.mean() >= 0.99
@@ -93,7 +93,7 @@ speed_mps = 15.0
 """
 
 
-def test_a_platoon_changes_lanes_behind_a_leader_that_sumo_drives(tmp_path):
+def test_a_platoon_changes_lanes_behind_a_sumo_driven_leader(tmp_path):
     """It overtakes a slow car; each follower changes lanes where the leader did."""
     file = tmp_path / "overtakes.toml"
     file.write_text(OVERTAKES, encoding="utf-8")
@@ -111,8 +111,8 @@ def test_a_platoon_changes_lanes_behind_a_leader_that_sumo_drives(tmp_path):
     assert sideways == pytest.approx(3.5 / 30, rel=0.2)  # a lane's width in three seconds
 
 
-def test_who_is_on_the_lane_already_is_not_held_before_the_change_by_itself(tmp_path):
-    """The leader, that SUMO drives, changes lanes before the route does; its followers go with it."""
+def test_followers_already_on_the_target_lane_do_not_wait_for_a_lane_change(tmp_path):
+    """The SUMO-driven leader changes lanes earlier than the route; its followers go with it."""
     text = OVERTAKES[: OVERTAKES.index("[[platoon]]")].replace("highway", "NET").replace("60.0", "75.0")
     text += """
 [[platoon]]
@@ -132,7 +132,7 @@ follower = { law = "tracking", policy = "obey" }
     assert not (events.kind == "collision").any()
 
 
-def test_who_stands_before_its_routes_begin_knows_the_way_to_it(tmp_path):
+def test_a_member_behind_the_start_of_its_route_drives_onto_it(tmp_path):
     """The last cars of a platoon may stand on the prolongation of the lane where it starts."""
     text = shipped.scenarios()["corridor_breakdown"].read_text(encoding="utf-8").split("[[breakdown]]")[0]
     text = text.replace("warm_up_s = 120.0", "traffic = false").replace("duration_s = 400.0", "duration_s = 5.0")

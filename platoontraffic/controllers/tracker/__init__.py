@@ -1,1 +1,1 @@
-"""Tracks the predecessor by laser, and remembers its path."""
+"""Estimation of the predecessor by laser, and the path that it has driven."""

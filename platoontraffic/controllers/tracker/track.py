@@ -1,7 +1,7 @@
-"""The predecessor, as a laser tells it: rear centre, heading, speed and curvature, by an extended Kalman filter.
+"""The predecessor, as a laser tells it: rear axle, heading, speed and curvature, by an extended Kalman filter.
 
-A vehicle's odometry frame is where its own driven axle was when it set out, x forward, y left: it knows its way in it
-by its own speed and yaw rate alone, so the frame drifts, and what is tracked in it drifts along.
+A vehicle's odometry frame has its origin where the vehicle's driven axle was at the start, x forward, y left. The
+vehicle knows its place in it by its own speed and yaw rate alone, so the frame drifts, and tracked places drift along.
 """
 
 from __future__ import annotations
@@ -10,16 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from platoontraffic.controllers.tracker.records import Groups, Laser, PathAhead, Sighting
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.segments import Segments
 
-X, Y, HEADING, SPEED, ACCELERATION, CURVATURE = range(6)  # of a track's mean
-
-OVERHANG = 1.0  # of cars behind the rear axle [m]: 0.8 to 1.2
-
 
 class Odometry(NamedTuple):
-    """Own driven axle in the odometry frame, arrays (n,), and the motion that was told last."""
+    """Own driven axle in the odometry frame, and own motion, arrays (n,)."""
 
     x: np.ndarray
     y: np.ndarray
@@ -33,22 +30,22 @@ class Odometry(NamedTuple):
 
     def moved(self, speed: np.ndarray, yaw_rate: np.ndarray, dt: float) -> Odometry:
         """After dt in which speed and yaw rate changed evenly, on the arc of their means."""
-        way, angle = (self.speed + speed) / 2 * dt, (self.yaw_rate + yaw_rate) / 2 * dt
-        chord, along = way * np.sinc(angle / (2 * np.pi)), self.heading + angle / 2
+        length, angle = (self.speed + speed) / 2 * dt, (self.yaw_rate + yaw_rate) / 2 * dt
+        chord, along = length * np.sinc(angle / (2 * np.pi)), self.heading + angle / 2
         return Odometry(
             self.x + chord * np.cos(along), self.y + chord * np.sin(along), self.heading + angle, speed, yaw_rate
         )
 
 
 class Track(NamedTuple):
-    """What is known of the predecessors of n vehicles, each in the odometry frame of its own follower.
+    """Estimates of the predecessors of n vehicles, each in the odometry frame of its own follower.
 
     mean  : x, y of the rear axle's middle [m], heading [rad], speed [m/s], acceleration [m/s2], curvature of its path
-            to the left [1/m], (n, 6); NaN where nothing is known
-    cov   : of these, (n, 6, 6)
+            to the left [1/m], (n, 6); NaN without a predecessor
+    cov   : covariance of the mean, (n, 6, 6)
     width : of the vehicle [m], (n,)
-    blind : since it was last seen [s], (n,); inf where nothing is known
-    nis   : squared innovation over its covariance, chi-squared of 3 degrees of freedom, (n,); NaN if not seen just now
+    blind : time since it was last seen [s], (n,); inf without a predecessor
+    nis   : normalized innovation squared, chi-squared of 3 degrees of freedom, (n,); NaN if not seen just now
     """
 
     mean: np.ndarray
@@ -77,84 +74,49 @@ class Track(NamedTuple):
         return self.blind == 0
 
     def predicted(self, odometry: Odometry, dt: float) -> Track:
-        """After dt, seen from there: it goes on along its arc; a driver may change acceleration and curvature."""
-        from platoontraffic.controllers.tracker.track_kernel import (
-            predict,  # here, for it costs half a second to import numba
-        )
+        """After dt on the same arc; drivers may change acceleration and curvature.
+
+        odometry: own driven axles after dt
+        """
+        # Imported here, as below: importing numba takes half a second.
+        from platoontraffic.controllers.tracker.prediction_kernel import predict
 
         mean, cov = self.mean.copy(), self.cov.copy()
-        predict(mean, cov, odometry.x, odometry.y, dt)
+        predict(mean, cov, odometry, dt)
         return self._replace(mean=mean, cov=cov, blind=self.blind + dt, nis=np.full(len(mean), np.nan))
 
     def corrected(
-        self,
-        scan: ScanBatch,
-        segments: Segments,
-        odometry: Odometry,
-        ahead: np.ndarray,
-        expected: np.ndarray,
-        ways: np.ndarray,
-        dt: float,
-    ) -> tuple[Track, np.ndarray, np.ndarray]:
-        """With what the scan shows of them: the group of returns that fits best, if one fits.
+        self, scan: ScanBatch, segments: Segments, odometry: Odometry, forward: np.ndarray, path: PathAhead, dt: float
+    ) -> tuple[Track, Sighting]:
+        """After a scan: corrected by the group of returns that fits best, if one fits.
 
-        Where nothing is known, the nearest rear within `LANE` of the way ahead is taken.
+        Without a predecessor, the nearest rear within a lane of the path ahead becomes one.
 
-        ahead    : of the laser before the own driven axle [m], (n,)
-        expected : the way ahead where nothing is known: its curvature to the left [1/m], (n,)
-        ways     : or that way as points seen from the own driven axle [m], (n, k, 2); k = 0: it is not given
-        returns  : also distance and bearing of its rear centre from the laser, (n, 2), NaN if not seen; and the first
-                   and last beam that met it, (n, 2), -1 if none
+        forward : of the own driven axle to the laser [m], (n,)
         """
         from platoontraffic.controllers.tracker.track_kernel import correct
 
-        track = Track(*(values.copy() for values in self))
-        target, beams = np.full((len(self.mean), 2), np.nan), np.full((len(self.mean), 2), -1)
-        noise, model = scan.model.noise, scan.model
-        own = np.column_stack([odometry.x, odometry.y, odometry.heading, odometry.speed])
-        sensor = np.column_stack([ahead, np.full(len(ahead), model.mount.y), np.full(len(ahead), model.mount.yaw)])
-        correct(
-            *track,
-            target,
-            beams,
-            own,
-            sensor,
-            expected,
-            ways,
-            dt,
-            scan.ranges,
-            model.angle_increment,
-            (noise.sigma, noise.sigma_per_metre),
-            segments.offset,
-            segments.first,
-            segments.last,
-            segments.count,
-            segments.start,
-            segments.stop,
-            segments.line_heading,
-            segments.line_distance,
-            segments.line_rms,
-            segments.corner,
-            segments.leg_heading,
-            segments.leg_lengths,
-            segments.corner_rms,
-            segments.convex,
-        )
-        return track, target, beams
+        track, sighting = Track(*(values.copy() for values in self)), Sighting.none(len(self.mean))
+        mount, noise = scan.model.mount, scan.model.noise
+        numbers = mount.y, mount.yaw, scan.model.angle_increment, noise.sigma, noise.sigma_per_metre
+        laser = Laser(forward, *(float(number) for number in numbers))
+        groups = Groups(*(getattr(segments, name) for name in Groups._fields))
+        correct(track, sighting, odometry, laser, path, groups, scan.ranges, dt)
+        return track, sighting
 
-    def aside(self, ways: np.ndarray, odometry: Odometry) -> np.ndarray:
-        """Distance of their axles from the ways [m], (n,); 0 where nothing is known.
+    def offset(self, points: np.ndarray, odometry: Odometry) -> np.ndarray:
+        """Distance of the predecessors' axles from paths [m], (n,); 0 without a predecessor.
 
-        ways : points (n, k, 2) as seen from the own driven axle [m]
+        points : of the paths, as seen from the own driven axles [m], (n, k, 2)
         """
-        from platoontraffic.controllers.tracker.track_kernel import aside
+        from platoontraffic.controllers.tracker.track_kernel import offsets
 
-        off = np.zeros(len(self.mean))
-        aside(ways, self.mean[:, :2], odometry.x, odometry.y, odometry.heading, off)
-        return off
+        offset = np.zeros(len(self.mean))
+        offsets(points, self.mean[:, :2], odometry, offset)
+        return offset
 
     def forgotten(self, rows: np.ndarray) -> Track:
-        """Without what is known of some, (n,) bool."""
+        """Without the predecessors of some rows, (n,) bool."""
         if not rows.any():
             return self
         nothing = Track.none(len(rows))

@@ -1,4 +1,4 @@
-"""Where the predecessor has driven: the path that a follower remembers and steers along."""
+"""Trail of the predecessor: the path that a follower remembers and steers along."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from platoontraffic.controllers.law import Body
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.lidar import ScanBatch
 
-POINTS = 256  # that are remembered, of each trail
-BENDS = 6  # places ahead at which the curvature is told
+POINTS = 256  # capacity of a trail
+BENDS = 6  # number of places ahead at which the curvature is given
 
 
 class Ahead(NamedTuple):
@@ -19,16 +20,30 @@ class Ahead(NamedTuple):
     offset: np.ndarray  # of the axle from the trail, to the left [m]
     off_heading: np.ndarray  # own heading less that of the trail [rad]
     curvature: np.ndarray  # of the trail at the preview, to the left [1/m]
-    way: np.ndarray  # from beside the own axle to beside the predecessor's [m]; to the trail's end, if it is not known
+    length: np.ndarray  # of the trail from the own axle to the predecessor's, or to its end if there is none [m]
     distance: np.ndarray  # of the places along the trail [m]
     bend: np.ndarray  # curvature there, to the left [1/m]
 
 
-class Trail(NamedTuple):
-    """Points (n, POINTS, 3) of which the first `size` (n,) count: x, y in the odometry frame, and way along the trail.
+class RouteSection(NamedTuple):
+    """Where trails are replaced by the given routes."""
 
-    Both change in place, for they are large.
-    """
+    rows: np.ndarray  # replaced ones, bool (n,)
+    points: np.ndarray  # of the routes as seen from the own driven axles, the first one beside it [m], (n, k, 2)
+    distance: np.ndarray  # of the points along the routes [m], (n, k)
+    length: np.ndarray  # of the section [m], (n,)
+    rounding: np.ndarray  # corners are rounded by means over this distance each way [m], (n,)
+
+
+class Strip(NamedTuple):
+    """Ground that a vehicle will drive over, arrays (n,)."""
+
+    half_width: np.ndarray  # about the trail, which goes on straight beyond its end [m]
+    reach: np.ndarray  # from the own axle along the trail [m]
+
+
+class Trail(NamedTuple):
+    """Points (n, POINTS, 3), of which the first `size` (n,) count: x, y in the odometry frame [m], and station [m]."""
 
     points: np.ndarray
     size: np.ndarray
@@ -40,75 +55,55 @@ class Trail(NamedTuple):
         points[:, 0] = -1.0, 0.0, -1.0
         return cls(points, np.full(n, 2))
 
-    def lengthen(self, track: Track, odometry: Odometry, anew: np.ndarray) -> None:
-        """To where the predecessor's axle is, if it is seen.
+    def extended(self, track: Track, odometry: Odometry, gap: np.ndarray, route: RouteSection | None = None) -> Trail:
+        """To the axle of each predecessor that was just seen, from the route section where there is one.
 
-        anew : who did not see it in the scan before, (n,) bool: what lies between becomes an arc
+        gap : the predecessor was not seen in the scan before, bool (n,): an arc closes the gap
         """
-        from platoontraffic.controllers.tracker.trail_kernel import (
-            lengthen,  # here, for it costs half a second to import numba
-        )
+        # Imported here, as below: importing numba takes half a second.
+        from platoontraffic.controllers.tracker.trail_kernel import extend, relay
 
-        lengthen(*self, track.mean[:, :2], track.seen, anew, odometry.x, odometry.y, odometry.heading)
-
-    def lay(
-        self,
-        rows: np.ndarray,
-        odometry: Odometry,
-        way: np.ndarray,
-        distance: np.ndarray,
-        until: np.ndarray,
-        half: np.ndarray,
-    ) -> None:
-        """Along a way instead, for some rows.
-
-        rows     : (n,) bool
-        way      : points as seen from the own driven axle, the first one beside it [m], (n, k, 2)
-        distance : of these along the way [m], (n, k)
-        until    : so far of it [m], (n,)
-        half     : points are means over so much of it each way [m], (n,), for lanes in junctions have corners
-        """
-        from platoontraffic.controllers.tracker.trail_kernel import lay
-
-        lay(*self, rows, odometry.x, odometry.y, odometry.heading, way, distance, until, half)
+        trail = Trail(self.points.copy(), self.size.copy())
+        if route is not None:
+            relay(trail, odometry, route)
+        extend(trail, odometry, track.mean[:, :2], track.seen, gap)
+        return trail
 
     def ahead(self, odometry: Odometry, track: Track, window: np.ndarray, preview: np.ndarray) -> Ahead:
-        """What there is to steer by, and the way along it to where the predecessor is by now.
+        """What to steer by, and the distance along the trail to the predecessor.
 
-        window  : the trail is fitted by parabolas over so much of it each way [m], (n,)
-        preview : how far ahead the curvature is wanted [m], (n,)
+        window  : parabolas are fitted to the trail over this distance each way [m], (n,)
+        preview : distance ahead at which the curvature is wanted [m], (n,)
         """
         from platoontraffic.controllers.tracker.trail_kernel import look_ahead
 
         n = len(self.size)
         ahead = Ahead(*np.empty((4, n)), *np.empty((2, n, BENDS)))
-        look_ahead(*self, track.mean[:, :2], odometry.x, odometry.y, odometry.heading, window, preview, *ahead)
+        look_ahead(self, odometry, track.mean[:, :2], window, preview, ahead)
         return ahead
 
     def seen_from_axle(self, odometry: Odometry, most: int) -> np.ndarray:
         """Points from the oldest on as seen from the own driven axle, x forward, y to the left [m], (n, most, 2)."""
         rows = np.arange(len(self.size))[:, None]
-        of_all = np.rint(np.linspace(0, self.size - 1, most, axis=1)).astype(int)  # where there are fewer, some twice
-        x = self.points[rows, of_all, 0] - np.asarray(odometry.x)[:, None]
-        y = self.points[rows, of_all, 1] - np.asarray(odometry.y)[:, None]
+        picked = np.rint(np.linspace(0, self.size - 1, most, axis=1)).astype(int)  # of short trails, some twice
+        x = self.points[rows, picked, 0] - np.asarray(odometry.x)[:, None]
+        y = self.points[rows, picked, 1] - np.asarray(odometry.y)[:, None]
         cos, sin = np.cos(odometry.heading)[:, None], np.sin(odometry.heading)[:, None]
         return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
 
-    def free_way(self, odometry: Odometry, scan: ScanBatch, skipped, body, half_width, reach) -> np.ndarray:
-        """From the front bumper to the first return over the strip to be driven over [m], (n,); inf: none.
+    def free_distance(
+        self, odometry: Odometry, scan: ScanBatch, body: Body, strip: Strip, skipped: np.ndarray
+    ) -> np.ndarray:
+        """From the front bumper along the trail to the first return over the strip [m], (n,); inf: none.
 
-        skipped    : first and last beam of those that met the predecessor, (n, 2)
-        half_width : of the strip about the trail, which goes on straight beyond its end [m], (n,)
-        reach      : so far from the own axle one looks along the trail [m], (n,)
+        skipped : first and last of the beams on the predecessor, (n, 2); -1: none
         """
-        from platoontraffic.controllers.tracker.trail_kernel import free_way
+        from platoontraffic.controllers.tracker.trail_kernel import first_return
 
         n, mount = len(self.size), scan.model.mount
         laser = np.column_stack([mount.x - body.axle, np.full(n, mount.y)])
         cos, sin = np.cos(mount.yaw), np.sin(mount.yaw)
         directions = np.array([[cos, -sin], [sin, cos]]) @ scan.model.directions
-        free = np.empty(n)
-        front = body.length / 2 - body.axle
-        where = odometry.x, odometry.y, odometry.heading
-        free_way(*self, *where, reach, half_width, front, laser, scan.ranges, skipped, directions, free)
+        front, free = body.length / 2 - body.axle, np.empty(n)
+        first_return(self, odometry, strip, front, laser, scan.ranges, directions, skipped, free)
         return free

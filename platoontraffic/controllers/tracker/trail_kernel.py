@@ -1,4 +1,7 @@
-"""The remembered path of `trail`, one vehicle after the other, compiled."""
+"""The remembered path of `trail`, one vehicle after the other, compiled.
+
+A trail is points (size, 3): x, y and station, which grows along the trail.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,9 @@ from platoontraffic.lidar.compiled import compiler
 
 compiled = compiler(__file__)
 
-SPACING = 0.5  # of points, or more [m]
-ROUNDING = 4  # of a route's corners: a mean over so many places each way
-BEHIND = 15.0  # so much of the trail is kept behind the own axle [m]
+SPACING = 0.5  # least distance of two points [m]
+ROUNDING = 4  # places each way whose mean rounds a route's corner
+BEHIND = 15.0  # length of trail that is kept behind the own axle [m]
 
 
 @compiled
@@ -20,71 +23,100 @@ def _remainder(angle, turn):
     return angle - turn * round(angle / turn)
 
 
+# ---- growth
+
+
 @compiled
-def lengthen(points, size, axle, seen, anew, x, y, heading):
+def extend(trail, odometry, axle, seen, gap):
+    """Append the predecessors' axles (n, 2) [m] where seen, in place; with an arc between where there was a gap."""
+    points, size = trail.points, trail.size
     for i in range(len(size)):
         if not seen[i]:
             continue
+        x, y = odometry.x[i], odometry.y[i]
         if size[i] == points.shape[1]:
-            _forget(points[i], size, i, x[i], y[i])
-        last_x, last_y, _ = points[i, size[i] - 1]
+            _forget(points[i], size, i, x, y)
         cos, sin = _direction(points[i], size[i])
-        ahead = (x[i] - last_x) * cos + (y[i] - last_y) * sin
-        if anew[i] and ahead > 0:  # it has driven beyond its end: what was remembered leads nowhere
-            cos, sin = math.cos(heading[i]), math.sin(heading[i])
-            points[i, 0] = x[i] - cos, y[i] - sin, -1.0
-            points[i, 1] = x[i], y[i], 0.0
+        last_x, last_y = points[i, size[i] - 1, 0], points[i, size[i] - 1, 1]
+        if gap[i] and (x - last_x) * cos + (y - last_y) * sin > 0:  # driven past its end: it leads nowhere
+            cos, sin = math.cos(odometry.heading[i]), math.sin(odometry.heading[i])
+            points[i, 0] = x - cos, y - sin, -1.0
+            points[i, 1] = x, y, 0.0
             size[i] = 2
-            last_x, last_y = x[i], y[i]
+            last_x, last_y = x, y
         dx, dy = axle[i, 0] - last_x, axle[i, 1] - last_y
         along, aside = dx * cos + dy * sin, dy * cos - dx * sin
         far = math.hypot(along, aside)
         if far < SPACING or along <= 0:
             continue
-        if anew[i] and far > 2 * SPACING:  # the arc that goes on in the last direction
-            half = math.atan2(aside, along)  # the chord's direction; the arc turns twice as far
-            arc = far if abs(half) < 1e-6 else far * half / math.sin(half)
-            count = min(int(arc / SPACING), points.shape[1] // 2)
-            while size[i] + count >= points.shape[1]:
-                _forget(points[i], size, i, x[i], y[i])
-            for k in range(1, count):
-                turned = half * k / count  # of the chord to this point
-                chord = far * k / count if abs(half) < 1e-6 else far * math.sin(turned) / math.sin(half)
-                to_x, to_y = chord * math.cos(turned), chord * math.sin(turned)
-                _append(points[i], size, i, last_x + to_x * cos - to_y * sin, last_y + to_x * sin + to_y * cos)
+        if gap[i] and far > 2 * SPACING:
+            _append_arc(points[i], size, i, (along, aside), (cos, sin), (x, y))
         _append(points[i], size, i, axle[i, 0], axle[i, 1])
 
 
 @compiled
-def lay(points, size, rows, x, y, heading, ways, distance, until, half):
+def _append_arc(points, size, i, there, direction, own):
+    """Points on the arc from the end to a place; without that place itself.
+
+    there     : the place, along and across the direction of the arc at the end [m]
+    direction : its cosine and sine
+    own       : own axle, behind which points may be forgotten
+    """
+    (along, aside), (cos, sin) = there, direction
+    last_x, last_y = points[size[i] - 1, 0], points[size[i] - 1, 1]
+    far = math.hypot(along, aside)
+    half = math.atan2(aside, along)  # direction of the chord; the arc turns by twice that
+    length = far if abs(half) < 1e-6 else far * half / math.sin(half)
+    count = min(int(length / SPACING), len(points) // 2)
+    while size[i] + count >= len(points):
+        _forget(points, size, i, own[0], own[1])
+    for k in range(1, count):
+        turned = half * k / count  # direction of the chord to this point
+        chord = far * k / count if abs(half) < 1e-6 else far * math.sin(turned) / math.sin(half)
+        to_x, to_y = chord * math.cos(turned), chord * math.sin(turned)
+        _append(points, size, i, last_x + to_x * cos - to_y * sin, last_y + to_x * sin + to_y * cos)
+
+
+@compiled
+def relay(trail, odometry, route):
+    """Lay trails along `trail.RouteSection` instead, in place."""
+    points, size = trail.points, trail.size
     for i in range(len(size)):
-        if not rows[i]:
+        if not route.rows[i]:
             continue
-        cos, sin = math.cos(heading[i]), math.sin(heading[i])
+        cos, sin = math.cos(odometry.heading[i]), math.sin(odometry.heading[i])
         size[i] = 0
-        for k in range(min(distance.shape[1], points.shape[1] // 2)):
-            ahead = aside = 0.0
-            for j in range(-ROUNDING, ROUNDING + 1):
-                along, across = _on(ways[i], distance[i], distance[i, k] + j * half[i] / ROUNDING)
-                ahead += along / (2 * ROUNDING + 1)
-                aside += across / (2 * ROUNDING + 1)
-            to_x, to_y = x[i] + ahead * cos - aside * sin, y[i] + ahead * sin + aside * cos
+        for k in range(min(route.distance.shape[1], points.shape[1] // 2)):
+            station = route.distance[i, k]
+            ahead, aside = _rounded(route.points[i], route.distance[i], station, route.rounding[i])
+            x, y = odometry.x[i] + ahead * cos - aside * sin, odometry.y[i] + ahead * sin + aside * cos
             if k == 0:
-                points[i, 0] = to_x, to_y, 0.0
+                points[i, 0] = x, y, 0.0
                 size[i] = 1
-            elif math.hypot(to_x - points[i, size[i] - 1, 0], to_y - points[i, size[i] - 1, 1]) > 1e-3:
-                _append(points[i], size, i, to_x, to_y)
-            if size[i] > 1 and distance[i, k] > until[i]:
+            elif math.hypot(x - points[i, size[i] - 1, 0], y - points[i, size[i] - 1, 1]) > 1e-3:
+                _append(points[i], size, i, x, y)
+            if size[i] > 1 and station > route.length[i]:
                 break
 
 
 @compiled
-def _on(way, distance, there):
-    """The place on a way; before its first point and beyond its last it goes straight on."""
-    k = min(max(np.searchsorted(distance, there) - 1, 0), len(distance) - 2)
-    share = (there - distance[k]) / (distance[k + 1] - distance[k])
-    along = way[k, 0] + share * (way[k + 1, 0] - way[k, 0])
-    return along, way[k, 1] + share * (way[k + 1, 1] - way[k, 1])
+def _rounded(points, distance, station, window):
+    """Mean of a route's places within a window each way of a station."""
+    x = y = 0.0
+    for j in range(-ROUNDING, ROUNDING + 1):
+        place_x, place_y = _place(points, distance, station + j * window / ROUNDING)
+        x += place_x / (2 * ROUNDING + 1)
+        y += place_y / (2 * ROUNDING + 1)
+    return x, y
+
+
+@compiled
+def _place(points, distance, station):
+    """The place on a route; before its first point and beyond its last it goes straight on."""
+    k = min(max(np.searchsorted(distance, station) - 1, 0), len(distance) - 2)
+    share = (station - distance[k]) / (distance[k + 1] - distance[k])
+    x = points[k, 0] + share * (points[k + 1, 0] - points[k, 0])
+    return x, points[k, 1] + share * (points[k + 1, 1] - points[k, 1])
 
 
 @compiled
@@ -96,8 +128,8 @@ def _append(points, size, i, x, y):
 
 @compiled
 def _forget(points, size, i, x, y):
-    """What lies far behind; or, if nothing does, the oldest quarter."""
-    nearest, _ = _nearest(points, size[i], x, y)
+    """Remove what lies far behind a place; or, if nothing does, the oldest quarter."""
+    nearest, _ = project(points, size[i], x, y)
     gone = np.searchsorted(points[: size[i], 2], points[nearest, 2] - BEHIND)
     gone = gone if gone > 0 else len(points) // 4
     for k in range(size[i] - gone):
@@ -105,16 +137,20 @@ def _forget(points, size, i, x, y):
     size[i] -= gone
 
 
+# ---- geometry
+
+
 @compiled
 def _direction(points, size):
+    """Cosine and sine of the heading of the last piece."""
     dx, dy = points[size - 1, 0] - points[size - 2, 0], points[size - 1, 1] - points[size - 2, 1]
     away = math.hypot(dx, dy)
     return dx / away, dy / away
 
 
 @compiled
-def _nearest(points, size, x, y):
-    """The piece of the trail, by its first point, and the share of it, that is nearest to a point."""
+def project(points, size, x, y):
+    """The piece, by its first point, and the share of it, that is nearest to a place; about the nearest point."""
     nearest, least = 0, math.inf
     for k in range(size):
         away = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2
@@ -122,8 +158,7 @@ def _nearest(points, size, x, y):
             nearest, least = k, away
     best, least, share = 0, math.inf, 0.0
     for k in range(max(nearest - 1, 0), min(nearest + 1, size - 1)):
-        part = _beside(points, k, x, y)
-        part = min(max(part, 0.0), 1.0)
+        part = min(max(_beside(points, k, x, y), 0.0), 1.0)
         away = math.hypot(
             x - points[k, 0] - part * (points[k + 1, 0] - points[k, 0]),
             y - points[k, 1] - part * (points[k + 1, 1] - points[k, 1]),
@@ -134,41 +169,85 @@ def _nearest(points, size, x, y):
 
 
 @compiled
-def look_ahead(points, size, axle, x, y, heading, window, preview, offset, off_heading, curvature, way, distance, bend):
-    fit = np.empty((3, 2))
-    for i in range(len(size)):
-        last = size[i]
-        k, share = _nearest(points[i], last, x[i], y[i])
-        here = points[i, k, 2] + share * (points[i, k + 1, 2] - points[i, k, 2])
-        if k == last - 2 and share == 1.0:  # beyond its end
-            cos, sin = _direction(points[i], last)
-            here += (x[i] - points[i, last - 1, 0]) * cos + (y[i] - points[i, last - 1, 1]) * sin
-        end = points[i, last - 1, 2] - here
-        way[i] = end
-        if not math.isnan(axle[i, 0]):  # in the last direction
-            cos, sin = _direction(points[i], last)
-            way[i] += (axle[i, 0] - points[i, last - 1, 0]) * cos + (axle[i, 1] - points[i, last - 1, 1]) * sin
+def project_beyond(points, first, size, x, y):
+    """Station of the nearest place on a trail from a point on, straight on at its end; and its squared distance."""
+    least, station = math.inf, 0.0
+    for k in range(first, size - 1):
+        part = _beside(points, k, x, y)
+        part = max(part, 0.0) if k == size - 2 else min(max(part, 0.0), 1.0)
+        away = (x - points[k, 0] - part * (points[k + 1, 0] - points[k, 0])) ** 2
+        away += (y - points[k, 1] - part * (points[k + 1, 1] - points[k, 1])) ** 2
+        if away < least:
+            least, station = away, points[k, 2] + part * (points[k + 1, 2] - points[k, 2])
+    return station, least
 
-        _fit(points[i], last, here, window[i], fit)
-        bend[i, 0] = _curvature(fit)
+
+@compiled
+def _beside(points, k, x, y):
+    """The share of a piece, straight on before and behind it, that lies beside a place."""
+    dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+    return ((x - points[k, 0]) * dx + (y - points[k, 1]) * dy) / (dx * dx + dy * dy)
+
+
+# ---- what to steer by
+
+
+@compiled
+def look_ahead(trail, odometry, axle, window, preview, ahead):
+    """Fill in `trail.Ahead`.
+
+    axle : of the predecessors [m], (n, 2); NaN without one
+    """
+    fit = np.empty((3, 2))
+    places = ahead.bend.shape[1]
+    for i in range(len(trail.size)):
+        points, size = trail.points[i], trail.size[i]
+        x, y = odometry.x[i], odometry.y[i]
+        here = _station(points, size, x, y)
+        end = points[size - 1, 2] - here
+        ahead.length[i] = end
+        if not math.isnan(axle[i, 0]):
+            ahead.length[i] += _past_end(points, size, axle[i, 0], axle[i, 1])
+
+        _fit(points, size, here, window[i], fit)
+        ahead.bend[i, 0] = _curvature(fit)
         along = math.atan2(fit[1, 1], fit[1, 0])
         cos, sin = math.cos(along), math.sin(along)
-        offset[i] = (y[i] - fit[0, 1]) * cos - (x[i] - fit[0, 0]) * sin
-        off_heading[i] = _remainder(heading[i] - along, 2 * math.pi)
+        ahead.offset[i] = (y - fit[0, 1]) * cos - (x - fit[0, 0]) * sin
+        ahead.off_heading[i] = _remainder(odometry.heading[i] - along, 2 * math.pi)
 
-        there = here + preview[i]
-        _fit(points[i], last, there, window[i], fit)
-        curvature[i] = _curvature(fit)
-        distance[i, 0] = 0.0
-        for j in range(1, bend.shape[1]):
-            distance[i, j] = max(end, 0.0) * j / (bend.shape[1] - 1)
-            _fit(points[i], last, here + distance[i, j], window[i], fit)
-            bend[i, j] = _curvature(fit)
+        _fit(points, size, here + preview[i], window[i], fit)
+        ahead.curvature[i] = _curvature(fit)
+        ahead.distance[i, 0] = 0.0
+        for j in range(1, places):
+            ahead.distance[i, j] = max(end, 0.0) * j / (places - 1)
+            _fit(points, size, here + ahead.distance[i, j], window[i], fit)
+            ahead.bend[i, j] = _curvature(fit)
+
+
+@compiled
+def _station(points, size, x, y):
+    """Station beside a place, which may be beyond the end."""
+    k, share = project(points, size, x, y)
+    station = points[k, 2] + share * (points[k + 1, 2] - points[k, 2])
+    if k == size - 2 and share == 1.0:
+        station += _past_end(points, size, x, y)
+    return station
+
+
+@compiled
+def _past_end(points, size, x, y):
+    """Distance of a place from the end, in the last direction."""
+    cos, sin = _direction(points, size)
+    return (x - points[size - 1, 0]) * cos + (y - points[size - 1, 1]) * sin
 
 
 @compiled
 def _fit(points, size, here, window, fit):
     """The parabola of least squares through the points within a window of a station; beyond the end a straight line.
+
+    With u = (station - middle) / window, x and y each are r0 + r1 u + r2 u^2, where M r = sum of (1, u, u^2) x and
+    M_jk = sum of u^(j + k).
 
     fit : place there, and its first and second derivative by station, (3, 2), filled in
     """
@@ -176,31 +255,22 @@ def _fit(points, size, here, window, fit):
     end = station[size - 1]
     # Near the end that of the last points; a tangent from one side is too uncertain.
     middle = min(here, max(end - window, end / 2))
-    first, stop = np.searchsorted(station, middle - window), np.searchsorted(station, middle + window)
-    while stop - first < 4 and (first > 0 or stop < size):
-        first, stop = max(first - 1, 0), min(stop + 1, size)
+    first, stop = _within(station, middle - window, middle + window)
     if stop - first < 3:
         cos, sin = _direction(points, size)
         fit[0] = points[size - 1, 0] + (here - end) * cos, points[size - 1, 1] + (here - end) * sin
         fit[1] = cos, sin
         fit[2] = 0.0, 0.0
         return
-    a = b = c = d = e = 0.0  # sums of the powers of u, from 0 to 4
-    x0 = x1 = x2 = y0 = y1 = y2 = 0.0  # and of x and y times those
-    for k in range(first, stop):
-        u = (station[k] - middle) / window
-        dx, dy = points[k, 0] - points[first, 0], points[k, 1] - points[first, 1]
-        u2 = u * u
-        a, b, c, d, e = a + 1.0, b + u, c + u2, d + u2 * u, e + u2 * u2
-        x0, x1, x2 = x0 + dx, x1 + u * dx, x2 + u2 * dx
-        y0, y1, y2 = y0 + dy, y1 + u * dy, y2 + u2 * dy
+    m, x, y = _moments(points, first, stop, middle, window)
+    a, b, c, d, e = m
     # Inverse of the symmetric [[a, b, c], [b, c, d], [c, d, e]] by cofactors.
     i00, i01, i02 = c * e - d * d, c * d - b * e, b * d - c * c
     i11, i12, i22 = a * e - c * c, b * c - a * d, a * c - b * b
     scale = 1 / (a * i00 + b * i01 + c * i02)
     on, beyond = min(here, end) - middle, max(here - end, 0.0)
     for axis in range(2):
-        r0, r1, r2 = (x0, x1, x2) if axis == 0 else (y0, y1, y2)
+        r0, r1, r2 = x if axis == 0 else y
         place = scale * (i00 * r0 + i01 * r1 + i02 * r2) + points[first, axis]
         slope = scale * (i01 * r0 + i11 * r1 + i12 * r2) / window
         bent = 2 * scale * (i02 * r0 + i12 * r1 + i22 * r2) / (window * window)
@@ -210,50 +280,83 @@ def _fit(points, size, here, window, fit):
 
 
 @compiled
+def _within(station, low, high):
+    """First and last + 1 of the points between two stations; at least four, as far as there are."""
+    first, stop = np.searchsorted(station, low), np.searchsorted(station, high)
+    while stop - first < 4 and (first > 0 or stop < len(station)):
+        first, stop = max(first - 1, 0), min(stop + 1, len(station))
+    return first, stop
+
+
+@compiled
+def _moments(points, first, stop, middle, window):
+    """Sums over points of u^0 to u^4, and of x and y, from the first point, times u^0 to u^2."""
+    a = b = c = d = e = 0.0
+    x0 = x1 = x2 = y0 = y1 = y2 = 0.0
+    for k in range(first, stop):
+        u = (points[k, 2] - middle) / window
+        dx, dy = points[k, 0] - points[first, 0], points[k, 1] - points[first, 1]
+        u2 = u * u
+        a, b, c, d, e = a + 1.0, b + u, c + u2, d + u2 * u, e + u2 * u2
+        x0, x1, x2 = x0 + dx, x1 + u * dx, x2 + u2 * dx
+        y0, y1, y2 = y0 + dy, y1 + u * dy, y2 + u2 * dy
+    return (a, b, c, d, e), (x0, x1, x2), (y0, y1, y2)
+
+
+@compiled
 def _curvature(fit):
+    """(x' y'' - y' x'') / |r'|^3."""
     speed = math.hypot(fit[1, 0], fit[1, 1])
     return (fit[1, 0] * fit[2, 1] - fit[1, 1] * fit[2, 0]) / (speed * speed * speed)
 
 
+# ---- what is in the way
+
+
 @compiled
-def free_way(points, size, x, y, heading, reach, half_width, front, laser, ranges, skipped, directions, free):
-    for i in range(len(size)):
+def first_return(trail, odometry, strip, front, laser, ranges, directions, skipped, free):
+    """Fill in the distances from the front bumpers to the first return over the strip [m], (n,); inf: none.
+
+    strip      : `trail.Strip`
+    front      : of the own axle to the front bumper [m], (n,)
+    laser      : place as seen from the own axle [m], (n, 2)
+    directions : of the beams, x and y as seen from the own axle, (2, k)
+    skipped    : first and last of the beams left out, (n, 2)
+    """
+    for i in range(len(free)):
         free[i] = math.inf
-        cos, sin = math.cos(heading[i]), math.sin(heading[i])
-        last = size[i]
-        begin, share = _nearest(points[i], last, x[i], y[i])
-        here = points[i, begin, 2] + share * (points[i, begin + 1, 2] - points[i, begin, 2])
-        # The box about the strip, as seen from the own axle.
-        left, right, aside = half_width[i], -half_width[i], 0.0
-        for k in range(begin, last):
-            aside = (points[i, k, 1] - y[i]) * cos - (points[i, k, 0] - x[i]) * sin
-            left, right = max(left, aside + half_width[i]), min(right, aside - half_width[i])
-        along_x, along_y = _direction(points[i], last)
-        aside += max(here + reach[i] - points[i, last - 1, 2], 0.0) * (along_y * cos - along_x * sin)
-        left, right = max(left, aside + half_width[i]), min(right, aside - half_width[i])
+        points, size = trail.points[i], trail.size[i]
+        x, y, reach, half_width = odometry.x[i], odometry.y[i], strip.reach[i], strip.half_width[i]
+        cos, sin = math.cos(odometry.heading[i]), math.sin(odometry.heading[i])
+        begin, share = project(points, size, x, y)
+        here = points[begin, 2] + share * (points[begin + 1, 2] - points[begin, 2])
+        left, right = _sides(points[begin:size], (x, y, cos, sin), here + reach, half_width)
         for beam in range(ranges.shape[1]):
             r = max(ranges[i, beam], 0.0)
-            if skipped[i, 0] <= beam <= skipped[i, 1] or not r < reach[i]:  # nothing, nothing known, or far away
+            if skipped[i, 0] <= beam <= skipped[i, 1] or not r < reach:  # NaN, lost, is not less either
                 continue
             ahead, aside = laser[i, 0] + r * directions[0, beam], laser[i, 1] + r * directions[1, beam]
             if ahead <= 0 or aside > left or aside < right:
                 continue
-            px, py = x[i] + ahead * cos - aside * sin, y[i] + ahead * sin + aside * cos
-            least, there = math.inf, 0.0
-            for k in range(begin, last - 1):
-                part = _beside(points[i], k, px, py)
-                part = max(part, 0.0) if k == last - 2 else min(max(part, 0.0), 1.0)
-                away = (px - points[i, k, 0] - part * (points[i, k + 1, 0] - points[i, k, 0])) ** 2
-                away += (py - points[i, k, 1] - part * (points[i, k + 1, 1] - points[i, k, 1])) ** 2
-                if away < least:
-                    least = away
-                    there = points[i, k, 2] + part * (points[i, k + 1, 2] - points[i, k, 2]) - here
-            if least < half_width[i] ** 2 and front[i] < there < reach[i]:
-                free[i] = min(free[i], there - front[i])
+            station, away2 = project_beyond(
+                points, begin, size, x + ahead * cos - aside * sin, y + ahead * sin + aside * cos
+            )
+            if away2 < half_width**2 and front[i] < station - here < reach:
+                free[i] = min(free[i], station - here - front[i])
 
 
 @compiled
-def _beside(points, k, x, y):
-    """Which share of a piece of the trail, straight on before and behind it, lies beside a point."""
-    dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
-    return ((x - points[k, 0]) * dx + (y - points[k, 1]) * dy) / (dx * dx + dy * dy)
+def _sides(points, axle, until, half_width):
+    """Greatest offsets to the left and right of the own axle that a strip along points has.
+
+    axle  : x, y, cosine and sine of the heading
+    until : station at which the strip ends; beyond the last point it is straight
+    """
+    x, y, cos, sin = axle
+    left, right, aside = half_width, -half_width, 0.0
+    for k in range(len(points)):
+        aside = (points[k, 1] - y) * cos - (points[k, 0] - x) * sin
+        left, right = max(left, aside + half_width), min(right, aside - half_width)
+    along_x, along_y = _direction(points, len(points))
+    aside += max(until - points[len(points) - 1, 2], 0.0) * (along_y * cos - along_x * sin)
+    return max(left, aside + half_width), min(right, aside - half_width)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from platoontraffic.controllers import idm
 from platoontraffic.geometry.polyline import Polyline
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.world.obstacles.path_line import PathLine, SpeedProfile
@@ -264,11 +265,9 @@ class CuttingIn(Plan):
         own, since = state.speed, time - self.lane_change.starts
         closing = max(own - ahead, 0.0)
         needed = closing**2 / (2 * max(gap - STANDING_GAP / 2, 0.1))
-        wanted = STANDING_GAP + max(
-            own * HEADWAY + own * (own - ahead) / (2 * math.sqrt(ACCELERATION * COMFORTABLE_BRAKING)), 0.0
-        )
-        free = 1 - (own / max(self.path.limit(state.station), 0.1)) ** 4
-        acceleration = ACCELERATION * (free - (wanted / max(gap, 0.1)) ** 2)
+        wanted = float(idm.desired_gap(own, own - ahead, STANDING_GAP, HEADWAY, ACCELERATION, COMFORTABLE_BRAKING))
+        free = idm.free_road(own, max(self.path.limit(state.station), 0.1))
+        acceleration = idm.acceleration(wanted, max(gap, 0.1), ACCELERATION, free)
         acceleration = max(acceleration, -COMFORTABLE_BRAKING)
         if since < self.lane_change.lasts - TIME_ROUNDING:
             acceleration = 0.0

@@ -1,4 +1,4 @@
-"""Estimation of the predecessor: against truth, and whether the filter knows how wrong it is."""
+"""Estimation of the predecessor, against truth and against its own covariance."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from platoontraffic.controllers.tracker.track import ACCELERATION, CURVATURE, HEADING, OVERHANG, SPEED, Odometry, Track
+from platoontraffic.controllers.tracker.records import ACCELERATION, CURVATURE, HEADING, OVERHANG, SPEED
+from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.vehicles.motion import Drive
 from tests.controllers.test_tracking_follower import CAR, DT, EXACT, NOISY, s_bend, straight_on, turn
@@ -56,7 +57,7 @@ def tracked(at, seconds: float, speed: float, eye=NOISY, followers: int = 6, see
         turned = np.remainder(mean[:, HEADING] - odometry.heading - heading + np.pi, 2 * np.pi) - np.pi
         curvature = motion.yaw_rate[ahead] / np.maximum(motion.speed[ahead], 0.5)
         error = np.column_stack([
-            # The law takes every car's axle to be OVERHANG before its rear.
+            # The law assumes that every car's axle is OVERHANG before its rear.
             along + (CAR.length / 2 + CAR.axle - OVERHANG), across, turned, mean[:, SPEED] - motion.speed[ahead],
             mean[:, ACCELERATION] - motion.acceleration[ahead], mean[:, CURVATURE] - curvature,
         ])  # fmt: skip
@@ -72,7 +73,7 @@ def tracked(at, seconds: float, speed: float, eye=NOISY, followers: int = 6, see
     [(straight_on, 15.0, 30.0), (turn(8.0, math.pi / 2, 5.0), 25.0, 5.0), (s_bend(6.0), 45.0, 6.0)],
     ids=["straight", "junction turn", "S-bend"],
 )
-def test_without_noise_it_is_where_it_is_said_to_be(at, seconds, speed):
+def test_without_noise_the_estimate_is_the_truth(at, seconds, speed):
     found = tracked(at, seconds, speed, EXACT)
     assert (found.blind == 0).all()
     worst = np.abs(found.error).max(axis=(0, 1))
@@ -81,12 +82,12 @@ def test_without_noise_it_is_where_it_is_said_to_be(at, seconds, speed):
 
 @pytest.mark.parametrize("sigma", [0.01, 0.02, 0.03])
 @pytest.mark.parametrize("distance", [8.0, 15.0, 25.0, 40.0, 55.0])
-def test_errors_are_as_great_as_it_claims(sigma, distance):
-    """By distance and noise; rounding and what it takes for floors make it rather too careful than too sure."""
+def test_errors_match_the_estimated_covariance(sigma, distance):
+    """By distance and noise; rounding, and floors of the measured variances, make the estimate rather too wide."""
     eye = replace(NOISY, range_max=80.0, noise=replace(NOISY.noise, sigma=sigma))
     found = tracked(straight_on, 25.0, 15.0, eye, distance=max(distance, 15.5) if distance > 15 else distance + 0.5)
     nis = found.nis[~np.isnan(found.nis)]
-    assert 0.2 < nis.mean() < 3.5  # 3 if all that it assumes were so
+    assert 0.2 < nis.mean() < 3.5  # 3 if all its assumptions held
     assert np.mean(nis > 11.3) < 0.02  # 0.01
     spread, claimed = found.error.std(axis=(0, 1)), np.median(found.claimed, axis=(0, 1))
     assert (spread < 1.5 * claimed).all()
@@ -94,7 +95,7 @@ def test_errors_are_as_great_as_it_claims(sigma, distance):
     assert (found.blind == 0).mean() > 0.99
 
 
-def test_speed_and_acceleration_of_one_that_brakes_are_known_soon():
+def test_speed_and_acceleration_of_a_braking_predecessor_are_known_soon():
     found = tracked(lambda time: ((-8.0 if time > 5 else 0.0), 0.0), 8.0, 25.0, followers=1)
     begins = round(5 / DT) - 20
     late = found.error[begins + 6 :, 0]
@@ -111,8 +112,8 @@ def test_odometry_drives_arcs():
     assert odometry.y[0] == pytest.approx(10 * (1 - math.cos(turned)), abs=1e-9)
 
 
-def test_uncertainty_grows_out_of_sight_and_covers_what_the_other_does():
-    """Brakes by 4 m/s2 while it is not seen."""
+def test_uncertainty_grows_out_of_sight_and_covers_unseen_braking():
+    """Braking at 4 m/s2."""
     mean = np.array([[20.0, 0.0, 0.0, 15.0, 0.0, 0.0]])
     spread_now = np.array([0.01, 0.02, 0.005, 0.1, 0.8, 0.003])
     track = Track(mean, np.diag(spread_now**2)[None], np.array([1.8]), np.zeros(1), np.zeros(1))
@@ -126,8 +127,8 @@ def test_uncertainty_grows_out_of_sight_and_covers_what_the_other_does():
     assert (np.linalg.eigvalsh(track.cov[0]) > 0).all()
 
 
-def test_the_covariance_is_that_of_many_that_drive_so():
-    """A second implementation: particles with the noise drawn."""
+def test_the_predicted_covariance_is_that_of_particles():
+    """A second implementation: particles with random noise."""
     rng = np.random.default_rng(1)
     mean = np.array([0.0, 0.0, 0.3, 12.0, 0.5, 0.01])
     spread = np.array([0.1, 0.1, 0.02, 0.3, 0.5, 0.003])
@@ -148,7 +149,7 @@ def test_the_covariance_is_that_of_many_that_drive_so():
     assert ratio == pytest.approx(1, abs=0.12)
 
 
-def test_nothing_is_known_of_nobody():
+def test_an_empty_track_stays_empty():
     track = Track.none(3).predicted(Odometry.begin(np.zeros(3), np.zeros(3)), DT)
     assert not track.known.any()
     assert not track.seen.any()
