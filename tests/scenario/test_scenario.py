@@ -12,6 +12,7 @@ from platoontraffic.lidar import PRESETS, Noise
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
 from platoontraffic.scenario.toml_lines import key_lines
+from platoontraffic.scenario.vehicle_tables import Vehicle
 from platoontraffic.vehicles.catalogue import VEHICLES
 
 
@@ -36,13 +37,13 @@ def vehicle(*changes):
         ("gap_m = 0.45", "gap_m = -0.45", "mine.toml:14: platoon.0.gap_m: -0.45: should be greater than 0"),
         ("duration_s = 900.0", "duration_s = nan", "mine.toml:7: run.duration_s: nan: should be a finite number"),
         ("duration_s = 900.0", "step_s = 0.0333", "mine.toml:7: run.step_s: 0.0333: must be whole milliseconds"),
-        ('net = "lab_loop"', 'net = "lab_lop"', "mine.toml:4: sumo.net: 'lab_lop': no such file, nor a shipped"),
+        ('net = "lab_loop"', 'net = "lab_lop"', "mine.toml:4: sumo.net: 'lab_lop': no such file or shipped network"),
         ('law = "repaired"', 'law = "repared"', "mine.toml:21: platoon.0.follower.law: no law 'repared'; did you mean"),
         ('law = "repaired"', 'law = "nosuch:Law"', "mine.toml:21: platoon.0.follower.law: nosuch: cannot be imported"),
         ('law = "repaired"', 'law = "path"', "mine.toml:21: platoon.0.follower.law: 'path' needs platoon.0.route"),
         ('"paper-follower"', '"paper-folower"', "lidar.preset: 'paper-folower': not known; did you mean"),
         ('"paper-follower"', "{ range_min_m = 2.0 }", "mine.toml:22: platoon.0.follower.lidar: range_max = 1.0"),
-        ('"paper-follower"', "{ rate_hz = 30.0 }", "rate_hz: 30: a scan must take whole steps of run.step_s = 0.025"),
+        ('"paper-follower"', "{ rate_hz = 30.0 }", "rate_hz: 30: the scan interval must be a multiple of run.step"),
         ('"paper-follower"', '{ noise = "utm30l" }', "follower.lidar.noise.preset: 'utm30l': not known; did you mean"),
         ('"paper-follower"', "{ noise = 5 }", "follower.lidar.noise: 5: should be a table, or a name"),
         ('"paper-follower"', "{ noise = { sigma = 1 } }", "lidar.noise.sigma: unknown key; did you mean 'sigma_m'?"),
@@ -95,7 +96,7 @@ def test_keys_of_a_vehicle_become_si():
 
 
 def test_every_field_of_every_vehicle_has_a_key_with_a_unit():
-    keys = [key.rsplit("_", 1)[0] for key in scenario.Vehicle.model_fields]
+    keys = [key.rsplit("_", 1)[0] for key in Vehicle.model_fields]
     assert set(keys) == {"type"} | {f.name for v in VEHICLES.values() for f in fields(v)}
     assert len(keys) == len(set(keys))
 
@@ -126,7 +127,7 @@ def test_platoons_may_not_share_an_id_or_a_place(scenario_file):
     file = scenario_file()
     text = file.read_text()
     file.write_text(text + second)
-    assert faults(file) == [f"{file}:25: platoon.1.id: 'robot': platoon.0 has this id too"]
+    assert faults(file) == [f"{file}:25: platoon.1.id: 'robot': platoon.0 has the same id; must be another"]
     file.write_text(text + second.replace('"robot"', '"other"'))
     assert faults(file) == [f"{file}:26: platoon.1.start: other.0 would start on robot.0"]
 
@@ -234,4 +235,4 @@ def test_a_law_that_needs_what_there_is_not_is_refused(scenario_file, tmp_path):
     law = '@dataclass(frozen=True)\nclass Law:\n    needs = {"v2v"}\n    def __call__(self, sensed, memory, dt): ...\n'
     (tmp_path / "law.py").write_text("from dataclasses import dataclass\n" + law)
     (fault,) = faults(scenario_file(('law = "repaired"', 'law = "law:Law"')))
-    assert fault.endswith("'law:Law' needs v2v; there is: route, signals")
+    assert fault.endswith("'law:Law' needs v2v; must be of: route, signals")

@@ -156,7 +156,7 @@ def test_platoons_may_come_from_a_file_whose_lines_are_named(tmp_path):
     assert done.stderr.startswith(f"{file}:")
     assert "no edge 'east_nort' in ring.net.xml; did you mean 'east_north'?" in done.stderr
     file.write_text(PLATOONS + '[sumo]\nnet = "grid"\n')
-    assert "--platoon: sumo.net: is the configuration's" in call("run", config, "--platoon", file).stderr
+    assert "--platoon: sumo.net: must not be given" in call("run", config, "--platoon", file).stderr
     assert "--platoon: goes with a SUMO conf" in call("run", "ring_platoon", "--platoon", file).stderr
     assert "nowhere.toml: cannot be read: No such file" in call("run", config, "--platoon", "nowhere.toml").stderr
 
@@ -227,7 +227,7 @@ def test_an_empty_configuration_is_said_to_be_empty(tmp_path):
 def test_an_end_or_a_duration_must_be_given(tmp_path):
     done = call("run", configure(tmp_path / "theirs"), *PLATOON)
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert "names no <end>; say how long the run takes, for example run.duration_s=600" in done.stderr
+    assert "has no <end>; give the duration of the run, for example run.duration_s=600" in done.stderr
 
 
 @pytest.mark.parametrize(
