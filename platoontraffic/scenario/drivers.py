@@ -46,7 +46,7 @@ def default_preset(role: str, law: Any) -> str:
     return _declared(law, "lidar") or f"paper-{role}"
 
 
-def _find_law(driver: Driver, at: KeyPath, find: Callable[[str], registry.Law], folder: Path) -> Found:
+def _find_law(driver: Driver, at: KeyPath, find: Callable[[str], tuple[type, tuple[Path, ...]]], folder: Path) -> Found:
     faults: list[Fault] = []
     try:
         kind, sources = find(driver.law)
