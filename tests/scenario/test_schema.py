@@ -1,4 +1,4 @@
-"""The JSON schema says of every key what it means, in which unit, and what holds if it is not given."""
+"""The JSON schema describes every key: its meaning, unit and default."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNITS = {
 
 
 def tables() -> dict[str, dict[str, Any]]:
-    """Every table by its name, as the schema has it; for a table that a name may stand for, the table."""
+    """Every table of the schema, by name."""
     schema = Spec.model_json_schema()
     named = {"Spec": schema, **schema["$defs"]}
     return {
@@ -31,7 +31,7 @@ KEYS = {f"{name}.{key}": value for name, table in TABLES.items() for key, value 
 
 
 def description(key: str) -> str:
-    """That of the key, or, for the schema leaves out what is the same, that of the table which the key holds."""
+    """The key's description. Where it equals that of the table which the key holds, the schema omits it."""
     held = KEYS[key].get("$ref", "").rpartition("/")[2]
     return KEYS[key].get("description") or TABLES[held]["description"]
 
@@ -53,7 +53,7 @@ def test_every_key_is_described_with_its_unit_and_default(key):
     assert text.endswith(".")
     if unit(key):
         assert f"[{unit(key)}]" in text
-    if KEYS[key].get("default", 0) is None:  # a null of the schema says nothing; any other default is in it
+    if KEYS[key].get("default", 0) is None:  # any other default is in the schema itself
         assert "Default: " in text
 
 
