@@ -1,11 +1,11 @@
-"""The kinds of trouble the command line tells apart, and how it hints."""
+"""Errors that the command line tells apart by exit code, and hints for unknown names."""
 
 import difflib
 from collections.abc import Iterable
 
 
 class InputError(ValueError):
-    """Something the user wrote is wrong: a file, an argument, a plug-in. Exit code 2.
+    """The user's input is wrong: a file, an argument, a plug-in. Exit code 2.
 
     faults: one line each, `file:line: key: what is wrong; what is allowed`.
     """
@@ -16,15 +16,15 @@ class InputError(ValueError):
 
 
 class RunError(RuntimeError):
-    """The run failed although its input was sound: SUMO died, the disk is full. Exit code 1."""
+    """A run failed although its input was sound: SUMO died, the disk is full. Exit code 1."""
 
 
 class MissingError(RuntimeError):
-    """The machine lacks something: an extra, a display. Exit code 3."""
+    """The machine lacks something that is needed: an extra, a display. Exit code 3."""
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """`; did you mean 'x'?`, or what is known, as far as there is something to say."""
+    """`; did you mean 'x'?` if a known word is close, else `; known: ` and some of them; "" if none is known."""
     known = sorted(known)
     if close := difflib.get_close_matches(word, known, n=1):
         return f"; did you mean {close[0]!r}?"

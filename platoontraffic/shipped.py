@@ -1,4 +1,4 @@
-"""Where the shipped networks and scenarios lie."""
+"""The networks, scenarios and studies that come with the package."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ _PACKAGE = Path(__file__).parent
 
 
 def folder(name: str) -> Path:
-    """`sumo_nets` or `scenarios`: a checkout's own folder comes first, else the copy inside the installed package."""
+    """The folder `sumo_nets` or `scenarios`: in a checkout its own, else the copy inside the installed package."""
     beside = _PACKAGE.parent / name
     return beside if (_PACKAGE.parent / "pyproject.toml").is_file() else _PACKAGE / "_data" / name
 

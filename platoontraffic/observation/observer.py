@@ -14,8 +14,8 @@ import numpy as np
 import shapely
 
 from platoontraffic.controllers import Signals
-from platoontraffic.geometry.driven_paths import DrivenPaths, compiled
 from platoontraffic.controllers.calls import desired_distance
+from platoontraffic.geometry.driven_paths import DrivenPaths, compiled
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.laserscan import NO_HIT
 from platoontraffic.observation.splits import NEAR_MORE, NEAR_TIMES, Splits

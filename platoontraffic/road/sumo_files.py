@@ -158,7 +158,7 @@ def id_clashes(path: Path, ids: Collection[str]) -> list[tuple[str, str]]:
         name = attributes.get("id", "")
         made = by_flow.get(name) if tag in ("flow", "calibrator") else name if tag in ("vehicle", "trip") else None
         if made in ids:
-            fault = fault_at(path, parser, f"{tag} '{name}' is, or makes, '{made}', the id of a member")
+            fault = fault_at(path, parser, f"{tag} '{name}' is, or makes, '{made}'")
             clashes.append((made, str(fault)))
 
     parse(path, start, "must be a route file or an additional file of SUMO")

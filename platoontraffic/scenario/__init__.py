@@ -1,20 +1,17 @@
-"""Scenario files: TOML in, checked and resolved, before anything starts."""
+"""Scenario files: TOML in, checked and resolved before anything starts.
 
-from platoontraffic.scenario.tables import (
-    Breakdown,
-    Change,
-    Identifier,
-    Platoon,
-    Run,
-    Scenario,
-    Spec,
-    Table,
-    default_preset,
-    dotted,
-    fault_of,
-    load,
-    read_toml,
-)
+`load` gives a `Scenario`. Keys carry their unit; `model` of a table converts them into SI and radians. Each fault is
+one line, `file:line: key: what is wrong; what is allowed`.
+"""
+
+from platoontraffic.scenario.base import Identifier, Table
+from platoontraffic.scenario.drivers import default_preset
+from platoontraffic.scenario.faults import dotted, fault_of
+from platoontraffic.scenario.loading import load
+from platoontraffic.scenario.overrides import Change
+from platoontraffic.scenario.scenario import Scenario
+from platoontraffic.scenario.tables import Breakdown, Platoon, Run, Spec
+from platoontraffic.scenario.toml_lines import read_toml
 
 __all__ = [
     "Breakdown",

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import shapely
@@ -15,12 +18,13 @@ from platoontraffic.road.sumo_files import read_polygons
 from platoontraffic.scenario import Platoon, Scenario, default_preset
 from platoontraffic.world.fleet import Member
 
+KERB_TOLERANCE = 0.01  # less than scanners resolve; it saves a seventh of the wall segments of a real town [m]
+STREET_WIDTH = 2.0  # lanes at least this wide are full size; on narrower ones robots measure to the millimetre [m]
+
 
 def static_scene(scenario: Scenario, network: Network) -> Scene:
-    """What stands still and stops a beam or a robot: walls and obstacles."""
-    # A centimetre of a street's kerb is less than scanners resolve, and saves a seventh of the segments of a real town.
-    # Robots on lanes of a metre may be measured to the millimetre.
-    tolerance = 0.01 if network.widest_lane >= 2 else 0.0
+    """Walls and solid obstacles: what stops a beam and does not move."""
+    tolerance = KERB_TOLERANCE if network.widest_lane >= STREET_WIDTH else 0.0
     walls = network.outline(tolerance) if scenario.spec.scene.walls == "outline" else []
     solids = []
     for file in scenario.additional:
@@ -36,74 +40,93 @@ def static_scene(scenario: Scenario, network: Network) -> Scene:
 def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, ...]:
     """All members, in the order of the file.
 
-    raises: InputError where an edge or lane does not exist, or a start pose is off the road or on another's
+    raises: InputError if an edge or lane does not exist, or if a member would start off the road or on something
     """
     members: list[Member] = []
     faults: list[str] = []
-    for i, platoon in enumerate(scenario.spec.platoon):
-        key = "start"
+    for i in range(len(scenario.spec.platoon)):
         try:
-            network.lane_pose(platoon.start.edge, platoon.start.lane, platoon.start.position_m)
-            key = "to" if platoon.to else "route"
-            edges = network.fastest_route(platoon.start.edge, platoon.to) if platoon.to else platoon.route
-            route = _route(network, platoon, edges, scenario.spec.scene.walls == "outline") if edges else None
-            key = "start"
-            members += _platoon(scenario, network, i, platoon, route)
+            members += _deploy_platoon(scenario, network, i)
         except InputError as error:
-            faults += [scenario.fault(("platoon", i, key), fault) for fault in error.faults]
-    if not faults:
-        numbers = {platoon.id: i for i, platoon in enumerate(scenario.spec.platoon)}
-        misplaced = _misplaced(members, network, scene)
-        faults = [scenario.fault(("platoon", numbers[m.platoon], "start"), what) for m, what in misplaced]
-        faults = list({fault.partition(": ")[0]: fault for fault in reversed(faults)}.values())[::-1]  # one a platoon
-    if faults:
+            faults += error.faults
+    if faults := faults or _misplaced(scenario, members, network, scene):
         raise InputError(*faults)
     return tuple(members)
 
 
-def _platoon(scenario: Scenario, network: Network, i: int, platoon: Platoon, route: Route | None) -> list[Member]:
-    model = platoon.vehicle.model()
-    start = platoon.start
-    members = []
-    for place in range(platoon.size):
-        role = "leader" if place == 0 else "follower"
-        position = start.position_m - place * (model.length + platoon.gap_m)
-        on_lane = max(position, 0.0)
-        x, y, heading = network.lane_pose(start.edge, start.lane, on_lane)
-        # The position is that of the front bumper, the pose that of the centre; behind the lane's start members stand
-        # on its straight prolongation, which must be road too.
-        back = model.length / 2 + on_lane - position
-        x += -back * math.cos(heading) - start.lateral_m * math.sin(heading)
-        y += -back * math.sin(heading) + start.lateral_m * math.cos(heading)
-        driver, law = getattr(platoon, role), scenario.laws[i, role]
-        fastest = model.top_speed
-        if law.native:  # SUMO refuses what is faster than it would drive
-            fastest = min(fastest, law.max_speed, law.speed_factor * network.limit(start.edge, start.lane))
-        if start.speed_mps > fastest:
-            raise InputError(f"speed_mps {start.speed_mps:g}: faster than its {role} drives there; up to {fastest:g}")
-        members.append(
-            Member(
-                id=f"{platoon.id}.{place}",
-                platoon=platoon.id,
-                place=place,
-                model=model,
-                lidar=driver.lidar.model(default_preset(role, law), model.length),
-                law=law,
-                edge=start.edge,
-                lane=start.lane,
-                position=on_lane,
-                pose=(x, y, heading),
-                route=route,
-                departs=start.time_s,
-                speed=start.speed_mps,
-                odometry=driver.odometry.model(),
-            )
+def _deploy_platoon(scenario: Scenario, network: Network, i: int) -> list[Member]:
+    """The members of the i-th platoon. raises: InputError with the places of the faults"""
+    platoon = scenario.spec.platoon[i]
+    with _placed(scenario, ("platoon", i, "start")):
+        network.lane_pose(platoon.start.edge, platoon.start.lane, platoon.start.position_m)
+    with _placed(scenario, ("platoon", i, "to" if platoon.to else "route")):
+        edges = network.fastest_route(platoon.start.edge, platoon.to) if platoon.to else platoon.route
+        route = _route(network, platoon, edges, scenario.spec.scene.walls == "outline") if edges else None
+    with _placed(scenario, ("platoon", i, "start")):
+        laws = {role: scenario.laws.get((i, role)) for role in ("leader", "follower")}
+        return [_member(network, platoon, place, route, laws) for place in range(platoon.size)]
+
+
+@contextmanager
+def _placed(scenario: Scenario, path: tuple) -> Iterator[None]:
+    """Gives the faults that are raised inside the place of a key."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(*(scenario.fault(path, fault) for fault in error.faults)) from error
+
+
+def _member(network: Network, platoon: Platoon, place: int, route: Route | None, laws: dict[str, Any]) -> Member:
+    """The member at a place of a platoon, 0 the leader. laws: by role"""
+    start, model = platoon.start, platoon.vehicle.model()
+    role = "leader" if place == 0 else "follower"
+    driver, law = (platoon.leader if place == 0 else platoon.follower), laws[role]
+    fastest = model.top_speed
+    if law.native:  # SUMO refuses to insert a vehicle that is faster than its own driver would be
+        fastest = min(fastest, law.max_speed, law.speed_factor * network.limit(start.edge, start.lane))
+    if start.speed_mps > fastest:
+        raise InputError(
+            f"speed_mps {start.speed_mps:g}: the {role} cannot be so fast there; must be up to {fastest:g}"
         )
-    return members
+    position = start.position_m - place * (model.length + platoon.gap_m)
+    front = max(position, 0.0)
+    return Member(
+        id=f"{platoon.id}.{place}",
+        platoon=platoon.id,
+        place=place,
+        model=model,
+        lidar=driver.lidar.model(default_preset(role, law), model.length),
+        law=law,
+        edge=start.edge,
+        lane=start.lane,
+        position=front,
+        pose=_pose(network.lane_pose(start.edge, start.lane, front), position, start.lateral_m, model.length),
+        route=route,
+        departs=start.time_s,
+        speed=start.speed_mps,
+        odometry=driver.odometry.model(),
+    )
+
+
+def _pose(
+    lane_pose: tuple[float, float, float], position: float, lateral: float, length: float
+) -> tuple[float, float, float]:
+    """x, y and heading of the centre of a vehicle.
+
+    lane_pose : of the lane's centre line at the position, or at the lane's start if the position is before it
+    position  : of the front bumper along the lane [m]; below 0 on the lane's straight prolongation
+    lateral   : offset to the left [m]
+    length    : of the vehicle [m]
+    """
+    x, y, heading = lane_pose
+    back = length / 2 + max(position, 0.0) - position
+    x += -back * math.cos(heading) - lateral * math.sin(heading)
+    y += -back * math.sin(heading) + lateral * math.cos(heading)
+    return x, y, heading
 
 
 def _route(network: Network, platoon: Platoon, edges: list[str], walls: bool) -> Route:
-    """The route from the edge on where the platoon starts; walls: along the outline of the road."""
+    """The route from the edge on where the platoon starts. walls: walls stand along the outline of the road"""
     if platoon.start.edge not in edges:
         raise InputError(f"{edges}: does not contain the start edge {platoon.start.edge!r}")
     here = edges.index(platoon.start.edge)
@@ -111,7 +134,7 @@ def _route(network: Network, platoon: Platoon, edges: list[str], walls: bool) ->
     points, limit, lines = network.route_lanes(onward, platoon.start.lane, platoon.loop, platoon.start.position_m)
     model = platoon.vehicle.model()
     rear = platoon.start.position_m - platoon.size * model.length - (platoon.size - 1) * platoon.gap_m
-    if rear < 0 and not platoon.loop:  # who stands on the prolongation of the lane drives that first
+    if rear < 0 and not platoon.loop:  # members before the lane's start drive its prolongation first
         step = points[1] - points[0]
         more = model.length - rear
         points = np.vstack([points[0] - more * step / np.hypot(*step), points])
@@ -123,25 +146,39 @@ def _route(network: Network, platoon: Platoon, edges: list[str], walls: bool) ->
     return Route.along(onward, points, limit, lines, platoon.loop, walled)
 
 
-def _misplaced(members: list[Member], network: Network, scene: Scene) -> list[tuple[Member, str]]:
-    """Members whose footprint is not wholly on the road, or is on something or someone; and what to say of them."""
+def _misplaced(scenario: Scenario, members: list[Member], network: Network, scene: Scene) -> list[str]:
+    """Faults of the start poses; the first of each platoon is enough."""
     footprints = np.array([_footprint(m) for m in members])
-    faults = []
-    for member, on_road in zip(members, shapely.contains(network.drivable, footprints), strict=True):
-        if not on_road:
-            where = f"({member.pose[0]:.2f}, {member.pose[1]:.2f}) m"
-            faults.append((member, f"{member.id} would start at {where}, not wholly on the road"))
+    faults: dict[str, str] = {}  # by platoon
+    for check in (_off_road(footprints, network), _on_obstacles(footprints, scene), _on_members(footprints, members)):
+        for i, what in check:
+            faults.setdefault(members[i].platoon, f"{members[i].id} would start {what}")
+    numbers = {platoon.id: i for i, platoon in enumerate(scenario.spec.platoon)}
+    return [scenario.fault(("platoon", numbers[platoon], "start"), what) for platoon, what in faults.items()]
+
+
+def _off_road(footprints: np.ndarray, network: Network) -> Iterator[tuple[int, str]]:
+    """Footprints (n,) that are not wholly on the road: row, and what is wrong."""
+    for i in np.flatnonzero(~shapely.contains(network.drivable, footprints)):
+        centre = footprints[i].centroid
+        yield i, f"at ({centre.x:.2f}, {centre.y:.2f}) m, not wholly on the road"
+
+
+def _on_obstacles(footprints: np.ndarray, scene: Scene) -> Iterator[tuple[int, str]]:
     walls = shapely.linestrings(scene.segments.reshape(-1, 2, 2))
-    for wall, a in shapely.STRtree(footprints).query(walls, predicate="intersects").T:
-        where = f"({walls[wall].centroid.x:.2f}, {walls[wall].centroid.y:.2f}) m"
-        faults.append((members[a], f"{members[a].id} would start in contact with the wall or obstacle at {where}"))
+    for wall, i in shapely.STRtree(footprints).query(walls, predicate="intersects").T:
+        middle = walls[wall].centroid
+        yield i, f"in contact with the wall or obstacle at ({middle.x:.2f}, {middle.y:.2f}) m"
     if scene.solids is not None:
-        for a in np.flatnonzero(shapely.contains(scene.solids, footprints)):
-            faults.append((members[a], f"{members[a].id} would start inside an obstacle"))
+        for i in np.flatnonzero(shapely.contains(scene.solids, footprints)):
+            yield i, "inside an obstacle"
+
+
+def _on_members(footprints: np.ndarray, members: list[Member]) -> Iterator[tuple[int, str]]:
+    """Later ones of two members that depart at the same time and overlap."""
     for a, b in shapely.STRtree(footprints).query(footprints, predicate="intersects").T:
         if a < b and members[a].departs == members[b].departs:
-            faults.append((members[b], f"{members[b].id} would start on {members[a].id}"))
-    return faults
+            yield b, f"on {members[a].id}"
 
 
 def _footprint(member: Member) -> shapely.Polygon:

@@ -1,4 +1,4 @@
-"""Bad input is said in one line a fault, with its place, before anything starts."""
+"""Each fault in a scenario file is reported in one line, with its place, before anything starts."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from platoontraffic.lidar import PRESETS, Noise
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
 from platoontraffic.scenario.toml_lines import key_lines
+from platoontraffic.scenario.vehicle_tables import Vehicle
 from platoontraffic.vehicles.catalogue import VEHICLES
 
 
@@ -24,7 +25,7 @@ def faults(name, *changes) -> list[str]:
 
 
 def vehicle(*changes):
-    """The leader's in the paper's loop."""
+    """The vehicle model of the paper's loop with changes of the platoon."""
     return scenario.load("paper_loop", [f"platoon.{c}" for c in changes]).spec.platoon[0].vehicle.model()
 
 
@@ -36,13 +37,13 @@ def vehicle(*changes):
         ("gap_m = 0.45", "gap_m = -0.45", "mine.toml:14: platoon.0.gap_m: -0.45: should be greater than 0"),
         ("duration_s = 900.0", "duration_s = nan", "mine.toml:7: run.duration_s: nan: should be a finite number"),
         ("duration_s = 900.0", "step_s = 0.0333", "mine.toml:7: run.step_s: 0.0333: must be whole milliseconds"),
-        ('net = "lab_loop"', 'net = "lab_lop"', "mine.toml:4: sumo.net: 'lab_lop': no such file, nor a shipped"),
+        ('net = "lab_loop"', 'net = "lab_lop"', "mine.toml:4: sumo.net: 'lab_lop': no such file or shipped network"),
         ('law = "repaired"', 'law = "repared"', "mine.toml:21: platoon.0.follower.law: no law 'repared'; did you mean"),
         ('law = "repaired"', 'law = "nosuch:Law"', "mine.toml:21: platoon.0.follower.law: nosuch: cannot be imported"),
         ('law = "repaired"', 'law = "path"', "mine.toml:21: platoon.0.follower.law: 'path' needs platoon.0.route"),
         ('"paper-follower"', '"paper-folower"', "lidar.preset: 'paper-folower': not known; did you mean"),
         ('"paper-follower"', "{ range_min_m = 2.0 }", "mine.toml:22: platoon.0.follower.lidar: range_max = 1.0"),
-        ('"paper-follower"', "{ rate_hz = 30.0 }", "rate_hz: 30: a scan must take whole steps of run.step_s = 0.025"),
+        ('"paper-follower"', "{ rate_hz = 30.0 }", "rate_hz: 30: the scan interval must be a multiple of run.step"),
         ('"paper-follower"', '{ noise = "utm30l" }', "follower.lidar.noise.preset: 'utm30l': not known; did you mean"),
         ('"paper-follower"', "{ noise = 5 }", "follower.lidar.noise: 5: should be a table, or a name"),
         ('"paper-follower"', "{ noise = { sigma = 1 } }", "lidar.noise.sigma: unknown key; did you mean 'sigma_m'?"),
@@ -58,11 +59,11 @@ def vehicle(*changes):
         ("[sumo]", "[sumo", "not valid TOML"),
     ],
 )  # fmt: skip
-def test_a_fault_is_named_with_line_and_key(scenario_file, old, new, said):
+def test_a_fault_is_reported_with_line_and_key(scenario_file, old, new, said):
     assert any(said in fault for fault in faults(scenario_file((old, new))))
 
 
-def test_errors_of_a_lidar_are_those_of_its_preset_unless_given():
+def test_noise_of_a_lidar_is_that_of_its_preset_unless_given():
     def noise(*changes):
         changes = [f"platoon.follower.lidar.{change}" for change in changes]
         return simulation.prepare(scenario.load("paper_loop", changes)).members[1].lidar.noise
@@ -76,7 +77,7 @@ def test_errors_of_a_lidar_are_those_of_its_preset_unless_given():
     assert noise(*car, "noise=none", "noise.bias_m=0.1") == Noise(bias=0.1)
 
 
-def test_keys_of_another_class_of_vehicle_are_refused_each_by_itself(scenario_file):
+def test_each_key_of_another_class_of_vehicle_is_a_fault(scenario_file):
     table = 'vehicle = { type = "van", wheel_radius_m = 0.3, max_wheel_speed_radps = 9.0, lag_s = 0.1 }'
     file = scenario_file(("gap_m = 0.45", table))
     radius, speed = faults(file)
@@ -85,7 +86,7 @@ def test_keys_of_another_class_of_vehicle_are_refused_each_by_itself(scenario_fi
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_a_vehicle_by_name_is_that_of_the_list(name):
+def test_a_named_vehicle_is_that_of_the_catalogue(name):
     assert vehicle(f"vehicle={name}") == VEHICLES[name]
 
 
@@ -95,13 +96,13 @@ def test_keys_of_a_vehicle_become_si():
 
 
 def test_every_field_of_every_vehicle_has_a_key_with_a_unit():
-    keys = [key.rsplit("_", 1)[0] for key in scenario.Vehicle.model_fields]
+    keys = [key.rsplit("_", 1)[0] for key in Vehicle.model_fields]
     assert set(keys) == {"type"} | {f.name for v in VEHICLES.values() for f in fields(v)}
     assert len(keys) == len(set(keys))
 
 
 @pytest.mark.parametrize(("name", "gap"), [("paper-robot", 0.5), ("truck", 2.5)])
-def test_a_resolved_scenario_says_the_gap_and_the_vehicle_and_reads_back(tmp_path, name, gap):
+def test_a_resolved_scenario_has_the_default_gap_and_the_vehicle_and_loads_again(tmp_path, name, gap):
     text = (
         shipped.scenarios()["paper_loop"]
         .read_text()
@@ -116,17 +117,17 @@ def test_a_resolved_scenario_says_the_gap_and_the_vehicle_and_reads_back(tmp_pat
     assert scenario.load(tmp_path / "again.toml").resolved(tmp_path) == resolved
 
 
-def test_all_faults_are_said_at_once(scenario_file):
+def test_all_faults_are_reported_at_once(scenario_file):
     file = scenario_file(("size = 5", "size = 0"), ("gap_m = 0.45", "gap_m = 0.0"), ("laps = 2.0", "laps = -1.0"))
     assert len(faults(file)) == 3
 
 
-def test_platoons_may_not_share_an_id_or_a_place(scenario_file):
+def test_platoons_cannot_share_an_id_or_a_start_pose(scenario_file):
     second = '\n[[platoon]]\nid = "robot"\nstart = { edge = "sw_se", position_m = 1.8 }\nleader = "reactive"\n'
     file = scenario_file()
     text = file.read_text()
     file.write_text(text + second)
-    assert faults(file) == [f"{file}:25: platoon.1.id: 'robot': platoon.0 has this id too"]
+    assert faults(file) == [f"{file}:25: platoon.1.id: 'robot': platoon.0 has the same id; must be another"]
     file.write_text(text + second.replace('"robot"', '"other"'))
     assert faults(file) == [f"{file}:26: platoon.1.start: other.0 would start on robot.0"]
 
@@ -137,14 +138,14 @@ def test_platoons_may_not_share_an_id_or_a_place(scenario_file):
      ("3.75,0.3 3.85,0.3 3.85,0.7 3.75,0.7", "robot.0 would start in contact with the wall or obstacle at"),
      ("3.5,0.3 nonsense", "boxes.poly.xml:2: poly 'box'")],
 )  # fmt: skip
-def test_a_start_on_an_obstacle_and_a_broken_one_are_refused(scenario_file, tmp_path, shape, said):
+def test_a_start_pose_on_an_obstacle_and_an_unreadable_obstacle_are_faults(scenario_file, tmp_path, shape, said):
     poly = f'<additional>\n<poly id="box" type="obstacle" shape="{shape}"/>\n</additional>'
     (tmp_path / "boxes.poly.xml").write_text(poly)
     (fault,) = faults(scenario_file(('net = "lab_loop"', 'net = "lab_loop"\nadditional = ["boxes.poly.xml"]')))
     assert said in fault
 
 
-def test_a_start_between_roads_and_a_route_that_does_not_connect(scenario_file):
+def test_a_route_that_does_not_connect_is_a_fault(scenario_file):
     route = 'gap_m = 0.45\nroute = ["sw_se", "ne_nw"]'
     said = faults(scenario_file(("gap_m = 0.45", route), ('law = "reactive"', 'law = "path"')))
     assert said[0].endswith(
@@ -162,12 +163,12 @@ def test_a_start_between_roads_and_a_route_that_does_not_connect(scenario_file):
         ("platoon.size.x=1", "platoon.0.size is not a table"),
     ],
 )
-def test_a_fault_in_an_argument_names_the_argument(argument, said):
+def test_a_fault_in_an_argument_is_reported_with_its_number(argument, said):
     assert any(said in fault for fault in faults("paper_loop", argument))
 
 
 @pytest.mark.parametrize("content", ["", "<net", "<net></net>", '<net version="1.20"></net>', "<routes/>"])
-def test_a_broken_net_is_refused_before_sumo_sees_it(scenario_file, tmp_path, content):
+def test_a_broken_net_is_a_fault_before_sumo_reads_it(scenario_file, tmp_path, content):
     (tmp_path / "broken.net.xml").write_text(content)
     (said,) = faults(scenario_file(('"lab_loop"', '"broken.net.xml"')))
     assert "broken.net.xml:" in said
@@ -183,14 +184,14 @@ def test_a_broken_net_is_refused_before_sumo_sees_it(scenario_file, tmp_path, co
         ("class Law:\n    def __call__(self): ...\n", "Law must be a frozen dataclass, of its gains"),
     ],
 )
-def test_a_plug_in_that_cannot_be_used_is_named(scenario_file, tmp_path, source, said):
+def test_a_plug_in_that_cannot_be_used_is_a_fault_of_the_key_law(scenario_file, tmp_path, source, said):
     (tmp_path / "law.py").write_text(source)
     (fault,) = faults(scenario_file(('law = "repaired"', 'law = "law:Law"')))
     assert fault.startswith(f"{tmp_path / 'mine.toml'}:21: platoon.0.follower.law: ")
     assert said in fault
 
 
-def test_arguments_change_every_platoon_or_one():
+def test_arguments_change_every_platoon_or_the_numbered_one():
     world = scenario.load("paper_world", ["platoon.gap_m=0.6", "platoon.2.leader.speed_mps=0.2", "run.laps=3"])
     assert {p.gap_m for p in world.spec.platoon} == {0.6}
     assert [world.laws[i, "leader"].speed for i in (1, 2, 3)] == [0.1, 0.2, 0.1]
@@ -198,13 +199,13 @@ def test_arguments_change_every_platoon_or_one():
 
 
 @pytest.mark.parametrize("name", shipped.scenarios())
-def test_shipped_scenarios_are_fine_and_titled(name):
+def test_shipped_scenarios_are_sound_and_have_a_title(name):
     loaded = scenario.load(name)
     assert loaded.spec.title
     simulation.prepare(loaded)
 
 
-def test_lines_of_keys_in_every_form_of_toml():
+def test_keys_in_every_form_of_toml_have_their_line():
     text = '''a = 1
 b.c = [
   1, # ]
@@ -228,11 +229,11 @@ v = 1
 
 
 @pytest.mark.parametrize(("given", "kept"), [("trips", ["trips"]), ("trips,edges", ["trips", "edges"]), ("[]", [])])
-def test_tables_of_sumo_may_be_named_without_brackets(given, kept):
+def test_sumo_tables_can_be_listed_without_brackets(given, kept):
     assert scenario.load("paper_loop", [f"record.sumo={given}"]).spec.record.sumo == kept
 
 
-def test_a_law_that_needs_what_there_is_not_is_refused(scenario_file, tmp_path):
+def test_a_law_that_needs_an_unknown_input_is_a_fault(scenario_file, tmp_path):
     law = '@dataclass(frozen=True)\nclass Law:\n    needs = {"v2v"}\n    def __call__(self, sensed, memory, dt): ...\n'
     (tmp_path / "law.py").write_text("from dataclasses import dataclass\n" + law)
     (fault,) = faults(scenario_file(('law = "repaired"', 'law = "law:Law"')))

@@ -1,4 +1,4 @@
-"""A SUMO configuration is a scenario by itself; nothing is written beside it, and what it cannot have is said."""
+"""A SUMO configuration is a scenario by itself; nothing is written beside it, and its faults are reported."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def call(*arguments: object) -> Result:
 
 
 def configure(folder: Path, inside: str = "", name: str = "city.sumocfg", root: str = "configuration") -> Path:
-    """A folder as a user has it, with a configuration."""
+    """A folder with a configuration, as a user has it."""
     folder.mkdir(exist_ok=True)
     for file in ("ring.net.xml", "ring.rou.xml"):
         shutil.copy(RING / file, folder)
@@ -50,16 +50,16 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
-# ---- what is taken from it
+# ---- what the configuration gives
 
 
-def test_demand_is_times_the_scale_of_the_configuration(tmp_path):
+def test_demand_multiplies_the_scale_of_the_configuration(tmp_path):
     config = configure(tmp_path / "theirs", "<time><end value='10'/></time><processing><scale value='2'/></processing>")
     for more, scale in (((), "2"), (("sumo.demand=1.5",), "3.0")):
         assert sumo_tables.sumo_options(scenario.load(config, (*PLATOON, *more)), tmp_path)["scale"] == scale
 
 
-def test_defaults_are_those_of_cars_among_traffic(tmp_path):
+def test_defaults_are_those_of_cars_in_traffic(tmp_path):
     end = "<time><begin value='0:01:40'/><end value='160'/></time>"
     checked = scenario.load(configure(tmp_path / "theirs", end), (*PLATOON, "sumo.warm_up_s=20"))
     spec = checked.spec
@@ -74,7 +74,7 @@ def test_defaults_are_those_of_cars_among_traffic(tmp_path):
     ("given", "step", "said"),
     [("0.05", 0.05, "step-length = 0.05 is run.step_s"), ("1", 0.1, "step-length = 1 is not used; run.step_s = 0.1")],
 )
-def test_its_step_is_taken_where_a_scan_fits_and_that_is_said(tmp_path, given, step, said):
+def test_its_step_is_used_if_the_scan_interval_is_a_multiple_and_a_remark_says_so(tmp_path, given, step, said):
     file = configure(tmp_path / "theirs", f"<time><step-length value='{given}'/></time>")
     checked = scenario.load(file, SHORT)
     assert checked.spec.run.step_s == step
@@ -98,7 +98,7 @@ def test_what_is_not_used_is_named_and_unknown_options_are_left_to_sumo(tmp_path
     assert "options that are not used: no-step-log, seed, " in done.stderr
 
 
-def test_names_are_whole_paths_and_may_hold_spaces_and_the_environment(tmp_path, monkeypatch):
+def test_file_names_can_hold_spaces_and_environment_variables(tmp_path, monkeypatch):
     monkeypatch.setenv("TOWN", "ring")
     file = configure(tmp_path / "my theirs")
     shutil.copy(RING / "ring.rou.xml", file.parent / "at night.rou.xml")
@@ -114,7 +114,7 @@ def test_names_are_whole_paths_and_may_hold_spaces_and_the_environment(tmp_path,
 
 
 @pytest.mark.parametrize("key", ["config", "argument"])
-def test_a_configuration_of_netedit_is_one_too(tmp_path, key):
+def test_a_netedit_configuration_is_a_configuration(tmp_path, key):
     file = configure(tmp_path / "theirs", "<x><node-files value='no.xml'/></x>", "all.netecfg", "neteditConfiguration")
     assert read_configuration(file).options == {}
     if key == "argument":
@@ -142,7 +142,7 @@ to = "west_south"
 """
 
 
-def test_platoons_may_come_from_a_file_whose_lines_are_named(tmp_path):
+def test_platoons_can_come_from_a_file_and_faults_have_its_lines(tmp_path):
     config, file = configure(tmp_path / "theirs"), tmp_path / "platoons.toml"
     file.write_text(PLATOONS)
     checked = scenario.load(config, ["run.duration_s=2"], None, file)
@@ -157,13 +157,13 @@ def test_platoons_may_come_from_a_file_whose_lines_are_named(tmp_path):
     assert done.stderr.startswith(f"{file}:")
     assert "no edge 'east_nort' in ring.net.xml; did you mean 'east_north'?" in done.stderr
     file.write_text(PLATOONS + '[sumo]\nnet = "grid"\n')
-    assert "--platoon: sumo.net: is the configuration's" in call("run", config, "--platoon", file).stderr
+    assert "--platoon: sumo.net: must not be given" in call("run", config, "--platoon", file).stderr
     assert "--platoon: goes with a SUMO conf" in call("run", "ring_platoon", "--platoon", file).stderr
     assert "nowhere.toml: cannot be read: No such file" in call("run", config, "--platoon", "nowhere.toml").stderr
 
 
 @pytest.mark.parametrize("content", ["platoon = 5", "[platoon]\nsize = 2", "sumo = 1", "run = 1\n" + PLATOONS, "[["])
-def test_a_platoon_file_of_another_form_is_refused(tmp_path, content):
+def test_a_platoon_file_of_another_form_is_a_fault(tmp_path, content):
     file = tmp_path / "platoons.toml"
     file.write_text(content)
     done = call("run", configure(tmp_path / "theirs"), "--platoon", file, "run.duration_s=2")
@@ -176,10 +176,10 @@ def test_a_platoon_file_of_another_form_is_refused(tmp_path, content):
     )
 
 
-# ---- what it lacks
+# ---- faults
 
 
-def test_without_a_platoon_a_complete_example_is_given_that_is_fine(tmp_path):
+def test_without_a_platoon_the_fault_shows_a_complete_command_that_works(tmp_path):
     file = configure(tmp_path / "theirs")
     said = call("run", file)
     assert (said.exit_code, said.stderr.count("\n")) == (2, 1)
@@ -187,7 +187,7 @@ def test_without_a_platoon_a_complete_example_is_given_that_is_fine(tmp_path):
     assert call(*example, "--dry-run", "--out", tmp_path).exit_code == 0
 
 
-def test_an_edge_may_have_a_number_for_a_name(tmp_path):
+def test_an_edge_can_have_a_number_for_a_name(tmp_path):
     file = configure(tmp_path / "theirs")
     net = file.parent / "ring.net.xml"
     net.write_text(re.sub(r"\beast_north\b", "12", net.read_text().replace("east_north_", "12_")))
@@ -210,7 +210,7 @@ def test_an_edge_may_have_a_number_for_a_name(tmp_path):
         ("</configuration>", "", "not whole XML"),
     ],
 )
-def test_what_is_wrong_with_a_configuration_is_one_line(tmp_path, old, new, said):
+def test_a_fault_of_a_configuration_is_one_line(tmp_path, old, new, said):
     file = configure(tmp_path / "theirs")
     file.write_text(file.read_text().replace(old, new))
     done = call("check", file, *SHORT)
@@ -218,7 +218,7 @@ def test_what_is_wrong_with_a_configuration_is_one_line(tmp_path, old, new, said
     assert said in done.stderr
 
 
-def test_an_empty_configuration_is_said_to_be_empty(tmp_path):
+def test_an_empty_configuration_is_reported_as_empty(tmp_path):
     (tmp_path / "a.sumocfg").write_text("")
     assert call("check", tmp_path / "a.sumocfg", *SHORT).stderr.startswith(
         f"{tmp_path / 'a.sumocfg'}:1: the file is empty"
@@ -228,7 +228,7 @@ def test_an_empty_configuration_is_said_to_be_empty(tmp_path):
 def test_an_end_or_a_duration_must_be_given(tmp_path):
     done = call("run", configure(tmp_path / "theirs"), *PLATOON)
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert "names no <end>; say how long the run takes, for example run.duration_s=600" in done.stderr
+    assert "has no <end>; give the duration of the run, for example run.duration_s=600" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -238,7 +238,7 @@ def test_an_end_or_a_duration_must_be_given(tmp_path):
         ('<flow id="platoon" begin="0" end="9"/>', "flow 'platoon' is, or makes, 'platoon.0', the id of a member"),
     ],
 )
-def test_a_vehicle_with_the_id_of_a_member_is_refused(tmp_path, demand, what):
+def test_a_background_vehicle_with_the_id_of_a_member_is_a_fault(tmp_path, demand, what):
     file = configure(tmp_path / "theirs")
     routes = file.parent / "ring.rou.xml"
     routes.write_bytes(gzip.compress(f"<routes>\n{demand}</routes>".encode()))
@@ -247,7 +247,7 @@ def test_a_vehicle_with_the_id_of_a_member_is_refused(tmp_path, demand, what):
     assert call("check", file, *SHORT, "platoon.id=other").exit_code == 0
 
 
-# ---- what is written
+# ---- what SUMO writes
 
 
 DETECTORS = """<additional>
@@ -263,7 +263,7 @@ DETECTORS = """<additional>
 
 
 def writing_configuration(tmp_path: Path) -> Path:
-    """One that has SUMO write by every way there is."""
+    """A configuration that makes SUMO write files in every possible way."""
     inside = (
         "<additional-files value='writing.add.xml'/><output><tripinfo-output value='out/trips.xml'/>"
         "<netstate-dump value='dump.xml'/><statistic-output value='/dev/null'/><save-state.period value='1'/>"
@@ -281,7 +281,7 @@ def writing_configuration(tmp_path: Path) -> Path:
 
 
 @pytest.mark.sumo
-def test_nothing_is_written_but_in_the_folder_of_the_run(tmp_path, monkeypatch):
+def test_files_are_written_only_into_the_folder_of_the_run(tmp_path, monkeypatch):
     file = writing_configuration(tmp_path)
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
@@ -306,7 +306,7 @@ def test_nothing_is_written_but_in_the_folder_of_the_run(tmp_path, monkeypatch):
 
 
 @pytest.mark.sumo
-def test_trips_become_a_table_whatever_the_configuration_calls_them(tmp_path):
+def test_trips_become_a_table_whatever_name_the_configuration_gives_them(tmp_path):
     inside = "<output><tripinfo-output value='trips.csv'/><summary-output value='s.xml'/></output>"
     changes = ("sumo.warm_up_s=9", *SHORT, "record.sumo=trips,summary", "record.sumo_every_s=1")
     done = call("run", configure(tmp_path / "theirs", inside), *changes, "-q", "--out", tmp_path)
@@ -318,7 +318,7 @@ def test_trips_become_a_table_whatever_the_configuration_calls_them(tmp_path):
     assert left == ["sumo_s.xml", "sumo_summary.csv", "sumo_trips.csv"]
 
 
-def test_detectors_of_traffic_lights_write_there_too(tmp_path):
+def test_detectors_of_traffic_lights_write_into_the_folder_of_the_run(tmp_path):
     file = configure(tmp_path / "theirs")
     net = file.parent / "ring.net.xml"
     light = '<tlLogic id="t" type="actuated" programID="0" offset="0"><param key="file" value="seen.xml"/></tlLogic>'
@@ -330,7 +330,7 @@ def test_detectors_of_traffic_lights_write_there_too(tmp_path):
 
 
 @pytest.mark.sumo
-def test_sumo_says_itself_which_option_it_does_not_know(tmp_path):
+def test_an_option_that_sumo_does_not_know_is_reported_in_its_words(tmp_path):
     file = configure(tmp_path / "theirs", "<a><blurb value='1'/></a>")
     done = call("run", file, *SHORT, "--out", tmp_path / "results")
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
@@ -359,7 +359,7 @@ def test_platoons_drive_on_odd_networks(tmp_path, net, lane):
     last = rows[rows.time_s == rows.time_s.max()]
     assert len(last) == 3
     assert last.x_m.min() > 100
-    # On the lanes all the way, on the side that is the country's.
+    # On the lanes all the way, on the side of the road on which the country drives.
     side = -1.6 if net == "left" else 1.6
     assert rows[rows.x_m < 180].right_of_middle_m.to_numpy() == pytest.approx(side, abs=0.4)
 
@@ -386,7 +386,7 @@ def test_platoons_drive_on_odd_networks(tmp_path, net, lane):
         (["start.edge=wm", "start.lane=2", 'route=["me", "em"]'], "does not contain the start edge 'wm'"),
     ],
 )
-def test_a_start_or_a_way_that_is_not_for_cars_is_refused(tmp_path, changes, said):
+def test_a_start_or_a_route_that_is_not_for_cars_is_a_fault(tmp_path, changes, said):
     (tmp_path / "a.sumocfg").write_text(f"<configuration><net-file value='{NETS}/odd.net.xml'/></configuration>")
     given = ["run.duration_s=2", "platoon.start.position_m=40", *(f"platoon.{change}" for change in changes)]
     if not any(change.startswith(("to=", "route=")) for change in changes):
@@ -397,7 +397,7 @@ def test_a_start_or_a_way_that_is_not_for_cars_is_refused(tmp_path, changes, sai
     assert said in fault
 
 
-def test_a_lane_for_both_directions_is_refused():
+def test_a_lane_for_both_directions_is_a_fault():
     network = Network.read(NETS / "bidi.net.xml")
     with pytest.raises(InputError, match="'wm' shares its lane with oncoming 'mw'; must have its own"):
         network.route_line(["wm", "me"])

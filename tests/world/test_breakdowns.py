@@ -156,13 +156,29 @@ def test_a_leader_that_sumo_drives_breaks_down_too(tmp_path):
 @pytest.mark.parametrize(
     ("breakdown", "leader", "said"),
     [
-        ('vehicle = "platoon.9"\nwhat = "drive"\ntime_s = 1.0', PATH, "vehicle: 'platoon.9': no member; did you mean"),
+        (
+            'vehicle = "platoon.9"\nwhat = "drive"\ntime_s = 1.0',
+            PATH,
+            "'platoon.9': no such member; did you mean",
+        ),
         ('vehicle = "platoon.1"\nwhat = "engine"\ntime_s = 1.0', PATH, "what"),
-        ('vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 60.0', PATH, "time_s: 60: must be before the end, 60"),
+        (
+            'vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 60.0',
+            PATH,
+            "60: must be before the end, run.duration_s",
+        ),
         ('vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 1.0\nlasts_s = 0.0', PATH, "lasts_s"),
         ('vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 1.0\nrate_mps2 = 0.0', PATH, "rate_mps2"),
-        ('vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 1.0\nlasts_s = 0.05', PATH, "lasts_s: 0.05: must be a step"),
-        ('vehicle = "platoon.0"\nwhat = "laser"\ntime_s = 1.0', 'law = "sumo"', "platoon.0 has none, SUMO drives it"),
+        (
+            'vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 1.0\nlasts_s = 0.05',
+            PATH,
+            "lasts_s: 0.05: must be at least",
+        ),
+        (
+            'vehicle = "platoon.0"\nwhat = "laser"\ntime_s = 1.0',
+            'law = "sumo"',
+            "platoon.0 has none, because SUMO",
+        ),
     ],
 )
 def test_what_cannot_be_is_said_in_a_line_with_its_place(tmp_path, breakdown, leader, said):
@@ -177,7 +193,7 @@ def test_what_cannot_be_is_said_in_a_line_with_its_place(tmp_path, breakdown, le
 def test_what_is_broken_cannot_break_again(tmp_path):
     again = 'vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 5.0\nlasts_s = 5.0\n'
     text = again + "[[breakdown]]\n" + again.replace("time_s = 5.0", "time_s = 9.0")
-    with pytest.raises(InputError, match=r"breakdown\.1\.time_s: 9: that drive is broken until 10, by breakdown\.0"):
+    with pytest.raises(InputError, match=r"breakdown\.1\.time_s: 9: breakdown\.0 breaks the same drive until 10"):
         scenario.load(written(tmp_path, text))
     scenario.load(written(tmp_path, text.replace("9.0", "11.0")))
     scenario.load(written(tmp_path, text.replace('"drive"', '"laser"', 1)))

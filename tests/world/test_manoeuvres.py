@@ -72,14 +72,14 @@ def written(folder, text: str):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('kind = "split"\nvehicle = "platoon.9"\ntime_s = 1.0', "vehicle: 'platoon.9': no member; did you mean"),
+        ('kind = "split"\nvehicle = "platoon.9"\ntime_s = 1.0', "vehicle: 'platoon.9': no such member; did you mean"),
         ('kind = "split"\nvehicle = "platoon.0"\ntime_s = 1.0', "leads already; must be a follower"),
         ('kind = "join"\nvehicle = "platoon.2"\ntime_s = 1.0', "`behind` must be given to join"),
         ('kind = "join"\nvehicle = "platoon.2"\nbehind = "platoon.2"\ntime_s = 1.0', "cannot follow itself"),
         ('kind = "join"\nvehicle = "platoon.2"\nbehind = "platoon.4"\ntime_s = 1.0', "is behind platoon.2 itself"),
-        ('kind = "leave"\nvehicle = "platoon.2"\ntime_s = 1.0', "a route or `to`, one of both, must be given"),
+        ('kind = "leave"\nvehicle = "platoon.2"\ntime_s = 1.0', "either `route` or `to` must be given"),
         ('kind = "leave"\nvehicle = "platoon.2"\ntime_s = 1.0\nto = "nowhere"', "no edge 'nowhere'"),
-        ('kind = "split"\nvehicle = "platoon.2"\ntime_s = 1000.0', "must be before the end, 400"),
+        ('kind = "split"\nvehicle = "platoon.2"\ntime_s = 1000.0', "must be before the end, run.duration_s = 400"),
         ('kind = "split"\nvehicle = "late.1"\ntime_s = 1.0', "late.1 departs at 5; must not be earlier"),
         ('kind = "merge"\nvehicle = "platoon.2"\ntime_s = 1.0', "kind"),
         ('kind = "leave"\nvehicle = "platoon.0"\ntime_s = 1.0\nto = "b2_east"', "cannot drive alone"),

@@ -142,8 +142,8 @@ def test_in_each_step_those_near_a_member_are_read_and_not_all_who_are_far(tmp_p
 @pytest.mark.parametrize(
     ("sumo", "said"),
     [
-        ('net = "ring"\nconfig = "a.sumocfg"', "sumo: must have a net or a config, one of both"),
-        ("traffic = true", "sumo: must have a net or a config, one of both"),
+        ('net = "ring"\nconfig = "a.sumocfg"', "sumo: must have either `net` or `config`"),
+        ("traffic = true", "sumo: must have either `net` or `config`"),
         ('config = "nowhere.sumocfg"', "sumo.config: {}/nowhere.sumocfg: no such file; must be a SUMO configuration"),
         ('net = "ring"\nroutes = ["nowhere.rou.xml"]', "sumo.routes.0: 'nowhere.rou.xml': no such file"),
         ('net = "ring"\nwarm_up_s = -1.0', "sumo.warm_up_s: -1.0: should be greater than or equal to 0"),

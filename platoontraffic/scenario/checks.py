@@ -1,0 +1,233 @@
+"""What is wrong with a scenario although each of its tables is sound: one check a table, each yields faults."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from platoontraffic import shipped
+from platoontraffic.controllers.law import Law
+from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.road.sumo_files import id_clashes
+from platoontraffic.scenario.base import is_multiple
+from platoontraffic.scenario.drivers import Found, Role, default_preset, drivers_of
+from platoontraffic.scenario.faults import Fault, KeyPath
+from platoontraffic.scenario.files import Files
+from platoontraffic.scenario.obstacle_tables import Car, CutIn, Pedestrian, name_of
+from platoontraffic.scenario.tables import Breakdown, Driver, Manoeuvre, Platoon, Spec, Sumo
+
+NEEDS = frozenset({"route", "signals"})  # what a law may declare beside scan and own motion
+
+SOME = 8  # names are enough to say what is allowed
+
+
+class _Names(NamedTuple):
+    """Ids, each with the number of its table."""
+
+    members: dict[str, int]
+    obstacles: dict[str, int]
+
+
+def faults_of(spec: Spec, files: Files, laws: Mapping[Role, Found], folder: Path) -> Iterator[Fault]:
+    """All faults. folder: the scenario file's, which its file names are relative to"""
+    names = _Names(
+        {f"{platoon.id}.{place}": i for i, platoon in enumerate(spec.platoon) for place in range(platoon.size)},
+        {name_of(spec.obstacle, i): i for i in reversed(range(len(spec.obstacle)))},
+    )
+    return chain(
+        _sumo(spec.sumo, files.net, folder),
+        _times(spec),
+        _platoons(spec),
+        _obstacles(spec, names),
+        _traffic(spec, files, names),
+        _drivers(spec, laws),
+        _breakdowns(spec, names, laws),
+        _manoeuvres(spec, names, laws),
+    )
+
+
+def _sumo(sumo: Sumo, net: Path, folder: Path) -> Iterator[Fault]:
+    if not net.is_file():
+        hint = did_you_mean(sumo.net, shipped.networks())
+        yield Fault(("sumo", "net"), f"{sumo.net!r}: no such file or shipped network{hint}")
+    for key, names in (("routes", sumo.routes), ("additional", sumo.additional)):
+        for i, name in enumerate(names):
+            if not (folder / name).is_file():
+                yield Fault(("sumo", key, i), f"{name!r}: no such file")
+            elif "," in str(folder / name):  # SUMO would take it for two
+                yield Fault(("sumo", key, i), f"{name!r}: has a comma in its path; must have none")
+
+
+def _times(spec: Spec) -> Iterator[Fault]:
+    """Times that must be multiples of the step."""
+    times = [(("run", "duration_s"), spec.run.duration_s), (("sumo", "warm_up_s"), spec.sumo.warm_up_s)]
+    record, step = spec.record, spec.run.step_s
+    times += [(("record", key), getattr(record, key)) for key in ("every_s", "traffic_every_s", "scans_every_s")]
+    times += [(("platoon", i, "start", "time_s"), platoon.start.time_s) for i, platoon in enumerate(spec.platoon)]
+    for path, time in times:
+        if time and not is_multiple(time, step):
+            yield Fault(path, f"{time}: must be a multiple of run.step_s = {step}")
+
+
+def _platoons(spec: Spec) -> Iterator[Fault]:
+    ids = [platoon.id for platoon in spec.platoon]
+    for i, platoon in enumerate(spec.platoon):
+        yield from _before_end(("platoon", i, "start", "time_s"), platoon.start.time_s, spec)
+        if platoon.id in ids[:i]:
+            what = f"{platoon.id!r}: platoon.{ids.index(platoon.id)} has the same id; must be another"
+            yield Fault(("platoon", i, "id"), what)
+
+
+def _obstacles(spec: Spec, names: _Names) -> Iterator[Fault]:
+    for i, obstacle in enumerate(spec.obstacle):
+        at, name = ("obstacle", i), name_of(spec.obstacle, i)
+        if names.obstacles[name] != i:
+            yield Fault((*at, "id"), f"{name!r}: obstacle.{names.obstacles[name]} has the same id; must be another")
+        if name in names.members:
+            yield Fault((*at, "id"), f"{name!r}: is a member of a platoon; must be another")
+        yield from _before_end((*at, "time_s"), obstacle.time_s, spec)
+        if isinstance(obstacle, Car):
+            yield from _before_end((*at, "brakes_at_s"), obstacle.brakes_at_s, spec)
+        elif isinstance(obstacle, CutIn):
+            yield from _member((*at, "ahead_of"), obstacle.ahead_of, names)
+            yield from _has_gap_ahead((*at, "ahead_of"), obstacle.ahead_of, names)
+        elif isinstance(obstacle, Pedestrian) and obstacle.when:
+            yield from _member((*at, "when", "member"), obstacle.when.member, names)
+
+
+def _has_gap_ahead(path: KeyPath, name: str, names: _Names) -> Iterator[Fault]:
+    if name in names.members and _role(name) == "leader":
+        followers = [member for member in names.members if _role(member) == "follower"]
+        some = f": {', '.join(followers[:SOME])}" if followers else ""
+        yield Fault(path, f"{name!r}: leads, there is no gap before it; must be a follower{some}")
+
+
+def _traffic(spec: Spec, files: Files, names: _Names) -> Iterator[Fault]:
+    """Background vehicles with the id of a member or of an obstacle."""
+    for path, file in files.of_traffic(spec.sumo):
+        if not file.is_file():
+            continue
+        try:
+            clashes = id_clashes(file, names.members | names.obstacles)
+        except InputError as error:
+            yield from (Fault(path, fault) for fault in error.faults)
+            continue
+        yield from _clashes(clashes, spec, names)
+
+
+def _clashes(clashes: list[tuple[str, str]], spec: Spec, names: _Names) -> Iterator[Fault]:
+    """clashes: id and `file:line: what`; the first one of a platoon is enough"""
+    said: set[int] = set()
+    for name, clash in clashes:
+        if name in names.obstacles:
+            what = f"{name!r}: {clash}, the id of this obstacle; must be another"
+            yield Fault(("obstacle", names.obstacles[name], "id"), what)
+        elif (i := names.members[name]) not in said:
+            said.add(i)
+            yield Fault(("platoon", i, "id"), f"{spec.platoon[i].id!r}: {clash}, the id of a member; must be another")
+
+
+def _drivers(spec: Spec, laws: Mapping[Role, Found]) -> Iterator[Fault]:
+    for role, driver in drivers_of(spec):
+        found, at, platoon = laws[role], ("platoon", *role), spec.platoon[role[0]]
+        yield from found.faults
+        if found.law is not None:
+            yield from _needs(at, driver, found.law, platoon)
+        if found.kind is None:
+            continue
+        if not found.kind.native:
+            yield from _lidar((*at, "lidar"), driver, default_preset(role[1], found.kind), platoon, spec.run.step_s)
+        elif role[1] == "follower":
+            yield Fault((*at, "law"), f"{driver.law!r} cannot follow; must be a law that drives by its scan")
+
+
+def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon) -> Iterator[Fault]:
+    if not {"route", "signals"}.isdisjoint(law.needs) and not platoon.route and not platoon.to:
+        key = f"platoon.{at[1]}"
+        what = f"{driver.law!r} needs {key}.route, the edges to drive, or {key}.to, the last of them"
+        yield Fault((*at, "law"), what)
+
+
+def _lidar(at: KeyPath, driver: Driver, preset: str, platoon: Platoon, step: float) -> Iterator[Fault]:
+    try:
+        lidar = driver.lidar.model(preset, platoon.vehicle.model().length)
+    except ValueError as error:
+        yield Fault(at, str(error))
+        return
+    if not is_multiple(1 / lidar.rate, step):
+        what = f"the scan interval must be a multiple of run.step_s = {step}, as at {1 / step:g} Hz"
+        yield Fault((*at, "rate_hz"), f"{lidar.rate:g}: {what}")
+
+
+def _breakdowns(spec: Spec, names: _Names, laws: Mapping[Role, Found]) -> Iterator[Fault]:
+    for i, breakdown in enumerate(spec.breakdown):
+        at, name = ("breakdown", i), breakdown.vehicle
+        yield from _affects(at, breakdown, spec, names)
+        law = _law(name, names, laws)
+        if breakdown.what == "laser" and law is not None and law.native:
+            yield Fault((*at, "what"), f"'laser': {name} has none, because SUMO drives it; must be 'drive'")
+        if breakdown.lasts_s is not None and breakdown.lasts_s < spec.run.step_s:
+            what = f"{breakdown.lasts_s:g}: must be at least a step, run.step_s = {spec.run.step_s:g}"
+            yield Fault((*at, "lasts_s"), what)
+        for k, other in enumerate(spec.breakdown[:i]):
+            yield from _overlap((*at, "time_s"), breakdown, k, other)
+
+
+def _overlap(path: KeyPath, breakdown: Breakdown, k: int, other: Breakdown) -> Iterator[Fault]:
+    same = (breakdown.vehicle, breakdown.what) == (other.vehicle, other.what)
+    if same and breakdown.begins_before_end_of(other) and other.begins_before_end_of(breakdown):
+        until = "to the end" if other.lasts_s is None else f"until {other.time_s + other.lasts_s:g}"
+        yield Fault(path, f"{breakdown.time_s:g}: breakdown.{k} breaks the same {breakdown.what} {until}")
+
+
+def _manoeuvres(spec: Spec, names: _Names, laws: Mapping[Role, Found]) -> Iterator[Fault]:
+    for i, order in enumerate(spec.manoeuvre):
+        at, name = ("manoeuvre", i), order.vehicle
+        yield from _affects(at, order, spec, names)
+        if order.behind is not None:
+            yield from _member((*at, "behind"), order.behind, names)
+        if order.behind == name:
+            yield Fault((*at, "behind"), f"{name!r}: cannot follow itself; must be another member")
+        if name not in names.members:
+            continue
+        law = _law(name, names, laws)
+        if order.kind == "split" and _role(name) == "leader":
+            yield Fault((*at, "vehicle"), f"{name!r}: leads already; must be a follower")
+        elif law is not None and not law.drives_alone:
+            driver = f"platoon.{names.members[name]}.{_role(name)}"
+            what = f"{driver} cannot drive alone; must be a law that declares drives_alone, such as "
+            what += '"tracking" with on_loss = "drive"'
+            yield Fault((*at, "vehicle"), f"{name!r}: {what}")
+
+
+def _affects(at: KeyPath, one: Breakdown | Manoeuvre, spec: Spec, names: _Names) -> Iterator[Fault]:
+    """A breakdown or an order must name a member that has departed by then."""
+    yield from _member((*at, "vehicle"), one.vehicle, names)
+    yield from _before_end((*at, "time_s"), one.time_s, spec)
+    if one.vehicle in names.members:
+        departs = spec.platoon[names.members[one.vehicle]].start.time_s
+        if one.time_s < departs:
+            what = f"{one.time_s:g}: {one.vehicle} departs at {departs:g}; must not be earlier"
+            yield Fault((*at, "time_s"), what)
+
+
+def _member(path: KeyPath, name: str, names: _Names) -> Iterator[Fault]:
+    if name not in names.members:
+        yield Fault(path, f"{name!r}: no such member{did_you_mean(name, names.members)}")
+
+
+def _before_end(path: KeyPath, time: float | None, spec: Spec) -> Iterator[Fault]:
+    if time is not None and time >= spec.run.duration_s:
+        yield Fault(path, f"{time:g}: must be before the end, run.duration_s = {spec.run.duration_s:g}")
+
+
+def _law(member: str, names: _Names, laws: Mapping[Role, Found]) -> Any:
+    """The law of a member; None if there is no such member, or if its law could not be made."""
+    role = names.members.get(member, -1), _role(member)
+    return laws[role].law if role in laws else None
+
+
+def _role(member: str) -> str:
+    return "leader" if member.endswith(".0") else "follower"

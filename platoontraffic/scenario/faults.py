@@ -1,0 +1,75 @@
+"""Errors of pydantic as faults of one line, `key: what; what is allowed`, in the words of a scenario file."""
+
+from __future__ import annotations
+
+import typing
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel
+
+from platoontraffic.errors import did_you_mean
+from platoontraffic.scenario.obstacle_tables import KINDS
+from platoontraffic.scenario.tables import SHORT
+
+KeyPath = tuple[str | int, ...]  # e.g. ("platoon", 0, "leader", "law")
+
+
+class Fault(NamedTuple):
+    """What is wrong with the value of a key, and what is allowed."""
+
+    path: KeyPath
+    what: str
+
+
+def dotted(path: KeyPath) -> str:
+    return ".".join(map(str, path))
+
+
+def fault_of(error: dict, model: type[BaseModel]) -> str:
+    """`key: what; what is allowed`. model: the table that pydantic has validated"""
+    return f"{dotted(fault_path(error))}: {what_of(error, model)}"
+
+
+def fault_path(error: dict) -> KeyPath:
+    """The path of the key in the file: pydantic puts the kind of an obstacle between its number and its key."""
+    path = error["loc"]
+    if path[:1] != ("obstacle",):
+        return path
+    if error["type"].startswith("union_tag"):
+        return (*path, "kind")
+    return (*path[:2], *path[3:]) if len(path) > 2 and path[2] in KINDS else path
+
+
+def what_of(error: dict, model: type[BaseModel]) -> str:
+    """`what; what is allowed`, without the key."""
+    path, kind, value = error["loc"], error["type"], error["input"]
+    if kind == "union_tag_invalid":
+        tag = error["ctx"]["tag"]
+        return f"{tag!r}: not known{did_you_mean(tag, KINDS)}"
+    if kind == "union_tag_not_found":
+        return f"missing; known: {', '.join(sorted(KINDS))}"
+    if kind == "extra_forbidden":
+        return f"unknown key{did_you_mean(str(path[-1]), _known_keys(model, path[:-1]))}"
+    if kind == "missing":
+        return "missing"
+    what = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    if kind == "model_type":
+        what = "should be a table, or a name" if path[-1] in SHORT else "should be a table"
+    return what if isinstance(value, dict | BaseModel) else f"{value!r}: {what}"
+
+
+def _known_keys(model: type[BaseModel], path: KeyPath) -> list[str]:
+    """Keys of the table at a path, from the table `model` on."""
+    for name in path:
+        if name in KINDS:
+            model = KINDS[name]
+        elif isinstance(name, str):
+            model = _innermost(model.model_fields[name].annotation)
+    return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def _innermost(annotation: Any) -> Any:
+    """The table T of an annotation such as `list[T] | None`."""
+    while arguments := typing.get_args(annotation):
+        annotation = arguments[0]
+    return annotation

@@ -1,0 +1,132 @@
+"""From a scenario file, or a SUMO configuration, to a checked scenario. Every fault is found before anything starts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from platoontraffic import shipped
+from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.road.sumo_configuration import read_configuration
+from platoontraffic.scenario import configurations, overrides, toml_lines
+from platoontraffic.scenario.checks import faults_of
+from platoontraffic.scenario.drivers import find_laws
+from platoontraffic.scenario.faults import Fault, KeyPath, fault_path, what_of
+from platoontraffic.scenario.files import find_files
+from platoontraffic.scenario.overrides import Change
+from platoontraffic.scenario.scenario import Scenario, placed
+from platoontraffic.scenario.tables import Spec
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Where a key stands: `file:line`, or the argument that set it."""
+
+    source: Path
+    lines: Mapping[KeyPath, int]
+    arguments: Mapping[KeyPath, str]  # by the keys that they set
+
+    def __call__(self, path: KeyPath) -> str:
+        for n in range(len(path), 0, -1):
+            if path[:n] in self.arguments:
+                return self.arguments[path[:n]]
+        line = toml_lines.line_of(self.lines, path)
+        return f"{self.source}:{line}" if line else str(self.source)
+
+
+def load(
+    name_or_file: str | Path,
+    arguments: Sequence[str | Change] = (),
+    seed: int | None = None,
+    platoons: str | Path | None = None,
+) -> Scenario:
+    """The scenario of a file, or a shipped one by name, changed by `key=value` arguments.
+
+    A SUMO configuration is a scenario too, with platoons from the file `platoons`, or from arguments alone.
+
+    raises: InputError with one line for every fault found
+    """
+    changes = [a if isinstance(a, Change) else Change.parse(a, number) for number, a in enumerate(arguments, start=1)]
+    source = _find(name_or_file)
+    config = read_configuration(source) if configurations.is_configuration(source) else None
+    if config is None and platoons is not None:
+        raise InputError(f"--platoon: goes with a SUMO configuration (.sumocfg, .netecfg); {source} is a scenario")
+    table, lines = ({}, {}) if config and platoons is None else toml_lines.read_toml(platoons or source)
+    table.setdefault("name", _name(source))
+    if config:
+        configurations.complete(table, config, changes)
+        source = Path(platoons or source)
+    set_by = _change(table, changes, seed)
+    if config:
+        configurations.take_duration(table, config)
+    places = _Places(source, lines, set_by)
+    return _checked(_validated(table, places), source, {change.key: change.value for change in changes}, places)
+
+
+def _find(name_or_file: str | Path) -> Path:
+    known = shipped.scenarios()
+    if str(name_or_file) in known:
+        return known[str(name_or_file)]
+    file = Path(name_or_file)
+    if file.is_file():
+        return file
+    if (file / "config.toml").is_file():
+        raise InputError(f"{file}: is the folder of a run; its scenario is {file / 'config.toml'}")
+    if file.is_dir():
+        raise InputError(f"{file}: is a folder; must be a scenario file, or one of: {', '.join(known)}")
+    hint = did_you_mean(str(name_or_file), known)
+    raise InputError(f"{name_or_file}: no such scenario file or shipped scenario{hint}")
+
+
+def _name(file: Path) -> str:
+    return re.sub(r"[^A-Za-z0-9_-]", "_", file.stem)
+
+
+def _change(table: dict[str, Any], changes: Sequence[Change], seed: int | None) -> dict[KeyPath, str]:
+    """Make the changes in the table; the place of each key that they set."""
+    set_by: dict[KeyPath, str] = {}
+    for change in changes:
+        set_by |= dict.fromkeys(overrides.apply(change, table), change.place)
+    if seed is not None:
+        table["seed"] = seed
+        set_by["seed",] = "--seed"
+    return set_by
+
+
+def _validated(table: dict[str, Any], places: _Places) -> Spec:
+    try:
+        return Spec.model_validate(table)
+    except ValidationError as error:
+        faults = (Fault(fault_path(one), what_of(one, Spec)) for one in error.errors())
+        raise InputError(*(placed(fault, places) for fault in faults)) from None
+
+
+def _checked(spec: Spec, source: Path, varied: dict[str, Any], places: _Places) -> Scenario:
+    """raises: InputError if a file, a law, or the tables together are not sound"""
+    folder = source.parent
+    try:
+        files = find_files(spec.sumo, folder)
+    except InputError as error:
+        faults = (Fault(("sumo", "config"), one) for one in error.faults)
+        raise InputError(*(placed(fault, places) for fault in faults)) from error
+    laws = find_laws(spec, folder)
+    if faults := list(faults_of(spec, files, laws, folder)):
+        raise InputError(*(placed(fault, places) for fault in faults))
+    return Scenario(
+        spec=spec,
+        source=source,
+        net=files.net,
+        route_files=files.routes,
+        additional=files.additional,
+        configuration=files.configuration,
+        laws={role: found.law for role, found in laws.items()},
+        plug_ins={role: found.plug_in for role, found in laws.items() if found.plug_in},
+        sources=tuple(sorted(set().union(*(found.sources for found in laws.values())))),
+        varied=varied,
+        place=places,
+    )

@@ -1,0 +1,90 @@
+"""Overrides: keys of a scenario that are set on the command line or by a study, `platoon.size=3`."""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from typing import Any, NamedTuple
+
+from platoontraffic.errors import InputError
+from platoontraffic.scenario.faults import KeyPath, dotted
+from platoontraffic.scenario.tables import SHORT
+
+TEXTS = frozenset({"edge", "to", "id", "name", "title", "net", "config"})  # keys whose value may look like a number
+
+
+class Change(NamedTuple):
+    """A key that differs from the file, and where the change is given."""
+
+    key: str  # dotted; a key of `platoon` without a number is set in every platoon
+    value: Any
+    place: str  # `argument 2`, or `file:line`
+    text: str  # as it was written
+
+    @classmethod
+    def parse(cls, argument: str, number: int) -> Change:
+        """The change that an argument `key=value` asks for. number: of the argument, from 1. raises: InputError"""
+        key, equals, text = argument.partition("=")
+        if not equals or not all(key.split(".")):
+            raise InputError(f"argument {number}: {argument!r}: must be key=value")
+        return cls(key, _value(key, text), f"argument {number}", argument)
+
+    def fault(self, what: str) -> InputError:
+        return InputError(f"{self.place}: {self.text!r}: {what}")
+
+
+def _value(key: str, text: str) -> Any:
+    """A TOML value, or the text itself: a bare word is a string, and an edge may have a number for a name."""
+    if "\n" in text:
+        return text
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+    return text if key.rpartition(".")[2] in TEXTS and not isinstance(value, str) else value
+
+
+def apply(change: Change, table: dict) -> list[KeyPath]:
+    """Make a change in the table of a scenario file.
+
+    returns : paths of the keys that are now set; several where the change holds for all tables of an array
+    raises  : InputError where the key leads through something that is not a table
+    """
+    *names, last = change.key.split(".")
+    nodes: list[tuple[Any, KeyPath]] = [(table, ())]
+    for name in names:
+        nodes = [inner for node, path in nodes for inner in _children(node, path, name, change)]
+    paths = []
+    for node, at in nodes:
+        for item, path in _tables(node, at):
+            if not isinstance(item, dict):
+                raise change.fault(f"{dotted(path)} is not a table")
+            item[last] = copy.deepcopy(change.value)
+            paths.append((*path, last))
+    return paths
+
+
+def _children(node: Any, path: KeyPath, name: str, change: Change) -> list[tuple[Any, KeyPath]]:
+    """What a name leads to from a node; from an array of tables without a number, one child of each table."""
+    if isinstance(node, list) and name.lstrip("-").isdigit():
+        return [_item(node, path, name, change)]
+    if isinstance(node, list):
+        return [child for item, at in _tables(node, path) for child in _children(item, at, name, change)]
+    if not isinstance(node, dict):
+        raise change.fault(f"{dotted(path)} is not a table")
+    if isinstance(node.get(name), str) and name in SHORT:
+        node[name] = {SHORT[name]: node[name]}
+    return [(node.setdefault(name, {}), (*path, name))]
+
+
+def _item(node: list, path: KeyPath, name: str, change: Change) -> tuple[Any, KeyPath]:
+    if not name.isdigit():
+        raise change.fault("tables are numbered from 0")
+    if int(name) >= len(node):
+        raise change.fault(f"there are {len(node)}, numbered from 0")
+    return node[int(name)], (*path, int(name))
+
+
+def _tables(node: Any, path: KeyPath) -> list[tuple[Any, KeyPath]]:
+    """The tables of an array with their paths, or the node itself."""
+    return [(item, (*path, i)) for i, item in enumerate(node)] if isinstance(node, list) else [(node, path)]

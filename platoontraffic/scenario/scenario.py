@@ -1,0 +1,139 @@
+"""A checked scenario: what its file and the arguments say, and everything that they name."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from platoontraffic import shipped
+from platoontraffic.controllers.gains import table_of
+from platoontraffic.road.sumo_configuration import Configuration
+from platoontraffic.scenario.drivers import Role, default_preset, drivers_of
+from platoontraffic.scenario.faults import Fault, KeyPath, dotted
+from platoontraffic.scenario.tables import Spec
+
+REPLAY_TRAFFIC, REPLAY_SCANS = 0.5, 0.25  # sampling intervals of a replay [s]
+REPLAY_RANGES = 10e6  # most measured ranges in a replay; where there would be more, scans are recorded less often
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Everything that a run is made from, checked but for what needs the road network to be read."""
+
+    spec: Spec
+    source: Path  # the scenario's file, or the SUMO configuration
+    net: Path
+    route_files: tuple[Path, ...]
+    additional: tuple[Path, ...]
+    configuration: Configuration | None
+    laws: dict[Role, Any]
+    plug_ins: dict[Role, Path]  # files beside the scenario that laws are named by
+    sources: tuple[Path, ...]  # modules of all laws that are not shipped, and files that gains name
+    varied: dict[str, Any]  # values of the keys that arguments changed
+    place: Callable[[KeyPath], str]  # where a key stands: `file:line`, or the argument that set it
+
+    def fault(self, path: KeyPath, what: str) -> str:
+        """`file:line: key: what`."""
+        return placed(Fault(path, what), self.place)
+
+    @property
+    def seed(self) -> int:
+        return self.spec.seed
+
+    def files(self) -> dict[str, Path]:
+        """Every input file, by a name that says its purpose."""
+        config = {"config": self.configuration.path} if self.configuration else {}
+        further = self.configuration.inputs if self.configuration else ()
+        return {
+            **config,
+            f"net.{self.net.name}": self.net,
+            **{f"routes.{i}.{file.name}": file for i, file in enumerate(self.route_files)},
+            **{f"additional.{i}.{file.name}": file for i, file in enumerate(self.additional)},
+            **{f"config.{i}.{file.name}": file for i, file in enumerate(further)},
+            **{f"law.{i}.{file.name}": file for i, file in enumerate(self.sources)},
+        }
+
+    def remarks(self) -> list[str]:
+        """Options of the SUMO configuration that the run does not use, and what its step is."""
+        config, step = self.configuration, self.spec.run.step_s
+        if config is None:
+            return []
+        remarks = []
+        if ignored := [option for option in config.ignored if option != "step-length"]:
+            remarks.append(f"{config.path}: options that are not used: {', '.join(ignored)}")
+        if config.step is not None:
+            used = "is run.step_s" if config.step == step else f"is not used; run.step_s = {step:g}"
+            remarks.append(f"{config.path}: step-length = {config.step:g} {used}")
+        return remarks
+
+    def for_replay(self) -> Scenario:
+        """The scenario with all tables recorded that a replay shows; intervals that are given stay.
+
+        Scans are by far the most of it, so where there are many beams they are recorded less often.
+        """
+        run, record = self.spec.run, self.spec.record
+        traffic, scans = (math.ceil(every / run.step_s - 1e-9) * run.step_s for every in (REPLAY_TRAFFIC, REPLAY_SCANS))
+        scans *= math.ceil(run.duration_s * self._beams() / (scans * REPLAY_RANGES))
+        intervals = {
+            "traffic_every_s": record.traffic_every_s or round(traffic, 3),
+            "scans_every_s": record.scans_every_s or round(scans, 3),
+        }
+        return replace(self, spec=self.spec.model_copy(update={"record": record.model_copy(update=intervals)}))
+
+    def _beams(self) -> int:
+        """Beams of all members' lidars in one scan each."""
+        beams = 0
+        for (i, role), driver in drivers_of(self.spec):
+            platoon = self.spec.platoon[i]
+            lidar = driver.lidar.model(default_preset(role, self.laws[i, role]), platoon.vehicle.model().length)
+            beams += lidar.samples * (1 if role == "leader" else platoon.size - 1)
+        return beams
+
+    def resolved(self, folder: Path | None = None) -> dict[str, Any]:
+        """All keys with their values, as for TOML. Files are named relative to `folder`; without one, by ""."""
+        table = self.spec.model_dump(exclude_none=True)
+        for key in ("obstacle", "manoeuvre", "breakdown"):
+            if not table[key]:
+                del table[key]
+        table["sumo"] |= self._resolved_files(folder)
+        for (i, role), _ in drivers_of(self.spec):
+            table["platoon"][i][role] = self._resolved_driver((i, role), folder)
+        return table
+
+    def _resolved_files(self, folder: Path | None) -> dict[str, Any]:
+        """Keys of the table `sumo` that name files."""
+        sumo, named = self.spec.sumo, {}
+        if self.configuration:
+            named["config"] = _relative(self.configuration.path, folder)
+        elif sumo.net not in shipped.networks():
+            named["net"] = _relative(self.net, folder)
+        for key, files in (("routes", self.route_files), ("additional", self.additional)):
+            brought = len(files) - len(getattr(sumo, key))  # by the network or the configuration
+            named[key] = [_relative(file, folder) for file in files[brought:]]
+        return named
+
+    def _resolved_driver(self, role: Role, folder: Path | None) -> dict[str, Any]:
+        """The table of a leader or follower, with all gains of its law."""
+        law, driver = self.laws[role], getattr(self.spec.platoon[role[0]], role[1])
+        name = driver.law
+        if file := self.plug_ins.get(role):
+            name = f"{_relative(file, folder)}:{name.rsplit(':', 1)[1]}"
+        return {
+            "law": name,
+            **table_of(law, lambda file: _relative(file, folder)),
+            "lidar": {"preset": default_preset(role[1], law)} | driver.lidar.model_dump(exclude_none=True),
+            "odometry": driver.odometry.model_dump(exclude_none=True),
+        }
+
+
+def placed(fault: Fault, place: Callable[[KeyPath], str]) -> str:
+    """`file:line: key: what`."""
+    return f"{place(fault.path)}: {dotted(fault.path)}: {fault.what}"
+
+
+def _relative(file: Path, folder: Path | None) -> str:
+    return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix() if folder else ""
