@@ -7,9 +7,9 @@ import pymunk
 from pymunk import batch
 
 from platoontraffic.lidar import Scene
+from platoontraffic.world.events import WALL
 from platoontraffic.world.traffic import TrafficSnapshot
 
-WALL = "wall"
 TOUCH = 1e-9  # nearer counts as touching; at 0, rounding and the order inside pymunk would decide [m]
 
 # Pairs without a watched vehicle are dropped before their shapes are compared.
