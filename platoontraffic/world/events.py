@@ -88,9 +88,9 @@ EVENT_KINDS = {
         Kind(
             "split",
             f"is split off from its platoon: for {SPLIT_AFTER:g} s its law has not taken the predecessor (other_id) as "
-            f"target, or its gap has been more than {SPLIT_GAP_FACTOR:g} times the gap that the law wants and more than "
-            f"{SPLIT_GAP_MARGIN:g} m ({_SCALED}) longer than that. Causes: a closed stop line held it, vehicles came "
-            "between, it fell behind, or a cause of lock_lost",
+            f"target, or its gap has been more than {SPLIT_GAP_FACTOR:g} times the gap that the law wants and also "
+            f"more than {SPLIT_GAP_MARGIN:g} m ({_SCALED}) longer than that. Causes: a closed stop line held it, "
+            "vehicles came between, it fell behind, or a cause of lock_lost",
             ("held", "between", "fell_behind", "taken", "not_recognised", "out_of_sight", "broken"),
         ),
         Kind("rejoined", "is in its platoon again, duration_s after it was split off"),
@@ -148,7 +148,8 @@ EVENT_KINDS = {
         ),
         Kind(
             "off_road",
-            f"its driven axle is more than {OFF_ROAD_DISTANCE:g} m ({_SCALED}) outside the drivable area; detail: how far",
+            f"its driven axle is more than {OFF_ROAD_DISTANCE:g} m ({_SCALED}) outside the drivable area; detail: how "
+            "far",
         ),
         Kind("on_road", "its driven axle is back within that distance, after duration_s"),
         Kind(
