@@ -53,6 +53,6 @@ class Breakdowns:
         ]
 
     def brakes(self, fleet: Fleet) -> np.ndarray | None:
-        """Coasting deceleration of members with a broken drive [m/s2], (n,), NaN for the rest; None: no broken drive."""
+        """Coasting deceleration of members with a broken drive [m/s2], (n,), NaN for the rest; None: there are none."""
         rates = {one.vehicle: one.rate_mps2 for one in self._since if one.what == "drive"}
         return np.array([rates.get(m.id, np.nan) for m in fleet.members]) if rates else None
