@@ -12,7 +12,7 @@ from platoontraffic.world.events import EMERGENCY_BRAKING, Event
 
 
 class Braking:
-    """Arrays (N,) of all members of the run, by their number."""
+    """State of all members of the run, by their number: arrays (N,)."""
 
     def __init__(self, length: np.ndarray) -> None:
         """length: of each member, (N,) [m]"""

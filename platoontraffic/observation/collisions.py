@@ -39,7 +39,7 @@ class Collisions:
         before, self.touching = self.touching, self._contacts.of(traffic)
         for vehicle, other in sorted(self.touching - before):
             i = traffic.ids.index(vehicle)
-            what = "other_changed_lanes" if self._lane_changes.lately(other, step.time) else _course(traffic, i, other)
+            what = "other_changed_lanes" if self._lane_changes.lately(other, step.time) else _impact(traffic, i, other)
             yield step.event("collision", i, other, what=what, detail=DETAILS[what])
 
 
@@ -72,7 +72,7 @@ class LaneChanges:
 
 
 class NearMisses:
-    """Arrays (N,) of all members of the run, by their number."""
+    """State of all members of the run, by their number: arrays (N,)."""
 
     def __init__(self, scale: np.ndarray) -> None:
         """scale: size of each member beside a car, (N,); NEAR_MISS_GAP shrinks with it"""
@@ -94,7 +94,7 @@ class NearMisses:
         self._near[number] = near
 
 
-def _course(traffic: TrafficSnapshot, row: int, other: str) -> str:
+def _impact(traffic: TrafficSnapshot, row: int, other: str) -> str:
     """How two vehicles collided, by the position of the other's centre in the frame of the vehicle in `row`.
 
     "" where `other` is a wall

@@ -1,4 +1,4 @@
-"""Cut-ins and pedestrians that step into a member's path: whether contact was avoidable, and what came of it."""
+"""Cut-ins and pedestrians that step into a member's path: whether contact was avoidable, and the outcome."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Encounters:
         self._member = {member.id: member for member in members}
         of_route = {id(m.route): Way(m.route) for m in members if m.route}
         self._paths = {m.id: of_route[id(m.route)] for m in members if m.route}
-        self._met: list[_Course] = []
+        self._met: list[_Outcome] = []
         self._begun: set[tuple[str, str]] = set()  # obstacle, member
 
     def observe(self, traffic: TrafficSnapshot, fleet: Fleet, events: Iterable[Event]) -> list[Event]:
@@ -68,16 +68,16 @@ class Encounters:
         for plan in self._presence.present:
             if encounter := self._begins(plan, now):
                 self._begun.add((plan.id, encounter.vehicle))
-                self._met.append(_Course(encounter, self._paths[encounter.vehicle]))
+                self._met.append(_Outcome(encounter, self._paths[encounter.vehicle]))
                 found.append(_event(encounter, now))
         touching = {frozenset((e.vehicle, e.other)) for e in events if e.kind == "collision"}
-        for course in self._met:
-            course.observe(now, touching)
+        for outcome in self._met:
+            outcome.observe(now, touching)
         return found
 
     def rows(self) -> list[Encounter]:
         """All encounters of the run, by their beginning."""
-        return [course.row() for course in self._met]
+        return [outcome.row() for outcome in self._met]
 
     def _begins(self, plan: Plan, now: _Instant) -> Encounter | None:
         """The encounter that begins in this step with an obstacle that is present."""
@@ -192,8 +192,8 @@ class _ObstaclePresence:
 
 
 @dataclass
-class _Course:
-    """An encounter, and what came of it so far."""
+class _Outcome:
+    """An encounter, and what has come of it until now."""
 
     encounter: Encounter
     path: Way  # of the member

@@ -16,7 +16,7 @@ HELD_BY = ("", *EVENT_KINDS["held"].words)  # in the order of CLOSED_BY
 
 
 class Hindrances:
-    """Arrays (N,) of all members of the run, by their number."""
+    """State of all members of the run, by their number: arrays (N,)."""
 
     def __init__(self, scale: np.ndarray) -> None:
         """scale: size of each member beside a car, (N,); distances and speeds shrink with it"""
@@ -27,6 +27,7 @@ class Hindrances:
         self._since, self._until = np.full((2, n), -np.inf)  # the last hold [s]
 
     def note_breakdowns(self, noted: Iterable[Noted], fleet: Fleet) -> None:
+        """Remember the breakdowns and repairs among the notes of this step."""
         for one in noted:
             if one.kind == "breaks_down":
                 self._broken[fleet.number[one.row]].add(one.what)

@@ -1,4 +1,4 @@
-"""What is measured of a run from outside: gaps, locks, and the events that follow from them; laws know none of it."""
+"""Measurements of a run from outside, which no law knows: gaps, locks, and the events that follow from them."""
 
 from __future__ import annotations
 

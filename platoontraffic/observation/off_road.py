@@ -12,7 +12,7 @@ from platoontraffic.world.events import OFF_ROAD_DISTANCE, Event
 
 
 class OffRoad:
-    """Arrays (N,) of all members of the run, by their number."""
+    """State of all members of the run, by their number: arrays (N,)."""
 
     def __init__(self, drivable: shapely.Geometry, scale: np.ndarray) -> None:
         """scale: size of each member beside a car, (N,); OFF_ROAD_DISTANCE shrinks with it"""

@@ -12,6 +12,8 @@ from platoontraffic.world.fleet import Member
 
 
 class Presence:
+    """Which members are on the road, by their number."""
+
     def __init__(self, members: Sequence[Member]) -> None:
         """members: all of the run, by their number"""
         self._members = members

@@ -20,7 +20,7 @@ from platoontraffic.world.traffic import TrafficSnapshot
 
 
 class Splits:
-    """Arrays (N,) of all members of the run, by their number."""
+    """State of all members of the run, by their number: arrays (N,)."""
 
     def __init__(self, scale: np.ndarray, locks: Locks, hindrances: Hindrances) -> None:
         """scale: size of each member beside a car, (N,); SPLIT_GAP_MARGIN shrinks with it"""

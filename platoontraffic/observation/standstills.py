@@ -19,7 +19,7 @@ STANDING = 1e-3  # speed and yaw rate up to which a vehicle stands still [m/s, r
 
 
 class Standstills:
-    """Arrays (N,) of all members of the run, by their number."""
+    """State of all members of the run, by their number: arrays (N,)."""
 
     def __init__(self, n: int, locks: Locks, hindrances: Hindrances) -> None:
         self._locks, self._hindrances = locks, hindrances

@@ -108,7 +108,7 @@ EVENT_KINDS = {
             "want of room behind the junction. Noted only for laws that are given stop lines",
             ("light", "right_of_way", "lane_change", "no_room"),
         ),
-        Kind("released", "that stop line is open again, or behind it, after duration_s"),
+        Kind("released", "the stop line that held it is open again, or behind it, after duration_s"),
         Kind("red_light", "enters a junction from a lane (detail) whose light is red; not noted if SUMO drives it"),
         Kind(
             "failed_to_yield",
@@ -151,7 +151,7 @@ EVENT_KINDS = {
             f"its driven axle is more than {OFF_ROAD_DISTANCE:g} m ({_SCALED}) outside the drivable area; detail: how "
             "far",
         ),
-        Kind("on_road", "its driven axle is back within that distance, after duration_s"),
+        Kind("on_road", "is no longer off the road, after duration_s"),
         Kind(
             "obstacle",
             "an obstacle enters the road; detail: its size and speed",

@@ -24,7 +24,7 @@ from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import Fleet, Member
 
 PARTED = 0.2  # heading error from which a vehicle no longer turns into a route [rad]
-LOOK_AHEAD = 0.2  # of its length: along this piece of a route its direction is taken
+LOOK_AHEAD = 0.2  # piece of a route over which its direction is taken [vehicle lengths]
 
 
 class Order(NamedTuple):
