@@ -102,6 +102,7 @@ def test_breakdowns_and_repairs_are_noted_once_and_only_of_members_on_the_road()
     assert [n.kind for n in anew.due(fleet, 1.4)] == ["breaks_down"]
 
 
+@pytest.mark.sumo
 def test_followers_of_a_broken_car_stand_behind_it_and_go_on_after_its_repair(tmp_path):
     events, rows = results(tmp_path, 'vehicle = "platoon.1"\nwhat = "drive"\ntime_s = 10.0\nlasts_s = 20.0', 70.0)
     own = {name: of for name, of in rows.groupby("vehicle_id")}
@@ -123,6 +124,7 @@ def test_followers_of_a_broken_car_stand_behind_it_and_go_on_after_its_repair(tm
     assert (own["platoon.3"].set_index("time_s").speed_mps.loc[50.0:60.0] > 5.0).all()
 
 
+@pytest.mark.sumo
 @pytest.mark.parametrize("on_loss", ["stop", "drive"])
 @pytest.mark.parametrize("vehicle", ["platoon.0", "platoon.2"])
 def test_a_member_without_laser_stops_until_the_repair(tmp_path, vehicle, on_loss):
@@ -138,6 +140,7 @@ def test_a_member_without_laser_stops_until_the_repair(tmp_path, vehicle, on_los
     assert (own.speed_mps.loc[25.0:].max() > 5.0) == drives_on
 
 
+@pytest.mark.sumo
 def test_a_sumo_driven_leader_can_break_down(tmp_path):
     events, rows = results(
         tmp_path,
@@ -182,6 +185,7 @@ def test_a_broken_part_cannot_break_again_before_its_repair(tmp_path):
     scenario.load(written(tmp_path, text.replace('"drive"', '"laser"', 1)))
 
 
+@pytest.mark.sumo
 def test_a_broken_drive_is_a_cause_despite_the_repair_of_the_laser(tmp_path):
     events, _ = results(
         tmp_path,

@@ -134,6 +134,7 @@ time_s = 145.0
 """
 
 
+@pytest.mark.sumo
 def test_a_member_that_joins_after_a_lap_has_a_gap_without_that_lap(tmp_path):
     file = tmp_path / "ring.toml"
     file.write_text(RING, encoding="utf-8")
@@ -142,6 +143,7 @@ def test_a_member_that_joins_after_a_lap_has_a_gap_without_that_lap(tmp_path):
     np.testing.assert_allclose(joined.gap_m, joined.seen_gap_m, atol=0.5)
 
 
+@pytest.mark.sumo
 def test_an_order_to_leave_is_rejected_past_the_place_where_the_routes_part(tmp_path):
     base = shipped.scenarios()["corridor_manoeuvres"].read_text(encoding="utf-8").split("[[manoeuvre]]")[0]
     order = 'kind = "leave"\nvehicle = "platoon.1"\nroute = ["west_light", "light_light_s"]\ntime_s = 60.0\n'
@@ -154,6 +156,7 @@ def test_an_order_to_leave_is_rejected_past_the_place_where_the_routes_part(tmp_
     assert not events.kind.isin(["off_road", "collision"]).any()
 
 
+@pytest.mark.sumo
 def test_an_order_to_leave_is_rejected_once_it_turns_into_another_route(tmp_path):
     """In the junction it is still near both routes."""
     base = shipped.scenarios()["corridor_cut_in"].read_text(encoding="utf-8").split("[[obstacle]]")[0]
@@ -167,6 +170,7 @@ def test_an_order_to_leave_is_rejected_once_it_turns_into_another_route(tmp_path
     assert not events.kind.isin(["off_road", "collision"]).any()
 
 
+@pytest.mark.sumo
 @pytest.mark.slow
 def test_one_car_leaves_one_splits_off_and_joins_again_and_a_platoon_joins_the_end(tmp_path):
     folder = run(tmp_path / "run", "corridor_manoeuvres")
