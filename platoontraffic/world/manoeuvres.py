@@ -83,17 +83,9 @@ class Manoeuvres:
             rejected = _rejection(order, fleet, row, behind)
             if not rejected:
                 fleet = _carried_out(order, fleet, row, behind)
-            notes.append(
-                Noted(
-                    row,
-                    "told",
-                    f"to {order.kind}" + (rejected and f"; rejected: {rejected}"),
-                    other=order.behind,
-                    vehicle=order.vehicle,
-                    what=order.kind,
-                    done=int(not rejected),
-                )
-            )
+            detail = f"to {order.kind}" + (rejected and f"; rejected: {rejected}")
+            note = Noted(row, "told", detail, other=order.behind, vehicle=order.vehicle, what=order.kind)
+            notes.append(note._replace(done=int(not rejected)))
         return fleet, notes
 
 
