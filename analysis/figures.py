@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.patches import PathPatch, Polygon
 from matplotlib.path import Path as Outline
+
 from platoontraffic.analysis.results import ResultsError
 from platoontraffic.analysis.tables import columns_of, summarise
 

@@ -11,8 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow as pa
-from platoontraffic.analysis.results import ResultsError, load, resources
 from pyarrow import csv, parquet
+
+from platoontraffic.analysis.results import ResultsError, load, resources
 
 TYPES = {"number": pa.float64(), "integer": pa.int64(), "string": pa.string()}  # others are guessed
 

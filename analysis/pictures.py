@@ -7,6 +7,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
 from platoontraffic.analysis import figures
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 

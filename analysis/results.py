@@ -26,7 +26,19 @@ OPTIONAL = {
     "vehicles": ("vehicle_id", "length_m", "width_m", "laser_x_m", "laser_y_m", "laser_yaw_rad"),
 }
 # A vehicle may be called 12, or NA.
-TEXTS = ("platoon_id", "vehicle_id", "other_id", "target_id", "edge_id", "lane_id", "kind", "detail", "scope", "metric")
+TEXTS = (
+    "platoon_id",
+    "vehicle_id",
+    "other_id",
+    "target_id",
+    "edge_id",
+    "lane_id",
+    "kind",
+    "detail",
+    "what",
+    "scope",
+    "metric",
+)
 
 
 TOGETHER = 50_000_000  # characters of tables are parsed at once

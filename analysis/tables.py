@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+
 from platoontraffic.analysis.results import Batch, ResultsError
 
 LEVEL = 0.95

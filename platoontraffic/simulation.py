@@ -123,7 +123,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window
     watch = provenance.Stopwatch()
     read, signals, scan = watch("read", world.snapshot), watch("signals", world.signals), watch("scan", sensing.scan)
     odometry = watch("odometry", sensing.odometry)
-    observe, measure = watch("observe", observer.watch), watch("measure", observer.measure)
+    observe, measure = watch("observe", observer.observe), watch("measure", observer.measure)
     write, place, advance = watch("record", recorder.record), watch("place", world.place), watch("step", world.advance)
     decide, move = watch("decide", Fleet.decided), watch("move", Fleet.moved)
     show = watch("show", window.show) if window else lambda fleet, scans: None
@@ -135,21 +135,21 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window
         fleet = world.deploy(fleet, later)
         others = Obstacles(prepared.obstacles, fleet)
         encounters = Encounters(others, prepared.members)
-        orders = manoeuvres.Orders(prepared.orders)
+        orders = manoeuvres.Manoeuvres(prepared.orders)
         breakdowns = Breakdowns(scenario.spec.breakdown)
         world.hold(others.bodies, ways)
         for step in range(steps + 1):
             whole = record.traffic_every_s is not None and step % traffic_every == 0
             traffic = read(fleet, np.inf if whole else fleet.sight)
-            broken = breakdowns.watch(fleet, traffic.time)
-            scans = breakdowns.seen(scan(traffic, fleet, step), fleet)
-            fleet, told = orders.given(fleet, traffic.time)
+            broken = breakdowns.due(fleet, traffic.time)
+            scans = breakdowns.blinded(scan(traffic, fleet, step), fleet)
+            fleet, told = orders.applied(fleet, traffic.time)
             lines = signals(fleet)
             fleet = decide(fleet, scans, dt, lines, odometry(fleet, step))
             roads = world.roads(fleet)
             noted = [*told, *broken, *world.violations(fleet)]
             events = observe(traffic, fleet, scans, roads, lines, noted)
-            recorder.note([*events, *encounters.watch(traffic, fleet, events)])
+            recorder.note([*events, *encounters.observe(traffic, fleet, events)])
             if step % record_every == 0:
                 write(traffic, fleet, measure(fleet), roads)
             if whole:
@@ -172,7 +172,7 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window
     left = (m for platoon in world.waiting for m in platoon.members)
     nowhere = np.nan, np.nan, "", np.nan
     recorder.note(Event(traffic.time, "never_departed", m.id, "", *nowhere, "no room until the end") for m in left)
-    recorder.note([Event(traffic.time, "end", "", "", *nowhere, ended)])
+    recorder.note([Event(traffic.time, "end", "", "", *nowhere, ended, ended)])
     facts["status"] = "finished"
     facts["simulated_s"] = traffic.time
     facts["wall_s"] = round(wall, 3)

@@ -1,1 +1,1 @@
-"""What is measured of a run from outside."""
+"""Measurements of a run from outside, and the events that follow from them."""

@@ -1,259 +1,252 @@
-"""What comes of it when somebody gets in a member's way: who cuts in, who steps out, whether that could be helped."""
+"""Cut-ins and pedestrians that step into a member's path: whether contact was avoidable, and the outcome."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import shapely
 
 from platoontraffic.lidar import Boxes
-from platoontraffic.world.events import Event
+from platoontraffic.observation.avoidance import least_braking, least_gap
+from platoontraffic.world.events import ENCOUNTER_TIME, Event
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.obstacles import Crossing, CuttingIn, Obstacles, PathLine, Plan, SpeedProfile, row_of
 from platoontraffic.world.traffic import TrafficSnapshot
 
-WATCHED = 10.0  # so long after somebody got in the way it is measured what comes of it [s]
-SOON = 0.5  # a pedestrian so near to somebody's strip is about to step on it [m]
-CLOSING = 1e-3  # slower approach is none [m/s]
+ABOUT_TO_STEP = 0.5  # distance from a member's strip within which a pedestrian is about to step on it [m]
+CLOSING = 1e-3  # least speed for a time gap, and least closing speed for a time to collision [m/s]
 
 
 class Encounter(NamedTuple):
-    """One row of encounters.csv; columns as in `recording.ENCOUNTERS`."""
+    """One row of encounters.csv. The values up to `avoidable` are of the instant at which it began."""
 
-    time: float
-    kind: str  # of the obstacle
+    time: float  # [s]
+    kind: str  # of the obstacle: cut_in or pedestrian
     obstacle: str
-    vehicle: str  # the member in whose way it is
-    behind: str  # whom a car has come in behind
-    gap: float
-    time_gap: float
-    speed: float
-    obstacle_speed: float
-    braking: float  # that would just do [m/s2]; NaN: none does
-    avoidable: int
-    least_gap: float
-    least_time_to_collision: float
-    contact: int
+    vehicle: str  # the member whose path it has entered
+    behind: str  # the member that a car was to cut in behind
+    gap: float  # from the member's front bumper along its path [m]
+    time_gap: float  # [s]
+    speed: float  # of the member [m/s]
+    obstacle_speed: float  # [m/s]
+    braking: float  # that just avoids contact [m/s2]; NaN: no braking does
+    avoidable: int  # 1: by the member's hardest braking
+    least_gap: float  # within ENCOUNTER_TIME [m]
+    least_time_to_collision: float  # within ENCOUNTER_TIME [s]; NaN: never closing
+    contact: int  # 1: within ENCOUNTER_TIME
 
 
-def reaction(member: Member) -> float:
-    """Time from what the laser could see to full braking [s]: one scan, and the delay of the vehicle's brakes."""
-    return member.model.braking_delay(1 / member.lidar.rate, hardest(member))
+class _Instant(NamedTuple):
+    traffic: TrafficSnapshot
+    fleet: Fleet
+    rows: dict[str, int]  # of each vehicle in `traffic`
 
 
-def hardest(member: Member) -> float:
-    """Braking that its vehicle has and its law uses [m/s2]; inf if both stop at once."""
-    return min(member.model.hardest_braking, member.law.hardest_braking)
-
-
-def stopping_distance(speed: float, member: Member) -> float:
-    """v T + v^2 / 2 b [m], with T and b of `reaction` and `hardest`."""
-    return speed * reaction(member) + speed * speed / (2 * hardest(member))
-
-
-def least_gap(gap: float, speed: float, member: Member, ahead: SpeedProfile, braking: float | None = None) -> float:
-    """The least gap there will be if the member brakes as hard as it can, T after now [m]; negative: it hits.
-
-        least over t of  gap + s_ahead(t) - s(t),   s(t) = v t - b max(t - T, 0)^2 / 2  until it stands
-
-    Between the instants at which one of both begins or ceases to brake the difference is a parabola, so the least one
-    is at such an instant or where both are equally fast.
-
-    braking: of the member [m/s2]; default: the hardest
-    """
-    most = hardest(member) if braking is None else braking
-    own = SpeedProfile(speed, reaction(member), min(most, 1e6), 0.0)
-    stands = own.ends
-    times = sorted({0.0, stands, *(t for t in (own.brakes_at, ahead.brakes_at, ahead.ends) if 0 < t < stands)})
-
-    def between(t: float) -> float:
-        return gap + ahead.distance(t) - own.distance(t)
-
-    least = min(map(between, times))
-    for a, b in pairwise(times):
-        one, other = (ahead.at(t) - own.at(t) for t in (a, b))
-        if one < 0 < other:
-            least = min(least, between(a + (b - a) * one / (one - other)))
-    return least
-
-
-def least_braking(gap: float, speed: float, member: Member, ahead: SpeedProfile) -> float:
-    """The braking by which the gap just stays positive, after the member's reaction [m/s2]; inf: none does."""
-    if least_gap(gap, speed, member, ahead, 1e6) <= 0:
-        return math.inf
-    low, high = 1e-3, 1e3
-    if least_gap(gap, speed, member, ahead, low) > 0:
-        return 0.0
-    for _ in range(50):
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if least_gap(gap, speed, member, ahead, middle) > 0 else (middle, high)
-    return high
-
-
-@dataclass
-class _Watched:
-    encounter: Encounter
-    gap: float = math.inf
-    time_to_collision: float = math.inf
-    contact: bool = False
-
-
-@dataclass
 class Encounters:
-    """Follows obstacles and members: `watch` in every step. `met` is what there was, by the time at which it began."""
+    """Follows obstacles and members: `observe` in every step, `rows` at the end of the run."""
 
-    obstacles: Obstacles
-    members: Sequence[Member]
-    met: list[_Watched] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self._here: set[str] = set()
+    def __init__(self, obstacles: Obstacles, members: Sequence[Member]) -> None:
+        """members: all of the run"""
+        self._obstacles = obstacles
+        self._presence = _ObstaclePresence(obstacles)
+        self._member = {member.id: member for member in members}
+        of_route = {id(m.route): PathLine(m.route) for m in members if m.route}
+        self._paths = {m.id: of_route[id(m.route)] for m in members if m.route}
+        self._met: list[_Outcome] = []
         self._begun: set[tuple[str, str]] = set()  # obstacle, member
-        self._given_up: set[str] = set()
-        self._plans = {plan.id: plan for plan in self.obstacles.plans}
-        self._member = {member.id: member for member in self.members}
-        ways = {id(m.route): PathLine(m.route) for m in self.members if m.route}
-        self._ways = {m.id: ways[id(m.route)] for m in self.members if m.route}
 
-    def watch(self, traffic: TrafficSnapshot, fleet: Fleet, seen: Iterable[Event]) -> list[Event]:
-        """The events of this step; seen: those of the members in it, of which contacts count."""
-        if not self._plans:
+    def observe(self, traffic: TrafficSnapshot, fleet: Fleet, events: Iterable[Event]) -> list[Event]:
+        """The events of obstacles in this step; events: of the members in it, whose collisions count here."""
+        if not self._obstacles.plans:
             return []
-        bodies = self.obstacles.bodies
-        events = [*self._come_and_go(traffic, bodies)]
-        rows = {name: i for i, name in enumerate(traffic.ids)}
-        for name in bodies.ids:
-            plan = self._plans[name]
-            if not isinstance(plan, CuttingIn | Crossing):
-                continue
-            begin = self._cuts_in if isinstance(plan, CuttingIn) else self._steps_out
-            if found := begin(plan, traffic, fleet, rows):
-                self._begun.add((name, found.vehicle))
-                self.met.append(_Watched(found))
-                events.append(self._event(traffic, found, rows))
-        self._follow(traffic, fleet, rows, {(e.vehicle, e.other) for e in seen if e.kind == "collision"})
-        return events
+        now = _Instant(traffic, fleet, {name: i for i, name in enumerate(traffic.ids)})
+        found = [*self._presence.observe(traffic)]
+        for plan in self._presence.present:
+            if encounter := self._begins(plan, now):
+                self._begun.add((plan.id, encounter.vehicle))
+                self._met.append(_Outcome(encounter, self._paths[encounter.vehicle]))
+                found.append(_event(encounter, now))
+        touching = {frozenset((e.vehicle, e.other)) for e in events if e.kind == "collision"}
+        for outcome in self._met:
+            outcome.observe(now, touching)
+        return found
 
     def rows(self) -> list[Encounter]:
-        """All that there was."""
-        return [
-            w.encounter._replace(
-                least_gap=w.gap, least_time_to_collision=_finite(w.time_to_collision), contact=int(w.contact)
-            )
-            for w in self.met
-        ]
+        """All encounters of the run, by their beginning."""
+        return [outcome.row() for outcome in self._met]
 
-    def _come_and_go(self, traffic: TrafficSnapshot, bodies: TrafficSnapshot) -> Iterator[Event]:
-        here = set(bodies.ids)
-        for i, name in enumerate(bodies.ids):
-            if name not in self._here:
-                plan = self._plans[name]
-                what = f"{plan.kind}, {plan.length:g} x {plan.width:g} m, {bodies.speed[i]:.2f} m/s"
-                where = bodies.x[i], bodies.y[i], ""
-                yield Event(traffic.time, "obstacle", name, "", *where, np.nan, what)
-        for name in sorted(self._here - here):
-            yield Event(traffic.time, "obstacle_gone", name, "", np.nan, np.nan, "", np.nan, "")
-        for name, why in self.obstacles.given_up().items():
-            if name not in self._given_up:
-                self._given_up.add(name)
-                behind = self._plans[name].gap.follower
-                yield Event(traffic.time, "no_cut_in", behind, name, np.nan, np.nan, "", np.nan, why)
-        self._here = here
+    def _begins(self, plan: Plan, now: _Instant) -> Encounter | None:
+        """The encounter that begins in this step with an obstacle that is present."""
+        if isinstance(plan, CuttingIn):
+            return self._cut_in(plan, now)
+        return self._step_out(plan, now) if isinstance(plan, Crossing) else None
 
-    def _cuts_in(self, plan: CuttingIn, traffic: TrafficSnapshot, fleet: Fleet, rows: dict) -> Encounter | None:
-        """When its body comes over the strip that the follower's body drives."""
-        row = row_of(fleet, plan.gap.follower)
+    def _cut_in(self, plan: CuttingIn, now: _Instant) -> Encounter | None:
+        """Begins when its body enters the strip that the follower's body drives."""
+        traffic, row = now.traffic, row_of(now.fleet, plan.gap.follower)
         if row is None or traffic.time < plan.lane_change.starts or (plan.id, plan.gap.follower) in self._begun:
             return None
-        i = rows[plan.id]
+        i = now.rows[plan.id]
         own, own_offset = plan.path.project(traffic.x[row], traffic.y[row])
         station, _ = plan.path.project(traffic.x[i], traffic.y[i], own)
         offsets = [plan.path.project(x, y, station)[1] - own_offset for x, y in _corners(traffic, [i])[0]]
         if min(offsets) * max(offsets) > 0 and min(map(abs, offsets)) >= traffic.width[row] / 2:
             return None
         gap = plan.path.ahead(own, station) - (traffic.length[i] + traffic.length[row]) / 2
-        brakes = max(plan.lane_change.starts + plan.braking.after - traffic.time, 0.0)
+        brakes_in = max(plan.lane_change.starts + plan.braking.after - traffic.time, 0.0)
         speed = float(traffic.speed[i])
-        ahead = SpeedProfile(speed, brakes, plan.braking.rate, min(plan.braking.last_speed, speed))
-        return self._encounter(plan, traffic, row, i, plan.gap.predecessor, gap, ahead)
+        ahead = SpeedProfile(speed, brakes_in, plan.braking.rate, min(plan.braking.last_speed, speed))
+        return self._encounter(plan, now, row, plan.gap.predecessor, gap, ahead)
 
-    def _steps_out(self, plan: Crossing, traffic: TrafficSnapshot, fleet: Fleet, rows: dict) -> Encounter | None:
-        """When a pedestrian comes over the strip that the next member's body drives."""
-        i = rows[plan.id]
-        if traffic.speed[i] == 0:
+    def _step_out(self, plan: Crossing, now: _Instant) -> Encounter | None:
+        """Begins when a pedestrian enters the strip that the next member's body drives."""
+        if now.traffic.speed[now.rows[plan.id]] == 0:
             return None
-        nearest: tuple[float, int, bool] | None = None
-        along = traffic.width[i]  # of one who walks straight across, the width lies along the road
-        for row, member in enumerate(fleet.members):
-            if member.id not in self._ways:
-                continue
-            way = self._ways[member.id]
-            own, own_offset = way.project(traffic.x[row], traffic.y[row])
-            station, offset = way.project(traffic.x[i], traffic.y[i])
-            ahead = way.ahead(own, station)
-            aside = abs(offset - own_offset) - (traffic.length[i] + traffic.width[row]) / 2
-            if aside >= SOON or ahead < -(traffic.length[row] + along) / 2:  # or it has passed
-                continue
-            gap = ahead - (traffic.length[row] + along) / 2
-            if nearest is None or gap < nearest[0]:
-                nearest = gap, row, aside < 0
-        if nearest is None or not nearest[2] or (plan.id, fleet.members[nearest[1]].id) in self._begun:
+        strips = [self._strip(plan, now, row) for row in range(len(now.fleet))]
+        nearest = min((strip for strip in strips if strip), key=lambda strip: strip.gap, default=None)
+        if nearest is None or not nearest.entered:
             return None
-        gap, row, _ = nearest
-        return self._encounter(plan, traffic, row, i, "", gap, SpeedProfile(0.0))
+        if (plan.id, now.fleet.members[nearest.row].id) in self._begun:
+            return None
+        return self._encounter(plan, now, nearest.row, "", nearest.gap, SpeedProfile(0.0))
+
+    def _strip(self, plan: Crossing, now: _Instant, row: int) -> _Strip | None:
+        """A member's strip, if the pedestrian is on it or about to step on it, and the member has not passed."""
+        traffic, i = now.traffic, now.rows[plan.id]
+        path = self._paths.get(now.fleet.members[row].id)
+        if path is None:
+            return None
+        own, own_offset = path.project(traffic.x[row], traffic.y[row])
+        station, offset = path.project(traffic.x[i], traffic.y[i])
+        ahead = path.ahead(own, station)
+        # The pedestrian walks straight across: its length lies across the road, and its width along it.
+        aside = abs(offset - own_offset) - (traffic.length[i] + traffic.width[row]) / 2
+        lengths = (traffic.length[row] + traffic.width[i]) / 2
+        if aside >= ABOUT_TO_STEP or ahead < -lengths:
+            return None
+        return _Strip(row, ahead - lengths, aside < 0)
 
     def _encounter(
-        self, plan: Plan, traffic: TrafficSnapshot, row: int, i: int, behind: str, gap: float, ahead: SpeedProfile
+        self, plan: Plan, now: _Instant, row: int, behind: str, gap: float, ahead: SpeedProfile
     ) -> Encounter:
+        traffic = now.traffic
         member, speed = self._member[traffic.ids[row]], float(traffic.speed[row])
         needed = least_braking(gap, speed, member, ahead) if gap > 0 else math.inf
-        avoidable = int(gap > 0 and least_gap(gap, speed, member, ahead) > 0)
-        time_gap = gap / speed if speed > CLOSING else math.nan
-        names = plan.id, member.id, behind
-        given = gap, time_gap, speed, float(traffic.speed[i]), _finite(needed), avoidable
-        return Encounter(traffic.time, plan.kind, *names, *given, math.nan, math.nan, 0)
+        return Encounter(
+            time=traffic.time,
+            kind=plan.kind,
+            obstacle=plan.id,
+            vehicle=member.id,
+            behind=behind,
+            gap=gap,
+            time_gap=gap / speed if speed > CLOSING else math.nan,
+            speed=speed,
+            obstacle_speed=float(traffic.speed[now.rows[plan.id]]),
+            braking=_finite(needed),
+            avoidable=int(gap > 0 and least_gap(gap, speed, member, ahead) > 0),
+            least_gap=math.nan,
+            least_time_to_collision=math.nan,
+            contact=0,
+        )
 
-    def _event(self, traffic: TrafficSnapshot, met: Encounter, rows: dict) -> Event:
-        row = rows[met.vehicle]
-        could = "avoidable" if met.avoidable else "unavoidable"
-        if met.avoidable and met.braking > 0:
-            could += f" by {met.braking:.1f} m/s2"
-        behind = f"behind {met.behind}, " if met.behind else ""
-        headway = "" if math.isnan(met.time_gap) else f", {met.time_gap:.2f} s"
-        what = f"{behind}gap {met.gap:.2f} m{headway}, {met.speed:.2f} m/s to its {met.obstacle_speed:.2f}; {could}"
-        kind = "cut_in" if met.kind == "cut_in" else "steps_out"
-        where = traffic.x[row], traffic.y[row], ""
-        return Event(traffic.time, kind, met.vehicle, met.obstacle, *where, np.nan, what)
 
-    def _follow(self, traffic: TrafficSnapshot, fleet: Fleet, rows: dict, touched: set[tuple[str, str]]) -> None:
-        """Least gap between the two bodies, and least time to collision along the way, while it is watched."""
-        for watched in self.met:
-            met = watched.encounter
-            if traffic.time > met.time + WATCHED or met.vehicle not in rows or met.obstacle not in rows:
-                continue
-            one, other = rows[met.vehicle], rows[met.obstacle]
-            gap = float(shapely.distance(*shapely.polygons(_corners(traffic, [one, other]))))
-            watched.gap = min(watched.gap, gap)
-            watched.contact |= bool(touched & {(met.vehicle, met.obstacle), (met.obstacle, met.vehicle)})
-            turned = traffic.heading[other] - traffic.heading[one]
-            closing = traffic.speed[one] - traffic.speed[other] * math.cos(turned)
-            if closing > CLOSING and self._in_its_way(met, traffic, one, other):
-                watched.time_to_collision = min(watched.time_to_collision, gap / closing)
+class _Strip(NamedTuple):
+    """The strip that a member's body drives, seen from a pedestrian."""
 
-    def _in_its_way(self, met: Encounter, traffic: TrafficSnapshot, one: int, other: int) -> bool:
-        way = self._ways[met.vehicle]
-        own, own_offset = way.project(traffic.x[one], traffic.y[one])
-        station, offset = way.project(traffic.x[other], traffic.y[other], own)
-        across = traffic.length[other] if met.kind == "pedestrian" else traffic.width[other]
-        return way.ahead(own, station) > 0 and abs(offset - own_offset) < (across + traffic.width[one]) / 2
+    row: int  # of the member
+    gap: float  # from the member's front bumper to the pedestrian [m]
+    entered: bool
+
+
+class _ObstaclePresence:
+    """Obstacles that enter and leave the road, and cut-ins that are given up."""
+
+    def __init__(self, obstacles: Obstacles) -> None:
+        self._obstacles = obstacles
+        self._plans = {plan.id: plan for plan in obstacles.plans}
+        self._here: set[str] = set()
+        self._given_up: set[str] = set()
+
+    @property
+    def present(self) -> list[Plan]:
+        return [self._plans[name] for name in self._obstacles.bodies.ids]
+
+    def observe(self, traffic: TrafficSnapshot) -> Iterator[Event]:
+        """obstacle, obstacle_gone, no_cut_in"""
+        bodies, nowhere = self._obstacles.bodies, (np.nan, np.nan, "", np.nan)
+        before, self._here = self._here, set(bodies.ids)
+        for i, name in enumerate(bodies.ids):
+            if name not in before:
+                plan = self._plans[name]
+                detail = f"{plan.kind}, {plan.length:g} x {plan.width:g} m, {bodies.speed[i]:.2f} m/s"
+                where = bodies.x[i], bodies.y[i], "", np.nan
+                yield Event(traffic.time, "obstacle", name, "", *where, detail, plan.kind)
+        for name in sorted(before - self._here):
+            yield Event(traffic.time, "obstacle_gone", name, "", *nowhere, "")
+        for name, reason in self._obstacles.given_up().items():
+            if name not in self._given_up:
+                self._given_up.add(name)
+                yield Event(traffic.time, "no_cut_in", self._plans[name].gap.follower, name, *nowhere, reason)
+
+
+@dataclass
+class _Outcome:
+    """An encounter, and what has come of it until now."""
+
+    encounter: Encounter
+    path: PathLine  # of the member
+    gap: float = math.inf  # the least one [m]
+    time_to_collision: float = math.inf  # the least one [s]
+    contact: bool = False
+
+    def observe(self, now: _Instant, touching: set[frozenset[str]]) -> None:
+        """Least gap between the two bodies, least time to collision along the path, contact; for ENCOUNTER_TIME.
+
+        touching: pairs whose contact begins in this step
+        """
+        met, traffic = self.encounter, now.traffic
+        if traffic.time > met.time + ENCOUNTER_TIME or met.vehicle not in now.rows or met.obstacle not in now.rows:
+            return
+        own, other = now.rows[met.vehicle], now.rows[met.obstacle]
+        gap = float(shapely.distance(*shapely.polygons(_corners(traffic, [own, other]))))
+        self.gap = min(self.gap, gap)
+        self.contact |= frozenset((met.vehicle, met.obstacle)) in touching
+        turned = traffic.heading[other] - traffic.heading[own]
+        closing = traffic.speed[own] - traffic.speed[other] * math.cos(turned)
+        if closing > CLOSING and self._is_in_path(traffic, own, other):
+            self.time_to_collision = min(self.time_to_collision, gap / closing)
+
+    def row(self) -> Encounter:
+        return self.encounter._replace(
+            least_gap=self.gap, least_time_to_collision=_finite(self.time_to_collision), contact=int(self.contact)
+        )
+
+    def _is_in_path(self, traffic: TrafficSnapshot, own: int, other: int) -> bool:
+        own_station, own_offset = self.path.project(traffic.x[own], traffic.y[own])
+        station, offset = self.path.project(traffic.x[other], traffic.y[other], own_station)
+        across = traffic.length[other] if self.encounter.kind == "pedestrian" else traffic.width[other]
+        is_ahead = self.path.ahead(own_station, station) > 0
+        return is_ahead and abs(offset - own_offset) < (across + traffic.width[own]) / 2
+
+
+def _event(met: Encounter, now: _Instant) -> Event:
+    """cut_in or steps_out"""
+    what = "avoidable" if met.avoidable else "unavoidable"
+    needed = f" by {met.braking:.1f} m/s2" if met.avoidable and met.braking > 0 else ""
+    behind = f"behind {met.behind}, " if met.behind else ""
+    time_gap = "" if math.isnan(met.time_gap) else f", {met.time_gap:.2f} s"
+    detail = f"{behind}gap {met.gap:.2f} m{time_gap}, own speed {met.speed:.2f} m/s, its {met.obstacle_speed:.2f} m/s; "
+    kind, row = "cut_in" if met.kind == "cut_in" else "steps_out", now.rows[met.vehicle]
+    where = now.traffic.x[row], now.traffic.y[row], "", np.nan
+    return Event(now.traffic.time, kind, met.vehicle, met.obstacle, *where, detail + what + needed, what)
 
 
 def _corners(traffic: TrafficSnapshot, rows: list[int]) -> np.ndarray:
+    """Of the footprints in some rows (m,), (m, 4, 2)."""
     where = (values[rows] for values in (traffic.x, traffic.y, traffic.heading, traffic.length, traffic.width))
     return Boxes(*where, np.arange(len(rows))).corners()
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.observation.splits import SPLIT_AFTER
+from platoontraffic.world.events import SPLIT_AFTER
 
 NOBODY = ""  # told to split off
 
@@ -38,12 +38,12 @@ def stretches(places: dict[str, tuple[str, int]], events: pd.DataFrame, end: flo
 
     for told in _followed(events).itertuples():
         vehicle = told.vehicle_id
-        if told.detail == "to leave":
+        if told.what == "leave":
             for other in [v for v, ahead in at.items() if ahead == vehicle]:
                 turn(other, at[vehicle] or None, told.time_s)
             turn(vehicle, None, told.time_s)
         else:
-            turn(vehicle, told.other_id if told.detail == "to join" else NOBODY, told.time_s)
+            turn(vehicle, told.other_id if told.what == "join" else NOBODY, told.time_s)
     for vehicle in places:
         turn(vehicle, None, end)
     came, went = (events[events.kind == kind].groupby("vehicle_id").time_s.min() for kind in ("departed", "arrived"))
@@ -63,7 +63,7 @@ def split_off(own: pd.DataFrame, stretches: Sequence[Stretch]) -> list[tuple[flo
     rejoined = own.loc[own.kind == "rejoined", "time_s"]
     begun = [*(own.loc[own.kind == "split", "time_s"] - SPLIT_AFTER)]
     joins = _followed(own)
-    begun += [*joins.time_s[joins.detail == "to join"]]
+    begun += [*joins.time_s[joins.what == "join"]]
     periods = [(begin, min([t for t in rejoined if t >= begin], default=np.inf)) for begin in begun]
     return periods + [(one.begin, one.end) for one in stretches if one.ahead == NOBODY]
 
@@ -88,4 +88,4 @@ def lengths(counted: Sequence[tuple[float, float]], off: Sequence[tuple[float, f
 def _followed(events: pd.DataFrame) -> pd.DataFrame:
     """What was told and done, by time."""
     told = events[events.kind == "told"]
-    return told[told.detail.isin(["to split", "to join", "to leave"])].sort_values("time_s", kind="stable")
+    return told[told.done == 1].sort_values("time_s", kind="stable")

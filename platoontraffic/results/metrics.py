@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from platoontraffic.results.following import Stretch, lengths, split_off, stretches, within
-from platoontraffic.observation.observer import CHANGED, STANDSTILL_AFTER, STRUCK, WALL
+from platoontraffic.world.events import STANDSTILL_AFTER, WALL
 
 EXPOSED = 3.0  # a shorter time to collision is dangerous [s]
 ENOUGH_BEAMS = 5  # on a predecessor, for a law to make something of it
@@ -123,7 +123,7 @@ class Metric(NamedTuple):
 def of_obstacles(encounters: pd.DataFrame, events: pd.DataFrame) -> list[Metric]:
     """Metrics of a run with obstacles; encounters, events: the tables of the files of those names."""
     came = events[events.kind == "obstacle"]
-    kinds = {obstacle.vehicle_id: str(obstacle.detail).partition(",")[0] for obstacle in came.itertuples()}
+    kinds = {obstacle.vehicle_id: obstacle.what for obstacle in came.itertuples()}
     hit = events.loc[events.kind == "collision", "other_id"].astype(str)
     hit = hit.map(kinds).where(~hit.str.startswith("person."), "person")
     cut_ins, steps = (encounters[encounters.kind == kind] for kind in ("cut_in", "pedestrian"))
@@ -222,8 +222,8 @@ def _collisions(collisions: pd.DataFrame, vehicles: Collection[str]) -> float:
 
 def _caused(collisions: pd.DataFrame, vehicle: str) -> float:
     own = collisions[collisions.vehicle_id == vehicle]
-    struck = collisions[(collisions.other_id == vehicle) & (collisions.detail == STRUCK)]
-    return float((~own.detail.isin([STRUCK, CHANGED])).sum() + len(struck))
+    struck = collisions[(collisions.other_id == vehicle) & (collisions.what == "struck_from_behind")]
+    return float((~own.what.isin(["struck_from_behind", "other_changed_lanes"])).sum() + len(struck))
 
 
 def _lines(own: pd.DataFrame, since: float, until: float) -> Values:

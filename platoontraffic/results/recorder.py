@@ -110,6 +110,8 @@ EVENTS = (
         "%.3f",
     ),
     _text("detail", "cause"),
+    _text("what", "cause or kind in one word; the words are listed with the kinds"),
+    Column("done", "integer", "", "of an order: 1 carried out, 0 rejected", "%d"),
 )
 
 ENCOUNTERS = (

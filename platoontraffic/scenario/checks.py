@@ -18,8 +18,6 @@ from platoontraffic.scenario.files import Files
 from platoontraffic.scenario.obstacle_tables import Car, CutIn, Pedestrian, name_of
 from platoontraffic.scenario.tables import Breakdown, Driver, Manoeuvre, Platoon, Spec, Sumo
 
-NEEDS = frozenset({"route", "signals"})  # what a law may declare beside scan and own motion
-
 SOME = 8  # names are enough to say what is allowed
 
 

@@ -1,7 +1,7 @@
-"""What of members breaks down, from a time on and perhaps for a while, as scenario files say it: `[[breakdown]]`.
+"""Breakdowns of members, from a set time on and perhaps for a while: tables `[[breakdown]]` of a scenario.
 
-Of a broken drive a vehicle rolls to a stand where it is steered to, and stands. Of a broken laser every beam is lost,
-which a law can tell from an empty road: it gets NaN.
+A vehicle with a broken drive rolls to a stand where it is steered to, and stays there. A broken laser loses every beam;
+a law can tell this from an empty road, since it gets NaN.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from platoontraffic.world.fleet import Fleet
 
 
 class Breakdowns:
-    """Follows those of a scenario: `watch` in every step, then `seen` and `brakes` tell what they do."""
+    """The breakdowns of a scenario: call `due` in every step; `blinded` and `brakes` then give their effects."""
 
-    def __init__(self, given: Sequence[Breakdown]) -> None:
-        self._given = given
-        self._since: dict[Breakdown, float] = {}  # of those that there are now
+    def __init__(self, breakdowns: Sequence[Breakdown]) -> None:
+        self._breakdowns = breakdowns
+        self._since: dict[Breakdown, float] = {}  # start of those in effect [s]
 
-    def watch(self, fleet: Fleet, time: float) -> list[Noted]:
-        """What has broken down by now, or works again. Who is not on the road has no breakdown, until it comes."""
-        row_of = {m.id: i for i, m in enumerate(fleet.members)} if self._given else {}
+    def due(self, fleet: Fleet, time: float) -> list[Noted]:
+        """What breaks down or is repaired by `time`; a member has no breakdown before it is on the road."""
+        row_of = {m.id: i for i, m in enumerate(fleet.members)} if self._breakdowns else {}
         noted = []
-        for one in self._given:
+        for one in self._breakdowns:
             row, began = row_of.get(one.vehicle), self._since.get(one)
             lasts = one.time_s - 1e-6 < time < one.time_s + (one.lasts_s or np.inf) - 1e-6
             if row is None:
                 self._since.pop(one, None)
             elif lasts and began is None:
                 self._since[one] = time
-                noted.append(Noted(row, "breaks_down", one.what))
+                noted.append(Noted(row, "breaks_down", one.what, what=one.what))
             elif began is not None and not lasts:
                 del self._since[one]
-                noted.append(Noted(row, "repaired", one.what, time - began))
+                noted.append(Noted(row, "repaired", one.what, time - began, what=one.what))
         return noted
 
-    def seen(self, scans: list[ScanBatch | None], fleet: Fleet) -> list[ScanBatch | None]:
-        """The scans, of which nothing is left where a laser is broken."""
+    def blinded(self, scans: list[ScanBatch | None], fleet: Fleet) -> list[ScanBatch | None]:
+        """The scans of all groups of the fleet, with NaN for every range of a broken laser."""
         broken = {one.vehicle for one in self._since if one.what == "laser"}
         if not broken:
             return scans
@@ -53,6 +53,6 @@ class Breakdowns:
         ]
 
     def brakes(self, fleet: Fleet) -> np.ndarray | None:
-        """What those roll to a stand with whose drive is broken [m/s2], (n,), NaN of others; None: nobody's is."""
+        """Coasting deceleration of members with a broken drive [m/s2], (n,), NaN for the rest; None: there are none."""
         rates = {one.vehicle: one.rate_mps2 for one in self._since if one.what == "drive"}
         return np.array([rates.get(m.id, np.nan) for m in fleet.members]) if rates else None

@@ -1,4 +1,8 @@
-"""What happens in a run: rows of events.csv. Their kinds stand in `recording.KINDS`."""
+"""Events of a run, the rows of events.csv: their record, their kinds, and the thresholds that define them.
+
+Each threshold is one constant, from which the text of the data dictionary is formatted. A new kind of event is a row of
+`EVENT_KINDS` and the place that emits it.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +10,177 @@ from typing import NamedTuple
 
 import numpy as np
 
+from platoontraffic.vehicles.motion import CAR_LENGTH, FULL_SIZE
+
+WALL = "wall"  # `Event.other` where that is no vehicle
+
+SPLIT_AFTER = 2.0  # time out of its platoon after which a follower counts as split off [s]
+SPLIT_GAP_FACTOR, SPLIT_GAP_MARGIN = 2.0, 15.0  # a gap above both is too long: times the wanted gap [1], above it [m]
+HELD_DISTANCE, HELD_SPEED = 8.0, 1.0  # a closed stop line holds a member this near [m] and slower than this [m/s]
+STANDSTILL_AFTER = 10.0  # shortest standstill that is an event [s]
+NEAR_MISS_GAP = 0.5  # gap below which there is a near miss [m]
+EMERGENCY_BRAKING = 4.5  # braking above which it is an emergency brake [m/s2]
+OFF_ROAD_DISTANCE = 0.3  # distance outside the drivable area from which a member is off the road [m]
+LANE_CHANGE_BLAME = 2.0  # a collision this soon after the other vehicle's lane change is put down to that [s]
+ENCOUNTER_TIME = 10.0  # time for which the consequences of a cut-in or crossing are measured [s]
+
 
 class Event(NamedTuple):
-    time: float
-    kind: str
-    vehicle: str
-    other: str
-    x: float
+    """One row of events.csv."""
+
+    time: float  # [s]
+    kind: str  # a name in EVENT_KINDS
+    vehicle: str  # id; "" for the run
+    other: str  # id of another vehicle, WALL, or ""
+    x: float  # centre of the vehicle [m]; NaN: it is not on the road
     y: float
     edge: str
-    duration: float  # of what has ended with this event; NaN: nothing has
-    detail: str
+    duration: float  # of what this event ends [s]; NaN: it ends nothing
+    detail: str  # for people to read; nothing computes with it
+    what: str = ""  # one of the kind's words, or ""
+    done: int | None = None  # 1: the order was carried out, 0: it was rejected; None: the event is no order
 
 
 class Noted(NamedTuple):
-    """What happens to a member that is not seen by watching it."""
+    """An event that is found where it happens, and not by observing the fleet; the observer makes an `Event` of it."""
 
-    row: int  # -1: it is not on the road
+    row: int  # of the member in the fleet; -1: it is not on the road
     kind: str
     detail: str
     duration: float = np.nan
     other: str = ""
-    vehicle: str = ""  # who that is, if it is not on the road
+    vehicle: str = ""  # id of the member, where row is -1
+    what: str = ""
+    done: int | None = None
+
+
+class Kind(NamedTuple):
+    name: str
+    meaning: str  # with the vehicle of the event as its subject
+    words: tuple[str, ...] = ()  # that `Event.what` may be; "" always may
+    cause: bool = False  # sorted before the other events of its instant, which may follow from it
+
+
+_SCALED = f"times length / {CAR_LENGTH:g} m if it is shorter than {FULL_SIZE:g} m"
+
+EVENT_KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind("departed", "enters the road", cause=True),
+        Kind(
+            "arrived",
+            "leaves the road, at the end of its own route or together with its leader; the position is its last one",
+            ("own_route", "with_leader"),
+        ),
+        Kind("locked", "its law takes its true predecessor (other_id) as target for the first time"),
+        Kind(
+            "lock_lost",
+            "its law no longer takes the true predecessor as target: it takes something else (other_id), does not "
+            "recognise the predecessor though beams hit it, has no beam on it, or its laser is broken",
+            ("taken", "not_recognised", "out_of_sight", "broken"),
+        ),
+        Kind("lock_regained", "its law takes the true predecessor as target again, after duration_s"),
+        Kind(
+            "wrong_target",
+            "its law's target changes to something other than the predecessor; not noted while it is split off, when "
+            "it may follow any vehicle",
+        ),
+        Kind(
+            "split",
+            f"is split off from its platoon: for {SPLIT_AFTER:g} s its law has not taken the predecessor (other_id) as "
+            f"target, or its gap has been more than {SPLIT_GAP_FACTOR:g} times the gap that the law wants and also "
+            f"more than {SPLIT_GAP_MARGIN:g} m ({_SCALED}) longer than that. Causes: a closed stop line held it, "
+            "vehicles came between, it fell behind, or a cause of lock_lost",
+            ("held", "between", "fell_behind", "taken", "not_recognised", "out_of_sight", "broken"),
+        ),
+        Kind("rejoined", "is in its platoon again, duration_s after it was split off"),
+        Kind(
+            "told",
+            "receives the order to split off, to join behind other_id, or to leave; done says whether it was carried "
+            "out. After an order to join it counts as split off until it has rejoined",
+            ("split", "join", "leave"),
+            cause=True,
+        ),
+        Kind(
+            "held",
+            f"is slower than {HELD_SPEED:g} m/s and less than {HELD_DISTANCE:g} m (both {_SCALED}) before a stop line "
+            "that is closed to it: by a light, by right of way, by vehicles beside it before a lane change, or for "
+            "want of room behind the junction. Noted only for laws that are given stop lines",
+            ("light", "right_of_way", "lane_change", "no_room"),
+        ),
+        Kind("released", "the stop line that held it is open again, or behind it, after duration_s"),
+        Kind("red_light", "enters a junction from a lane (detail) whose light is red; not noted if SUMO drives it"),
+        Kind(
+            "failed_to_yield",
+            "enters a junction from a lane (detail) although it must give way to a vehicle that arrives before it is "
+            "across; not noted if SUMO drives it",
+        ),
+        Kind(
+            "breaks_down",
+            "its drive or its laser fails: it rolls to a stand, or it sees nothing",
+            ("drive", "laser"),
+            cause=True,
+        ),
+        Kind("repaired", "its drive or its laser works again, after duration_s", ("drive", "laser"), cause=True),
+        Kind(
+            "standstill",
+            f"has stood still for more than {STANDSTILL_AFTER:g} s: held at a stop line, behind another vehicle, "
+            "without its predecessor, or broken down",
+            ("held", "behind", "lost", "broken"),
+        ),
+        Kind("standstill_end", "moves again, after duration_s"),
+        Kind(
+            "collision",
+            "touches a vehicle or a wall (other_id); once per episode. It was struck from behind, struck the other "
+            f"from behind, the other had changed lanes less than {LANE_CHANGE_BLAME:g} s before, or they met side by "
+            "side or head on; empty for a wall",
+            ("struck_from_behind", "struck_other_from_behind", "other_changed_lanes", "beside"),
+        ),
+        Kind(
+            "near_miss",
+            f"its gap to the predecessor (other_id) falls below {NEAR_MISS_GAP:g} m ({_SCALED}), without contact; once "
+            "per episode",
+        ),
+        Kind(
+            "emergency_brake",
+            f"brakes harder than {EMERGENCY_BRAKING:g} m/s2; once per episode; not noted for vehicles shorter than "
+            f"{FULL_SIZE:g} m",
+        ),
+        Kind(
+            "off_road",
+            f"its driven axle is more than {OFF_ROAD_DISTANCE:g} m ({_SCALED}) outside the drivable area; detail: how "
+            "far",
+        ),
+        Kind("on_road", "is no longer off the road, after duration_s"),
+        Kind(
+            "obstacle",
+            "an obstacle enters the road; detail: its size and speed",
+            ("car", "cut_in", "pedestrian", "box", "robot"),
+            cause=True,
+        ),
+        Kind("obstacle_gone", "an obstacle leaves the road"),
+        Kind(
+            "cut_in",
+            "other_id has cut in between it and its predecessor; what: whether it can avoid contact",
+            ("avoidable", "unavoidable"),
+        ),
+        Kind("no_cut_in", "other_id was to cut in, and did not; detail says why"),
+        Kind(
+            "steps_out",
+            "pedestrian other_id has stepped into its path; what: whether it can avoid contact",
+            ("avoidable", "unavoidable"),
+        ),
+        Kind("never_departed", "its platoon was due to depart, and waited for room until the run ended"),
+        Kind(
+            "end",
+            "the run ended: every member had arrived, had driven its laps, or the run's duration was over",
+            ("arrived", "laps", "duration"),
+        ),
+    )
+}
+
+KINDS = {  # for the data dictionary
+    kind.name: kind.meaning + (f" (what: {', '.join(kind.words)})" if kind.words else "")
+    for kind in EVENT_KINDS.values()
+}
+CAUSES = frozenset(kind.name for kind in EVENT_KINDS.values() if kind.cause)

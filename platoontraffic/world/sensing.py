@@ -1,4 +1,4 @@
-"""What platoon members sense: one batch call for all lidars that share a model and a law, and their odometry."""
+"""Lidar scans and odometry of platoon members: one batch call for all lidars that share a model and a law."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from platoontraffic.world.traffic import TrafficSnapshot
 
 @dataclass(frozen=True)
 class Sensing:
-    scene: Scene  # what stands still
+    scene: Scene  # walls and buildings
     engine: str = "raster"
-    seed: int = 0  # of all errors
+    seed: int = 0  # of all sensor errors
 
     def scan(self, traffic: TrafficSnapshot, fleet: Fleet, step: int) -> list[ScanBatch | None]:
-        """A batch for each of the fleet's groups; None where the lidar is not due in this step.
+        """A batch for each group of the fleet; None where the lidar is not due in this step.
 
-        All members sense the same instant. The owner of a return is a row of `traffic`.
+        All members sense the same instant. A return belongs to a row of `traffic`.
         """
         boxes = _boxes(traffic, fleet)
         scans: list[ScanBatch | None] = []
@@ -44,7 +44,7 @@ class Sensing:
         return scans
 
     def odometry(self, fleet: Fleet, step: int) -> Twist | None:
-        """Own speed and yaw rate of all, (n,); None if nobody errs."""
+        """Measured own speed and yaw rate, (n,); None if no member's odometry has errors."""
         errors = [m.odometry for m in fleet.members]
         if all(one == ODOMETRY["none"] for one in errors):
             return None
@@ -53,9 +53,9 @@ class Sensing:
 
 
 def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:
-    """The vehicles with their motion, which lidars feel whose beams are not of one instant.
+    """The vehicles with their motion, which matters to lidars that sweep.
 
-    Members turn about the middle of their driven axle; SUMO tells no yaw rate of its own vehicles, taken as 0.
+    Members turn about the middle of their driven axle. SUMO gives no yaw rate of its own vehicles; it is taken as 0.
     """
     cos, sin = np.cos(traffic.heading), np.sin(traffic.heading)
     yaw_rate, aside = np.zeros(len(cos)), np.zeros(len(cos))

@@ -10,6 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
+
+from platoontraffic import analysis
 from platoontraffic.analysis import (
     ResultsError,
     amplification,
@@ -27,8 +29,6 @@ from platoontraffic.analysis import (
     summarise,
     time_space,
 )
-
-from platoontraffic import analysis
 from tests.support.made_runs import RADIUS, SPEED, made_run
 
 HERE = Path(__file__).parent

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from platoontraffic.analysis import Batch, ResultsError, load
 
+from platoontraffic.analysis import Batch, ResultsError, load
 from platoontraffic.study import batch, study
 
 KEY = "platoon.follower.heading_gain_per_s"

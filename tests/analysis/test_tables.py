@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+
 from platoontraffic.analysis import Batch, ResultsError, amplification, interval, paired, summarise
 
 SIZE = "platoon.size"

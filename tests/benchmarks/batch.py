@@ -13,9 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from platoontraffic.analysis import load
-
 from platoontraffic import scenario, simulation
+from platoontraffic.analysis import load
 from platoontraffic.study import batch, study
 
 

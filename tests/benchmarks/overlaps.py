@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from platoontraffic.analysis import load
 
 from platoontraffic import scenario
+from platoontraffic.analysis import load
 from platoontraffic.results.sumo_tables import sumo_options
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.world import World

@@ -24,11 +24,10 @@ import numpy as np
 import shapely
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from platoontraffic.lidar import LidarModel, Mount, Scene
-
 from platoontraffic.controllers import Decision, Law, Sensed, Target
 from platoontraffic.controllers.printed import SPEED_GAIN, PrintedFollower
 from platoontraffic.controllers.repaired import RepairedFollower
+from platoontraffic.lidar import LidarModel, Mount, Scene
 from platoontraffic.vehicles.bicycle import CARS, Car
 from platoontraffic.vehicles.motion import Twist
 from platoontraffic.world.contact import Contacts

@@ -25,10 +25,9 @@ import numpy as np
 import shapely
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
-
 from platoontraffic.controllers import Decision, Law, Sensed
 from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world.contact import Contacts

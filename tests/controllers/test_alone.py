@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import shapely
 import tomli_w
-from platoontraffic.lidar import PRESETS, Mount, Noise
 
 from platoontraffic import scenario
 from platoontraffic.controllers import Signals
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.errors import InputError
+from platoontraffic.lidar import PRESETS, Mount, Noise
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive

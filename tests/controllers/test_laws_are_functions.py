@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from platoontraffic.lidar import PRESETS, Mount, Scene
 
 from platoontraffic.controllers import Decision, Law, Sensed, Signals
 from platoontraffic.controllers.registry import find_law, law_names
+from platoontraffic.lidar import PRESETS, Mount, Scene
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import Drive

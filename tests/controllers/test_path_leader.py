@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from platoontraffic.lidar import PRESETS, Mount, Scene
 
 from platoontraffic.controllers import path_kernel
 from platoontraffic.controllers.law import Signals
 from platoontraffic.controllers.path import PathLeader
+from platoontraffic.lidar import PRESETS, Mount, Scene
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.world.fleet import Fleet

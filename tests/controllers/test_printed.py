@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from platoontraffic.lidar import PRESETS, Mount
 
 from platoontraffic.controllers.printed import SPEED_GAIN, PrintedFollower, edges
+from platoontraffic.lidar import PRESETS, Mount
 from platoontraffic.vehicles.motion import Twist
 from tests.support.bench import (
     DT,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import shapely
-from platoontraffic.lidar import PRESETS, Boxes, Scene
 
 from platoontraffic.controllers.reactive import ReactiveLeader, rule
+from platoontraffic.lidar import PRESETS, Boxes, Scene
 from tests.support.bench import LEADER_EYE, LOOP, asked, drive, platoon
 
 EYE = PRESETS["paper-leader"]

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from platoontraffic.lidar import PRESETS
 
 from platoontraffic.controllers.printed import SPEED_GAIN, PrintedFollower
 from platoontraffic.controllers.reactive import ReactiveLeader
 from platoontraffic.controllers.repaired import RepairedFollower
+from platoontraffic.lidar import PRESETS
 from tests.support.bench import (
     FOLLOWER_EYE,
     LEADER_EYE,

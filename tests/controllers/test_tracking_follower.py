@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise, Scene
-from platoontraffic.lidar.pose import wrap
 
 from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise, Scene
+from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.vehicles.odometry import ODOMETRY

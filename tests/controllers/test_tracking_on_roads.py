@@ -128,7 +128,7 @@ follower = { law = "tracking", policy = "obey" }
     file = tmp_path / "cross.toml"
     file.write_text(text.replace("NET", cross.as_posix()), encoding="utf-8")
     events = pd.read_csv(run(tmp_path / "run", file) / "events.csv")
-    assert not (events.detail == "lane change").any()
+    assert not (events.what == "lane_change").any()
     assert not (events.kind == "collision").any()
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from platoontraffic.analysis import load
 from typer.testing import CliRunner
 
+from platoontraffic.analysis import load
 from platoontraffic.cli.main import app
 from tests.support.made_runs import EVIL, LASER, LENGTH, made_run
 

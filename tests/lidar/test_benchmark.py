@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 import shapely
+
 from platoontraffic.lidar import ENGINES, Carriers, Scene, benchmark, scan
 from platoontraffic.lidar.benchmark import QUICK, VIEWS, YARDSTICKS, town
 

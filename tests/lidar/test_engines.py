@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from platoontraffic.lidar import ENGINES, Boxes, Carriers, LidarModel, Scene, scan
 
+from platoontraffic.lidar import ENGINES, Boxes, Carriers, LidarModel, Scene, scan
 from tests.support.oracle import endpoint_miss, grazing, oracle_scan, world
 
 FOVS = (23.0, 180.0, 270.0, 360.0)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import shapely
 import sumolib
-from platoontraffic.lidar import Boxes, Carriers, LidarModel, Scene, kerbs, scan
 from shapely.ops import substring
 
 from platoontraffic import shipped
+from platoontraffic.lidar import Boxes, Carriers, LidarModel, Scene, kerbs, scan
 
 RIGHT_AHEAD_LEFT = LidarModel(3, -math.pi / 2, math.pi / 2, 0.01, 500.0)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from platoontraffic.lidar import ENGINES, PRESETS, Boxes, Carriers, LidarModel, Noise, Occasion, Scene, scan
 from platoontraffic.lidar.noise import (
     BOUND,
@@ -20,7 +21,6 @@ from platoontraffic.lidar.noise import (
     sensor_keys,
     uniform,
 )
-
 from tests.support.oracle import world
 
 INF = math.inf

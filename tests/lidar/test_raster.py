@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from platoontraffic.lidar import Boxes, Carriers, LidarModel, Occasion, Scene, compiled, noise, scan
 from platoontraffic.lidar.engines import raster_engine
 from platoontraffic.lidar.engines.raster_engine import CELL
-
 from platoontraffic.vehicles import bicycle_formulas, bicycle_kernel, motion
 from tests.support import ROOT
 from tests.support.oracle import world

@@ -12,9 +12,9 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from platoontraffic.lidar import ENGINES, PRESETS, Boxes, Carriers, LidarModel, Mount, Noise, Occasion, Scene, scan
 from platoontraffic.lidar.pose import compose, wrap
-
 from tests.support.oracle import endpoint_miss, grazing, world
 
 INF = math.inf

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+
 from platoontraffic.lidar.laserscan import ScanBatch
 from platoontraffic.lidar.model import LidarModel
 from platoontraffic.lidar.segments import find_segments

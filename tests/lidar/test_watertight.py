@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from platoontraffic.lidar import Boxes, Carriers, LidarModel, Scene, scan
 
 ROUND = LidarModel(720, -math.pi, math.pi - math.radians(0.5), 0.05, 60.0)

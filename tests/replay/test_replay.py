@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from platoontraffic.analysis import ResultsError, load
 from typer.testing import CliRunner
 
+from platoontraffic.analysis import ResultsError, load
 from platoontraffic.cli.main import app
 from platoontraffic.errors import InputError
 from platoontraffic.replay import page

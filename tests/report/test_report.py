@@ -7,9 +7,9 @@ import re
 from pathlib import Path
 
 import pytest
-from platoontraffic.analysis import load
 from typer.testing import CliRunner
 
+from platoontraffic.analysis import load
 from platoontraffic.cli.main import app
 from platoontraffic.report import page
 from platoontraffic.results import metrics, sumo_tables

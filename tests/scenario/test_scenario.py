@@ -7,10 +7,10 @@ from dataclasses import fields, replace
 
 import pytest
 import tomli_w
-from platoontraffic.lidar import PRESETS, Noise
 
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
+from platoontraffic.lidar import PRESETS, Noise
 from platoontraffic.scenario.toml_lines import key_lines
 from platoontraffic.scenario.vehicle_tables import Vehicle
 from platoontraffic.vehicles.catalogue import VEHICLES

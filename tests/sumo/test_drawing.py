@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from platoontraffic.lidar import PRESETS, LidarModel, Mount, ScanBatch
 
 from platoontraffic.controllers import Target
 from platoontraffic.controllers.reactive import ReactiveLeader
+from platoontraffic.lidar import PRESETS, LidarModel, Mount, ScanBatch
 from platoontraffic.sumo.drawing import fan, scanned, shapes
 from platoontraffic.vehicles.differential import DifferentialDrive
 from platoontraffic.vehicles.motion import Motion

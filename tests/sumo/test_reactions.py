@@ -15,10 +15,10 @@ import libsumo
 import numpy as np
 import pytest
 import shapely
-from platoontraffic.lidar import PRESETS
 
 from platoontraffic.controllers.reactive import ReactiveLeader
 from platoontraffic.geometry.polyline import Polyline
+from platoontraffic.lidar import PRESETS
 from platoontraffic.road.netconvert import build_net
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route

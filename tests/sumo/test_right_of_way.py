@@ -11,11 +11,11 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from platoontraffic.lidar import PRESETS, Mount, Scene
 
 from platoontraffic import shipped
 from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.controllers.path import PathLeader
+from platoontraffic.lidar import PRESETS, Mount, Scene
 from platoontraffic.road.gap_acceptance import ACCELERATION, MARGIN, TURNING_SPEED, Foe, may_cross, time_for
 from platoontraffic.road.lane_routes import CHANGING
 from platoontraffic.road.network import Network

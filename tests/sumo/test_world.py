@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from platoontraffic.lidar import PRESETS
 
 from platoontraffic import shipped
 from platoontraffic.controllers.reactive import ReactiveLeader
 from platoontraffic.errors import InputError, RunError
+from platoontraffic.lidar import PRESETS
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.world import World, centre_of, front_of, heading_of, sumo_angle

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from platoontraffic.lidar import PRESETS, LaserScan, LidarModel, Mount, ScanBatch, Scene
 
 from platoontraffic.controllers import Decision, Law, Sensed
+from platoontraffic.lidar import PRESETS, LaserScan, LidarModel, Mount, ScanBatch, Scene
 from platoontraffic.vehicles.catalogue import VehicleModel
 from platoontraffic.vehicles.differential import DifferentialDrive
 from platoontraffic.vehicles.motion import Drive, Twist

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+
 from platoontraffic.lidar import PRESETS, Boxes, Carriers, Mount, Occasion, Scene, scan
 
 RADIUS, LENGTH, WIDTH, SPEED = 120.0, 4.74, 1.80, 10.0

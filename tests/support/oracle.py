@@ -2,6 +2,7 @@
 
 import numpy as np
 import shapely
+
 from platoontraffic.lidar import Boxes, Scene
 
 LINE = int(shapely.GeometryType.LINESTRING)

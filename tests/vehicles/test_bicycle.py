@@ -4,8 +4,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from platoontraffic.lidar.pose import wrap
 
+from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.bicycle import CARS, SUBSTEP, Car, lateral_acceleration, steering_at_lock
 from platoontraffic.vehicles.bicycle_formulas import CRAWL
 from platoontraffic.vehicles.motion import Drive, Motion, Twist

@@ -4,8 +4,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from platoontraffic.lidar.pose import wrap
 
+from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.differential import DifferentialDrive
 from platoontraffic.vehicles.motion import Motion, Twist
 from platoontraffic.vehicles.records import stack

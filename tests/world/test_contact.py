@@ -1,26 +1,26 @@
-"""Contacts against an exact test of rectangles, and the bookkeeping of vehicles that come and go."""
+"""Contacts against an exact test of rectangles, and vehicles that enter and leave the snapshot."""
 
 import numpy as np
 import pymunk
 import pytest
 import shapely
-from platoontraffic.lidar import Boxes, Scene
 
+from platoontraffic.lidar import Boxes, Scene
 from platoontraffic.world.contact import WALL, BodyPoses, Contacts
 from platoontraffic.world.traffic import TrafficSnapshot
 
 NO_WALLS = Scene.from_shapely()
-NEAR = 1e-6  # of touching, where either answer is right [m]
+NEAR = 1e-6  # separation up to which either answer is right [m]
 
 
 def snapshot(rows):
-    """Rows id -> x, y, heading, length, width."""
+    """rows: x, y, heading, length, width by id"""
     x, y, heading, length, width = np.array(list(rows.values()), dtype=float).T
     return TrafficSnapshot(0.0, tuple(rows), x, y, heading, np.zeros_like(x), length, width)
 
 
-def contacts_of(rows, scene=NO_WALLS, watched=None):
-    return Contacts(scene, set(rows) if watched is None else watched).of(snapshot(rows))
+def contacts_of(rows, scene=NO_WALLS, members=None):
+    return Contacts(scene, set(rows) if members is None else members).of(snapshot(rows))
 
 
 def separation(a, b):
@@ -45,7 +45,7 @@ def random_row(rng, spread):
 
 @pytest.mark.parametrize("closeness", [None, 1e-5])
 def test_vehicles_touch_as_separating_axes_say(closeness):
-    """Anywhere, and pushed together or apart along the best axis until they all but touch."""
+    """At random, and moved along the best axis until they nearly touch, or just do."""
     rng = np.random.default_rng(11)
     touching = 0
     for _ in range(1500):
@@ -55,7 +55,7 @@ def test_vehicles_touch_as_separating_axes_say(closeness):
             b = (*(b[:2] + (rng.choice([-closeness, closeness]) - between) * axis), *b[2:])
             between, _ = separation(corners(*a), corners(*b))
         if abs(between) > NEAR:
-            found = contacts_of({"a": a, "b": b}, watched={"a"})
+            found = contacts_of({"a": a, "b": b}, members={"a"})
             assert found == ({("a", "b")} if between < 0 else set()), (a, b, between)
         touching += between < 0
     assert 300 < touching < 1200
@@ -78,7 +78,7 @@ def test_bumper_to_bumper_and_bumper_to_wall(miss):
     assert contacts_of(rows, wall) == (set() if miss > 0 else {("a", "wall"), ("a", "b")})
 
 
-def test_a_vehicle_that_moves_away_or_is_gone_touches_no_more():
+def test_a_contact_ends_when_a_vehicle_moves_away_or_leaves():
     contacts = Contacts(NO_WALLS, {"a"})
     a, b = (0.0, 0.0, 0.0, 0.2, 0.15), (0.15, 0.0, 0.0, 0.2, 0.15)
     for _ in range(3):
@@ -89,37 +89,37 @@ def test_a_vehicle_that_moves_away_or_is_gone_touches_no_more():
     assert contacts.of(snapshot({"a": a, "c": b})) == {("a", "c")}
 
 
-def touching_by_shapely(rows, scene, watched):
+def touching_by_shapely(rows, scene, members):
     names = list(rows)
     x, y, heading, length, width = np.array(list(rows.values())).T
     boxes = shapely.polygons(Boxes(x, y, heading, length, width, np.arange(len(rows))).corners())
     walls = shapely.linestrings(scene.segments.reshape(-1, 2, 2))
     vehicles = shapely.STRtree(boxes).query(boxes, "intersects").T
     pairs = {tuple(sorted(names[i] for i in pair)) for pair in vehicles if pair[0] != pair[1]}
-    pairs = {pair if pair[0] in watched else pair[::-1] for pair in pairs}
+    pairs = {pair if pair[0] in members else pair[::-1] for pair in pairs}
     pairs |= {(names[i], WALL) for i, _ in shapely.STRtree(walls).query(boxes, "intersects").T}
-    return {pair for pair in pairs if pair[0] in watched}
+    return {pair for pair in pairs if pair[0] in members}
 
 
-def test_a_crowd_that_comes_and_goes_touches_as_shapely_says():
+def test_contacts_in_a_changing_crowd_are_those_of_shapely():
     rng = np.random.default_rng(14)
     names = [f"veh.{i}" for i in range(80)]
     size = dict(zip(names, rng.uniform(0.05, 0.5, (80, 2)), strict=True))
-    watched = set(names[::3])
+    members = set(names[::3])
     scene = Scene(rng.uniform(-2, 2, (6, 4)))
-    contacts = Contacts(scene, watched)
+    contacts = Contacts(scene, members)
     found = 0
     for _ in range(60):
         here = rng.permutation(names)[: rng.integers(1, 80)]
         rows = {name: (*rng.uniform(-2, 2, 2), rng.uniform(-np.pi, np.pi), *size[name]) for name in here.tolist()}
         touching = contacts.of(snapshot(rows))
-        assert touching == touching_by_shapely(rows, scene, watched)
+        assert touching == touching_by_shapely(rows, scene, members)
         assert touching == contacts.of(snapshot(dict(reversed(rows.items()))))
         found += len(touching)
     assert found > 500
 
 
-def test_who_comes_back_is_seen_with_the_size_it_then_has():
+def test_a_vehicle_that_returns_has_its_new_size():
     contacts = Contacts(NO_WALLS, {"m"})
     other, small, large = (0.0, 0.0, 0.0, 0.2, 0.15), (0.25, 0.0, 0.0, 0.2, 0.15), (0.25, 0.0, 0.0, 0.4, 0.15)
     assert contacts.of(snapshot({"m": small, "z": other})) == set()
@@ -127,16 +127,16 @@ def test_who_comes_back_is_seen_with_the_size_it_then_has():
     assert contacts.of(snapshot({"z": other, "m": large})) == {("m", "z")}
 
 
-def test_nobody_on_the_road():
+def test_an_empty_road_has_no_contacts():
     contacts = Contacts(Scene(np.array([(-1, 0, 1, 0)])), {"m"})
-    nobody = TrafficSnapshot(0.0, (), *np.empty((6, 0)))
+    empty = TrafficSnapshot(0.0, (), *np.empty((6, 0)))
     at = (0.0, 0.0, 0.0, 0.2, 0.15)
     for _ in range(2):
-        assert contacts.of(nobody) == set()
+        assert contacts.of(empty) == set()
         assert contacts.of(snapshot({"m": at})) == {("m", "wall")}
 
 
-def test_walls_stay_where_they_are_while_vehicles_are_set():
+def test_walls_stay_in_place_while_vehicles_are_set():
     rng = np.random.default_rng(15)
     contacts = Contacts(Scene(np.array([(3, 2, 3, 4)])), {"m"})
     for step in range(100):
@@ -144,11 +144,11 @@ def test_walls_stay_where_they_are_while_vehicles_are_set():
         for miss in (1e-5, -1e-5):
             touching = contacts.of(snapshot({"m": (2.9 - miss, 3, 0, 0.2, 0.15), **others}))
             assert (("m", "wall") in touching) == (miss < 0)
-        contacts._space.reindex_static()  # pymunk looks at where walls are only when told to
+        contacts._space.reindex_static()  # pymunk reads the place of walls only then
 
 
 @pytest.mark.parametrize("heading", [0, np.pi / 2, np.pi, -np.pi / 2])
-def test_exactly_bumper_to_bumper_is_in_contact_whatever_the_order(heading):
+def test_exactly_bumper_to_bumper_is_contact_in_every_order(heading):
     at = {f"veh.{i}": (*(i * np.array([np.cos(heading), np.sin(heading)])), heading, 1, 0.5) for i in range(9)}
     neighbours = {(f"veh.{i}", f"veh.{i + 1}") for i in range(8)}
     rng = np.random.default_rng(16)
@@ -170,7 +170,7 @@ def space_of_bodies(n):
 
 
 @pytest.mark.parametrize("shape", [(3, 3), (5, 3), (4, 2), (12,)])
-def test_poses_of_too_few_or_too_many_bodies_never_reach_pymunk(shape):
+def test_the_wrong_number_of_poses_is_an_error_and_never_reaches_pymunk(shape):
     space, bodies = space_of_bodies(3)
     with pytest.raises(ValueError, match=r"the bodies of the space need \(4, 3\)"):
         BodyPoses(space).set(np.ones(shape))
@@ -192,22 +192,22 @@ def test_each_body_is_set_to_its_own_pose_and_found_there_after_a_step():
             assert space.point_query_nearest((x, i), 0, pymunk.ShapeFilter()).shape.body is body
             assert not space.point_query((x - 2, i), 0, pymunk.ShapeFilter())
         assert (space.static_body.position, space.static_body.angle) == ((0, 0), 0)
-        space.remove(bodies[0], *bodies.pop(0).shapes)  # whereupon the order is another
+        space.remove(bodies[0], *bodies.pop(0).shapes)  # this changes the order
 
 
 def test_contacts_do_not_depend_on_the_order_of_vehicles():
     rng = np.random.default_rng(13)
     rows = {f"veh.{i}": random_row(rng, 0.8) for i in range(30)}
-    watched = {f"veh.{i}" for i in range(0, 30, 3)}
+    members = {f"veh.{i}" for i in range(0, 30, 3)}
     wall = Scene(np.array([(-1, 0, 1, 0)]))
-    found = contacts_of(rows, wall, watched)
+    found = contacts_of(rows, wall, members)
     assert len(found) > 10
     for _ in range(5):
         shuffled = {name: rows[name] for name in rng.permutation(list(rows))}
-        assert contacts_of(shuffled, wall, watched) == found
+        assert contacts_of(shuffled, wall, members) == found
 
 
-def test_only_pairs_with_a_watched_vehicle_are_told_and_it_comes_first():
+def test_only_pairs_with_a_member_are_reported_and_it_comes_first():
     at = (0.0, 0.0, 0.0, 0.2, 0.15)
     rows = {"a": at, "m": at, "z": at}
-    assert contacts_of(rows, watched={"m"}) == {("m", "a"), ("m", "z")}
+    assert contacts_of(rows, members={"m"}) == {("m", "a"), ("m", "z")}

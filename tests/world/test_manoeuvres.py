@@ -1,4 +1,4 @@
-"""Members that are told to split off, to join and to leave."""
+"""Orders to split off, to join and to leave."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
 from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.manoeuvres import Order, Orders
+from platoontraffic.world.manoeuvres import Manoeuvres, Order
 from tests.support.bench import BLIND, constant, platoon
 from tests.support.runs import run
 
@@ -22,48 +22,57 @@ def order(kind: str, vehicle: int, behind: str = "", time: float = 1.0) -> Order
     return Order(time, kind, f"robot.{vehicle}", behind, None)
 
 
-def test_an_order_is_given_once_when_its_time_has_come():
-    orders = Orders([order("split", 2)])
-    before, told = orders.given(fleet(), 0.9)
-    assert (told, before.leads.tolist()) == ([], [True, False, False, False])
-    after, told = orders.given(before, 1.0)
-    assert [(one.row, one.detail) for one in told] == [(2, "to split")]
+def test_an_order_is_carried_out_once_when_its_time_has_come():
+    manoeuvres = Manoeuvres([order("split", 2)])
+    before, notes = manoeuvres.applied(fleet(), 0.9)
+    assert (notes, before.leads.tolist()) == ([], [True, False, False, False])
+    after, notes = manoeuvres.applied(before, 1.0)
+    assert [(one.row, one.kind, one.what, one.done) for one in notes] == [(2, "told", "split", 1)]
     assert after.leads.tolist() == [True, False, True, False]
     assert after.predecessor.tolist() == [-1, 0, -1, 2]
-    assert orders.given(after, 2.0)[1] == []
+    assert manoeuvres.applied(after, 2.0)[1] == []
 
 
-def test_who_was_behind_one_that_leaves_is_behind_the_next():
-    after, _ = Orders([order("leave", 1)]).given(fleet(), 1.0)
+def test_the_follower_of_a_member_that_leaves_gets_its_predecessor():
+    after, _ = Manoeuvres([order("leave", 1)]).applied(fleet(), 1.0)
     assert after.predecessor.tolist() == [-1, -1, 0, 2]
     assert after.leads.tolist() == [True, True, False, False]
 
 
-def test_who_joins_follows_again():
-    orders = Orders([order("split", 2), order("join", 2, "robot.0", time=3.0)])
-    apart, _ = orders.given(fleet(), 1.0)
-    after, _ = orders.given(apart, 3.0)
+def test_a_member_that_joins_follows_again():
+    manoeuvres = Manoeuvres([order("split", 2), order("join", 2, "robot.0", time=3.0)])
+    apart, _ = manoeuvres.applied(fleet(), 1.0)
+    after, _ = manoeuvres.applied(apart, 3.0)
     assert after.predecessor.tolist() == [-1, 0, 0, 2]
     assert not after.leads[1:].any()
 
 
-def test_what_is_told_in_vain_changes_nothing_and_is_noted_with_why():
-    here = fleet()
+def test_a_rejected_order_changes_nothing_and_is_noted_with_the_reason():
+    before = fleet()
     orders = [("join", 3, "other.0"), ("split", 9), ("join", 1, "robot.2"), ("join", 1, "robot.0"), ("split", 0)]
-    after, told = Orders([order(*one) for one in orders]).given(here, 1.0)
-    assert [(n.row, n.vehicle, n.detail) for n in told] == [
-        (3, "robot.3", "to join, but other.0 is not on the road"),
-        (-1, "robot.9", "to split, but it is not on the road"),
-        (1, "robot.1", "to join, but robot.2 is behind it"),
-        (1, "robot.1", "to join, but it is behind that"),
-        (0, "robot.0", "to split, but it follows nobody"),
+    after, notes = Manoeuvres([order(*one) for one in orders]).applied(before, 1.0)
+    assert [(n.row, n.vehicle, n.detail) for n in notes] == [
+        (3, "robot.3", "to join; rejected: other.0 is not on the road"),
+        (-1, "robot.9", "to split; rejected: robot.9 is not on the road"),
+        (1, "robot.1", "to join; rejected: robot.2 is behind robot.1"),
+        (1, "robot.1", "to join; rejected: robot.1 is behind robot.0 already"),
+        (0, "robot.0", "to split; rejected: robot.0 leads already"),
     ]
-    assert after is here
+    assert [n.done for n in notes] == [0] * 5
+    assert after is before
+
+
+PASSED = "to leave; rejected: platoon.1 has passed the place where the routes part"
+
+
+def orders_in(events: pd.DataFrame) -> list[tuple]:
+    told = events[events.kind == "told"]
+    return list(zip(told.what, told.done, told.detail, strict=True))
 
 
 def written(folder, text: str):
     base = shipped.scenarios()["corridor_manoeuvres"].read_text(encoding="utf-8")
-    file = folder / "told.toml"
+    file = folder / "orders.toml"
     base = base.replace("position_m = 60.0 }", "position_m = 60.0, time_s = 5.0 }")
     file.write_text(base.split("[[manoeuvre]]")[0] + "[[manoeuvre]]\n" + text, encoding="utf-8")
     return file
@@ -85,13 +94,13 @@ def written(folder, text: str):
         ('kind = "leave"\nvehicle = "platoon.0"\ntime_s = 1.0\nto = "b2_east"', "cannot drive alone"),
     ],
 )
-def test_what_cannot_be_is_said_in_a_line_with_its_place(tmp_path, text, said):
+def test_an_impossible_order_is_a_fault_with_its_line(tmp_path, text, said):
     with pytest.raises(InputError) as error:
         simulation.prepare(scenario.load(written(tmp_path, text)))
     (fault,) = error.value.faults
     assert said in fault
     assert "manoeuvre.0" in fault
-    assert fault.startswith(f"{tmp_path / 'told.toml'}:")
+    assert fault.startswith(f"{tmp_path / 'orders.toml'}:")
 
 
 RING = """
@@ -125,7 +134,8 @@ time_s = 145.0
 """
 
 
-def test_who_joins_after_a_lap_has_the_gap_to_the_one_before_it_and_not_a_lap_more(tmp_path):
+@pytest.mark.sumo
+def test_a_member_that_joins_after_a_lap_has_a_gap_without_that_lap(tmp_path):
     file = tmp_path / "ring.toml"
     file.write_text(RING, encoding="utf-8")
     rows = pd.read_csv(run(tmp_path / "run", file) / "trajectories.csv")
@@ -133,21 +143,22 @@ def test_who_joins_after_a_lap_has_the_gap_to_the_one_before_it_and_not_a_lap_mo
     np.testing.assert_allclose(joined.gap_m, joined.seen_gap_m, atol=0.5)
 
 
-def test_who_is_past_the_place_where_the_ways_part_does_not_leave(tmp_path):
+@pytest.mark.sumo
+def test_an_order_to_leave_is_rejected_past_the_place_where_the_routes_part(tmp_path):
     base = shipped.scenarios()["corridor_manoeuvres"].read_text(encoding="utf-8").split("[[manoeuvre]]")[0]
-    told = 'kind = "leave"\nvehicle = "platoon.1"\nroute = ["west_light", "light_light_s"]\ntime_s = 60.0\n'
+    order = 'kind = "leave"\nvehicle = "platoon.1"\nroute = ["west_light", "light_light_s"]\ntime_s = 60.0\n'
     file = tmp_path / "late.toml"
     file.write_text(
-        base.replace("duration_s = 400.0", "duration_s = 75.0") + "[[manoeuvre]]\n" + told, encoding="utf-8"
+        base.replace("duration_s = 400.0", "duration_s = 75.0") + "[[manoeuvre]]\n" + order, encoding="utf-8"
     )
     events = pd.read_csv(run(tmp_path / "run", file) / "events.csv")
-    (told,) = events[events.kind == "told"].detail
-    assert told == "to leave, but the ways have parted"
+    assert orders_in(events) == [("leave", 0, PASSED)]
     assert not events.kind.isin(["off_road", "collision"]).any()
 
 
-def test_who_turns_the_other_way_already_does_not_leave(tmp_path):
-    """In the junction it is beside both ways yet."""
+@pytest.mark.sumo
+def test_an_order_to_leave_is_rejected_once_it_turns_into_another_route(tmp_path):
+    """In the junction it is still near both routes."""
     base = shipped.scenarios()["corridor_cut_in"].read_text(encoding="utf-8").split("[[obstacle]]")[0]
     base = base.replace("duration_s = 60.0", "duration_s = 45.0").replace("size = 5", "size = 3")
     base = base.replace("speed_mps = 10.0", "speed_mps = 8.0").replace("gap_m = 10.0", "gap_m = 6.0")
@@ -155,15 +166,16 @@ def test_who_turns_the_other_way_already_does_not_leave(tmp_path):
     order = '[[manoeuvre]]\nkind = "leave"\nvehicle = "platoon.1"\nto = "prio_prio_s"\ntime_s = 36.0\n'
     (tmp_path / "turns.toml").write_text(base + order, encoding="utf-8")
     events = pd.read_csv(run(tmp_path / "run", tmp_path / "turns.toml") / "events.csv")
-    assert events[events.kind == "told"].detail.tolist() == ["to leave, but the ways have parted"]
+    assert orders_in(events) == [("leave", 0, PASSED)]
     assert not events.kind.isin(["off_road", "collision"]).any()
 
 
+@pytest.mark.sumo
 @pytest.mark.slow
-def test_a_car_leaves_two_split_off_and_join_again_and_others_join_the_end(tmp_path):
+def test_one_car_leaves_one_splits_off_and_joins_again_and_a_platoon_joins_the_end(tmp_path):
     folder = run(tmp_path / "run", "corridor_manoeuvres")
     events, rows = (pd.read_csv(folder / f"{name}.csv") for name in ("events", "trajectories"))
-    assert (events.kind == "told").sum() == 4
+    assert events[events.kind == "told"].done.tolist() == [1] * 4
     assert not events.kind.isin(["collision", "off_road", "red_light"]).any()
     assert (events.kind == "arrived").sum() == 7
     last = rows[rows.vehicle_id == "platoon.1"].iloc[-1]

@@ -16,20 +16,13 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from platoontraffic.lidar import PRESETS, Mount, Scene
 
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.geometry.polyline import Polyline
-from platoontraffic.observation.encounters import (
-    Encounter,
-    Encounters,
-    hardest,
-    least_braking,
-    least_gap,
-    reaction,
-    stopping_distance,
-)
+from platoontraffic.lidar import PRESETS, Mount, Scene
+from platoontraffic.observation.avoidance import hardest, least_braking, least_gap, reaction, stopping_distance
+from platoontraffic.observation.encounters import Encounter, Encounters
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
@@ -114,7 +107,7 @@ def play(members: Sequence[Member], plan: Plan, seconds: float, seed: int = 0, s
     def observe(traffic, fleet, scans, others) -> None:
         if not watching:
             watching.append(Encounters(others, members))
-        watching[0].watch(traffic, fleet, [])
+        watching[0].observe(traffic, fleet, [])
         seen.append(traffic)
         if plan.id in traffic.ids:
             shapes = shapely.polygons(traffic.boxes().corners())

@@ -1,0 +1,38 @@
+"""Emergency brakes and jerk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from platoontraffic.observation.step import Step
+from platoontraffic.vehicles.motion import FULL_SIZE
+from platoontraffic.world.events import EMERGENCY_BRAKING, Event
+
+
+class Braking:
+    """State of all members of the run, by their number: arrays (N,)."""
+
+    def __init__(self, length: np.ndarray) -> None:
+        """length: of each member, (N,) [m]"""
+        self._full_size = length >= FULL_SIZE
+        self._time: float | None = None  # one step before [s]
+        self._acceleration = np.zeros(len(length))  # one step before [m/s2]
+        self.jerk = np.zeros(len(length))  # change of the acceleration over the last step [m/s3]
+        self._hard = np.zeros(len(length), dtype=bool)  # one step before
+
+    def begin(self, step: Step, new: np.ndarray) -> None:
+        """Members in the rows `new`, (m,), have just entered the road: they have no jerk yet."""
+        self._acceleration[step.number[new]] = step.fleet.motion.acceleration[new]
+
+    def observe(self, step: Step) -> Iterator[Event]:
+        """emergency_brake"""
+        number, acceleration = step.number, step.fleet.motion.acceleration
+        if self._time is not None:
+            self.jerk[number] = (acceleration - self._acceleration[number]) / (step.time - self._time)
+        self._time, self._acceleration[number] = step.time, acceleration
+        hard = self._full_size[number] & (acceleration < -EMERGENCY_BRAKING)
+        for i in np.flatnonzero(hard & ~self._hard[number]):
+            yield step.event("emergency_brake", i)
+        self._hard[number] = hard

@@ -1,0 +1,104 @@
+"""Gaps along the paths that predecessors drove, and the gaps that laws want."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from platoontraffic.controllers.calls import desired_distance
+from platoontraffic.controllers.law import Law
+from platoontraffic.geometry.driven_paths import DrivenPaths
+from platoontraffic.observation.step import Step
+from platoontraffic.world.fleet import Fleet, Member
+
+DETOUR = 2.0  # longest path to a new predecessor, over the straight distance to it [1]
+POINTS_PER_LENGTH = 24  # most points of a driven path within one vehicle length
+
+
+class Gaps:
+    """Gap and cross-track error of every follower, from the paths of all members' driven axles.
+
+    Arrays (N,) of all members of the run, by their number; NaN without a predecessor.
+    """
+
+    def __init__(self, members: Sequence[Member]) -> None:
+        n = len(members)
+        self.gap = np.full(n, np.nan)  # bumper to bumper along the predecessor's path [m]
+        self.cross_track = np.full(n, np.nan)  # driven axle to the left of that path [m]
+        self._paths = DrivenPaths(np.array([m.model.length for m in members]) / POINTS_PER_LENGTH)
+        self._end = np.zeros(n)  # length of the own path one step before [m]
+        self._station = np.zeros(n)  # on the predecessor's path [m]
+        self._ahead = np.full(n, -1)  # number of that predecessor
+
+    def begin(self, step: Step, new: np.ndarray) -> None:
+        """Begin the path of each new member where its follower stands, which thereby is on it from the start.
+
+        new: rows of the members that have just entered the road, (m,)
+        """
+        fleet, number, x, y = step.fleet, step.number, step.x, step.y
+        length, heading = fleet.model.length, fleet.motion.heading
+        back_x, back_y = x - length * np.cos(heading), y - length * np.sin(heading)
+        followers = np.flatnonzero(fleet.predecessor >= 0)
+        back_x[fleet.predecessor[followers]], back_y[fleet.predecessor[followers]] = x[followers], y[followers]
+        self._paths.begin(number[new], back_x[new], back_y[new], x[new], y[new])
+        self._end[number[new]] = self._paths.end(number[new])
+        follows = new[fleet.predecessor[new] >= 0]
+        ahead, anywhere = number[fleet.predecessor[follows]], np.full(len(follows), np.inf)
+        station, _ = self._paths.project(ahead, x[follows], y[follows], np.zeros(len(follows)), anywhere)
+        self._station[number[follows]], self._ahead[number[follows]] = np.nan_to_num(station), ahead
+
+    def observe(self, step: Step) -> None:
+        """Extend all paths to where the members are now; locate each follower on its predecessor's path."""
+        fleet, x, y = step.fleet, step.x, step.y
+        self._paths.drive(step.number, x, y, fleet.motion.speed < 0)
+        rows = np.flatnonzero(fleet.predecessor >= 0)
+        ahead, length, axle = fleet.predecessor[rows], fleet.model.length, fleet.model.axle
+        number, number_ahead = step.number[rows], step.number[ahead]
+        driven = self._paths.end(number) - self._end[number]
+        near, reach = self._station[number], 2 * (length[rows] + np.abs(driven))
+        # On the path of a new predecessor a follower is searched behind that, not where the predecessor was laps ago.
+        away = np.hypot(x[ahead] - x[rows], y[ahead] - y[rows])
+        anew = self._ahead[number] != number_ahead
+        near = np.where(anew, self._paths.end(number_ahead) - away, near)
+        reach = np.where(anew, DETOUR * (away + length[rows]), reach)
+        self._ahead[step.number] = -1
+        self._ahead[number] = number_ahead
+        station, offset = self._paths.project(number_ahead, x[rows], y[rows], near, reach)
+        front = station + length[rows] / 2 - axle[rows]
+        rear = self._paths.end(number_ahead) - length[ahead] / 2 - axle[ahead]
+        self.gap[step.number] = self.cross_track[step.number] = np.nan
+        self.gap[number], self.cross_track[number] = rear - front, offset
+        forgotten = np.isnan(station)
+        self._station[number] = np.where(forgotten, self._station[number] + driven, station)
+        self._end[step.number] = self._paths.end(step.number)
+
+
+class DesiredGaps:
+    """The gaps that laws want at their vehicles' speeds; each law is asked once for all its vehicles."""
+
+    def __init__(self, members: Sequence[Member]) -> None:
+        self.laser_to_bumper = np.array([m.seen_ahead_of_gap for m in members])  # (N,) [m]
+        self._number: np.ndarray | None = None  # of the members that are grouped by law
+        self._laws: list[tuple[Law, np.ndarray]] = []
+
+    def of(self, fleet: Fleet) -> np.ndarray:
+        """Bumper to bumper [m], (n,); NaN where a law names no distance."""
+        if not np.array_equal(fleet.number, self._number):
+            self._number, self._laws = fleet.number, _by_law(fleet.members)
+        distance = np.full(len(fleet), np.nan)
+        for law, rows in self._laws:
+            speed = fleet.motion.speed[rows]
+            try:
+                distance[rows] = law.desired_distance(speed)
+            except Exception:  # it takes one speed at a time; or it is faulty, and fails again here with a message
+                distance[rows] = [desired_distance(law, v) for v in speed]
+        return distance - self.laser_to_bumper[fleet.number]
+
+
+def _by_law(members: Sequence[Member]) -> list[tuple[Law, np.ndarray]]:
+    """Laws, each with the rows of its members."""
+    rows: dict[Law, list[int]] = {}
+    for i, m in enumerate(members):
+        rows.setdefault(m.law, []).append(i)
+    return [(law, np.array(of_law)) for law, of_law in rows.items()]

@@ -1,0 +1,114 @@
+"""What every law takes for its predecessor, and how much of the true predecessor its scan shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.lidar import ScanBatch
+from platoontraffic.observation.hindrances import Hindrances
+from platoontraffic.observation.locks_kernel import look_rows
+from platoontraffic.observation.step import Cause, Step
+from platoontraffic.world.events import WALL, Event
+from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.traffic import TrafficSnapshot
+
+NOTHING = ""  # the target of a law that has none, or that lies on no surface
+NOT_SCANNED = -1  # number of beams in a row without a new scan
+
+
+class Locks:
+    """Arrays (N,) of all members of the run, by their number; each as of the member's last scan."""
+
+    def __init__(self, n: int, hindrances: Hindrances) -> None:
+        self._hindrances = hindrances
+        self.target = np.full(n, NOTHING, dtype=object)  # id of a vehicle, WALL or NOTHING
+        self.locked = np.zeros(n, dtype=bool)  # the target is the true predecessor
+        self._lost_since = np.full(n, np.nan)  # [s]; NaN: never locked, or not lost
+        self.beams = np.full(n, np.nan)  # on the predecessor
+        self.occluded = np.full(n, np.nan)  # share of the beams that would meet the predecessor if it were alone
+
+    def observe(self, step: Step, scans: Sequence[ScanBatch | None], split: np.ndarray) -> Iterator[Event]:
+        """wrong_target, locked, lock_regained, lock_lost
+
+        scans: one a group of the fleet, None where it has not scanned in this step
+        split: members that are split off, (N,) bool
+        """
+        sight = _sight(step, scans)
+        rows = np.flatnonzero(sight.beams != NOT_SCANNED)
+        number, ahead = step.number[rows], step.fleet.predecessor[rows]
+        beams, alone = sight.beams[rows], sight.alone[rows]
+        self.beams[number] = beams
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.occluded[number] = np.where(alone > 0, np.maximum(1 - beams / alone, 0), np.nan)
+        # By id, since a row of the snapshot may be another vehicle in the next step. A surface is -1 on a wall, and
+        # NO_HIT, -2, on nothing: indices from the end.
+        ids = np.array([*step.traffic.ids, NOTHING, WALL], dtype=object)
+        before, self.target[number] = self.target[number], ids[sight.surface[rows]]
+        leaders, follows = number[ahead < 0], ahead >= 0
+        self.locked[leaders], self._lost_since[leaders] = False, np.nan
+        yield from self._compare(step, rows[follows], ids[ahead[follows]], before[follows], split)
+
+    def _compare(
+        self, step: Step, rows: np.ndarray, ahead: np.ndarray, before: np.ndarray, split: np.ndarray
+    ) -> Iterator[Event]:
+        """Targets against predecessors; rows: of followers with a new scan; ahead, before: ids of their predecessors
+        and former targets; all (m,)."""
+        number = step.number[rows]
+        target, was_locked = self.target[number], self.locked[number]
+        locked = target == ahead
+        self.locked[number] = locked
+        wrong = ~locked & (target != before) & (target != NOTHING) & ~split[number]
+        for k in np.flatnonzero(wrong):
+            yield step.event("wrong_target", rows[k], target[k])
+        for k in np.flatnonzero(locked & ~was_locked):
+            since = self._lost_since[number[k]]
+            if np.isnan(since):
+                yield step.event("locked", rows[k], ahead[k])
+            else:
+                yield step.event("lock_regained", rows[k], ahead[k], step.time - since)
+        for k in np.flatnonzero(~locked & was_locked):
+            self._lost_since[number[k]] = step.time
+            cause = self._cause(number[k])
+            yield step.event("lock_lost", rows[k], target[k], what=cause.what, detail=cause.detail)
+
+    def _cause(self, number: int) -> Cause:
+        """Why a member's lock was lost at its last scan."""
+        if self._hindrances.laser_is_broken(number):
+            return Cause("broken", "its laser is broken")
+        if self.target[number] != NOTHING:
+            return Cause("taken", "took another for its predecessor")
+        if beams := self.beams[number]:
+            return Cause("not_recognised", f"not recognised, though {beams:g} beams hit it")
+        return Cause("out_of_sight", "out of sight")
+
+
+class Sight(NamedTuple):
+    """What the scans of a step show, (n,) int; valid where `beams` is not NOT_SCANNED."""
+
+    surface: np.ndarray  # that most beams about the target's bearing met: as in `ScanBatch.hits`; NO_HIT: no target
+    beams: np.ndarray  # returns from the predecessor; 0 without one
+    alone: np.ndarray  # beams that meet the predecessor, were there nothing else and no errors
+
+
+def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> Sight:
+    sight = Sight(*np.full((3, len(step.fleet)), NOT_SCANNED))
+    for group, scan in zip(step.fleet.groups, scans, strict=True):
+        if scan is not None:
+            look(scan, step.traffic, group.rows, step.fleet, sight)
+    return sight
+
+
+def look(scan: ScanBatch, traffic: TrafficSnapshot, rows: np.ndarray, fleet: Fleet, sight: Sight) -> None:
+    """Fill in `sight` for the rows (m,) whose scans these are.
+
+    `alone` is counted by the middles of the beams at the instant at which the scan ends.
+    """
+    model, mount = scan.model, scan.model.mount
+    fan = float(model.angle_min), model.angle_increment, float(model.range_max)
+    eye = float(mount.x), float(mount.y), float(mount.yaw)
+    boxes = traffic.x, traffic.y, traffic.heading, traffic.length, traffic.width
+    bearing, ahead = fleet.target.bearing, fleet.predecessor
+    look_rows(rows, scan.ranges, scan.hits, model.directions, fan, eye, boxes, bearing, ahead, *sight)

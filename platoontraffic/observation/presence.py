@@ -1,0 +1,41 @@
+"""Members that enter and leave the road."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from platoontraffic.observation.step import Step
+from platoontraffic.world.events import Event
+from platoontraffic.world.fleet import Member
+
+
+class Presence:
+    """Which members are on the road, by their number."""
+
+    def __init__(self, members: Sequence[Member]) -> None:
+        """members: all of the run, by their number"""
+        self._members = members
+        self._here = np.zeros(len(members), dtype=bool)
+        self._before: Step | None = None
+        self.new = np.empty(0, dtype=np.intp)  # rows of members that entered the road in this step, (m,)
+
+    def observe(self, step: Step) -> Iterator[Event]:
+        """arrived, departed"""
+        before, self._before = self._before, step
+        self.new = np.flatnonzero(~self._here[step.number])
+        self._here[:] = False
+        self._here[step.number] = True
+        for row in np.flatnonzero(~self._here[before.number]) if before else ():
+            yield self._arrived(step.time, before, row)
+        for row in self.new:
+            yield step.event("departed", row)
+
+    def _arrived(self, time: float, before: Step, row: int) -> Event:
+        """A member that has left the road, at its last position."""
+        member = self._members[before.number[row]]
+        event = before.event("arrived", row)._replace(time=time)
+        if member.place == 0 or member.arrives_alone:
+            return event._replace(what="own_route")
+        return event._replace(what="with_leader", detail="with its leader")

@@ -1,0 +1,66 @@
+"""Members that stand still for long, and why."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+
+from platoontraffic.observation.hindrances import Hindrances
+from platoontraffic.observation.locks import Locks
+from platoontraffic.observation.step import Cause, Step
+from platoontraffic.vehicles.motion import FULL_SIZE
+from platoontraffic.world.events import STANDSTILL_AFTER, Event
+from platoontraffic.world.traffic import TrafficSnapshot
+
+STANDING = 1e-3  # speed and yaw rate up to which a vehicle stands still [m/s, rad/s]
+
+
+class Standstills:
+    """State of all members of the run, by their number: arrays (N,)."""
+
+    def __init__(self, n: int, locks: Locks, hindrances: Hindrances) -> None:
+        self._locks, self._hindrances = locks, hindrances
+        self._since = np.full(n, np.nan)  # [s]; NaN: it moves
+        self._noted = np.zeros(n, dtype=bool)  # there was an event of its present standstill
+
+    def observe(self, step: Step) -> Iterator[Event]:
+        """standstill when one has lasted STANDSTILL_AFTER, standstill_end when that one ends"""
+        number, motion = step.number, step.fleet.motion
+        moving = (np.abs(motion.speed) > STANDING) | (np.abs(motion.yaw_rate) > STANDING)
+        since, noted = self._since[number], self._noted[number]
+        since = np.where(np.isnan(since) & ~moving, step.time, since)
+        began = ~moving & ~noted & (step.time - since > STANDSTILL_AFTER)
+        for i in np.flatnonzero(began):
+            cause = self._cause(step, i)
+            detail = f"since {since[i]:.3f} s" + (cause.detail and f", {cause.detail}")
+            yield step.event("standstill", i, what=cause.what, detail=detail)
+        for i in np.flatnonzero(moving & noted):
+            yield step.event("standstill_end", i, duration=step.time - since[i])
+        self._since[number] = np.where(moving, np.nan, since)
+        self._noted[number] = ~moving & (noted | began)
+
+    def _cause(self, step: Step, row: int) -> Cause:
+        number, ahead = step.number[row], step.fleet.predecessor[row]
+        if cause := self._hindrances.now(number):
+            return cause
+        if blocking := _vehicle_ahead(step.traffic, row):
+            return Cause("behind", f"behind {blocking}")
+        if ahead >= 0 and not self._locks.locked[number]:
+            return Cause("lost", f"has lost {step.traffic.ids[ahead]}")
+        return Cause()
+
+
+def _vehicle_ahead(traffic: TrafficSnapshot, row: int) -> str:
+    """The nearest vehicle straight ahead, within one length of a car or three of a robot; "": none."""
+    cos, sin = math.cos(traffic.heading[row]), math.sin(traffic.heading[row])
+    length, side = traffic.length[row], np.array([-sin, cos]) * traffic.width[row] / 2
+    front = np.array([traffic.x[row] + length / 2 * cos, traffic.y[row] + length / 2 * sin])
+    reach = np.array([cos, sin]) * (length if length >= FULL_SIZE else 3 * length)
+    strip = shapely.Polygon([front - side, front + side, front + reach + side, front + reach - side])
+    boxes = shapely.polygons(traffic.boxes().corners())
+    met = [k for k in np.flatnonzero(shapely.intersects(boxes, strip)) if k != row]
+    ahead = [(traffic.x[k] - front[0]) * cos + (traffic.y[k] - front[1]) * sin for k in met]
+    return traffic.ids[met[int(np.argmin(ahead))]] if met else ""
