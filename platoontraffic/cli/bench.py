@@ -33,6 +33,7 @@ from platoontraffic import scenario, shipped, simulation
 from platoontraffic.cli.nets import _run
 from platoontraffic.errors import RunError
 from platoontraffic.results import sumo_tables
+from platoontraffic.sumo.client import libsumo
 from platoontraffic.sumo.programs import program
 from platoontraffic.sumo.world import World
 
@@ -270,8 +271,6 @@ class Spent(NamedTuple):
 
 def sumo_alone(folder: Path, town: Town) -> Spent:
     """Stepping, with the members as vehicles of SUMO's own."""
-    import libsumo
-
     with (folder / "alone.log").open("wb") as words:
         os.dup2(words.fileno(), 2)  # which SUMO writes its warnings to
     prepared = simulation.prepare(scenario.load(folder / "town.toml"))
@@ -289,8 +288,6 @@ def sumo_alone(folder: Path, town: Town) -> Spent:
 
 def loop(folder: Path, town: Town, arguments: tuple[str, ...] = ()) -> Spent:
     """The loop of `simulate`, from the end of its first pass to that of its last."""
-    import libsumo
-
     prepared = simulation.prepare(scenario.load(folder / "town.toml", arguments))
     times = []
 

@@ -111,7 +111,7 @@ def test_a_closed_window_is_an_interruption_and_keeps_what_there_is(display, tmp
 @pytest.mark.sumo
 @needs_xvfb
 def test_a_sumo_gui_that_dies_is_an_error(display, tmp_path, monkeypatch):
-    after_steps(20, lambda window: window._sumo.kill(), monkeypatch)
+    after_steps(20, lambda window: window._process.kill(), monkeypatch)
     with pytest.raises(RunError, match="SUMO failed"):
         watched(tmp_path / "run", "paper_loop", "run.duration_s=60")
 

@@ -16,7 +16,8 @@ from platoontraffic.controllers.reactive import ReactiveLeader
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
-from platoontraffic.sumo.world import World, centre_of, front_of, heading_of, sumo_angle
+from platoontraffic.sumo.frame import centre_of, front_of, heading_of, sumo_angle
+from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.motion import DifferentialDrive, Motion
 from platoontraffic.world.fleet import Fleet, Member
 
