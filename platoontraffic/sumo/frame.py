@@ -1,8 +1,7 @@
 """Conversions between SUMO's frame and the project's.
 
-SUMO gives the middle of a vehicle's front bumper, and its angle in degrees clockwise from north. The project's frame has x
-east and y north, the centre of the footprint, and the heading counter-clockwise from east [rad]. All functions take
-floats or arrays.
+SUMO: middle of the front bumper; angle in degrees clockwise from north. The project: centre of the footprint; heading
+counter-clockwise from east [rad]. Both have x to the east and y to the north [m]. All functions take floats or arrays.
 """
 
 from __future__ import annotations

@@ -11,9 +11,9 @@ from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.frame import centre_of, front_of, heading_of, sumo_angle
 from platoontraffic.world.fleet import Fleet, Member
 
-# Arguments of moveToXY between id and position, and behind the angle. keepRoute 2: the exact pose, on whatever lane lies
-# there, never an error. A search for a lane within 5 m makes the call four times cheaper than the default 100 m and
-# finds the same lanes.
+# Arguments of moveToXY: edge and lane, before the position; keepRoute and matchThreshold [m], behind the angle.
+# keepRoute 2: the exact pose, on whatever lane lies there, never an error. A search for a lane within 5 m is four times
+# cheaper than within the default 100 m, and finds the same lanes.
 ANY_LANE = ("", -1)
 EXACTLY = (2, 5.0)
 

@@ -97,7 +97,16 @@ class RemoteSumo:
 
     def _why_not_started(self, error: BaseException) -> BaseException:
         """What to raise for an error at the start."""
-        return self.TraCIException(str(error)) if isinstance(error, self.FatalTraCIError) else error
+        if not isinstance(error, self.FatalTraCIError):
+            return error
+        self._exit_code()  # before it is killed: it still writes why it ends
+        return self.TraCIException(str(error))
+
+    def _exit_code(self) -> int | None:
+        """Exit code of a SUMO that answers no more; None if it does not end."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return self._process.wait(PATIENCE)
+        return None
 
     def simulationStep(self, until: float = 0.0) -> None:
         self._connection.simulationStep(until)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import subprocess
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +13,7 @@ import shapely
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.sumo.drawing import Shape, scanned, shapes
 from platoontraffic.sumo.programs import need_display, no_display
-from platoontraffic.sumo.remote import PATIENCE, RemoteSumo
+from platoontraffic.sumo.remote import RemoteSumo
 from platoontraffic.world.fleet import Fleet, Member
 
 VIEW = "View #0"  # SUMO's name of its first one
@@ -89,9 +87,7 @@ class Window(RemoteSumo):
 
     def _was_closed(self) -> bool:
         """Whether a SUMO that answers no more has ended without an error message: only its user can have closed it."""
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            return self._process.wait(PATIENCE) == 0 and "Error:" not in self._words.read_text(errors="replace")
-        return False
+        return self._exit_code() == 0 and "Error:" not in self._words.read_text(errors="replace")
 
     def show(self, fleet: Fleet, scans: Sequence[ScanBatch | None]) -> None:
         """Draw scans and targets at the poses of the end of the coming step, when SUMO shows them; wait for `pace`."""

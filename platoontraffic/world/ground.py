@@ -89,11 +89,9 @@ class BareGround:
 
     def deploy(self, fleet: Fleet, later: Sequence[Fleet] = ()) -> Fleet:
         """raises: ValueError (a member is SUMO-driven: nothing would move it)"""
-        native = [
-            m.id for some in (fleet, *later) for m, native in zip(some.members, some.native, strict=True) if native
-        ]
+        native = [some.members[i].id for some in (fleet, *later) for i in np.flatnonzero(some.native)]
         if native:
-            raise ValueError(f"{', '.join(native)}: SUMO drives it, and there is none; must have a law that moves it")
+            raise ValueError(f"{', '.join(native)}: only SUMO can drive it; on bare ground it must have another law")
         self._steps = 0
         self._later = sorted(later, key=lambda platoon: platoon.members[0].departs)
         return fleet
