@@ -12,19 +12,25 @@ from platoontraffic.controllers import CLOSED_BY, Signals
 from platoontraffic.road.gap_acceptance import ACCELERATION, MARGIN, STANDING, TURNING_SPEED, Foe, may_cross, time_for
 from platoontraffic.road.network import CHANGING, Line, Network
 from platoontraffic.sumo.client import Client
-from platoontraffic.vehicles.motion import CAR_LENGTH, scale
+from platoontraffic.sumo.conflicts import (
+    GAP_HORIZON,
+    LINK_LENGTH,
+    LINK_OPEN,
+    LINK_STATE,
+    LINK_VIA,
+    MINOR,
+    PRIORITY,
+    RED,
+    STOP,
+    YELLOW,
+    Conflicts,
+)
+from platoontraffic.vehicles.motion import scale
 from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import Fleet, Member
 
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = range(1, len(CLOSED_BY))
 
-# States of links, as SUMO writes them.
-PRIORITY = "GMO"  # gives way to no vehicle; O is a light that is off
-RED, YELLOW = "ru", "yY"
-MINOR = "mswo"  # gives way
-STOP = "sw"  # gives way, after it has stood at the line
-
-GAP_HORIZON = 3.6  # a gap is judged from this time before the line on, at the fastest foe's speed [s]
 CHANGE_HEADWAY = 0.5  # time gap that a lane change leaves on the adjacent lane [s]
 COMMITTED = 0.25  # share of a lane change after which it is not interrupted
 EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
@@ -71,48 +77,6 @@ class Approach(NamedTuple):
 NO_LINE = LineState(np.inf, True, False, False, 0)
 
 
-class Conflicts(NamedTuple):
-    """Priority lanes at a stop line, and lanes crossing the path beyond it."""
-
-    entering: tuple[tuple[str, float], ...]  # priority lanes, and the distance from each one's end to the junction [m]
-    inside: Mapping[str, bool]  # crossing lanes from those -> whether a vehicle waits at its end
-    reach: float  # distance before the junction from which a gap is judged [m]
-    crossing: Mapping[str, tuple[str, str]]  # all crossing lanes -> the lane before the junction, its first lane inside
-
-    @classmethod
-    def at(cls, line: Line, network: Network, sumo: Client) -> Conflicts:
-        entering = {name for name in sumo.lane.getFoes(line.lane, line.onto) if not name.startswith(":")}
-        inside = {}
-        for via in line.via:
-            for name in sumo.lane.getInternalFoes(via):
-                if name not in line.via and network.entered_from.get(name) in entering:
-                    inside[name] = bool(sumo.lane.getLinks(name)[0][4])
-        fastest = max(map(sumo.lane.getMaxSpeed, entering), default=0.0)
-        watched = fastest * (time_for(line.across + CAR_LENGTH, 0.0) + MARGIN)
-        upstream = tuple(one for name in sorted(entering) for one in network.upstream(name, watched))
-        return cls(upstream, inside, GAP_HORIZON * fastest, _crossing(line, network, sumo))
-
-
-def _crossing(line: Line, network: Network, sumo: Client) -> dict[str, tuple[str, str]]:
-    """Lanes that cross the path beyond a line: by each, the lane before the junction and its first lane inside."""
-    found = {}
-    for name in {name for via in line.via for name in sumo.lane.getInternalFoes(via)} - set(line.via):
-        before = network.entered_from.get(name)
-        for link in sumo.lane.getLinks(before) if before else ():
-            if name in _chain(link[4], sumo):
-                found[name] = before, link[4]
-    return dict(sorted(found.items()))
-
-
-def _chain(via: str, sumo: Client) -> list[str]:
-    """The lanes inside a junction from one on."""
-    lanes = []
-    while via:
-        lanes.append(via)
-        via = next(iter(sumo.lane.getLinks(via)), ("",) * 5)[4]
-    return lanes
-
-
 class StopLines:
     """Judges stop lines by the vehicles that SUMO has about them.
 
@@ -156,7 +120,7 @@ class StopLines:
         """
         found, row = [], {m.id: i for i, m in enumerate(fleet.members)} if entries else {}
         for name, lane, via in entries:
-            state = next((link[5] for link in self._sumo.lane.getLinks(lane) if link[4] == via), "")
+            state = next((link[LINK_STATE] for link in self._sumo.lane.getLinks(lane) if link[LINK_VIA] == via), "")
             i = row.get(name)
             if i is None or fleet.native[i] or not state:
                 continue
@@ -202,7 +166,7 @@ class StopLines:
             left = COMMITTED * line.across - over
             if left > 0 and ego.lane != line.onto and not self._may_change(line, -over, ego):
                 return LineState(left, False, False, False, LANE_CHANGE)
-        elif ego.lane in line.via and self._link(line) not in PRIORITY:
+        elif ego.lane in line.via and self._link_state(line) not in PRIORITY:
             left = OVERRUN * scale(ego.length) - over
             if ego.speed**2 / (2 * EARLY_BRAKING) < left and not self._may_cross(line, -over, ego):
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
@@ -214,18 +178,18 @@ class StopLines:
         if line.state == CHANGING:
             is_open = not near or ego.lane == line.onto or self._may_change(line, distance, ego)
             return LineState(distance, is_open, False, False, LANE_CHANGE)
-        link = self._link(line)
-        minor, yellow = link in MINOR, link in YELLOW
-        if link in RED + YELLOW:
+        state = self._link_state(line)
+        minor, yellow = state in MINOR, state in YELLOW
+        if state in RED + YELLOW:
             return LineState(distance, False, minor, yellow, LIGHT)
-        is_open = link in PRIORITY or self._has_gap(line, link, distance, ego)
+        is_open = state in PRIORITY or self._has_gap(line, state, distance, ego)
         if is_open and near and line.light and not self._is_cleared(line):
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
         if is_open and near and not self._has_room(line, ego.length):
             return LineState(distance, False, False, False, NO_ROOM)
         return LineState(distance, is_open, minor, yellow, RIGHT_OF_WAY)
 
-    def _link(self, line: Line) -> str:
+    def _link_state(self, line: Line) -> str:
         """State of the link beyond a line now, as SUMO writes it."""
         if not line.light:
             return line.state
@@ -273,7 +237,7 @@ class StopLines:
         lane = self._sumo.lane
         for name, (before, via) in self._conflicts_at(line).crossing.items():
             there = [foe for foe in lane.getLastStepVehicleIDs(name) if not self._held_up(foe, name)]
-            if there and any(link[4] == via and link[5] in RED for link in lane.getLinks(before)):
+            if there and any(link[LINK_VIA] == via and link[LINK_STATE] in RED for link in lane.getLinks(before)):
                 return False
         return True
 
@@ -295,14 +259,14 @@ class StopLines:
             self._conflicts[line] = Conflicts.at(line, self._network, self._sumo)
         return self._conflicts[line]
 
-    def _has_gap(self, line: Line, link: str, distance: float, ego: Ego) -> bool:
+    def _has_gap(self, line: Line, state: str, distance: float, ego: Ego) -> bool:
         """Whether a vehicle may pass a line at which it has to give way; from afar it is taken for granted."""
         if distance >= self._conflicts_at(line).reach:
             return True
         is_open = self._may_cross(line, distance, ego)
-        if link in STOP:
+        if state in STOP:
             links = self._sumo.vehicle.getNextLinks(ego.id)
-            is_open &= bool(links) and links[0][2]
+            is_open &= bool(links) and links[0][LINK_OPEN]
         return is_open
 
     def _may_cross(self, line: Line, distance: float, ego: Ego, across: float | None = None) -> bool:
@@ -340,10 +304,10 @@ class StopLines:
         for name, beyond in conflicts.entering:
             for foe in lane.getLastStepVehicleIDs(name):
                 to_line = beyond + lane.getLength(name) - vehicle.getLanePosition(foe)
-                links = [link for link in vehicle.getNextLinks(foe)[:3] if link[4] in conflicts.inside]
-                if links and links[0][5] not in RED:
-                    hurries = may_hurry and self._hurries(foe, to_line, links[0][2])
-                    yield Approach(foe, to_line, to_line + max(links[0][7], line.across), hurries)
+                links = [link for link in vehicle.getNextLinks(foe)[:3] if link[LINK_VIA] in conflicts.inside]
+                if links and links[0][LINK_STATE] not in RED:
+                    hurries = may_hurry and self._hurries(foe, to_line, links[0][LINK_OPEN])
+                    yield Approach(foe, to_line, to_line + max(links[0][LINK_LENGTH], line.across), hurries)
 
     def _inside(self, line: Line) -> Iterator[Approach]:
         """Vehicles inside the junction that will cross the path with priority."""
