@@ -89,7 +89,7 @@ def test_no_files_import_each_other_in_a_ring():
 
 
 @pytest.mark.parametrize(
-    ("library", "only"), [("libsumo", "sumo.world"), ("traci", "sumo.window"), ("sumolib", "road.network")]
+    ("library", "only"), [("libsumo", "sumo.client"), ("traci", "sumo.remote"), ("sumolib", "road.network")]
 )
 def test_one_module_talks_to_each_part_of_sumo(library, only):
     assert {m for m in MODULES if any(name.split(".")[0] == library for name in imported(m))} == {only}

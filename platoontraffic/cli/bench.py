@@ -31,6 +31,7 @@ from platoontraffic.cli.net_sources import run_program
 from platoontraffic.errors import RunError
 from platoontraffic.lidar.benchmark.frame import as_json, facts, machine, peak_memory, table
 from platoontraffic.results import sumo_tables
+from platoontraffic.sumo.client import libsumo
 from platoontraffic.sumo.programs import program
 from platoontraffic.sumo.world import World
 
@@ -264,8 +265,6 @@ class Spent(NamedTuple):
 
 def sumo_alone(folder: Path, town: Town) -> Spent:
     """Stepping, with the members as vehicles of SUMO's own."""
-    import libsumo
-
     with (folder / "alone.log").open("wb") as words:
         os.dup2(words.fileno(), 2)  # which SUMO writes its warnings to
     prepared = simulation.prepare(scenario.load(folder / "town.toml"))
@@ -283,8 +282,6 @@ def sumo_alone(folder: Path, town: Town) -> Spent:
 
 def loop(folder: Path, town: Town, arguments: tuple[str, ...] = ()) -> Spent:
     """The loop of `simulate`, from the end of its first pass to that of its last."""
-    import libsumo
-
     prepared = simulation.prepare(scenario.load(folder / "town.toml", arguments))
     times = []
 

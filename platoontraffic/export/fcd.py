@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from platoontraffic.analysis.results import Results, ResultsError, load_run
-from platoontraffic.sumo.world import front_of, sumo_angle
+from platoontraffic.sumo.frame import front_of, sumo_angle
 
 NAME = "fcd.xml"
 HEAD = """<?xml version="1.0" encoding="UTF-8"?>

@@ -1,1 +1,1 @@
-"""Everything that talks to SUMO."""
+"""The coupling with SUMO: processes, conversions, members and background traffic in it."""

@@ -1,4 +1,4 @@
-"""What is drawn of the members in sumo-gui: how far each laser sees, and what its law takes for its predecessor."""
+"""Drawings of the members in sumo-gui: how far each laser sees, and the target of each law."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.lidar.pose import compose
 from platoontraffic.world.fleet import Fleet
 
-# Of colours that one can see through SUMO makes opaque ones where there is a road; so a fan has slits.
-BLADE = np.radians(1.25)  # as wide is the slit beside it [rad]
-CORNERS = 3  # of a blade, beside that at the laser
+# SUMO draws transparent colours opaque where there is a road; so a fan shows the road through slits between blades.
+BLADE = np.radians(1.25)  # width of a blade, and of the slit beside it [rad]
+CORNERS = 3  # of a blade, besides the one at the laser
+TARGET_SIZE = 0.3  # half the diagonal of the diamond at a target [vehicle widths]
 
 FAN_OF_LEADER, FAN, TARGET = (140, 190, 220), (240, 200, 110), (213, 0, 120)  # red, green, blue
 FAN_LAYER, TARGET_LAYER = 120, 1200  # on the road and below vehicles; above them
@@ -28,10 +29,10 @@ class Shape(NamedTuple):
 
 
 def shapes(fleet: Fleet, ranges: Mapping[str, np.ndarray]) -> dict[str, Shape]:
-    """What is drawn, by name.
+    """Shapes to draw, by name: a fan of each member with ranges, a diamond at each of its targets.
 
-    ranges: of each member's last scan, (samples,) [m]. They are drawn from where it is now: the fans of a sensor that
-            scans more seldom than the world steps stay on their vehicles
+    ranges: by member, of its last scan, (samples,) [m]. They are drawn at its present pose, so that the fan of a sensor
+            that scans less often than the world steps stays on its vehicle
     """
     motion, drawn = fleet.motion, {}
     for group in fleet.groups:
@@ -45,7 +46,7 @@ def shapes(fleet: Fleet, ranges: Mapping[str, np.ndarray]) -> dict[str, Shape]:
             drawn[f"fan of {member.id}"] = Shape(_in_world(reached, *pose), colour, FAN_LAYER)
             distance, bearing = float(fleet.target.distance[row]), float(fleet.target.bearing[row])
             if np.isfinite(distance):
-                size = 0.3 * member.model.width
+                size = TARGET_SIZE * member.model.width
                 at = distance * np.array([np.cos(bearing), np.sin(bearing)])
                 diamond = at + size * np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
                 drawn[f"target of {member.id}"] = Shape(_in_world(diamond, *pose), TARGET, TARGET_LAYER)
@@ -53,10 +54,10 @@ def shapes(fleet: Fleet, ranges: Mapping[str, np.ndarray]) -> dict[str, Shape]:
 
 
 def fan(ranges: np.ndarray, model: LidarModel) -> np.ndarray:
-    """Outline of blades that end where the beams do, each from the laser and back, in its frame, (k, 2) [m].
+    """Outline of blades that end where the beams do, each from the laser and back, in the laser's frame, (k, 2) [m].
 
-    Where nothing was met they reach to the farthest range, where something too near was, to the nearest; lost beams are
-    left out.
+    A beam that met nothing is drawn to the longest range, one that met something too near to the shortest; lost beams
+    are left out.
 
     ranges: (samples,) [m]
     """
@@ -69,7 +70,7 @@ def fan(ranges: np.ndarray, model: LidarModel) -> np.ndarray:
 
 
 def scanned(fleet: Fleet, scans: Sequence[ScanBatch | None]) -> dict[str, np.ndarray]:
-    """Ranges by member, of those whose laser was due."""
+    """Ranges (samples,) [m] by member; of groups whose lidar has just scanned."""
     return {
         fleet.members[row].id: batch.ranges[k]
         for group, batch in zip(fleet.groups, scans, strict=True)

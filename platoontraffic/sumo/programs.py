@@ -11,7 +11,7 @@ from platoontraffic.errors import MissingError
 
 
 def program(name: str) -> Path:
-    """raises: MissingError where eclipse-sumo is not installed"""
+    """raises: MissingError (eclipse-sumo is not installed)"""
     if importlib.util.find_spec("sumo") is None:
         raise MissingError(f"{name} comes with eclipse-sumo, which is not installed: pip install platoontraffic[gui]")
     import sumo
@@ -20,18 +20,18 @@ def program(name: str) -> Path:
 
 
 def home_of(program: Path) -> dict[str, str]:
-    """The environment in which it runs: with its own data, not those of another SUMO."""
+    """The environment to run a program in: with its own data, not those of another SUMO."""
     return {**os.environ, "SUMO_HOME": str(program.parents[1])}
 
 
 def need_display(name: str) -> None:
-    """raises: MissingError where none is set"""
+    """raises: MissingError (no display is set)"""
     if sys.platform == "linux" and not os.environ.get("DISPLAY"):
         raise no_display(name)
 
 
 def no_display(name: str) -> MissingError:
-    """What is raised, too, where one is set that is not there."""
+    """The error for a program that cannot open a display: none is set, or the one that is set does not exist."""
     where = os.environ.get("DISPLAY")
     there = f" (there is none at {where})" if where else ""
     return MissingError(f"{name} needs a display; set DISPLAY, or log in with ssh -X{there}")

@@ -1,8 +1,8 @@
-"""Print how often SUMO's own vehicles overlap and leave the road, beside what members of platoons do.
+"""Print how often background vehicles overlap and leave the road, and how often members of platoons do.
 
     .venv/bin/python tests/benchmarks/overlaps.py SCENARIO [BATCH ...]
 
-SCENARIO: its traffic alone is driven, for ten minutes after the warm-up. BATCH: folders of batches of runs there.
+SCENARIO: its background traffic drives alone, for ten minutes after the warm-up. BATCH: folders of batches there.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from platoontraffic.sumo.world import World
 from platoontraffic.world.fleet import Fleet
 
 STEP, SECONDS = 0.1, 600.0
-OFF_ROAD = 0.3  # [m], of the rear axle, a quarter of the length before the rear
+OFF_ROAD = 0.3  # distance of the rear axle, a quarter of the length before the rear, from the road [m]
 
 
-def natives(source: str) -> tuple[float, int, int]:
+def background(source: str) -> tuple[float, int, int]:
     """Vehicle hours, episodes of overlap, episodes off the road."""
-    loaded, nobody = scenario.load(source), Fleet.deployed([], STEP)
+    loaded, none = scenario.load(source), Fleet.deployed([], STEP)
     network = Network.read(loaded.net)
     road = network.drivable.buffer(OFF_ROAD)
     shapely.prepare(road)
@@ -37,10 +37,10 @@ def natives(source: str) -> tuple[float, int, int]:
         folder = Path(name)
         options, warm_up = sumo_options(loaded, folder), loaded.spec.sumo.warm_up_s
         with World(network, STEP, loaded.seed, folder / "words.log", options, warm_up) as world:
-            world.deploy(nobody)
+            world.deploy(none)
             for _ in range(round(SECONDS / STEP)):
-                world.advance(nobody)
-                traffic = world.snapshot(nobody)
+                world.advance(none)
+                traffic = world.snapshot(none)
                 hours += len(traffic.ids) * STEP / 3600
                 boxes = shapely.polygons(traffic.boxes().corners())
                 a, b = shapely.STRtree(boxes).query(boxes, predicate="intersects")
@@ -55,7 +55,7 @@ def natives(source: str) -> tuple[float, int, int]:
 
 
 def members(folder: str) -> tuple[float, int, int, int]:
-    """Vehicle hours, contacts, those that they caused, episodes off the road."""
+    """Vehicle hours, contacts, contacts that members caused, episodes off the road."""
     batch = load(folder)
     metrics, events = batch.table("metrics"), batch.table("events")
     run = metrics[metrics.scope == "run"].groupby("metric").value.sum()
@@ -69,8 +69,8 @@ def members(folder: str) -> tuple[float, int, int, int]:
 
 def main() -> None:
     source, *batches = sys.argv[1:]
-    hours, overlaps, off = natives(source)
-    print(f"SUMO's own: {hours:.1f} vehicle hours, overlaps {overlaps} ({overlaps / hours:.2f} an hour), "
+    hours, overlaps, off = background(source)
+    print(f"background traffic: {hours:.1f} vehicle hours, overlaps {overlaps} ({overlaps / hours:.2f} an hour), "
           f"off the road {off} ({off / hours:.2f} an hour)")  # fmt: skip
     for folder in batches:
         hours, contacts, caused, off = members(folder)

@@ -1,4 +1,4 @@
-"""What is drawn in sumo-gui is where it is."""
+"""Fans and targets in sumo-gui stand where lasers and targets are."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def fleet_of(n: int, lidar: LidarModel = LASER) -> Fleet:
     return Fleet.deployed(members, 0.1)
 
 
-def test_blades_end_where_beams_do_and_leave_half_of_the_view_open():
+def test_blades_end_where_beams_do_and_cover_half_of_the_view():
     outline = fan(np.full(361, 5.0), LASER)
     reach = np.hypot(*outline.T)
     assert set(reach.round(9)) == {0.0, 5.0}
@@ -36,7 +36,7 @@ def test_blades_end_where_beams_do_and_leave_half_of_the_view_open():
 
 
 @pytest.mark.parametrize(("measured", "drawn"), [(np.inf, 10.0), (-np.inf, 0.1), (3.0, 3.0)])
-def test_nothing_is_drawn_to_the_farthest_range_and_too_near_to_the_nearest(measured, drawn):
+def test_a_beam_without_a_return_is_drawn_to_the_longest_range_and_one_too_near_to_the_shortest(measured, drawn):
     assert np.hypot(*fan(np.full(361, measured), LASER).T).max() == pytest.approx(drawn)
 
 
@@ -69,7 +69,7 @@ def test_fans_and_targets_stand_where_lasers_are_now():
     assert drawn["target of r.1"].corners.mean(axis=0) == pytest.approx((0.3, 0.1 + 4.0))
 
 
-def test_who_has_not_scanned_has_no_fan():
+def test_a_member_that_has_not_scanned_has_no_fan():
     fleet = fleet_of(2)
     batch = ScanBatch(LASER, 0.0, ("r.0", "r.1"), np.ones((2, 361)), None, np.zeros(2, dtype=bool))
     assert scanned(fleet, [batch]).keys() == {"r.0", "r.1"}

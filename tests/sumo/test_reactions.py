@@ -1,4 +1,4 @@
-"""SUMO's own drivers react to a member as they do to a vehicle of their own: the same scene is played with both.
+"""SUMO's drivers react to a member as to a background vehicle: each scene is played with both.
 
 The networks are a cross of a major road and a minor one, without a light and with one: `nets/cross.net.xml`,
 `nets/lights.net.xml`. Behaviour of SUMO 1.28 that its documentation does not promise.
@@ -32,20 +32,20 @@ from tests.support import ODD_NETS
 NETS = ODD_NETS
 STEP = 0.1
 LENGTH, WIDTH = VEHICLES["car"].length, VEHICLES["car"].width
-LEAST_GAP = 2.5  # [m] that SUMO's cars keep when they stand
+LEAST_GAP = 2.5  # that SUMO's cars keep when they stand [m]
 MAJOR = ("west_in", "east_out")  # from west to east
 MINOR = ("north_in", "south_out")
-ALIKE = 1e-6  # [m], [m/s]: SUMO computes the same for both
-LINE = 492.8  # [m] where the major road's lanes end, at the junction
+ALIKE = 1e-6  # tolerance: SUMO computes the same for both [m], [m/s]
+LINE = 492.8  # length of the major road's lanes before the junction [m]
 
 Speeds = Callable[[float], float]  # speed [m/s] over time [s]
 
 
 class Car(NamedTuple):
-    """A vehicle with its way, and where on it its front bumper is at first. With speeds it keeps to them."""
+    """A vehicle with its route, and where its front bumper starts; with speeds it keeps to them."""
 
     name: str
-    way: tuple[str, ...]
+    edges: tuple[str, ...]
     position: float
     speed: float = 0.0
     lane: int = 0
@@ -68,14 +68,14 @@ def between(speed: float, start: float, end: float) -> Speeds:
 
 @pytest.fixture
 def scene(tmp_path):
-    """Plays a scene on a network: members with prescribed speeds, and SUMO's own cars. Returns a snapshot a step.
+    """Plays a scene on a network: members with prescribed speeds, and background vehicles. Returns a snapshot a step.
 
     ask: called after every step
     """
 
     def play(net: str, members: Sequence[Car], others: Sequence[Car], duration: float, ask: Callable = lambda: None):
         network = Network.read(NETS / f"{net}.net.xml")
-        lines = [Polyline(network.route_line(car.way, car.lane)) for car in members]
+        lines = [Polyline(network.route_line(car.edges, car.lane)) for car in members]
         fleet = Fleet.deployed([_member(network, car) for car in members], STEP)
         station = np.array([car.position for car in members])
         seen = []
@@ -100,15 +100,15 @@ def scene(tmp_path):
 
 
 def _member(network: Network, car: Car) -> Member:
-    x, y, heading = network.lane_pose(car.way[0], car.lane, car.position)
+    x, y, heading = network.lane_pose(car.edges[0], car.lane, car.position)
     pose = (x - LENGTH / 2 * np.cos(heading), y - LENGTH / 2 * np.sin(heading), heading)
-    route = Route.along(car.way, *network.route_lanes(car.way, car.lane))
+    route = Route.along(car.edges, *network.route_lanes(car.edges, car.lane))
     law, lidar = ReactiveLeader(), PRESETS["car-leader"]
-    return Member(car.name, "m", 0, VEHICLES["car"], lidar, law, car.way[0], car.lane, car.position, pose, route)
+    return Member(car.name, "m", 0, VEHICLES["car"], lidar, law, car.edges[0], car.lane, car.position, pose, route)
 
 
 def _at(fleet: Fleet, lines: Sequence[Polyline], station: np.ndarray, speed: np.ndarray) -> Fleet:
-    """The members with their front bumpers at these stations of straight ways."""
+    """The members with their front bumpers at these stations of straight routes."""
     ends = [line.at(np.array([s, s - LENGTH])) for line, s in zip(lines, station, strict=True)]
     front, rear = np.array(ends).swapaxes(0, 1)
     heading = np.arctan2(*(front - rear).T[::-1])
@@ -125,7 +125,7 @@ def _insert(car: Car) -> None:
     if car.speeds:  # in a member's place
         libsumo.vehicletype.setLength(kind, LENGTH)
         libsumo.vehicletype.setWidth(kind, WIDTH)
-    libsumo.route.add(car.name, car.way)
+    libsumo.route.add(car.name, car.edges)
     place = {"departLane": str(car.lane), "departPos": str(car.position), "departSpeed": str(car.speed)}
     libsumo.vehicle.add(car.name, car.name, kind, **place)
     if car.speeds:
@@ -139,7 +139,7 @@ def track(seen: list[TrafficSnapshot], name: str) -> np.ndarray:
 
 
 def clearance(seen: list[TrafficSnapshot], one: str, other: str) -> float:
-    """The least distance that two vehicles' footprints ever had [m]."""
+    """Smallest distance between two vehicles' footprints [m]."""
     both = [t for t in seen if {one, other} <= {*t.ids}]
     corners = np.array([t.boxes().corners()[[t.ids.index(one), t.ids.index(other)]] for t in both])
     return shapely.distance(*shapely.polygons(corners).T).min()
@@ -149,13 +149,13 @@ def strongest_braking(seen: list[TrafficSnapshot], name: str) -> float:
     return np.diff(track(seen, name)[:, 2]).min() / STEP
 
 
-AWAY = Car("m", ("south_in", "north_out"), 100.0, speeds=steady(0.0))  # a member that is in nobody's way
+AWAY = Car("m", ("south_in", "north_out"), 100.0, speeds=steady(0.0))  # a member away from all others
 
 
-def both_ways(scene, net: str, own: Car, others: Sequence[Car], duration: float):
-    """The scene with a member, and with one of SUMO's own vehicles in its place."""
+def with_member_and_twin(scene, net: str, own: Car, others: Sequence[Car], duration: float):
+    """The scene with a member, and with a background vehicle in its place."""
     members = scene(net, [own], others, duration)
-    start = own.position + own.speeds(0.0) * STEP  # SUMO's own ones come into being at the end of the first step
+    start = own.position + own.speeds(0.0) * STEP  # SUMO inserts background vehicles at the end of the first step
     twin = own._replace(name="twin", position=start, speed=own.speeds(0.0))
     return members, scene(net, [AWAY], [twin, *others], duration)
 
@@ -178,7 +178,7 @@ def test_sources_build_the_nets_of_these_tests(name, tmp_path):
 def test_a_driver_stops_behind_a_member_that_brakes(scene, deceleration, strongest):
     own = Car("m", MINOR, 150.0, speeds=braking(10.0, deceleration, at=5.0))
     behind = Car("f", MINOR, 130.0, speed=10.0)
-    member, twin = both_ways(scene, "cross", own, [behind], 20.0)
+    member, twin = with_member_and_twin(scene, "cross", own, [behind], 20.0)
     assert track(member, "f")[-1, 2] < 1e-3
     assert clearance(member, "m", "f") == pytest.approx(LEAST_GAP, abs=0.02)
     assert strongest_braking(member, "f") == pytest.approx(-strongest, abs=0.05)
@@ -189,10 +189,10 @@ def test_a_driver_stops_behind_a_member_that_brakes(scene, deceleration, stronge
 
 
 @pytest.mark.sumo
-def test_who_comes_from_the_minor_road_waits_for_a_member(scene):
+def test_a_driver_on_the_minor_road_waits_for_a_member(scene):
     own = Car("m", MAJOR, LINE - 66.5, speeds=steady(8.0))
     crossing = Car("f", MINOR, 200.0, speed=10.0)
-    member, twin = both_ways(scene, "cross", own, [crossing], 20.0)
+    member, twin = with_member_and_twin(scene, "cross", own, [crossing], 20.0)
     assert clearance(member, "m", "f") > 3
     assert track(member, "f")[:, 2].min() == 0
     assert track(member, "f") == pytest.approx(track(twin, "f"), abs=ALIKE)
@@ -200,10 +200,10 @@ def test_who_comes_from_the_minor_road_waits_for_a_member(scene):
 
 
 @pytest.mark.sumo
-def test_who_turns_left_waits_for_a_member_that_comes_towards_him(scene):
+def test_a_driver_that_turns_left_waits_for_an_oncoming_member(scene):
     own = Car("m", MAJOR, LINE - 66.5, speeds=steady(8.0))
     turning = Car("f", ("east_in", "south_out"), LINE - 64.0, speed=8.0, lane=1, limit=8.0)
-    member, twin = both_ways(scene, "cross", own, [turning], 20.0)
+    member, twin = with_member_and_twin(scene, "cross", own, [turning], 20.0)
     assert clearance(member, "m", "f") == pytest.approx(3.9, abs=0.1)
     assert track(member, "f")[:, 2].min() == 0
     assert track(member, "f") == pytest.approx(track(twin, "f"), abs=ALIKE)
@@ -212,10 +212,10 @@ def test_who_turns_left_waits_for_a_member_that_comes_towards_him(scene):
 
 @pytest.mark.sumo
 @pytest.mark.parametrize("net", ["cross", "lights"])
-def test_who_has_the_way_or_green_stops_for_a_member_that_stands_on_the_crossing(scene, net):
-    own = Car("m", MINOR, 280.0, speeds=between(5.0, 0.0, 5.4))  # to the middle of his lane
+def test_a_driver_with_priority_or_green_stops_for_a_member_that_stands_on_the_crossing(scene, net):
+    own = Car("m", MINOR, 280.0, speeds=between(5.0, 0.0, 5.4))  # to the middle of the lane that crosses
     arriving = Car("f", MAJOR, 300.0, speed=13.0)
-    member, twin = both_ways(scene, net, own, [arriving], 20.0)
+    member, twin = with_member_and_twin(scene, net, own, [arriving], 20.0)
     assert (member[-1].x[0], member[-1].y[0]) == pytest.approx((498.4, -4.8), abs=0.3)
     assert track(member, "f")[-1, 2] == 0
     assert clearance(member, "m", "f") == pytest.approx(3.2, abs=0.05)
@@ -226,11 +226,11 @@ def test_who_has_the_way_or_green_stops_for_a_member_that_stands_on_the_crossing
 
 
 @pytest.mark.sumo
-def test_who_wants_to_overtake_waits_until_a_member_beside_him_has_passed(scene):
+def test_a_driver_overtakes_only_after_a_member_beside_it_has_passed(scene):
     own = Car("m", MAJOR, 58.0, lane=1, speeds=steady(9.0))
     slow = Car("slow", MAJOR, 100.0, speed=5.0, limit=5.0)
     fast = Car("f", MAJOR, 60.0, speed=9.0)
-    member, twin = both_ways(scene, "cross", own, [slow, fast], 20.0)
+    member, twin = with_member_and_twin(scene, "cross", own, [slow, fast], 20.0)
     alone = scene("cross", [AWAY], [slow, fast], 20.0)
     left = [int(np.argmax(track(seen, "f")[:, 1] > -3.2)) for seen in (member, twin, alone)]
     assert left[0] == left[1] > left[2] > 0
@@ -240,16 +240,16 @@ def test_who_wants_to_overtake_waits_until_a_member_beside_him_has_passed(scene)
     assert rear > front
 
 
-# ---- what SUMO says of the way ahead of a member
+# ---- what SUMO reports of the path ahead of a member
 
 
 class Link(NamedTuple):
-    """The fields of libsumo's getNextLinks, in its order, which is not that of traci."""
+    """The fields of libsumo's getNextLinks, in its order."""
 
     lane: str  # behind the junction
     priority: bool
-    open: bool  # to one who arrives at this moment at the speed limit, however far off the member is
-    foe: bool  # someone who has priority is about to arrive
+    open: bool  # to a vehicle that arrives now at the speed limit, however far off the member is
+    foe: bool  # a vehicle with priority is about to arrive
     via: str
     state: str
     direction: str
@@ -258,13 +258,13 @@ class Link(NamedTuple):
 
 @pytest.fixture
 def links(scene):
-    """The links ahead of a member at the end of a scene, and those with whom it is in conflict there."""
+    """The links ahead of a member at the end of a scene, the rest of its lane [m], and the vehicles in conflict."""
 
     def ahead(net: str, own: Car, others: Sequence[Car] = (), duration: float = 0.5, signal: str = ""):
-        told = []
+        reported = []
 
         def ask() -> None:
-            told.append(([Link(*link) for link in libsumo.vehicle.getNextLinks("m")], rest(), foes()))
+            reported.append(([Link(*link) for link in libsumo.vehicle.getNextLinks("m")], rest(), foes()))
             if signal:
                 libsumo.trafficlight.setRedYellowGreenState("middle", 18 * signal)
 
@@ -273,12 +273,12 @@ def links(scene):
             return libsumo.lane.getLength(lane) - libsumo.vehicle.getLanePosition("m")
 
         def foes() -> dict[str, tuple[float, float, bool]]:
-            """By vehicle: distance of the member and of that vehicle to where they meet; whether the member yields."""
+            """By vehicle: distance of the member, and of that vehicle, to the conflict; whether the member yields."""
             found = libsumo.vehicle.getJunctionFoes("m", 100.0)
             return {name: (ours, theirs, yields) for name, ours, theirs, _, _, _, _, yields, _ in found}
 
         scene(net, [own], others, duration, ask)
-        return told[-1]
+        return reported[-1]
 
     return ahead
 
@@ -289,7 +289,7 @@ def links(scene):
     ("signal", "is_open", "priority"),
     [("r", False, False), ("u", False, False), ("y", True, False), ("g", True, False), ("G", True, True)],
 )
-def test_a_signal_is_told_at_any_distance_and_yellow_counts_as_open(links, distance, signal, is_open, priority):
+def test_sumo_reports_a_signal_at_any_distance_and_yellow_as_open(links, distance, signal, is_open, priority):
     (link,), rest, _ = links("lights", Car("m", MAJOR, LINE - distance, speeds=steady(0.0)), signal=signal)
     assert (link.state, link.open, link.priority) == (signal, is_open, priority)
     assert (link.lane, link.via, link.direction) == ("east_out_0", ":middle_14_0", "s")
@@ -299,7 +299,7 @@ def test_a_signal_is_told_at_any_distance_and_yellow_counts_as_open(links, dista
 @pytest.mark.sumo
 @pytest.mark.parametrize("distance", [1.0, 5.0, 15.0, 40.0])
 @pytest.mark.parametrize(("seconds", "is_open"), [(1.0, False), (2.5, False), (3.7, True), (6.0, True)])
-def test_the_minor_road_is_open_unless_someone_arrives_within_three_seconds(links, distance, seconds, is_open):
+def test_sumo_reports_the_minor_road_open_unless_a_foe_arrives_within_three_seconds(links, distance, seconds, is_open):
     own = Car("m", MINOR, 289.6 - distance, speeds=steady(0.0))
     driven = 0.4 * 13.9
     arriving = Car("f", MAJOR, LINE - driven - seconds * 13.9, speed=13.9, limit=13.9)
@@ -312,7 +312,7 @@ def test_the_minor_road_is_open_unless_someone_arrives_within_three_seconds(link
 
 
 @pytest.mark.sumo
-def test_the_major_road_is_open_whoever_waits_beside_it(links):
+def test_sumo_reports_the_major_road_open_although_a_vehicle_waits_beside_it(links):
     waiting = Car("f", MINOR, 280.0)
     (link,), _, foes = links("cross", Car("m", MAJOR, LINE - 15, speeds=steady(0.0)), [waiting], 3.0)
     assert (link.state, link.open, link.priority) == ("M", True, True)
@@ -320,7 +320,7 @@ def test_the_major_road_is_open_whoever_waits_beside_it(links):
 
 
 @pytest.mark.sumo
-def test_a_left_turn_is_open_although_someone_comes_since_it_may_wait_inside(links):
+def test_sumo_reports_a_left_turn_open_although_a_foe_comes_since_it_may_wait_inside(links):
     own = Car("m", ("west_in", "north_out"), LINE - 15, lane=1, speeds=steady(0.0))
     coming = Car("f", ("east_in", "west_out"), LINE - 25, speed=13.0)
     (link,), _, foes = links("cross", own, [coming])
@@ -332,7 +332,7 @@ def test_a_left_turn_is_open_although_someone_comes_since_it_may_wait_inside(lin
 
 
 @pytest.mark.sumo
-def test_inside_the_junction_there_is_no_link_but_who_comes_is_told(links):
+def test_sumo_reports_foes_but_no_link_inside_the_junction(links):
     own = Car("m", ("west_in", "north_out"), LINE - 1, lane=1, speeds=between(4.0, 0.0, 1.0))
     coming = Car("f", ("east_in", "west_out"), LINE - 90, speed=13.0)
     none, _, foes = links("cross", own, [coming], 2.0)
@@ -342,14 +342,14 @@ def test_inside_the_junction_there_is_no_link_but_who_comes_is_told(links):
 
 
 @pytest.mark.sumo
-def test_whoever_stands_on_the_crossing_does_not_close_it(links):
+def test_sumo_reports_a_link_open_although_a_vehicle_stands_on_the_crossing(links):
     standing = Car("f", MAJOR, LINE - 5, speed=5.0, speeds=between(5.0, 0.0, 2.5))
     (link,), _, foes = links("cross", Car("m", MINOR, 275.0, speeds=steady(0.0)), [standing], 4.0)
     assert (link.open, link.foe) == (True, True)
     assert foes["f"][1] < 5
 
 
-# ---- passing on one lane, over whoever is there
+# ---- passing another vehicle on one lane
 
 
 def passing(after: float, until: float) -> Speeds:
@@ -357,35 +357,35 @@ def passing(after: float, until: float) -> Speeds:
     return lambda time: 0.0 if time < after else 20.0 if time < until else 0.5
 
 
-def orders(lane: str, told: list) -> Callable[[], None]:
-    """Notes after every step in which order SUMO has the vehicles of a lane, and where they are on it."""
+def orders(lane: str, noted: list) -> Callable[[], None]:
+    """Notes after every step the vehicles of a lane in SUMO's order, and their positions on it."""
 
     def ask() -> None:
         names = libsumo.lane.getLastStepVehicleIDs(lane)
-        told.append((names, [libsumo.vehicle.getLanePosition(name) for name in names]))
+        noted.append((names, [libsumo.vehicle.getLanePosition(name) for name in names]))
 
     return ask
 
 
 @pytest.mark.sumo
 @pytest.mark.parametrize(
-    ("lane", "way"),
+    ("lane", "edges"),
     [("north_in_0", MINOR), ("west_in_0", MAJOR), ("west_in_1", MAJOR)],
     ids=["one lane", "the right one of two", "the left one of two"],
 )
-def test_a_member_that_passes_on_one_lane_is_ahead_from_then_on(scene, lane, way):
+def test_a_member_that_passes_on_one_lane_is_ahead_from_then_on(scene, lane, edges):
     index = int(lane[-1])
-    own = Car("m", way, 80.0, lane=index, speeds=passing(2.0, 4.0))
-    passed = [Car(name, way, at, speed=2.0, lane=index, limit=2.0) for name, at in (("g", 95.0), ("f", 88.0))]
-    told = []
-    scene("cross", [own], passed, 10.0, orders(lane, told))
-    assert all(positions == sorted(positions) for _, positions in told)
-    assert told[0][0][-1] == "g"
-    assert told[-1][0][-1] == "m"
+    own = Car("m", edges, 80.0, lane=index, speeds=passing(2.0, 4.0))
+    passed = [Car(name, edges, at, speed=2.0, lane=index, limit=2.0) for name, at in (("g", 95.0), ("f", 88.0))]
+    noted = []
+    scene("cross", [own], passed, 10.0, orders(lane, noted))
+    assert all(positions == sorted(positions) for _, positions in noted)
+    assert noted[0][0][-1] == "g"
+    assert noted[-1][0][-1] == "m"
 
 
 @pytest.mark.sumo
-def test_who_was_passed_stops_behind_the_member(scene):
+def test_a_driver_that_was_passed_stops_behind_the_member(scene):
     own = Car("m", MINOR, 80.0, speeds=lambda time: 20.0 if 2.0 <= time < 4.0 else 0.0)
     seen = scene("cross", [own], [Car("f", MINOR, 90.0, speed=2.0, limit=5.0)], 30.0)
     last = seen[-1]
@@ -395,9 +395,9 @@ def test_who_was_passed_stops_behind_the_member(scene):
 
 
 @pytest.mark.sumo
-def test_order_is_kept_inside_junctions_too(scene):
+def test_order_is_repaired_inside_junctions_too(scene):
     own = Car("m", MINOR, 270.0, speeds=lambda time: 15.0 if 7.0 <= time < 9.0 else 0.0)
-    told = []
-    scene("cross", [own], [Car("f", MINOR, 280.0, speed=2.0, limit=2.0)], 15.0, orders(":middle_1_0", told))
-    assert ("f", "m") in [names for names, _ in told]
-    assert all(positions == sorted(positions) for _, positions in told)
+    noted = []
+    scene("cross", [own], [Car("f", MINOR, 280.0, speed=2.0, limit=2.0)], 15.0, orders(":middle_1_0", noted))
+    assert ("f", "m") in [names for names, _ in noted]
+    assert all(positions == sorted(positions) for _, positions in noted)

@@ -1,4 +1,4 @@
-"""Gaps in traffic: by cases, by what must not make them worse; and members that wait for them in SUMO."""
+"""Gap acceptance by cases and monotonicity; and members that wait for gaps in SUMO."""
 
 from __future__ import annotations
 
@@ -34,27 +34,27 @@ CAR = VEHICLES["car"]
 EYE = replace(PRESETS["car-leader"], mount=Mount(CAR.length / 2))
 BLIND = replace(EYE, range_max=0.5)
 
-ways = st.floats(0.1, 200)
+distances = st.floats(0.1, 200)
 speeds = st.floats(0, 30)
 
-# ---- the time that a way takes
+# ---- the time that a distance takes
 
 
-def by_small_steps(way: float, speed: float, h: float = 1e-3) -> float:
+def by_small_steps(distance: float, speed: float, h: float = 1e-3) -> float:
     top, driven, time = max(speed, TURNING_SPEED), 0.0, 0.0
-    while driven < way:
+    while driven < distance:
         after = min(speed + ACCELERATION * h, top)
         driven, time, speed = driven + (speed + after) / 2 * h, time + h, after
     return time
 
 
 @pytest.mark.parametrize("speed", [0.0, 3.0, TURNING_SPEED, 14.0])
-@pytest.mark.parametrize("way", [0.5, 7.0, 12.0, 60.0])
-def test_the_time_for_a_way_is_that_of_small_steps(way, speed):
-    assert time_for(way, speed) == pytest.approx(by_small_steps(way, speed), abs=2e-3)
+@pytest.mark.parametrize("distance", [0.5, 7.0, 12.0, 60.0])
+def test_time_for_a_distance_is_that_of_small_steps(distance, speed):
+    assert time_for(distance, speed) == pytest.approx(by_small_steps(distance, speed), abs=2e-3)
 
 
-def test_it_is_the_closed_form_from_rest_and_at_full_speed():
+def test_time_is_the_closed_form_from_rest_and_at_full_speed():
     assert time_for(3.0, 0.0) == pytest.approx(np.sqrt(2 * 3.0 / ACCELERATION))
     assert time_for(50.0, 10.0) == pytest.approx(5.0)
     to_top = TURNING_SPEED / ACCELERATION
@@ -62,8 +62,8 @@ def test_it_is_the_closed_form_from_rest_and_at_full_speed():
     assert time_for(0.0, 5.0) == time_for(-3.0, 5.0) == 0.0
 
 
-@given(ways, ways, speeds, speeds)
-def test_farther_never_takes_less_time_and_faster_never_more(one, other, slow, fast):
+@given(distances, distances, speeds, speeds)
+def test_a_longer_distance_never_takes_less_time_and_a_higher_speed_never_more(one, other, slow, fast):
     near, far = sorted((one, other))
     slow, fast = sorted((slow, fast))
     assert time_for(near, slow) <= time_for(far, slow) + 1e-9
@@ -74,17 +74,17 @@ def test_farther_never_takes_less_time_and_faster_never_more(one, other, slow, f
 
 
 def coming(seconds: float, speed: float = 10.0, **changes: float) -> Foe:
-    """Somebody who will be at the crossing in so many seconds; it is 5 m off, and 4 m across."""
+    """A foe that reaches the conflict in `seconds`; the ego vehicle is 5 m before it, and it is 4 m long."""
     return Foe(5.0, 9.0, seconds * speed, seconds * speed + 4.0, speed, 5.0)._replace(**changes)
 
 
-def test_one_crosses_before_a_foe_who_comes_later_than_one_is_gone():
+def test_a_vehicle_crosses_before_a_foe_that_comes_later_than_it_is_gone():
     gone = time_for(9.0 + 4.74, 0.0)
     assert not may_cross(coming(gone + MARGIN - 0.01), 0.0, 4.74)
     assert may_cross(coming(gone + MARGIN + 0.01), 0.0, 4.74)
 
 
-def test_one_crosses_behind_a_foe_who_is_gone_before_one_comes():
+def test_a_vehicle_crosses_behind_a_foe_that_is_gone_before_it_comes():
     foe = Foe(40.0, 44.0, 5.0, 9.0, 10.0, 5.0)
     assert time_for(40.0, 10.0) == 4.0
     assert may_cross(foe, 10.0, 4.74)
@@ -92,13 +92,13 @@ def test_one_crosses_behind_a_foe_who_is_gone_before_one_comes():
     assert not may_cross(foe._replace(foe_to_exit=still_there - 5.0), 10.0, 4.74)
 
 
-def test_a_foe_that_hurries_is_reckoned_to_come_as_soon_as_it_may():
-    """Both stand; the own way out is 9 + 4.74 m, the foe's way to the crossing as long, and 5 m more or less."""
+def test_a_foe_that_hurries_is_expected_as_soon_as_it_may_come():
+    """Both stand; the ego vehicle is clear after 9 + 4.74 m, and the foe about as far before the conflict."""
     still = Foe(5.0, 9.0, 13.74, 17.74, 0.0, 5.0)
     assert may_cross(still, 0.0, 4.74)
     assert not may_cross(still._replace(hurries=True), 0.0, 4.74)
     later = time_for(13.74, 0.0) + MARGIN
-    gap = next(way / 100 for way in range(10_000) if time_for(way / 100, 0.0) > later)
+    gap = next(cm / 100 for cm in range(10_000) if time_for(cm / 100, 0.0) > later)
     assert may_cross(still._replace(foe_to_conflict=gap, hurries=True), 0.0, 4.74)
     assert not may_cross(still._replace(foe_to_conflict=gap - 0.05, hurries=True), 0.0, 4.74)
     slow = coming(20.0, speed=0.5)
@@ -112,12 +112,12 @@ def test_a_foe_that_hurries_is_reckoned_to_come_as_soon_as_it_may():
     [
         (coming(2.0, foe_to_conflict=-30.0, foe_to_exit=-5.1), True),  # its rear is past
         (coming(2.0, foe_to_conflict=-30.0, foe_to_exit=-4.9, to_conflict=0.5), False),
-        (coming(2.0, to_conflict=-20.0, to_exit=-4.8), True),  # the own rear is
+        (coming(2.0, to_conflict=-20.0, to_exit=-4.8), True),  # the ego rear is
         (coming(2.0, foe_speed=0.0), True),  # it waits
-        (coming(2.0, foe_speed=0.0, foe_to_conflict=0.0), False),  # it stands in the way
+        (coming(2.0, foe_speed=0.0, foe_to_conflict=0.0), False),  # it stands on the conflict
     ],
 )
-def test_who_is_past_or_waits_is_no_foe(foe, free):
+def test_a_vehicle_that_is_past_or_waits_is_no_foe(foe, free):
     assert may_cross(foe, 0.0, 4.74) is free
 
 
@@ -128,39 +128,39 @@ foes = st.builds(
 
 
 @given(foes, speeds, st.floats(0, 100))
-def test_a_gap_before_a_foe_stays_one_if_the_foe_is_later(foe, speed, later):
-    """If there is none behind it either: that one closes when the foe comes later."""
+def test_a_gap_before_a_foe_stays_one_if_the_foe_comes_later(foe, speed, later):
+    """Only a gap before the foe: one behind it closes when the foe comes later."""
     before = foe.foe_to_conflict / foe.foe_speed > time_for(foe.to_exit + 5.0, speed) + MARGIN
     moved = foe._replace(foe_to_conflict=foe.foe_to_conflict + later, foe_to_exit=foe.foe_to_exit + later)
     assert may_cross(moved, speed, 5.0) or not before
 
 
 @given(foes, speeds, st.floats(0, 20))
-def test_a_longer_foe_or_a_longer_self_never_opens_a_gap(foe, speed, more):
+def test_a_longer_foe_or_ego_never_opens_a_gap(foe, speed, more):
     if not may_cross(foe, speed, 5.0):
         assert not may_cross(foe._replace(foe_length=foe.foe_length + more), speed, 5.0)
         assert not may_cross(foe, speed, 5.0 + more)
 
 
 @given(foes, speeds)
-def test_where_one_may_cross_the_two_are_never_there_together(foe, speed):
-    """Both driven out: it at its speed, oneself as reckoned."""
+def test_vehicles_that_may_cross_are_never_in_conflict_together(foe, speed):
+    """Both drive on: the foe at its speed, the ego vehicle as `time_for` says."""
     if may_cross(foe, speed, 5.0):
         own = time_for(foe.to_conflict, speed), time_for(foe.to_exit + 5.0, speed)
         its = foe.foe_to_conflict / foe.foe_speed, (foe.foe_to_exit + foe.foe_length) / foe.foe_speed
         assert own[1] < its[0] or its[1] < own[0]
 
 
-# ---- leaders that wait for it in SUMO
+# ---- leaders that wait for a gap in SUMO
 
 
 @pytest.fixture
 def scene(tmp_path):
-    """Plays members with law `path`, blind or seeing, among SUMO's own vehicles; snapshots, one a step."""
+    """Plays a member with law `path`, blind or seeing, in background traffic; a snapshot a step, and its route."""
 
-    def play(net: str, way, others, seconds, *, position=200.0, lane=0, speed=10.0, first=lambda: None, eye=EYE):
+    def play(net: str, edges, others, seconds, *, position=200.0, lane=0, speed=10.0, first=lambda: None, eye=EYE):
         network = Network.read(NETS / f"{net}.net.xml")
-        member = deployed(network, way, position, lane, speed, eye)
+        member = deployed(network, edges, position, lane, speed, eye)
         fleet, sensing = Fleet.deployed([member], STEP), Sensing(Scene.from_shapely())
         seen = []
         with World(network, STEP, 1, tmp_path / "words.log") as world:
@@ -181,20 +181,20 @@ def scene(tmp_path):
     return play
 
 
-def deployed(network: Network, way, position: float, lane: int, speed: float, eye) -> Member:
-    x, y, heading = network.lane_pose(way[0], lane, position)
+def deployed(network: Network, edges, position: float, lane: int, speed: float, eye) -> Member:
+    x, y, heading = network.lane_pose(edges[0], lane, position)
     pose = (x - CAR.length / 2 * np.cos(heading), y - CAR.length / 2 * np.sin(heading), heading)
-    route = Route.along(way, *network.route_lanes(way, lane, position=position))
+    route = Route.along(edges, *network.route_lanes(edges, lane, position=position))
     law = PathLeader(speed=speed)
-    return Member("m.0", "m", 0, CAR, eye, law, way[0], lane, position, pose, route, speed=speed)
+    return Member("m.0", "m", 0, CAR, eye, law, edges[0], lane, position, pose, route, speed=speed)
 
 
-def insert(name: str, way: tuple[str, ...], position: float, speed: float, lane: int = 0) -> None:
+def insert(name: str, edges: tuple[str, ...], position: float, speed: float, lane: int = 0) -> None:
     libsumo.vehicletype.copy("DEFAULT_VEHTYPE", name)
     libsumo.vehicletype.setSpeedDeviation(name, 0)
     libsumo.vehicletype.setImperfection(name, 0)
     libsumo.vehicletype.setMaxSpeed(name, max(speed, 1.0))
-    libsumo.route.add(name, way)
+    libsumo.route.add(name, edges)
     place = {"departLane": str(lane), "departPos": str(position), "departSpeed": str(speed)}
     libsumo.vehicle.add(name, name, name, **place)
     libsumo.vehicle.setLaneChangeMode(name, 0)
@@ -203,7 +203,7 @@ def insert(name: str, way: tuple[str, ...], position: float, speed: float, lane:
 
 
 def clearance(seen: list[TrafficSnapshot], name: str) -> float:
-    """The least distance between the member's footprint and another's [m]."""
+    """Smallest distance between the member's footprint and another [m]."""
     corners = [t.boxes().corners()[[0, t.ids.index(name)]] for t in seen if name in t.ids and t.ids[0] == "m.0"]
     return float(shapely.distance(*shapely.polygons(np.array(corners)).T).min())
 
@@ -214,13 +214,13 @@ def track(seen: list[TrafficSnapshot], name: str = "m.0") -> tuple[np.ndarray, .
 
 
 MINOR, MAJOR = ("north_in", "south_out"), ("west_in", "east_out")
-END, END_Y = 289.6, 10.4  # of the lane of north_in [m]
+END, END_Y = 289.6, 10.4  # end of the lane of north_in: position on it, y [m]
 
 
 @pytest.mark.sumo
 @pytest.mark.parametrize("eye", [EYE, BLIND], ids=["seeing", "blind"])
-def test_from_the_minor_road_it_goes_in_a_gap_of_the_major_one(scene, eye):
-    """A column every 2 s, with a hole; it crosses in the hole, whether its laser sees the others or not."""
+def test_a_member_crosses_from_the_minor_road_in_a_gap_of_the_major_one(scene, eye):
+    """A column, one car every 2 s, with a gap; it crosses there whether its laser sees the cars or not."""
     column = [(f"c{k}", MAJOR, 440.0 - 20 * k, 10.0) for k in range(5)]
     after = [(f"d{k}", MAJOR, 220.0 - 20 * k, 10.0) for k in range(2)]
     seen, _ = scene("cross", MINOR, [*column, *after], 33.0, eye=eye)
@@ -235,7 +235,7 @@ def test_from_the_minor_road_it_goes_in_a_gap_of_the_major_one(scene, eye):
 
 
 @pytest.mark.sumo
-def test_with_nobody_about_it_does_not_stop_at_the_minor_line_but_slows_down(scene):
+def test_a_member_slows_down_at_the_minor_line_and_does_not_stop_when_the_road_is_free(scene):
     seen, _ = scene("cross", MINOR, [], 30.0)
     _, _, y, speed = track(seen)
     assert 2.0 < speed[np.abs(y - 10) < 15].min() < 9.0
@@ -243,8 +243,8 @@ def test_with_nobody_about_it_does_not_stop_at_the_minor_line_but_slows_down(sce
 
 
 @pytest.mark.sumo
-def test_who_is_a_little_over_the_line_stops_there_for_one_who_comes(scene):
-    """It comes 3.5 s later; at 1.5 m/s, 0.2 m before the line, that is braked for in comfort, 0.5 m too late."""
+def test_a_member_a_little_over_the_line_stops_there_for_a_foe(scene):
+    """The foe comes 3.5 s later; comfortable braking from 1.5 m/s, 0.2 m before the line, ends 0.5 m too late."""
     seen, _ = scene("cross", MINOR, [("c", MAJOR, 455.0, 10.0)], 25.0, position=END - 0.2, speed=1.5, eye=BLIND)
     _, _, y, speed = track(seen)
     over = END_Y - (y[speed.argmin()] - CAR.length / 2)
@@ -255,7 +255,7 @@ def test_who_is_a_little_over_the_line_stops_there_for_one_who_comes(scene):
 
 
 @pytest.mark.sumo
-def test_the_major_road_is_driven_past_a_vehicle_that_waits(scene):
+def test_a_member_on_the_major_road_drives_past_a_vehicle_that_waits(scene):
     seen, _ = scene("cross", MAJOR, [("f", MINOR, 270.0, 5.0)], 30.0, position=380.0)
     *_, speed = track(seen)
     assert speed.min() > 9.5
@@ -263,8 +263,8 @@ def test_the_major_road_is_driven_past_a_vehicle_that_waits(scene):
 
 
 @pytest.mark.sumo
-def test_turning_left_it_waits_inside_for_who_comes_towards_it(scene):
-    """Its laser sees nobody: it knows them as SUMO tells of them."""
+def test_a_member_that_turns_left_waits_inside_for_oncoming_vehicles(scene):
+    """Its laser sees none of them: SUMO reports them."""
     against = [(f"c{k}", ("east_in", "west_out"), 440.0 - 30 * k, 10.0, 1) for k in range(4)]
     seen, _ = scene("cross", ("west_in", "north_out"), against, 35.0, position=400.0, lane=1, speed=8.0, eye=BLIND)
     time, _, y, speed = track(seen)
@@ -278,8 +278,8 @@ def test_turning_left_it_waits_inside_for_who_comes_towards_it(scene):
 
 
 @pytest.mark.sumo
-def test_it_gives_way_to_who_turns_off_the_major_road_before_it(scene):
-    """Also when that one has left the place inside the junction where it waits."""
+def test_a_member_gives_way_to_a_vehicle_that_turns_off_the_major_road_before_it(scene):
+    """Also after that vehicle has left the place inside the junction where it waits."""
     turning = ("t", ("west_in", "north_out"), 440.0, 4.0, 1)
     for at in (235.0, 245.0, 255.0):
         seen, _ = scene("cross", MINOR, [turning], 30.0, position=at, speed=6.0, eye=BLIND)
@@ -287,8 +287,8 @@ def test_it_gives_way_to_who_turns_off_the_major_road_before_it(scene):
 
 
 @pytest.mark.sumo
-def test_at_green_it_waits_for_who_is_still_in_the_junction(scene):
-    """Somebody slow enters at the end of the major road's green, and is in the middle when the minor one has it."""
+def test_a_member_waits_at_green_for_a_vehicle_still_in_the_junction(scene):
+    """A slow vehicle enters at the end of the major road's green, and is still there at the minor road's."""
     seen, _ = scene("lights", MINOR, [("c", MAJOR, 452.0, 1.0)], 75.0, position=150.0, eye=BLIND)
     time, _, y, _ = track(seen)
     its_time, its_x, *_ = track(seen, "c")
@@ -309,7 +309,7 @@ def test_at_green_it_waits_for_who_is_still_in_the_junction(scene):
         ([("q", ("south_out",), 21.5, 0.0), ("before", MINOR, 230.0, 10.0)], True),
     ],
 )
-def test_it_does_not_come_to_stand_in_the_junction(scene, others, goes):
+def test_a_member_does_not_stop_in_the_junction(scene, others, goes):
     seen, _ = scene("cross", MINOR, others, 40.0, eye=EYE)
     _, _, y, speed = track(seen)
     assert speed[-1] < 0.1
@@ -320,7 +320,7 @@ def test_it_does_not_come_to_stand_in_the_junction(scene, others, goes):
 
 
 @pytest.mark.sumo
-def test_it_stops_at_red_and_starts_at_green(scene):
+def test_a_member_stops_at_red_and_starts_at_green(scene):
     """The minor road has red for 45 s first."""
     seen, _ = scene("lights", MINOR, [], 60.0, position=150.0)
     time, _, y, speed = track(seen)
@@ -336,7 +336,7 @@ def test_it_stops_at_red_and_starts_at_green(scene):
 
 @pytest.mark.sumo
 @pytest.mark.parametrize(("before", "stops"), [(15.0, False), (70.0, True)])
-def test_at_yellow_it_stops_where_it_can(scene, before, stops):
+def test_a_member_stops_at_yellow_where_it_can(scene, before, stops):
     def yellow():
         libsumo.trafficlight.setPhase("middle", 1)
         libsumo.trafficlight.setPhaseDuration("middle", 4.0)
@@ -348,14 +348,14 @@ def test_at_yellow_it_stops_where_it_can(scene, before, stops):
 
 
 @pytest.mark.sumo
-def test_a_lane_is_changed_when_who_is_beside_has_passed(scene):
+def test_a_member_changes_lanes_after_the_vehicles_beside_it_have_passed(scene):
     """Its route begins to change 16 m after its start; a column drives beside it."""
     beside = [(f"c{k}", ("west_in", "east_out"), 24.0 + 20.0 * k, 9.0, 1) for k in range(3)]
-    way = ("west_in", "north_out")
-    seen, route = scene("cross", way, beside, 30.0, position=40.0, speed=9.0)
+    edges = ("west_in", "north_out")
+    seen, route = scene("cross", edges, beside, 30.0, position=40.0, speed=9.0)
     (change, *_) = (line for line in route.lines if line.state == CHANGING)
     assert change.station < 80
-    alone, _ = scene("cross", way, [], 30.0, position=40.0, speed=9.0)
+    alone, _ = scene("cross", edges, [], 30.0, position=40.0, speed=9.0)
     over, at_once = (track(s)[0][track(s)[2] > -3.2].min() for s in (seen, alone))
     assert over > at_once + 1.0
     for name, *_ in beside:
@@ -363,7 +363,7 @@ def test_a_lane_is_changed_when_who_is_beside_has_passed(scene):
 
 
 @pytest.mark.sumo
-def test_a_light_that_is_off_is_given_way_at_as_without_one(scene):
+def test_a_member_gives_way_at_a_light_that_is_off(scene):
     column = [(f"c{k}", MAJOR, 440.0 - 20 * k, 10.0) for k in range(5)]
     seen, _ = scene(
         "lights", MINOR, column, 33.0, eye=BLIND, first=lambda: libsumo.trafficlight.setProgram("middle", "off")
@@ -375,8 +375,8 @@ def test_a_light_that_is_off_is_given_way_at_as_without_one(scene):
 
 
 @pytest.mark.sumo
-def test_entering_a_motorway_it_knows_of_those_beside_beyond_the_next_line_in_time(tmp_path):
-    """The lane begins some metres before the change: it is told of that as soon as it has to brake for it."""
+def test_a_member_that_enters_a_motorway_knows_of_a_closed_lane_change_beyond_the_next_line(tmp_path):
+    """The lane begins some metres before the change, which is reported as soon as the member has to brake for it."""
     network = Network.read(shipped.networks()["highway"])
     member = deployed(network, ("e_entry_e3", "e3_e4", "e4_e5"), 259.8, 0, 20.0, BLIND)
     junction, change = (line for line in member.route.lines[:2])
@@ -394,7 +394,7 @@ def test_entering_a_motorway_it_knows_of_those_beside_beyond_the_next_line_in_ti
     assert CLOSED_BY[signals.reason[0]] == "lane change"
 
 
-def test_who_has_moved_in_between_is_held_up_anew_only_after_a_while():
+def test_a_vehicle_that_has_moved_counts_as_held_up_only_after_it_has_stood_again():
     speeds = [0.0] * 10 + [5.0] * 20 + [0.0] * 40
     now = SimpleNamespace(step=0)
     client = SimpleNamespace(

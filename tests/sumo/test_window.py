@@ -1,4 +1,4 @@
-"""A run in sumo-gui gives what it gives without."""
+"""A run in sumo-gui gives the same files as without; a closed window and a dead sumo-gui end it properly."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ needs_xvfb = pytest.mark.skipif(shutil.which("Xvfb") is None, reason="needs Xvfb
 
 @pytest.fixture
 def display(monkeypatch) -> Iterator[str]:
-    """A display that nobody sees."""
+    """A display without a screen."""
     pytest.importorskip("sumo", reason="sumo-gui comes with eclipse-sumo: pip install platoontraffic[gui]")
     read, write = os.pipe()
     server = subprocess.Popen(
         ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x800x24"], pass_fds=[write], stderr=subprocess.DEVNULL
     )
     os.close(write)
-    with os.fdopen(read) as told:
-        name = f":{told.readline().strip()}"
+    with os.fdopen(read) as answer:
+        name = f":{answer.readline().strip()}"
     monkeypatch.setenv("DISPLAY", name)
     yield name
     server.terminate()
@@ -60,7 +60,7 @@ def after_steps(n: int, act: Callable[[Window], None], monkeypatch) -> None:
 
 
 def close_window(window: Window) -> None:
-    """By the keys for it, for without a window manager there is no button."""
+    """By its keyboard shortcut: without a window manager there is no button."""
     names = subprocess.run(["xdotool", "search", "--name", "SUMO"], capture_output=True, text=True).stdout
     for number in names.split():
         subprocess.run(["xdotool", "windowfocus", number, "key", "ctrl+q"], capture_output=True)
@@ -85,7 +85,7 @@ def test_files_are_the_same_with_a_window_and_without(name, changes, display, tm
 @pytest.mark.slow
 @pytest.mark.sumo
 @needs_xvfb
-def test_a_window_shows_each_step_as_long_as_it_is(display, tmp_path):
+def test_a_window_shows_each_step_for_its_simulated_time(display, tmp_path):
     watched(tmp_path / "warm", "paper_loop", "run.duration_s=1")
     begun = time.monotonic()
     watched(tmp_path / "run", "paper_loop", "run.duration_s=3", pace=1.0)
@@ -96,7 +96,7 @@ def test_a_window_shows_each_step_as_long_as_it_is(display, tmp_path):
 @pytest.mark.sumo
 @needs_xvfb
 @pytest.mark.skipif(shutil.which("xdotool") is None, reason="needs xdotool: apt install xdotool")
-def test_a_closed_window_is_an_interruption_and_keeps_what_there_is(display, tmp_path, monkeypatch):
+def test_a_closed_window_interrupts_the_run_and_keeps_its_results(display, tmp_path, monkeypatch):
     after_steps(60, close_window, monkeypatch)
     arguments = ["run", "paper_loop", "run.duration_s=30", "--gui", "-q", "--out", str(tmp_path)]
     done = CliRunner().invoke(app, arguments)
@@ -111,7 +111,7 @@ def test_a_closed_window_is_an_interruption_and_keeps_what_there_is(display, tmp
 @pytest.mark.sumo
 @needs_xvfb
 def test_a_sumo_gui_that_dies_is_an_error(display, tmp_path, monkeypatch):
-    after_steps(20, lambda window: window._sumo.kill(), monkeypatch)
+    after_steps(20, lambda window: window._process.kill(), monkeypatch)
     with pytest.raises(RunError, match="SUMO failed"):
         watched(tmp_path / "run", "paper_loop", "run.duration_s=60")
 
@@ -119,7 +119,7 @@ def test_a_sumo_gui_that_dies_is_an_error(display, tmp_path, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.sumo
 @needs_xvfb
-def test_what_sumo_refuses_is_told_in_its_words(display, tmp_path):
+def test_input_that_sumo_refuses_is_reported_in_its_words(display, tmp_path):
     routes = tmp_path / "x.rou.xml"
     routes.write_text('<routes><vehicle id="a" depart="0"><route edges="nope"/></vehicle></routes>')
     arguments = ["run", "paper_loop", f'sumo.routes=["{routes}"]', "--gui", "--out", str(tmp_path / "results")]
@@ -129,7 +129,7 @@ def test_what_sumo_refuses_is_told_in_its_words(display, tmp_path):
     assert not (tmp_path / "results").exists()
 
 
-def test_without_eclipse_sumo_it_says_what_to_install(monkeypatch, tmp_path):
+def test_a_window_without_eclipse_sumo_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     done = CliRunner().invoke(app, ["run", "paper_loop", "--gui", "--out", str(tmp_path / "results")])
     assert (done.exit_code, done.stderr.count("\n")) == (3, 1)
@@ -137,7 +137,7 @@ def test_without_eclipse_sumo_it_says_what_to_install(monkeypatch, tmp_path):
     assert not (tmp_path / "results").exists()
 
 
-def test_without_a_display_it_says_so(monkeypatch, tmp_path):
+def test_a_window_without_a_display_is_an_error(monkeypatch, tmp_path):
     pytest.importorskip("sumo", reason="sumo-gui comes with eclipse-sumo: pip install platoontraffic[gui]")
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -148,7 +148,7 @@ def test_without_a_display_it_says_so(monkeypatch, tmp_path):
 
 @pytest.mark.sumo
 @needs_xvfb  # a machine without an X server's library cannot start sumo-gui
-def test_with_a_display_that_is_not_there_it_says_so(monkeypatch, tmp_path):
+def test_a_window_on_a_display_that_does_not_exist_is_an_error(monkeypatch, tmp_path):
     pytest.importorskip("sumo", reason="sumo-gui comes with eclipse-sumo: pip install platoontraffic[gui]")
     monkeypatch.setenv("DISPLAY", ":987")
     done = CliRunner().invoke(app, ["run", "paper_loop", "--gui", "--out", str(tmp_path / "results")])

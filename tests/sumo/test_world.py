@@ -1,4 +1,4 @@
-"""What the coupling relies on: behaviour of SUMO 1.28 that no documentation promises."""
+"""Members in SUMO's world: behaviour of SUMO 1.28 that its documentation does not promise."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from dataclasses import replace
 import libsumo
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from platoontraffic import shipped
 from platoontraffic.controllers.reactive import ReactiveLeader
@@ -16,29 +14,13 @@ from platoontraffic.errors import InputError, RunError
 from platoontraffic.lidar import PRESETS
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
-from platoontraffic.sumo.world import World, centre_of, front_of, heading_of, sumo_angle
+from platoontraffic.sumo.frame import front_of, sumo_angle
+from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.differential import DifferentialDrive
 from platoontraffic.vehicles.motion import Motion
 from platoontraffic.world.fleet import Fleet, Member
 
 STEP = 0.025
-angles = st.floats(-np.pi, np.pi, exclude_min=True)
-metres = st.floats(-1e6, 1e6)
-
-
-@given(angles)
-def test_heading_to_sumo_and_back(heading):
-    assert heading_of(sumo_angle(heading)) == pytest.approx(heading, abs=1e-12) or abs(heading) > np.pi - 1e-9
-
-
-@pytest.mark.parametrize(("heading", "angle"), [(0, 90), (np.pi / 2, 0), (np.pi, 270), (-np.pi / 2, 180)])
-def test_sumo_counts_clockwise_from_north(heading, angle):
-    assert sumo_angle(heading) == pytest.approx(angle)
-
-
-@given(metres, metres, angles, st.floats(0.1, 20))
-def test_front_bumper_to_centre_and_back(x, y, heading, length):
-    assert centre_of(*front_of(x, y, heading, length), heading, length) == pytest.approx((x, y), abs=1e-6)
 
 
 def network(name: str = "lab_loop") -> Network:
@@ -81,7 +63,7 @@ def test_members_are_inserted_at_their_start_poses(world):
 
 
 @pytest.mark.sumo
-def test_members_behind_the_start_of_their_lane_stand_there_even_where_sumo_has_no_lane(world):
+def test_members_that_start_behind_their_lane_stand_there_even_off_the_road(world):
     model = DifferentialDrive()
     fleet = fleet_of(1.0, 0.0, 0.0)
     members = [replace(m, pose=(x, 0.5, 0.0)) for m, x in zip(fleet.members, (2.9, 0.9, 0.2), strict=True)]
@@ -152,7 +134,7 @@ def test_sumo_takes_the_members_own_speed(world):
 
 
 @pytest.mark.sumo
-def test_the_intended_route_is_set_again_on_every_edge(world):
+def test_sumo_has_the_intended_route_on_every_edge(world):
     lap = ("sw_se", "se_ne", "ne_nw", "nw_sw")
     fleet = fleet_of(1.0, route=lap)
     world.deploy(fleet)
@@ -167,14 +149,14 @@ def test_the_intended_route_is_set_again_on_every_edge(world):
 
 
 @pytest.mark.sumo
-def test_a_free_member_is_given_the_straightest_way(world):
+def test_sumo_has_the_straightest_route_for_a_member_without_one(world):
     fleet = fleet_of(1.0)
     world.deploy(fleet)
     assert libsumo.vehicle.getRoute("r.0") == ("sw_se", "se_ne")
 
 
 @pytest.mark.sumo
-def test_a_pose_that_is_no_number_never_reaches_sumo(world):
+def test_a_pose_that_is_not_finite_is_an_error(world):
     fleet = fleet_of(1.0)
     world.deploy(fleet)
     with pytest.raises(RunError, match="not finite"):
@@ -182,13 +164,13 @@ def test_a_pose_that_is_no_number_never_reaches_sumo(world):
 
 
 @pytest.mark.sumo
-def test_one_simulation_a_process(world, tmp_path):
+def test_a_second_simulation_in_libsumo_is_an_error(world, tmp_path):
     with pytest.raises(RunError, match="one simulation a process"):
         World(network("lab_world"), STEP, 1, tmp_path / "second.log").__enter__()
 
 
 @pytest.mark.sumo
-def test_what_sumo_says_reaches_the_user(tmp_path):
+def test_a_network_that_sumo_refuses_is_an_error_in_its_words(tmp_path):
     broken = tmp_path / "broken.net.xml"
     text = shipped.networks()["lab_loop"].read_text().replace('type="priority"', 'type="no_such_type"')
     broken.write_text(text)
@@ -212,7 +194,7 @@ def test_a_vehicle_that_sumo_dropped_is_an_error_with_its_name_and_time(tmp_path
 
 
 @pytest.mark.sumo
-def test_other_vehicles_are_in_the_snapshot_by_their_centres(world):
+def test_background_vehicles_are_in_the_snapshot_by_their_centres(world):
     fleet = fleet_of(1.9)
     world.deploy(fleet)
     libsumo.vehicletype.copy("DEFAULT_VEHTYPE", "small")

@@ -26,7 +26,7 @@ EYE = '{ preset = "car-follower", fov_deg = 16.0 }'
 FOLLOWER = f'{{ law = "repaired", stand_off_m = 4.0, group_step_m = 1.0, lidar = {EYE} }}'
 PATH = '{ law = "path", speed_mps = 8.0, lidar = "car-leader" }'
 SUMO = '{ law = "sumo", max_speed_mps = 8.0 }'
-END = 492.8  # [m] where the arms of the cross end
+END = 492.8  # length of the arms of the cross [m]
 EAST = 'route = ["west_in", "east_out"]'
 
 pytestmark = pytest.mark.sumo
@@ -37,7 +37,7 @@ def platoon(
     start: str,
     leader: str = PATH,
     size: int = 1,
-    way: str = EAST,
+    route: str = EAST,
     follower: str = FOLLOWER,
     gap: float = 6.0,
 ) -> str:
@@ -49,7 +49,7 @@ size = {size}
 vehicle = {{ type = "car", response_s = 0.2, lag_s = 0.1 }}
 gap_m = {gap}
 start = {{ {start} }}
-{way}
+{route}
 leader = {leader}
 {behind}
 """
@@ -106,13 +106,13 @@ def clearance(table: pd.DataFrame, one: str, other: str) -> pd.Series:
     return pd.Series(shapely.distance(ones, others), index=both.time_s)
 
 
-# ---- they come
+# ---- departures
 
 
 @pytest.mark.parametrize("leader", [PATH, SUMO], ids=["path", "sumo"])
 @pytest.mark.parametrize("speed", [0.0, 8.0])
-def test_a_platoon_is_there_from_its_time_on_at_its_place_and_speed(tables, leader, speed):
-    here = platoon("a", 'edge = "north_in", position_m = 50', way='to = "south_out"')
+def test_a_platoon_departs_at_its_time_place_and_speed(tables, leader, speed):
+    here = platoon("a", 'edge = "north_in", position_m = 50', route='to = "south_out"')
     start = f'edge = "west_in", position_m = 100, time_s = 2.3, speed_mps = {speed}'
     rows, noted = tables(here, platoon("b", start, leader, size=3), duration=4.0)
     for place in range(3):
@@ -127,14 +127,14 @@ def test_a_platoon_is_there_from_its_time_on_at_its_place_and_speed(tables, lead
     assert of(rows, "b.1").gap_m[0] == pytest.approx(6.0, abs=1e-6)
 
 
-def test_nobody_need_be_there_at_first(tables):
+def test_a_run_may_begin_without_members(tables):
     rows, noted = tables(platoon("a", 'edge = "west_in", position_m = 100, time_s = 1.0'), duration=2.0)
     assert rows.time_s.min() == 1.0
     assert events(noted, "departed") == {"a.0": 1.0}
     assert ending(noted) == (2.0, "duration")
 
 
-def test_it_drives_from_then_on_as_it_would_have_from_the_beginning(tables):
+def test_a_platoon_that_departs_later_drives_as_one_that_departs_at_once(tables):
     start = 'edge = "west_in", position_m = 100'
     (one, _), (other, _) = (
         tables(platoon("a", start + later, size=3), duration=duration, name=name)
@@ -145,7 +145,7 @@ def test_it_drives_from_then_on_as_it_would_have_from_the_beginning(tables):
     pd.testing.assert_frame_equal(one[same], other[same], rtol=0, atol=0.05)  # each scan has its own noise
 
 
-# ---- they wait for room
+# ---- waiting for room
 
 
 def standing(tmp_path: Path, seconds: float) -> str:
@@ -154,7 +154,7 @@ def standing(tmp_path: Path, seconds: float) -> str:
     return '{ law = "path", trace = "stands.csv", lidar = "car-leader" }'
 
 
-def test_who_finds_its_place_taken_comes_when_the_other_has_gone(tables, tmp_path):
+def test_a_platoon_departs_once_another_has_left_its_place(tables, tmp_path):
     place = 'edge = "west_in", position_m = 100'
     first = platoon("a", place, standing(tmp_path, 4.0))
     rows, noted = tables(first, platoon("b", place + ", time_s = 2.0", size=2), duration=12.0)
@@ -171,7 +171,7 @@ def test_who_finds_its_place_taken_comes_when_the_other_has_gone(tables, tmp_pat
     assert "collision" not in set(noted.kind)
 
 
-def test_where_the_other_stays_it_never_comes(tables, tmp_path):
+def test_a_platoon_never_departs_while_another_stands_in_its_place(tables, tmp_path):
     place = 'edge = "west_in", position_m = 100'
     first = platoon("a", place, standing(tmp_path, 100.0))
     rows, noted = tables(first, platoon("b", place + ", time_s = 2.0", size=2), duration=6.0)
@@ -181,7 +181,7 @@ def test_where_the_other_stays_it_never_comes(tables, tmp_path):
     assert ending(noted) == (6.0, "duration")
 
 
-def test_of_several_who_wait_for_one_place_one_comes_at_a_time(tables, tmp_path):
+def test_platoons_that_wait_for_one_place_depart_one_at_a_time(tables, tmp_path):
     place = 'edge = "west_in", position_m = 100'
     waiting = (platoon(name, f"{place}, time_s = {time}") for name, time in (("b", 2.0), ("c", 2.5), ("d", 3.0)))
     rows, noted = tables(platoon("a", place, standing(tmp_path, 4.0)), *waiting, duration=20.0)
@@ -192,23 +192,23 @@ def test_of_several_who_wait_for_one_place_one_comes_at_a_time(tables, tmp_path)
         assert clearance(rows, one, other).min() > 2.0
 
 
-def test_who_waits_elsewhere_keeps_nobody_waiting(tables, tmp_path):
+def test_a_platoon_that_waits_does_not_delay_one_elsewhere(tables, tmp_path):
     place = 'edge = "west_in", position_m = 100'
     blocked = platoon("b", place + ", time_s = 1.0")
-    free = platoon("c", 'edge = "east_in", position_m = 100, time_s = 2.0', way='to = "west_out"')
+    free = platoon("c", 'edge = "east_in", position_m = 100, time_s = 2.0', route='to = "west_out"')
     _, noted = tables(platoon("a", place, standing(tmp_path, 100.0)), blocked, free, duration=3.0)
     assert events(noted, "departed") == {"a.0": 0.0, "c.0": 2.0}
 
 
-def test_who_stands_on_the_lane_beside_is_in_nobodys_way(tables, tmp_path):
+def test_a_vehicle_on_the_adjacent_lane_does_not_delay_a_departure(tables, tmp_path):
     place = 'edge = "west_in", position_m = 100'
-    other = platoon("b", place + ", lane = 1, time_s = 1.0", way='route = ["west_in", "east_out"]')
+    other = platoon("b", place + ", lane = 1, time_s = 1.0", route='route = ["west_in", "east_out"]')
     _, noted = tables(platoon("a", place, standing(tmp_path, 100.0)), other, duration=2.0)
     assert events(noted, "departed") == {"a.0": 0.0, "b.0": 1.0}
 
 
-def test_a_platoon_does_not_come_about_another_vehicle(tables, tmp_path):
-    """One that stands in the 30 m between two members, farther from either than anybody needs."""
+def test_a_platoon_does_not_depart_around_another_vehicle(tables, tmp_path):
+    """It stands in the 30 m between two members, out of the clearance of both."""
     stands = platoon("a", 'edge = "west_in", position_m = 83', standing(tmp_path, 100.0))
     pair = platoon("b", 'edge = "west_in", position_m = 100, time_s = 1.0', size=2, gap=30.0)
     _, noted = tables(stands, pair, duration=3.0)
@@ -216,8 +216,8 @@ def test_a_platoon_does_not_come_about_another_vehicle(tables, tmp_path):
 
 
 @pytest.mark.parametrize("leader", [PATH, SUMO.replace("8.0", "30.0")], ids=["path", "sumo"])
-def test_nobody_departs_too_fast_to_stop_behind_another(tables, tmp_path, leader):
-    """It stands 11 m ahead; from 13 m/s they would take 19 m, and from 3 m/s 1 m."""
+def test_a_platoon_does_not_depart_too_fast_to_stop_behind_another(tables, tmp_path, leader):
+    """It stands 11 m ahead; braking from 13 m/s takes 19 m, from 3 m/s 1 m."""
     stands = platoon("a", 'edge = "west_in", position_m = 120', standing(tmp_path, 100.0))
     start = 'edge = "west_in", position_m = 104, time_s = 1.0, speed_mps = '
     _, noted = tables(stands, platoon("b", start + "13.0", leader), duration=5.0, name="fast")
@@ -227,7 +227,7 @@ def test_nobody_departs_too_fast_to_stop_behind_another(tables, tmp_path, leader
     assert "collision" not in set(noted.kind)
 
 
-# ---- what is refused
+# ---- refused departures
 
 
 def faults(file: Path) -> tuple[str, ...]:
@@ -236,7 +236,7 @@ def faults(file: Path) -> tuple[str, ...]:
     return error.value.faults
 
 
-def test_two_at_one_place_are_refused_only_at_one_time(written):
+def test_two_platoons_at_one_place_are_refused_only_at_one_time(written):
     place = 'edge = "west_in", position_m = 100, time_s = '
     (fault,) = faults(written(platoon("a", place + "3.0"), platoon("b", place + "3.0")))
     assert fault.endswith("platoon.1.start: b.0 would start on a.0")
@@ -254,27 +254,27 @@ def test_two_at_one_place_are_refused_only_at_one_time(written):
         ("nan", "nan: should be"),
     ],
 )
-def test_times_that_no_step_has_are_refused(written, time, said):
+def test_times_of_departure_that_no_step_has_are_refused(written, time, said):
     (fault,) = faults(written(platoon("a", f'edge = "west_in", position_m = 100, time_s = {time}')))
     assert f"mine.toml:15: platoon.0.start.time_s: {said}" in fault
 
 
 @pytest.mark.parametrize(("leader", "speed"), [(PATH, 60.0), (SUMO, 20.0)], ids=["path", "sumo"])
-def test_nobody_departs_faster_than_it_can_or_may(written, leader, speed):
-    """Else SUMO would end the run at that moment. A car drives 55 m/s, one of SUMO's by the limit of 13.9 m/s."""
+def test_a_departure_faster_than_the_vehicle_or_the_limit_is_refused(written, leader, speed):
+    """SUMO would end the run at that moment. A moved car may drive 55 m/s, a SUMO-driven one the limit of 13.9 m/s."""
     start = f'edge = "west_in", position_m = 100, time_s = 5.0, speed_mps = {speed}'
     (fault,) = faults(written(platoon("a", start, leader)))
     assert "mine.toml:15: platoon.0.start" in fault
     assert f"{speed:g}" in fault
 
 
-def test_sumo_drives_no_follower(written):
+def test_a_sumo_driven_follower_is_refused(written):
     """It would overtake, and arrive before its leader."""
     (fault,) = faults(written(platoon("a", 'edge = "west_in", position_m = 100', size=2, follower=SUMO)))
     assert "platoon.0.follower.law: 'sumo' cannot follow" in fault
 
 
-# ---- they arrive
+# ---- arrivals
 
 
 @pytest.mark.parametrize("leader", [PATH, SUMO], ids=["path", "sumo"])
@@ -294,9 +294,9 @@ def test_a_platoon_arrives_with_its_leader_and_the_run_ends(tables, leader):
         assert where[name] == pytest.approx(of(rows, name).x_m.iloc[-1])
 
 
-def test_a_run_goes_on_until_the_last_has_come_and_gone(tables):
+def test_a_run_ends_when_the_last_platoon_has_departed_and_arrived(tables):
     first = platoon("a", 'edge = "east_out", position_m = 480, speed_mps = 8.0')
-    later = platoon("b", 'edge = "north_out", position_m = 270, time_s = 6.0', way='route = ["north_out"]')
+    later = platoon("b", 'edge = "north_out", position_m = 270, time_s = 6.0', route='route = ["north_out"]')
     rows, noted = tables(first, later, duration=30.0)
     arrived = events(noted, "arrived")
     assert arrived["a.0"] < 3.0 < 6.0 < arrived["b.0"]
@@ -304,18 +304,18 @@ def test_a_run_goes_on_until_the_last_has_come_and_gone(tables):
     assert not len(rows[(rows.time_s > arrived["a.0"]) & (rows.time_s < 6.0)])
 
 
-def test_a_lap_is_not_over_before_all_have_come(tables):
+def test_laps_are_not_complete_before_all_platoons_have_departed(tables):
     lap = 'route = ["east_north", "north_west", "west_south", "south_east"]\nloop = true'
-    first = platoon("a", 'edge = "east_north", position_m = 80, speed_mps = 8.0', way=lap)
-    later = platoon("b", 'edge = "west_south", position_m = 80, speed_mps = 8.0, time_s = 8.0', way=lap)
+    first = platoon("a", 'edge = "east_north", position_m = 80, speed_mps = 8.0', route=lap)
+    later = platoon("b", 'edge = "west_south", position_m = 80, speed_mps = 8.0, time_s = 8.0', route=lap)
     _, noted = tables(first, later, changes=["run.laps=0.05"], duration=30.0, net="ring")
     assert "b.0" in events(noted, "departed")
     time, why = ending(noted)
     assert (why, time) == ("laps", pytest.approx(8.0 + 0.05 * 2 * np.pi * 159 / 8.0, abs=1.0))
 
 
-def played(file: Path, words: Path, steps: int, told: Callable[[Fleet], None]) -> None:
-    """The loop of a run, with a look at SUMO after every step."""
+def played(file: Path, words: Path, steps: int, look: Callable[[Fleet], None]) -> None:
+    """The loop of a run; `look` is called after every step."""
     prepared = simulation.prepare(scenario.load(file))
     dt = prepared.scenario.spec.run.step_s
     fleet, later = simulation._departures(prepared.members, dt)
@@ -327,19 +327,19 @@ def played(file: Path, words: Path, steps: int, told: Callable[[Fleet], None]) -
             fleet = fleet.decided(sensing.scan(traffic, fleet, step), dt, world.signals(fleet)).moved(dt)
             world.place(fleet)
             fleet = world.advance(fleet)
-            told(fleet)
+            look(fleet)
 
 
 @pytest.mark.parametrize("leader", [PATH, SUMO], ids=["path", "sumo"])
-def test_who_has_arrived_is_no_more_in_sumo_either(written, tmp_path, leader):
+def test_a_member_that_has_arrived_is_removed_from_sumo(written, tmp_path, leader):
     start = 'edge = "east_out", position_m = 460, speed_mps = 8.0'
     there: list[tuple[Sequence[str], set[str]]] = []
 
-    def told(fleet: Fleet) -> None:
+    def look(fleet: Fleet) -> None:
         there.append(([m.id for m in fleet.members], set(libsumo.vehicle.getIDList())))
 
     file = written(platoon("a", start, leader, size=3))
-    played(file, tmp_path / "words.log", 80, told)
+    played(file, tmp_path / "words.log", 80, look)
     assert there[0] == (["a.0", "a.1", "a.2"], {"a.0", "a.1", "a.2"})
     assert there[-1] == ([], set())
     gone = [members for members, _ in there].index([])
@@ -349,14 +349,14 @@ def test_who_has_arrived_is_no_more_in_sumo_either(written, tmp_path, leader):
 
 
 @pytest.mark.parametrize("of_a", [PATH, SUMO], ids=["path", "sumo"])
-def test_who_comes_and_goes_changes_nothing_for_others(tables, of_a, tmp_path):
+def test_departures_and_arrivals_do_not_change_other_platoons(tables, of_a, tmp_path):
     """A platoon that shares law and lidar with one that arrives, and with one that departs, far off on the ring."""
     start = 'edge = "west_south", position_m = 100, speed_mps = 5.0'
     stays = platoon(
-        "z", start, size=3, way='route = ["east_north", "north_west", "west_south", "south_east"]\nloop = true'
+        "z", start, size=3, route='route = ["east_north", "north_west", "west_south", "south_east"]\nloop = true'
     )
-    goes = platoon("a", 'edge = "east_north", position_m = 200', of_a, size=2, way='route = ["east_north"]')
-    comes = platoon("c", 'edge = "east_north", position_m = 50, time_s = 4.0', size=2, way='to = "north_west"')
+    goes = platoon("a", 'edge = "east_north", position_m = 200', of_a, size=2, route='route = ["east_north"]')
+    comes = platoon("c", 'edge = "east_north", position_m = 50, time_s = 4.0', size=2, route='to = "north_west"')
     for name, platoons in (("alone", [stays]), ("among", [goes, stays, comes])):
         _, noted = tables(*platoons, duration=12.0, net="ring", name=name)
     assert {"a.0", "a.1"} == set(events(noted, "arrived"))

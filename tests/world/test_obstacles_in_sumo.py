@@ -1,4 +1,4 @@
-"""Obstacles in runs: SUMO's drivers brake for them, its pedestrians are there, files say what happened; bad input."""
+"""Obstacles in runs: SUMO's drivers brake for them, its pedestrians are seen, files record encounters; bad input."""
 
 from __future__ import annotations
 
@@ -69,16 +69,16 @@ def standing(name: str, x: float, y: float, heading: float, length: float, width
     return TrafficSnapshot(time, (name,), *values)
 
 
-def play(tmp_path, obstacles, seconds: float, ways=None, each=lambda world: None) -> list[TrafficSnapshot]:
-    """One of SUMO's drivers comes down a road 300 m long; obstacles at times of steps."""
+def play(tmp_path, obstacles, seconds: float, routes=None, each=lambda world: None) -> list[TrafficSnapshot]:
+    """A background vehicle drives down a road 300 m long; obstacles by the time of each step."""
     seen = []
     with World(Network.read(NETS / "cross.net.xml"), STEP, 1, tmp_path / "words.log") as world:
-        libsumo.route.add("way", ["north_in", "south_out"])
-        libsumo.vehicle.add("f", "way", departPos="100", departSpeed="10")
+        libsumo.route.add("south", ["north_in", "south_out"])
+        libsumo.vehicle.add("f", "south", departPos="100", departSpeed="10")
         fleet = world.deploy(NOBODY)
         for step in range(round(seconds / STEP)):
             bodies = obstacles(step * STEP)
-            world.hold(bodies, dict.fromkeys(bodies.ids, ()) if ways is None else ways)
+            world.hold(bodies, dict.fromkeys(bodies.ids, ()) if routes is None else routes)
             each(world)
             fleet = world.advance(fleet)
             seen.append(world.snapshot(fleet))
@@ -96,7 +96,7 @@ def clearance(traffic: TrafficSnapshot, one: str, other: str) -> float:
     [((4.74, 1.76), -np.pi / 2), ((0.6, 0.6), 0.3), ((0.3, 0.5), 0.0)],
     ids=["car", "box", "walker"],
 )
-def test_a_driver_of_sumo_stops_before_what_stands_on_his_lane(tmp_path, size, heading):
+def test_a_driver_stops_before_an_obstacle_on_its_lane(tmp_path, size, heading):
     seen = play(tmp_path, lambda time: standing("o", 498.4, 100.0, heading, *size), 30.0)
     assert seen[-1].ids == ("f", "o")
     assert seen[-1].speed[0] < 0.01
@@ -105,7 +105,7 @@ def test_a_driver_of_sumo_stops_before_what_stands_on_his_lane(tmp_path, size, h
 
 
 @pytest.mark.sumo
-def test_he_drives_on_when_it_is_gone_and_whoever_stands_where_one_comes_up_is_taken_out(tmp_path):
+def test_a_driver_goes_on_when_the_obstacle_is_gone_and_one_that_an_obstacle_appears_on_is_removed(tmp_path):
     def some(time: float) -> TrafficSnapshot:
         if 3.0 <= time < 12.0:
             return standing("o", 498.4, 100.0, 0.3, 0.6, 0.6)
@@ -119,16 +119,16 @@ def test_he_drives_on_when_it_is_gone_and_whoever_stands_where_one_comes_up_is_t
 
 
 @pytest.mark.sumo
-def test_beside_the_road_or_where_sumo_does_not_have_it_it_is_in_nobodys_way(tmp_path):
-    """One that never was on a lane kills libsumo with getRoadID."""
-    for ways, x in ((None, 494.0), ({}, 498.4)):
-        seen = play(tmp_path, lambda time, x=x: standing("o", x, 100.0, 0.0, 0.5, 0.5), 15.0, ways)
+def test_a_driver_passes_an_obstacle_beside_the_road_and_one_that_sumo_does_not_have(tmp_path):
+    """getRoadID of a vehicle that was never on a lane kills libsumo."""
+    for routes, x in ((None, 494.0), ({}, 498.4)):
+        seen = play(tmp_path, lambda time, x=x: standing("o", x, 100.0, 0.0, 0.5, 0.5), 15.0, routes)
         assert seen[-1].y[0] < 60.0
         assert seen[-1].ids == ("f", "o")
 
 
 @pytest.mark.sumo
-def test_a_pedestrian_of_a_users_scenario_is_there_with_its_size_and_costs_nothing_when_there_is_none(tmp_path):
+def test_a_pedestrian_of_sumo_is_in_the_snapshot_with_its_size(tmp_path):
     def add(world: World) -> None:
         if libsumo.simulation.getTime() == pytest.approx(0.2):
             libsumo.person.add("f", "north_in", 150.0)  # the name of a vehicle
@@ -146,7 +146,7 @@ def test_a_pedestrian_of_a_users_scenario_is_there_with_its_size_and_costs_nothi
 
 
 @pytest.mark.sumo
-def test_a_run_tells_who_cut_in_and_who_stepped_out_and_what_came_of_it(written, tmp_path):
+def test_a_run_records_a_cut_in_a_pedestrian_and_their_outcome(written, tmp_path):
     file = written("""
 [[obstacle]]
 kind = "cut_in"
@@ -186,8 +186,8 @@ start = { edge = "light_prio", position_m = 330.0 }
 
 
 @pytest.mark.sumo
-def test_contacts_are_counted_by_kind(written, tmp_path):
-    """Nobody can brake for a box that comes down before his bumper."""
+def test_contacts_with_obstacles_are_counted_by_kind(written, tmp_path):
+    """No vehicle can brake for a box that appears before its bumper."""
     file = written("""
 [[obstacle]]
 kind = "box"
@@ -228,7 +228,7 @@ start = { edge = "light_prio", position_m = 98.0 }
         ('kind = "robot"\npath_m = [[1.0, 0.0]]', 3, "obstacle.0.path_m: "),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_said_in_a_line_before_anything_starts(written, text, line, what):
+def test_a_fault_is_one_line_with_file_and_key_before_sumo_starts(written, text, line, what):
     text = re.sub(r"AT (.+?);", r'start = { edge = "light_prio", position_m = \1 }', text)
     file = written("[[obstacle]]\n" + text + "\n")
     first = SCENARIO.count("\n")
@@ -239,7 +239,7 @@ def test_what_is_wrong_is_said_in_a_line_before_anything_starts(written, text, l
     assert what in fault
 
 
-def test_two_of_one_name_and_the_name_of_a_vehicle_of_sumo_are_told(written, tmp_path):
+def test_an_id_that_another_obstacle_or_a_vehicle_of_sumo_has_is_refused(written, tmp_path):
     box = '[[obstacle]]\nkind = "box"\nid = "b"\nstart = { edge = "light_prio", position_m = 200.0 }\n'
     with pytest.raises(InputError, match=r"obstacle\.1\.id: 'b': obstacle\.0 has the same id; must be another"):
         scenario.load(written(box + box))
@@ -252,7 +252,7 @@ def test_two_of_one_name_and_the_name_of_a_vehicle_of_sumo_are_told(written, tmp
         scenario.load(file)
 
 
-def test_an_argument_changes_an_obstacle(written):
+def test_an_argument_overrides_a_key_of_an_obstacle(written):
     file = written('[[obstacle]]\nkind = "cut_in"\nahead_of = "platoon.1"\ntime_s = 3.0\n')
     changed = scenario.load(file, ["obstacle.0.share=0.25", "obstacle.ahead_of=platoon.2"])
     assert (changed.spec.obstacle[0].share, changed.spec.obstacle[0].ahead_of) == (0.25, "platoon.2")

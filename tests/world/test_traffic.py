@@ -1,4 +1,4 @@
-"""SUMO's own traffic beside the platoons: from shipped networks, route files and configurations."""
+"""Background traffic beside the platoons: from shipped networks, route files and configurations."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def configuration(tmp_path) -> Path:
     return folder
 
 
-def test_configuration_runs_and_nothing_is_written_beside_it(configuration, tmp_path):
+def test_a_configuration_runs_and_no_file_is_written_beside_it(configuration, tmp_path):
     before = {file.name: file.read_bytes() for file in configuration.iterdir()}
     folder = run(write(tmp_path, 'config = "theirs/all.sumocfg"\nwarm_up_s = 20.0'), tmp_path / "one")
     assert {file.name: file.read_bytes() for file in configuration.iterdir()} == before
@@ -89,7 +89,7 @@ def test_configuration_runs_and_nothing_is_written_beside_it(configuration, tmp_
     assert filecmp.cmp(folder / "trajectories.csv", again / "trajectories.csv", shallow=False)
 
 
-def test_shipped_network_brings_its_traffic_unless_told_otherwise(tmp_path):
+def test_a_shipped_network_brings_its_traffic_unless_the_scenario_says_otherwise(tmp_path):
     ours = 'net = "ring"\nwarm_up_s = 60.0'
     with_traffic = scenario.load(write(tmp_path, ours))
     assert [file.name for file in with_traffic.route_files] == ["ring.rou.xml"]
@@ -98,7 +98,7 @@ def test_shipped_network_brings_its_traffic_unless_told_otherwise(tmp_path):
     assert [file.name for file in without.additional] == ["ring.poly.xml"]
 
 
-def test_a_standing_robot_stops_the_traffic_behind_it_and_has_room_at_the_start(tmp_path, monkeypatch):
+def test_traffic_stops_behind_a_standing_robot_that_has_room_at_the_start(tmp_path, monkeypatch):
     snapshots = []
     read = simulation.World.snapshot
 
@@ -109,11 +109,11 @@ def test_a_standing_robot_stops_the_traffic_behind_it_and_has_room_at_the_start(
     monkeypatch.setattr(simulation.World, "snapshot", snapshot)
     one_lane = write(tmp_path, 'net = "corridor"\nwarm_up_s = 60.0', duration=60.0, speed=0.01, edges=["west_light"])
     run(one_lane, tmp_path / "one")
-    first, last = snapshots[1], snapshots[-1]  # the very first is of making room
+    first, last = snapshots[1], snapshots[-1]  # the very first is taken to make room
     assert len(first.ids) > 5
     gaps = np.hypot(first.x[1:] - first.x[0], first.y[1:] - first.y[0]) - (first.length[1:] + first.length[0]) / 2
     assert gaps.min() > 0
-    # One waits right behind, at SUMO's own least gap; nobody has driven through.
+    # One waits right behind, at SUMO's minimum gap; none has driven through.
     gap = (last.x[0] - last.length[0] / 2) - (last.x[1:] + last.length[1:] / 2)
     behind = (np.abs(last.y[1:] - last.y[0]) < 1) & (gap > 0)
     assert 1.5 < gap[behind].min() < 3.5
@@ -122,16 +122,16 @@ def test_a_standing_robot_stops_the_traffic_behind_it_and_has_room_at_the_start(
     assert contacts.empty
 
 
-def test_in_each_step_those_near_a_member_are_read_and_not_all_who_are_far(tmp_path, monkeypatch):
+def test_each_step_reads_all_vehicles_in_range_of_a_member_and_not_all_others(tmp_path, monkeypatch):
     read, left_out = simulation.World.snapshot, []
 
     def snapshot(world, fleet, reach=np.inf):
-        some, everybody = read(world, fleet, reach), read(world, fleet)
-        away = np.hypot(everybody.x - everybody.x[0], everybody.y - everybody.y[0]) - everybody.length / 2
-        near = [name for name, far in zip(everybody.ids, away > reach, strict=True) if not far]
+        some, everything = read(world, fleet, reach), read(world, fleet)
+        away = np.hypot(everything.x - everything.x[0], everything.y - everything.y[0]) - everything.length / 2
+        near = [name for name, far in zip(everything.ids, away > reach, strict=True) if not far]
         assert set(near) <= set(some.ids)
-        assert list(some.ids) == [name for name in everybody.ids if name in some.ids]
-        left_out.append(len(everybody.ids) - len(some.ids))
+        assert list(some.ids) == [name for name in everything.ids if name in some.ids]
+        left_out.append(len(everything.ids) - len(some.ids))
         return some
 
     monkeypatch.setattr(simulation.World, "snapshot", snapshot)
@@ -150,7 +150,7 @@ def test_in_each_step_those_near_a_member_are_read_and_not_all_who_are_far(tmp_p
         ('net = "ring"\nwarm_up_s = 0.25', "sumo.warm_up_s: 0.25: must be a multiple of run.step_s = 0.1"),
     ],
 )
-def test_faults_are_named(tmp_path, sumo, said):
+def test_faults_in_the_table_sumo_are_named(tmp_path, sumo, said):
     with pytest.raises(InputError) as caught:
         scenario.load(write(tmp_path, sumo))
     assert any(said.format(tmp_path) in fault for fault in caught.value.faults), caught.value.faults
@@ -174,14 +174,14 @@ def test_faults_in_a_configuration_are_named(tmp_path, text, said):
     assert said in str(caught.value)
 
 
-def test_routes_that_sumo_refuses_are_said_in_its_words(tmp_path):
+def test_routes_that_sumo_refuses_are_reported_in_its_words(tmp_path):
     route = '<route edges="nowhere"/>'
     (tmp_path / "bad.rou.xml").write_text(f'<routes><vehicle id="v" depart="0">{route}</vehicle></routes>')
     with pytest.raises(InputError, match="nowhere"):
         run(write(tmp_path, 'net = "ring"\ntraffic = false\nroutes = ["bad.rou.xml"]'), tmp_path / "one")
 
 
-def test_the_fastest_way_is_taken_to_a_named_edge(tmp_path):
+def test_a_leader_takes_the_fastest_route_to_a_named_edge(tmp_path):
     file = write(tmp_path, 'net = "corridor"', edges=["west_light"])
     text = file.read_text().replace('route = ["west_light"]', 'to = "b2_east"')
     file.write_text(text)
@@ -226,7 +226,7 @@ def test_sumo_drives_the_leader_by_its_own_rules(tmp_path):
     assert (end.kind, end.detail) == ("end", "arrived")
     assert rows.speed_mps.max() <= 13.9 * 1.01  # the limit
     assert rows.accel_mps2.min() > -9.1
-    # What was read fits together: the way that the centre made is the speed over time.
+    # The readings fit together: the distance that the centre moved is the speed over time.
     step = np.hypot(rows.x_m.diff(), rows.y_m.diff())[1:]
     assert step.sum() == pytest.approx((rows.speed_mps[1:] * 0.1).sum(), rel=0.02)
     again = run(folder / "config.toml", tmp_path / "two")
@@ -255,7 +255,7 @@ def test_cars_follow_a_leader_that_sumo_drives(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "speed", "stand_off"), [("ring_platoon", 10.0, 4.0), ("highway_platoon", 20.0, 6.0)])
-def test_shipped_platoon_of_cars_holds_among_traffic(tmp_path, name, speed, stand_off):
+def test_a_shipped_platoon_of_cars_holds_its_gaps_in_traffic(tmp_path, name, speed, stand_off):
     folder = run(name, tmp_path / "one")
     metrics = pd.read_csv(folder / "metrics.csv").query("scope == 'vehicle'").set_index(["vehicle_id", "metric"]).value
     rows = pd.read_csv(folder / "trajectories.csv")
@@ -268,15 +268,15 @@ def test_shipped_platoon_of_cars_holds_among_traffic(tmp_path, name, speed, stan
         assert metrics[f"platoon.{place}", "collisions"] == 0
 
 
-def test_the_traffic_is_recorded_on_request(tmp_path):
+def test_background_traffic_is_recorded_on_request(tmp_path):
     file = write(tmp_path, 'net = "ring"\nwarm_up_s = 60.0')
     folder = run(file, tmp_path / "one", "record.traffic_every_s=1.0")
     rows = pd.read_csv(folder / "traffic.csv")
     assert sorted(rows.time_s.unique()) == [0, 1, 2, 3, 4, 5]
     assert not rows.vehicle_id.str.startswith("laser").any()
     one = rows[rows.vehicle_id == rows.vehicle_id[0]]
-    way = np.hypot(one.x_m.diff(), one.y_m.diff())[1:]
-    assert way.to_numpy() == pytest.approx(one.speed_mps[1:].to_numpy(), rel=0.1)  # a second apart
+    moved = np.hypot(one.x_m.diff(), one.y_m.diff())[1:]
+    assert moved.to_numpy() == pytest.approx(one.speed_mps[1:].to_numpy(), rel=0.1)  # a second apart
     assert not (run(file, tmp_path / "two") / "traffic.csv").exists()
     with pytest.raises(InputError, match=r"record.traffic_every_s: 0.15: must be a multiple"):
         scenario.load(file, ["record.traffic_every_s=0.15"])

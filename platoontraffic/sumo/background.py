@@ -1,0 +1,124 @@
+"""Background traffic: SUMO's own vehicles and pedestrians, those of them that may be in range of a member."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+from itertools import chain, compress
+
+import numpy as np
+
+from platoontraffic.lidar.compiled import compiler
+from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.frame import centre_of, heading_of
+from platoontraffic.world.fleet import CLOSING, Fleet, Member
+from platoontraffic.world.traffic import TrafficSnapshot
+
+PERSON = "person."  # prefix of pedestrians' ids in snapshots: SUMO allows a person and a vehicle of one name
+RECHECK_AFTER = 0.5  # period after which distant vehicles are measured again [s]
+PERSON_SIZE = 1.0  # bound of half a pedestrian's length or width [m]
+
+compiled = compiler(__file__)
+
+
+class Background:
+    """Reads background traffic. Distant vehicles are skipped by a Verlet list.
+
+    A vehicle so far from every member that it cannot come within range before the next check is not asked for its
+    position until then. The list of the remaining vehicles holds until a vehicle enters or leaves the simulation.
+    """
+
+    def __init__(self, sumo: Client) -> None:
+        self._sumo = sumo
+        self._sizes: dict[str, tuple[float, float]] = {}  # length, width [m] by vehicle
+        self._skipped: set[str] = set()  # members, held obstacles, distant vehicles
+        self._skipped_for: tuple[Member, ...] = ()  # members at the last check
+        self._skipped_until = -np.inf  # [s], SUMO's clock
+        self._near: list[str] | None = None  # vehicles that are not skipped; None: unknown
+        self._expected = 0  # vehicles on the road or due
+
+    def traffic(self, fleet: Fleet, reach: float, held: Set[str], time: float) -> TrafficSnapshot:
+        """Background vehicles and pedestrians, minus most that are out of range of every member.
+
+        reach: range, from a member's centre [m]; inf: all
+        held : vehicles in SUMO that are obstacles
+        time : of the snapshot [s]
+        """
+        vehicles = self.read(self._names(fleet, reach, held), time)
+        return vehicles.with_others(self._people(fleet, reach, time)) if self._sumo.person.getIDCount() else vehicles
+
+    def read(self, names: Sequence[str], time: float) -> TrafficSnapshot:
+        """Vehicles of SUMO's by name."""
+        n, vehicle = len(names), self._sumo.vehicle
+        # Thousands in every step: numbers go from the calls into the arrays without lists between them.
+        length, width = np.fromiter(chain.from_iterable(map(self._size, names)), float, 2 * n).reshape(-1, 2).T
+        front = self._fronts(names)
+        heading = heading_of(np.fromiter(map(vehicle.getAngle, names), float, n))
+        x, y = centre_of(*front.T, heading, length)
+        speed = np.fromiter(map(vehicle.getSpeed, names), float, n)
+        return TrafficSnapshot(time, tuple(names), x, y, heading, speed, length, width)
+
+    def stepped(self) -> None:
+        """To be called after every step of SUMO's: the vehicles on the road may be others."""
+        simulation = self._sumo.simulation
+        expected = simulation.getMinExpectedNumber()
+        came = simulation.getDepartedNumber() + simulation.getEndingTeleportNumber()
+        went = simulation.getArrivedNumber() + simulation.getStartingTeleportNumber()
+        if came or went or expected != self._expected:
+            self._near = None
+        self._expected = expected
+
+    def _names(self, fleet: Fleet, reach: float, held: Set[str]) -> list[str]:
+        if reach == np.inf:
+            own = {m.id for m in fleet.members} | held
+            return [name for name in self._sumo.vehicle.getIDList() if name not in own]
+        time = self._sumo.simulation.getTime()
+        if time >= self._skipped_until or fleet.members is not self._skipped_for or not held <= self._skipped:
+            self._check_distances(fleet, reach, held, time)
+        if self._near is None:
+            self._near = [name for name in self._sumo.vehicle.getIDList() if name not in self._skipped]
+        return self._near
+
+    def _check_distances(self, fleet: Fleet, reach: float, held: Set[str], time: float) -> None:
+        names, own = self._names(fleet, np.inf, held), fleet.motion
+        length = np.array([self._size(name)[0] for name in names])
+        far = _farther(self._fronts(names), own.x, own.y, reach + 2 * length + RECHECK_AFTER * CLOSING)
+        self._skipped = {m.id for m in fleet.members} | held | set(compress(names, far))
+        self._skipped_for, self._skipped_until, self._near = fleet.members, time + RECHECK_AFTER, None
+
+    def _people(self, fleet: Fleet, reach: float, time: float) -> TrafficSnapshot:
+        """Pedestrians; persons inside vehicles are not among them."""
+        person = self._sumo.person
+        names = [name for name in person.getIDList() if not person.getVehicle(name)]
+        front = np.array([person.getPosition(name) for name in names]).reshape(-1, 2)
+        if reach < np.inf:
+            near = ~_farther(front, fleet.motion.x, fleet.motion.y, np.full(len(names), reach + PERSON_SIZE))
+            names, front = list(compress(names, near)), front[near]
+        heading = heading_of(np.array([person.getAngle(name) for name in names]))
+        length, width = (np.array(list(map(get, names)), float) for get in (person.getLength, person.getWidth))
+        x, y = centre_of(*front.T, heading, length)
+        speed = np.array(list(map(person.getSpeed, names)), float)
+        return TrafficSnapshot(time, tuple(PERSON + name for name in names), x, y, heading, speed, length, width)
+
+    def _size(self, name: str) -> tuple[float, float]:
+        """Length, width [m]; asked once a vehicle."""
+        if name not in self._sizes:
+            self._sizes[name] = self._sumo.vehicle.getLength(name), self._sumo.vehicle.getWidth(name)
+        return self._sizes[name]
+
+    def _fronts(self, names: Sequence[str]) -> np.ndarray:
+        """Positions of front bumpers (n, 2) [m]."""
+        numbers = chain.from_iterable(map(self._sumo.vehicle.getPosition, names))
+        return np.fromiter(numbers, float, 2 * len(names)).reshape(-1, 2)
+
+
+@compiled
+def _farther(points, x, y, reach):
+    """Whether each of points (n, 2) is farther than its reach (n,) from every x, y (m,) [m]."""
+    far = np.ones(len(points), np.bool_)
+    for i in range(len(points)):
+        for k in range(len(x)):
+            dx, dy = points[i, 0] - x[k], points[i, 1] - y[k]
+            if dx * dx + dy * dy <= reach[i] * reach[i]:
+                far[i] = False
+                break
+    return far

@@ -1,0 +1,227 @@
+"""Members as vehicles of SUMO's: inserted, moved to their poses, and kept as other drivers must see them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from platoontraffic.errors import RunError
+from platoontraffic.road.network import Network
+from platoontraffic.road.route import Route
+from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.frame import centre_of, front_of, heading_of, sumo_angle
+from platoontraffic.world.fleet import Fleet, Member
+
+# Arguments of moveToXY: edge and lane, before the position; keepRoute and matchThreshold [m], behind the angle.
+# keepRoute 2: the exact pose, on whatever lane lies there, never an error. A search for a lane within 5 m is four times
+# cheaper than within the default 100 m, and finds the same lanes.
+ANY_LANE = ("", -1)
+EXACTLY = (2, 5.0)
+
+ALL_CHECKS_OFF = 32  # speed mode: SUMO believes the speed that follows from the displacement
+NO_LANE_CHANGE = 0  # lane change mode
+ANY_SPEED = 10.0  # speed factor: SUMO clips the speed that it believes to this times the lane's limit
+TOP_SPEED_MARGIN = 1.5  # and to the maximum of the type: this times the vehicle's top speed
+LARGEST_MIN_GAP = 2.5  # minGap of a type is half its length, at most this [m]
+OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
+
+Entry = tuple[str, str, str]  # a member enters a junction: its id, the lane it leaves, the lane inside
+
+
+class Placement:
+    """The members in SUMO.
+
+    step: of SUMO's [s]
+    """
+
+    def __init__(self, sumo: Client, network: Network, step: float) -> None:
+        self._sumo, self._network, self._step = sumo, network, step
+        self.where: dict[str, tuple[str, str]] = {}  # edge and lane of each member that the run has had
+        self._entries: list[Entry] = []  # since `entries` was last called
+        self._leg: dict[str, int] = {}  # index, among its route's edges, of the edge that each member is on
+        self._routed: dict[str, tuple[str, Route | None]] = {}  # route last set in SUMO, and the edge it began with
+        self._slowed: set[str] = set()  # SUMO-driven members with a failed drive
+
+    def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
+        """Edge and lane of each member after the last step; the lane is "" off the road."""
+        return [self.where[m.id] for m in fleet.members]
+
+    def entries(self) -> list[Entry]:
+        """Members that have entered junctions since the last call."""
+        entries, self._entries = self._entries, []
+        return entries
+
+    # ---- inserting
+
+    def insert(self, fleet: Fleet) -> None:
+        """Put members onto their lanes; in the step after, `place` moves them to their start poses."""
+        for member, native in zip(fleet.members, fleet.native.tolist(), strict=True):
+            self._add(member, native)
+        # A vehicle must have been on a lane before it may stand where there is none, as in the outer corner of a bend;
+        # and moving it onto one inserts it even where another waits at the same position.
+        for member in fleet.members:
+            x, y, heading = self._network.lane_pose(member.edge, member.lane, member.position)
+            self._sumo.vehicle.moveToXY(member.id, *ANY_LANE, x, y, sumo_angle(heading), *EXACTLY)
+
+    def _add(self, member: Member, native: bool) -> None:
+        types, kind, model = self._sumo.vehicletype, f"platoontraffic.{member.id}", member.model
+        make_type(self._sumo, kind, model.length, model.width)
+        if native:
+            types.setSpeedFactor(kind, member.law.speed_factor)
+            types.setMaxSpeed(kind, min(member.law.max_speed, model.top_speed))
+            self._sumo.route.add(kind, self._edges_ahead(member, member.edge))
+        else:
+            types.setSpeedFactor(kind, ANY_SPEED)
+            types.setMaxSpeed(kind, TOP_SPEED_MARGIN * model.top_speed)
+            self._sumo.route.add(kind, [member.edge])
+        self._sumo.vehicle.add(
+            member.id, kind, typeID=kind, depart="now", departLane=str(member.lane),
+            departPos=str(member.position), departSpeed=str(member.speed),
+        )  # fmt: skip
+
+    def take_over(self, platoon: Fleet) -> Fleet:
+        """A platoon that SUMO has just inserted: from now on the fleet moves it, or SUMO drives it and it is read."""
+        vehicle = self._sumo.vehicle
+        followed = np.isin(np.arange(len(platoon)), platoon.predecessor)
+        for i, (member, native) in enumerate(zip(platoon.members, platoon.native, strict=True)):
+            if not native:
+                release(self._sumo, member.id)
+            elif followed[i]:  # back on the right it would cut in before its own followers
+                vehicle.setParameter(member.id, "laneChangeModel.lcKeepRight", "0")
+        self.locate(platoon)
+        self.settle(platoon)
+        return self.read(platoon)
+
+    # ---- before a step
+
+    def place(self, fleet: Fleet, brakes: np.ndarray | None) -> None:
+        """Tell SUMO the pose of every moved member at the end of the coming step.
+
+        brakes: deceleration of members with a failed drive, (n,), NaN: sound [m/s2]; SUMO-driven ones are slowed by it
+
+        raises: RunError (a pose is not finite: SUMO would accept it)
+        """
+        motion, move = fleet.motion, self._sumo.vehicle.moveToXY
+        x, y = front_of(motion.x, motion.y, motion.heading, fleet.model.length)
+        angle = sumo_angle(motion.heading)
+        if not (np.isfinite(x).all() and np.isfinite(y).all() and np.isfinite(angle).all()):
+            raise RunError("a member's pose is not finite")
+        poses = zip(fleet.members, fleet.native.tolist(), x.tolist(), y.tolist(), angle.tolist(), strict=True)
+        for member, native, *pose in poses:
+            if not native:
+                move(member.id, *ANY_LANE, *pose, *EXACTLY)
+        self._slow(fleet, brakes)
+
+    def _slow(self, fleet: Fleet, brakes: np.ndarray | None) -> None:
+        """Slow SUMO-driven members with a failed drive; repaired ones drive by themselves again."""
+        slowed = set()
+        for i in () if brakes is None else np.flatnonzero(fleet.native & ~np.isnan(brakes)):
+            speed = max(float(fleet.motion.speed[i] - brakes[i] * self._step), 0.0)
+            self._sumo.vehicle.setSpeed(fleet.members[i].id, speed)
+            slowed.add(fleet.members[i].id)
+        for member in fleet.members if self._slowed else ():
+            if member.id in self._slowed - slowed:
+                self._sumo.vehicle.setSpeed(member.id, OWN_DRIVER)
+        self._slowed = slowed
+
+    # ---- after a step
+
+    def locate(self, fleet: Fleet) -> None:
+        """Read the edge and lane of every member, and note those that have entered a junction."""
+        names = [m.id for m in fleet.members]
+        roads, lanes = map(self._sumo.vehicle.getRoadID, names), list(map(self._sumo.vehicle.getLaneID, names))
+        for name, lane in zip(names, lanes, strict=True):
+            if lane[:1] == ":" and (before := self.where.get(name, ("", ""))[1]) and before[0] != ":":
+                self._entries.append((name, before, lane))
+        self.where.update(zip(names, zip(roads, lanes, strict=True), strict=True))
+
+    def put_in_order(self, fleet: Fleet) -> None:
+        """Repair SUMO's order of vehicles on lanes where a member has passed another vehicle.
+
+        SUMO looks for a vehicle's place in a lane's order only when it enters the lane, and takes the next in the order
+        for its leader. So members leave the lane and enter it again, both before the next step: no driver sees them
+        elsewhere.
+        """
+        vehicle = self._sumo.vehicle
+        members: dict[str, list[str]] = {}  # by lane
+        for member, native in zip(fleet.members, fleet.native, strict=True):
+            if not native and (lane := self.where[member.id][1]):
+                members.setdefault(lane, []).append(member.id)
+        for lane, names in members.items():
+            order = self._sumo.lane.getLastStepVehicleIDs(lane)
+            positions = list(map(vehicle.getLanePosition, order))
+            if positions == sorted(positions):
+                continue
+            position = dict(zip(order, positions, strict=True))
+            away = {name: other for name in names if (other := self._another_lane(name, lane))}
+            for name, other in away.items():
+                vehicle.moveTo(name, other, 0.0)
+            for name in away:
+                vehicle.moveTo(name, lane, position[name])
+
+    def _another_lane(self, name: str, lane: str) -> str:
+        """Another lane of a vehicle's edge, or of the next or previous edge of its route; "" if there is none."""
+        edge, _, index = lane.rpartition("_")
+        if self._sumo.edge.getLaneNumber(edge) > 1:
+            return f"{edge}_{int(index == '0')}"
+        route, here = self._sumo.vehicle.getRoute(name), self._sumo.vehicle.getRouteIndex(name)
+        return next((f"{other}_0" for other in (*route[here + 1 : here + 2], *route[max(here - 1, 0) : here])), "")
+
+    def settle(self, fleet: Fleet) -> None:
+        """Correct the members' speeds and routes in SUMO."""
+        vehicle = self._sumo.vehicle
+        speeds, natives = fleet.motion.speed.tolist(), fleet.native.tolist()
+        for member, speed, native in zip(fleet.members, speeds, natives, strict=True):
+            if native and not member.route.closed:  # it keeps to the route that it was given
+                continue
+            if not native:
+                # The speed SUMO derives is wrong where a lane's length is not that of the path driven: at corners.
+                vehicle.setPreviousSpeed(member.id, abs(speed))
+            edge = self.where[member.id][0]
+            if self._routed.get(member.id) == (edge, member.route) or edge not in self._network.edges:  # a junction
+                continue
+            if vehicle.getRoute(member.id)[vehicle.getRouteIndex(member.id)] != edge:
+                continue  # for a few steps after a junction SUMO still counts it to the edge before
+            # Other drivers judge right of way by the route. Moving a vehicle off its route replaces the route.
+            if self._routed.get(member.id, ("", member.route))[1] is not member.route:
+                self._leg.pop(member.id, None)
+            vehicle.setRoute(member.id, self._edges_ahead(member, edge))
+            self._routed[member.id] = edge, member.route
+
+    def _edges_ahead(self, member: Member, edge: str) -> list[str]:
+        """The intended edges from this one on; straight on for a member without a route."""
+        edges = member.route.edges if member.route else ()
+        if edge not in edges:
+            return list(self._network.onward(edge))
+        leg = self._leg.get(member.id, 0)
+        # The next visit of an edge that the route uses more than once.
+        here = edges.index(edge, leg) if edge in edges[leg:] else edges.index(edge)
+        self._leg[member.id] = here
+        return [*edges[here:], *(edges[:here] if member.route.closed else ())]
+
+    def read(self, fleet: Fleet) -> Fleet:
+        """The fleet with the poses of SUMO-driven members."""
+        rows, vehicle = np.flatnonzero(fleet.native), self._sumo.vehicle
+        if not len(rows):
+            return fleet
+        names = [fleet.members[i].id for i in rows]
+        front = np.array([vehicle.getPosition(name) for name in names])
+        heading = heading_of(np.array([vehicle.getAngle(name) for name in names]))
+        speed = np.array([vehicle.getSpeed(name) for name in names])
+        return fleet.driven(rows, *centre_of(*front.T, heading, fleet.model.length[rows]), heading, speed, self._step)
+
+
+def make_type(sumo: Client, kind: str, length: float, width: float) -> None:
+    """A vehicle type `kind` of this size [m], otherwise SUMO's default passenger car."""
+    types = sumo.vehicletype
+    types.copy("DEFAULT_VEHTYPE", kind)
+    types.setVehicleClass(kind, "passenger")  # a scenario may have changed the default
+    types.setLength(kind, length)
+    types.setWidth(kind, width)
+    types.setMinGap(kind, min(LARGEST_MIN_GAP, length / 2))
+    types.setSpeedDeviation(kind, 0)
+
+
+def release(sumo: Client, name: str) -> None:
+    """Take a vehicle from SUMO's driver: it moves only as it is moved."""
+    sumo.vehicle.setSpeedMode(name, ALL_CHECKS_OFF)
+    sumo.vehicle.setLaneChangeMode(name, NO_LANE_CHANGE)

@@ -1,0 +1,105 @@
+"""SUMO from start to close: its options, the messages that it prints, and its failures as errors of this package."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from platoontraffic.errors import InputError, RunError
+from platoontraffic.sumo.client import Client, libsumo
+
+# The network that libsumo simulates now. It holds one simulation a process; a second start would replace the first
+# without a message.
+_in_this_process: list[Path] = []
+
+
+def start_options(network: Path, step: float, seed: int, more: Mapping[str, str]) -> list[str]:
+    """SUMO's command line.
+
+    step: [s]
+    more: options by their names without dashes: files to read and to write
+    """
+    options = [
+        "sumo",
+        *("--step-length", str(step), "--seed", str(seed)),
+        *("--time-to-teleport", "-1", "--collision.action", "warn", "--collision.check-junctions", "true"),
+        *("--collision.mingap-factor", "0", "--emergencydecel.warning-threshold", "1000000"),
+        *("--no-step-log", "true", "--duration-log.disable", "true", "--precision", "6"),
+    ]
+    for option, value in {"net-file": str(network), **more}.items():
+        options += [f"--{option}", value]
+    return options
+
+
+class Process:
+    """A SUMO that is started, stepped and closed.
+
+    network : file that it simulates, for messages
+    log     : file to which its messages are appended
+    """
+
+    def __init__(self, sumo: Client, network: Path, log: Path) -> None:
+        self._sumo, self._network, self.log = sumo, network, log
+
+    def start(self, options: Sequence[str]) -> None:
+        """raises: RunError (libsumo already runs in this process), InputError (SUMO refuses its input)"""
+        if self._sumo is libsumo and _in_this_process:
+            running = _in_this_process[0]
+            raise RunError(f"SUMO already runs {running} in this process; libsumo holds one simulation a process")
+        self._file = self.log.open("ab")
+        try:
+            with self._logged():
+                self._sumo.start(options)
+        except BaseException as error:
+            self._file.close()
+            if isinstance(error, self._sumo.TraCIException):
+                raise InputError(f"{self._network}: SUMO refuses it: {self._reason(error)}") from error
+            raise
+        if self._sumo is libsumo:
+            _in_this_process.append(self._network)
+
+    def step(self, until: float = 0.0) -> None:
+        """One step, or all steps to a time of SUMO's clock [s]."""
+        with self._logged():
+            self._sumo.simulationStep(until)
+
+    def close(self, error: BaseException | None) -> None:
+        """End SUMO.
+
+        error : because of which it is closed
+        raises: RunError in its place, if SUMO failed
+        """
+        if self._sumo is libsumo:
+            _in_this_process.clear()
+        failed = isinstance(error, (self._sumo.TraCIException, self._sumo.FatalTraCIError))
+        when = "its end"
+        if failed:
+            with contextlib.suppress(self._sumo.FatalTraCIError):  # a remote SUMO may be gone
+                when = f"{self._sumo.simulation.getTime():g} s"
+        with self._logged():
+            self._sumo.close()
+        self._file.close()
+        if failed:
+            raise RunError(f"SUMO failed at {when}: {self._reason(error)}") from error
+
+    def _reason(self, error: Exception) -> str:
+        """SUMO's own first error message; its exception often says 'Process Error' only."""
+        log = self.log.read_text(errors="replace")
+        errors = re.findall(r"^Error: *(.+(?:\n .+)*)", log, re.MULTILINE)  # continuation lines are indented
+        return " ".join(errors[0].split()) if errors else str(error)
+
+    @contextlib.contextmanager
+    def _logged(self) -> Iterator[None]:
+        """Messages go to the log: SUMO prints them from C++ to file descriptor 2, past Python's sys.stderr."""
+        sys.stderr.flush()
+        kept = os.dup(2)
+        os.dup2(self._file.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)

@@ -1,0 +1,152 @@
+"""What members drive on: SUMO's world, or bare ground without roads and background traffic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+
+from platoontraffic.controllers import Signals
+from platoontraffic.world.events import Noted
+from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.traffic import TrafficSnapshot
+
+
+class Ground(Protocol):
+    """A context manager: it is opened, members are deployed, and then it advances one step after the other.
+
+    In each step `hold` and `place` say where obstacles and moved members are at its end, and `advance` makes it.
+    """
+
+    @property
+    def waiting(self) -> Sequence[Fleet]:
+        """Platoons that have not yet departed."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def deploy(self, fleet: Fleet, later: Sequence[Fleet] = ()) -> Fleet:
+        """Put members to their start poses; this is time 0.
+
+        later : platoons that `advance` adds at their times of departure
+        """
+
+    def snapshot(self, fleet: Fleet, reach: float = np.inf) -> TrafficSnapshot:
+        """Vehicles and people at this instant: members as the fleet has them, then background traffic, then obstacles.
+
+        reach: range, from a member's centre [m]; background traffic out of range of every member may be left out
+        """
+
+    def hold(self, obstacles: TrafficSnapshot, routes: Mapping[str, tuple[str, ...]]) -> None:
+        """Obstacles at the end of the coming step, or now before the first.
+
+        routes: edges, by obstacle that background traffic shall see, that it means to drive; there may be none
+        """
+
+    def place(self, fleet: Fleet, brakes: np.ndarray | None = None) -> None:
+        """Poses of moved members at the end of the coming step.
+
+        brakes: deceleration of members with a failed drive, (n,), NaN: sound [m/s2]; SUMO-driven ones are slowed by it
+        """
+
+    def advance(self, fleet: Fleet) -> Fleet:
+        """One step: the fleet after it, without members that have arrived, with platoons that have departed."""
+
+    def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
+        """Edge and lane of each member after the last step; the lane is "" off the road."""
+
+    def signals(self, fleet: Fleet) -> Signals | None:
+        """State of the next stop line of each member whose law asks for it; None if none does."""
+
+    def violations(self, fleet: Fleet) -> list[Noted]:
+        """Members that entered a junction in the last step against a signal or right of way."""
+
+
+class BareGround:
+    """Ground without SUMO: no roads, no background traffic. Steps are `step` seconds long.
+
+    A platoon departs when it is due, whether there is room or not.
+    """
+
+    def __init__(self, step: float) -> None:
+        self._step, self._steps = step, 0
+        self._later: list[Fleet] = []  # platoons that depart later, the next one first
+        self._obstacles: TrafficSnapshot | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None: ...
+
+    @property
+    def waiting(self) -> Sequence[Fleet]:
+        return self._later
+
+    def deploy(self, fleet: Fleet, later: Sequence[Fleet] = ()) -> Fleet:
+        """raises: ValueError (a member is SUMO-driven: nothing would move it)"""
+        native = [some.members[i].id for some in (fleet, *later) for i in np.flatnonzero(some.native)]
+        if native:
+            raise ValueError(f"{', '.join(native)}: only SUMO can drive it; on bare ground it must have another law")
+        self._steps = 0
+        self._later = sorted(later, key=lambda platoon: platoon.members[0].departs)
+        return fleet
+
+    def snapshot(self, fleet: Fleet, reach: float = np.inf) -> TrafficSnapshot:
+        """The members, then the obstacles; all, whatever the reach."""
+        traffic = members_at(fleet, self._time)
+        return traffic.with_others(self._obstacles) if self._obstacles and self._obstacles.ids else traffic
+
+    def hold(self, obstacles: TrafficSnapshot, routes: Mapping[str, tuple[str, ...]]) -> None:
+        self._obstacles = obstacles
+
+    def place(self, fleet: Fleet, brakes: np.ndarray | None = None) -> None:
+        """Nothing: the fleet has its poses."""
+
+    def advance(self, fleet: Fleet) -> Fleet:
+        self._steps += 1
+        fleet = fleet.without(with_their_followers(fleet, fleet.arrived()))
+        for platoon in departs_by(self._later, self._time, self._step):
+            self._later.remove(platoon)
+            fleet = fleet.joined(platoon)
+        return fleet
+
+    def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
+        return [("", "")] * len(fleet)
+
+    def signals(self, fleet: Fleet) -> None:
+        return None
+
+    def violations(self, fleet: Fleet) -> list[Noted]:
+        return []
+
+    @property
+    def _time(self) -> float:
+        return round(self._steps * self._step, 6)
+
+
+def members_at(fleet: Fleet, time: float) -> TrafficSnapshot:
+    """The members alone."""
+    motion, size = fleet.motion, (fleet.model.length, fleet.model.width)
+    return TrafficSnapshot(
+        time, tuple(m.id for m in fleet.members), motion.x, motion.y, motion.heading, motion.speed, *size
+    )
+
+
+def with_their_followers(fleet: Fleet, gone: set[str]) -> set[str]:
+    """Members that have left the road, and those that leave with them: their followers that know no route."""
+    heads = fleet.heads().tolist()
+    return gone | {
+        member.id
+        for member, head in zip(fleet.members, heads, strict=True)
+        if fleet.members[head].id in gone and not member.arrives_alone
+    }
+
+
+def departs_by(later: Sequence[Fleet], time: float, step: float) -> list[Fleet]:
+    """Platoons whose time of departure is not after `time`, or nearer to it than to the step after."""
+    return [platoon for platoon in later if platoon.members[0].departs < time + step / 2]
