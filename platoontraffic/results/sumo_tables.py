@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import gzip
 import re
-from collections.abc import Collection, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -15,7 +14,8 @@ from xml.etree import ElementTree
 import pandas as pd
 
 from platoontraffic.road.network import file_named_in, names_files
-from platoontraffic.results.recorder import Column, Recorder
+from platoontraffic.results.columns import Column
+from platoontraffic.results.recorder import Recorder
 from platoontraffic.scenario import Scenario
 
 CHANGES_LANES_IN = "3"  # [s], where a laser is to follow; at once, as is SUMO's default, cars jump aside
@@ -106,6 +106,11 @@ class Table(NamedTuple):
     row: str  # its XML element of a row
     columns: tuple[tuple[str, float, Column], ...]  # attribute, its unit in the column's, column
 
+    @property
+    def written(self) -> tuple[Column, ...]:
+        """The columns of the table as it is written."""
+        return tuple(column for *_, column in self.columns)
+
 
 def _number(attribute: str, name: str, unit: str, meaning: str, scale: float = 1.0) -> tuple[str, float, Column]:
     return attribute, scale, Column(name, "number", unit, meaning, "%.9g")
@@ -191,21 +196,6 @@ TABLES = {
     ),
 }
 
-# Metrics of the vehicles that are no members and were on the road while the platoons were.
-MEANINGS = {
-    "trips_finished": "trips that arrived",
-    "trips_running": "trips on the road at the end",
-    "trips_waiting": "trips kept from the road by others until the end",
-    "travel_time_mean": "on the road, of the finished trips",
-    "waiting_mean": "of that, standing",
-    "delay_mean": "lost by driving slower than would be possible, of the finished trips",
-    "depart_delay_mean": "late for their departure, of the finished trips",
-    "distance": "driven, of all",
-    "co2_per_distance": "of all, over that distance",
-    "fuel_per_distance": "of all, over that distance",
-}
-
-
 _TAKEN = [f"{name}.csv" for name in TABLES]
 
 
@@ -223,21 +213,9 @@ def write_tables(recorder: Recorder, scenario: Scenario) -> None:
         own = recorder.folder / _RAW.format(name)
         file = own if own.is_file() else _inside(recorder.folder, asked[table.option])
         rows = _rows(file, table, start_time(scenario))
-        recorder.write_table(f"sumo_{name}.csv", rows, tuple(column for *_, column in table.columns))
+        recorder.write_table(f"sumo_{name}.csv", rows, table.written)
         own.unlink(missing_ok=True)
     (recorder.folder / "sumo_edges.add.xml").unlink(missing_ok=True)
-
-
-def resources(wanted: Sequence[str]) -> list[dict[str, Any]]:
-    """SUMO's tables as resources of a data package."""
-    described = []
-    for name in dict.fromkeys(wanted):
-        fields = [
-            {"name": c.name, "type": c.type, "unit": c.unit, "description": c.meaning} for *_, c in TABLES[name].columns
-        ]
-        schema = {"fields": fields, "missingValues": [""]}
-        described.append({"name": f"sumo_{name}", "path": f"sumo_{name}.csv", "format": "csv", "schema": schema})
-    return described
 
 
 def _rows(file: Path, table: Table, start: float) -> Iterator[tuple]:
@@ -281,31 +259,3 @@ def _value(text: str, scale: float, column: Column) -> Any:
 
 def read_trips(folder: Path) -> pd.DataFrame:
     return pd.read_csv(folder / "sumo_trips.csv", dtype={name: str for name in ("vehicle_id", "type", "status")})
-
-
-def traffic_metrics(trips: pd.DataFrame, members: Collection[str]) -> list[tuple[str, float, str]]:
-    """(name, value, unit) of SUMO's own vehicles, as `MEANINGS` defines them.
-
-    trips   : of `read_trips`
-    members : their ids; for want of a lane SUMO knows too little of them
-    """
-    others = trips[~trips.vehicle_id.isin(list(members))]
-    status = others.status.value_counts()
-    finished = others[others.status == "arrived"]
-    driven = others.route_length_m.sum() / 1000
-    of_all = partial(_over, others, driven)
-    return [
-        *((f"trips_{kind}", float(status.get(key, 0)), "")
-          for kind, key in (("finished", "arrived"), ("running", "running"), ("waiting", "waiting"))),
-        ("travel_time_mean", finished.duration_s.mean(), "s"),
-        ("waiting_mean", finished.waiting_s.mean(), "s"),
-        ("delay_mean", finished.time_loss_s.mean(), "s"),
-        ("depart_delay_mean", finished.depart_delay_s.mean(), "s"),
-        ("distance", driven, "km"),
-        ("co2_per_distance", of_all("co2_kg"), "kg/km"),
-        ("fuel_per_distance", of_all("fuel_kg"), "kg/km"),
-    ]  # fmt: skip
-
-
-def _over(trips: pd.DataFrame, kilometres: float, column: str) -> float:
-    return trips[column].sum() / kilometres if kilometres > 0 else float("nan")

@@ -35,7 +35,8 @@ from platoontraffic.controllers.registry import Law, find_law, plug_in_file
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
 from platoontraffic.road.network import Configuration, Network, id_clashes, read_configuration
-from platoontraffic.scenario import obstacle_tables, toml_lines
+from platoontraffic.scenario import metric_plug_ins, obstacle_tables, toml_lines
+from platoontraffic.scenario.metric_plug_ins import MetricPlugIns
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
 from platoontraffic.vehicles.motion import DifferentialDrive
@@ -125,8 +126,9 @@ class Record(Table):
     scans_every_s: Length | None = None  # what the lasers measured, in scans.npz; default: not at all
     sumo: list[Literal["trips", "summary", "edges"]] = []  # tables of SUMO's own, sumo_trips.csv and so on
     sumo_every_s: Length = 60.0  # of summary a row, of edges the intervals
+    metrics: list[str] = []  # further metrics of the scenario's own, `module:Class`
 
-    @field_validator("sumo", mode="before")
+    @field_validator("sumo", "metrics", mode="before")
     @classmethod
     def listed(cls, names: Any) -> Any:
         return names.split(",") if isinstance(names, str) else names
@@ -447,6 +449,7 @@ class Scenario:
     laws: dict[tuple[int, str], Any]  # (platoon's number, "leader" or "follower") -> law
     plug_ins: dict[tuple[int, str], Path]  # files beside the scenario that laws are named by
     sources: tuple[Path, ...]  # of all laws that are not shipped
+    metrics: MetricPlugIns
     varied: dict[str, Any]  # what the arguments changed
     place: Callable[[tuple], str]  # where a key stands: `file:line`, or the argument that set it
 
@@ -469,6 +472,7 @@ class Scenario:
             **{f"additional.{i}.{file.name}": file for i, file in enumerate(self.additional)},
             **{f"config.{i}.{file.name}": file for i, file in enumerate(further)},
             **{f"law.{i}.{file.name}": file for i, file in enumerate(self.sources)},
+            **{f"metric.{i}.{file.name}": file for i, file in enumerate(self.metrics.sources)},
         }
 
     def remarks(self) -> list[str]:
@@ -519,6 +523,7 @@ class Scenario:
         for key, files in given.items():  # beside those that the network or the configuration brings
             n = len(getattr(self.spec.sumo, key))
             table["sumo"][key] = [named(file) for file in files[len(files) - n :]]
+        table["record"]["metrics"] = self.metrics.names(named)
         for (i, role), law in self.laws.items():
             driver = table["platoon"][i][role]
             keys = {alias: getattr(law, name) for name, alias in keys_of(type(law)).items()}
@@ -806,10 +811,11 @@ def _resolve(spec: Spec, source: Path, varied: dict, place: Callable[[tuple], st
                 fault(
                     (*at, "vehicle"), f"{told.vehicle!r}: {which} cannot drive alone; must be tracking, on_loss drive"
                 )
+    metrics = metric_plug_ins.find(spec.record.metrics, folder, lambda i, what: fault(("record", "metrics", i), what))
     if faults:
         raise InputError(*faults)
     files = (net, tuple(routes), tuple(additional), config)
-    return Scenario(spec, source, *files, laws, plug_ins, tuple(sorted(sources)), varied, place)
+    return Scenario(spec, source, *files, laws, plug_ins, tuple(sorted(sources)), metrics, varied, place)
 
 
 def _brought(sumo: Sumo) -> tuple[list[Path], list[Path]]:
