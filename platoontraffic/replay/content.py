@@ -1,7 +1,7 @@
-"""What the replay's page is given of a run: a header of names and places, and columns of numbers.
+"""Data of a run for the replay page: a header of names and offsets, and columns of numbers.
 
-Lengths are steps of 1 mm for robots and 1 cm for cars, from the road's lower left corner; ranges a 2000th of what the
-laser reaches. A track is a stretch of a vehicle's rows at instants that follow each other.
+Lengths are in steps of 1 mm for robots and 1 cm for cars, from the lower left corner of the road; ranges in steps of
+1/2000 of the laser's greatest range. A track is a stretch of a vehicle's rows at successive instants.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from platoontraffic.replay.columns import Columns
 
 SMALL = 2.0  # shorter vehicles are robots [m]
 ANGLE, TIME, SPEED = 1e-3, 1e-3, 1e-3  # steps [rad, s, m/s]
-PATH_STEPS = 5  # in which remembered paths are, of other lengths'
-RANGE_STEPS = 2000  # of a laser's greatest range
-NOTHING, TOO_NEAR, LOST, FIRST = 0, 1, 2, 3  # how a range is written; FIRST is 0 m
-SIZES = {True: (4.74, 1.80), False: (0.20, 0.15)}  # of vehicles in a run that tells none; of cars, of robots [m]
+PATH_STEPS = 5  # step of remembered paths, in steps of other lengths
+RANGE_STEPS = 2000  # steps in a laser's greatest range
+NOTHING, TOO_NEAR, LOST, FIRST = 0, 1, 2, 3  # codes of ranges; FIRST is 0 m
+SIZES = {True: (4.74, 1.80), False: (0.20, 0.15)}  # length and width where a run has no vehicles.csv: car, robot [m]
 
-# The figures that tell a run at a glance: metric, heading.
+# Key figures: metric, heading.
 KEY_METRICS = {
     "speed_mean": "mean speed",
     "gap_mean": "mean gap",
@@ -44,14 +44,16 @@ KEY_METRICS = {
 
 
 def packed(results: Results, chosen: str | None = None) -> bytes:
-    """All that the page shows.
+    """All data of the page, compressed.
 
-    chosen: the member to begin with; by default the first follower
+    chosen: the member that is selected at first; default: the first follower
+
+    raises: ResultsError, InputError if there is no such member
     """
     columns = Columns()
     members = results.trajectories.drop_duplicates("vehicle_id").sort_values(["platoon_id", "place"], kind="stable")
     if members.empty:
-        raise ResultsError(f"{results.folder}: nobody was ever on the road")
+        raise ResultsError(f"{results.folder}: no member was ever on the road")
     ids = members.vehicle_id.tolist()
     if chosen is not None and chosen not in ids:
         raise InputError(f"--vehicle: no member {chosen!r} in this run{did_you_mean(chosen, ids)}")
@@ -75,7 +77,7 @@ def packed(results: Results, chosen: str | None = None) -> bytes:
 
 
 def _facts(results: Results) -> dict[str, Any]:
-    """What the run is called, and what is known of it; files that fail here are not worth failing for."""
+    """Title and origin of the run; the page does without them if their files cannot be read."""
     package, provenance = (_json(results, name) for name in ("datapackage.json", "provenance.json"))
     resources = {r.get("name"): r for r in package.get("resources", [])}
     end = results.events.loc[results.events.kind == "end", "time_s"]
@@ -107,7 +109,7 @@ def _shape(columns: Columns, lines: Sequence[Sequence], low: np.ndarray, step: f
 
 
 def _sizes(results: Results, ids: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Length and width of each."""
+    """Length and width of each vehicle [m]."""
     if results.vehicles is None:
         points = np.array([p for ring in results.scene.get("road", []) for p in ring] or [(0, 0)])
         usual = SIZES[bool(np.ptp(points, axis=0).max() > 100)]
@@ -117,9 +119,9 @@ def _sizes(results: Results, ids: Sequence[str]) -> tuple[np.ndarray, np.ndarray
 
 
 def _tracks(columns: Columns, rows: pd.DataFrame, ids: Sequence[str], low: np.ndarray, step: float):
-    """The rows by vehicle and time, and what is written of where these were.
+    """The rows sorted by vehicle and time, and the columns of their poses.
 
-    returns: rows, dict
+    returns: rows, columns by name
     """
     times = np.unique(rows.time_s)
     rows = rows.assign(
@@ -131,7 +133,7 @@ def _tracks(columns: Columns, rows: pd.DataFrame, ids: Sequence[str], low: np.nd
     turn = np.diff(heading, prepend=0.0)
     turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
     turn[begins] = heading[begins]
-    along = np.cumsum(turn)  # the page interpolates, so a heading must not jump by a turn within a track
+    along = np.cumsum(turn)  # not wrapped within a track, because the page interpolates
     base = along[begins] - heading[begins]
     heading = along - np.repeat(base, np.diff(np.append(begins, len(rows))))
     return rows, {
@@ -203,7 +205,9 @@ def _scans(columns: Columns, results: Results, ids: Sequence[str], low: np.ndarr
     scans = results.scans
     if scans is None:
         return None
-    order = np.lexsort((scans.time_s, scans.vehicle))  # neighbours are alike, and the page looks for one vehicle's
+    order = np.lexsort(
+        (scans.time_s, scans.vehicle)
+    )  # similar neighbours compress well, and the page reads one vehicle at a time
     written, offset, first, last = [], [0], [], []
     groups = _segments(scans)
     for i in order:
@@ -240,7 +244,7 @@ def _scans(columns: Columns, results: Results, ids: Sequence[str], low: np.ndarr
 
 
 def _paths(columns: Columns, scans: Scans, order: np.ndarray, low: np.ndarray, step: float) -> dict | None:
-    """The paths that laws remembered at their scans, in the order of these."""
+    """The paths that laws remembered at their scans, in the order of the scans."""
     if scans.path_offset is None:
         return None
     begins, ends = scans.path_offset[order], scans.path_offset[order + 1]
@@ -259,7 +263,7 @@ def _range_steps(ranges: np.ndarray, step: float) -> np.ndarray:
 
 
 def _segments(scans: Scans) -> list[tuple[np.ndarray, np.ndarray]]:
-    """First and last beam of every group of returns, of every scan."""
+    """First and last beam of every group of returns, by scan."""
     groups: list[tuple[np.ndarray, np.ndarray]] = [(np.empty(0), np.empty(0))] * len(scans)
     kinds: dict[tuple, list[int]] = {}
     names = ("samples", "angle_min_rad", "angle_max_rad", "range_min_m", "range_max_m")
@@ -272,7 +276,7 @@ def _segments(scans: Scans) -> list[tuple[np.ndarray, np.ndarray]]:
         batch = ScanBatch(model, 0.0, tuple(map(str, rows)), ranges, None, np.zeros(len(rows), dtype=bool))
         try:
             found = find_segments(batch)
-        except ValueError:  # so few beams that lost ones cannot be bridged, or none belong together
+        except ValueError:  # too few beams to bridge lost ones or to form a group
             continue
         for row, i in enumerate(rows):
             own = found.of(row)
@@ -281,14 +285,14 @@ def _segments(scans: Scans) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _first_to_look_at(members: pd.DataFrame) -> str:
-    """The first follower of the largest platoon; a leader where nobody follows."""
+    """The first follower of the largest platoon, or the leader if that has no follower."""
     largest = members.groupby("platoon_id", sort=False).size().idxmax()
     platoon = members[members.platoon_id == largest]
     return platoon.vehicle_id.iloc[min(1, len(platoon) - 1)]
 
 
 def _events(results: Results) -> list[list]:
-    """time, kind, vehicle, other, x, y, duration, detail"""
+    """Rows: time, kind, vehicle, other, x, y, duration, detail."""
     table = results.events.reindex(
         columns=["time_s", "kind", "vehicle_id", "other_id", "x_m", "y_m", "duration_s", "detail"]
     )
@@ -300,7 +304,7 @@ def _events(results: Results) -> list[list]:
 
 
 def _metrics(results: Results) -> dict[str, Any]:
-    """The key figures: their headings, units, and a row a member."""
+    """Key figures: headings, units, and a row a member."""
     table = results.metrics[(results.metrics.scope == "vehicle") & results.metrics.metric.isin(KEY_METRICS)]
     table = table[np.isfinite(table.value)]
     units = table.drop_duplicates("metric").set_index("metric").reindex(columns=["unit"]).unit.fillna("").to_dict()
