@@ -109,7 +109,7 @@ def losses(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon
 
 
 def states(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon: str | None = None) -> Axes:
-    """Periods in which each member was held at a stop line, split off, or broken down: a row each, the leader on top."""
+    """Periods in which members were held at a stop line, split off or broken down: a row each, the leader on top."""
     columns_of(events, ["time_s", "kind", "vehicle_id"])
     members = [(place, vehicle, rows.time_s) for place, vehicle, rows in _members(trajectories, platoon)]
     for name, (begin, end, colour, height) in STATES.items():
@@ -303,7 +303,7 @@ def paths(
 
 
 def obstacles(events: pd.DataFrame, axes: Axes, traffic: pd.DataFrame | None = None) -> Axes:
-    """Positions at which obstacles appeared and at which they entered a member's path; also their own recorded paths."""
+    """Positions at which obstacles appeared and at which they entered a member's path; also their recorded paths."""
     came, met = events[events.kind == "obstacle"], events[events.kind.isin(ENCOUNTERS)]
     for name in came.vehicle_id if traffic is not None else ():
         rows = traffic[traffic.vehicle_id == name]

@@ -95,9 +95,9 @@ def interval(values: Iterable[float], level: float = LEVEL, resamples: int = RES
     """Bootstrap interval of the mean of independent values; (NaN, NaN) for fewer than two.
 
     Percentiles of the means of samples drawn with replacement, at levels widened by the ratio of Student's t to the
-    normal distribution: for n values the plain percentiles are too narrow (T. C. Hesterberg, What teachers should know about
-    the bootstrap, The American Statistician 69 (2015) 371, "expanded percentile"). For fewer
-    than six values it stays too narrow, because no mean of a sample lies beyond the values.
+    normal distribution: for n values the plain percentiles are too narrow (T. C. Hesterberg, What teachers should know
+    about the bootstrap, The American Statistician 69 (2015) 371, "expanded percentile"). For fewer than six values the
+    interval stays too narrow, because no mean of a sample lies beyond the values.
 
     The same values, in whatever order, give the same interval.
     """

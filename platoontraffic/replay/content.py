@@ -205,9 +205,7 @@ def _scans(columns: Columns, results: Results, ids: Sequence[str], low: np.ndarr
     scans = results.scans
     if scans is None:
         return None
-    order = np.lexsort(
-        (scans.time_s, scans.vehicle)
-    )  # similar neighbours compress well, and the page reads one vehicle at a time
+    order = np.lexsort((scans.time_s, scans.vehicle))  # compresses well; the page reads by vehicle
     written, offset, first, last = [], [0], [], []
     groups = _segments(scans)
     for i in order:

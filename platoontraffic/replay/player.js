@@ -345,11 +345,11 @@ class Player {
     const { run } = this;
     const layers = [
       ["scan", "Beams and returns", run.scans],
-      ["segments", "Segments found", run.scans],
-      ["target", "Target chosen", true],
+      ["segments", "Segments", run.scans],
+      ["target", "Target of the law", true],
       ["remembered", `Remembered path${run.scans?.path ? "" : " (not recorded)"}`, run.scans?.path],
-      ["paths", "Paths driven", true],
-      ["traffic", "Other traffic", run.traffic?.n],
+      ["paths", "Driven paths", true],
+      ["traffic", "Background traffic", run.traffic?.n],
       ["buildings", "Buildings, walls", (run.scene.walls?.length ?? 0) + (run.scene.buildings?.length ?? 0)],
       ["names", "Names", true],
     ];

@@ -50,7 +50,7 @@ def page(folder: Path, to: Path, metric: str | None = None) -> Path:
     facts = [
         name,
         *(f"{n} {kind}" for kind, n in states.items()),
-        "repeat or continue it: platoontraffic batch with its study",
+        "repeat it: platoontraffic batch with its study",
     ]
     points = batch.runs.drop_duplicates(batch.varied) if batch.varied else batch.runs.head(1)
     seeds = batch.runs.seed.nunique()

@@ -14,7 +14,7 @@ from platoontraffic.report.markup import details, document, figure_files, first_
 MOST_EVENTS = 1000  # listed in the page; events.csv has all
 PICTURES = {
     "road": "The road, the path of every member, and its last position",
-    "strips": "Gap, speed and spacing error over time; periods in which a follower had lost its predecessor; periods in "
+    "strips": "Gap, speed and spacing error over time; periods in which a follower had lost its predecessor, and in "
     "which a member was held at a stop line, split off or broken down",
 }
 # Metrics of the run at the top of the page.

@@ -309,7 +309,7 @@ def test_the_scan_is_that_of_the_archive(opened, made):
 def test_what_is_seen_with_a_layer_is_gone_without_it(opened, made):
     tab = opened(made / "replay.html")
     assert tab.evaluate("replay.drawn.traffic") > 0
-    for name in ("Beams and returns", "Target chosen", "Other traffic"):
+    for name in ("Beams and returns", "Target of the law", "Background traffic"):
         tab.get_by_label(name).uncheck()
     until(tab, "replay.drawn.traffic === 0 && !replay.drawn.scan && !replay.drawn.target")
 
