@@ -26,6 +26,16 @@ RANGE_STEPS = 2000  # steps in a laser's greatest range
 NOTHING, TOO_NEAR, LOST, FIRST = 0, 1, 2, 3  # codes of ranges; FIRST is 0 m
 SIZES = {True: (4.74, 1.80), False: (0.20, 0.15)}  # length and width where a run has no vehicles.csv: car, robot [m]
 
+# Columns of trajectories that the page shows: name in the page, column, step.
+MEASURED = (
+    ("speed", "speed_mps", SPEED),
+    ("acceleration", "accel_mps2", SPEED),
+    ("gap", "gap_m", 0.001),
+    ("error", "gap_error_m", 0.001),
+    ("seenGap", "seen_gap_m", 0.001),
+    ("seenBearing", "seen_bearing_rad", 1e-4),
+)
+
 # Key figures: metric, heading.
 KEY_METRICS = {
     "speed_mean": "mean speed",
@@ -151,25 +161,9 @@ def _members(columns: Columns, results: Results, members: pd.DataFrame, low: np.
     ids = members.vehicle_id.tolist()
     rows, written = _tracks(columns, results.trajectories, ids, low, step)
     length, width = _sizes(results, ids)
-    lasers = np.full((len(ids), 3), np.nan)
-    if results.vehicles is not None:
-        known = results.vehicles.drop_duplicates("vehicle_id").set_index("vehicle_id").reindex(ids)
-        lasers = known[["laser_x_m", "laser_y_m", "laser_yaw_rad"]].to_numpy(dtype=float)
-    laser_x = np.where(np.isnan(lasers[:, 0]), length / 2, lasers[:, 0])
+    laser_x, laser_y, laser_yaw = _lasers(results, ids, length)
     target = rows.target_id.fillna("") if "target_id" in rows else pd.Series("", index=rows.index)
     targets = [t for t in target.unique() if t]
-    values = {
-        name: columns.add(rows[column].to_numpy(dtype=float), fine)
-        for name, column, fine in (
-            ("speed", "speed_mps", SPEED),
-            ("acceleration", "accel_mps2", SPEED),
-            ("gap", "gap_m", 0.001),
-            ("error", "gap_error_m", 0.001),
-            ("seenGap", "seen_gap_m", 0.001),
-            ("seenBearing", "seen_bearing_rad", 1e-4),
-        )
-        if column in rows
-    }
     return {
         "ids": ids,
         "platoons": members.platoon_id.tolist(),
@@ -177,13 +171,23 @@ def _members(columns: Columns, results: Results, members: pd.DataFrame, low: np.
         "length": columns.add(length, 0.001),
         "width": columns.add(width, 0.001),
         "laserX": columns.add(laser_x, 1e-4),
-        "laserY": columns.add(np.nan_to_num(lasers[:, 1]), 1e-4),
-        "laserYaw": columns.add(np.nan_to_num(lasers[:, 2]), 1e-4),
+        "laserY": columns.add(laser_y, 1e-4),
+        "laserYaw": columns.add(laser_yaw, 1e-4),
         **written,
-        **values,
+        **{name: columns.add(rows[c].to_numpy(dtype=float), step) for name, c, step in MEASURED if c in rows},
         "targets": targets,
         "target": columns.add(pd.Index(targets).get_indexer(target) if targets else np.full(len(rows), -1.0)),
     }
+
+
+def _lasers(results: Results, ids: Sequence[str], length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position of each laser from the centre, ahead and to the left [m], and yaw [rad]; by default at the bumper."""
+    lasers = np.full((len(ids), 3), np.nan)
+    if results.vehicles is not None:
+        known = results.vehicles.drop_duplicates("vehicle_id").set_index("vehicle_id").reindex(ids)
+        lasers = known[["laser_x_m", "laser_y_m", "laser_yaw_rad"]].to_numpy(dtype=float)
+    x = np.where(np.isnan(lasers[:, 0]), length / 2, lasers[:, 0])
+    return x, np.nan_to_num(lasers[:, 1]), np.nan_to_num(lasers[:, 2])
 
 
 def _traffic(columns: Columns, results: Results, low: np.ndarray, step: float) -> dict[str, Any] | None:
@@ -206,15 +210,7 @@ def _scans(columns: Columns, results: Results, ids: Sequence[str], low: np.ndarr
     if scans is None:
         return None
     order = np.lexsort((scans.time_s, scans.vehicle))  # compresses well; the page reads by vehicle
-    written, offset, first, last = [], [0], [], []
-    groups = _segments(scans)
-    for i in order:
-        ranges = scans.ranges(i)
-        written.append(_range_steps(ranges, scans.range_max_m[scans.vehicle[i]] / RANGE_STEPS))
-        begins, ends = groups[i]
-        first.append(begins)
-        last.append(ends)
-        offset.append(offset[-1] + len(begins))
+    written = [_range_steps(scans.ranges(i), scans.range_max_m[scans.vehicle[i]] / RANGE_STEPS) for i in order]
     member = pd.Index(ids).get_indexer(scans.vehicle_id)
     increment = (scans.angle_max_rad - scans.angle_min_rad) / np.maximum(scans.samples - 1, 1)
     return {
@@ -235,7 +231,16 @@ def _scans(columns: Columns, results: Results, ids: Sequence[str], low: np.ndarr
         "y": columns.add(scans.y_m[order] - low[1], step),
         "heading": columns.add(scans.heading_rad[order], ANGLE),
         "ranges": columns.add(np.concatenate([*written, np.empty(0)])),
-        "segments": columns.add(offset),
+        **_segment_columns(columns, scans, order),
+    }
+
+
+def _segment_columns(columns: Columns, scans: Scans, order: np.ndarray) -> dict[str, Any]:
+    """The groups of returns of each scan, in the order of the scans."""
+    groups = _segments(scans)
+    first, last = ([groups[i][end] for i in order] for end in (0, 1))
+    return {
+        "segments": columns.add(np.concatenate([[0], np.cumsum([len(beams) for beams in first])])),
         "segmentFirst": columns.add(np.concatenate([*first, np.empty(0)])),
         "segmentLast": columns.add(np.concatenate([*last, np.empty(0)])),
     }

@@ -46,17 +46,8 @@ def page(folder: Path, to: Path, metric: str | None = None) -> Path:
         raise InputError(f"--metric: {metric!r}: no metric in summary.csv{did_you_mean(metric, metrics)}")
     drawn = [metric] if metric else _drawn(batch, metrics)
     listed = list(dict.fromkeys([*drawn, *(m for m in FIRST if m in metrics)]))
-    states = batch.runs.status.value_counts()
-    facts = [
-        name,
-        *(f"{n} {kind}" for kind, n in states.items()),
-        "repeat it: platoontraffic batch with its study",
-    ]
     points = batch.runs.drop_duplicates(batch.varied) if batch.varied else batch.runs.head(1)
-    seeds = batch.runs.seed.nunique()
-    figures = (("runs", len(batch.runs)), ("done", len(batch.summary)), ("points", len(points)), ("seeds", seeds))
-    body = f"""<p class="facts">{text(" · ".join(facts))}</p>
-{first_figures((name, str(value)) for name, value in figures)}
+    body = f"""{_facts(batch, name, len(points))}
 <h2>Varied keys</h2>
 {_varied(batch)}
 <h2>Pictures</h2>
@@ -69,6 +60,21 @@ def page(folder: Path, to: Path, metric: str | None = None) -> Path:
 {_runs(batch, "waiting", ())}"""
     title = read_json(batch.folder, "datapackage.json").get("title") or name
     return write(to, document(f"Report of {name}", title, body).encode())
+
+
+def _facts(batch: Batch, name: str, points: int) -> str:
+    """Line below the title, and key figures."""
+    states = batch.runs.status.value_counts()
+    facts = [name, *(f"{n} {kind}" for kind, n in states.items()), "repeat it: platoontraffic batch with its study"]
+    counts = {
+        "runs": len(batch.runs),
+        "done": len(batch.summary),
+        "points": points,
+        "seeds": batch.runs.seed.nunique(),
+    }
+    figures = first_figures((what, str(count)) for what, count in counts.items())
+    return f"""<p class="facts">{text(" · ".join(facts))}</p>
+{figures}"""
 
 
 def _metrics(batch: Batch) -> list[str]:
