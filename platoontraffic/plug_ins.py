@@ -26,12 +26,13 @@ def installed_names(group: str) -> list[str]:
     return sorted(point.name for point in _installed(group))
 
 
-def find_class(name: str, folder: Path, group: str, what: str) -> PlugIn:
+def find_class(name: str, folder: Path, group: str, what: str, abstract: type = object) -> PlugIn:
     """A callable class by name.
 
-    name   : of an entry point of `group`, or `module:Class` with the module in `folder` or importable
-    what   : noun for messages, such as "law"
-    raises : LookupError with one line that says what is wrong and what there is
+    name     : of an entry point of `group`, or `module:Class` with the module in `folder` or importable
+    what     : noun for messages, such as "law"
+    abstract : a base class that declares `__call__` and does not define it
+    raises   : LookupError with one line that says what is wrong and what there is
     """
     if ":" not in name:
         found = [point for point in _installed(group) if point.name == name]
@@ -47,7 +48,9 @@ def find_class(name: str, folder: Path, group: str, what: str) -> PlugIn:
         raise LookupError(f"{name!r}: there is no file {folder / module_name}")
     module, sources = _imported(module_name, file)
     kind = getattr(module, class_name, None)
-    if not isinstance(kind, type) or not any("__call__" in base.__dict__ for base in kind.__mro__):
+    if not isinstance(kind, type) or not any(
+        "__call__" in base.__dict__ for base in kind.__mro__ if base is not abstract
+    ):
         own = [n for n, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__]
         hint = did_you_mean(class_name, own)
         raise LookupError(f"{module_name} has no {what} {class_name!r}, a class with __call__{hint}")
