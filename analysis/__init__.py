@@ -1,4 +1,4 @@
-"""From the folder of a run or a batch to tables and pictures. Needs no SUMO."""
+"""Tables and pictures from the folder of a run or a batch. Needs no SUMO."""
 
 if __name__ != "platoontraffic.analysis":  # a second copy, under another name, would not know the first one's classes
     raise ImportError("import it as platoontraffic.analysis")

@@ -1,7 +1,7 @@
 """Figures: each function draws a table on axes and returns them.
 
-Colours are told apart by colour-blind eyes and on grey paper. Units stand in the labels, from the table's
-`attrs["units"]` or from the column's name.
+Colours can be distinguished by colour-blind readers and in greyscale. Labels state units, from the table's
+`attrs["units"]` or from the name of the column.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ STATES = {  # events that begin and end them, colour and height of the bar
     "held": ("held", "released", "#555555", 0.5),
     "broken": ("breaks_down", "repaired", "#D55E00", 0.3),
 }
-TOWN = 100.0  # a road that extends farther is of cars; things are drawn smaller on it, and vehicles larger [m]
-BESIDE = 6.0  # so far from a line a vehicle is still on its road [m]
-PARTED = 8.0  # times the median gap: a platoon that has parted would press the others' gaps onto the axis
+TOWN = 100.0  # a larger road is for cars: lines are drawn thinner on it, and vehicles enlarged [m]
+BESIDE = 6.0  # greatest distance from a line at which a vehicle is on its road [m]
+CUT_GAP = 8.0  # axis limit, in median gaps: the gap of a split platoon would flatten all others [1]
 
 WORDS = {"gap_m": "gap to the member ahead", "gap_error_m": "spacing error"}
 UNITS = {
@@ -47,7 +47,7 @@ UNITS = {
 
 
 def label(table: pd.DataFrame, column: str) -> str:
-    """A column in words, with its unit in brackets."""
+    """Axis label of a column: words, and its unit in brackets."""
     suffix = next((s for s in sorted(UNITS, key=len, reverse=True) if column.endswith(f"_{s}")), "")
     known = table.attrs.get("units", {}).get(column, "")
     unit = re.sub(r"(?<=[a-z])([23])", lambda power: "²³"[int(power[1]) - 2], known) or UNITS.get(suffix, "")
@@ -57,9 +57,9 @@ def label(table: pd.DataFrame, column: str) -> str:
 
 
 def over_time(trajectories: pd.DataFrame, column: str, axes: Axes, platoon: str | None = None) -> Axes:
-    """A column of trajectories of a run, such as gap_m, gap_error_m or speed_mps: a line a member.
+    """A column of trajectories over time, such as gap_m, gap_error_m or speed_mps: a line a member.
 
-    platoon: by default that with the most members
+    platoon: default: the largest
     """
     columns_of(trajectories, ["time_s", "platoon_id", "vehicle_id", "place", column])
     drawn = []
@@ -76,16 +76,16 @@ def over_time(trajectories: pd.DataFrame, column: str, axes: Axes, platoon: str 
 
 
 def _cut(axes: Axes, column: str, values: pd.Series, trajectories: pd.DataFrame) -> None:
-    """Gaps begin at 0, and gaps of a platoon that has parted are not what one wants to read."""
+    """Let gaps begin at 0, and keep the gaps of a split platoon off the axis."""
     usual = trajectories.gap_m.median() if "gap_m" in trajectories else math.nan
     if column == "gap_m":
-        axes.set_ylim(min(0, values.min()), 4 * usual if values.max() > PARTED * usual else None)
+        axes.set_ylim(min(0, values.min()), 4 * usual if values.max() > CUT_GAP * usual else None)
     elif column == "gap_error_m" and values.abs().max() > 1.5 * usual:
         axes.set_ylim(max(values.min(), -1.5 * usual), min(values.max(), 1.5 * usual))
 
 
 def losses(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon: str | None = None) -> Axes:
-    """When each follower did not take its true predecessor for it: a line each, that of the first follower above."""
+    """Lock losses of each follower over time: a row each, the first follower on top."""
     columns_of(events, ["time_s", "kind", "vehicle_id"])
     followers = [(place, vehicle, rows.time_s) for place, vehicle, rows in _members(trajectories, platoon) if place > 0]
     if not followers:
@@ -110,7 +110,7 @@ def losses(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon
 
 
 def states(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon: str | None = None) -> Axes:
-    """When each member was held before a line, split off, or broken: a line each, that of the leader above."""
+    """Periods in which members were held at a stop line, split off or broken down: a row each, the leader on top."""
     columns_of(events, ["time_s", "kind", "vehicle_id"])
     members = [(place, vehicle, rows.time_s) for place, vehicle, rows in _members(trajectories, platoon)]
     for name, (begin, end, colour, height) in STATES.items():
@@ -134,11 +134,11 @@ def states(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon
 def time_space(
     table: pd.DataFrame, axes: Axes, line: Sequence[Sequence[float]] | None = None, platoon: str | None = None
 ) -> Axes:
-    """Where on the road each vehicle is over time.
+    """Position of each vehicle along the road over time.
 
     table : trajectories; or, with a line, traffic, in grey
-    line  : of the road, (k, 2) [m]: the place is the way along it, of vehicles within 6 m of it. Without one it is the
-            way that a member has driven from where the platoon's leader began
+    line  : of the road, (k, 2) [m]; the position is the station along it, for vehicles within BESIDE of it. Without a
+            line it is the distance that a member has driven, measured from the leader's start
     """
     columns_of(table, ["time_s", "vehicle_id", "x_m", "y_m"])
     members = "place" in table.columns
@@ -152,35 +152,35 @@ def time_space(
         groups = table.groupby(["place", "vehicle_id"] if members else "vehicle_id")
         road = shapely.LineString(np.asarray(line, dtype=float))
         drawn = [(k[0] if members else None, k[-1] if members else k, rows, _along(rows, road)) for k, rows in groups]
-    for place, vehicle, rows, way in drawn:
+    for place, vehicle, rows, station in drawn:
         if place is None:
-            axes.plot(rows.time_s, way, color=OTHERS, linewidth=0.5, alpha=0.7, zorder=1)
+            axes.plot(rows.time_s, station, color=OTHERS, linewidth=0.5, alpha=0.7, zorder=1)
         else:
-            axes.plot(rows.time_s, way, color=_colour(place), linewidth=1.2, label=vehicle, zorder=2)
+            axes.plot(rows.time_s, station, color=_colour(place), linewidth=1.2, label=vehicle, zorder=2)
     axes.set_xlabel(label(table, "time_s"))
-    axes.set_ylabel("way along the road [m]")
+    axes.set_ylabel("distance along the road [m]")
     return _plain(axes)
 
 
 def _driven(rows: pd.DataFrame, start: np.ndarray) -> np.ndarray:
-    """Way driven from `start`, which is ahead of where a member began by the straight distance [m]."""
+    """Distance driven, counted from `start` [m]: a member begins at minus its straight distance to it."""
     steps = np.hypot(rows.x_m.diff(), rows.y_m.diff()).fillna(0.0)
     return steps.cumsum().to_numpy() - np.hypot(*(rows[["x_m", "y_m"]].iloc[0].to_numpy() - start))
 
 
 def _along(rows: pd.DataFrame, road: shapely.LineString) -> np.ndarray:
-    """Way along the road [m]; NaN beside it, and where it begins anew, as on a ring."""
+    """Station along the road [m]; NaN beside it, and where the line starts again, as on a ring."""
     points = shapely.points(rows.x_m, rows.y_m)
-    way = shapely.line_locate_point(road, points)
-    off = (shapely.distance(road, points) > BESIDE) | (way <= 0) | (way >= road.length)
-    way[off | (np.abs(np.diff(way, prepend=way[:1])) > road.length / 2)] = np.nan
-    return way
+    station = shapely.line_locate_point(road, points)
+    off = (shapely.distance(road, points) > BESIDE) | (station <= 0) | (station >= road.length)
+    station[off | (np.abs(np.diff(station, prepend=station[:1])) > road.length / 2)] = np.nan
+    return station
 
 
 def growth(
-    table: pd.DataFrame, axes: Axes, by: str | None = None, name: str = "speed swing by that of the leader"
+    table: pd.DataFrame, axes: Axes, by: str | None = None, name: str = "speed swing over that of the leader"
 ) -> Axes:
-    """String amplification by place, of a table of `tables.amplification`; with intervals where there are several runs.
+    """String amplification by place, from a table of `tables.amplification`; with intervals over several runs.
 
     by: a column; a line for each of its values
     """
@@ -195,7 +195,7 @@ def growth(
 
 
 def estimates(table: pd.DataFrame, x: str, axes: Axes, by: str | None = None) -> Axes:
-    """Means with their intervals over a column, of a table of `tables.summarise` or `tables.paired`.
+    """Means with their intervals over a column, from a table of `tables.summarise` or `tables.paired`.
 
     by: another column; a line for each of its values
     """
@@ -227,11 +227,11 @@ def heat_map(
     limits: tuple[float, float] | None = None,
     bar: bool = True,
 ) -> Axes:
-    """Mean of a metric over two columns: a cell for each of their values, crossed out where there is no run.
+    """Mean of a metric over two columns: a cell for each pair of their values, crossed out if it has no run.
 
     table  : a row a run, as `Batch.summary`
-    limits : of the colours; by default the least and the largest mean
-    bar    : whether the colours are explained beside it
+    limits : of the colour scale; default: the least and the largest mean
+    bar    : whether to draw the colour bar
     """
     columns_of(table, [x, y])
     means = summarise(table, metric, [y, x]).pivot(index=y, columns=x, values="mean")
@@ -259,7 +259,7 @@ def heat_map(
 
 
 def road(scene: Scene, axes: Axes) -> Axes:
-    """Drivable area, borders of lanes, middle lines, walls and buildings, of `Results.scene`."""
+    """Drivable area, lane borders, middle lines, walls and buildings, from `Results.scene`."""
     outline = Outline.make_compound_path(*(Outline(ring, closed=True) for ring in scene["road"]))
     town = max(extent(scene)) > TOWN
     axes.add_patch(PathPatch(outline, facecolor=ROAD, edgecolor=ROAD, linewidth=1.5 if town else 0))
@@ -283,10 +283,10 @@ def paths(
     events: pd.DataFrame | None = None,
     length: float | None = None,
 ) -> Axes:
-    """Every member's path on the road, and the member itself where it was last.
+    """Path of every member on the road, and its last position.
 
-    events : those of the run, to mark contacts
-    length : of the arrowhead that stands for a member [m]; by default such that it is seen on the whole road
+    events : of the run, to mark contacts
+    length : of the arrowhead that marks a member [m]; default: visible on the whole road
     """
     columns_of(trajectories, ["platoon_id", "vehicle_id", "place", "x_m", "y_m", "heading_rad"])
     road(scene, axes)
@@ -304,12 +304,12 @@ def paths(
 
 
 def obstacles(events: pd.DataFrame, axes: Axes, traffic: pd.DataFrame | None = None) -> Axes:
-    """Where obstacles came up, and where they got into somebody's way; their ways too, if the traffic was recorded."""
+    """Positions at which obstacles appeared and at which they entered a member's path; also their recorded paths."""
     came, met = events[events.kind == "obstacle"], events[events.kind.isin(ENCOUNTERS)]
     for name in came.vehicle_id if traffic is not None else ():
         rows = traffic[traffic.vehicle_id == name]
         axes.plot(rows.x_m, rows.y_m, color=OBSTACLE, linewidth=0.9, linestyle=":")
-    for rows, mark, label in ((came, "s", "obstacle"), (met, "v", "in its way")):
+    for rows, mark, label in ((came, "s", "obstacle"), (met, "v", "in a member's path")):
         if len(rows):
             axes.plot(rows.x_m, rows.y_m, mark, color=OBSTACLE, markersize=6, label=label, zorder=4)
     return axes
@@ -318,7 +318,7 @@ def obstacles(events: pd.DataFrame, axes: Axes, traffic: pd.DataFrame | None = N
 def main_platoon(trajectories: pd.DataFrame) -> str:
     """The platoon with the most members, the first of them in the table."""
     if trajectories.empty:
-        raise ResultsError("the trajectories have no rows: nobody was ever on the road")
+        raise ResultsError("the trajectories have no rows: no member was ever on the road")
     return trajectories.groupby("platoon_id", sort=False).vehicle_id.nunique().idxmax()
 
 
@@ -344,7 +344,7 @@ def _members(trajectories: pd.DataFrame, platoon: str | None = None) -> Iterator
 
 
 def _arrowhead(row: pd.Series, length: float) -> list[tuple[float, float]]:
-    """A triangle at a vehicle's pose, pointing where it heads."""
+    """Triangle at a vehicle's pose, pointing along its heading."""
     shape = [(0.57 * length, 0), (-0.43 * length, 0.36 * length), (-0.43 * length, -0.36 * length)]
     c, s = math.cos(row.heading_rad), math.sin(row.heading_rad)
     return [(row.x_m + c * x - s * y, row.y_m + s * x + c * y) for x, y in shape]

@@ -1,6 +1,6 @@
-"""Tables as Parquet, beside the CSV that they are made of.
+"""Tables as Parquet, beside the CSV files that they are made of.
 
-Not for a process that has imported libsumo: both bring an Arrow of their own.
+Not for a process that has imported libsumo: both bring their own copy of Arrow.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TYPES = {"number": pa.float64(), "integer": pa.int64(), "string": pa.string()}  
 
 
 def export(folder: Path | str) -> list[Path]:
-    """Write every table of a run, or of a batch those of all its runs in one; returns the files.
+    """Write every table of a run; for a batch, each table of all its runs as one file. Returns the files.
 
     raises: ResultsError
     """
@@ -38,7 +38,7 @@ def export(folder: Path | str) -> list[Path]:
 
 
 def _of_all_runs(folder: Path, name: str) -> Iterator[pa.Table]:
-    """The table of one run after the other; before its own columns id, seed and varied values."""
+    """The table of each run, with id, seed and varied values before its own columns."""
     runs = _table(folder, "runs")
     points = runs.drop_columns(["status", "error", "wall_s"])
     for i in range(runs.num_rows):

@@ -1,4 +1,4 @@
-"""Pictures of a run, for its folder and its report: figures put together."""
+"""Pictures of a run, for its folder and its report: several figures on one sheet."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from platoontraffic.analysis.results import Results, ResultsError, load_run
 
 
 def picture(folder: Path | str, to: Path | str) -> Path:
-    """Draw a finished run into a file (.png, .svg or .pdf): its first platoon of several members in colours.
+    """Draw a finished run into a file (.png, .svg or .pdf), its largest platoon in colours.
 
     raises: ResultsError
     """
@@ -47,7 +47,7 @@ def picture(folder: Path | str, to: Path | str) -> Path:
 
 
 def road_figure(results: Results) -> Figure:
-    """The road with every member's path."""
+    """The road with the path of every member."""
     across, up = figures.extent(results.scene)
     figure = _figure(9, min(max(9 * up / max(across, 1e-9), 2.2), 8))
     _paths_with_names(figure, figure.subplots(), results)
@@ -55,7 +55,7 @@ def road_figure(results: Results) -> Figure:
 
 
 def strips_figure(results: Results) -> Figure:
-    """Gap, speed, spacing error, losses of lock and `figures.states` of the main platoon over time."""
+    """Gap, speed, spacing error, lock losses and `figures.states` of the main platoon over time."""
     table = results.trajectories
     columns = {"gaps": "gap_m", "speeds": "speed_mps", "errors": "gap_error_m"}
     main = table[table.platoon_id == figures.main_platoon(table)]
@@ -72,7 +72,7 @@ def strips_figure(results: Results) -> Figure:
         parts[name].tick_params(labelbottom=name == strips[-1])
         parts[name].set_xlabel("")
     if "gaps" in there:
-        parts["gaps"].set_ylabel("gap [m]")  # the strip is low
+        parts["gaps"].set_ylabel("gap [m]")  # the strip is too low for the long label
     if "locks" in strips:
         figures.losses(results.events, parts["locks"], results.trajectories)
         parts["locks"].set_xlabel("")

@@ -1,4 +1,4 @@
-"""Reading what a run or a batch left."""
+"""Reading the folder of a run or a batch."""
 
 from __future__ import annotations
 
@@ -14,43 +14,34 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-# The tables of a run, and the columns without which nothing can be made of them.
+# The tables that every run has, and the columns that figures and tables need.
 NEEDED = {
     "trajectories": ("time_s", "platoon_id", "vehicle_id", "place", "x_m", "y_m", "heading_rad", "gap_m"),
     "events": ("time_s", "kind", "vehicle_id", "x_m", "y_m"),
     "metrics": ("scope", "vehicle_id", "metric", "value"),
 }
-# Those that a run may be without.
+# The tables that a run may lack.
 OPTIONAL = {
     "traffic": ("time_s", "vehicle_id", "x_m", "y_m", "heading_rad", "speed_mps"),
     "vehicles": ("vehicle_id", "length_m", "width_m", "laser_x_m", "laser_y_m", "laser_yaw_rad"),
 }
-# A vehicle may be called 12, or NA.
+# Read as text: the id of a vehicle may be 12, or NA.
 TEXTS = (
-    "platoon_id",
-    "vehicle_id",
-    "other_id",
-    "target_id",
-    "edge_id",
-    "lane_id",
-    "kind",
-    "detail",
-    "what",
-    "scope",
+    "platoon_id", "vehicle_id", "other_id", "target_id", "edge_id", "lane_id", "kind", "detail", "what", "scope",
     "metric",
-)
+)  # fmt: skip
 
 
-TOGETHER = 50_000_000  # characters of tables are parsed at once
+TOGETHER = 50_000_000  # text of small files that is parsed at once [characters]
 
 
 class ResultsError(ValueError):
-    """A folder that is not, or not wholly, a finished run; one line."""
+    """A folder is no finished run, or a file in it is missing or damaged; the message is one line."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scans:
-    """What lasers measured, s scans of v vehicles; the columns of scans.npz, where they are described."""
+    """Measurements of lasers, s scans of v vehicles: the arrays of scans.npz, described in datapackage.json."""
 
     time_s: np.ndarray
     vehicle: np.ndarray
@@ -76,7 +67,7 @@ class Scans:
         return len(self.time_s)
 
     def ranges(self, i: int) -> np.ndarray:
-        """Of scan i, (samples,) [m]."""
+        """Ranges of scan i, (samples,) [m]."""
         return self.ranges_m[self.offset[i] : self.offset[i + 1]]
 
 
@@ -87,11 +78,11 @@ class Results:
     scene: kind ("road", "junctions", "lanes", "middle", "walls", "buildings") -> list of lines, each a list of [x, y]
            in metres; areas are their rings
 
-    Read when they are asked for, and None where the run is without:
+    Read on first access, and None if the run has no such file:
 
-    traffic  : vehicles of no platoon
-    vehicles : sizes, and where lasers sit
-    scans    : what these measured
+    traffic  : background vehicles
+    vehicles : sizes, and positions of lasers
+    scans    : measurements of the lasers
     """
 
     folder: Path
@@ -140,7 +131,7 @@ class Batch:
         return self.runs[self.runs.status != "done"]
 
     def table(self, name: str) -> pd.DataFrame:
-        """A table of all runs that are done, such as "trajectories"; before its own columns id, seed and varied values.
+        """A table of all runs that are done, such as "trajectories", with id, seed and varied values as first columns.
 
         raises: ResultsError
         """
@@ -166,7 +157,7 @@ class Batch:
 
 
 def load(folder: Path | str) -> Results | Batch:
-    """The results of a run or of a batch. Says (as a UserWarning) how many runs of a batch are missing.
+    """The results of a run or of a batch. Warns (UserWarning) if runs of a batch are missing.
 
     raises: ResultsError naming what is wrong or missing
     """
@@ -217,7 +208,7 @@ def load_run(folder: Path) -> Results:
 
 
 def resources(folder: Path) -> dict[str, list[dict[str, str]]]:
-    """Table -> its columns (name, type, unit, description), of datapackage.json. raises: ResultsError"""
+    """Table -> its columns (name, type, unit, description), from datapackage.json. raises: ResultsError"""
     file = folder / "datapackage.json"
     try:
         package = json.loads(file.read_text(encoding="utf-8"))
@@ -233,7 +224,7 @@ def _units(folder: Path) -> dict[str, dict[str, str]]:
 
 
 def _read_all(files: Sequence[Path]) -> tuple[pd.DataFrame, list[int]]:
-    """One table of many files, and how many rows each has."""
+    """One table of many files, and the number of rows of each."""
     parts: list[pd.DataFrame] = []
     rows: list[int] = []
     texts: list[str] = []  # parsing small files one by one takes five times as long
@@ -278,7 +269,7 @@ def _read(file: Path | io.StringIO, needed: Sequence[str]) -> pd.DataFrame:
 
 
 def _lines(geometry: dict) -> list[list[list[float]]]:
-    """A GeoJSON geometry as lines; of areas, their rings."""
+    """A GeoJSON geometry as lines; areas as their rings."""
     coordinates = geometry["coordinates"]
     if geometry["type"] == "MultiPolygon":
         return [ring for polygon in coordinates for ring in polygon]

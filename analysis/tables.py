@@ -1,4 +1,4 @@
-"""Tables of runs: means with intervals, differences on common seeds, growth of a disturbance along a platoon."""
+"""Tables over runs: means with intervals, differences on common seeds, growth of a disturbance along a platoon."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from platoontraffic.analysis.results import Batch, ResultsError
 
 LEVEL = 0.95
 RESAMPLES = 4000
-AT_ONCE = 2_000_000  # numbers are drawn
-STILL = 1e-3  # a leader that swings less tells nothing of those behind it [m/s]
+AT_ONCE = 2_000_000  # random numbers that are held in memory at once
+STILL = 1e-3  # least swing of a leader for amplification to be defined [m/s]
 
 Names = str | Sequence[str]
 
@@ -51,13 +51,13 @@ def paired(
     level: float = LEVEL,
     resamples: int = RESAMPLES,
 ) -> pd.DataFrame:
-    """What a metric becomes more by when `column` goes from one value to another: mean over the seeds that both have.
+    """Difference of a metric between two values of `column`: mean over the seeds that both have.
 
-    What a seed does to both runs of a pair cancels.
+    The effect of a seed on both runs of a pair cancels.
 
     table   : a row a run, as `Batch.summary`
     between : the two values of `column`; the difference is that at the second minus that at the first
-    by      : whatever else varies
+    by      : the other columns that vary
     returns : a row a combination of `by` and metric: by, metric, mean, low, high, n (pairs), left_out (the other seeds,
               as text)
 
@@ -93,12 +93,12 @@ def paired(
 
 
 def interval(values: Iterable[float], level: float = LEVEL, resamples: int = RESAMPLES) -> tuple[float, float]:
-    """Bootstrap interval of the mean of independent values; (NaN, NaN) of fewer than two.
+    """Bootstrap interval of the mean of independent values; (NaN, NaN) for fewer than two.
 
-    Percentiles of the means of samples drawn with replacement, at levels spread as Student's t is wider than the normal
-    distribution: of n values the plain percentiles are too narrow (T. C. Hesterberg, What teachers should know about
-    the bootstrap, The American Statistician 69 (2015) 371, "expanded percentile"). As no mean of a sample is beyond
-    the values, of fewer than six it stays too narrow.
+    Percentiles of the means of samples drawn with replacement, at levels widened by the ratio of Student's t to the
+    normal distribution: for n values the plain percentiles are too narrow (T. C. Hesterberg, What teachers should know
+    about the bootstrap, The American Statistician 69 (2015) 371, "expanded percentile"). For fewer than six values the
+    interval stays too narrow, because no mean of a sample lies beyond the values.
 
     The same values, in whatever order, give the same interval.
     """
@@ -121,13 +121,13 @@ def amplification(
     norm: Literal["l2", "linf"] = "l2",
     window: tuple[float, float] | None = None,
 ) -> pd.DataFrame:
-    """How much larger a disturbance of speed is at each member than at its leader: above 1 the string amplifies it.
+    """Disturbance of speed at each member, divided by that at its leader; above 1 the string amplifies it.
 
     trajectories : of a run, or of a batch with id and varied values before `time_s`
-    frequency    : of the leader's swing [Hz]: amplitudes at it, fitted together with mean and linear trend
-    norm         : without a frequency: root mean square, or largest, of what deviates from the linear trend
-    window       : of time that is looked at [s]; by default all that leader and member have in common
-    returns      : what stood before `time_s`, platoon_id, vehicle_id, place, amplification (1 for leaders, NaN where
+    frequency    : of the leader's swing [Hz]; amplitudes at it are fitted together with mean and linear trend
+    norm         : without a frequency: root mean square, or maximum, of the deviation from the linear trend
+    window       : period that is used [s]; default: all instants that leader and member have in common
+    returns      : the columns before `time_s`, platoon_id, vehicle_id, place, amplification (1 for leaders, NaN where
                    the leader hardly swings)
 
     raises: ResultsError
@@ -158,7 +158,7 @@ def amplification(
 
 
 def _swing(time: np.ndarray, speed: np.ndarray, frequency: float | None, norm: str) -> float:
-    """Amplitude of a speed [m/s]; NaN of too few instants to tell."""
+    """Amplitude of a speed [m/s]; NaN for too few instants."""
     trend = [np.ones_like(time), time - time.mean() if len(time) else time]
     if frequency is not None:
         phase = 2 * np.pi * frequency * time
@@ -209,7 +209,7 @@ def _rows(table: pd.DataFrame | Batch) -> pd.DataFrame:
 
 
 def columns_of(table: pd.DataFrame, names: Names) -> list[str]:
-    """The names, as a list. raises: ResultsError if one is not of a column"""
+    """The names as a list. raises: ResultsError if one is not a column"""
     names = [names] if isinstance(names, str) else list(names)
     for name in names:
         if name not in table.columns:
@@ -221,7 +221,7 @@ def columns_of(table: pd.DataFrame, names: Names) -> list[str]:
 
 
 def _numbers(table: pd.DataFrame, metric: str) -> pd.Series:
-    """The values that are there. raises: ResultsError if they are no numbers"""
+    """The values without missing ones. raises: ResultsError if they are not numbers"""
     if not pd.api.types.is_numeric_dtype(table[metric]):
         raise ResultsError(f"{metric!r}: has no numbers, such as {table[metric].iloc[0]!r}")
     return table[metric].dropna().astype(float)
@@ -236,7 +236,7 @@ def _groups(table: pd.DataFrame, by: list[str]) -> Iterator[tuple[tuple, pd.Data
 
 
 def _tidy(rows: list[tuple], columns: list[str], source: pd.DataFrame) -> pd.DataFrame:
-    """A table that keeps the units of the one it is made of."""
+    """A table with the units of its source."""
     table = pd.DataFrame(rows, columns=columns)
     table.attrs["units"] = dict(source.attrs.get("units", {}))
     return table

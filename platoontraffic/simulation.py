@@ -8,17 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
-import shapely
 import tomli_w
 
 from platoontraffic.errors import InputError, MissingError, RunError
 from platoontraffic.lidar import Scene
 from platoontraffic.observation.encounters import Encounters
 from platoontraffic.observation.observer import Observer
-from platoontraffic.results import metrics, provenance, sumo_tables
-from platoontraffic.results import recorder as recording
-from platoontraffic.results.recorder import Recorder
+from platoontraffic.results import plug_in_metrics, provenance, sumo_tables
+from platoontraffic.results.columns import Instant
+from platoontraffic.results.conclusion import MetricError, conclude, scene
+from platoontraffic.results.recorder import SAFE_EVERY, Clocks, Recorder
 from platoontraffic.road.network import Network
 from platoontraffic.scenario import Run, Scenario
 from platoontraffic.sumo.window import Window
@@ -33,7 +32,6 @@ from platoontraffic.world.obstacles import Obstacles, Plan
 from platoontraffic.world.sensing import Sensing
 
 Progress = Callable[[float], None]  # told the simulated time [s] now and then
-SAFE_EVERY = 10.0  # what was recorded is flushed to disk every so many simulated seconds
 
 
 @dataclass(frozen=True)
@@ -50,14 +48,15 @@ class Prepared:
 
 def prepare(scenario: Scenario) -> Prepared:
     """raises: InputError"""
+    plug_in_metrics.check(scenario.metrics.metrics)
     network = Network.read(scenario.net)
     # In large networks these take seconds, which are not the loop's.
     network.middle_lines()
     network.entered_from  # noqa: B018
-    scene = static_scene(scenario, network)
-    members = deploy(scenario, network, scene)
-    plans = obstacles.plans_of(scenario, network, members)
-    return Prepared(scenario, network, scene, members, plans, manoeuvres.orders(scenario, network, members))
+    static = static_scene(scenario, network)
+    members = deploy(scenario, network, static)
+    plans = obstacles.plans(scenario, network, members)
+    return Prepared(scenario, network, static, members, plans, manoeuvres.orders(scenario, network, members))
 
 
 def result_folder(scenario: Scenario, results: Path) -> Path:
@@ -77,13 +76,17 @@ def simulate(
     window : to watch it in
 
     raises: RunError (SUMO or the disk failed), KeyboardInterrupt: what was recorded is kept in `<folder>.unfinished`;
-            InputError (a plug-in failed), MissingError (no display): nothing is kept
+            MetricError (a metric of a plug-in failed): likewise, with all other files;
+            InputError (another plug-in failed), MissingError (no display): nothing is kept
     """
-    record = prepared.scenario.spec.record
-    recorder = Recorder(folder, traffic=record.traffic_every_s is not None, scans=record.scans_every_s is not None)
+    spec = prepared.scenario.spec
+    recorder = Recorder(folder, Clocks.of(spec.record, spec.run.step_s))
     try:
         _simulate(prepared, recorder, progress, window)
         return recorder.finish(replace)
+    except MetricError as error:
+        kept = recorder.keep_unfinished()
+        raise MetricError(*error.faults, f"{kept}: all tables of the run are kept there") from error
     except (InputError, MissingError):
         recorder.discard()
         raise
@@ -97,11 +100,10 @@ def simulate(
 
 def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window: Window | None) -> None:
     scenario, network = prepared.scenario, prepared.network
-    run, record = scenario.spec.run, scenario.spec.record
-    dt = run.step_s
+    run, dt = scenario.spec.run, scenario.spec.run.step_s
     facts = provenance.provenance(scenario)
     recorder.write("config.toml", tomli_w.dumps(scenario.resolved(recorder.folder)))
-    recorder.write("provenance.json", recording.as_json(facts))
+    recorder.write_json("provenance.json", facts)
     fleet, later = _departures(prepared.members, dt)
     world = World(
         network,
@@ -115,15 +117,12 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window
     sensing = Sensing(prepared.scene, scenario.spec.scene.lidar_engine, scenario.seed)
     observer = Observer(prepared.members, network, Contacts(prepared.scene, {m.id for m in prepared.members}))
     steps = round(run.duration_s / dt)
-    record_every = round(record.every_s / dt)
-    traffic_every = round((record.traffic_every_s or 1.0) / dt)
-    scans_every = round((record.scans_every_s or 1.0) / dt)
     safe_every = round(SAFE_EVERY / dt)
 
     watch = provenance.Stopwatch()
     read, signals, scan = watch("read", world.snapshot), watch("signals", world.signals), watch("scan", sensing.scan)
     odometry = watch("odometry", sensing.odometry)
-    observe, measure = watch("observe", observer.observe), watch("measure", observer.measure)
+    observe, measure = watch("observe", observer.watch), watch("measure", observer.measure)
     write, place, advance = watch("record", recorder.record), watch("place", world.place), watch("step", world.advance)
     decide, move = watch("decide", Fleet.decided), watch("move", Fleet.moved)
     show = watch("show", window.show) if window else lambda fleet, scans: None
@@ -135,29 +134,22 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window
         fleet = world.deploy(fleet, later)
         others = Obstacles(prepared.obstacles, fleet)
         encounters = Encounters(others, prepared.members)
-        orders = manoeuvres.Manoeuvres(prepared.orders)
+        orders = manoeuvres.Orders(prepared.orders)
         breakdowns = Breakdowns(scenario.spec.breakdown)
         world.hold(others.bodies, ways)
         for step in range(steps + 1):
-            whole = record.traffic_every_s is not None and step % traffic_every == 0
-            traffic = read(fleet, np.inf if whole else fleet.sight)
-            broken = breakdowns.due(fleet, traffic.time)
-            scans = breakdowns.blinded(scan(traffic, fleet, step), fleet)
-            fleet, told = orders.applied(fleet, traffic.time)
+            traffic = read(fleet, np.inf if recorder.wants_all_traffic(step) else fleet.sight)
+            broken = breakdowns.watch(fleet, traffic.time)
+            scans = breakdowns.seen(scan(traffic, fleet, step), fleet)
+            fleet, told = orders.given(fleet, traffic.time)
             lines = signals(fleet)
             fleet = decide(fleet, scans, dt, lines, odometry(fleet, step))
             roads = world.roads(fleet)
             noted = [*told, *broken, *world.violations(fleet)]
             events = observe(traffic, fleet, scans, roads, lines, noted)
-            recorder.note([*events, *encounters.observe(traffic, fleet, events)])
-            if step % record_every == 0:
-                write(traffic, fleet, measure(fleet), roads)
-            if whole:
-                recorder.record_traffic(traffic, len(fleet))
-            if recorder.scans:
-                recorder.scans.record(step, scans_every, traffic, fleet, scans)
+            events += encounters.watch(traffic, fleet, events)
+            write(Instant(step, traffic, fleet, scans, roads, events, measure))
             if step % safe_every == 0:
-                recorder.flush()
                 progress(traffic.time)
             if ended := _ended(run, fleet, world.waiting, step == steps):
                 break
@@ -172,14 +164,12 @@ def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window
     left = (m for platoon in world.waiting for m in platoon.members)
     nowhere = np.nan, np.nan, "", np.nan
     recorder.note(Event(traffic.time, "never_departed", m.id, "", *nowhere, "no room until the end") for m in left)
-    recorder.note([Event(traffic.time, "end", "", "", *nowhere, ended, ended)])
-    facts["status"] = "finished"
-    facts["simulated_s"] = traffic.time
-    facts["wall_s"] = round(wall, 3)
-    facts["real_time_factor"] = round(traffic.time / wall, 2)
-    facts["stage_s"] = {stage: round(seconds, 3) for stage, seconds in watch.seconds.items()}
-    facts["sumo_words"] = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:100]
-    _conclude(prepared, recorder, facts, encounters)
+    recorder.note([Event(traffic.time, "end", "", "", *nowhere, ended)])
+    recorder.write_json("scene.geojson", scene(prepared.scene, network))
+    conclude(recorder, scenario, prepared.members, [plan.id for plan in prepared.obstacles], encounters)
+    words = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:100]
+    outcome = provenance.Outcome(traffic.time, wall, watch.seconds, words)
+    recorder.write_json("provenance.json", provenance.finished(facts, outcome))
 
 
 def _ended(run: Run, fleet: Fleet, waiting: Sequence[Fleet], last: bool) -> str:
@@ -203,60 +193,3 @@ def _departures(members: Sequence[Member], dt: float) -> tuple[Fleet, list[Fleet
         platoons.setdefault(m.platoon, []).append(m)
     later = [fleet(platoon) for platoon in platoons.values() if platoon[0].departs > 0]
     return fleet([m for m in members if m.departs == 0]), later
-
-
-def _conclude(prepared: Prepared, recorder: Recorder, facts: dict, encounters: Encounters) -> None:
-    """The files that are made of the whole run."""
-    scenario, spec = prepared.scenario, prepared.scenario.spec
-    recorder.close_tables()
-    values = metrics.compute(*(pd.read_csv(recorder.folder / f"{t}.csv") for t in ("trajectories", "events")))
-    sumo_tables.write_tables(recorder, scenario)
-    if "trips" in spec.record.sumo:
-        trips = sumo_tables.read_trips(recorder.folder)
-        others = {m.id for m in prepared.members} | {plan.id for plan in prepared.obstacles}
-        of_traffic = sumo_tables.traffic_metrics(trips, others)
-        values += [metrics.Metric("traffic", "", "", *metric) for metric in of_traffic]
-    if prepared.obstacles:
-        recorder.write_table("encounters.csv", encounters.rows(), recording.ENCOUNTERS)
-        values += metrics.of_obstacles(*(pd.read_csv(recorder.folder / f"{t}.csv") for t in ("encounters", "events")))
-    recorder.write_table("metrics.csv", values, recording.METRICS)
-    recorder.write_vehicles(prepared.members)
-    recorder.write("summary.csv", metrics.summary(spec.name, spec.seed, scenario.varied, values))
-    recorder.write("scene.geojson", recording.as_json(_scene(prepared)))
-    recorded = {
-        "traffic": spec.record.traffic_every_s is not None,
-        "encounters": bool(prepared.obstacles),
-        "scans": spec.record.scans_every_s is not None,
-    }
-    package = recording.datapackage(spec.name, spec.title, **recorded)
-    described = next(resource for resource in package["resources"] if resource["name"] == "metrics")
-    described["metrics"] = meanings = {}
-    for m in values:
-        of_traffic = m.scope == "traffic"
-        meanings.setdefault(m.scope, {})[m.name] = (
-            sumo_tables.MEANINGS[m.name] if of_traffic else metrics.meaning(m.name)
-        )
-    package["resources"] += sumo_tables.resources(spec.record.sumo)
-    recorder.write("datapackage.json", recording.as_json(package))
-    facts["sumo_options_ignored"] = list(scenario.configuration.ignored) if scenario.configuration else []
-    recorder.write("provenance.json", recording.as_json(facts))
-
-
-def _scene(prepared: Prepared) -> dict:
-    """The road and what stands beside it as GeoJSON, in the network's metres: what pictures are drawn on."""
-    walls, network = prepared.scene.segments.reshape(-1, 2, 2), prepared.network
-    parts = {
-        "road": network.drivable,
-        "junctions": shapely.MultiPolygon(network.junctions()),
-        "lanes": shapely.MultiLineString(network.lane_borders()),
-        "middle": shapely.MultiLineString(network.middle_lines()),
-        "walls": shapely.MultiLineString(list(walls)),
-        "buildings": prepared.scene.solids or shapely.MultiPolygon(),
-    }
-    return {
-        "type": "FeatureCollection",
-        "features": [
-            {"type": "Feature", "properties": {"kind": kind}, "geometry": shapely.geometry.mapping(shape)}
-            for kind, shape in parts.items()
-        ],
-    }

@@ -173,7 +173,7 @@ def export(
 ) -> None:
     """Write the tables as Parquet beside the CSV, of a batch those of all runs in one; or a run in others' formats."""
     kinds = {
-        "parquet": ("analysis.parquet", "pyarrow", "parquet"),
+        "parquet": ("platoontraffic.analysis.parquet", "pyarrow", "parquet"),
         "mcap": ("platoontraffic.export.rosbag", "rosbags", "ros"),
         "fcd": ("platoontraffic.export.fcd", "", ""),
     }

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-import traceback
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +9,7 @@ import numpy as np
 
 from platoontraffic.controllers.law import Decision, Law, Sensed, Target
 from platoontraffic.errors import InputError
+from platoontraffic.plug_ins import is_shipped, place_of
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.records import take
 
@@ -28,7 +27,7 @@ def decide(law: Law, sensed: Sensed, memory: Any, dt: float) -> Decision:
         distance, bearing = (_row_each(values, n) for values in decision.target)
         decision = Decision(command, decision.memory, Target(distance, bearing))
     except (AttributeError, TypeError, ValueError) as error:
-        if _is_shipped(law):
+        if is_shipped(type(law)):
             raise
         what = f"gave {decision!r:.200}; must be a Decision of a Twist, or a Drive, and a Target with numbers, {n} rows"
         raise _fault(law, what) from error
@@ -57,7 +56,7 @@ def _call(law: Law, when: str, function: Callable, *arguments: Any) -> Any:
     try:
         return function(*arguments)
     except (Exception, SystemExit) as error:  # whatever a user's code may raise
-        if _is_shipped(law):
+        if is_shipped(type(law)):
             raise
         raise _fault(law, f"failed {when}: {type(error).__name__}: {error}", error) from error
 
@@ -82,19 +81,5 @@ def _row_each(values: Any, n: int) -> np.ndarray:
     return np.broadcast_to(values.astype(float), (n,))
 
 
-def _is_shipped(law: Law) -> bool:
-    return type(law).__module__.startswith("platoontraffic.")
-
-
 def _fault(law: Law, what: str, error: BaseException | None = None) -> InputError:
-    return InputError(f"{_place(law, error)}: law {type(law).__qualname__} {what}")
-
-
-def _place(law: Law, error: BaseException | None) -> str:
-    """`file:line` in the law's own file: the line that failed, or else that of its class."""
-    try:
-        file, line = inspect.getsourcefile(type(law)), inspect.getsourcelines(type(law))[1]
-    except (OSError, TypeError):  # its source is not at hand
-        return type(law).__module__
-    frames = traceback.extract_tb(error.__traceback__) if error else []
-    return f"{file}:{next((f.lineno for f in reversed(frames) if f.filename == file), line)}"
+    return InputError(f"{place_of(law, error)}: law {type(law).__qualname__} {what}")

@@ -1,1 +1,1 @@
-"""A run in the formats of others: `rosbag` for ROS 2 and Foxglove, `fcd` for SUMO's tools."""
+"""Export of runs: `rosbag` for ROS 2 and Foxglove, `fcd` for SUMO's tools."""

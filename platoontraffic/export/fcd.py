@@ -1,7 +1,7 @@
-"""A run as SUMO's floating car data, which SUMO's own tools read: traceExporter.py, plotXMLAttributes.py.
+"""A run as SUMO's floating car data, for SUMO's own tools: traceExporter.py, plotXMLAttributes.py.
 
-All members, and the vehicles of traffic.csv at the instants at which these were recorded. Angles are degrees clockwise
-from north, and a vehicle is where the middle of its front bumper is.
+All members, and the vehicles of traffic.csv at their recorded instants. Angles are degrees clockwise from north;
+positions are those of the middle of the front bumper.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ def export(folder: Path) -> list[Path]:
 
 
 def _rows(results: Results) -> pd.DataFrame:
-    """time_s, and the line of one vehicle then."""
+    """A row a vehicle and instant: time_s, and its line of XML."""
     if results.vehicles is None:
-        raise ResultsError(f"{results.folder}: vehicles.csv is missing, which says how long they are")
+        raise ResultsError(f"{results.folder}: vehicles.csv is missing; it is needed for the lengths of the vehicles")
     tables = [results.trajectories, *([] if results.traffic is None else [results.traffic])]
     rows = pd.concat(tables, ignore_index=True)
     known = results.vehicles.drop_duplicates("vehicle_id").set_index("vehicle_id")

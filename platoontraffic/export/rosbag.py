@@ -1,15 +1,15 @@
-"""A run as ROS 2 messages: a folder for `ros2 bag play`, in which is one .mcap that Foxglove opens.
+"""A run as ROS 2 messages: a folder for `ros2 bag play` with one .mcap file, which Foxglove opens.
 
-Topics are the paper's; i counts the members, by platoon and place:
+Topics are named as in the paper; i numbers the members by platoon and place:
 
 /scan{i}               sensor_msgs/msg/LaserScan   the ranges of scans.npz, bit for bit, by REP 117
-/rbt_isr_{i}/odom      nav_msgs/msg/Odometry       true pose and motion, no estimate: covariances are 0
-/rbt_isr_{i}/cmd_vel   geometry_msgs/msg/Twist     the twist that was driven; what was commanded is not recorded
+/rbt_isr_{i}/odom      nav_msgs/msg/Odometry       true pose and motion: covariances are 0
+/rbt_isr_{i}/cmd_vel   geometry_msgs/msg/Twist     the actual twist; commands are not recorded
 /tf                    tf2_msgs/msg/TFMessage      map -> VEHICLE/base_link
 /tf_static             tf2_msgs/msg/TFMessage      VEHICLE/base_link -> VEHICLE/laser
 
-map is the network's frame, x east and y north; base_link the middle of the footprint, x forward and y left. Time 0 is
-that of the run.
+map is the network's frame, x east and y north; base_link is the centre of the footprint, x forward and y left. Times
+are those of the run.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from platoontraffic.analysis.results import Results, ResultsError, Scans, load_run
 
-NAME = "rosbag"  # of the folder in that of the run
+NAME = "rosbag"  # folder of the bag in that of the run
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 FOREVER = QosTime(9223372036, 854775807)
-LATCHED = Qos(  # who comes late is given the last one, too
+LATCHED = Qos(  # late subscribers get the last message too
     QosHistory.KEEP_LAST,
     1,
     QosReliability.RELIABLE,
@@ -51,7 +51,7 @@ LATCHED = Qos(  # who comes late is given the last one, too
 
 
 class Stamped(NamedTuple):
-    time: int  # since the beginning of the run [ns]
+    time: int  # time since the start of the run [ns]
     topic: str
     message: Any
 

@@ -1,4 +1,4 @@
-"""A run as one HTML page that plays it: made from the run's files, opened from disk, without a network."""
+"""Replay of a run: one HTML page, made from the run's files; it opens from disk without a network."""
 
 from platoontraffic.replay.page import page
 

@@ -1,4 +1,4 @@
-// What part of the world the map shows, and how hand, wheel and fingers move it.
+// The part of the world that the map shows, and its control by mouse, wheel and touch.
 
 class Camera {
   /** bounds: [left, low, right, high] of the road [m]. */
@@ -7,9 +7,9 @@ class Camera {
     this.bounds = bounds;
     this.x = (bounds[0] + bounds[2]) / 2;
     this.y = (bounds[1] + bounds[3]) / 2;
-    this.scale = 1; // pixels of the style sheet a metre
+    this.scale = 1; // CSS pixels per metre
     this.width = this.height = 1;
-    this.ratio = 1; // pixels of the screen each of those
+    this.ratio = 1; // screen pixels per CSS pixel
     this.onchange = () => {};
     this.onpan = () => {};
     this.onclick = () => {};

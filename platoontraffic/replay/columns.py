@@ -1,4 +1,4 @@
-"""Numbers as few bytes, for a page that unpacks them with what every browser has."""
+"""Compact columns of numbers, for a page that unpacks them with functions of every browser."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 
 
 class Columns:
-    """Columns of numbers, each as whole steps.
+    """Columns of numbers, rounded to whole steps.
 
-    A column is written as the differences from value to value, the sign in the lowest bit, in planes: first the lowest
-    bytes of all, then the next. So what changes little is mostly zeros, which gzip packs. NaN is 0, and what is there
-    is one step more.
+    A column is stored as differences between successive values, with the sign in the lowest bit, in planes: first the
+    lowest bytes of all differences, then the next ones. Slowly changing values thus become mostly zeros, which gzip
+    compresses well. In a column with missing values NaN is 0 and all other values are shifted up by one step.
     """
 
     def __init__(self) -> None:
@@ -23,9 +23,10 @@ class Columns:
         self._size = 0
 
     def add(self, values: Any, step: float = 1.0) -> dict[str, Any]:
-        """Where and how a column is written: what the page needs to read it.
+        """Append a column; returns the offset and format that the page needs to read it.
 
-        step: what is finer is rounded
+        step   : resolution
+        raises : ValueError if a difference takes more than six bytes
         """
         values = np.asarray(values, dtype=float).ravel()
         missing = np.isnan(values)
@@ -48,6 +49,6 @@ class Columns:
         return place
 
     def packed(self, header: dict[str, Any]) -> bytes:
-        """gzip of: length of the header, 4 bytes, lowest first; the header as JSON; all columns."""
+        """gzip of: length of the header (4 bytes, little-endian), the header as JSON, all columns."""
         text = json.dumps(header, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
         return gzip.compress(b"".join([struct.pack("<I", len(text)), text, *self._planes]), compresslevel=6, mtime=0)

@@ -1,7 +1,7 @@
-"""What the replay's page is given of a run: a header of names and places, and columns of numbers.
+"""Data of a run for the replay page: a header of names and offsets, and columns of numbers.
 
-Lengths are steps of 1 mm for robots and 1 cm for cars, from the road's lower left corner; ranges a 2000th of what the
-laser reaches. A track is a stretch of a vehicle's rows at instants that follow each other.
+Lengths are in steps of 1 mm for robots and 1 cm for cars, from the lower left corner of the road; ranges in steps of
+1/2000 of the laser's greatest range. A track is a stretch of a vehicle's rows at successive instants.
 """
 
 from __future__ import annotations
@@ -21,12 +21,22 @@ from platoontraffic.replay.columns import Columns
 
 SMALL = 2.0  # shorter vehicles are robots [m]
 ANGLE, TIME, SPEED = 1e-3, 1e-3, 1e-3  # steps [rad, s, m/s]
-PATH_STEPS = 5  # in which remembered paths are, of other lengths'
-RANGE_STEPS = 2000  # of a laser's greatest range
-NOTHING, TOO_NEAR, LOST, FIRST = 0, 1, 2, 3  # how a range is written; FIRST is 0 m
-SIZES = {True: (4.74, 1.80), False: (0.20, 0.15)}  # of vehicles in a run that tells none; of cars, of robots [m]
+PATH_STEPS = 5  # step of remembered paths, in steps of other lengths
+RANGE_STEPS = 2000  # steps in a laser's greatest range
+NOTHING, TOO_NEAR, LOST, FIRST = 0, 1, 2, 3  # codes of ranges; FIRST is 0 m
+SIZES = {True: (4.74, 1.80), False: (0.20, 0.15)}  # length and width where a run has no vehicles.csv: car, robot [m]
 
-# The figures that tell a run at a glance: metric, heading.
+# Columns of trajectories that the page shows: name in the page, column, step.
+MEASURED = (
+    ("speed", "speed_mps", SPEED),
+    ("acceleration", "accel_mps2", SPEED),
+    ("gap", "gap_m", 0.001),
+    ("error", "gap_error_m", 0.001),
+    ("seenGap", "seen_gap_m", 0.001),
+    ("seenBearing", "seen_bearing_rad", 1e-4),
+)
+
+# Key figures: metric, heading.
 KEY_METRICS = {
     "speed_mean": "mean speed",
     "gap_mean": "mean gap",
@@ -44,14 +54,16 @@ KEY_METRICS = {
 
 
 def packed(results: Results, chosen: str | None = None) -> bytes:
-    """All that the page shows.
+    """All data of the page, compressed.
 
-    chosen: the member to begin with; by default the first follower
+    chosen: the member that is selected at first; default: the first follower
+
+    raises: ResultsError, InputError if there is no such member
     """
     columns = Columns()
     members = results.trajectories.drop_duplicates("vehicle_id").sort_values(["platoon_id", "place"], kind="stable")
     if members.empty:
-        raise ResultsError(f"{results.folder}: nobody was ever on the road")
+        raise ResultsError(f"{results.folder}: no member was ever on the road")
     ids = members.vehicle_id.tolist()
     if chosen is not None and chosen not in ids:
         raise InputError(f"--vehicle: no member {chosen!r} in this run{did_you_mean(chosen, ids)}")
@@ -75,7 +87,7 @@ def packed(results: Results, chosen: str | None = None) -> bytes:
 
 
 def _facts(results: Results) -> dict[str, Any]:
-    """What the run is called, and what is known of it; files that fail here are not worth failing for."""
+    """Title and origin of the run; the page does without them if their files cannot be read."""
     package, provenance = (_json(results, name) for name in ("datapackage.json", "provenance.json"))
     resources = {r.get("name"): r for r in package.get("resources", [])}
     end = results.events.loc[results.events.kind == "end", "time_s"]
@@ -107,7 +119,7 @@ def _shape(columns: Columns, lines: Sequence[Sequence], low: np.ndarray, step: f
 
 
 def _sizes(results: Results, ids: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Length and width of each."""
+    """Length and width of each vehicle [m]."""
     if results.vehicles is None:
         points = np.array([p for ring in results.scene.get("road", []) for p in ring] or [(0, 0)])
         usual = SIZES[bool(np.ptp(points, axis=0).max() > 100)]
@@ -117,9 +129,9 @@ def _sizes(results: Results, ids: Sequence[str]) -> tuple[np.ndarray, np.ndarray
 
 
 def _tracks(columns: Columns, rows: pd.DataFrame, ids: Sequence[str], low: np.ndarray, step: float):
-    """The rows by vehicle and time, and what is written of where these were.
+    """The rows sorted by vehicle and time, and the columns of their poses.
 
-    returns: rows, dict
+    returns: rows, columns by name
     """
     times = np.unique(rows.time_s)
     rows = rows.assign(
@@ -131,7 +143,7 @@ def _tracks(columns: Columns, rows: pd.DataFrame, ids: Sequence[str], low: np.nd
     turn = np.diff(heading, prepend=0.0)
     turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
     turn[begins] = heading[begins]
-    along = np.cumsum(turn)  # the page interpolates, so a heading must not jump by a turn within a track
+    along = np.cumsum(turn)  # not wrapped within a track, because the page interpolates
     base = along[begins] - heading[begins]
     heading = along - np.repeat(base, np.diff(np.append(begins, len(rows))))
     return rows, {
@@ -149,25 +161,9 @@ def _members(columns: Columns, results: Results, members: pd.DataFrame, low: np.
     ids = members.vehicle_id.tolist()
     rows, written = _tracks(columns, results.trajectories, ids, low, step)
     length, width = _sizes(results, ids)
-    lasers = np.full((len(ids), 3), np.nan)
-    if results.vehicles is not None:
-        known = results.vehicles.drop_duplicates("vehicle_id").set_index("vehicle_id").reindex(ids)
-        lasers = known[["laser_x_m", "laser_y_m", "laser_yaw_rad"]].to_numpy(dtype=float)
-    laser_x = np.where(np.isnan(lasers[:, 0]), length / 2, lasers[:, 0])
+    laser_x, laser_y, laser_yaw = _lasers(results, ids, length)
     target = rows.target_id.fillna("") if "target_id" in rows else pd.Series("", index=rows.index)
     targets = [t for t in target.unique() if t]
-    values = {
-        name: columns.add(rows[column].to_numpy(dtype=float), fine)
-        for name, column, fine in (
-            ("speed", "speed_mps", SPEED),
-            ("acceleration", "accel_mps2", SPEED),
-            ("gap", "gap_m", 0.001),
-            ("error", "gap_error_m", 0.001),
-            ("seenGap", "seen_gap_m", 0.001),
-            ("seenBearing", "seen_bearing_rad", 1e-4),
-        )
-        if column in rows
-    }
     return {
         "ids": ids,
         "platoons": members.platoon_id.tolist(),
@@ -175,13 +171,23 @@ def _members(columns: Columns, results: Results, members: pd.DataFrame, low: np.
         "length": columns.add(length, 0.001),
         "width": columns.add(width, 0.001),
         "laserX": columns.add(laser_x, 1e-4),
-        "laserY": columns.add(np.nan_to_num(lasers[:, 1]), 1e-4),
-        "laserYaw": columns.add(np.nan_to_num(lasers[:, 2]), 1e-4),
+        "laserY": columns.add(laser_y, 1e-4),
+        "laserYaw": columns.add(laser_yaw, 1e-4),
         **written,
-        **values,
+        **{name: columns.add(rows[c].to_numpy(dtype=float), step) for name, c, step in MEASURED if c in rows},
         "targets": targets,
         "target": columns.add(pd.Index(targets).get_indexer(target) if targets else np.full(len(rows), -1.0)),
     }
+
+
+def _lasers(results: Results, ids: Sequence[str], length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position of each laser from the centre, ahead and to the left [m], and yaw [rad]; by default at the bumper."""
+    lasers = np.full((len(ids), 3), np.nan)
+    if results.vehicles is not None:
+        known = results.vehicles.drop_duplicates("vehicle_id").set_index("vehicle_id").reindex(ids)
+        lasers = known[["laser_x_m", "laser_y_m", "laser_yaw_rad"]].to_numpy(dtype=float)
+    x = np.where(np.isnan(lasers[:, 0]), length / 2, lasers[:, 0])
+    return x, np.nan_to_num(lasers[:, 1]), np.nan_to_num(lasers[:, 2])
 
 
 def _traffic(columns: Columns, results: Results, low: np.ndarray, step: float) -> dict[str, Any] | None:
@@ -203,16 +209,8 @@ def _scans(columns: Columns, results: Results, ids: Sequence[str], low: np.ndarr
     scans = results.scans
     if scans is None:
         return None
-    order = np.lexsort((scans.time_s, scans.vehicle))  # neighbours are alike, and the page looks for one vehicle's
-    written, offset, first, last = [], [0], [], []
-    groups = _segments(scans)
-    for i in order:
-        ranges = scans.ranges(i)
-        written.append(_range_steps(ranges, scans.range_max_m[scans.vehicle[i]] / RANGE_STEPS))
-        begins, ends = groups[i]
-        first.append(begins)
-        last.append(ends)
-        offset.append(offset[-1] + len(begins))
+    order = np.lexsort((scans.time_s, scans.vehicle))  # compresses well; the page reads by vehicle
+    written = [_range_steps(scans.ranges(i), scans.range_max_m[scans.vehicle[i]] / RANGE_STEPS) for i in order]
     member = pd.Index(ids).get_indexer(scans.vehicle_id)
     increment = (scans.angle_max_rad - scans.angle_min_rad) / np.maximum(scans.samples - 1, 1)
     return {
@@ -233,14 +231,23 @@ def _scans(columns: Columns, results: Results, ids: Sequence[str], low: np.ndarr
         "y": columns.add(scans.y_m[order] - low[1], step),
         "heading": columns.add(scans.heading_rad[order], ANGLE),
         "ranges": columns.add(np.concatenate([*written, np.empty(0)])),
-        "segments": columns.add(offset),
+        **_segment_columns(columns, scans, order),
+    }
+
+
+def _segment_columns(columns: Columns, scans: Scans, order: np.ndarray) -> dict[str, Any]:
+    """The groups of returns of each scan, in the order of the scans."""
+    groups = _segments(scans)
+    first, last = ([groups[i][end] for i in order] for end in (0, 1))
+    return {
+        "segments": columns.add(np.concatenate([[0], np.cumsum([len(beams) for beams in first])])),
         "segmentFirst": columns.add(np.concatenate([*first, np.empty(0)])),
         "segmentLast": columns.add(np.concatenate([*last, np.empty(0)])),
     }
 
 
 def _paths(columns: Columns, scans: Scans, order: np.ndarray, low: np.ndarray, step: float) -> dict | None:
-    """The paths that laws remembered at their scans, in the order of these."""
+    """The paths that laws remembered at their scans, in the order of the scans."""
     if scans.path_offset is None:
         return None
     begins, ends = scans.path_offset[order], scans.path_offset[order + 1]
@@ -259,7 +266,7 @@ def _range_steps(ranges: np.ndarray, step: float) -> np.ndarray:
 
 
 def _segments(scans: Scans) -> list[tuple[np.ndarray, np.ndarray]]:
-    """First and last beam of every group of returns, of every scan."""
+    """First and last beam of every group of returns, by scan."""
     groups: list[tuple[np.ndarray, np.ndarray]] = [(np.empty(0), np.empty(0))] * len(scans)
     kinds: dict[tuple, list[int]] = {}
     names = ("samples", "angle_min_rad", "angle_max_rad", "range_min_m", "range_max_m")
@@ -272,7 +279,7 @@ def _segments(scans: Scans) -> list[tuple[np.ndarray, np.ndarray]]:
         batch = ScanBatch(model, 0.0, tuple(map(str, rows)), ranges, None, np.zeros(len(rows), dtype=bool))
         try:
             found = find_segments(batch)
-        except ValueError:  # so few beams that lost ones cannot be bridged, or none belong together
+        except ValueError:  # too few beams to bridge lost ones or to form a group
             continue
         for row, i in enumerate(rows):
             own = found.of(row)
@@ -281,14 +288,14 @@ def _segments(scans: Scans) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _first_to_look_at(members: pd.DataFrame) -> str:
-    """The first follower of the largest platoon; a leader where nobody follows."""
+    """The first follower of the largest platoon, or the leader if that has no follower."""
     largest = members.groupby("platoon_id", sort=False).size().idxmax()
     platoon = members[members.platoon_id == largest]
     return platoon.vehicle_id.iloc[min(1, len(platoon) - 1)]
 
 
 def _events(results: Results) -> list[list]:
-    """time, kind, vehicle, other, x, y, duration, detail"""
+    """Rows: time, kind, vehicle, other, x, y, duration, detail."""
     table = results.events.reindex(
         columns=["time_s", "kind", "vehicle_id", "other_id", "x_m", "y_m", "duration_s", "detail"]
     )
@@ -300,7 +307,7 @@ def _events(results: Results) -> list[list]:
 
 
 def _metrics(results: Results) -> dict[str, Any]:
-    """The key figures: their headings, units, and a row a member."""
+    """Key figures: headings, units, and a row a member."""
     table = results.metrics[(results.metrics.scope == "vehicle") & results.metrics.metric.isin(KEY_METRICS)]
     table = table[np.isfinite(table.value)]
     units = table.drop_duplicates("metric").set_index("metric").reindex(columns=["unit"]).unit.fillna("").to_dict()

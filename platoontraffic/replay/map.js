@@ -1,7 +1,7 @@
-// The map: road, vehicles, and what one laser saw.
+// The map: road, vehicles, and one laser's view.
 
-const BEAM_SPACING = 7; // beams are drawn so far apart at their ends, all of them would be one surface [pixels]
-const TRAIL = 30; // the path of the last so many seconds is shown [s]
+const BEAM_SPACING = 7; // least distance between the ends of drawn beams; all of them would merge into a surface [pixels]
+const TRAIL = 30; // length of the paths behind vehicles [s]
 
 class Palette {
   constructor() {
@@ -57,7 +57,7 @@ class RoadMap {
     this.bounds = Number.isFinite(edges[0]) ? edges : [-10, -10, 10, 10];
   }
 
-  /** One picture; returns what is on it. `view`: chosen member, layers, platoon. */
+  /** Draw one frame; returns what is on it. `view`: selected member, layers, platoon. */
   draw(camera, time, view) {
     const { context, run, palette } = this;
     const drawn = { time, members: [], traffic: 0, scan: null, remembered: 0, target: null };
@@ -255,7 +255,7 @@ class RoadMap {
     const end = (beam) => camera.screen(ends[2 * beam], ends[2 * beam + 1]);
 
     context.globalAlpha = fresh;
-    context.beginPath(); // what the beams sweep
+    context.beginPath(); // the area that the beams sweep
     context.moveTo(sx, sy);
     for (let beam = 0; beam < samples; beam++) if (kinds[beam] !== LOST) context.lineTo(...end(beam));
     context.closePath();
@@ -302,7 +302,7 @@ class RoadMap {
     return { time: scan.time, beams: samples, returns: scan.returns, segments: scan.segments.length };
   }
 
-  /** The path that the chosen member's law remembered at its last scan; returns how many points it has. */
+  /** The path that the selected member's law remembered at its last scan; returns its number of points. */
   #remembered(camera, time, view) {
     const { context, palette, run } = this;
     const path = run.scans.at(view.chosen, time)?.path ?? [];

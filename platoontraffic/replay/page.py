@@ -1,4 +1,4 @@
-"""One HTML file: markup, style, scripts and data."""
+"""The replay page: markup, style, scripts and data in one HTML file."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from platoontraffic.analysis.results import ResultsError, load
 from platoontraffic.replay.content import packed
 
 HERE = Path(__file__).parent
-SCRIPTS = ("run.js", "camera.js", "map.js", "strips.js", "player.js")  # in the order in which they build on each other
+SCRIPTS = ("run.js", "camera.js", "map.js", "strips.js", "player.js")  # each uses those before it
 
 
 def page(folder: Path, to: Path, vehicle: str | None = None) -> Path:
     """Make the page of a finished run.
 
-    vehicle: the member to begin with; by default the first follower
+    vehicle: the member that is selected at first; default: the first follower
 
-    raises: ResultsError, InputError where there is no such member
+    raises: ResultsError, InputError if there is no such member
     """
     results = load(folder)
     data = base64.b64encode(packed(results, vehicle)).decode()
@@ -35,7 +35,7 @@ def page(folder: Path, to: Path, vehicle: str | None = None) -> Path:
 
 
 def write(to: Path, text: str) -> Path:
-    """raises: ResultsError where it cannot be"""
+    """raises: ResultsError"""
     try:
         Path(to).write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:

@@ -1,4 +1,4 @@
-// The page: what is chosen, how time goes, and what hand and keyboard do.
+// The page: selection, time, and input by mouse, touch and keyboard.
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20];
 const MOST_LISTED = 400; // events in the list
@@ -17,7 +17,7 @@ const words = (kind) => kind.replaceAll("_", " ");
 const seconds = (time) => `${time.toFixed(1)} s`;
 const digits = (value, places) => (Number.isNaN(value) ? "" : (Math.abs(value) < 0.5 * 10 ** -places ? 0 : value).toFixed(places));
 
-/** Everything about a run on a page; `state` is what is to be seen now. */
+/** The page of a run; `state` is what it shows now. */
 class Player {
   constructor(run) {
     this.run = run;
@@ -32,7 +32,7 @@ class Player {
     this.drawn = null;
     this.frames = 0;
     this.follows = null;
-    this.stale = true; // something has changed since the last picture
+    this.stale = true; // something has changed since the last frame
     this.#describe();
     this.#makeStrips();
     this.#makeMembers();
@@ -46,13 +46,13 @@ class Player {
     requestAnimationFrame((now) => this.#frame(now));
   }
 
-  // ---- what is chosen
+  // ---- selection
 
   get platoon() {
     return this.run.members.platoon[this.chosen];
   }
 
-  /** The member through whose laser one looks; a map that follows somebody then follows it. */
+  /** Select the member whose laser view is shown; a map that follows a vehicle then follows it. */
   choose(member) {
     const { members } = this.run;
     this.chosen = member;
@@ -66,16 +66,16 @@ class Player {
   }
 
   /** {member}, {traffic} (a vehicle's number), or null for a map that stands still. */
-  follow(whom) {
-    this.follows = whom;
+  follow(target) {
+    this.follows = target;
     const { traffic } = this.run;
     const select = element("follow");
     select.querySelector("option.other")?.remove();
-    if (whom?.traffic !== undefined) {
-      const other = make("option", { value: `t${whom.traffic}`, textContent: traffic.ids[whom.traffic], className: "other" });
+    if (target?.traffic !== undefined) {
+      const other = make("option", { value: `t${target.traffic}`, textContent: traffic.ids[target.traffic], className: "other" });
       select.append(other);
     }
-    select.value = whom === null ? "" : whom.member !== undefined ? `m${whom.member}` : `t${whom.traffic}`;
+    select.value = target === null ? "" : target.member !== undefined ? `m${target.member}` : `t${target.traffic}`;
     this.stale = true;
   }
 
@@ -120,7 +120,7 @@ class Player {
     if (there.length) this.jump(sense > 0 ? there[0] : there[there.length - 1]);
   }
 
-  // ---- every picture
+  // ---- every frame
 
   #frame(now) {
     const past = Math.min((now - (this.before ?? now)) / 1000, 0.25);
@@ -142,9 +142,9 @@ class Player {
   #draw() {
     const { run, camera } = this;
     const when = run.members.instant(this.time);
-    const whom = this.follows;
-    const pose = whom?.member !== undefined ? run.members.pose(whom.member, when)
-      : whom ? run.traffic.pose(whom.traffic, run.traffic.instant(this.time)) : null;
+    const target = this.follows;
+    const pose = target?.member !== undefined ? run.members.pose(target.member, when)
+      : target ? run.traffic.pose(target.traffic, run.traffic.instant(this.time)) : null;
     if (pose) [camera.x, camera.y] = [pose.x, pose.y];
     this.drawn = this.map.draw(camera, this.time, this);
     for (const strip of this.strips) strip.draw(this.time, when, this);
@@ -244,7 +244,7 @@ class Player {
     return ((event.time - this.run.from) / (this.run.until - this.run.from || 1)) * width;
   }
 
-  /** For those who hear the page. */
+  /** Text for screen readers. */
   #announce() {
     const { members } = this.run;
     const row = members.row(this.chosen, members.instant(this.time));
@@ -252,14 +252,14 @@ class Player {
     const parts = [seconds(this.time)];
     if (row < 0) parts.push(`${id} is not on the road`);
     else {
-      parts.push(`${id}: speed ${digits(members.speed[row], 1)} metres a second`);
+      parts.push(`${id}: speed ${digits(members.speed[row], 1)} metres per second`);
       if (!Number.isNaN(members.gap[row])) parts.push(`gap ${digits(members.gap[row], 1)} metres`);
-      if (members.ahead[this.chosen] >= 0) parts.push(`takes ${members.targetId(row) || "nothing"} for its predecessor`);
+      if (members.ahead[this.chosen] >= 0) parts.push(`target of its law: ${members.targetId(row) || "none"}`);
     }
     element("now").textContent = parts.join(", ");
   }
 
-  // ---- the page's parts
+  // ---- parts of the page
 
   #describe() {
     const { run } = this;
@@ -276,7 +276,7 @@ class Player {
     for (const speed of SPEEDS) element("speed").append(make("option", { value: speed, textContent: `${speed} ×` }));
     element("speed").value = 1;
     const follow = element("follow");
-    follow.append(make("option", { value: "", textContent: "nobody" }));
+    follow.append(make("option", { value: "", textContent: "no vehicle" }));
     const groups = new Map();
     run.members.ids.forEach((id, v) => {
       const platoon = run.members.platoon[v];
@@ -345,11 +345,11 @@ class Player {
     const { run } = this;
     const layers = [
       ["scan", "Beams and returns", run.scans],
-      ["segments", "Segments found", run.scans],
-      ["target", "Target chosen", true],
-      ["remembered", `Path remembered${run.scans?.path ? "" : " (not recorded)"}`, run.scans?.path],
-      ["paths", "Paths driven", true],
-      ["traffic", "Other traffic", run.traffic?.n],
+      ["segments", "Segments", run.scans],
+      ["target", "Target of the law", true],
+      ["remembered", `Remembered path${run.scans?.path ? "" : " (not recorded)"}`, run.scans?.path],
+      ["paths", "Driven paths", true],
+      ["traffic", "Background traffic", run.traffic?.n],
       ["buildings", "Buildings, walls", (run.scene.walls?.length ?? 0) + (run.scene.buildings?.length ?? 0)],
       ["names", "Names", true],
     ];
@@ -392,9 +392,9 @@ class Player {
       const kind = severity(event.kind);
       const mark = make("span", { className: kind, textContent: { bad: "✕", warn: "▼", info: "·" }[kind] });
       mark.setAttribute("aria-hidden", "true");
-      const who = [event.vehicle, event.other].filter(Boolean).join(" – ");
+      const vehicles = [event.vehicle, event.other].filter(Boolean).join(" – ");
       const more = [event.detail, Number.isFinite(event.duration) && event.duration !== null && `after ${seconds(event.duration)}`];
-      const what = make("span", {}, `${words(event.kind)} `, make("strong", { textContent: who }), " ",
+      const what = make("span", {}, `${words(event.kind)} `, make("strong", { textContent: vehicles }), " ",
         make("small", { textContent: more.filter(Boolean).join(", ") }));
       const button = make("button", { type: "button", title: this.run.kinds[event.kind] ?? "" },
         mark, make("span", { className: "when", textContent: seconds(event.time) }), what);
@@ -454,7 +454,7 @@ class Player {
     }
   }
 
-  // ---- hand and keyboard
+  // ---- mouse, touch and keyboard
 
   #listen() {
     const on = (id, what) => element(id).addEventListener("click", what);
@@ -554,7 +554,7 @@ class Player {
     element("speed").value = this.speed;
   }
 
-  /** To be read by who tests the page or writes scripts for it; in the network's metres. */
+  /** State of the page for tests and scripts, in the network's metres. */
   get state() {
     const { run, drawn } = this;
     const [left, low] = run.origin;

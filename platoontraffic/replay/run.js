@@ -1,4 +1,4 @@
-// The run: what the page was given, unpacked, and where everything is at a time.
+// The run: unpacked data, and the state of every vehicle at a time.
 
 /** Bytes of a base64 text. */
 function bytesOf(text) {
@@ -44,7 +44,7 @@ function lastUpTo(values, limit, from = 0, to = values.length) {
   return low - 1;
 }
 
-const SOON = 1e-6; // times are compared with this slack [s]
+const SOON = 1e-6; // tolerance in comparisons of times [s]
 
 /** Vehicles and where they were: rows by vehicle and instant, in tracks of instants that follow each other. */
 class Tracks {
@@ -89,7 +89,7 @@ class Tracks {
     return row < last ? values[row] + share * (values[row + 1] - values[row]) : values[row];
   }
 
-  /** Everyone who is there: calls visit(vehicle, x, y, heading, row). */
+  /** Calls visit(vehicle, x, y, heading, row) for every vehicle on the road. */
   forEach(when, visit) {
     for (let track = 0; track < this.vehicle.length; track++) {
       const row = this.rowOf(track, when);
@@ -130,12 +130,12 @@ class Members extends Tracks {
       this.ids.findIndex((_, w) => this.platoon[w] === this.platoon[v] && this.place[w] === this.place[v] - 1));
   }
 
-  /** Whom the law takes for its predecessor in a row: an id, "wall", or "". */
+  /** Object that the law's target lies on, by row: an id, "wall", or "". */
   targetId(row) {
     return this.target[row] < 0 ? "" : this.targets[this.target[row]];
   }
 
-  /** Where in the world that is which the law takes for its predecessor; null: it sees none. */
+  /** Position of the law's target in the world; null: it has none. */
   targetPoint(vehicle, pose, share) {
     const next = pose.row < pose.last && this.target[pose.row + 1] === this.target[pose.row] ? pose.row + 1 : pose.row;
     const between = (values) => values[pose.row] + share * (values[next] - values[pose.row]);

@@ -1,12 +1,12 @@
-// Gap, speed and spacing error of a platoon over time, with a cursor that follows and leads.
+// Gap, speed and spacing error of a platoon over time, with a cursor that shows and sets the time.
 
 const STRIPS = [
   { name: "gap", title: "gap", unit: "m", positive: true, ofGap: 4 },
   { name: "speed", title: "speed", unit: "m/s", positive: true },
   { name: "error", title: "spacing error", unit: "m", ofGap: 1.5 },
 ];
-// `ofGap`: values beyond so many times the platoon's median gap are cut off.
-const LEFT = 44, RIGHT = 8; // of the plot, for labels [pixels]
+// `ofGap`: limit of the axis, in median gaps of the platoon.
+const LEFT = 44, RIGHT = 8; // margins of the plot, for labels [pixels]
 
 class Strip {
   constructor(canvas, strip, run, palette, seek) {

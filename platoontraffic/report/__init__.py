@@ -1,4 +1,4 @@
-"""A run, or a batch, as one HTML page to read: made from its files, opened from disk, without a network."""
+"""Reports of runs and batches: one HTML page each, made from their files; it opens from disk without a network."""
 
 from platoontraffic.report.batch_page import page as batch_page
 from platoontraffic.report.page import page

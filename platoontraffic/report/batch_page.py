@@ -1,4 +1,4 @@
-"""A batch as one HTML file: what was varied, what came out at each point, what failed, what is missing."""
+"""The report of a batch as one HTML file: varied keys, metrics at each point, failed and missing runs."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.report.figures import heat_map, over_values
 from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text, write
 
-MOST_ROWS = 500  # of a table in the page; all are in runs.csv and summary.csv
-MOST_VALUES = 12  # of a key that are written out
-# What one asks first of a study: the first of these that differ from run to run are drawn.
+MOST_ROWS = 500  # rows of a table in the page; runs.csv and summary.csv have all
+MOST_VALUES = 12  # values of a key that are listed
+# Metrics that are listed; the first of them that differ between runs are drawn.
 FIRST = (
     "collisions",
     "lock_on_ratio_min",
@@ -34,11 +34,11 @@ DRAWN = 2
 def page(folder: Path, to: Path, metric: str | None = None) -> Path:
     """Make the page of a batch, finished or not, and beside it its pictures as PNG and SVG.
 
-    metric: the column of summary.csv that is drawn; by default two that differ from run to run
+    metric: the column of summary.csv that is drawn; default: two that differ between runs
 
-    raises: ResultsError, InputError where there is no such metric
+    raises: ResultsError, InputError if there is no such metric
     """
-    with warnings.catch_warnings(action="ignore"):  # of missing runs, which the page is about
+    with warnings.catch_warnings(action="ignore"):  # about missing runs, which the page lists
         batch = load_batch(Path(folder))
     to, name = Path(to), batch.folder.resolve().name
     metrics = _metrics(batch)
@@ -46,17 +46,12 @@ def page(folder: Path, to: Path, metric: str | None = None) -> Path:
         raise InputError(f"--metric: {metric!r}: no metric in summary.csv{did_you_mean(metric, metrics)}")
     drawn = [metric] if metric else _drawn(batch, metrics)
     listed = list(dict.fromkeys([*drawn, *(m for m in FIRST if m in metrics)]))
-    states = batch.runs.status.value_counts()
-    facts = [name, *(f"{n} {kind}" for kind, n in states.items()), "again: platoontraffic batch with its study"]
     points = batch.runs.drop_duplicates(batch.varied) if batch.varied else batch.runs.head(1)
-    seeds = batch.runs.seed.nunique()
-    figures = (("runs", len(batch.runs)), ("done", len(batch.summary)), ("points", len(points)), ("seeds", seeds))
-    body = f"""<p class="facts">{text(" · ".join(facts))}</p>
-{first_figures((name, str(value)) for name, value in figures)}
-<h2>What was varied</h2>
+    body = f"""{_facts(batch, name, len(points))}
+<h2>Varied keys</h2>
 {_varied(batch)}
 <h2>Pictures</h2>
-{"".join(_pictures(batch, drawn, to)) or "<p>None: no metric of a run that is done.</p>"}
+{"".join(_pictures(batch, drawn, to)) or "<p>None, because no run is done.</p>"}
 <h2>Metrics by point</h2>
 {"".join(_by_point(batch, points, listed)) or "<p>No run is done.</p>"}
 <h2>Failed runs</h2>
@@ -65,6 +60,21 @@ def page(folder: Path, to: Path, metric: str | None = None) -> Path:
 {_runs(batch, "waiting", ())}"""
     title = read_json(batch.folder, "datapackage.json").get("title") or name
     return write(to, document(f"Report of {name}", title, body).encode())
+
+
+def _facts(batch: Batch, name: str, points: int) -> str:
+    """Line below the title, and key figures."""
+    states = batch.runs.status.value_counts()
+    facts = [name, *(f"{n} {kind}" for kind, n in states.items()), "repeat it: platoontraffic batch with its study"]
+    counts = {
+        "runs": len(batch.runs),
+        "done": len(batch.summary),
+        "points": points,
+        "seeds": batch.runs.seed.nunique(),
+    }
+    figures = first_figures((what, str(count)) for what, count in counts.items())
+    return f"""<p class="facts">{text(" · ".join(facts))}</p>
+{figures}"""
 
 
 def _metrics(batch: Batch) -> list[str]:
@@ -79,7 +89,7 @@ def _drawn(batch: Batch, metrics: list[str]) -> list[str]:
 
 
 def _keys(batch: Batch) -> list[str]:
-    """What was varied and differs, without what moves together with another."""
+    """The varied keys with several values; of keys that always change together, the first."""
     points = batch.runs[batch.varied].astype(str)
     values = points.nunique()
 
@@ -99,7 +109,9 @@ def _varied(batch: Batch) -> str:
         values = batch.runs[key].astype(str).unique()
         more = f" … ({len(values)} in all)" if len(values) > MOST_VALUES else ""
         rows.append((key, str(len(values)), ", ".join(values[:MOST_VALUES]) + more))
-    return table("Keys of the scenario", ("key", "values", "which"), rows) if rows else "<p>Only the seed.</p>"
+    return (
+        table("Keys of the scenario", ("key", "number of values", "values"), rows) if rows else "<p>Only the seed.</p>"
+    )
 
 
 def _pictures(batch: Batch, drawn: list[str], to: Path) -> Iterable[str]:
@@ -135,7 +147,7 @@ def _by_point(batch: Batch, points: pd.DataFrame, metrics: list[str]) -> Iterabl
         ]
         unit = batch.summary.attrs["units"].get(metric, "")
         what = f"{metric} [{unit}]" if unit else metric
-        headings = (*batch.varied, "n", "mean", "standard deviation", "least", "greatest")
+        headings = (*batch.varied, "n", "mean", "standard deviation", "minimum", "maximum")
         yield details(what, table(what, headings, rows) + left, opened=i == 0)
 
 

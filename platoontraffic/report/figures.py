@@ -1,4 +1,4 @@
-"""Pictures of a study's metrics over what was varied."""
+"""Pictures of the metrics of a study over its varied keys."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 
 from platoontraffic.analysis.results import Batch
 
-LONGEST = 28  # characters of a value at an axis
+LONGEST = 28  # longest label of a value at an axis [characters]
 POINTS, MEAN = "#56B4E9", "#0072B2"
 
 
 def over_values(summary: pd.DataFrame, key: str, metric: str, unit: str) -> Figure:
-    """Each run as a dot, and mean with standard deviation at every value of the key."""
+    """Every run as a dot; mean and standard deviation at every value of the key."""
     rows = summary.dropna(subset=[metric])
     figure = _figure(7.5, 4)
     axes = figure.subplots()
@@ -34,7 +34,7 @@ def over_values(summary: pd.DataFrame, key: str, metric: str, unit: str) -> Figu
 
 
 def heat_map(batch: Batch, key: str, other: str, metric: str, unit: str) -> Figure:
-    """Mean at every pair of values that the study has, the first key's to the right."""
+    """Mean at every pair of values in the study; the first key is on the horizontal axis."""
     summary = batch.summary
     (x, across), (y, up) = (_order(summary[name], batch.runs[name]) for name in (key, other))
     means = summary[metric].groupby([y, x]).mean().unstack().reindex(index=range(len(up)), columns=range(len(across)))
@@ -58,14 +58,14 @@ def heat_map(batch: Batch, key: str, other: str, metric: str, unit: str) -> Figu
 
 
 def _places(values: pd.Series) -> tuple[np.ndarray, list[str] | None]:
-    """Where values stand on an axis; and their labels, unless they are numbers."""
+    """Positions of values on an axis, and their labels; None for numbers."""
     if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values):
         return values.to_numpy(dtype=float), None
     return _order(values, values)
 
 
 def _order(values: pd.Series, there: pd.Series) -> tuple[np.ndarray, list[str]]:
-    """Number of each value among those that there are, numbers in their order; and how these are written."""
+    """Index of each value among the known ones, numbers in ascending order; and the labels of the latter."""
     numeric = pd.api.types.is_numeric_dtype(there)
     known = sorted(there.unique()) if numeric else there.unique().tolist()
     labels = [f"{value:g}" if numeric else str(value) for value in known]

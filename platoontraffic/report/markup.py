@@ -1,4 +1,4 @@
-"""What the pages of reports are made of: one HTML file that asks for nothing, with everything in it escaped."""
+"""Parts of report pages: one HTML file that loads nothing, with all text escaped."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def document(name: str, heading: str, body: str) -> str:
 
 
 def table(caption: str, headings: Iterable[str], rows: Iterable[tuple[str, ...]]) -> str:
-    """A table whose rows are headed by their first cell; the last cell of each is prose."""
+    """A table; the first cell of a row is its heading, the last one is prose."""
     head = "".join(f'<th scope="col">{text(heading)}</th>' for heading in headings)
     body = "".join(
         f'<tr><th scope="row">{text(first)}</th>{"".join(f"<td>{text(cell)}</td>" for cell in rest)}</tr>'
@@ -76,7 +76,7 @@ def figure_files(figure: Figure, to: Path, name: str, caption: str) -> str:
 
 
 def first_figures(figures: Iterable[tuple[str, str]]) -> str:
-    """What one asks first: name and value."""
+    """Key figures at the top of the page: name and value."""
     said = (f"<div><dt>{text(name)}</dt><dd>{text(value)}</dd></div>" for name, value in figures)
     return f'<dl class="first">{"".join(said)}</dl>'
 
@@ -86,7 +86,7 @@ def text(value: object) -> str:
 
 
 def read_json(folder: Path, name: str) -> dict[str, Any]:
-    """A file of results; without what is in it, too, there is something to report."""
+    """A JSON file of results; empty if it cannot be read, since the rest can still be reported."""
     try:
         return json.loads((folder / name).read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""One HTML file: pictures, metrics and what they mean, events; made from the run's files."""
+"""The report of a run as one HTML file: pictures, metrics with their meanings, events."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import pandas as pd
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text, write
 
-MOST_EVENTS = 1000  # in the page; all are in events.csv
+MOST_EVENTS = 1000  # listed in the page; events.csv has all
 PICTURES = {
-    "road": "The road, every member's path, and where it was last",
-    "strips": "Gap, speed and spacing error over time, when a follower had lost its predecessor, and who was held "
-    "before a line, split off or broken",
+    "road": "The road, the path of every member, and its last position",
+    "strips": "Gap, speed and spacing error over time; periods in which a follower had lost its predecessor, and in "
+    "which a member was held at a stop line, split off or broken down",
 }
-# What one asks first of a run.
+# Metrics of the run at the top of the page.
 FIRST = ("duration", "members", "collisions", "near_misses", "lock_on_ratio_min", "lock_losses", "gap_mean", "gap_min")
 
 
@@ -28,7 +28,7 @@ def page(folder: Path, to: Path) -> Path:
     """
     results = load_run(Path(folder))
     if results.trajectories.empty:
-        raise ResultsError(f"{results.folder}: nobody was ever on the road")
+        raise ResultsError(f"{results.folder}: no member was ever on the road")
     to = Path(to)
     package, facts = read_json(results.folder, "datapackage.json"), read_json(results.folder, "provenance.json")
     resources = {resource.get("name"): resource for resource in package.get("resources", [])}
@@ -57,15 +57,15 @@ def _facts(results: Results, facts: dict[str, Any]) -> Iterable[str]:
         ("seed", "seed {}"),
         ("version", "platoontraffic {}"),
         ("simulated_s", "{:g} s simulated"),
-        ("real_time_factor", "{:g} times as fast as real time"),
+        ("real_time_factor", "{:g} times real time"),
     ):
         if facts.get(key) is not None:
             yield words.format(facts[key])
-    yield "again: platoontraffic run config.toml"
+    yield "repeat it: platoontraffic run config.toml"
 
 
 def _first(results: Results) -> str:
-    """The run's first figures."""
+    """Key figures of the run."""
     run = results.metrics[results.metrics.scope == "run"].set_index("metric")
     there = [name for name in FIRST if name in run.index and pd.notna(run.value[name])]
     units = run.unit.fillna("") if "unit" in run else pd.Series("", index=run.index)
@@ -73,7 +73,7 @@ def _first(results: Results) -> str:
 
 
 def _pictures(results: Results, to: Path) -> Iterable[str]:
-    """The pictures as parts of the page, each also written beside it."""
+    """The pictures as parts of the page; each is also written beside it."""
     from platoontraffic.analysis.pictures import road_figure, strips_figure
 
     for name, figure in (("road", road_figure(results)), ("strips", strips_figure(results))):
@@ -81,11 +81,11 @@ def _pictures(results: Results, to: Path) -> Iterable[str]:
 
 
 def _metrics(results: Results, meanings: dict[str, dict[str, str]]) -> str:
-    """The run's and the traffic's values; then a table a platoon, a column a member."""
+    """Tables of the run and of the background traffic; then a table a platoon with a column a member."""
     metrics = results.metrics.dropna(subset="value")
     metrics = metrics.assign(unit=metrics.unit.fillna("") if "unit" in metrics else "")
     parts = []
-    for scope, caption in (("run", "The run"), ("traffic", "Other traffic")):
+    for scope, caption in (("run", "The run"), ("traffic", "Background traffic")):
         rows = metrics[metrics.scope == scope]
         if len(rows):
             lines = [
@@ -120,7 +120,7 @@ def _events(results: Results, kinds: dict[str, str]) -> str:
         "vehicle_id": "vehicle",
         "other_id": "other",
         "edge_id": "edge",
-        "duration_s": "lasted [s]",
+        "duration_s": "duration [s]",
         "detail": "detail",
     }
     there = [name for name in columns if name in events]
@@ -129,9 +129,11 @@ def _events(results: Results, kinds: dict[str, str]) -> str:
         tuple("" if pd.isna(v) else f"{v:g}" if isinstance(v, float) else v for v in row) for row in rows.to_numpy()
     ]
     more = f"<p>{len(events) - MOST_EVENTS} more are in events.csv.</p>" if len(events) > MOST_EVENTS else ""
-    told = table("How often", ("kind", "number", "meaning"), [(k, str(n), kinds.get(k, "")) for k, n in counts.items()])
-    each = table("Each", [columns[name] for name in there], lines)
-    return told + details("Each of them", each + more, opened=len(events) <= 40)
+    counted = table(
+        "Number by kind", ("kind", "number", "meaning"), [(k, str(n), kinds.get(k, "")) for k, n in counts.items()]
+    )
+    each = table("All events", [columns[name] for name in there], lines)
+    return counted + details("All events", each + more, opened=len(events) <= 40)
 
 
 def _files(results: Results, resources: dict[str, dict]) -> str:
@@ -142,4 +144,4 @@ def _files(results: Results, resources: dict[str, dict]) -> str:
         what = described.get("description") or ", ".join(field["name"] for field in fields)
         if described:
             lines.append((file.name, f"{file.stat().st_size / 1e6:.2f} MB", what))
-    return table("Columns with unit and meaning are in datapackage.json", ("file", "size", "what is in it"), lines)
+    return table("Columns with unit and meaning are in datapackage.json", ("file", "size", "content"), lines)

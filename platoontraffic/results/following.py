@@ -1,8 +1,8 @@
-"""Whom each member follows and when, and when it is in its platoon, by the events of a run."""
+"""The predecessor of each member over time, and the time in which it is in its platoon, by the events of a run."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -11,65 +11,69 @@ import pandas as pd
 
 from platoontraffic.world.events import SPLIT_AFTER
 
-NOBODY = ""  # told to split off
+NOBODY = ""  # predecessor of a follower after an order to split off
+
+Predecessor = str | None  # NOBODY after a split; None for a leader, and after an order to leave
 
 
 class Stretch(NamedTuple):
-    """Of the time of a follower."""
+    """A period in which a member is a follower."""
 
-    begin: float
-    end: float
+    begin: float  # [s]
+    end: float  # [s]
     ahead: str  # its predecessor, or NOBODY
 
 
-def stretches(places: dict[str, tuple[str, int]], events: pd.DataFrame, end: float) -> dict[str, list[Stretch]]:
-    """Of each member, while it and its predecessor are on the road; none while it leads or has left.
+def stretches(
+    places: Mapping[str, tuple[str, int]], events: pd.DataFrame, end: float
+) -> dict[str, list[Stretch]]:
+    """Periods of each member as a follower, while it and its predecessor are on the road.
 
-    places: of each, its platoon and place
+    places : platoon and place of each member
+    end    : of the run [s]
     """
-    at = {v: f"{platoon}.{place - 1}" if place else None for v, (platoon, place) in places.items()}
-    found: dict[str, list[Stretch]] = {v: [] for v in places}
+    ahead: dict[str, Predecessor] = {v: f"{p}.{place - 1}" if place else None for v, (p, place) in places.items()}
     since = dict.fromkeys(places, -np.inf)
-
-    def turn(vehicle: str, ahead: str | None, time: float) -> None:
-        if at[vehicle] is not None:
-            found[vehicle].append(Stretch(since[vehicle], time, at[vehicle]))
-        at[vehicle], since[vehicle] = ahead, time
-
-    for told in _followed(events).itertuples():
-        vehicle = told.vehicle_id
-        if told.what == "leave":
-            for other in [v for v, ahead in at.items() if ahead == vehicle]:
-                turn(other, at[vehicle] or None, told.time_s)
-            turn(vehicle, None, told.time_s)
-        else:
-            turn(vehicle, told.other_id if told.what == "join" else NOBODY, told.time_s)
-    for vehicle in places:
-        turn(vehicle, None, end)
+    found: dict[str, list[Stretch]] = {v: [] for v in places}
+    ends = [(end, vehicle, None) for vehicle in places]
+    for time, vehicle, predecessor in (*_changes(dict(ahead), events), *ends):
+        if ahead[vehicle] is not None:
+            found[vehicle].append(Stretch(since[vehicle], time, ahead[vehicle]))
+        ahead[vehicle], since[vehicle] = predecessor, time
     came, went = (events[events.kind == kind].groupby("vehicle_id").time_s.min() for kind in ("departed", "arrived"))
-    return {
-        v: [
-            one._replace(
-                begin=max(one.begin, came.get(v, -np.inf)), end=min(one.end, went.get(v, end), went.get(one.ahead, end))
-            )
-            for one in own
-        ]
-        for v, own in found.items()
-    }
+
+    def on_road(vehicle: str, one: Stretch) -> Stretch:
+        begin = max(one.begin, came.get(vehicle, -np.inf))
+        return one._replace(begin=begin, end=min(one.end, went.get(vehicle, end), went.get(one.ahead, end)))
+
+    return {vehicle: [on_road(vehicle, one) for one in own] for vehicle, own in found.items()}
+
+
+def _changes(ahead: dict[str, Predecessor], events: pd.DataFrame) -> Iterator[tuple[float, str, Predecessor]]:
+    """(time, vehicle, its new predecessor) of every order that was carried out; ahead: before the first of them."""
+    for order in _carried_out(events).itertuples():
+        changed: dict[str, Predecessor] = {}
+        if order.what == "leave":  # its followers close up to its own predecessor
+            behind = [v for v, predecessor in ahead.items() if predecessor == order.vehicle_id]
+            changed = dict.fromkeys(behind, ahead[order.vehicle_id] or None)
+        changed[order.vehicle_id] = {"join": order.other_id, "split": NOBODY, "leave": None}[order.what]
+        for vehicle, predecessor in changed.items():
+            yield order.time_s, vehicle, predecessor
+        ahead |= changed
 
 
 def split_off(own: pd.DataFrame, stretches: Sequence[Stretch]) -> list[tuple[float, float]]:
-    """When a member is split off from whom it follows, or told to be; own: its events."""
+    """Periods in which a member is split off from its predecessor, by an event or by an order; own: its events."""
     rejoined = own.loc[own.kind == "rejoined", "time_s"]
     begun = [*(own.loc[own.kind == "split", "time_s"] - SPLIT_AFTER)]
-    joins = _followed(own)
-    begun += [*joins.time_s[joins.what == "join"]]
+    orders = _carried_out(own)
+    begun += [*orders.time_s[orders.what == "join"]]
     periods = [(begin, min([t for t in rejoined if t >= begin], default=np.inf)) for begin in begun]
     return periods + [(one.begin, one.end) for one in stretches if one.ahead == NOBODY]
 
 
 def within(times: pd.Series, periods: Sequence[tuple[float, float]]) -> pd.Series:
-    """Which times are in one of the periods."""
+    """Which times are in one of the periods; the end of a period is not."""
     found = pd.Series(False, index=times.index)
     for begin, end in periods:
         found |= (times >= begin) & (times < end)
@@ -77,15 +81,15 @@ def within(times: pd.Series, periods: Sequence[tuple[float, float]]) -> pd.Serie
 
 
 def lengths(counted: Sequence[tuple[float, float]], off: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """How long `counted` lasts, and how much of that is in `off` too."""
+    """Total length of the periods `counted`, and of the part of them that is in `off` too [s]."""
     ends = sorted({t for period in (*counted, *off) for t in period if np.isfinite(t)})
-    pieces = pd.Series([(a + b) / 2 for a, b in pairwise(ends)], dtype=float)
+    middles = pd.Series([(a + b) / 2 for a, b in pairwise(ends)], dtype=float)
     size = pd.Series(np.diff(ends), dtype=float)
-    here = within(pieces, counted)
-    return float(size[here].sum()), float(size[here & within(pieces, off)].sum())
+    here = within(middles, counted)
+    return float(size[here].sum()), float(size[here & within(middles, off)].sum())
 
 
-def _followed(events: pd.DataFrame) -> pd.DataFrame:
-    """What was told and done, by time."""
-    told = events[events.kind == "told"]
-    return told[told.done == 1].sort_values("time_s", kind="stable")
+def _carried_out(events: pd.DataFrame) -> pd.DataFrame:
+    """Events of the orders that were carried out, by time."""
+    orders = events[(events.kind == "told") & (events.done == 1)]
+    return orders.sort_values("time_s", kind="stable")

@@ -1,117 +1,39 @@
 """Metrics of a run, computed from the tables that it recorded and nothing else.
 
-A member's time is that from its event `departed` to `arrived`, or to the end. A recorded instant stands for the time up
-to the member's next one where a duration is asked for.
-
-Platoon and run scope: the worst, the mean or the sum over the members, as the name says; of tet and tit the sum.
+A metric is one row of a table in this file: its name, unit and meaning, the function that computes it, and how platoons
+and the run aggregate it over their members. A member's time is that from its event `departed` to `arrived`, or to the
+end of the run. A recorded instant stands for the time up to the member's next one where a duration is asked for.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from platoontraffic.results.following import Stretch, lengths, split_off, stretches, within
 from platoontraffic.world.events import STANDSTILL_AFTER, WALL
+from platoontraffic.results.excerpts import EXPOSED, MOVING, STEADY, Group, Own, platoons, rms, span
 
-EXPOSED = 3.0  # a shorter time to collision is dangerous [s]
-ENOUGH_BEAMS = 5  # on a predecessor, for a law to make something of it
-STEADY = 0.05  # a speed that deviates less tells nothing of a string's stability, RMS [m/s]
-MOVING = 0.1  # of the mean speed: slower is hardly moving
-
-OBSTACLES = {
-    "car": "obstacles that are cars",
-    "cut_in": "who has cut in",
-    "pedestrian": "obstacles that are pedestrians",
-    "box": "boxes",
-    "robot": "obstacles that are robots",
-    "person": "SUMO's own pedestrians",
-}
-
-MEANINGS = {
-    "laps": "|turned_rad| / 2 pi at the end",
-    "corners": "quarters of laps, the last counted from 80 deg",
-    "distance": "length of the driven path of the centre",
-    "speed_mean": "of speed_mps",
-    "accel_rms": "root mean square of accel_mps2",
-    "jerk_rms": "root mean square of jerk_mps3",
-    "jerk_max": "of |jerk_mps3|",
-    "right_lane_share": "share of the recorded instants with a defined right_of_middle_m at which it is positive",
-    "standstills": "events standstill",
-    "standstill_share": "share of its time spent in standstills of more than 10 s",
-    "off_road_share": "share of its time off the road, by the events, that is of all steps",
-    "collisions": "episodes of contact with a vehicle or a wall",
-    "collisions_caused": "those of them in which it was not struck from behind, nor another changed lanes into its way",
-    "red_lights": "events red_light",
-    "failures_to_yield": "events failed_to_yield",
-    "held_share": "share of its time spent held before closed lines, by the events",
-    "hard_brakings": "events emergency_brake",
-    # of followers only
-    "gap_mean": "of gap_m over the recorded instants",
-    "gap_min": "of gap_m over the recorded instants",
-    "gap_max": "of gap_m over the recorded instants",
-    "gap_error_rms": "root mean square of gap_error_m",
-    "time_gap_median": "of time_gap_s; its mean over all instants would be that of the slowest",
-    "time_gap_mean": "of time_gap_s where it drives faster than a tenth of its speed_mean",
-    "time_gap_min": "of time_gap_s where it drives faster than a tenth of its speed_mean",
-    "cross_track_rms": "root mean square of cross_track_m",
-    "cross_track_max": "of |cross_track_m|",
-    "lock_on_ratio": "share of the time from the first lock to the end in which the law's target was its true "
-    "predecessor, by the events, that is of all steps; 0 if it was never locked",
-    "lock_losses": "number of losses of lock",
-    "lock_loss_longest": "longest loss of lock, the last one up to the end",
-    "lost_for_good": "time of the loss that lasted to the end; none if there was no such loss",
-    "splits": "events split",
-    "rejoin_time_mean": "of the splits after which it rejoined, from their begin",
-    "rejoin_time_longest": "the longest of these",
-    "in_platoon_share": "share of its time as a follower, while its predecessor is on the road, in which it was not "
-    "split off; told to split off it is that, and after it has left it follows nobody",
-    "in_platoon_distance": "driven in that time",
-    "steal_share": "share of the recorded instants at which the law's target was a vehicle of no platoon of the run",
-    "lock_on_seen": "share of the recorded instants, with 5 beams or more on the predecessor and not split off, at "
-    "which that was the law's target",
-    "ttc_min": "of ttc_s",
-    "tet": "time exposed to a ttc_s below 3 s",
-    "tit": "integral of 3 s - ttc_s over that time",
-    "drac_max": "of drac_mps2",
-    "near_misses": "events near_miss",
-    "occluded_share_mean": "of occluded_share",
-    "beams_share5": "share of the recorded instants with a beams_on_predecessor at which it is 5 or more",
-    "speed_gain_l2": "root mean square of its speed's deviation from its mean, over that of the member ahead; over the "
-    "instants of both; none where the member ahead deviates by less than 0.05 m/s (root mean square). Above 1, the "
-    "string of vehicles amplifies",
-    "speed_gain_linf": "the same of the largest deviations",
-    # of platoons and runs only
-    "members": "how many they are",
-    "head_to_tail_l2": "of a platoon: speed_gain_l2 of the last member over the first; of a run: the largest",
-    "leader_right_lane_share": "right_lane_share of the leaders, all instants together",
-    # of runs with obstacles only
-    "cut_ins": "events cut_in",
-    "cut_in_gap_min": "least gap to who has cut in, in the 10 s after",
-    "cut_in_ttc_min": "least time to collision with who has cut in, in the 10 s after",
-    "steps_out": "events steps_out",
-    "step_out_gap_min": "least distance to a pedestrian who has stepped out, in the 10 s after",
-    "unavoidable": "cut-ins and steps out for which no braking is enough",
-    "avoidable_contacts": "contacts in the 10 s after one that could be avoided",
-    **{f"collisions_{kind}": f"episodes of contact with {what}" for kind, what in OBSTACLES.items()},
-    "duration": "from the first recorded instant to the end",
-}
-_OVER_MEMBERS = {"_max": "largest", "_min": "least", "_mean": "mean", "_first": "earliest"}
-
-
-def meaning(name: str) -> str:
-    """Of a metric, over members too; empty if it is none of this module."""
-    for suffix, word in _OVER_MEMBERS.items():
-        if name not in MEANINGS and (base := name.removesuffix(suffix)) in MEANINGS:
-            return f"the members' {word} {base}: {MEANINGS[base]}"
-    return MEANINGS.get(name, "")
+ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognise it
+LAST_CORNER = 10.0  # a quarter turn counts when this much of it is missing [deg]
 
 
 class Metric(NamedTuple):
+    """One metric of a scope."""
+
+    name: str
+    unit: str
+    meaning: str
+    value: Callable[[Any], float]  # of what the table below it says
+    over: str = ""  # key of AGGREGATES, for platoons and the run; "": they do not have it
+
+
+class Value(NamedTuple):
+    """One row of metrics.csv."""
+
     scope: str
     platoon: str
     vehicle: str
@@ -120,103 +42,466 @@ class Metric(NamedTuple):
     unit: str
 
 
-def of_obstacles(encounters: pd.DataFrame, events: pd.DataFrame) -> list[Metric]:
+AGGREGATES: Mapping[str, tuple[Callable, str]] = {
+    "sum": (sum, "sum"),
+    "mean": (np.mean, "mean"),
+    "max": (max, "largest value"),
+    "min": (min, "least value"),
+    "first": (min, "earliest time"),
+}
+
+# ---- of every member: functions of its `Own`
+
+OF_MEMBERS = (
+    Metric("laps", "", "|turned_rad| / 2 pi at the end", lambda m: _laps(m), "min"),
+    Metric(
+        "corners",
+        "",
+        f"quarter turns, the last one counted from {90 - LAST_CORNER:g} deg",
+        lambda m: float(math.floor(4 * _laps(m) + LAST_CORNER / 90)),
+        "min",
+    ),
+    Metric(
+        "distance",
+        "m",
+        "length of the path of the centre",
+        lambda m: float(np.hypot(m.rows.x_m.diff(), m.rows.y_m.diff()).sum()),
+    ),
+    Metric("speed_mean", "m/s", "mean of speed_mps", lambda m: m.rows.speed_mps.mean()),
+    Metric("accel_rms", "m/s2", "root mean square of accel_mps2", lambda m: rms(m.rows.accel_mps2), "max"),
+    Metric("jerk_rms", "m/s3", "root mean square of jerk_mps3", lambda m: rms(m.rows.jerk_mps3), "max"),
+    Metric("jerk_max", "m/s3", "maximum of |jerk_mps3|", lambda m: m.rows.jerk_mps3.abs().max(), "max"),
+    Metric("hard_brakings", "", "number of events emergency_brake", lambda m: m.count("emergency_brake"), "sum"),
+    Metric(
+        "right_lane_share",
+        "",
+        "share of the recorded instants with a value of right_of_middle_m at which that is positive",
+        lambda m: _right_lane_share(m.rows.right_of_middle_m),
+        "min",
+    ),
+    Metric("standstills", "", "number of events standstill", lambda m: m.count("standstill")),
+    Metric(
+        "standstill_share",
+        "",
+        f"share of its time spent in standstills of more than {STANDSTILL_AFTER:g} s",
+        lambda m: m.share_between("standstill", "standstill_end", already=STANDSTILL_AFTER),
+        "mean",
+    ),
+    Metric(
+        "off_road_share",
+        "",
+        "share of its time spent off the road, by the events, which see every step",
+        lambda m: m.share_between("off_road", "on_road"),
+        "max",
+    ),
+    Metric("red_lights", "", "number of events red_light", lambda m: m.count("red_light"), "sum"),
+    Metric("failures_to_yield", "", "number of events failed_to_yield", lambda m: m.count("failed_to_yield"), "sum"),
+    Metric(
+        "held_share",
+        "",
+        "share of its time spent before closed stop lines, by the events",
+        lambda m: m.share_between("held", "released"),
+        "mean",
+    ),
+    # A contact between two members is one of each, and one of their platoon: see OF_GROUPS.
+    Metric(
+        "collisions", "", "episodes of contact with a vehicle or a wall", lambda m: _contacts(m.collisions, {m.vehicle})
+    ),
+    Metric(
+        "collisions_caused",
+        "",
+        "episodes of contact, except those in which it was struck from behind or the other vehicle changed lanes into "
+        "its path",
+        lambda m: _caused(m.collisions, m.vehicle),
+        "sum",
+    ),
+)
+
+# ---- of members that have followed at some time
+
+OF_FOLLOWERS = (
+    Metric("splits", "", "number of events split", lambda m: m.count("split"), "sum"),
+    Metric(
+        "rejoin_time_mean",
+        "s",
+        "mean time from the begin of a split to its end, of the splits that ended",
+        lambda m: m.rejoin_times.mean() if len(m.rejoin_times) else math.nan,
+        "mean",
+    ),
+    Metric(
+        "rejoin_time_longest",
+        "s",
+        "longest time from the begin of a split to its end, of the splits that ended",
+        lambda m: m.rejoin_times.max() if len(m.rejoin_times) else math.nan,
+        "max",
+    ),
+    Metric(
+        "in_platoon_share",
+        "",
+        "share of its time as a follower with its predecessor on the road in which it was not split off; after an order "
+        "to split off it counts as split off, after an order to leave it is no follower",
+        lambda m: m.following.share,
+        "mean",
+    ),
+    Metric("in_platoon_distance", "m", "distance driven in that time", lambda m: m.following.distance, "mean"),
+    Metric(
+        "steal_share",
+        "",
+        "share of the recorded instants at which the law's target was a vehicle of no platoon",
+        lambda m: _steal_share(m),
+        "mean",
+    ),
+    Metric(
+        "lock_on_seen",
+        "",
+        f"share of the recorded instants with {ENOUGH_BEAMS} beams or more on the predecessor, and not split off, at "
+        "which the predecessor was the law's target",
+        lambda m: _lock_on_seen(m),
+        "min",
+    ),
+    Metric("gap_mean", "m", "mean of gap_m", lambda m: m.rows.gap_m.mean(), "mean"),
+    Metric("gap_min", "m", "minimum of gap_m", lambda m: m.rows.gap_m.min(), "min"),
+    Metric("gap_max", "m", "maximum of gap_m", lambda m: m.rows.gap_m.max(), "max"),
+    Metric("gap_error_rms", "m", "root mean square of gap_error_m", lambda m: rms(m.rows.gap_error_m), "max"),
+    Metric(
+        "time_gap_median",
+        "s",
+        "median of time_gap_s; the slowest instants would dominate a mean over all of them",
+        lambda m: m.rows.time_gap_s.median(),
+    ),
+    Metric(
+        "time_gap_mean",
+        "s",
+        f"mean of time_gap_s where its speed is above {MOVING:g} of its mean speed",
+        lambda m: m.moving_time_gaps.mean(),
+        "mean",
+    ),
+    Metric(
+        "time_gap_min",
+        "s",
+        f"minimum of time_gap_s where its speed is above {MOVING:g} of its mean speed",
+        lambda m: m.moving_time_gaps.min(),
+        "min",
+    ),
+    Metric("cross_track_rms", "m", "root mean square of cross_track_m", lambda m: rms(m.rows.cross_track_m)),
+    Metric("cross_track_max", "m", "maximum of |cross_track_m|", lambda m: m.rows.cross_track_m.abs().max(), "max"),
+    Metric(
+        "lock_on_ratio",
+        "",
+        "share of the time from the first lock to the end in which the law's target was the predecessor, by the "
+        "events, which see every step; 0 if there was no lock",
+        lambda m: m.lock_on_ratio,
+        "min",
+    ),
+    Metric("lock_losses", "", "number of lock losses", lambda m: float(len(m.lock_losses[0])), "sum"),
+    Metric(
+        "lock_loss_longest",
+        "s",
+        "longest lock loss, the last one up to the end",
+        lambda m: max(m.lock_losses[0], default=0.0),
+    ),
+    Metric(
+        "lost_for_good",
+        "s",
+        "time of the lock loss that lasted to the end; empty if there was none",
+        lambda m: m.lock_losses[1],
+        "first",
+    ),
+    Metric("ttc_min", "s", "minimum of ttc_s", lambda m: m.rows.ttc_s.min(), "min"),
+    Metric("tet", "s", f"time exposed to a ttc_s below {EXPOSED:g} s", lambda m: m.exposure[1].sum(), "sum"),
+    Metric(
+        "tit",
+        "s2",
+        f"integral of {EXPOSED:g} s - ttc_s over that time",
+        lambda m: ((EXPOSED - m.exposure[0]) * m.exposure[1]).sum(),
+        "sum",
+    ),
+    Metric("drac_max", "m/s2", "maximum of drac_mps2", lambda m: m.rows.drac_mps2.max(), "max"),
+    Metric("near_misses", "", "number of events near_miss", lambda m: m.count("near_miss"), "sum"),
+    Metric("occluded_share_mean", "", "mean of occluded_share", lambda m: m.rows.occluded_share.mean(), "mean"),
+    Metric(
+        "beams_share5",
+        "",
+        f"share of the recorded instants with a value of beams_on_predecessor at which that is {ENOUGH_BEAMS} or more",
+        lambda m: _seen_share(m.rows.beams_on_predecessor.dropna()),
+        "min",
+    ),
+)
+
+# ---- of members with a place behind another
+
+OF_PLACES_BEHIND = (
+    Metric(
+        "speed_gain_l2",
+        "",
+        "root mean square of its speed's deviation from the mean, divided by that of the member at the place ahead, "
+        f"over the instants of both; empty where the latter is below {STEADY:g} m/s. Above 1 the string amplifies",
+        lambda m: m.speed_gains[0],
+        "max",
+    ),
+    Metric("speed_gain_linf", "", "the same with the largest deviations", lambda m: m.speed_gains[1], "max"),
+)
+
+# ---- of a platoon and of all members of the run: functions of its `Group`
+
+OF_GROUPS = (
+    Metric("members", "", "number of members", lambda group: float(len(group.members))),
+    Metric(
+        "collisions",
+        "",
+        "episodes of contact between a member and a vehicle or a wall",
+        lambda group: _contacts(group.collisions, {m.vehicle for m in group.members}),
+    ),
+    Metric(
+        "leader_right_lane_share",
+        "",
+        "right_lane_share of the leaders, all instants together",
+        lambda group: _right_lane_share(group.rows.loc[group.rows.place == 0, "right_of_middle_m"]),
+    ),
+)
+HEAD_TO_TAIL = Metric(
+    "head_to_tail_l2",
+    "",
+    "platoon: speed_gain_l2 of the last member over the first; run: the largest over the platoons",
+    lambda group: group.head_to_tail,
+    "max",
+)
+DURATION = "duration", "from the first recorded instant to the end"
+
+# Order of the rows of a platoon and of the run. A metric that is not named here comes behind these.
+ORDER = (
+    "members", "collisions", "collisions_caused", "red_lights", "failures_to_yield", "held_share_mean", "splits",
+    "rejoin_time_mean", "rejoin_time_longest_max", "in_platoon_share_mean", "in_platoon_distance_mean",
+    "steal_share_mean", "lock_on_seen_min", "laps_min", "corners_min", "gap_min", "gap_max", "gap_mean",
+    "gap_error_rms_max", "time_gap_mean", "time_gap_min", "cross_track_max", "lock_on_ratio_min", "lock_losses",
+    "lost_for_good_first", "occluded_share_mean", "beams_share5_min", "ttc_min", "tet", "tit", "drac_max",
+    "near_misses", "hard_brakings", "accel_rms_max", "jerk_rms_max", "jerk_max", "speed_gain_l2_max",
+    "speed_gain_linf_max", "standstill_share_mean", "off_road_share_max", "leader_right_lane_share",
+    "right_lane_share_min",
+)  # fmt: skip
+
+# ---- of a run with obstacles: functions of its `Meetings`
+
+
+class Meetings(NamedTuple):
+    """Encounters with obstacles, and what members touched."""
+
+    cut_ins: pd.DataFrame  # of encounters.csv
+    crossings: pd.DataFrame  # of encounters.csv
+    all: pd.DataFrame
+    struck: pd.Series  # kind of obstacle, by collision
+
+
+OBSTACLES = {
+    "car": "obstacles that are cars",
+    "cut_in": "cars that cut in",
+    "pedestrian": "obstacles that are pedestrians",
+    "box": "boxes",
+    "robot": "obstacles that are robots",
+    "person": "SUMO's own pedestrians",
+}
+OF_OBSTACLES = (
+    Metric("cut_ins", "", "number of events cut_in", lambda met: float(len(met.cut_ins))),
+    Metric(
+        "cut_in_gap_min", "m", "least gap to a cut-in vehicle in the 10 s after", lambda met: met.cut_ins.gap_min_m.min()
+    ),
+    Metric(
+        "cut_in_ttc_min",
+        "s",
+        "least time to collision with a cut-in vehicle in the 10 s after",
+        lambda met: met.cut_ins.ttc_min_s.min(),
+    ),
+    Metric("steps_out", "", "number of events steps_out", lambda met: float(len(met.crossings))),
+    Metric(
+        "step_out_gap_min",
+        "m",
+        "least distance to a pedestrian that stepped out, in the 10 s after",
+        lambda met: met.crossings.gap_min_m.min(),
+    ),
+    Metric(
+        "unavoidable",
+        "",
+        "cut-ins and crossings for which no braking avoids contact",
+        lambda met: float((met.all.avoidable == 0).sum()),
+    ),
+    Metric(
+        "avoidable_contacts",
+        "",
+        "contacts in the 10 s after a cut-in or crossing that was avoidable",
+        lambda met: float(((met.all.avoidable == 1) & (met.all.contact == 1)).sum()),
+    ),
+    *(
+        Metric(
+            f"collisions_{kind}",
+            "",
+            f"episodes of contact with {what}",
+            lambda met, kind=kind: float((met.struck == kind).sum()),
+        )
+        for kind, what in OBSTACLES.items()
+    ),
+)
+
+# ---- of the background traffic while the platoons are on the road: functions of its `Trips`
+
+
+class Trips(NamedTuple):
+    """Rows of sumo_trips.csv that belong to no member."""
+
+    all: pd.DataFrame
+    finished: pd.DataFrame
+
+    def count(self, status: str) -> float:
+        return float((self.all.status == status).sum())
+
+    @property
+    def kilometres(self) -> float:
+        return self.all.route_length_m.sum() / 1000
+
+    def per_kilometre(self, column: str) -> float:
+        return self.all[column].sum() / self.kilometres if self.kilometres > 0 else math.nan
+
+
+OF_TRAFFIC = (
+    Metric("trips_finished", "", "trips that arrived", lambda trips: trips.count("arrived")),
+    Metric("trips_running", "", "trips on the road at the end", lambda trips: trips.count("running")),
+    Metric("trips_waiting", "", "trips that waited for room to depart until the end", lambda trips: trips.count("waiting")),
+    Metric("travel_time_mean", "s", "mean time on the road, finished trips", lambda trips: trips.finished.duration_s.mean()),
+    Metric("waiting_mean", "s", "mean time at a standstill, finished trips", lambda trips: trips.finished.waiting_s.mean()),
+    Metric(
+        "delay_mean",
+        "s",
+        "mean time lost by driving slower than possible, finished trips",
+        lambda trips: trips.finished.time_loss_s.mean(),
+    ),
+    Metric(
+        "depart_delay_mean",
+        "s",
+        "mean delay of departure, finished trips",
+        lambda trips: trips.finished.depart_delay_s.mean(),
+    ),
+    Metric("distance", "km", "distance driven, all trips", lambda trips: trips.kilometres),
+    Metric(
+        "co2_per_distance", "kg/km", "CO2 of all trips over their distance", lambda trips: trips.per_kilometre("co2_kg")
+    ),
+    Metric(
+        "fuel_per_distance", "kg/km", "fuel of all trips over their distance", lambda trips: trips.per_kilometre("fuel_kg")
+    ),
+)
+
+
+# ---- computing
+
+
+def compute(trajectories: pd.DataFrame, events: pd.DataFrame) -> list[Value]:
+    """Metrics of members, platoons and the run; trajectories, events: the tables of the files of those names."""
+    start, end = span(trajectories, events)
+    members: list[Value] = []
+    of_platoons: list[Value] = []
+    everybody: list[Own] = []
+    for platoon, group in platoons(trajectories, events):
+        mine = [Value("vehicle", platoon, m.vehicle, *value) for m in group.members for value in _of_member(m)]
+        of_platoons += [Value("platoon", platoon, "", *value) for value in _of_group(group, mine)]
+        of_platoons.append(Value("platoon", platoon, "", HEAD_TO_TAIL.name, HEAD_TO_TAIL.value(group), ""))
+        members += mine
+        everybody += group.members
+    run = [*_of_group(Group(everybody, trajectories, events[events.kind == "collision"]), members)]
+    run.append((HEAD_TO_TAIL.name, aggregate(of_platoons, HEAD_TO_TAIL.name, HEAD_TO_TAIL.over), ""))
+    run.append((DURATION[0], end - start, "s"))
+    return [*members, *of_platoons, *(Value("run", "", "", *value) for value in run)]
+
+
+def of_obstacles(encounters: pd.DataFrame, events: pd.DataFrame) -> list[Value]:
     """Metrics of a run with obstacles; encounters, events: the tables of the files of those names."""
     came = events[events.kind == "obstacle"]
-    kinds = {obstacle.vehicle_id: obstacle.what for obstacle in came.itertuples()}
-    hit = events.loc[events.kind == "collision", "other_id"].astype(str)
-    hit = hit.map(kinds).where(~hit.str.startswith("person."), "person")
-    cut_ins, steps = (encounters[encounters.kind == kind] for kind in ("cut_in", "pedestrian"))
-    values = [
-        ("cut_ins", float(len(cut_ins)), ""),
-        ("cut_in_gap_min", cut_ins.gap_min_m.min(), "m"),
-        ("cut_in_ttc_min", cut_ins.ttc_min_s.min(), "s"),
-        ("steps_out", float(len(steps)), ""),
-        ("step_out_gap_min", steps.gap_min_m.min(), "m"),
-        ("unavoidable", float((encounters.avoidable == 0).sum()), ""),
-        ("avoidable_contacts", float(((encounters.avoidable == 1) & (encounters.contact == 1)).sum()), ""),
-        *((f"collisions_{kind}", float((hit == kind).sum()), "") for kind in OBSTACLES),
-    ]
-    return [Metric("run", "", "", *value) for value in values]
+    kinds = dict(zip(came.vehicle_id, came.what, strict=True))
+    struck = events.loc[events.kind == "collision", "other_id"].astype(str)
+    struck = struck.map(kinds).where(~struck.str.startswith("person."), "person")
+    cut_ins, crossings = (encounters[encounters.kind == kind] for kind in ("cut_in", "pedestrian"))
+    met = Meetings(cut_ins, crossings, encounters, struck)
+    return [Value("run", "", "", metric.name, metric.value(met), metric.unit) for metric in OF_OBSTACLES]
 
 
-Values = dict[tuple[str, str], float]  # by name and unit
+def of_traffic(trips: pd.DataFrame, members: Collection[str]) -> list[Value]:
+    """Metrics of the background traffic.
 
-
-def compute(trajectories: pd.DataFrame, events: pd.DataFrame) -> list[Metric]:
-    """All metrics of a run.
-
-    trajectories, events: the tables of the files of those names
+    trips   : the table of sumo_trips.csv
+    members : ids of members and obstacles; SUMO knows too little about them
     """
-    end = float(events.loc[events.kind == "end", "time_s"].iloc[0])
-    start = float(trajectories.time_s.min())
-    events_of = dict(tuple(events.groupby("vehicle_id")))
-    collisions = events[events.kind == "collision"]
-    places = trajectories.drop_duplicates("vehicle_id").set_index("vehicle_id")
-    places = dict(zip(places.index, zip(places.platoon_id, places.place, strict=True), strict=True))
-    follows = stretches(places, events, end)
-    members: list[Metric] = []
-    platoons: list[Metric] = []
-    for platoon, of_platoon in trajectories.groupby("platoon_id"):
-        mine: list[Metric] = []
-        speeds: dict[int, pd.Series] = {}  # by place
-        vehicles: dict[int, str] = {}
-        for (place, vehicle), rows in of_platoon.groupby(["place", "vehicle_id"]):
-            own = events_of.get(vehicle, events[:0])
-            since, until = _first(own, "departed", start), _first(own, "arrived", end)
-            speeds[place], vehicles[place] = rows.set_index("time_s").speed_mps, vehicle
-            values = _motion(rows, own) | _standing(own, since, until) | _leaving_road(own, since, until)
-            values |= _lines(own, since, until)
-            values["collisions", ""] = _collisions(collisions, [vehicle])
-            values["collisions_caused", ""] = _caused(collisions, vehicle)
-            if place > 0 or follows[vehicle]:
-                values |= _staying(rows, own, follows[vehicle], places)
-                values |= _following(rows) | _locking(own, until) | _nearing(rows, own) | _seeing(rows)
-            if place > 0:
-                gains = _speed_gains(speeds[place], speeds.get(place - 1))
-                values["speed_gain_l2", ""], values["speed_gain_linf", ""] = gains
-            mine += [Metric("vehicle", platoon, vehicle, name, value, unit) for (name, unit), value in values.items()]
-        members += mine
-        head_to_tail, _ = _speed_gains(speeds[max(speeds)], speeds.get(0) if max(speeds) else None)
-        platoons += [Metric("platoon", platoon, "", *m) for m in _together(mine, of_platoon, collisions)]
-        platoons.append(Metric("platoon", platoon, "", "head_to_tail_l2", head_to_tail, ""))
-    head_to_tail = _over(platoons, "head_to_tail_l2", max)
-    run = [*_together(members, trajectories, collisions), ("head_to_tail_l2", head_to_tail, "")]
-    return [*members, *platoons, *(Metric("run", "", "", *m) for m in (*run, ("duration", end - start, "s")))]
+    others = trips[~trips.vehicle_id.isin(list(members))]
+    found = Trips(others, others[others.status == "arrived"])
+    return [Value("traffic", "", "", metric.name, metric.value(found), metric.unit) for metric in OF_TRAFFIC]
 
 
-def _motion(rows: pd.DataFrame, own: pd.DataFrame) -> Values:
-    laps = abs(rows.turned_rad.iloc[-1]) / (2 * math.pi)
-    right = rows.right_of_middle_m.dropna()
-    return {
-        ("laps", ""): laps,
-        ("corners", ""): float(math.floor(4 * laps + 10 / 90)),
-        ("distance", "m"): float(np.hypot(rows.x_m.diff(), rows.y_m.diff()).sum()),
-        ("speed_mean", "m/s"): rows.speed_mps.mean(),
-        ("accel_rms", "m/s2"): _rms(rows.accel_mps2),
-        ("jerk_rms", "m/s3"): _rms(rows.jerk_mps3),
-        ("jerk_max", "m/s3"): rows.jerk_mps3.abs().max(),
-        ("hard_brakings", ""): float((own.kind == "emergency_brake").sum()),
-        ("right_lane_share", ""): (right > 0).mean() if len(right) else math.nan,
-    }
+def aggregate(values: Sequence[Value], name: str, over: str) -> float:
+    """A metric over those that have a value of it; NaN if none has."""
+    there = [one.value for one in values if one.name == name and not math.isnan(one.value)]
+    return float(AGGREGATES[over][0](there)) if there else math.nan
 
 
-def _standing(own: pd.DataFrame, since: float, until: float) -> Values:
-    began = own.loc[own.kind == "standstill", "time_s"]
-    ended = own.loc[own.kind == "standstill_end", "duration_s"]
-    last = until - began.iloc[-1] + STANDSTILL_AFTER if len(began) > len(ended) else 0.0
-    share = _share(ended.sum() + last, until - since)
-    return {("standstills", ""): float(len(began)), ("standstill_share", ""): share}
+def name_over(name: str, over: str) -> str:
+    """Name of a member's metric for platoons and the run: gap_error_rms is gap_error_rms_max, gap_max stays gap_max."""
+    return name if over == "sum" or name.endswith(f"_{over}") else f"{name}_{over}"
 
 
-def _leaving_road(own: pd.DataFrame, since: float, until: float) -> Values:
-    left = own.loc[own.kind == "off_road", "time_s"]
-    back = own.loc[own.kind == "on_road", "duration_s"]
-    last = until - left.iloc[-1] if len(left) > len(back) else 0.0
-    return {("off_road_share", ""): _share(back.sum() + last, until - since)}
+def meanings() -> dict[str, dict[str, str]]:
+    """Scope -> metric -> meaning."""
+    of_members = {m.name: m.meaning for m in (*OF_MEMBERS, *OF_FOLLOWERS, *OF_PLACES_BEHIND)}
+    group = {name: f"{AGGREGATES[m.over][1]} over the members of {m.name}: {m.meaning}" for name, m in _aggregated()}
+    group |= {m.name: m.meaning for m in (*OF_GROUPS, HEAD_TO_TAIL)}
+    run = group | {m.name: m.meaning for m in OF_OBSTACLES} | {DURATION[0]: DURATION[1]}
+    return {"vehicle": of_members, "platoon": group, "run": run, "traffic": {m.name: m.meaning for m in OF_TRAFFIC}}
 
 
-def _collisions(collisions: pd.DataFrame, vehicles: Collection[str]) -> float:
+def summary(name: str, seed: int, varied: dict[str, Any], values: Sequence[Value]) -> str:
+    """summary.csv: one row with the run, the keys that its arguments varied, and every metric of the run and traffic."""
+    row: dict[str, Any] = {"scenario": name, "seed": seed, **varied}
+    for one in values:
+        if one.scope in ("run", "traffic"):
+            row[column(one.scope, one.name, one.unit)] = one.value
+    return pd.DataFrame([row]).to_csv(index=False, float_format="%.9g", lineterminator="\n")
+
+
+def column(scope: str, name: str, unit: str) -> str:
+    """Column of summary.csv for a metric: `gap_mean_m`, or `traffic_delay_mean_s` for one of the traffic."""
+    parts = ["traffic" if scope == "traffic" else "", name, unit.replace("/", "p")]
+    return "_".join(filter(None, parts))
+
+
+def _of_member(member: Own) -> Iterator[tuple[str, float, str]]:
+    """(name, value, unit) of each metric that a member has."""
+    rows = OF_MEMBERS
+    rows += OF_FOLLOWERS if member.is_follower else ()
+    rows += OF_PLACES_BEHIND if member.place > 0 else ()
+    return ((metric.name, metric.value(member), metric.unit) for metric in rows)
+
+
+def _of_group(group: Group, values: Sequence[Value]) -> list[tuple[str, float, str]]:
+    """(name, value, unit) of each metric of several members; values: theirs."""
+    rows = [(name, aggregate(values, metric.name, metric.over), metric.unit) for name, metric in _aggregated()]
+    rows += [(metric.name, metric.value(group), metric.unit) for metric in OF_GROUPS]
+    return sorted(rows, key=lambda row: ORDER.index(row[0]) if row[0] in ORDER else len(ORDER))
+
+
+def _aggregated() -> Iterator[tuple[str, Metric]]:
+    """The metrics of members that platoons and the run have too, by the name that they have there."""
+    for metric in (*OF_MEMBERS, *OF_FOLLOWERS, *OF_PLACES_BEHIND):
+        if metric.over:
+            yield name_over(metric.name, metric.over), metric
+
+
+# ---- functions of some metrics
+
+
+def _laps(member: Own) -> float:
+    return abs(member.rows.turned_rad.iloc[-1]) / (2 * math.pi)
+
+
+def _right_lane_share(right_of_middle: pd.Series) -> float:
+    there = right_of_middle.dropna()
+    return (there > 0).mean() if len(there) else math.nan
+
+
+def _contacts(collisions: pd.DataFrame, vehicles: Collection[str]) -> float:
     return float((collisions.vehicle_id.isin(vehicles) | collisions.other_id.isin(vehicles)).sum())
 
 
@@ -226,188 +511,17 @@ def _caused(collisions: pd.DataFrame, vehicle: str) -> float:
     return float((~own.what.isin(["struck_from_behind", "other_changed_lanes"])).sum() + len(struck))
 
 
-def _lines(own: pd.DataFrame, since: float, until: float) -> Values:
-    held, released = own.loc[own.kind == "held", "time_s"], own.loc[own.kind == "released", "duration_s"]
-    last = until - held.iloc[-1] if len(held) > len(released) else 0.0
-    return {
-        ("red_lights", ""): float((own.kind == "red_light").sum()),
-        ("failures_to_yield", ""): float((own.kind == "failed_to_yield").sum()),
-        ("held_share", ""): _share(released.sum() + last, until - since),
-    }
+def _steal_share(member: Own) -> float:
+    target = member.following.rows.target_id
+    stolen = target.notna() & ~target.isin({"", WALL, *member.vehicles})
+    return stolen.mean() if len(stolen) else math.nan
 
 
-def _staying(rows: pd.DataFrame, own: pd.DataFrame, follows: list[Stretch], members: Collection[str]) -> Values:
-    """In its platoon."""
-    counted, off = [(one.begin, one.end) for one in follows], split_off(own, follows)
-    whole, lost = lengths(counted, off)
-    rows = rows[within(rows.time_s, counted)]
-    split = within(rows.time_s, off)
-    ahead = pd.Series("", index=rows.index)
-    for one in follows:
-        ahead[within(rows.time_s, [(one.begin, one.end)])] = one.ahead
-    back = own.loc[own.kind == "rejoined"]
-    steps = np.hypot(rows.x_m.diff(), rows.y_m.diff())
+def _lock_on_seen(member: Own) -> float:
+    rows, split, ahead, _ = member.following
     seen = (rows.beams_on_predecessor >= ENOUGH_BEAMS) & ~split
-    stolen = rows.target_id.notna() & ~rows.target_id.isin({"", WALL, *members})
-    return {
-        ("splits", ""): float((own.kind == "split").sum()),
-        ("rejoin_time_mean", "s"): back.duration_s.mean() if len(back) else math.nan,
-        ("rejoin_time_longest", "s"): back.duration_s.max() if len(back) else math.nan,
-        ("in_platoon_share", ""): 1 - _share(lost, whole),
-        ("in_platoon_distance", "m"): float(steps[~split].sum()),
-        ("steal_share", ""): stolen.mean() if len(rows) else math.nan,
-        ("lock_on_seen", ""): (rows.target_id[seen] == ahead[seen]).mean() if seen.any() else math.nan,
-    }
+    return (rows.target_id[seen] == ahead[seen]).mean() if seen.any() else math.nan
 
 
-def _following(rows: pd.DataFrame) -> Values:
-    moving = rows.time_gap_s[rows.speed_mps > MOVING * rows.speed_mps.mean()]
-    return {
-        ("gap_mean", "m"): rows.gap_m.mean(),
-        ("gap_min", "m"): rows.gap_m.min(),
-        ("gap_max", "m"): rows.gap_m.max(),
-        ("gap_error_rms", "m"): _rms(rows.gap_error_m),
-        ("time_gap_median", "s"): rows.time_gap_s.median(),
-        ("time_gap_mean", "s"): moving.mean(),
-        ("time_gap_min", "s"): moving.min(),
-        ("cross_track_rms", "m"): _rms(rows.cross_track_m),
-        ("cross_track_max", "m"): rows.cross_track_m.abs().max(),
-    }
-
-
-def _locking(own: pd.DataFrame, until: float) -> Values:
-    first = own.loc[own.kind == "locked", "time_s"]
-    lost = own.loc[own.kind == "lock_lost", "time_s"].to_list()
-    ends = own.loc[own.kind.isin(["lock_regained", "locked", "told"]), "time_s"].to_list()
-    regained = [min((t for t in ends if t > a), default=math.nan) for a in lost]
-    losses = [(until if math.isnan(b) else b) - a for a, b in zip(lost, regained, strict=True)]
-    for_good = lost[-1] if lost and math.isnan(regained[-1]) else math.nan
-    since = until - first.iloc[0] if len(first) else 0.0
-    return {
-        ("lock_on_ratio", ""): 1 - sum(losses) / since if since else 0.0,
-        ("lock_losses", ""): float(len(losses)),
-        ("lock_loss_longest", "s"): max(losses, default=0.0),
-        ("lost_for_good", "s"): for_good,
-    }
-
-
-def _nearing(rows: pd.DataFrame, own: pd.DataFrame) -> Values:
-    exposed = rows.ttc_s < EXPOSED
-    lasts = -rows.time_s.diff(-1)[exposed]
-    return {
-        ("ttc_min", "s"): rows.ttc_s.min(),
-        ("tet", "s"): lasts.sum(),
-        ("tit", "s2"): ((EXPOSED - rows.ttc_s[exposed]) * lasts).sum(),
-        ("drac_max", "m/s2"): rows.drac_mps2.max(),
-        ("near_misses", ""): float((own.kind == "near_miss").sum()),
-    }
-
-
-def _seeing(rows: pd.DataFrame) -> Values:
-    beams = rows.beams_on_predecessor.dropna()
-    return {
-        ("occluded_share_mean", ""): rows.occluded_share.mean(),
-        ("beams_share5", ""): (beams >= ENOUGH_BEAMS).mean() if len(beams) else math.nan,
-    }
-
-
-def _speed_gains(speed: pd.Series, ahead: pd.Series | None) -> tuple[float, float]:
-    """L2 and L-infinity norm of a speed's deviation from its mean, over those of another; both indexed by time."""
-    if ahead is None:
-        return math.nan, math.nan
-    _, here, there = np.intersect1d(speed.index, ahead.index, assume_unique=True, return_indices=True)
-    own, other = (v.to_numpy()[at] - v.iloc[at].mean() for v, at in ((speed, here), (ahead, there)))
-    if not len(other) or _root_mean_square(other) < STEADY:
-        return math.nan, math.nan
-    return _root_mean_square(own) / _root_mean_square(other), np.abs(own).max() / np.abs(other).max()
-
-
-def _together(members: list[Metric], rows: pd.DataFrame, collisions: pd.DataFrame) -> Iterator[tuple[str, float, str]]:
-    """Metrics of several members: (name, value, unit); rows: of these members."""
-
-    def over(name: str, how: Callable) -> float:
-        return _over(members, name, how)
-
-    ids = {m.vehicle for m in members}
-    leader = rows.loc[rows.place == 0, "right_of_middle_m"].dropna()
-    yield "members", float(len(ids)), ""
-    yield "collisions", _collisions(collisions, ids), ""
-    yield "collisions_caused", over("collisions_caused", sum), ""
-    yield "red_lights", over("red_lights", sum), ""
-    yield "failures_to_yield", over("failures_to_yield", sum), ""
-    yield "held_share_mean", over("held_share", np.mean), ""
-    yield "splits", over("splits", sum), ""
-    yield "rejoin_time_mean", over("rejoin_time_mean", np.mean), "s"
-    yield "rejoin_time_longest_max", over("rejoin_time_longest", max), "s"
-    yield "in_platoon_share_mean", over("in_platoon_share", np.mean), ""
-    yield "in_platoon_distance_mean", over("in_platoon_distance", np.mean), "m"
-    yield "steal_share_mean", over("steal_share", np.mean), ""
-    yield "lock_on_seen_min", over("lock_on_seen", min), ""
-    yield "laps_min", over("laps", min), ""
-    yield "corners_min", over("corners", min), ""
-    yield "gap_min", over("gap_min", min), "m"
-    yield "gap_max", over("gap_max", max), "m"
-    yield "gap_mean", over("gap_mean", np.mean), "m"
-    yield "gap_error_rms_max", over("gap_error_rms", max), "m"
-    yield "time_gap_mean", over("time_gap_mean", np.mean), "s"
-    yield "time_gap_min", over("time_gap_min", min), "s"
-    yield "cross_track_max", over("cross_track_max", max), "m"
-    yield "lock_on_ratio_min", over("lock_on_ratio", min), ""
-    yield "lock_losses", over("lock_losses", sum), ""
-    yield "lost_for_good_first", over("lost_for_good", min), "s"
-    yield "occluded_share_mean", over("occluded_share_mean", np.mean), ""
-    yield "beams_share5_min", over("beams_share5", min), ""
-    yield "ttc_min", over("ttc_min", min), "s"
-    yield "tet", over("tet", sum), "s"
-    yield "tit", over("tit", sum), "s2"
-    yield "drac_max", over("drac_max", max), "m/s2"
-    yield "near_misses", over("near_misses", sum), ""
-    yield "hard_brakings", over("hard_brakings", sum), ""
-    yield "accel_rms_max", over("accel_rms", max), "m/s2"
-    yield "jerk_rms_max", over("jerk_rms", max), "m/s3"
-    yield "jerk_max", over("jerk_max", max), "m/s3"
-    yield "speed_gain_l2_max", over("speed_gain_l2", max), ""
-    yield "speed_gain_linf_max", over("speed_gain_linf", max), ""
-    yield "standstill_share_mean", over("standstill_share", np.mean), ""
-    yield "off_road_share_max", over("off_road_share", max), ""
-    yield "leader_right_lane_share", (leader > 0).mean() if len(leader) else math.nan, ""
-    yield "right_lane_share_min", over("right_lane_share", min), ""
-
-
-def _over(metrics: list[Metric], name: str, how: Callable) -> float:
-    values = [m.value for m in metrics if m.name == name and not math.isnan(m.value)]
-    return float(how(values)) if values else math.nan
-
-
-def _first(own: pd.DataFrame, kind: str, otherwise: float) -> float:
-    """Time of the first event of a kind."""
-    times = own.loc[own.kind == kind, "time_s"]
-    return float(times.iloc[0]) if len(times) else otherwise
-
-
-def _share(part: float, whole: float) -> float:
-    return part / whole if whole else math.nan
-
-
-def _root_mean_square(values: pd.Series | np.ndarray) -> float:
-    return float(np.sqrt((values**2).mean()))
-
-
-def _rms(values: pd.Series) -> float:
-    values = values.dropna()
-    return _root_mean_square(values) if len(values) else math.nan
-
-
-def summary(name: str, seed: int, varied: dict[str, Any], metrics: list[Metric]) -> str:
-    """summary.csv: one row with the run, what its arguments varied, and every metric of the run and of the traffic."""
-    row: dict[str, Any] = {"scenario": name, "seed": seed, **varied}
-    for metric in metrics:
-        if metric.scope in ("run", "traffic"):
-            row[column(metric.scope, metric.name, metric.unit)] = metric.value
-    return pd.DataFrame([row]).to_csv(index=False, float_format="%.9g", lineterminator="\n")
-
-
-def column(scope: str, name: str, unit: str) -> str:
-    """The column of summary.csv that a metric has: `gap_mean_m`, or of the traffic `traffic_delay_mean_s`."""
-    parts = ["traffic" if scope == "traffic" else "", name, unit.replace("/", "p")]
-    return "_".join(filter(None, parts))
+def _seen_share(beams: pd.Series) -> float:
+    return (beams >= ENOUGH_BEAMS).mean() if len(beams) else math.nan

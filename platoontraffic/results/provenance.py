@@ -1,4 +1,4 @@
-"""What a result came from: hashes, versions, machine, times."""
+"""Origin of a result: hashes, versions, machine, times."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import wraps
 from importlib.metadata import version
 from pathlib import Path
@@ -30,12 +31,12 @@ def sha256(file: Path) -> str:
 
 
 def run_id(scenario: Scenario) -> str:
-    """Name of a run: equal for equal input, wherever its files lie and whatever they are called."""
+    """Name of a run: equal for equal input, independent of the names and folders of its files."""
     return f"{point_id(scenario)}-s{scenario.seed}"
 
 
 def point_id(scenario: Scenario) -> str:
-    """A hash of the resolved scenario without its seed, of every input file and plug-in, and of this tool's sources."""
+    """Hash of the resolved scenario without its seed, of every input file and plug-in, and of this tool's sources."""
     resolved = scenario.resolved()
     for key in ("seed", "name"):
         resolved.pop(key)
@@ -48,7 +49,8 @@ def point_id(scenario: Scenario) -> str:
 
 
 def provenance(scenario: Scenario) -> dict[str, Any]:
-    """All that is known before the run; status and times are set at its end."""
+    """provenance.json as it is before the run; see `finished`."""
+    config = scenario.configuration
     return {
         "status": "unfinished",
         "tool": "platoontraffic",
@@ -64,25 +66,55 @@ def provenance(scenario: Scenario) -> dict[str, Any]:
             f"platoon.{i}.{role}": ["scan", "own motion", *sorted(law.needs)]
             for (i, role), law in scenario.laws.items()
         },
+        "sumo_options_ignored": list(config.ignored) if config else [],
+    }
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run went."""
+
+    simulated: float  # [s]
+    wall: float  # time that the loop took [s]
+    stages: dict[str, float] = field(default_factory=dict)  # wall time by stage [s], of a `Stopwatch`
+    sumo_words: Sequence[str] = ()  # first lines of run.log
+
+
+def finished(before: dict[str, Any], outcome: Outcome) -> dict[str, Any]:
+    """provenance.json of a finished run; before: of `provenance`."""
+    return before | {
+        "status": "finished",
+        "simulated_s": outcome.simulated,
+        "wall_s": round(outcome.wall, 3),
+        "real_time_factor": round(outcome.simulated / outcome.wall, 2),
+        "stage_s": {stage: round(seconds, 3) for stage, seconds in outcome.stages.items()},
+        "sumo_words": list(outcome.sumo_words),
     }
 
 
 class Stopwatch:
-    """Wall time by stage: `watch("scan", function)` is the function, timed."""
+    """Wall time by stage: `watch("scan", function)` is the function, timed.
+
+    Time in a stage that is called inside another counts for the inner one only.
+    """
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
+        self._inner = 0.0  # time in stages inside the present one [s]
 
     def __call__(self, stage: str, function: Callable[P, T]) -> Callable[P, T]:
         self.seconds[stage] = 0.0
 
         @wraps(function)
         def timed(*args: P.args, **kwargs: P.kwargs) -> T:
+            outer, self._inner = self._inner, 0.0
             began = time.perf_counter()
             try:
                 return function(*args, **kwargs)
             finally:
-                self.seconds[stage] += time.perf_counter() - began
+                took = time.perf_counter() - began
+                self.seconds[stage] += took - self._inner
+                self._inner = outer + took
 
         return timed
 
@@ -96,7 +128,7 @@ def _own_sources() -> str:
 
 
 def _git() -> str | None:
-    """Commit of the checkout that this runs from, `+changes` where files differ from it; None when installed."""
+    """Commit of the checkout that this runs from, with `+changes` if files differ from it; None if installed."""
     if not (_SOURCES.parent / ".git").exists():
         return None
     try:

@@ -1,34 +1,35 @@
-"""What SUMO reads in a run and what it writes: every file that it writes comes into the run's folder, and its trips,
-its summary and its edges become tables as tidy as the others.
+"""Input and output files of SUMO in a run.
+
+SUMO writes into the folder of the run only. Its trips, its summary and its edges become tidy tables there.
 """
 
 from __future__ import annotations
 
 import gzip
 import re
-from collections.abc import Collection, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import pandas as pd
 
-from platoontraffic.road.sumo_files import file_named_in, names_files
-from platoontraffic.results.recorder import Column, Recorder
+from platoontraffic.road.network import file_named_in, names_files
+from platoontraffic.results.columns import Column
+from platoontraffic.results.recorder import Recorder
 from platoontraffic.scenario import Scenario
 
-CHANGES_LANES_IN = "3"  # [s], where a laser is to follow; at once, as is SUMO's default, cars jump aside
-SSM = "device.ssm.file"  # without this option SUMO writes a file a vehicle where the process runs
+LANE_CHANGE_DURATION = "3"  # of SUMO-driven vehicles, where lasers follow them [s]; by default SUMO's cars jump sideways
+SSM = "device.ssm.file"  # without this option SUMO writes one file a vehicle into the working directory
 
 
 def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
-    """Options by which SUMO reads the scenario's files and writes into `folder` only."""
-    folder = folder.absolute()  # SUMO takes names for relative to the file that holds them
+    """Options that let SUMO read the scenario's files and write into `folder` only."""
+    folder = folder.absolute()  # SUMO resolves relative names against the file that holds them
     config, record = scenario.configuration, scenario.spec.record
     options = dict(config.options) if config else {}
     options["net-file"] = str(_harmless(scenario.net, folder, "net"))
-    # Polygons are for laser and eye; SUMO has no use for them.
+    # Polygons are for lasers and pictures; SUMO does not use them.
     additional = [file for file in scenario.additional if ".poly.xml" not in file.name]
     for option, files in (("route-files", scenario.route_files), ("additional-files", additional)):
         safe = [str(_harmless(file, folder, f"{option.partition('-')[0]}_{i}")) for i, file in enumerate(files)]
@@ -37,16 +38,16 @@ def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
         if safe:
             options[option] = ",".join(safe)
     if (demand := scenario.spec.sumo.demand) is not None:
-        options["scale"] = str(demand * float(options.get("scale", 1)))  # of what the configuration asks for
+        options["scale"] = str(demand * float(options.get("scale", 1)))  # a factor on the configuration's own scale
     if scenario.spec.sumo.lane_change_s is not None:
         options["lanechange.duration"] = str(scenario.spec.sumo.lane_change_s)
     elif "lateral-resolution" not in options and any(law.native for law in scenario.laws.values()):
-        options.setdefault("lanechange.duration", CHANGES_LANES_IN)
+        options.setdefault("lanechange.duration", LANE_CHANGE_DURATION)
     options |= {option: str(_inside(folder, name)) for option, name in (config.outputs if config else {}).items()}
     options.setdefault(SSM, str(folder / "sumo_ssm.xml"))
     for name in ("trips", "summary"):
         option = TABLES[name].option
-        if name in record.sumo and not options.get(option, "").endswith(".xml"):  # SUMO goes by the name's end
+        if name in record.sumo and not options.get(option, "").endswith(".xml"):  # SUMO chooses the format by the suffix
             options[option] = str(folder / _RAW.format(name))
     if "trips" in record.sumo:
         options |= {"tripinfo-output.write-unfinished": "true", "tripinfo-output.write-undeparted": "true"}
@@ -66,9 +67,9 @@ def _edge_data(scenario: Scenario, folder: Path) -> Path:
 
 
 def _inside(folder: Path, name: str) -> Path:
-    """Where a file that is to be written elsewhere is written instead.
+    """Path inside `folder` for a file that SUMO was to write elsewhere.
 
-    SUMO takes a colon for an address of the network, and puts the date for TIME.
+    Colons are replaced because SUMO reads them as network addresses, and TIME because SUMO replaces it by the date.
     """
     name = (Path(name).name if Path(name).is_absolute() else name).removeprefix("sumo_")
     name = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._").replace("TIME", "time")
@@ -76,7 +77,7 @@ def _inside(folder: Path, name: str) -> Path:
 
 
 def _harmless(file: Path, folder: Path, label: str) -> Path:
-    """The file, or where it has SUMO write somewhere, a copy in `folder` that has it write there."""
+    """The file; if it makes SUMO write files, a copy in `folder` that makes SUMO write them there."""
     if not names_files(file):
         return file.absolute()
     opened = gzip.open if file.read_bytes()[:2] == b"\x1f\x8b" else open
@@ -102,9 +103,14 @@ def _harmless(file: Path, folder: Path, label: str) -> Path:
 class Table(NamedTuple):
     """One of SUMO's outputs as a table."""
 
-    option: str  # by which SUMO writes it
-    row: str  # its XML element of a row
-    columns: tuple[tuple[str, float, Column], ...]  # attribute, its unit in the column's, column
+    option: str  # of SUMO, that switches it on
+    row: str  # XML element of a row
+    columns: tuple[tuple[str, float, Column], ...]  # attribute, factor to the column's unit, column
+
+    @property
+    def written(self) -> tuple[Column, ...]:
+        """The columns of the table as it is written."""
+        return tuple(column for *_, column in self.columns)
 
 
 def _number(attribute: str, name: str, unit: str, meaning: str, scale: float = 1.0) -> tuple[str, float, Column]:
@@ -123,66 +129,66 @@ def _text(attribute: str, name: str, meaning: str) -> tuple[str, float, Column]:
     return attribute, 1.0, Column(name, "string", "", meaning)
 
 
-MG = 1e-6  # milligrams [kg]
-_RAW = "sumo_{}.raw.xml"  # what SUMO writes, until it is a table
+MG = 1e-6  # a milligram [kg]
+_RAW = "sumo_{}.raw.xml"  # SUMO's own file, until the table is made of it
 
 TABLES = {
     "trips": Table(
         "tripinfo-output",
         "tripinfo",
         (
-            _text("id", "vehicle_id", "of a member too, of whom SUMO knows too little: use its trajectory"),
+            _text("id", "vehicle_id", "vehicle; also members, for which SUMO's values are inexact: use trajectories.csv"),
             _text("vType", "type", "vehicle type"),
-            _text("status", "status", "'arrived', 'running' or 'waiting' to depart at the end, or 'removed' by SUMO"),
-            _time("depart", "depart_s", "since the platoons were placed, and so negative for those there before"),
-            _time("arrival", "arrival_s", "likewise; empty for trips not finished"),
-            _time("duration", "duration_s", "on the road, until the end where not finished"),
+            _text("status", "status", "'arrived', at the end 'running' or 'waiting' to depart, or 'removed' by SUMO"),
+            _time("depart", "depart_s", "departure, since the platoons were placed; negative if before that"),
+            _time("arrival", "arrival_s", "arrival, since the platoons were placed; empty for unfinished trips"),
+            _time("duration", "duration_s", "time on the road, for unfinished trips until the end"),
             _number("routeLength", "route_length_m", "m", "distance driven"),
-            _time("waitingTime", "waiting_s", "slower than 0.1 m/s, without planned stops"),
-            _time("stopTime", "stop_s", "at planned stops"),
-            _time("timeLoss", "time_loss_s", "by driving slower than would be possible"),
-            _time("departDelay", "depart_delay_s", "by which it came late on the road for want of room"),
-            _number("CO2_abs", "co2_kg", "kg", "emitted", MG),
-            _number("CO_abs", "co_kg", "kg", "emitted", MG),
-            _number("HC_abs", "hc_kg", "kg", "emitted", MG),
-            _number("NOx_abs", "nox_kg", "kg", "emitted", MG),
-            _number("PMx_abs", "pmx_kg", "kg", "emitted", MG),
-            _number("fuel_abs", "fuel_kg", "kg", "used", MG),
-            _number("electricity_abs", "electricity_kwh", "kWh", "used", 1e-3),
+            _time("waitingTime", "waiting_s", "time slower than 0.1 m/s, without planned stops"),
+            _time("stopTime", "stop_s", "time at planned stops"),
+            _time("timeLoss", "time_loss_s", "time lost by driving slower than possible"),
+            _time("departDelay", "depart_delay_s", "delay of departure for want of room"),
+            _number("CO2_abs", "co2_kg", "kg", "CO2 emitted", MG),
+            _number("CO_abs", "co_kg", "kg", "CO emitted", MG),
+            _number("HC_abs", "hc_kg", "kg", "HC emitted", MG),
+            _number("NOx_abs", "nox_kg", "kg", "NOx emitted", MG),
+            _number("PMx_abs", "pmx_kg", "kg", "PMx emitted", MG),
+            _number("fuel_abs", "fuel_kg", "kg", "fuel used", MG),
+            _number("electricity_abs", "electricity_kwh", "kWh", "electricity used", 1e-3),
         ),
     ),
     "summary": Table(
         "summary-output",
         "step",
         (
-            _time("time", "time_s", "since the platoons were placed"),
-            _count("inserted", "inserted", "vehicles that have departed since SUMO's start; members are counted too"),
+            _time("time", "time_s", "time since the platoons were placed"),
+            _count("inserted", "inserted", "vehicles that have departed since SUMO's start, members included"),
             _count("running", "running", "vehicles on the road"),
-            _count("waiting", "waiting", "vehicles that wait for room to depart"),
+            _count("waiting", "waiting", "vehicles waiting for room to depart"),
             _count("arrived", "arrived", "vehicles that have arrived since SUMO's start"),
             _count("halting", "halting", "vehicles slower than 0.1 m/s"),
-            _count("teleports", "teleports", "vehicles that SUMO has put elsewhere"),
-            _time("meanWaitingTime", "waiting_mean_s", "until departure, of all that have departed"),
-            _time("meanTravelTime", "travel_time_mean_s", "of all that have arrived"),
-            _number("meanSpeed", "speed_mean_mps", "m/s", "of vehicles on the road"),
-            _number("meanSpeedRelative", "speed_relative_mean", "", "of them: speed over the limit of speed"),
+            _count("teleports", "teleports", "vehicles that SUMO has teleported"),
+            _time("meanWaitingTime", "waiting_mean_s", "mean delay of departure of all vehicles that have departed"),
+            _time("meanTravelTime", "travel_time_mean_s", "mean travel time of all vehicles that have arrived"),
+            _number("meanSpeed", "speed_mean_mps", "m/s", "mean speed of the vehicles on the road"),
+            _number("meanSpeedRelative", "speed_relative_mean", "", "mean ratio of their speed to the speed limit"),
         ),
     ),
     "edges": Table(
         "",
         "edge",
         (
-            _time("begin", "begin_s", "of the interval, since the platoons were placed"),
-            _time("end", "end_s", "of the interval"),
-            _text("id", "edge_id", "SUMO's edge; those without a vehicle in the interval are left out"),
-            _time("sampledSeconds", "sampled_s", "time that vehicles, members too, were on it, summed up"),
-            _time("traveltime", "travel_time_s", "mean time to drive over it"),
-            _number("density", "density_perkm", "1/km", "vehicles by length of road"),
-            _number("occupancy", "occupancy", "", "share of the lanes' length under vehicles", 0.01),
-            _time("waitingTime", "waiting_s", "slower than 0.1 m/s, summed up"),
-            _time("timeLoss", "time_loss_s", "summed up"),
-            _number("speed", "speed_mean_mps", "m/s", "mean"),
-            _number("flow", "flow_perh", "1/h", "vehicles an hour"),
+            _time("begin", "begin_s", "begin of the interval, since the platoons were placed"),
+            _time("end", "end_s", "end of the interval, since the platoons were placed"),
+            _text("id", "edge_id", "SUMO's edge; only edges with a vehicle in the interval"),
+            _time("sampledSeconds", "sampled_s", "total time of vehicles on the edge, members included"),
+            _time("traveltime", "travel_time_s", "mean time to drive over the edge"),
+            _number("density", "density_perkm", "1/km", "vehicles per length of road"),
+            _number("occupancy", "occupancy", "", "share of the lanes' length that is covered by vehicles", 0.01),
+            _time("waitingTime", "waiting_s", "total time of vehicles slower than 0.1 m/s"),
+            _time("timeLoss", "time_loss_s", "total time lost by driving slower than possible"),
+            _number("speed", "speed_mean_mps", "m/s", "mean speed"),
+            _number("flow", "flow_perh", "1/h", "vehicles per hour"),
             _count("departed", "departed", "vehicles that departed on it"),
             _count("arrived", "arrived", "vehicles that arrived on it"),
             _count("entered", "entered", "vehicles that came from another edge"),
@@ -191,57 +197,30 @@ TABLES = {
     ),
 }
 
-# Metrics of the vehicles that are no members and were on the road while the platoons were.
-MEANINGS = {
-    "trips_finished": "trips that arrived",
-    "trips_running": "trips on the road at the end",
-    "trips_waiting": "trips kept from the road by others until the end",
-    "travel_time_mean": "on the road, of the finished trips",
-    "waiting_mean": "of that, standing",
-    "delay_mean": "lost by driving slower than would be possible, of the finished trips",
-    "depart_delay_mean": "late for their departure, of the finished trips",
-    "distance": "driven, of all",
-    "co2_per_distance": "of all, over that distance",
-    "fuel_per_distance": "of all, over that distance",
-}
-
-
 _TAKEN = [f"{name}.csv" for name in TABLES]
 
 
 def start_time(scenario: Scenario) -> float:
-    """SUMO's time when the platoons stand at their places [s]: to put them there takes two steps."""
+    """SUMO's time at time 0 of the run [s]; it takes two steps to place the platoons."""
     begin = scenario.configuration.begin if scenario.configuration else 0.0
     return begin + scenario.spec.sumo.warm_up_s + 2 * scenario.spec.run.step_s
 
 
 def write_tables(recorder: Recorder, scenario: Scenario) -> None:
-    """SUMO's outputs that were asked for, as sumo_trips.csv and so on; to be called when SUMO is closed."""
+    """Write the tables of `record.sumo`, such as sumo_trips.csv; to be called when SUMO is closed."""
     asked = scenario.configuration.outputs if scenario.configuration else {}
     for name in dict.fromkeys(scenario.spec.record.sumo):
         table = TABLES[name]
         own = recorder.folder / _RAW.format(name)
         file = own if own.is_file() else _inside(recorder.folder, asked[table.option])
         rows = _rows(file, table, start_time(scenario))
-        recorder.write_table(f"sumo_{name}.csv", rows, tuple(column for *_, column in table.columns))
+        recorder.write_table(f"sumo_{name}.csv", rows, table.written)
         own.unlink(missing_ok=True)
     (recorder.folder / "sumo_edges.add.xml").unlink(missing_ok=True)
 
 
-def resources(wanted: Sequence[str]) -> list[dict[str, Any]]:
-    """SUMO's tables as resources of a data package."""
-    described = []
-    for name in dict.fromkeys(wanted):
-        fields = [
-            {"name": c.name, "type": c.type, "unit": c.unit, "description": c.meaning} for *_, c in TABLES[name].columns
-        ]
-        schema = {"fields": fields, "missingValues": [""]}
-        described.append({"name": f"sumo_{name}", "path": f"sumo_{name}.csv", "format": "csv", "schema": schema})
-    return described
-
-
 def _rows(file: Path, table: Table, start: float) -> Iterator[tuple]:
-    """Rows of what happened after `start`, in SUMO's order."""
+    """Rows at or after `start`, in SUMO's order."""
     interval: dict[str, str] = {}
     root = None
     for event, element in ElementTree.iterparse(file, events=("start", "end")):
@@ -255,7 +234,7 @@ def _rows(file: Path, table: Table, start: float) -> Iterator[tuple]:
             given |= part.attrib
         if table.row == "tripinfo":
             given["status"] = _status(given)
-        root.clear()  # what has been read is not kept
+        root.clear()  # frees the memory of rows that have been read
         values = {column.name: _value(given.get(a, ""), scale, column) for a, scale, column in table.columns}
         for name in {"time_s", "depart_s", "arrival_s", "begin_s", "end_s"} & values.keys():
             values[name] = None if values[name] is None else values[name] - start
@@ -272,7 +251,7 @@ def _status(trip: dict[str, str]) -> str:
 
 
 def _value(text: str, scale: float, column: Column) -> Any:
-    """As SUMO wrote it; it writes -1 where there is nothing to say."""
+    """Value of a cell; None where SUMO wrote -1, which stands for no value."""
     if column.type == "string":
         return text
     number = float(text) if text else -1.0
@@ -281,31 +260,3 @@ def _value(text: str, scale: float, column: Column) -> Any:
 
 def read_trips(folder: Path) -> pd.DataFrame:
     return pd.read_csv(folder / "sumo_trips.csv", dtype={name: str for name in ("vehicle_id", "type", "status")})
-
-
-def traffic_metrics(trips: pd.DataFrame, members: Collection[str]) -> list[tuple[str, float, str]]:
-    """(name, value, unit) of SUMO's own vehicles, as `MEANINGS` defines them.
-
-    trips   : of `read_trips`
-    members : their ids; for want of a lane SUMO knows too little of them
-    """
-    others = trips[~trips.vehicle_id.isin(list(members))]
-    status = others.status.value_counts()
-    finished = others[others.status == "arrived"]
-    driven = others.route_length_m.sum() / 1000
-    of_all = partial(_over, others, driven)
-    return [
-        *((f"trips_{kind}", float(status.get(key, 0)), "")
-          for kind, key in (("finished", "arrived"), ("running", "running"), ("waiting", "waiting"))),
-        ("travel_time_mean", finished.duration_s.mean(), "s"),
-        ("waiting_mean", finished.waiting_s.mean(), "s"),
-        ("delay_mean", finished.time_loss_s.mean(), "s"),
-        ("depart_delay_mean", finished.depart_delay_s.mean(), "s"),
-        ("distance", driven, "km"),
-        ("co2_per_distance", of_all("co2_kg"), "kg/km"),
-        ("fuel_per_distance", of_all("fuel_kg"), "kg/km"),
-    ]  # fmt: skip
-
-
-def _over(trips: pd.DataFrame, kilometres: float, column: str) -> float:
-    return trips[column].sum() / kilometres if kilometres > 0 else float("nan")

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from platoontraffic import shipped
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.road.sumo_configuration import read_configuration
+from platoontraffic.scenario import metric_plug_ins
 from platoontraffic.scenario import configurations, overrides, toml_lines
 from platoontraffic.scenario.checks import faults_of
 from platoontraffic.scenario.drivers import find_laws
@@ -115,7 +116,8 @@ def _checked(spec: Spec, source: Path, varied: dict[str, Any], places: _Places) 
         faults = (Fault(("sumo", "config"), one) for one in error.faults)
         raise InputError(*(placed(fault, places) for fault in faults)) from error
     laws = find_laws(spec, folder)
-    if faults := list(faults_of(spec, files, laws, folder)):
+    metrics, unsound = metric_plug_ins.find(spec.record.metrics, folder)
+    if faults := [*faults_of(spec, files, laws, folder), *unsound]:
         raise InputError(*(placed(fault, places) for fault in faults))
     return Scenario(
         spec=spec,
@@ -127,6 +129,7 @@ def _checked(spec: Spec, source: Path, varied: dict[str, Any], places: _Places) 
         laws={role: found.law for role, found in laws.items()},
         plug_ins={role: found.plug_in for role, found in laws.items() if found.plug_in},
         sources=tuple(sorted(set().union(*(found.sources for found in laws.values())))),
+        metrics=metrics,
         varied=varied,
         place=places,
     )

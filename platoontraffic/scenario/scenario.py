@@ -12,6 +12,7 @@ from typing import Any
 from platoontraffic import shipped
 from platoontraffic.controllers.gains import table_of
 from platoontraffic.road.sumo_configuration import Configuration
+from platoontraffic.scenario.metric_plug_ins import MetricPlugIns
 from platoontraffic.scenario.drivers import Role, default_preset, drivers_of
 from platoontraffic.scenario.faults import Fault, KeyPath, dotted
 from platoontraffic.scenario.tables import Spec
@@ -33,6 +34,7 @@ class Scenario:
     laws: dict[Role, Any]
     plug_ins: dict[Role, Path]  # files beside the scenario that laws are named by
     sources: tuple[Path, ...]  # modules of all laws that are not shipped, and files that gains name
+    metrics: MetricPlugIns
     varied: dict[str, Any]  # values of the keys that arguments changed
     place: Callable[[KeyPath], str]  # where a key stands: `file:line`, or the argument that set it
 
@@ -55,6 +57,7 @@ class Scenario:
             **{f"additional.{i}.{file.name}": file for i, file in enumerate(self.additional)},
             **{f"config.{i}.{file.name}": file for i, file in enumerate(further)},
             **{f"law.{i}.{file.name}": file for i, file in enumerate(self.sources)},
+            **{f"metric.{i}.{file.name}": file for i, file in enumerate(self.metrics.sources)},
         }
 
     def remarks(self) -> list[str]:
@@ -100,6 +103,7 @@ class Scenario:
             if not table[key]:
                 del table[key]
         table["sumo"] |= self._resolved_files(folder)
+        table["record"]["metrics"] = self.metrics.names(lambda file: _relative(file, folder))
         for (i, role), _ in drivers_of(self.spec):
             table["platoon"][i][role] = self._resolved_driver((i, role), folder)
         return table

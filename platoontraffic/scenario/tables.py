@@ -100,8 +100,10 @@ class Record(Table):
     """SUMO's own tables to write, as sumo_trips.csv, sumo_summary.csv and sumo_edges.csv."""
     sumo_every_s: Positive = 60.0
     """Interval between the rows of sumo_summary.csv, and length of the intervals of sumo_edges.csv [s]."""
+    metrics: list[str] = Field([])
+    """Metrics beside the tool's own: names of installed ones, or module:Class from a file beside the scenario."""
 
-    @field_validator("sumo", mode="before")
+    @field_validator("sumo", "metrics", mode="before")
     @classmethod
     def listed(cls, names: Any) -> Any:
         return names.split(",") if isinstance(names, str) else names

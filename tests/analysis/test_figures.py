@@ -187,7 +187,7 @@ def test_a_label_has_the_unit_that_the_table_says():
     [
         (lambda r, a: over_time(r.trajectories, "gap", a), r"'gap': not a column; did you mean 'gap_m'\?"),
         (lambda r, a: over_time(r.trajectories, "gap_m", a, "other"), "platoon 'other': not in the table; there are p"),
-        (lambda r, a: over_time(r.trajectories[:0], "gap_m", a), "nobody was ever on the road"),
+        (lambda r, a: over_time(r.trajectories[:0], "gap_m", a), "no member was ever on the road"),
         (lambda r, a: over_time(r.trajectories.assign(gap_m=np.nan), "gap_m", a), "'gap_m': has no values"),
         (lambda r, a: time_space(r.traffic, a), "traffic needs a line of the road"),
         (lambda r, a: losses(r.events, a, r.trajectories[r.trajectories.place == 0]), "has no followers"),

@@ -44,7 +44,7 @@ def unpacked(data: bytes) -> tuple[dict, bytes]:
 
 
 def read(place: dict, content: bytes) -> np.ndarray:
-    """A column, read another way than the page does."""
+    """A column, read independently of the page."""
     n = place["n"]
     planes = [np.frombuffer(content, np.uint8, n, place["at"] + i * n).astype(int) for i in range(place["planes"])]
     signed = sum(plane << (8 * i) for i, plane in enumerate(planes))
@@ -309,7 +309,7 @@ def test_the_scan_is_that_of_the_archive(opened, made):
 def test_what_is_seen_with_a_layer_is_gone_without_it(opened, made):
     tab = opened(made / "replay.html")
     assert tab.evaluate("replay.drawn.traffic") > 0
-    for name in ("Beams and returns", "Target chosen", "Other traffic"):
+    for name in ("Beams and returns", "Target of the law", "Background traffic"):
         tab.get_by_label(name).uncheck()
     until(tab, "replay.drawn.traffic === 0 && !replay.drawn.scan && !replay.drawn.target")
 
@@ -330,7 +330,7 @@ def test_the_path_that_a_law_remembers_is_a_layer(opened, made):
     tab = opened(made / "replay.html")
     seek(tab, 5.0)
     assert tab.evaluate("replay.drawn.remembered") == REMEMBERED
-    tab.get_by_label("Path remembered").uncheck()
+    tab.get_by_label("Remembered path").uncheck()
     until(tab, "replay.drawn.remembered === 0")
 
 
@@ -340,7 +340,7 @@ def test_laws_that_tell_no_path_have_no_layer_of_it(opened, tmp_path):
         columns = {name: archive[name] for name in archive if not name.startswith("path")}
     np.savez(folder / "scans.npz", **columns)
     tab = opened(page(folder, tmp_path / "replay.html"))
-    assert tab.get_by_label("Path remembered (not recorded)").is_disabled()
+    assert tab.get_by_label("Remembered path (not recorded)").is_disabled()
     assert tab.evaluate("replay.drawn.remembered") == 0
 
 
@@ -489,7 +489,7 @@ def test_scans_that_cannot_be_read_are_named(made, tmp_path, content):
         page(folder, tmp_path / "page.html")
 
 
-def test_nobody_on_the_road_is_said(made, tmp_path):
+def test_a_run_without_any_member_on_the_road_is_a_fault(made, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(made, folder)
     head = (folder / "trajectories.csv").read_text().splitlines()[0]
@@ -497,7 +497,7 @@ def test_nobody_on_the_road_is_said(made, tmp_path):
     for command in ("replay", "report"):
         done = call(command, folder)
         assert done.exit_code == 2
-        assert "nobody was ever on the road" in done.stderr
+        assert "no member was ever on the road" in done.stderr
 
 
 def test_vehicles_may_be_called_like_numbers_or_nothing(tmp_path):

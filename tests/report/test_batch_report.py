@@ -47,7 +47,7 @@ def test_metrics_by_point_are_means_and_spreads_of_the_runs_that_are_done(batch)
     assert ["3", EVIL, "2", "31.5", "0.7071", "31", "32"] in rows  # the last seed is not done
 
 
-def test_failed_runs_are_told_with_their_errors_and_others_as_missing(batch):
+def test_failed_runs_are_listed_with_their_errors_and_others_as_missing(batch):
     rows = Reader(report(batch)).rows
     assert ["run0-s1", "1", "2", "printed", f"{EVIL} is not a number"] in rows
     assert ["run3-s3", "3", "3", EVIL] in rows

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from platoontraffic.analysis import load
 from platoontraffic.cli.main import app
 from platoontraffic.report import page
-from platoontraffic.results import metrics, sumo_tables
+from platoontraffic.results import metrics
 from tests.support.made_runs import EVIL, made_run
 
 
@@ -93,8 +93,7 @@ def test_every_metric_of_a_run_is_explained_in_its_report(one_corner, tmp_path):
         assert rows[(name,)][-1], name
 
 
-def test_metrics_over_members_are_explained_by_those_of_members():
-    assert metrics.meaning("ttc_min") == "of ttc_s"
-    assert metrics.meaning("laps_min") == "the members' least laps: |turned_rad| / 2 pi at the end"
-    assert metrics.meaning("nonsense_min") == ""
-    assert all(sumo_tables.MEANINGS.values())
+def test_metrics_over_members_name_the_metric_of_the_members():
+    meanings = metrics.meanings()
+    assert meanings["vehicle"]["ttc_min"] == "minimum of ttc_s"
+    assert meanings["run"]["laps_min"] == "least value over the members of laps: |turned_rad| / 2 pi at the end"

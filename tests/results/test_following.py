@@ -1,4 +1,4 @@
-"""Whom each member follows when, by what it was told."""
+"""Predecessors over time, by the orders that members receive."""
 
 from __future__ import annotations
 
@@ -12,40 +12,48 @@ PLACES = {f"p.{i}": ("p", i) for i in range(4)} | {"q.0": ("q", 0)}
 END = 100.0
 
 
-def told(*rows) -> dict[str, list[Stretch]]:
+def stretches_after(*rows) -> dict[str, list[Stretch]]:
     departed = [(0.0, "departed", name) for name in PLACES]
     return stretches(PLACES, events(*departed, *rows), END)
 
 
-def test_who_is_told_nothing_follows_the_one_before_it_while_both_are_there():
-    of = told((80.0, "arrived", "p.1"), (90.0, "arrived", "p.2"))
+def order(time: float, vehicle: str, what: str, behind: str = "", done: int = 1) -> tuple:
+    return (time, "told", vehicle, behind, 0.0, what, done)
+
+
+def test_without_orders_a_member_follows_the_place_ahead_while_both_are_on_the_road():
+    of = stretches_after((80.0, "arrived", "p.1"), (90.0, "arrived", "p.2"))
     assert of == {
         "p.0": [], "q.0": [],
         "p.1": [Stretch(0, 80, "p.0")], "p.2": [Stretch(0, 80, "p.1")], "p.3": [Stretch(0, 90, "p.2")],
     }  # fmt: skip
 
 
-def test_who_splits_off_and_joins_again_follows_nobody_between():
-    of = told(
-        (20.0, "told", "p.2", "", 0.0, "to split"), (50.0, "told", "p.2", "p.1", 0.0, "to join"),
-        (60.0, "told", "p.2", "q.0", 0.0, "to join, but q.0 is not on the road"),
-    )  # fmt: skip
+def test_between_a_split_and_a_join_a_member_follows_nobody():
+    of = stretches_after(order(20.0, "p.2", "split"), order(50.0, "p.2", "join", "p.1"))
     assert of["p.2"] == [Stretch(0, 20, "p.1"), Stretch(20, 50, ""), Stretch(50, 100, "p.1")]
     assert of["p.3"] == [Stretch(0, 100, "p.2")]
 
 
-def test_behind_who_leaves_one_follows_the_next_and_a_leader_who_joins_follows():
-    of = told((30.0, "told", "p.1", "", 0.0, "to leave"), (40.0, "told", "q.0", "p.3", 0.0, "to join"))
+def test_a_rejected_order_changes_nothing():
+    assert stretches_after(order(60.0, "p.2", "join", "q.0", done=0)) == stretches_after()
+
+
+def test_followers_of_a_leaving_member_close_up_to_its_predecessor():
+    of = stretches_after(order(30.0, "p.1", "leave"))
     assert of["p.1"] == [Stretch(0, 30, "p.0")]
     assert of["p.2"] == [Stretch(0, 30, "p.1"), Stretch(30, 100, "p.0")]
-    assert of["q.0"] == [Stretch(40, 100, "p.3")]
-    assert told((30.0, "told", "p.0", "", 0.0, "to leave"))["p.1"] == [Stretch(0, 30, "p.0")]
+    assert stretches_after(order(30.0, "p.0", "leave"))["p.1"] == [Stretch(0, 30, "p.0")]
 
 
-def test_split_off_are_those_events_and_what_was_told_until_it_has_rejoined():
+def test_a_leader_that_joins_is_a_follower_from_then_on():
+    assert stretches_after(order(40.0, "q.0", "join", "p.3"))["q.0"] == [Stretch(40, 100, "p.3")]
+
+
+def test_a_member_is_split_off_by_events_and_from_its_orders_until_it_has_rejoined():
     own = events(
-        (12.0, "split", "p.2"), (15.0, "rejoined", "p.2"), (20.0, "told", "p.2", "", 0.0, "to split"),
-        (50.0, "told", "p.2", "p.1", 0.0, "to join"), (58.0, "rejoined", "p.2"),
+        (12.0, "split", "p.2"), (15.0, "rejoined", "p.2"), order(20.0, "p.2", "split"),
+        order(50.0, "p.2", "join", "p.1"), (58.0, "rejoined", "p.2"),
     )  # fmt: skip
     follows = [Stretch(0, 20, "p.1"), Stretch(20, 50, ""), Stretch(50, 100, "p.1")]
     off = split_off(own, follows)

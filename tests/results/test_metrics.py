@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from platoontraffic.results import metrics
+from platoontraffic.results.columns import EVENTS, TRAJECTORIES
 from platoontraffic.results.metrics import compute
-from platoontraffic.results.recorder import EVENTS, TRAJECTORIES
 
 
 def trajectories(**columns: list) -> pd.DataFrame:
@@ -21,17 +22,17 @@ def trajectories(**columns: list) -> pd.DataFrame:
 
 
 def events(*rows: tuple) -> pd.DataFrame:
-    columns = "time_s", "kind", "vehicle_id", "other_id", "duration_s", "detail"
+    columns = "time_s", "kind", "vehicle_id", "other_id", "duration_s", "what", "done"
     table = [dict(zip(columns, row, strict=False)) for row in rows]
     return pd.DataFrame(table, columns=[c.name for c in EVENTS], dtype=object).fillna("")
 
 
 def values(table: pd.DataFrame, *rows: tuple, scope="vehicle", vehicle="p.1", end=10.0) -> dict[str, float]:
-    metrics = compute(table, events(*rows, (end, "end")))
-    return {m.name: m.value for m in metrics if m.scope == scope and m.vehicle == vehicle}
+    found = compute(table, events(*rows, (end, "end")))
+    return {m.name: m.value for m in found if m.scope == scope and m.vehicle == vehicle}
 
 
-def test_gaps_and_distance_off_the_path():
+def test_gap_and_cross_track_metrics_have_their_closed_forms():
     of = values(trajectories(gap_m=[1.0, 2.0, 3.0], gap_error_m=[-3.0, 0.0, 3.0], cross_track_m=[0.0, -0.4, 0.3]))
     assert (of["gap_min"], of["gap_mean"], of["gap_max"]) == (1, 2, 3)
     assert of["gap_error_rms"] == pytest.approx(math.sqrt(6))
@@ -51,13 +52,13 @@ def test_lock_on_counts_from_the_first_lock_to_the_end():
     assert values(still)["lock_on_ratio"] == 0
 
 
-def test_the_share_of_standstills_counts_the_one_that_lasts_to_the_end():
+def test_a_standstill_that_lasts_to_the_end_counts_in_full():
     rows = [(12.0, "standstill", "p.1"), (15.0, "standstill_end", "p.1", "", 13.0), (95.0, "standstill", "p.1")]
     of = values(trajectories(gap_m=[1.0]), *rows, end=100.0)
     assert (of["standstills"], of["standstill_share"]) == (2, pytest.approx((13 + 15) / 100))
 
 
-def test_right_lane_leaves_out_where_it_is_undefined():
+def test_right_lane_share_skips_instants_without_a_middle_line():
     of = values(trajectories(right_of_middle_m=[0.5, math.nan, -0.5, 0.1]))
     assert of["right_lane_share"] == pytest.approx(2 / 3)
 
@@ -67,13 +68,13 @@ def test_corners_are_quarter_turns():
         assert values(trajectories(turned_rad=[0.0, math.radians(degrees)]))["corners"] == corners
 
 
-def test_a_contact_of_two_members_is_one_contact_of_the_run():
+def test_a_contact_between_two_members_counts_once_in_the_run():
     touch = [(1.0, "collision", "p.0", "p.1"), (2.0, "collision", "p.1", "wall")]
     assert values(trajectories(gap_m=[1.0]), *touch)["collisions"] == 2
     assert values(trajectories(gap_m=[1.0]), *touch, scope="run", vehicle="")["collisions"] == 2
 
 
-def test_a_member_is_measured_over_the_time_that_it_is_there():
+def test_shares_are_over_the_time_between_departure_and_arrival():
     rows = [(20.0, "departed", "p.1"), (40.0, "standstill", "p.1"), (42.0, "locked", "p.1"), (52.0, "lock_lost", "p.1"),
             (62.0, "arrived", "p.1")]  # fmt: skip
     of = values(trajectories(time_s=[20.0, 61.0]), *rows, end=100.0)
@@ -92,24 +93,24 @@ def test_exposure_to_short_times_to_collision():
     assert of["near_misses"] == 1
 
 
-def test_comfort_is_of_accelerations_and_their_change():
+def test_acceleration_and_jerk_metrics_have_their_closed_forms():
     of = values(trajectories(accel_mps2=[3.0, -4.0], jerk_mps3=[0.0, -2.0]), (1.0, "emergency_brake", "p.1"))
     assert of["accel_rms"] == pytest.approx(math.sqrt(25 / 2))
     assert (of["jerk_rms"], of["jerk_max"], of["hard_brakings"]) == (pytest.approx(math.sqrt(2)), 2, 1)
 
 
-def test_the_share_off_the_road_counts_the_time_that_lasts_to_the_end():
+def test_time_off_the_road_that_lasts_to_the_end_counts_in_full():
     rows = [(1.0, "off_road", "p.1"), (3.0, "on_road", "p.1", "", 2.0), (7.0, "off_road", "p.1")]
     assert values(trajectories(gap_m=[1.0]), *rows)["off_road_share"] == pytest.approx((2 + 3) / 10)
 
 
-def test_beams_and_occlusion_leave_out_where_nothing_could_be_seen():
+def test_beams_and_occlusion_skip_instants_without_a_value():
     table = trajectories(beams_on_predecessor=[math.nan, 5, 4, 9], occluded_share=[math.nan, math.nan, 0.5, 0.25])
     of = values(table)
     assert (of["beams_share5"], of["occluded_share_mean"]) == (pytest.approx(2 / 3), 0.375)
 
 
-def test_time_gaps_are_of_those_that_move():
+def test_mean_and_least_time_gap_skip_instants_at_walking_pace():
     of = values(trajectories(time_gap_s=[500.0, 1.0, 2.0], speed_mps=[0.1, 10.0, 10.0]))
     assert (of["time_gap_min"], of["time_gap_mean"], of["time_gap_median"]) == (1, 1.5, 2)
 
@@ -129,7 +130,7 @@ def string(*amplitudes: float) -> dict[str, dict[str, float]]:
     return found
 
 
-def test_the_gains_of_a_string_are_the_ratios_of_its_swings():
+def test_speed_gains_are_ratios_of_the_speed_swings():
     of = string(1.0, 1.2, 0.6)
     assert of["p.1"]["speed_gain_l2"] == pytest.approx(1.2)
     assert of["p.2"]["speed_gain_l2"] == pytest.approx(0.5)
@@ -139,17 +140,43 @@ def test_the_gains_of_a_string_are_the_ratios_of_its_swings():
     assert "speed_gain_l2" not in of["p.0"]
 
 
-def test_a_steady_leader_tells_nothing_of_a_string():
+def test_speed_gain_is_undefined_behind_a_steady_leader():
     of = string(0.01, 1.0, 1.0)
     assert math.isnan(of["p.1"]["speed_gain_l2"])
     assert math.isnan(of["platoon"]["head_to_tail_l2"])
     assert of["p.2"]["speed_gain_l2"] == pytest.approx(1)
 
 
-def test_the_run_has_the_worst_and_the_sum():
+def test_the_run_takes_the_worst_or_the_sum_over_its_members():
     table = trajectories(ttc_s=[2.0, 1.0, 5.0], drac_mps2=[1.0, 2.0, 0.0], jerk_mps3=[0.0, -9.0, 1.0])
     rows = [(1.0, "near_miss", "p.1"), (2.0, "emergency_brake", "p.0"), (3.0, "emergency_brake", "p.1")]
     of = values(table, *rows, scope="run", vehicle="")
     # The leader's zeros are no measures of a follower.
     assert (of["ttc_min"], of["tet"], of["drac_max"], of["jerk_max"]) == (1, 2, 2, 9)
     assert (of["near_misses"], of["hard_brakings"]) == (1, 2)
+
+
+def test_a_collision_is_caused_by_the_vehicle_behind_and_not_by_the_one_that_is_struck():
+    rows = [(1.0, "collision", "p.1", "p.0", 0.0, what) for what in ("struck_other_from_behind", "struck_from_behind",
+            "other_changed_lanes", "beside")]  # fmt: skip
+    table = trajectories(gap_m=[1.0])
+    assert values(table, *rows)["collisions_caused"] == 2  # it struck the other, or they met side by side
+    assert values(table, *rows, vehicle="p.0")["collisions_caused"] == 1  # it struck p.1 from behind
+    assert values(table, *rows, scope="run", vehicle="")["collisions_caused"] == 3
+
+
+def test_collisions_with_obstacles_are_counted_by_the_kind_of_obstacle():
+    came = [(0.0, "obstacle", "ball", "", 0.0, "robot"), (0.0, "obstacle", "van", "", 0.0, "car")]
+    hits = [(1.0, "collision", "p.1", other) for other in ("ball", "ball", "wall", "person.3")]
+    none = pd.DataFrame(columns=["kind", "gap_min_m", "ttc_min_s", "avoidable", "contact"])
+    of = {m.name: m.value for m in metrics.of_obstacles(none, events(*came, *hits))}
+    assert (of["collisions_robot"], of["collisions_car"], of["collisions_person"]) == (2, 0, 1)
+
+
+def test_every_metric_has_a_meaning_and_an_order_names_metrics_that_exist():
+    meanings = metrics.meanings()
+    assert all(all(of_scope.values()) for of_scope in meanings.values())
+    assert set(metrics.ORDER) <= set(meanings["run"])
+    found = compute(trajectories(gap_m=[1.0, 2.0]), events((10.0, "end")))
+    assert {(one.scope, one.name) for one in found} <= {(s, name) for s, names in meanings.items() for name in names}
+    assert [one.name for one in found if one.scope == "run"] == [*metrics.ORDER, "head_to_tail_l2", "duration"]

@@ -19,7 +19,8 @@ from platoontraffic.cli.main import app
 from platoontraffic.controllers import Decision, Law
 from platoontraffic.errors import InputError
 from platoontraffic.world.fleet import Fleet
-from platoontraffic.results.recorder import Recorder
+from platoontraffic.results.columns import Instant
+from platoontraffic.results.recorder import Clocks, Recorder
 from platoontraffic.results.scans import ScanRecorder
 from platoontraffic.world.sensing import Sensing
 from platoontraffic.vehicles.motion import Twist
@@ -41,7 +42,7 @@ def record(folder: Path, fleet: Fleet, steps: int = 12, every: int = 5) -> list:
         traffic = snapshot(fleet, step * DT)
         scans = sensing.scan(traffic, fleet, step)
         made += [(step, batch) for batch in scans if batch is not None]
-        recorder.record(step, every, traffic, fleet, scans)
+        recorder.record(Instant(step, traffic, fleet, scans), every)
     recorder.close()
     assert [file.name for file in folder.iterdir()] == ["scans.npz"]
     return made
@@ -52,7 +53,7 @@ def read(folder: Path) -> dict[str, np.ndarray]:
         return dict(archive)
 
 
-def test_every_laser_has_its_first_scan_in_or_after_every_so_many_steps(tmp_path):
+def test_each_laser_records_its_first_scan_at_or_after_each_tick(tmp_path):
     record(tmp_path / "run", fleet())
     scans = read(tmp_path / "run")
     steps = {
@@ -62,7 +63,7 @@ def test_every_laser_has_its_first_scan_in_or_after_every_so_many_steps(tmp_path
     assert steps == {"robot.0": [0, 5, 10], "robot.1": [0, 5, 10], "robot.2": [0, 6]}  # scans in every third step
 
 
-def test_ranges_are_kept_bit_for_bit(tmp_path):
+def test_recorded_ranges_are_bit_for_bit_those_of_the_laser(tmp_path):
     made = {(step, name): batch[name].ranges for step, batch in record(tmp_path / "run", fleet()) for name in batch.ids}
     scans = read(tmp_path / "run")
     assert len(scans["time_s"]) == 8
@@ -75,7 +76,7 @@ def test_ranges_are_kept_bit_for_bit(tmp_path):
     assert scans["offset"][-1] == len(scans["ranges_m"])
 
 
-def test_a_scan_and_its_pose_give_the_walls_back(tmp_path):
+def test_a_recorded_scan_and_its_pose_reconstruct_the_walls(tmp_path):
     record(tmp_path / "run", fleet())
     scans = read(tmp_path / "run")
     i, v = 2, 2
@@ -104,18 +105,18 @@ def test_the_order_of_members_does_not_matter_and_the_bytes_are_the_same(tmp_pat
     assert (tmp_path / "one" / "scans.npz").read_bytes() == (tmp_path / "other" / "scans.npz").read_bytes()
 
 
-def test_a_run_that_is_interrupted_keeps_its_scans(tmp_path):
-    recorder = Recorder(tmp_path / "run", scans=True)
+def test_an_interrupted_run_keeps_its_scans(tmp_path):
+    recorder = Recorder(tmp_path / "run", Clocks(trajectories=2, scans=1))
     some = fleet()
     traffic = snapshot(some, 0.0)
-    recorder.scans.record(0, 1, traffic, some, Sensing(LOOP).scan(traffic, some, 0))
+    recorder.record(Instant(1, traffic, some, Sensing(LOOP).scan(traffic, some, 0)))
     kept = recorder.keep_unfinished()
     assert len(read(kept)["time_s"]) == 3
     assert not (kept / "scans.raw").exists()
 
 
 @pytest.mark.parametrize("key", ["traffic_every_s", "scans_every_s"])
-def test_what_a_replay_needs_is_recorded_only_where_nothing_is_said(key):
+def test_for_replay_keeps_the_intervals_that_a_scenario_gives(key):
     given = scenario.load("ring_platoon", [f"record.{key}=3.0"])
     record = given.for_replay().spec.record
     assert getattr(record, key) == 3.0
@@ -169,7 +170,7 @@ def test_run_with_replay_leaves_scans_and_a_page_and_drives_the_same(tmp_path):
 
 @dataclass(frozen=True)
 class Remembering(Law):
-    """Drives straight on, and remembers two points before its axle, the second of which only robot.1 has."""
+    """Drives straight on and remembers two points ahead of its axle; robot.1 has no second one."""
 
     def __call__(self, sensed, memory, dt):
         n = len(sensed.speed)
@@ -181,14 +182,14 @@ class Remembering(Law):
         return memory
 
 
-def test_what_a_law_remembers_is_recorded_where_it_is_in_the_world(tmp_path):
+def test_remembered_paths_are_recorded_in_world_coordinates(tmp_path):
     members = platoon(constant(0.1), Remembering(), 2, at=(3.0, 1.0, np.pi / 2))
     fleet, sensing = Fleet.deployed(members, DT), Sensing(LOOP)
     tmp_path.joinpath("run").mkdir()
     recorder = ScanRecorder(tmp_path / "run")
     traffic = snapshot(fleet, 0.0)
     scans = sensing.scan(traffic, fleet, 0)
-    recorder.record(0, 1, traffic, fleet.decided(scans, DT, None, None), scans)
+    recorder.record(Instant(0, traffic, fleet.decided(scans, DT, None, None), scans), 1)
     recorder.close()
     read_back = read(tmp_path / "run")
     counts = dict(zip(read_back["vehicle_id"], np.diff(read_back["path_offset"]), strict=True))
@@ -199,7 +200,7 @@ def test_what_a_law_remembers_is_recorded_where_it_is_in_the_world(tmp_path):
     assert read_back["path_m"][1:] == pytest.approx(ahead, abs=1e-3)
 
 
-def test_without_a_law_that_tells_it_there_is_no_path(tmp_path):
+def test_without_a_law_that_remembers_a_path_there_is_none(tmp_path):
     record(tmp_path / "run", fleet())
     assert "path_m" not in read(tmp_path / "run")
 
@@ -211,7 +212,7 @@ def test_the_tracking_follower_remembers_where_its_predecessor_drove(tmp_path):
     changes = ("run.duration_s=12", "record.scans_every_s=1")
     results = load(run(tmp_path / "run", "corridor_tracking", *changes))
     scans, rows = results.scans, results.trajectories
-    ways = {vehicle: shapely.LineString(own[["x_m", "y_m"]]) for vehicle, own in rows.groupby("vehicle_id")}
+    paths = {vehicle: shapely.LineString(own[["x_m", "y_m"]]) for vehicle, own in rows.groupby("vehicle_id")}
     for place in range(1, 5):
         (v,) = np.flatnonzero(scans.vehicle_id == f"platoon.{place}")
         last = np.flatnonzero(scans.vehicle == v)[-1]
@@ -219,4 +220,4 @@ def test_the_tracking_follower_remembers_where_its_predecessor_drove(tmp_path):
         assert len(points) == 32
         ahead = points[points[:, 0] > scans.x_m[last]]
         assert len(ahead) >= 3
-        assert ways[f"platoon.{place - 1}"].distance(shapely.points(ahead)).max() < 0.3
+        assert paths[f"platoon.{place - 1}"].distance(shapely.points(ahead)).max() < 0.3

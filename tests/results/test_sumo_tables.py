@@ -1,4 +1,4 @@
-"""SUMO's outputs as tables, and what they say of the traffic."""
+"""SUMO's outputs as tables, and metrics of the background traffic."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import pytest
 from tests.support.runs import run
 
 from platoontraffic import scenario
-from platoontraffic.results.sumo_tables import TABLES, read_trips, sumo_options, traffic_metrics
+from platoontraffic.results.metrics import of_traffic
+from platoontraffic.results.sumo_tables import TABLES, read_trips, sumo_options
 
 SCENARIO = """
 [sumo]
@@ -43,11 +44,11 @@ follower = { law = "repaired", stand_off_m = 4, group_step_m = 1, lidar = "car-f
 
 
 def trip(name: str, status: str = "arrived", **more: float) -> dict:
-    row = {column.name: 0.0 for *_, column in TABLES["trips"].columns}
+    row = {column.name: 0.0 for column in TABLES["trips"].written}
     return row | {"vehicle_id": name, "type": "car", "status": status} | more
 
 
-def test_traffic_metrics_are_of_those_who_are_no_members():
+def test_traffic_metrics_leave_members_out():
     trips = pd.DataFrame(
         [
             trip("a", duration_s=100.0, time_loss_s=10.0, route_length_m=1500.0, co2_kg=0.3, fuel_kg=0.1),
@@ -57,7 +58,7 @@ def test_traffic_metrics_are_of_those_who_are_no_members():
             trip("platoon.0", duration_s=1e6, time_loss_s=1e6, route_length_m=1e6, co2_kg=1e6),
         ]
     )
-    values = {name: value for name, value, _ in traffic_metrics(trips, {"platoon.0", "platoon.1"})}
+    values = {one.name: one.value for one in of_traffic(trips, {"platoon.0", "platoon.1"})}
     assert [values[f"trips_{kind}"] for kind in ("finished", "running", "waiting")] == [2, 1, 1]
     assert (values["travel_time_mean"], values["delay_mean"], values["depart_delay_mean"]) == (150, 20, 0)
     assert values["distance"] == 5
@@ -65,9 +66,9 @@ def test_traffic_metrics_are_of_those_who_are_no_members():
     assert values["fuel_per_distance"] == pytest.approx(0.04)
 
 
-def test_without_traffic_there_are_counts_and_nothing_else():
+def test_without_traffic_counts_are_zero_and_means_undefined():
     none = pd.DataFrame([trip("platoon.0")]).iloc[:0]
-    values = {name: value for name, value, _ in traffic_metrics(none, set())}
+    values = {one.name: one.value for one in of_traffic(none, set())}
     assert values["trips_finished"] == values["distance"] == 0
     assert np.isnan(values["delay_mean"])
     assert np.isnan(values["co2_per_distance"])
@@ -91,7 +92,7 @@ def with_outputs(tmp_path_factory) -> Path:
 
 
 @pytest.mark.sumo
-def test_trips_are_all_there_with_what_became_of_them(with_outputs):
+def test_trips_have_a_status_each(with_outputs):
     trips = read_trips(with_outputs).set_index("vehicle_id")
     assert "gone" not in trips.index
     assert trips.status["arriving"] == "arrived"
@@ -149,7 +150,7 @@ def test_demand_multiplies_the_vehicles_of_the_routes_and_not_the_members(tmp_pa
     assert summary.inserted.iloc[-1] + summary.waiting.iloc[-1] == vehicles + 5
 
 
-def test_without_a_demand_sumo_is_told_nothing_of_it(tmp_path):
+def test_without_a_demand_sumo_gets_no_scale(tmp_path):
     (tmp_path / "few.toml").write_text(SCENARIO.replace('["few.rou.xml"]', "[]"))
     assert "scale" not in sumo_options(scenario.load(tmp_path / "few.toml"), tmp_path)
     assert sumo_options(scenario.load(tmp_path / "few.toml", ["sumo.demand=1.5"]), tmp_path)["scale"] == "1.5"

@@ -1,4 +1,4 @@
-"""A browser without a window: Debian's Chromium, or the one that playwright brought."""
+"""A headless browser: Debian's Chromium, or the one that playwright has installed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 
 class NoBrowser(RuntimeError):
-    """Why there is none."""
+    """No browser can be started; the message says why."""
 
 
 @contextmanager
@@ -37,7 +37,7 @@ def chromium() -> Iterator[Any]:
 
 
 def until(tab: Any, expression: str, argument: Any = None, timeout: float = 15.0) -> None:
-    """Wait until something is so on a page; playwright's own way to wait needs what these pages forbid, `eval`."""
+    """Wait until an expression is true on a page; playwright's own wait needs `eval`, which these pages forbid."""
     begun = time.monotonic()
     while not tab.evaluate(expression, argument):
         if time.monotonic() - begun > timeout:

@@ -1,4 +1,4 @@
-"""Folders of finished runs that nobody drove: a ring road, a platoon, others, and scans that the lidar really makes."""
+"""Made-up folders of finished runs: a ring road, a platoon, background traffic, and scans by the real lidar."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from platoontraffic.lidar import PRESETS, Boxes, Carriers, Mount, Occasion, Scen
 RADIUS, LENGTH, WIDTH, SPEED = 120.0, 4.74, 1.80, 10.0
 LASER = LENGTH / 2 - 0.4  # behind the front bumper
 GAP = 12.0
-REMEMBERED = 32  # points of the path to its predecessor that a follower remembers
+REMEMBERED = 32  # points in a follower's remembered path to its predecessor
 SPACING = (GAP + LENGTH) / RADIUS  # of members on the ring [rad]
 EVIL = "<script>alert(1)</script>"
 
 
 def angle(place: np.ndarray | float, time: np.ndarray | float):
-    """Of a member on the ring."""
+    """Polar angle of a member on the ring [rad]."""
     return 0.5 - place * SPACING + time * SPEED / RADIUS
 
 
@@ -40,8 +40,10 @@ def made_run(
     traffic_every: float | None = 0.5,
     scans_every: float | None = 0.5,
 ) -> Path:
-    """A run on one lane of the ring; others drive beside and stand nowhere. The second member loses its predecessor at
-    10 s, whom it takes EVIL for until 12 s."""
+    """A run on one lane of the ring, with background traffic on the lanes beside.
+
+    The target of the second member is EVIL instead of its predecessor from 10 s to 12 s.
+    """
     folder.mkdir(parents=True)
     ids = [f"platoon.{place}" for place in range(members)]
     strangers = [EVIL, *(f"car.{i}" for i in range(1, others))][:others]
@@ -135,7 +137,7 @@ def _vehicles(folder: Path, ids: list[str], strangers: list[str]) -> None:
 
 
 def other_pose(i, time, others: int):
-    """Of the i-th stranger: four lanes beside the platoon's, faster and slower."""
+    """Pose of the i-th background vehicle: on four lanes beside the platoon's, faster or slower."""
     lane = np.asarray(i) % 4
     radius = RADIUS + 3.6 * (lane + 1)
     return pose(2 * np.pi * np.asarray(i) / others + time * (8 + lane) / radius, radius)
@@ -207,7 +209,7 @@ def _scene(folder: Path) -> None:
 
 
 def made_batch(folder: Path, varied: dict[str, list], *, seeds: int = 3, failed: int = 1, waiting: int = 1) -> Path:
-    """A batch whose first runs failed of what EVIL did, and whose last are not done.
+    """A batch whose first runs failed because of EVIL, and whose last ones are not done.
 
     gap_mean_m is ten times the number of the point, plus the seed; collisions are the same in all.
     """

@@ -1,0 +1,111 @@
+"""The files of a run that are made of its complete tables: metrics, summary, data dictionary, scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import shapely
+
+from platoontraffic.errors import InputError
+from platoontraffic.lidar import Scene
+from platoontraffic.observation.encounters import Encounters
+from platoontraffic.results import metrics, plug_in_metrics, sumo_tables
+from platoontraffic.results.columns import ENCOUNTERS, METRICS
+from platoontraffic.results.data_package import data_package
+from platoontraffic.results.metrics import Value
+from platoontraffic.results.recorder import Recorder
+from platoontraffic.road.network import Network
+from platoontraffic.scenario import Scenario
+from platoontraffic.world.fleet import Member
+
+
+class MetricError(InputError):
+    """Metrics of plug-ins failed; every other file of the run is complete."""
+
+
+def conclude(
+    recorder: Recorder, scenario: Scenario, members: Sequence[Member], obstacles: Sequence[str], encounters: Encounters
+) -> None:
+    """Write these files; to be called when SUMO is closed.
+
+    members, obstacles : all that the run ever had, the latter by id
+    raises             : MetricError
+    """
+    spec = scenario.spec
+    recorder.close_tables()
+    sumo_tables.write_tables(recorder, scenario)
+    if obstacles:
+        recorder.write_table("encounters.csv", encounters.rows(), ENCOUNTERS)
+    values = _values(recorder, scenario, {m.id for m in members} | set(obstacles), bool(obstacles))
+    of_plug_ins, faults = _of_plug_ins(recorder, scenario)
+    values += of_plug_ins
+    recorder.write_table("metrics.csv", values, METRICS)
+    recorder.write_vehicles(members)
+    recorder.write("summary.csv", metrics.summary(spec.name, spec.seed, scenario.varied, values))
+    package = data_package(
+        spec.name,
+        spec.title,
+        traffic=spec.record.traffic_every_s is not None,
+        scans=spec.record.scans_every_s is not None,
+        encounters=bool(obstacles),
+        sumo=spec.record.sumo,
+        metrics=_meanings(values, scenario),
+    )
+    recorder.write_json("datapackage.json", package)
+    if faults:
+        raise MetricError(*faults)
+
+
+def scene(static: Scene, network: Network) -> dict[str, Any]:
+    """The road and what stands beside it as GeoJSON, in the network's metres: the ground of all pictures."""
+    walls = static.segments.reshape(-1, 2, 2)
+    parts = {
+        "road": network.drivable,
+        "junctions": shapely.MultiPolygon(network.junctions()),
+        "lanes": shapely.MultiLineString(network.lane_borders()),
+        "middle": shapely.MultiLineString(network.middle_lines()),
+        "walls": shapely.MultiLineString(list(walls)),
+        "buildings": static.solids or shapely.MultiPolygon(),
+    }
+    return {
+        "type": "FeatureCollection",
+        "features": [
+            {"type": "Feature", "properties": {"kind": kind}, "geometry": shapely.geometry.mapping(shape)}
+            for kind, shape in parts.items()
+        ],
+    }
+
+
+def _values(recorder: Recorder, scenario: Scenario, ours: set[str], obstacles: bool) -> list[Value]:
+    """The tool's own metrics; ours: ids of members and obstacles."""
+    values = metrics.compute(recorder.read_table("trajectories"), recorder.read_table("events"))
+    if "trips" in scenario.spec.record.sumo:
+        values += metrics.of_traffic(sumo_tables.read_trips(recorder.folder), ours)
+    if obstacles:
+        values += metrics.of_obstacles(recorder.read_table("encounters"), recorder.read_table("events"))
+    return values
+
+
+def _of_plug_ins(recorder: Recorder, scenario: Scenario) -> tuple[list[Value], list[str]]:
+    """Values of the scenario's own metrics, and the faults of those that failed."""
+    values: list[Value] = []
+    faults: list[str] = []
+    for plug_in in scenario.metrics.metrics:
+        try:
+            values += plug_in_metrics.compute(
+                plug_in, recorder.read_table("trajectories"), recorder.read_table("events")
+            )
+        except InputError as error:
+            faults += error.faults
+    return values, faults
+
+
+def _meanings(values: Sequence[Value], scenario: Scenario) -> dict[str, dict[str, str]]:
+    """Scope -> metric -> meaning, of the metrics that the run has."""
+    known, brought = metrics.meanings(), plug_in_metrics.meanings(scenario.metrics.metrics)
+    there: dict[str, dict[str, str]] = {}
+    for one in values:
+        of_scope = known[one.scope] | brought.get(one.scope, {})
+        there.setdefault(one.scope, {})[one.name] = of_scope[one.name]
+    return there

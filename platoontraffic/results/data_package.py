@@ -1,0 +1,67 @@
+"""datapackage.json: a Frictionless data package with the unit and meaning of every column of a run's tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from platoontraffic.results.scans import FIELDS, NAME
+from platoontraffic.world.events import KINDS
+from platoontraffic.results.columns import (
+    ENCOUNTERS,
+    EVENTS,
+    METRICS,
+    SCENE,
+    TRAFFIC,
+    TRAJECTORIES,
+    VEHICLES,
+    Column,
+)
+from platoontraffic.results.sumo_tables import TABLES
+
+
+def data_package(
+    name: str,
+    title: str,
+    *,
+    traffic: bool = False,
+    scans: bool = False,
+    encounters: bool = False,
+    sumo: Sequence[str] = (),
+    metrics: Mapping[str, Mapping[str, str]] | None = None,
+) -> dict[str, Any]:
+    """The package of a run.
+
+    traffic, scans, encounters : whether the run has these
+    sumo                       : names of SUMO's tables that it has
+    metrics                    : scope -> metric -> meaning, of the metrics that it has
+    """
+    resources = [
+        _table("trajectories", TRAJECTORIES),
+        _table("events", EVENTS, kinds=KINDS),
+        _table("metrics", METRICS, metrics=metrics or {}),
+        _table("vehicles", VEHICLES),
+        *([_table("traffic", TRAFFIC)] if traffic else []),
+        *([_table("encounters", ENCOUNTERS)] if encounters else []),
+        {
+            "name": "summary",
+            "path": "summary.csv",
+            "format": "csv",
+            "description": "one row: the run, its varied values, and every metric of the run as <metric>_<unit>",
+        },
+        {"name": "scene", "path": "scene.geojson", "description": SCENE},
+        *([_scans()] if scans else []),
+        *(_table(f"sumo_{table}", TABLES[table].written) for table in dict.fromkeys(sumo)),
+    ]
+    return {"name": name.lower(), "title": title or name, "resources": resources}
+
+
+def _table(name: str, columns: Sequence[Column], **more: Any) -> dict[str, Any]:
+    fields = [{"name": c.name, "type": c.type, "unit": c.unit, "description": c.meaning} for c in columns]
+    schema = {"fields": fields, "missingValues": [""]}
+    return {"name": name, "path": f"{name}.csv", "format": "csv", "schema": schema, **more}
+
+
+def _scans() -> dict[str, Any]:
+    arrays = [{"name": name, "unit": unit, "description": meaning} for name, (unit, meaning) in FIELDS.items()]
+    return {"name": "scans", "path": NAME, "description": "a NumPy archive of arrays", "arrays": arrays}

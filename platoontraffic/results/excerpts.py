@@ -1,0 +1,194 @@
+"""The tables of a run, cut to one member or to a group of members: what metrics are functions of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from platoontraffic.results.following import Stretch, lengths, split_off, stretches, within
+
+MOVING = 0.1  # slower than this share of its mean speed a member hardly moves [1]
+EXPOSED = 3.0  # a shorter time to collision counts as exposure [s]
+STEADY = 0.05  # a speed with a smaller deviation says nothing about string stability, RMS [m/s]
+
+
+@dataclass(frozen=True, eq=False)
+class Own:
+    """One member's part of the tables of a run."""
+
+    vehicle: str
+    place: int
+    rows: pd.DataFrame  # of trajectories.csv
+    events: pd.DataFrame  # that happen to it
+    since: float  # time on the road: from its event `departed` [s] ...
+    until: float  # ... to `arrived`, or to the end of the run [s]
+    follows: Sequence[Stretch]
+    collisions: pd.DataFrame  # events of the whole run
+    vehicles: frozenset[str]  # all members of the run
+    speed_ahead: pd.Series | None  # speed of the member at the place ahead [m/s], by time
+
+    @property
+    def speed(self) -> pd.Series:
+        """Speed [m/s], by time."""
+        return self.rows.set_index("time_s").speed_mps
+
+    @property
+    def is_follower(self) -> bool:
+        """Whether it has followed at some time."""
+        return self.place > 0 or bool(self.follows)
+
+    def count(self, kind: str) -> float:
+        """Number of its events of a kind."""
+        return float((self.events.kind == kind).sum())
+
+    def share_between(self, begins: str, ends: str, already: float = 0.0) -> float:
+        """Share of its time between events of two kinds, the last period up to the end.
+
+        already: time for which the state has lasted when the event that begins it is noted [s]
+        """
+        began = self.events.loc[self.events.kind == begins, "time_s"]
+        ended = self.events.loc[self.events.kind == ends, "duration_s"]
+        last = self.until - began.iloc[-1] + already if len(began) > len(ended) else 0.0
+        return share(ended.sum() + last, self.until - self.since)
+
+    @cached_property
+    def moving_time_gaps(self) -> pd.Series:
+        return self.rows.time_gap_s[self.rows.speed_mps > MOVING * self.rows.speed_mps.mean()]
+
+    @cached_property
+    def exposure(self) -> tuple[pd.Series, pd.Series]:
+        """Times to collision below EXPOSED, and the time up to the next recorded instant for each [s]."""
+        exposed = self.rows.ttc_s < EXPOSED
+        return self.rows.ttc_s[exposed], -self.rows.time_s.diff(-1)[exposed]
+
+    @cached_property
+    def lock_losses(self) -> tuple[list[float], float]:
+        """Durations of its lock losses, the last one up to the end, and the time of the final one; NaN: none [s]."""
+        lost = self.events.loc[self.events.kind == "lock_lost", "time_s"].to_list()
+        ends = self.events.loc[self.events.kind.isin(["lock_regained", "locked", "told"]), "time_s"].to_list()
+        regained = [min((t for t in ends if t > a), default=math.nan) for a in lost]
+        losses = [(self.until if math.isnan(b) else b) - a for a, b in zip(lost, regained, strict=True)]
+        return losses, lost[-1] if lost and math.isnan(regained[-1]) else math.nan
+
+    @property
+    def lock_on_ratio(self) -> float:
+        first = self.events.loc[self.events.kind == "locked", "time_s"]
+        since = self.until - first.iloc[0] if len(first) else 0.0
+        return 1 - sum(self.lock_losses[0]) / since if since else 0.0
+
+    @cached_property
+    def rejoin_times(self) -> pd.Series:
+        """Durations of the splits that ended [s]."""
+        return self.events.loc[self.events.kind == "rejoined", "duration_s"]
+
+    @cached_property
+    def following(self) -> Following:
+        counted = [(one.begin, one.end) for one in self.follows]
+        off = split_off(self.events, self.follows)
+        whole, lost = lengths(counted, off)
+        rows = self.rows[within(self.rows.time_s, counted)]
+        ahead = pd.Series("", index=rows.index)
+        for one in self.follows:
+            ahead[within(rows.time_s, [(one.begin, one.end)])] = one.ahead
+        return Following(rows, within(rows.time_s, off), ahead, 1 - share(lost, whole))
+
+    @cached_property
+    def speed_gains(self) -> tuple[float, float]:
+        return speed_gains(self.speed, self.speed_ahead)
+
+
+class Following(NamedTuple):
+    """A member while it follows and its predecessor is on the road."""
+
+    rows: pd.DataFrame
+    split: pd.Series  # whether it was split off, by row
+    ahead: pd.Series  # its predecessor, by row
+    share: float  # of that time in which it was not split off
+
+    @property
+    def distance(self) -> float:
+        """Distance driven while it was not split off [m]."""
+        steps = np.hypot(self.rows.x_m.diff(), self.rows.y_m.diff())
+        return float(steps[~self.split].sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Several members: a platoon, or all members of the run."""
+
+    members: Sequence[Own]
+    rows: pd.DataFrame  # of trajectories.csv
+    collisions: pd.DataFrame  # events of the whole run
+
+    @property
+    def head_to_tail(self) -> float:
+        """L2 gain of speed from the first member of a platoon to its last; NaN for one member."""
+        of_place = {m.place: m for m in self.members}
+        tail = max(of_place)
+        return speed_gains(of_place[tail].speed, of_place[0].speed if tail and 0 in of_place else None)[0]
+
+
+def platoons(trajectories: pd.DataFrame, events: pd.DataFrame) -> Iterator[tuple[str, Group]]:
+    """Each platoon of a run, by the tables of the files of those names."""
+    start, end = span(trajectories, events)
+    events_of = dict(tuple(events.groupby("vehicle_id")))
+    collisions = events[events.kind == "collision"]
+    places = trajectories.drop_duplicates("vehicle_id").set_index("vehicle_id")
+    places = dict(zip(places.index, zip(places.platoon_id, places.place, strict=True), strict=True))
+    follows, vehicles = stretches(places, events, end), frozenset(places)
+    for platoon, of_platoon in trajectories.groupby("platoon_id"):
+        members: list[Own] = []
+        speeds: dict[int, pd.Series] = {}  # by place
+        for (place, vehicle), rows in of_platoon.groupby(["place", "vehicle_id"]):
+            own = events_of.get(vehicle, events[:0])
+            since, until = _first(own, "departed", start), _first(own, "arrived", end)
+            ahead = speeds.get(place - 1)
+            member = Own(vehicle, place, rows, own, since, until, follows[vehicle], collisions, vehicles, ahead)
+            speeds[place] = member.speed
+            members.append(member)
+        yield platoon, Group(members, of_platoon, collisions)
+
+
+def span(trajectories: pd.DataFrame, events: pd.DataFrame) -> tuple[float, float]:
+    """First recorded instant and end of a run [s]."""
+    return float(trajectories.time_s.min()), float(events.loc[events.kind == "end", "time_s"].iloc[0])
+
+
+def speed_gains(speed: pd.Series, ahead: pd.Series | None) -> tuple[float, float]:
+    """L2 and L-infinity norm of a speed's deviation from its mean, each divided by that of the speed ahead.
+
+    Both are indexed by time. NaN without a speed ahead, or where that deviates by less than STEADY.
+    """
+    if ahead is None:
+        return math.nan, math.nan
+    _, here, there = np.intersect1d(speed.index, ahead.index, assume_unique=True, return_indices=True)
+    own, other = (v.to_numpy()[at] - v.iloc[at].mean() for v, at in ((speed, here), (ahead, there)))
+    if not len(other) or _root_mean_square(other) < STEADY:
+        return math.nan, math.nan
+    return _root_mean_square(own) / _root_mean_square(other), np.abs(own).max() / np.abs(other).max()
+
+
+def rms(values: pd.Series) -> float:
+    """Root mean square of the values that are there; NaN of none."""
+    values = values.dropna()
+    return _root_mean_square(values) if len(values) else math.nan
+
+
+def share(part: float, whole: float) -> float:
+    return part / whole if whole else math.nan
+
+
+def _root_mean_square(values: pd.Series | np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def _first(own: pd.DataFrame, kind: str, otherwise: float) -> float:
+    """Time of the first event of a kind [s]."""
+    times = own.loc[own.kind == kind, "time_s"]
+    return float(times.iloc[0]) if len(times) else otherwise
