@@ -205,6 +205,21 @@ def test_shipped_scenarios_are_sound_and_have_a_title(name):
     simulation.prepare(loaded)
 
 
+def test_a_replay_of_platoons_without_followers_can_be_recorded():
+    world = scenario.load("paper_world")
+    assert [platoon.follower is None for platoon in world.spec.platoon].count(True) == 5
+    assert world.for_replay().spec.record.scans_every_s == 0.5  # ten lasers for ten minutes
+
+
+def test_faults_of_gains_and_of_the_lidar_are_reported_together(scenario_file):
+    old, new = 'law = "repaired"', 'law = "repaired"\nstand_of_m = 1.0\nheading_gain_per_s = "fast"'
+    file = scenario_file((old, new), ('lidar = "paper-follower"', "lidar = { rate_hz = 30.0 }"))
+    assert [fault.partition(": ")[2].partition(":")[0] for fault in faults(file)] == [
+        "platoon.0.follower.heading_gain_per_s", "platoon.0.follower.stand_of_m",
+        "platoon.0.follower.lidar.rate_hz",
+    ]  # fmt: skip
+
+
 def test_keys_in_every_form_of_toml_have_their_line():
     text = '''a = 1
 b.c = [
