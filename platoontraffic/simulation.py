@@ -1,262 +1,269 @@
-"""A run, from a checked scenario to a folder of results. The loop in `simulate` is the table of contents."""
+"""Platoons in traffic, one instant at a time. The loop, `Simulation.step`, is the table of contents of the package."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
-import shapely
-import tomli_w
 
-from platoontraffic.errors import InputError, MissingError, RunError
-from platoontraffic.lidar import Scene
+from platoontraffic import scenario as scenarios
+from platoontraffic.lidar import ScanBatch, Scene
 from platoontraffic.observation.encounters import Encounters
-from platoontraffic.observation.observer import Observer
-from platoontraffic.results import metrics, provenance, sumo_tables
-from platoontraffic.results import recorder as recording
-from platoontraffic.results.recorder import Recorder
-from platoontraffic.road.network import Network
-from platoontraffic.scenario import Run, Scenario
-from platoontraffic.sumo.window import Window
+from platoontraffic.observation.observer import Measures, Observer
+from platoontraffic.results.provenance import Stopwatch
+from platoontraffic.results.sumo_tables import sumo_options
+from platoontraffic.scenario import Breakdown
 from platoontraffic.sumo.world import World
-from platoontraffic.world import manoeuvres, obstacles
+from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.world.breakdowns import Breakdowns
 from platoontraffic.world.contact import Contacts
-from platoontraffic.world.deployment import deploy, static_scene
 from platoontraffic.world.events import Event
 from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.ground import BareGround, Ground
+from platoontraffic.world.manoeuvres import Order
+from platoontraffic.world.manoeuvres import Orders as Manoeuvres
 from platoontraffic.world.obstacles import Obstacles, Plan
+from platoontraffic.world.prepared import Prepared, departures, prepare
 from platoontraffic.world.sensing import Sensing
+from platoontraffic.world.traffic import TrafficSnapshot
 
-Progress = Callable[[float], None]  # told the simulated time [s] now and then
-SAFE_EVERY = 10.0  # what was recorded is flushed to disk every so many simulated seconds
+__all__ = ["Instant", "Outcome", "Prepared", "Setting", "Simulation", "prepare", "setting_of"]
+
+
+class Unobserved:
+    """Stands in for an observer where nothing is to be measured."""
+
+    def watch(self, *_: Any) -> list[Event]:
+        return []
+
+    def measure(self, fleet: Fleet) -> Measures:
+        raise RuntimeError("this simulation has no observer, so it has no measures")
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """A scenario with its road read and its members placed: all that can be wrong with the input has been seen."""
+class Setting:
+    """All that a simulation is made of. A reset begins with the same setting again."""
 
-    scenario: Scenario
-    network: Network
-    scene: Scene
-    members: tuple[Member, ...]
-    obstacles: tuple[Plan, ...] = ()
-    orders: tuple[manoeuvres.Order, ...] = ()
-
-
-def prepare(scenario: Scenario) -> Prepared:
-    """raises: InputError"""
-    network = Network.read(scenario.net)
-    # In large networks these take seconds, which are not the loop's.
-    network.middle_lines()
-    network.entered_from  # noqa: B018
-    scene = static_scene(scenario, network)
-    members = deploy(scenario, network, scene)
-    plans = obstacles.plans(scenario, network, members)
-    return Prepared(scenario, network, scene, members, plans, manoeuvres.orders(scenario, network, members))
+    members: Sequence[Member]
+    scene: Scene  # static obstacles
+    dt: float  # [s]
+    steps: int | None = None  # after which it ends; None: it has no set end
+    seed: int = 0  # of all sensor errors
+    lidar_engine: str = "raster"
+    ground: Callable[[], AbstractContextManager[Ground]] = BareGround
+    observer: Callable[[], Observer | Unobserved] = Unobserved
+    obstacles: Sequence[Plan] = ()
+    orders: Sequence[Order] = ()
+    breakdowns: Sequence[Breakdown] = ()
+    laps: float | None = None  # it ends when every member has turned through as many full circles
+    whole_traffic_every: int | None = None  # steps; snapshots between them may lack what is out of range of all members
 
 
-def result_folder(scenario: Scenario, results: Path) -> Path:
-    return results / scenario.spec.name / provenance.run_id(scenario)
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """One instant: every member has sensed the same world, and its law has decided.
 
-
-def simulate(
-    prepared: Prepared,
-    folder: Path,
-    progress: Progress = lambda time: None,
-    replace: bool = False,
-    window: Window | None = None,
-) -> Path:
-    """Run, and leave everything in `folder`; returns it.
-
-    replace: put the results in the place of an equal run's, which is there until then
-    window : to watch it in
-
-    raises: RunError (SUMO or the disk failed), KeyboardInterrupt: what was recorded is kept in `<folder>.unfinished`;
-            InputError (a plug-in failed), MissingError (no display): nothing is kept
+    Arrays (n,) of the fleet and its measures have one row a member on the road, in the order of `fleet.members`; the
+    first n rows of `traffic` are the same members. SI, radians; x east, y north, headings counter-clockwise from east.
     """
-    record = prepared.scenario.spec.record
-    recorder = Recorder(folder, traffic=record.traffic_every_s is not None, scans=record.scans_every_s is not None)
-    try:
-        _simulate(prepared, recorder, progress, window)
-        return recorder.finish(replace)
-    except (InputError, MissingError):
-        recorder.discard()
-        raise
-    except (Exception, KeyboardInterrupt) as error:
-        kept = recorder.keep_unfinished()
-        if isinstance(error, OSError):
-            raise RunError(f"{kept}: {error.strerror}; what was recorded until then is kept there") from error
-        error.add_note(f"what was recorded until then is kept in {kept}")
-        raise
+
+    step: int  # 0 at the reset
+    traffic: TrafficSnapshot  # members, then background traffic near them, then obstacles
+    fleet: Fleet  # motion, commands, targets and memories of the members
+    scans: Sequence[ScanBatch | None]  # a batch for each of `fleet.groups`; None where no scan was due
+    roads: Sequence[tuple[str, str]]  # edge and lane of each member, as SUMO has them; the lane is "" off the road
+    events: Sequence[Event]  # since the instant before
+    ended: str  # "arrived", "laps" or "duration" at the last instant; "" before it
+    _measure: Callable[[Instant], Measures] = field(repr=False)
+
+    @property
+    def time(self) -> float:
+        """Since the platoons were placed [s]."""
+        return self.traffic.time
+
+    @cached_property
+    def measures(self) -> Measures:
+        """What is measured from outside. Computed at the first look, which must come before the next step."""
+        return self._measure(self)
 
 
-def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window: Window | None) -> None:
-    scenario, network = prepared.scenario, prepared.network
-    run, record = scenario.spec.run, scenario.spec.record
-    dt = run.step_s
-    facts = provenance.provenance(scenario)
-    recorder.write("config.toml", tomli_w.dumps(scenario.resolved(recorder.folder)))
-    recorder.write("provenance.json", recording.as_json(facts))
-    fleet, later = _departures(prepared.members, dt)
-    world = World(
-        network,
-        dt,
-        scenario.seed,
-        recorder.folder / "run.log",
-        sumo_tables.sumo_options(scenario, recorder.folder),
-        scenario.spec.sumo.warm_up_s,
-        window,
-    )
-    sensing = Sensing(prepared.scene, scenario.spec.scene.lidar_engine, scenario.seed)
-    observer = Observer(prepared.members, network, Contacts(prepared.scene, {m.id for m in prepared.members}))
-    steps = round(run.duration_s / dt)
-    record_every = round(record.every_s / dt)
-    traffic_every = round((record.traffic_every_s or 1.0) / dt)
-    scans_every = round((record.scans_every_s or 1.0) / dt)
-    safe_every = round(SAFE_EVERY / dt)
+class Outcome(NamedTuple):
+    """How a simulation ended."""
 
-    watch = provenance.Stopwatch()
-    read, signals, scan = watch("read", world.snapshot), watch("signals", world.signals), watch("scan", sensing.scan)
-    odometry = watch("odometry", sensing.odometry)
-    observe, measure = watch("observe", observer.watch), watch("measure", observer.measure)
-    write, place, advance = watch("record", recorder.record), watch("place", world.place), watch("step", world.advance)
-    decide, move = watch("decide", Fleet.decided), watch("move", Fleet.moved)
-    show = watch("show", window.show) if window else lambda fleet, scans: None
-
-    ways = {plan.id: plan.edges for plan in prepared.obstacles if plan.seen_by_sumo}
-
-    began = time.perf_counter()
-    with world:
-        fleet = world.deploy(fleet, later)
-        others = Obstacles(prepared.obstacles, fleet)
-        encounters = Encounters(others, prepared.members)
-        orders = manoeuvres.Orders(prepared.orders)
-        breakdowns = Breakdowns(scenario.spec.breakdown)
-        world.hold(others.bodies, ways)
-        for step in range(steps + 1):
-            whole = record.traffic_every_s is not None and step % traffic_every == 0
-            traffic = read(fleet, np.inf if whole else fleet.sight)
-            broken = breakdowns.watch(fleet, traffic.time)
-            scans = breakdowns.seen(scan(traffic, fleet, step), fleet)
-            fleet, told = orders.given(fleet, traffic.time)
-            lines = signals(fleet)
-            fleet = decide(fleet, scans, dt, lines, odometry(fleet, step))
-            roads = world.roads(fleet)
-            noted = [*told, *broken, *world.violations(fleet)]
-            events = observe(traffic, fleet, scans, roads, lines, noted)
-            recorder.note([*events, *encounters.watch(traffic, fleet, events)])
-            if step % record_every == 0:
-                write(traffic, fleet, measure(fleet), roads)
-            if whole:
-                recorder.record_traffic(traffic, len(fleet))
-            if recorder.scans:
-                recorder.scans.record(step, scans_every, traffic, fleet, scans)
-            if step % safe_every == 0:
-                recorder.flush()
-                progress(traffic.time)
-            if ended := _ended(run, fleet, world.waiting, step == steps):
-                break
-            brakes = breakdowns.brakes(fleet)
-            fleet = move(fleet, dt, brakes)
-            others.move(traffic, fleet.expected(dt), dt)
-            place(fleet, brakes)
-            world.hold(others.bodies, ways)
-            show(fleet, scans)
-            fleet = advance(fleet)
-    wall = time.perf_counter() - began
-    left = (m for platoon in world.waiting for m in platoon.members)
-    nowhere = np.nan, np.nan, "", np.nan
-    recorder.note(Event(traffic.time, "never_departed", m.id, "", *nowhere, "no room until the end") for m in left)
-    recorder.note([Event(traffic.time, "end", "", "", *nowhere, ended)])
-    facts["status"] = "finished"
-    facts["simulated_s"] = traffic.time
-    facts["wall_s"] = round(wall, 3)
-    facts["real_time_factor"] = round(traffic.time / wall, 2)
-    facts["stage_s"] = {stage: round(seconds, 3) for stage, seconds in watch.seconds.items()}
-    facts["sumo_words"] = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:100]
-    _conclude(prepared, recorder, facts, encounters)
+    time: float  # [s]
+    ended: str  # as in `Instant`
+    never_departed: Sequence[Member]  # they waited for room until the end
 
 
-def _ended(run: Run, fleet: Fleet, waiting: Sequence[Fleet], last: bool) -> str:
-    """Why the run ends with this step; "" if it goes on."""
-    if not len(fleet) and not waiting:
-        return "arrived"
-    if run.laps and len(fleet) and not waiting and (np.abs(fleet.motion.turned) >= 2 * np.pi * run.laps).all():
-        return "laps"
-    return "duration" if last else ""
+class Simulation:
+    """Platoons in traffic, one instant at a time: what moves and what is remembered. It writes no files.
+
+    A context manager, and an iterator of instants:
+
+        with Simulation.load("corridor_platoon", "run.duration_s=60") as simulation:
+            for instant in simulation:
+                print(instant.time, instant.measures.gap)
+
+    In place of the iteration, `reset` gives the first instant and each `step` the next one. One process holds one
+    simulation in SUMO at a time.
+    """
+
+    def __init__(self, setting: Setting, stopwatch: Stopwatch | None = None) -> None:
+        self.setting = setting
+        self.stopwatch = stopwatch or Stopwatch()
+        self._open = ExitStack()
+
+    @classmethod
+    def load(cls, scenario: str | Path, *changes: str, seed: int | None = None) -> Simulation:
+        """The simulation of a scenario file, or of a shipped scenario by its name, with keys changed: `key=value`.
+
+        raises: InputError with one line for every fault found
+        """
+        return cls(setting_of(prepare(scenarios.load(scenario, changes, seed))))
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._open.__exit__(kind, error, trace)
+
+    def __iter__(self) -> Iterator[Instant]:
+        yield self.reset()
+        while not self.now.ended:
+            yield self.step()
+
+    def reset(self) -> Instant:
+        """Begin anew, in a new world; the first instant.
+
+        raises: InputError (SUMO refuses a file), RunError (a member cannot be inserted, or SUMO already runs here)
+        """
+        self._open.close()
+        setting, watch = self.setting, self.stopwatch
+        world = self._open.enter_context(setting.ground())
+        self.world = watch.wrap(world, snapshot="read", signals="signals", place="place", advance="step")
+        self.sensors = Sensing(setting.scene, setting.lidar_engine, setting.seed)
+        self._scan, self._odometry = watch("scan", self.sensors.scan), watch("odometry", self.sensors.odometry)
+        self.observer = watch.wrap(setting.observer(), watch="observe", measure="measure")
+        self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
+        fleet, later = departures(setting.members, setting.dt)
+        self.fleet = self.world.deploy(fleet, later)
+        self.obstacles = Obstacles(setting.obstacles, self.fleet)
+        self.encounters = Encounters(self.obstacles, setting.members)
+        self._hold_obstacles()
+        return self._decide(0)
+
+    def step(self, override: Mapping[str, Twist | Drive] | None = None) -> Instant:
+        """Every member moves by its command; then the next instant.
+
+        override: commands, by member id, in place of those of the members' laws
+
+        raises: ValueError (a command for no member, for one that SUMO drives, or not finite), RunError (SUMO failed),
+                InputError (a plug-in failed), RuntimeError (the simulation has ended)
+        """
+        if self.now.ended:
+            raise RuntimeError(f"the simulation has ended ({self.now.ended}); reset() begins anew")
+        brakes = self.breakdowns.brakes(self.fleet)
+        fleet = self.fleet.commanded(override or {}).moved(self.setting.dt, brakes)
+        self.obstacles.move(self.now.traffic, fleet.expected(self.setting.dt), self.setting.dt)
+        self.world.place(fleet, brakes)
+        self._hold_obstacles()
+        self.fleet = self.world.advance(fleet)
+        return self._decide(self.now.step + 1)
+
+    def _decide(self, step: int) -> Instant:
+        """Every member senses the same world; then every law decides."""
+        fleet, dt = self.fleet, self.setting.dt
+        traffic = self.world.snapshot(fleet, self._reach(step))
+        failed = self.breakdowns.watch(fleet, traffic.time)
+        scans = self.breakdowns.seen(self._scan(traffic, fleet, step), fleet)
+        fleet, ordered = self.manoeuvres.given(fleet, traffic.time)
+        signals = self.world.signals(fleet)
+        self.fleet = fleet.decided(scans, dt, signals, self._odometry(fleet, step))
+        roads, noted = self.world.roads(fleet), [*ordered, *failed, *self.world.violations(fleet)]
+        events = self.observer.watch(traffic, self.fleet, scans, roads, signals, noted)
+        events = [*events, *self.encounters.watch(traffic, self.fleet, events)]
+        self.now = Instant(step, traffic, self.fleet, scans, roads, events, self._ended(step), self._measured)
+        return self.now
+
+    @property
+    def outcome(self) -> Outcome:
+        """raises: RuntimeError while it goes on"""
+        if not self.now.ended:
+            raise RuntimeError("the simulation has not ended")
+        waiting = [member for platoon in self.world.waiting for member in platoon.members]
+        return Outcome(self.now.time, self.now.ended, waiting)
+
+    def _reach(self, step: int) -> float:
+        """How far from every member background vehicles are wanted [m]."""
+        every = self.setting.whole_traffic_every
+        return np.inf if every and step % every == 0 else self.fleet.sight
+
+    def _hold_obstacles(self) -> None:
+        plans = self.obstacles.plans
+        self.world.hold(self.obstacles.bodies, {plan.id: plan.edges for plan in plans if plan.seen_by_sumo})
+
+    def _ended(self, step: int) -> str:
+        """Why the simulation ends at this instant; "" if it goes on."""
+        fleet, waiting, laps = self.fleet, self.world.waiting, self.setting.laps
+        if not len(fleet) and not waiting:
+            return "arrived"
+        if laps and len(fleet) and not waiting and (np.abs(fleet.motion.turned) >= 2 * np.pi * laps).all():
+            return "laps"
+        return "duration" if step == self.setting.steps else ""
+
+    def _measured(self, instant: Instant) -> Measures:
+        if instant is not self.now:
+            raise RuntimeError(f"measures of {instant.time:g} s are wanted after the next step; look at them before it")
+        return self.observer.measure(instant.fleet)
 
 
-def _departures(members: Sequence[Member], dt: float) -> tuple[Fleet, list[Fleet]]:
-    """Those that stand there at time 0, and the platoons that depart later."""
-    number = {m.id: i for i, m in enumerate(members)}
+def setting_of(prepared: Prepared, folder: Path | None = None, client: Any = None) -> Setting:
+    """The setting of a scenario in SUMO.
 
-    def fleet(some: list[Member]) -> Fleet:
-        return Fleet.deployed(some, dt, np.array([number[m.id] for m in some], dtype=int))
-
-    platoons: dict[str, list[Member]] = {}
-    for m in members:
-        platoons.setdefault(m.platoon, []).append(m)
-    later = [fleet(platoon) for platoon in platoons.values() if platoon[0].departs > 0]
-    return fleet([m for m in members if m.departs == 0]), later
-
-
-def _conclude(prepared: Prepared, recorder: Recorder, facts: dict, encounters: Encounters) -> None:
-    """The files that are made of the whole run."""
+    folder: for the files that SUMO writes; None: a temporary one
+    client: functions of the module libsumo, in its place: a window
+    """
     scenario, spec = prepared.scenario, prepared.scenario.spec
-    recorder.close_tables()
-    values = metrics.compute(*(pd.read_csv(recorder.folder / f"{t}.csv") for t in ("trajectories", "events")))
-    sumo_tables.write_tables(recorder, scenario)
-    if "trips" in spec.record.sumo:
-        trips = sumo_tables.read_trips(recorder.folder)
-        others = {m.id for m in prepared.members} | {plan.id for plan in prepared.obstacles}
-        of_traffic = sumo_tables.traffic_metrics(trips, others)
-        values += [metrics.Metric("traffic", "", "", *metric) for metric in of_traffic]
-    if prepared.obstacles:
-        recorder.write_table("encounters.csv", encounters.rows(), recording.ENCOUNTERS)
-        values += metrics.of_obstacles(*(pd.read_csv(recorder.folder / f"{t}.csv") for t in ("encounters", "events")))
-    recorder.write_table("metrics.csv", values, recording.METRICS)
-    recorder.write_vehicles(prepared.members)
-    recorder.write("summary.csv", metrics.summary(spec.name, spec.seed, scenario.varied, values))
-    recorder.write("scene.geojson", recording.as_json(_scene(prepared)))
-    recorded = {
-        "traffic": spec.record.traffic_every_s is not None,
-        "encounters": bool(prepared.obstacles),
-        "scans": spec.record.scans_every_s is not None,
-    }
-    package = recording.datapackage(spec.name, spec.title, **recorded)
-    described = next(resource for resource in package["resources"] if resource["name"] == "metrics")
-    described["metrics"] = meanings = {}
-    for m in values:
-        of_traffic = m.scope == "traffic"
-        meanings.setdefault(m.scope, {})[m.name] = (
-            sumo_tables.MEANINGS[m.name] if of_traffic else metrics.meaning(m.name)
-        )
-    package["resources"] += sumo_tables.resources(spec.record.sumo)
-    recorder.write("datapackage.json", recording.as_json(package))
-    facts["sumo_options_ignored"] = list(scenario.configuration.ignored) if scenario.configuration else []
-    recorder.write("provenance.json", recording.as_json(facts))
+    dt, members = spec.run.step_s, prepared.members
+
+    @contextmanager
+    def ground() -> Iterator[World]:
+        with ExitStack() as stack:
+            files = folder or Path(stack.enter_context(TemporaryDirectory(prefix="platoontraffic-")))
+            options, warm_up = sumo_options(scenario, files), spec.sumo.warm_up_s
+            yield stack.enter_context(
+                World(prepared.network, dt, scenario.seed, files / "run.log", options, warm_up, client)
+            )
+
+    def observer() -> Observer:
+        return Observer(members, prepared.network, Contacts(prepared.scene, {m.id for m in members}))
+
+    return Setting(
+        members,
+        prepared.scene,
+        dt,
+        steps=round(spec.run.duration_s / dt),
+        seed=scenario.seed,
+        lidar_engine=spec.scene.lidar_engine,
+        ground=ground,
+        observer=observer,
+        obstacles=prepared.obstacles,
+        orders=prepared.orders,
+        breakdowns=spec.breakdown,
+        laps=spec.run.laps,
+        whole_traffic_every=steps_of(spec.record.traffic_every_s, dt),
+    )
 
 
-def _scene(prepared: Prepared) -> dict:
-    """The road and what stands beside it as GeoJSON, in the network's metres: what pictures are drawn on."""
-    walls, network = prepared.scene.segments.reshape(-1, 2, 2), prepared.network
-    parts = {
-        "road": network.drivable,
-        "junctions": shapely.MultiPolygon(network.junctions()),
-        "lanes": shapely.MultiLineString(network.lane_borders()),
-        "middle": shapely.MultiLineString(network.middle_lines()),
-        "walls": shapely.MultiLineString(list(walls)),
-        "buildings": prepared.scene.solids or shapely.MultiPolygon(),
-    }
-    return {
-        "type": "FeatureCollection",
-        "features": [
-            {"type": "Feature", "properties": {"kind": kind}, "geometry": shapely.geometry.mapping(shape)}
-            for kind, shape in parts.items()
-        ],
-    }
+def steps_of(every: float | None, dt: float) -> int | None:
+    """A period [s] in steps."""
+    return None if every is None else round(every / dt)

@@ -86,6 +86,12 @@ class Stopwatch:
 
         return timed
 
+    def wrap(self, component: T, **stages: str) -> T:
+        """The component itself, its methods timed; method=stage."""
+        for method, stage in stages.items():
+            setattr(component, method, self(stage, getattr(component, method)))
+        return component
+
 
 def _own_sources() -> str:
     digest = hashlib.sha256()

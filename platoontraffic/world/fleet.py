@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import inspect
 import traceback
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from platoontraffic.controllers import Body, Decision, RouteAhead, Sensed, Signals, Target
-from platoontraffic.errors import InputError
+from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.road.route import Route, Routes
@@ -259,6 +259,28 @@ class Fleet:
             target=Target(distance, bearing),
             groups=tuple(groups),
         )
+
+    def commanded(self, override: Mapping[str, Twist | Drive]) -> Fleet:
+        """The fleet with other commands for some members, by id.
+
+        raises: ValueError where there is no such member, where SUMO drives it, or where a command is not finite
+        """
+        if not override:
+            return self
+        row_of = {m.id: i for i, m in enumerate(self.members)}
+        twist, drive = (type(kind)(*(values.copy() for values in kind)) for kind in self.command)
+        for name, command in override.items():
+            row = row_of.get(name)
+            if row is None:
+                raise ValueError(f"{name!r}: no member on the road{did_you_mean(name, row_of)}")
+            if self.native[row]:
+                raise ValueError(f"{name!r}: SUMO drives it; it takes no command")
+            if not np.isfinite(command).all():
+                raise ValueError(f"{name!r}: {command}; must be finite")
+            given = Command.of(command)
+            for old, new in zip((*twist, *drive), (*given.twist, *given.drive), strict=True):
+                old[row] = new
+        return replace(self, command=Command(twist, drive))
 
     def moved(self, dt: float, brakes: np.ndarray | None = None) -> Fleet:
         """After dt; those that SUMO drives stay, until it has moved them.
