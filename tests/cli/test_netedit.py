@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from platoontraffic import scenario, simulation
 from platoontraffic.cli import nets
 from platoontraffic.cli.nets import differences, nets_app, read
+from platoontraffic.run import run as run_into
 from tests.support import ODD_NETS
 
 NETS = ODD_NETS
@@ -104,7 +105,7 @@ def test_it_is_driven_on(tmp_path, size, duration, edge):
     file = tmp_path / "drawn.toml"
     way = ", ".join(f'"{edge}"' for edge in WAY)
     file.write_text(RUN.format(net=SAVED.name, way=way, size=size, duration=duration), encoding="utf-8")
-    folder = simulation.simulate(simulation.prepare(scenario.load(file)), tmp_path / "results")
+    folder = run_into(simulation.prepare(scenario.load(file)), tmp_path / "results")
     rows = pd.read_csv(folder / "trajectories.csv")
     last = rows[rows.time_s == rows.time_s.max()]
     assert list(last.edge_id) == [edge] * size
