@@ -152,6 +152,7 @@ class Simulation:
         self.world = watch.wrap(world, snapshot="read", signals="signals", place="place", advance="step")
         self.sensors = Sensing(setting.scene, setting.lidar_engine, setting.seed)
         self._scan, self._odometry = watch("scan", self.sensors.scan), watch("odometry", self.sensors.odometry)
+        self._decided, self._moved = watch("decide", Fleet.decided), watch("move", Fleet.moved)
         self.observer = watch.wrap(setting.observer(), watch="observe", measure="measure")
         self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
         fleet, later = departures(setting.members, setting.dt)
@@ -172,7 +173,7 @@ class Simulation:
         if self.now.ended:
             raise RuntimeError(f"the simulation has ended ({self.now.ended}); reset() begins anew")
         brakes = self.breakdowns.brakes(self.fleet)
-        fleet = self.fleet.commanded(override or {}).moved(self.setting.dt, brakes)
+        fleet = self._moved(self.fleet.commanded(override or {}), self.setting.dt, brakes)
         self.obstacles.move(self.now.traffic, fleet.expected(self.setting.dt), self.setting.dt)
         self.world.place(fleet, brakes)
         self._hold_obstacles()
@@ -187,7 +188,7 @@ class Simulation:
         scans = self.breakdowns.seen(self._scan(traffic, fleet, step), fleet)
         fleet, ordered = self.manoeuvres.given(fleet, traffic.time)
         signals = self.world.signals(fleet)
-        self.fleet = fleet.decided(scans, dt, signals, self._odometry(fleet, step))
+        self.fleet = self._decided(fleet, scans, dt, signals, self._odometry(fleet, step))
         roads, noted = self.world.roads(fleet), [*ordered, *failed, *self.world.violations(fleet)]
         events = self.observer.watch(traffic, self.fleet, scans, roads, signals, noted)
         events = [*events, *self.encounters.watch(traffic, self.fleet, events)]
