@@ -1,195 +1,249 @@
-"""A run, from a checked scenario to a folder of results. The loop in `simulate` is the table of contents."""
+"""Platoons in traffic, one instant at a time. The loop, `Simulation.step`, is the table of contents of the package."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+from typing import Any, NamedTuple
 
 import numpy as np
-import tomli_w
 
-from platoontraffic.errors import InputError, MissingError, RunError
+from platoontraffic import scenario as scenarios
 from platoontraffic.lidar import Scene
 from platoontraffic.observation.encounters import Encounters
-from platoontraffic.observation.observer import Observer
-from platoontraffic.results import plug_in_metrics, provenance, sumo_tables
-from platoontraffic.results.columns import Instant
-from platoontraffic.results.conclusion import MetricError, conclude, scene
-from platoontraffic.results.recorder import SAFE_EVERY, Clocks, Recorder
-from platoontraffic.road.network import Network
-from platoontraffic.scenario import Run, Scenario
-from platoontraffic.sumo.window import Window
+from platoontraffic.observation.instant import Instant
+from platoontraffic.observation.observer import Measures, Observer
+from platoontraffic.results import plug_in_metrics
+from platoontraffic.results.provenance import Stopwatch
+from platoontraffic.results.sumo_tables import sumo_options
+from platoontraffic.scenario import Breakdown, Scenario
+from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.world import World
-from platoontraffic.world import manoeuvres, obstacles
+from platoontraffic.vehicles.motion import Drive, Twist
+from platoontraffic.world import prepared as preparation
 from platoontraffic.world.breakdowns import Breakdowns
 from platoontraffic.world.contact import Contacts
-from platoontraffic.world.deployment import deploy, static_scene
 from platoontraffic.world.events import Event
 from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.ground import BareGround, Ground
+from platoontraffic.world.manoeuvres import Manoeuvres, Order
 from platoontraffic.world.obstacles import Obstacles, Plan
+from platoontraffic.world.prepared import Prepared, departures
 from platoontraffic.world.sensing import Sensing
 
-Progress = Callable[[float], None]  # told the simulated time [s] now and then
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """A scenario with its road read and its members placed: all that can be wrong with the input has been seen."""
-
-    scenario: Scenario
-    network: Network
-    scene: Scene
-    members: tuple[Member, ...]
-    obstacles: tuple[Plan, ...] = ()
-    orders: tuple[manoeuvres.Order, ...] = ()
+__all__ = ["Instant", "Outcome", "Prepared", "Setting", "Simulation", "prepare", "setting_of"]
 
 
 def prepare(scenario: Scenario) -> Prepared:
-    """raises: InputError"""
+    """A scenario made ready to be simulated. raises: InputError with one line for every fault found"""
     plug_in_metrics.check(scenario.metrics.metrics)
-    network = Network.read(scenario.net)
-    # In large networks these take seconds, which are not the loop's.
-    network.middle_lines()
-    network.entered_from  # noqa: B018
-    static = static_scene(scenario, network)
-    members = deploy(scenario, network, static)
-    plans = obstacles.plans(scenario, network, members)
-    return Prepared(scenario, network, static, members, plans, manoeuvres.orders(scenario, network, members))
+    return preparation.prepare(scenario)
 
 
-def result_folder(scenario: Scenario, results: Path) -> Path:
-    return results / scenario.spec.name / provenance.run_id(scenario)
+class Unobserved:
+    """Stands in for an observer where nothing is to be measured."""
+
+    def observe(self, *_: Any) -> list[Event]:
+        return []
+
+    def measure(self, fleet: Fleet) -> Measures:
+        raise RuntimeError("this simulation has no observer, so it has no measures")
 
 
-def simulate(
-    prepared: Prepared,
-    folder: Path,
-    progress: Progress = lambda time: None,
-    replace: bool = False,
-    window: Window | None = None,
-) -> Path:
-    """Run, and leave everything in `folder`; returns it.
+@dataclass(frozen=True)
+class Setting:
+    """All that a simulation is made of. A reset begins with the same setting again."""
 
-    replace: put the results in the place of an equal run's, which is there until then
-    window : to watch it in
+    members: Sequence[Member]
+    scene: Scene  # static obstacles
+    dt: float  # [s]
+    steps: int | None = None  # after which it ends; None: it has no set end
+    seed: int = 0  # of all sensor errors
+    lidar_engine: str = "raster"
+    ground: Callable[[], AbstractContextManager[Ground]] | None = None  # a new world; None: bare ground
+    observer: Callable[[], Observer | Unobserved] = Unobserved
+    obstacles: Sequence[Plan] = ()
+    orders: Sequence[Order] = ()
+    breakdowns: Sequence[Breakdown] = ()
+    laps: float | None = None  # it ends when every member has turned through as many full circles
+    whole_traffic_every: int | None = None  # steps; snapshots between them may lack what is out of range of all members
 
-    raises: RunError (SUMO or the disk failed), KeyboardInterrupt: what was recorded is kept in `<folder>.unfinished`;
-            MetricError (a metric of a plug-in failed): likewise, with all other files;
-            InputError (another plug-in failed), MissingError (no display): nothing is kept
+
+class Outcome(NamedTuple):
+    """How a simulation ended."""
+
+    time: float  # [s]
+    ended: str  # as in `Instant`
+    never_departed: Sequence[Member]  # they waited for room until the end
+
+
+class Simulation:
+    """Platoons in traffic, one instant at a time: what moves and what is remembered. It writes no files.
+
+    A context manager, and an iterator of instants:
+
+        with Simulation.load("corridor_platoon", "run.duration_s=60") as simulation:
+            for instant in simulation:
+                print(instant.time, instant.measures.gap)
+
+    In place of the iteration, `reset` gives the first instant and each `step` the next one. One process holds one
+    simulation in SUMO at a time.
     """
-    spec = prepared.scenario.spec
-    recorder = Recorder(folder, Clocks.of(spec.record, spec.run.step_s))
-    try:
-        _simulate(prepared, recorder, progress, window)
-        return recorder.finish(replace)
-    except MetricError as error:
-        kept = recorder.keep_unfinished()
-        raise MetricError(*error.faults, f"{kept}: all tables of the run are kept there") from error
-    except (InputError, MissingError):
-        recorder.discard()
-        raise
-    except (Exception, KeyboardInterrupt) as error:
-        kept = recorder.keep_unfinished()
-        if isinstance(error, OSError):
-            raise RunError(f"{kept}: {error.strerror}; what was recorded until then is kept there") from error
-        error.add_note(f"what was recorded until then is kept in {kept}")
-        raise
+
+    def __init__(self, setting: Setting, stopwatch: Stopwatch | None = None) -> None:
+        self.setting = setting
+        self.stopwatch = stopwatch or Stopwatch()
+        self._open = ExitStack()
+
+    @classmethod
+    def load(cls, scenario: str | Path, *changes: str, seed: int | None = None) -> Simulation:
+        """The simulation of a scenario file, or of a shipped scenario by its name, with keys changed: `key=value`.
+
+        raises: InputError with one line for every fault found
+        """
+        return cls(setting_of(prepare(scenarios.load(scenario, changes, seed))))
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._open.__exit__(kind, error, trace)
+
+    def __iter__(self) -> Iterator[Instant]:
+        yield self.reset()
+        while not self.now.ended:
+            yield self.step()
+
+    def reset(self) -> Instant:
+        """Begin anew, in a new world; the first instant.
+
+        raises: InputError (SUMO refuses a file), RunError (a member cannot be inserted, or SUMO already runs here)
+        """
+        self._open.close()
+        setting, watch = self.setting, self.stopwatch
+        world = self._open.enter_context(setting.ground() if setting.ground else BareGround(setting.dt))
+        self.world = watch.wrap(world, snapshot="read", signals="signals", place="place", advance="step")
+        self.sensors = Sensing(setting.scene, setting.lidar_engine, setting.seed)
+        self._scan, self._odometry = watch("scan", self.sensors.scan), watch("odometry", self.sensors.odometry)
+        self._decided, self._moved = watch("decide", Fleet.decided), watch("move", Fleet.moved)
+        self.observer = watch.wrap(setting.observer(), observe="observe", measure="measure")
+        self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
+        fleet, later = departures(setting.members, setting.dt)
+        self.fleet = self.world.deploy(fleet, later)
+        self.obstacles = Obstacles(setting.obstacles, self.fleet)
+        self.encounters = Encounters(self.obstacles, setting.members)
+        self._hold_obstacles()
+        return self._decide(0)
+
+    def step(self, override: Mapping[str, Twist | Drive] | None = None) -> Instant:
+        """Every member moves by its command; then the next instant.
+
+        override: commands, by member id, in place of those of the members' laws
+
+        raises: ValueError (a command for no member, for one that SUMO drives, or not finite), RunError (SUMO failed),
+                InputError (a plug-in failed), RuntimeError (the simulation has ended)
+        """
+        if self.now.ended:
+            raise RuntimeError(f"the simulation has ended ({self.now.ended}); reset() begins anew")
+        brakes = self.breakdowns.brakes(self.fleet)
+        fleet = self._moved(self.fleet.commanded(override or {}), self.setting.dt, brakes)
+        self.obstacles.move(self.now.traffic, fleet.expected(self.setting.dt), self.setting.dt)
+        self.world.place(fleet, brakes)
+        self._hold_obstacles()
+        self.fleet = self.world.advance(fleet)
+        return self._decide(self.now.step + 1)
+
+    def _decide(self, step: int) -> Instant:
+        """Every member senses the same world; then every law decides."""
+        fleet, dt = self.fleet, self.setting.dt
+        traffic = self.world.snapshot(fleet, self._reach(step))
+        failed = self.breakdowns.due(fleet, traffic.time)
+        scans = self.breakdowns.blinded(self._scan(traffic, fleet, step), fleet)
+        fleet, ordered = self.manoeuvres.applied(fleet, traffic.time)
+        signals = self.world.signals(fleet)
+        self.fleet = self._decided(fleet, scans, dt, signals, self._odometry(fleet, step))
+        roads, noted = self.world.roads(fleet), [*ordered, *failed, *self.world.violations(fleet)]
+        events = self.observer.observe(traffic, self.fleet, scans, roads, signals, noted)
+        events = [*events, *self.encounters.observe(traffic, self.fleet, events)]
+        self.now = Instant(step, traffic, self.fleet, scans, roads, events, self._measured, self._ended(step))
+        return self.now
+
+    @property
+    def outcome(self) -> Outcome:
+        """raises: RuntimeError while it goes on"""
+        if not self.now.ended:
+            raise RuntimeError("the simulation has not ended")
+        waiting = [member for platoon in self.world.waiting for member in platoon.members]
+        return Outcome(self.now.time, self.now.ended, waiting)
+
+    def _reach(self, step: int) -> float:
+        """How far from every member background vehicles are wanted [m]."""
+        every = self.setting.whole_traffic_every
+        return np.inf if every and step % every == 0 else self.fleet.sight
+
+    def _hold_obstacles(self) -> None:
+        plans = self.obstacles.plans
+        self.world.hold(self.obstacles.bodies, {plan.id: plan.edges for plan in plans if plan.seen_by_sumo})
+
+    def _ended(self, step: int) -> str:
+        """Why the simulation ends at this instant; "" if it goes on."""
+        fleet, waiting, laps = self.fleet, self.world.waiting, self.setting.laps
+        if not len(fleet) and not waiting:
+            return "arrived"
+        if laps and len(fleet) and not waiting and (np.abs(fleet.motion.turned) >= 2 * np.pi * laps).all():
+            return "laps"
+        return "duration" if step == self.setting.steps else ""
+
+    def _measured(self, fleet: Fleet) -> Measures:
+        if fleet is not self.now.fleet:
+            raise RuntimeError("the measures of an instant must be looked at before the next step")
+        return self.observer.measure(fleet)
 
 
-def _simulate(prepared: Prepared, recorder: Recorder, progress: Progress, window: Window | None) -> None:
-    scenario, network = prepared.scenario, prepared.network
-    run, dt = scenario.spec.run, scenario.spec.run.step_s
-    facts = provenance.provenance(scenario)
-    recorder.write("config.toml", tomli_w.dumps(scenario.resolved(recorder.folder)))
-    recorder.write_json("provenance.json", facts)
-    fleet, later = _departures(prepared.members, dt)
-    world = World(
-        network,
+def setting_of(prepared: Prepared, folder: Path | None = None, client: Client | None = None) -> Setting:
+    """The setting of a scenario in SUMO.
+
+    folder: for the files that SUMO writes; None: a temporary one
+    client: the SUMO to call, such as a window's; None: libsumo, in this process
+    """
+    scenario, spec = prepared.scenario, prepared.scenario.spec
+    dt, members = spec.run.step_s, prepared.members
+
+    @contextmanager
+    def ground() -> Iterator[World]:
+        with ExitStack() as stack:
+            files = folder or Path(stack.enter_context(TemporaryDirectory(prefix="platoontraffic-")))
+            options, warm_up = sumo_options(scenario, files), spec.sumo.warm_up_s
+            yield stack.enter_context(
+                World(prepared.network, dt, scenario.seed, files / "run.log", options, warm_up, client)
+            )
+
+    def observer() -> Observer:
+        return Observer(members, prepared.network, Contacts(prepared.scene, {m.id for m in members}))
+
+    return Setting(
+        members,
+        prepared.scene,
         dt,
-        scenario.seed,
-        recorder.folder / "run.log",
-        sumo_tables.sumo_options(scenario, recorder.folder),
-        scenario.spec.sumo.warm_up_s,
-        window,
+        steps=round(spec.run.duration_s / dt),
+        seed=scenario.seed,
+        lidar_engine=spec.scene.lidar_engine,
+        ground=ground,
+        observer=observer,
+        obstacles=prepared.obstacles,
+        orders=prepared.orders,
+        breakdowns=spec.breakdown,
+        laps=spec.run.laps,
+        whole_traffic_every=steps_of(spec.record.traffic_every_s, dt),
     )
-    sensing = Sensing(prepared.scene, scenario.spec.scene.lidar_engine, scenario.seed)
-    observer = Observer(prepared.members, network, Contacts(prepared.scene, {m.id for m in prepared.members}))
-    steps = round(run.duration_s / dt)
-    safe_every = round(SAFE_EVERY / dt)
-
-    watch = provenance.Stopwatch()
-    read, signals, scan = watch("read", world.snapshot), watch("signals", world.signals), watch("scan", sensing.scan)
-    odometry = watch("odometry", sensing.odometry)
-    observe, measure = watch("observe", observer.watch), watch("measure", observer.measure)
-    write, place, advance = watch("record", recorder.record), watch("place", world.place), watch("step", world.advance)
-    decide, move = watch("decide", Fleet.decided), watch("move", Fleet.moved)
-    show = watch("show", window.show) if window else lambda fleet, scans: None
-
-    ways = {plan.id: plan.edges for plan in prepared.obstacles if plan.seen_by_sumo}
-
-    began = time.perf_counter()
-    with world:
-        fleet = world.deploy(fleet, later)
-        others = Obstacles(prepared.obstacles, fleet)
-        encounters = Encounters(others, prepared.members)
-        orders = manoeuvres.Orders(prepared.orders)
-        breakdowns = Breakdowns(scenario.spec.breakdown)
-        world.hold(others.bodies, ways)
-        for step in range(steps + 1):
-            traffic = read(fleet, np.inf if recorder.wants_all_traffic(step) else fleet.sight)
-            broken = breakdowns.watch(fleet, traffic.time)
-            scans = breakdowns.seen(scan(traffic, fleet, step), fleet)
-            fleet, told = orders.given(fleet, traffic.time)
-            lines = signals(fleet)
-            fleet = decide(fleet, scans, dt, lines, odometry(fleet, step))
-            roads = world.roads(fleet)
-            noted = [*told, *broken, *world.violations(fleet)]
-            events = observe(traffic, fleet, scans, roads, lines, noted)
-            events += encounters.watch(traffic, fleet, events)
-            write(Instant(step, traffic, fleet, scans, roads, events, measure))
-            if step % safe_every == 0:
-                progress(traffic.time)
-            if ended := _ended(run, fleet, world.waiting, step == steps):
-                break
-            brakes = breakdowns.brakes(fleet)
-            fleet = move(fleet, dt, brakes)
-            others.move(traffic, fleet.expected(dt), dt)
-            place(fleet, brakes)
-            world.hold(others.bodies, ways)
-            show(fleet, scans)
-            fleet = advance(fleet)
-    wall = time.perf_counter() - began
-    left = (m for platoon in world.waiting for m in platoon.members)
-    nowhere = np.nan, np.nan, "", np.nan
-    recorder.note(Event(traffic.time, "never_departed", m.id, "", *nowhere, "no room until the end") for m in left)
-    recorder.note([Event(traffic.time, "end", "", "", *nowhere, ended)])
-    recorder.write_json("scene.geojson", scene(prepared.scene, network))
-    conclude(recorder, scenario, prepared.members, [plan.id for plan in prepared.obstacles], encounters)
-    words = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:100]
-    outcome = provenance.Outcome(traffic.time, wall, watch.seconds, words)
-    recorder.write_json("provenance.json", provenance.finished(facts, outcome))
 
 
-def _ended(run: Run, fleet: Fleet, waiting: Sequence[Fleet], last: bool) -> str:
-    """Why the run ends with this step; "" if it goes on."""
-    if not len(fleet) and not waiting:
-        return "arrived"
-    if run.laps and len(fleet) and not waiting and (np.abs(fleet.motion.turned) >= 2 * np.pi * run.laps).all():
-        return "laps"
-    return "duration" if last else ""
-
-
-def _departures(members: Sequence[Member], dt: float) -> tuple[Fleet, list[Fleet]]:
-    """Those that stand there at time 0, and the platoons that depart later."""
-    number = {m.id: i for i, m in enumerate(members)}
-
-    def fleet(some: list[Member]) -> Fleet:
-        return Fleet.deployed(some, dt, np.array([number[m.id] for m in some], dtype=int))
-
-    platoons: dict[str, list[Member]] = {}
-    for m in members:
-        platoons.setdefault(m.platoon, []).append(m)
-    later = [fleet(platoon) for platoon in platoons.values() if platoon[0].departs > 0]
-    return fleet([m for m in members if m.departs == 0]), later
+def steps_of(every: float | None, dt: float) -> int | None:
+    """A period [s] in steps."""
+    return None if every is None else round(every / dt)

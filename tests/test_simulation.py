@@ -15,6 +15,7 @@ import pytest
 from platoontraffic import scenario, simulation
 from platoontraffic.errors import InputError
 from platoontraffic.results.provenance import run_id
+from platoontraffic.run import run as run_into
 from tests.support.runs import ONE_CORNER, run
 
 TABLES = ["trajectories.csv", "events.csv", "metrics.csv", "summary.csv"]
@@ -263,8 +264,8 @@ def test_five_robots_follow_a_path_of_several_radii_for_a_lap(tmp_path):
 
 def test_prepared_twice_is_one_run(tmp_path):
     prepared = simulation.prepare(scenario.load("paper_loop", ["run.duration_s=0.1", "run.laps=1"]))
-    folder = simulation.simulate(prepared, tmp_path / "one")
-    assert simulation.simulate(prepared, tmp_path / "one") == folder
+    folder = run_into(prepared, tmp_path / "one")
+    assert run_into(prepared, tmp_path / "one") == folder
     assert [f.name for f in tmp_path.iterdir()] == ["one"]
 
 

@@ -31,6 +31,8 @@ from platoontraffic.cli.net_sources import run_program
 from platoontraffic.errors import RunError
 from platoontraffic.lidar.benchmark.frame import as_json, facts, machine, peak_memory, table
 from platoontraffic.results import sumo_tables
+from platoontraffic.run import run as run_into
+from platoontraffic.simulation import Instant
 from platoontraffic.sumo.client import libsumo
 from platoontraffic.sumo.programs import program
 from platoontraffic.sumo.world import World
@@ -41,7 +43,7 @@ BLOCK = 200.0  # from junction to junction [m]
 START, SPEED, GAP = 120.0, 8.0, 11.0  # of a platoon: where on its edge [m], how fast [m/s], bumper to bumper [m]
 WAY = 12  # edges of a route: nobody arrives
 STRAIGHT_ON = 0.7  # share of vehicles, where one may turn too
-EVERY = round(simulation.SAFE_EVERY)  # the loop tells its time so often [s]
+EVERY = 10.0  # simulated time between two readings of the clocks [s]
 
 STAGES = {  # of the loop, as they are told in provenance.json
     "SUMO's step": ("step",),
@@ -263,6 +265,18 @@ class Spent(NamedTuple):
     stages: dict[str, float]
 
 
+class Readings:
+    """Watches a run: CPU time, time by the clock, and how many vehicles there are, every EVERY simulated seconds."""
+
+    def __init__(self, vehicles: Callable[[], int]) -> None:
+        self._vehicles = vehicles
+        self.taken: list[tuple[float, float, int]] = []
+
+    def show(self, instant: Instant) -> None:
+        if instant.step % round(EVERY / STEP) == 0:
+            self.taken.append((time.process_time(), time.perf_counter(), self._vehicles()))
+
+
 def sumo_alone(folder: Path, town: Town) -> Spent:
     """Stepping, with the members as vehicles of SUMO's own."""
     with (folder / "alone.log").open("wb") as words:
@@ -281,20 +295,17 @@ def sumo_alone(folder: Path, town: Town) -> Spent:
 
 
 def loop(folder: Path, town: Town, arguments: tuple[str, ...] = ()) -> Spent:
-    """The loop of `simulate`, from the end of its first pass to that of its last."""
+    """The loop of a run, from the end of its first pass to that of its last."""
     prepared = simulation.prepare(scenario.load(folder / "town.toml", arguments))
-    times = []
-
-    def progress(_: float) -> None:
-        times.append((time.process_time(), time.perf_counter(), libsumo.vehicle.getIDCount()))
+    readings = Readings(libsumo.vehicle.getIDCount)
 
     with tempfile.TemporaryDirectory(dir=folder) as results:
         # A second of it first, for what is compiled or worked out at the first call.
         short = scenario.load(folder / "town.toml", ["sumo.warm_up_s=0", "run.duration_s=1", *arguments])
-        simulation.simulate(replace(prepared, scenario=short), Path(results, "first"))
-        done = simulation.simulate(prepared, Path(results, "run"), progress)
+        run_into(replace(prepared, scenario=short), Path(results, "first"))
+        done = run_into(prepared, Path(results, "run"), [readings])
         facts = json.loads((done / "provenance.json").read_text(encoding="utf-8"))
-    (cpu, clock, _), (cpu_end, clock_end, vehicles) = times[0], times[-1]
+    (cpu, clock, _), (cpu_end, clock_end, vehicles) = readings.taken[0], readings.taken[-1]
     return Spent(cpu_end - cpu, clock_end - clock, vehicles, peak_memory(), facts["stage_s"])
 
 

@@ -5,29 +5,32 @@ from __future__ import annotations
 import io
 import os
 import signal
-import sys
-import time
 from collections.abc import Callable
-from contextlib import contextmanager, redirect_stdout
+from contextlib import redirect_stdout
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
 from platoontraffic import shipped
 from platoontraffic.cli.commands import commands_of
 from platoontraffic.cli.nets import nets_app
+from platoontraffic.cli.printing import (
+    first_line,
+    out,
+    print_json,
+    print_remarks,
+    print_report,
+    print_run,
+    print_runs,
+    result_faults,
+    summary,
+    title,
+)
+from platoontraffic.cli.progress import batch_progress, err, run_progress, show_stage
 from platoontraffic.errors import InputError, MissingError, RunError, did_you_mean
-
-if TYPE_CHECKING:
-    from platoontraffic.scenario import Scenario
-    from platoontraffic.study import batch as batches
-    from platoontraffic.study.study import Study
 
 app = typer.Typer(
     help="Platoons that drive by laser scanner, in SUMO traffic.",
@@ -36,10 +39,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(nets_app, name="nets")
-out = Console(highlight=False)
-err = Console(stderr=True, highlight=False)
-
-
 command = commands_of(app)
 
 ScenarioName = Annotated[
@@ -50,12 +49,13 @@ Changes = Annotated[
 ]
 Platoons = Annotated[
     str | None,
-    typer.Option("--platoon", metavar="FILE", help="platoons for a SUMO configuration: a file of tables `platoon`"),
+    typer.Option("--platoon", metavar="FILE", help="platoons for a SUMO configuration: a file of [[platoon]] tables"),
 ]
-Seed = Annotated[int | None, typer.Option(help="instead of the scenario's")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="no progress and no summary: print the folder only")]
+Seed = Annotated[int | None, typer.Option(help="in place of the scenario's")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="no progress bar and no summary: print only the folder")]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON document instead")]
-Results = Annotated[Path, typer.Option("--out", help="folder for results")]
+ResultsFolder = Annotated[Path, typer.Option("--out", help="folder for results")]
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="the folder of a run")]
 
 
 @command
@@ -64,55 +64,51 @@ def run(
     changes: Changes = None,
     platoons: Platoons = None,
     seed: Seed = None,
-    results: Results = Path("results"),
+    results: ResultsFolder = Path("results"),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, start nothing")] = False,
-    force: Annotated[bool, typer.Option("--force", help="run again although an equal run is there")] = False,
+    force: Annotated[bool, typer.Option("--force", help="run again even if an equal run is there")] = False,
     replay: Annotated[
-        bool, typer.Option("--replay", help="record traffic and scans too, and make replay.html of the run")
+        bool, typer.Option("--replay", help="record background traffic and scans too, and make replay.html of the run")
     ] = False,
-    gui: Annotated[
-        bool, typer.Option("--gui", help="watch it in sumo-gui while it runs; the results are the same")
-    ] = False,
+    gui: Annotated[bool, typer.Option("--gui", help="watch the run in sumo-gui; the results are the same")] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Run a scenario; leave its tables in OUT/NAME/RUN."""
     from platoontraffic import scenario as scenarios
 
-    simulation = _simulation()
-    # A cluster ends jobs by SIGTERM; what was recorded is kept then as at Ctrl-C.
+    runs = _runs()
+    # A cluster ends jobs by SIGTERM; what was recorded is kept as at Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     checked = scenarios.load(scenario, changes or (), seed, platoons)
     if replay:
         checked = checked.for_replay()
-    prepared = simulation.prepare(checked)
-    window = simulation.Window(prepared.members, prepared.scene.solids) if gui else None
+    prepared = runs.prepare(checked)
+    window = runs.Window(prepared.members, prepared.scene.solids) if gui else None
     if not quiet:
-        _remark(checked)
-    folder = simulation.result_folder(checked, results)
+        print_remarks(checked)
+    folder = runs.result_folder(checked, results)
     if dry_run and json:
-        _print_json({"folder": str(folder), "members": len(prepared.members), "done": (folder / "DONE").is_file()})
+        print_json({"folder": str(folder), "members": len(prepared.members), "done": (folder / "DONE").is_file()})
         return
     if dry_run:
-        out.print(f"{checked.source}: fine, {len(prepared.members)} in all; would write {folder}", soft_wrap=True)
+        out.print(f"{checked.source}: fine, {len(prepared.members)} members; would write {folder}", soft_wrap=True)
         return
-    from platoontraffic.results.recorder import is_done
-
-    if is_done(folder) and not force:
+    if runs.is_done(folder) and not force:
         if not quiet and not json:
             err.print(f"an equal run is already there and is not repeated (--force would): {folder}")
     else:
-        with _progress(checked.spec.run.duration_s, checked.spec.name, quiet) as progress:
-            simulation.simulate(prepared, folder, progress, replace=force, window=window)
+        with run_progress(checked.spec.run.duration_s, checked.spec.name, quiet) as watchers:
+            runs.run(prepared, folder, watchers, replace=force, window=window)
     if json:
-        _print_json({"folder": str(folder), "summary": _summary(folder)})
+        print_json({"folder": str(folder), "summary": summary(folder)})
         return
     if not quiet:
-        _show(folder)
+        print_run(folder)
     if replay:
         from platoontraffic.replay import page
 
-        with _results():
+        with result_faults():
             made = page(folder, folder / "replay.html")
         if not quiet:
             out.print(f"to open in a browser: {made}", soft_wrap=True)
@@ -126,21 +122,23 @@ def batch(
         list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="keys of the scenario, for every run")
     ] = None,
     slots: Annotated[
-        int | None, typer.Option("-j", "--jobs", min=1, help="runs at a time; default: as many as processors")
+        int | None, typer.Option("-j", "--jobs", min=1, help="runs at a time; default: one a processor")
     ] = None,
     executor: Annotated[
         str, typer.Option(help="processes, serial, dask (a cluster for this batch), or dask:ADDRESS of a running one")
     ] = "processes",
-    shard: Annotated[str, typer.Option(metavar="I/N", help="do part I of N, from 1; parts may run at a time")] = "1/1",
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="do again what failed")] = False,
-    results: Results = Path("results"),
+    shard: Annotated[
+        str, typer.Option(metavar="I/N", help="do part I of N, counted from 1; parts may run at the same time")
+    ] = "1/1",
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="repeat failed runs")] = False,
+    results: ResultsFolder = Path("results"),
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="list the runs and how long they take, start none")
+        bool, typer.Option("--dry-run", help="list the runs and estimate their time, start none")
     ] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Do all runs of a study that are not there yet; leave them and their tables in OUT/STUDY."""
+    """Do all missing runs of a study; leave them and their tables in OUT/STUDY."""
     from platoontraffic.study import batch as batches
     from platoontraffic.study import study as studies
 
@@ -148,18 +146,18 @@ def batch(
     if executor not in ("processes", "serial", "dask") and not executor.startswith("dask:"):
         hint = did_you_mean(executor, ["processes", "serial", "dask"])
         raise InputError(f"--executor: {executor!r}: no executor{hint}; or dask:ADDRESS")
-    part = _shard(shard)
+    part = batches.Shard(*_shard(shard))
     loaded = studies.load(study, changes or ())
     folder, slots = results / loaded.name, slots or os.cpu_count() or 1
     if dry_run:
-        _show_runs(loaded, folder, 1 if executor == "serial" else slots, json)
+        print_runs(loaded, folder, 1 if executor == "serial" else slots, json)
         return
-    with _batch_progress(loaded.name, quiet or json) as progress:
+    with batch_progress(loaded.name, quiet or json) as progress:
         report = batches.run(loaded, folder, executor, slots, part, retry_failed, progress)
     if json:
-        _print_json({"folder": str(folder), **report.progress._asdict(), "failures": report.failures})
+        print_json({"folder": str(folder), **report.progress._asdict(), "failures": report.failures})
     elif not quiet:
-        _show_report(report, folder)
+        print_report(report)
     if not json:
         print(folder)
     if report.failures:
@@ -171,7 +169,7 @@ def export(
     folder: Annotated[Path, typer.Argument(metavar="RUN|BATCH", help="the folder of a run, or for parquet of a batch")],
     to: Annotated[str, typer.Option("--to", help="parquet, mcap (ROS 2, Foxglove) or fcd (SUMO)")] = "parquet",
 ) -> None:
-    """Write the tables as Parquet beside the CSV, of a batch those of all runs in one; or a run in others' formats."""
+    """Write a run's tables in other formats; parquet also takes a batch, and makes one table of all its runs."""
     kinds = {
         "parquet": ("platoontraffic.analysis.parquet", "pyarrow", "parquet"),
         "mcap": ("platoontraffic.export.rosbag", "rosbags", "ros"),
@@ -186,7 +184,7 @@ def export(
         if (error.name or "").partition(".")[0] != package:
             raise
         raise MissingError(f'{package} is not installed: pip install "platoontraffic[{extra}]"') from None
-    with _results():
+    with result_faults():
         for file in written(folder):
             print(file)
 
@@ -200,17 +198,17 @@ def schema(what: Annotated[str, typer.Argument(help="scenario or study")] = "sce
     files = {"scenario": Spec, "study": StudyFile}
     if what not in files:
         raise InputError(f"argument 1: {what!r}: no schema of it{did_you_mean(what, files)}")
-    _print_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **files[what].model_json_schema()})
+    print_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **files[what].model_json_schema()})
 
 
 @command
 def doctor(json: Json = False) -> None:
-    """Say what is installed, whether SUMO starts, and what gets in the way; exit code 3 if something does."""
+    """Check the installation, and that SUMO starts; exit code 3 if something is wrong."""
     from platoontraffic.cli.doctor import TROUBLE, examine
 
     findings = examine()
     if json:
-        _print_json([finding._asdict() for finding in findings])
+        print_json([finding._asdict() for finding in findings])
     else:
         for finding in findings:
             out.print(f"{finding.verdict:8} {finding.what}: {finding.text}", soft_wrap=True, markup=False)
@@ -226,31 +224,34 @@ def check(
     platoons: Platoons = None,
     json: Json = False,
 ) -> None:
-    """Say what is wrong with scenario and study files, without running them."""
-    from platoontraffic import scenario as scenarios
-    from platoontraffic.study import study
-
-    simulation = _simulation()
+    """Report the faults of scenario and study files, without running them."""
     faults: dict[str, tuple[str, ...]] = {}  # by file
     changes = [argument for argument in files if "=" in argument and not Path(argument).exists()]
     for name in (file for file in files if file not in changes):
         faults[name] = ()
-        said = "fine"
         try:
-            if study.is_study(name):
-                said = f"fine, {len(study.load(name, changes).runs)} runs"
-            else:
-                checked = scenarios.load(name, changes, platoons=platoons)
-                simulation.prepare(checked)
-                _remark(checked)
+            found = _checked(name, changes, platoons)
             if not json:
-                out.print(f"{name}: {said}", soft_wrap=True)
+                out.print(f"{name}: {found}", soft_wrap=True)
         except InputError as error:
             faults[name] = error.faults
     if json:
-        _print_json({"files": [{"file": name, "faults": its} for name, its in faults.items()]})
+        print_json({"files": [{"file": name, "faults": of_file} for name, of_file in faults.items()]})
     if any(faults.values()):
-        raise InputError(*([] if json else [fault for its in faults.values() for fault in its]))
+        raise InputError(*([] if json else [fault for of_file in faults.values() for fault in of_file]))
+
+
+def _checked(name: str, changes: list[str], platoons: str | None) -> str:
+    """What is printed of a file without faults. raises: InputError"""
+    from platoontraffic import scenario as scenarios
+    from platoontraffic.study import study
+
+    if study.is_study(name):
+        return f"fine, {len(study.load(name, changes).runs)} runs"
+    checked = scenarios.load(name, changes, platoons=platoons)
+    _runs().prepare(checked)
+    print_remarks(checked)
+    return "fine"
 
 
 @command
@@ -264,10 +265,10 @@ def list_(
     from platoontraffic.vehicles.catalogue import VEHICLES
 
     listings: dict[str, Callable[[], dict[str, str]]] = {
-        "scenarios": lambda: {name: _title(file) for name, file in shipped.scenarios().items()},
-        "studies": lambda: {name: _title(file) for name, file in shipped.studies().items()},
+        "scenarios": lambda: {name: title(file) for name, file in shipped.scenarios().items()},
+        "studies": lambda: {name: title(file) for name, file in shipped.studies().items()},
         "nets": lambda: {name: str(file) for name, file in shipped.networks().items()},
-        "laws": lambda: {name: _first_line(find_law(name, Path()).kind) for name in law_names()},
+        "laws": lambda: {name: first_line(find_law(name, Path()).kind) for name in law_names()},
         "vehicles": lambda: {name: f"{v.length:g} x {v.width:g} m" for name, v in VEHICLES.items()},
         "lidars": lambda: {
             name: f"{m.samples} beams, {m.angle_max - m.angle_min:.4g} rad, {m.range_min:g} to {m.range_max:g} m"
@@ -277,7 +278,7 @@ def list_(
     if what not in listings:
         raise InputError(f"argument 1: {what!r}: nothing to list{did_you_mean(what, listings)}")
     if json:
-        _print_json(listings[what]())
+        print_json(listings[what]())
         return
     for name, text in listings[what]().items():
         out.print(f"{name:16} {text}", soft_wrap=True)
@@ -289,32 +290,34 @@ def new(name: Annotated[str, typer.Argument(help="folder to make; also the scena
     from platoontraffic.cli.starter import write_starter
 
     folder = write_starter(Path(name))
-    out.print(f"made {folder}: a scenario, and in follower.py a law, both yours to change; run it with", soft_wrap=True)
+    out.print(
+        f"made {folder}: a scenario and, in follower.py, a law; both are yours to change. Run it with", soft_wrap=True
+    )
     out.print(f"  platoontraffic run {folder / folder.name}.toml", soft_wrap=True)
 
 
 @command
 def plot(
-    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="the folder of a run")],
+    run_folder: RunFolder,
     to: Annotated[Path | None, typer.Option("--to", help="picture file; default RUN/plot.png")] = None,
 ) -> None:
-    """Draw the paths on the road and the gaps over time."""
+    """Draw the members' paths on the road, and their gaps over time."""
     from platoontraffic.analysis.pictures import picture
 
-    with _results():
+    with result_faults():
         print(picture(run_folder, to or run_folder / "plot.png"))
 
 
 @command
 def replay(
-    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="the folder of a run")],
+    run_folder: RunFolder,
     to: Annotated[Path | None, typer.Option("--to", help="page to make; default RUN/replay.html")] = None,
     vehicle: Annotated[str | None, typer.Option("--vehicle", help="member to begin with")] = None,
 ) -> None:
-    """Make one HTML page that plays the run in any browser, without a network."""
+    """Make one HTML page that plays the run in any browser, also offline."""
     from platoontraffic.replay import page
 
-    with _results():
+    with result_faults():
         print(page(run_folder, to or run_folder / "replay.html", vehicle))
 
 
@@ -326,46 +329,38 @@ def report(
         str | None, typer.Option("--metric", help="column of a batch's summary.csv to draw; default: two that differ")
     ] = None,
 ) -> None:
-    """Make one HTML page of pictures, metrics and events, or failures; the pictures also as PNG and SVG beside it."""
+    """Make one HTML page of figures, metrics and events, or failures; the figures also as PNG and SVG beside it."""
     from platoontraffic.report import batch_page, page
 
     to = to or folder / "report.html"
-    with _results():
+    with result_faults():
         if (folder / "study.toml").is_file():
             print(batch_page(folder, to, metric))
         elif metric is not None:
-            raise InputError("--metric: is for batches; a run's report has them all")
+            raise InputError("--metric: is for batches; the report of a run has all metrics")
         else:
             print(page(folder, to))
 
 
 @command
 def bench(
-    what: Annotated[str, typer.Argument(help="lidar: what scans cost; traffic: a whole step, against SUMO alone")],
+    what: Annotated[str, typer.Argument(help="lidar: the cost of scans; traffic: a whole step, against SUMO alone")],
     quick: Annotated[bool, typer.Option("--quick", help="small towns only, half a minute")] = False,
     json: Annotated[bool, typer.Option("--json", help="one JSON document instead of tables")] = False,
 ) -> None:
-    """Measure how fast it is here, in CPU time of one thread."""
-    if what not in ("lidar", "traffic"):
-        raise InputError(f"argument 1: {what!r}: nothing to measure by that name; must be lidar or traffic")
+    """Measure the speed on this machine, in CPU time of one thread."""
     import subprocess
 
-    if what == "lidar":
-        from platoontraffic.lidar import benchmark as bench
-    else:
-        from platoontraffic.cli import bench
-
-    def progress(stage: str) -> None:
-        if err.is_terminal:
-            print(f"\r\x1b[K{stage}", end="", file=sys.stderr, flush=True)
-
+    if what not in ("lidar", "traffic"):
+        raise InputError(f"argument 1: {what!r}: nothing to measure by that name; must be lidar or traffic")
+    benchmark = import_module("platoontraffic.lidar.benchmark" if what == "lidar" else "platoontraffic.cli.bench")
     try:
-        report = bench.run(bench.QUICK if quick else bench.FULL, progress)
+        measured = benchmark.run(benchmark.QUICK if quick else benchmark.FULL, show_stage)
     except subprocess.CalledProcessError as error:
         raise RunError(f"a process of the benchmark failed: {error.stderr.strip().rpartition(chr(10))[2]}") from error
     finally:
-        progress("")
-    print(report.json() if json else bench.text(report))
+        show_stage("")
+    print(measured.json() if json else benchmark.text(measured))
 
 
 def main() -> None:
@@ -373,190 +368,18 @@ def main() -> None:
     app()
 
 
-@contextmanager
-def _results():
-    """What is wrong with the folder of a run is bad input."""
-    from platoontraffic.analysis.results import ResultsError
+def _runs() -> ModuleType:
+    """The module that runs scenarios.
 
-    try:
-        yield
-    except ResultsError as error:
-        raise InputError(str(error)) from error
-
-
-def _simulation() -> ModuleType:
-    """Of a pyarrow that it does not know libsumo warns on stdout, which is for results; `doctor` says it instead."""
+    libsumo warns on stdout, which is for results, of a pyarrow release that it does not know; `doctor` reports it.
+    """
     with redirect_stdout(io.StringIO()):
-        from platoontraffic import simulation
-    return simulation
+        from platoontraffic import run
+    return run
 
 
-def _print_json(document: Any) -> None:
-    from json import dumps
-
-    print(dumps(document, indent=2, ensure_ascii=False))
-
-
-def _summary(folder: Path) -> dict[str, str | float | None]:
-    """The row of a run's summary.csv; empty cells are None."""
-    from csv import DictReader
-
-    with (folder / "summary.csv").open(encoding="utf-8", newline="") as file:
-        row = next(DictReader(file))
-    return {name: _number(text) for name, text in row.items()}
-
-
-def _number(text: str) -> str | float | None:
-    try:
-        return float(text) if text else None
-    except ValueError:
-        return text
-
-
-def _shard(text: str) -> batches.Shard:
-    from platoontraffic.study.batch import Shard
-
+def _shard(text: str) -> tuple[int, int]:
     number, _, of = text.partition("/")
     if not (number.isdecimal() and of.isdecimal() and 1 <= int(number) <= int(of)):
         raise InputError(f"--shard: {text!r}: must be I/N, from 1/N to N/N")
-    return Shard(int(number), int(of))
-
-
-def _show_runs(study: Study, folder: Path, slots: int, json: bool) -> None:
-    """The runs of a study, and how long those take that are to be done."""
-    from platoontraffic.study import batch as batches
-
-    states = [batches.state(folder, run.id) for run in study.runs]
-    waiting = [run for run, state in zip(study.runs, states, strict=True) if state == batches.WAITING]
-    seconds, judged_by = batches.estimate(study, folder, waiting)
-    columns = ("id", "status", "seed", *study.keys)
-    rows = [(run.id, state, run.seed, *run.values.values()) for run, state in zip(study.runs, states, strict=True)]
-    if json:
-        runs = [dict(zip(columns, row, strict=True)) for row in rows]
-        _print_json({"folder": str(folder), "runs": runs, "estimate_s": round(seconds / slots, 1)})
-        return
-    lines = [columns, *(tuple(map(str, row)) for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    for line in lines:
-        print("  ".join(f"{cell:{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
-    print(
-        f"{len(rows)} runs, {len(waiting)} to do, about {_duration(seconds / slots)} with {slots} at a time "
-        f"({judged_by}); would write {folder}"
-    )
-
-
-def _show_report(report: batches.Report, folder: Path) -> None:
-    runs, earlier, done, failed, _ = report.progress
-    before = f" ({earlier} of them before)" if earlier else ""
-    print(f"{runs} runs: {done} done{before}, {failed} failed")
-    for run_id, error in list(report.failures.items())[:10]:
-        print(f"  {run_id}: {error}")
-    if failed > 10:
-        print(f"  and {failed - 10} more, in runs.csv")
-    if failed:
-        print("  RUN.unfinished/failure.json says more of each; --retry-failed does them again")
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
-@contextmanager
-def _batch_progress(name: str, quiet: bool):
-    """As `_progress`, of runs; what remains is judged by the runs of this batch so far."""
-    if quiet or not err.is_terminal:
-        yield lambda progress: None
-        return
-    columns = [TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[said]}"), TimeElapsedColumn()]
-    with Progress(*columns, console=err, transient=True) as bar:
-        task = bar.add_task(name, total=None, said="the first runs are on their way")
-        began = time.monotonic()
-
-        def tell(at: batches.Progress) -> None:
-            ended = at.done + at.failed
-            left = (time.monotonic() - began) / at.ended_now * (at.runs - ended)
-            failed = f", {at.failed} failed" if at.failed else ""
-            said = f"{ended} of {at.runs}{failed}, {_duration(left)} left"
-            bar.update(task, total=at.runs, completed=ended, said=said)
-
-        yield tell
-
-
-def _remark(checked: Scenario) -> None:
-    for remark in checked.remarks():
-        print(remark, file=sys.stderr)
-
-
-@contextmanager
-def _progress(duration: float, name: str, quiet: bool):
-    """A bar on stderr, where that is a terminal; yields what the run reports its time to."""
-    if quiet or not err.is_terminal:
-        yield lambda time: None
-        return
-    columns = [
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f} of at most {task.total:.0f} s"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    ]
-    with Progress(*columns, console=err, transient=True) as bar:
-        task = bar.add_task(name, total=duration)
-        yield lambda time: bar.update(task, completed=time)
-
-
-def _show(folder: Path) -> None:
-    """The figures one looks at first."""
-    import json
-
-    from platoontraffic.analysis.results import ResultsError, load
-
-    try:
-        metrics = load(folder).metrics
-    except ResultsError as error:
-        raise InputError(f"{error}; --force runs again") from error
-    facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
-    columns = {
-        "laps": ("laps", ".2f"),
-        "right": ("right_lane_share", ".3f"),
-        "gap": ("gap_mean", ".2f"),
-        "least": ("gap_min", ".2f"),
-        "most": ("gap_max", ".2f"),
-        "off path": ("cross_track_max", ".2f"),
-        "lock-on": ("lock_on_ratio", ".3f"),
-        "losses": ("lock_losses", ".0f"),
-        "contacts": ("collisions", ".0f"),
-    }
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column("member", no_wrap=True)
-    for column in columns:
-        table.add_column(column, justify="right", no_wrap=True)
-    members = metrics[metrics.scope == "vehicle"].dropna(subset="value")
-    for vehicle, rows in members.groupby("vehicle_id", sort=False):
-        values = rows.set_index("metric").value
-        table.add_row(
-            vehicle, *(format(values[name], form) if name in values else "" for name, form in columns.values())
-        )
-    out.print(table)
-    whole = metrics[metrics.scope == "run"].set_index("metric").value
-    stood = (
-        f", {whole['standstill_share_mean']:.0%} of the time at a standstill" if whole["standstill_share_mean"] else ""
-    )
-    out.print(
-        f"{facts['simulated_s']:g} s at {facts['real_time_factor']:g} x real time, "
-        f"contacts {whole['collisions']:g}{stood}. Gaps and distance off the predecessor's path in m; "
-        "right: share of the time right of the road's middle",
-        soft_wrap=True,
-    )
-
-
-def _title(file: Path) -> str:
-    import tomllib
-
-    return tomllib.loads(file.read_text(encoding="utf-8")).get("title", "")
-
-
-def _first_line(kind: type) -> str:
-    return (kind.__doc__ or "").strip().partition("\n")[0]
+    return int(number), int(of)

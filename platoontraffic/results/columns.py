@@ -5,35 +5,12 @@ of the simulation, its source. A new column is one row here.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from platoontraffic.lidar import ScanBatch
-from platoontraffic.observation.observer import Measures
-from platoontraffic.world.events import Event
-from platoontraffic.world.fleet import Fleet
+from platoontraffic.observation.instant import Instant
 from platoontraffic.world.traffic import TrafficSnapshot
-
-
-@dataclass(frozen=True)
-class Instant:
-    """One step of the simulation, as tables record it. The n members are the first n vehicles of `traffic`."""
-
-    step: int
-    traffic: TrafficSnapshot
-    fleet: Fleet
-    scans: Sequence[ScanBatch | None] = ()  # one batch a group of the fleet; None: it has not scanned in this step
-    roads: Sequence[tuple[str, str]] = ()  # SUMO's edge and lane of each member, (n,)
-    events: Sequence[Event] = ()
-    measure: Callable[[Fleet], Measures] | None = None  # called only when trajectories are recorded
-
-    @cached_property
-    def measures(self) -> Measures:
-        return self.measure(self.fleet)
-
 
 Source = Callable[[Instant], Sequence]  # one value a row
 
@@ -77,10 +54,16 @@ TRAJECTORIES = (
     time(lambda now: np.full(len(now.fleet), now.traffic.time)),
     text("platoon_id", "platoon", lambda now: [m.platoon for m in now.fleet.members]),
     text("vehicle_id", "member of the platoon", lambda now: [m.id for m in now.fleet.members]),
-    integer("place", "0 for the leader, 1 for the first follower, and so on", lambda now: [m.place for m in now.fleet.members]),
+    integer(
+        "place",
+        "0 for the leader, 1 for the first follower, and so on",
+        lambda now: [m.place for m in now.fleet.members],
+    ),
     number("x_m", "m", "centre of the footprint, east", _members(lambda traffic: traffic.x)),
     number("y_m", "m", "centre of the footprint, north", _members(lambda traffic: traffic.y)),
-    number("heading_rad", "rad", "counter-clockwise from east, in (-pi, pi]", _members(lambda traffic: traffic.heading)),
+    number(
+        "heading_rad", "rad", "counter-clockwise from east, in (-pi, pi]", _members(lambda traffic: traffic.heading)
+    ),
     number("turned_rad", "rad", "change of heading since the start, not wrapped", lambda now: now.fleet.motion.turned),
     number("speed_mps", "m/s", "forward speed of the midpoint of the driven axle", lambda now: now.fleet.motion.speed),
     number(
@@ -224,7 +207,9 @@ ENCOUNTERS = (
     number("time_gap_s", "s", "gap divided by the member's speed"),
     number("speed_mps", "m/s", "speed of the member"),
     number("obstacle_speed_mps", "m/s", "speed of the obstacle"),
-    number("braking_mps2", "m/s2", "least braking that avoids contact, after the member's reaction; empty if none does"),
+    number(
+        "braking_mps2", "m/s2", "least braking that avoids contact, after the member's reaction; empty if none does"
+    ),
     integer("avoidable", "1: the member's hardest braking, after its reaction, avoids contact; 0: it does not"),
     number("gap_min_m", "m", "least distance between the two bodies within the next 10 s"),
     number(

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from platoontraffic.results.columns import Column, Instant
+from platoontraffic.observation.instant import Instant
+from platoontraffic.results.columns import Column
 
 
 def header(columns: Sequence[Column]) -> str:
@@ -24,9 +25,7 @@ def lines_at(now: Instant, columns: Sequence[Column], order: Sequence[int] | Non
     return _lines_of_columns([c.source(now) for c in columns], columns, order)
 
 
-def _lines_of_columns(
-    values: Sequence[Sequence], columns: Sequence[Column], order: Sequence[int] | None = None
-) -> str:
+def _lines_of_columns(values: Sequence[Sequence], columns: Sequence[Column], order: Sequence[int] | None = None) -> str:
     """Lines of a table given by columns (n,): the same text as `lines`, ten times as fast.
 
     All numbers are formatted at once, into a text with a %s for each string; the strings are filled in afterwards,

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from platoontraffic.results.scans import FIELDS, NAME
-from platoontraffic.world.events import KINDS
 from platoontraffic.results.columns import (
     ENCOUNTERS,
     EVENTS,
@@ -17,7 +15,9 @@ from platoontraffic.results.columns import (
     VEHICLES,
     Column,
 )
+from platoontraffic.results.scans import FIELDS, NAME
 from platoontraffic.results.sumo_tables import TABLES
+from platoontraffic.world.events import KINDS
 
 
 def data_package(

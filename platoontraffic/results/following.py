@@ -24,9 +24,7 @@ class Stretch(NamedTuple):
     ahead: str  # its predecessor, or NOBODY
 
 
-def stretches(
-    places: Mapping[str, tuple[str, int]], events: pd.DataFrame, end: float
-) -> dict[str, list[Stretch]]:
+def stretches(places: Mapping[str, tuple[str, int]], events: pd.DataFrame, end: float) -> dict[str, list[Stretch]]:
     """Periods of each member as a follower, while it and its predecessor are on the road.
 
     places : platoon and place of each member

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.world.events import STANDSTILL_AFTER, WALL
 from platoontraffic.results.excerpts import EXPOSED, MOVING, STEADY, Group, Own, platoons, rms, span
+from platoontraffic.world.events import STANDSTILL_AFTER, WALL
 
 ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognise it
 LAST_CORNER = 10.0  # a quarter turn counts when this much of it is missing [deg]
@@ -138,8 +138,8 @@ OF_FOLLOWERS = (
     Metric(
         "in_platoon_share",
         "",
-        "share of its time as a follower with its predecessor on the road in which it was not split off; after an order "
-        "to split off it counts as split off, after an order to leave it is no follower",
+        "share of its time as a follower with its predecessor on the road in which it was not split off; after an "
+        "order to split off it counts as split off, after an order to leave it is no follower",
         lambda m: m.following.share,
         "mean",
     ),
@@ -303,7 +303,10 @@ OBSTACLES = {
 OF_OBSTACLES = (
     Metric("cut_ins", "", "number of events cut_in", lambda met: float(len(met.cut_ins))),
     Metric(
-        "cut_in_gap_min", "m", "least gap to a cut-in vehicle in the 10 s after", lambda met: met.cut_ins.gap_min_m.min()
+        "cut_in_gap_min",
+        "m",
+        "least gap to a cut-in vehicle in the 10 s after",
+        lambda met: met.cut_ins.gap_min_m.min(),
     ),
     Metric(
         "cut_in_ttc_min",
@@ -364,9 +367,15 @@ class Trips(NamedTuple):
 OF_TRAFFIC = (
     Metric("trips_finished", "", "trips that arrived", lambda trips: trips.count("arrived")),
     Metric("trips_running", "", "trips on the road at the end", lambda trips: trips.count("running")),
-    Metric("trips_waiting", "", "trips that waited for room to depart until the end", lambda trips: trips.count("waiting")),
-    Metric("travel_time_mean", "s", "mean time on the road, finished trips", lambda trips: trips.finished.duration_s.mean()),
-    Metric("waiting_mean", "s", "mean time at a standstill, finished trips", lambda trips: trips.finished.waiting_s.mean()),
+    Metric(
+        "trips_waiting", "", "trips that waited for room to depart until the end", lambda trips: trips.count("waiting")
+    ),
+    Metric(
+        "travel_time_mean", "s", "mean time on the road, finished trips", lambda trips: trips.finished.duration_s.mean()
+    ),
+    Metric(
+        "waiting_mean", "s", "mean time at a standstill, finished trips", lambda trips: trips.finished.waiting_s.mean()
+    ),
     Metric(
         "delay_mean",
         "s",
@@ -384,7 +393,10 @@ OF_TRAFFIC = (
         "co2_per_distance", "kg/km", "CO2 of all trips over their distance", lambda trips: trips.per_kilometre("co2_kg")
     ),
     Metric(
-        "fuel_per_distance", "kg/km", "fuel of all trips over their distance", lambda trips: trips.per_kilometre("fuel_kg")
+        "fuel_per_distance",
+        "kg/km",
+        "fuel of all trips over their distance",
+        lambda trips: trips.per_kilometre("fuel_kg"),
     ),
 )
 
@@ -453,7 +465,7 @@ def meanings() -> dict[str, dict[str, str]]:
 
 
 def summary(name: str, seed: int, varied: dict[str, Any], values: Sequence[Value]) -> str:
-    """summary.csv: one row with the run, the keys that its arguments varied, and every metric of the run and traffic."""
+    """summary.csv: one row with the run, the keys that arguments varied, and every metric of run and traffic."""
     row: dict[str, Any] = {"scenario": name, "seed": seed, **varied}
     for one in values:
         if one.scope in ("run", "traffic"):

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from functools import wraps
 from importlib.metadata import version
 from pathlib import Path
@@ -48,7 +47,7 @@ def point_id(scenario: Scenario) -> str:
     return hashlib.sha256(chr(10).join(parts).encode()).hexdigest()[:10]
 
 
-def provenance(scenario: Scenario) -> dict[str, Any]:
+def before(scenario: Scenario) -> dict[str, Any]:
     """provenance.json as it is before the run; see `finished`."""
     config = scenario.configuration
     return {
@@ -70,25 +69,24 @@ def provenance(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """How a run went."""
+def finished(
+    facts: dict[str, Any], simulated: float, wall: float, stages: dict[str, float], sumo_words: Sequence[str]
+) -> dict[str, Any]:
+    """provenance.json of a finished run.
 
-    simulated: float  # [s]
-    wall: float  # time that the loop took [s]
-    stages: dict[str, float] = field(default_factory=dict)  # wall time by stage [s], of a `Stopwatch`
-    sumo_words: Sequence[str] = ()  # first lines of run.log
-
-
-def finished(before: dict[str, Any], outcome: Outcome) -> dict[str, Any]:
-    """provenance.json of a finished run; before: of `provenance`."""
-    return before | {
+    facts      : of `before`
+    simulated  : [s]
+    wall       : time of the loop [s]
+    stages     : wall time by stage [s], of a `Stopwatch`
+    sumo_words : first lines of run.log
+    """
+    return facts | {
         "status": "finished",
-        "simulated_s": outcome.simulated,
-        "wall_s": round(outcome.wall, 3),
-        "real_time_factor": round(outcome.simulated / outcome.wall, 2),
-        "stage_s": {stage: round(seconds, 3) for stage, seconds in outcome.stages.items()},
-        "sumo_words": list(outcome.sumo_words),
+        "simulated_s": simulated,
+        "wall_s": round(wall, 3),
+        "real_time_factor": round(simulated / wall, 2),
+        "stage_s": {stage: round(seconds, 3) for stage, seconds in stages.items()},
+        "sumo_words": list(sumo_words),
     }
 
 
@@ -117,6 +115,12 @@ class Stopwatch:
                 self._inner = outer + took
 
         return timed
+
+    def wrap(self, component: T, **stages: str) -> T:
+        """The component itself, its methods timed; method=stage."""
+        for method, stage in stages.items():
+            setattr(component, method, self(stage, getattr(component, method)))
+        return component
 
 
 def _own_sources() -> str:

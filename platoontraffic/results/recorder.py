@@ -17,12 +17,12 @@ from typing import Any, NamedTuple, TextIO
 import pandas as pd
 
 from platoontraffic.errors import RunError
+from platoontraffic.observation.instant import Instant
 from platoontraffic.results import csv_text
-from platoontraffic.world.events import CAUSES
-from platoontraffic.results.columns import EVENTS, TRAFFIC, TRAJECTORIES, VEHICLES, Column, Instant
+from platoontraffic.results.columns import EVENTS, TRAFFIC, TRAJECTORIES, VEHICLES, Column
 from platoontraffic.results.scans import ScanRecorder
 from platoontraffic.scenario.tables import Record
-from platoontraffic.world.events import Event
+from platoontraffic.world.events import CAUSES, Event
 from platoontraffic.world.fleet import Member
 
 DONE = "DONE"
@@ -44,10 +44,13 @@ class Clocks(NamedTuple):
         return cls(*(every and round(every / dt) for every in intervals))
 
 
+EVERY_STEP = Clocks()
+
+
 class Recorder:
     """The folder of a run while it is written."""
 
-    def __init__(self, folder: Path, clocks: Clocks = Clocks()) -> None:
+    def __init__(self, folder: Path, clocks: Clocks = EVERY_STEP) -> None:
         """folder: the final one; it must not exist yet"""
         self._final = folder
         self.folder = folder.with_name(f"{folder.name}.{os.getpid()}.partial")
@@ -105,7 +108,7 @@ class Recorder:
             file.write(csv_text.lines(rows, columns))
 
     def write_vehicles(self, members: Iterable[Member]) -> None:
-        """vehicles.csv: all members that the run ever has, then those of traffic.csv in the order of their first rows."""
+        """vehicles.csv: all members that the run ever has, then those of traffic.csv by their first rows."""
         rows: list[tuple] = []
         for m in sorted(members, key=lambda m: (m.platoon, m.place)):
             mount = m.lidar.mount

@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from platoontraffic.lidar import LidarModel
-from platoontraffic.results.columns import Instant
+from platoontraffic.observation.instant import Instant
 from platoontraffic.world.fleet import Group
 
 NAME = "scans.npz"
@@ -76,7 +76,9 @@ class ScanRecorder:
         for group, batch in zip(now.fleet.groups, now.scans, strict=True):
             if batch is not None and now.step % every < group.every:
                 paths = self._remembered(group)
-                rows += [(now.fleet.members[i], i, batch.ranges[k], paths[k]) for k, i in enumerate(group.rows.tolist())]
+                rows += [
+                    (now.fleet.members[i], i, batch.ranges[k], paths[k]) for k, i in enumerate(group.rows.tolist())
+                ]
         traffic = now.traffic
         for member, i, ranges, path in sorted(rows, key=lambda row: (row[0].platoon, row[0].place, row[0].id)):
             number, _ = self._lasers.setdefault(member.id, (len(self._lasers), member.lidar))

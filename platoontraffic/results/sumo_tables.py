@@ -14,12 +14,14 @@ from xml.etree import ElementTree
 
 import pandas as pd
 
-from platoontraffic.road.network import file_named_in, names_files
 from platoontraffic.results.columns import Column
 from platoontraffic.results.recorder import Recorder
+from platoontraffic.road.network import file_named_in, names_files
 from platoontraffic.scenario import Scenario
 
-LANE_CHANGE_DURATION = "3"  # of SUMO-driven vehicles, where lasers follow them [s]; by default SUMO's cars jump sideways
+LANE_CHANGE_DURATION = (
+    "3"  # of SUMO-driven vehicles, where lasers follow them [s]; by default SUMO's cars jump sideways
+)
 SSM = "device.ssm.file"  # without this option SUMO writes one file a vehicle into the working directory
 
 
@@ -47,7 +49,9 @@ def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
     options.setdefault(SSM, str(folder / "sumo_ssm.xml"))
     for name in ("trips", "summary"):
         option = TABLES[name].option
-        if name in record.sumo and not options.get(option, "").endswith(".xml"):  # SUMO chooses the format by the suffix
+        if name in record.sumo and not options.get(option, "").endswith(
+            ".xml"
+        ):  # SUMO chooses the format by the suffix
             options[option] = str(folder / _RAW.format(name))
     if "trips" in record.sumo:
         options |= {"tripinfo-output.write-unfinished": "true", "tripinfo-output.write-undeparted": "true"}
@@ -137,7 +141,9 @@ TABLES = {
         "tripinfo-output",
         "tripinfo",
         (
-            _text("id", "vehicle_id", "vehicle; also members, for which SUMO's values are inexact: use trajectories.csv"),
+            _text(
+                "id", "vehicle_id", "vehicle; also members, for which SUMO's values are inexact: use trajectories.csv"
+            ),
             _text("vType", "type", "vehicle type"),
             _text("status", "status", "'arrived', at the end 'running' or 'waiting' to depart, or 'removed' by SUMO"),
             _time("depart", "depart_s", "departure, since the platoons were placed; negative if before that"),

@@ -13,8 +13,7 @@ from pydantic import ValidationError
 from platoontraffic import shipped
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.road.sumo_configuration import read_configuration
-from platoontraffic.scenario import metric_plug_ins
-from platoontraffic.scenario import configurations, overrides, toml_lines
+from platoontraffic.scenario import configurations, metric_plug_ins, overrides, toml_lines
 from platoontraffic.scenario.checks import faults_of
 from platoontraffic.scenario.drivers import find_laws
 from platoontraffic.scenario.faults import Fault, KeyPath, fault_path, what_of

@@ -12,9 +12,9 @@ from typing import Any
 from platoontraffic import shipped
 from platoontraffic.controllers.gains import table_of
 from platoontraffic.road.sumo_configuration import Configuration
-from platoontraffic.scenario.metric_plug_ins import MetricPlugIns
 from platoontraffic.scenario.drivers import Role, default_preset, drivers_of
 from platoontraffic.scenario.faults import Fault, KeyPath, dotted
+from platoontraffic.scenario.metric_plug_ins import MetricPlugIns
 from platoontraffic.scenario.tables import Spec
 
 REPLAY_TRAFFIC, REPLAY_SCANS = 0.5, 0.25  # sampling intervals of a replay [s]

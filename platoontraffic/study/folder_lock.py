@@ -1,4 +1,4 @@
-"""Who works on a folder: parts of a file that one process at a time may hold. The system takes them from who dies."""
+"""Advisory locks on parts of a file, held by one process at a time; the system releases those of the dead."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import hashlib
 import os
 from pathlib import Path
 
-SHARES = range(1_000_000)  # a batch holds those of its runs
-TABLES = 1_000_001  # whoever writes tables
-_RUNS = range(1_000_002, 1_500_000_000)  # whoever is in a run
+SHARES = range(1_000_000)  # a batch holds the parts of its runs
+TABLES = 1_000_001  # held while tables are written
+_RUNS = range(1_000_002, 1_500_000_000)  # held while a run is executed
 
 
 def share_of(run_id: str) -> int:
-    """The part for a run. Two of them may share one, which costs waiting and nothing else."""
+    """The part for a run. Two runs may share one, which costs waiting and nothing else."""
     return _RUNS[int.from_bytes(hashlib.sha256(run_id.encode()).digest()[:6]) % len(_RUNS)]
 
 
 class Lock:
-    """By POSIX, not to be opened twice in one process: closing one of them would give back what the other holds."""
+    """A process must not open the same file twice: by POSIX, closing one of them would release what the other holds."""
 
     def __init__(self, file: Path) -> None:
         self._file = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)

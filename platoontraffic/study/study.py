@@ -1,11 +1,10 @@
-"""Study files: one scenario at many points, each driven with the same seeds.
+"""Study files: one scenario at many points, each run with the same seeds.
 
-TOML in, a list of runs out. All that can be wrong with any of them is said before the first starts, one line a fault.
+TOML in, a list of runs out. All faults of all runs are reported before the first one starts, one line a fault.
 """
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import itertools
 import math
@@ -24,11 +23,12 @@ from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.results import provenance
 from platoontraffic.road.network import Network
 from platoontraffic.scenario import Change, Identifier, Scenario, Table, dotted, fault_of, toml_lines
+from platoontraffic.study.conditions import condition
 from platoontraffic.study.folder_lock import SHARES
 from platoontraffic.world.deployment import deploy, static_scene
 
-MANY = 20  # faults are enough to see what is wrong
-MOST = len(SHARES)  # runs, and values of a key
+ENOUGH_FAULTS = 20  # more of them are not looked for
+MOST = len(SHARES)  # runs of a study, and values of a key
 
 RANGE = "a range: { from = 1, to = 5, step = 1 }, or with `count`"
 
@@ -43,12 +43,12 @@ class StudyFile(Table):
     title: str = ""
     base: Annotated[str, Field(min_length=1)]  # a shipped scenario, or a file, relative to this one
     seeds: list[int] | dict[str, int] | None = None  # a list or a range, of every point; default: the scenario's own
-    replications: Annotated[int, Field(ge=1, le=MOST)] | None = None  # or so many: seeds 1, 2 …
-    set: Keys = Field(default_factory=dict)  # what is different from the base in every run
+    replications: Annotated[int, Field(ge=1, le=MOST)] | None = None  # or their number: seeds 1, 2 …
+    set: Keys = Field(default_factory=dict)  # keys that differ from the base in every run
     grid: Keys = Field(default_factory=dict)  # key -> its values; all combinations
-    # Key -> its values, as many of every key: the first of all, then the second of all …
+    # Key -> its values, equally many for every key: all first values together, then all second ones …
     zip: Keys | list[Keys] = Field(default_factory=dict)
-    # Points at which one of these holds: "platoon.size > 5 and platoon.gap_m < 0.4"
+    # Conditions; a point at which one of them holds is left out: "platoon.size > 5 and platoon.gap_m < 0.4"
     leave_out: list[str] = Field(default_factory=list)
 
 
@@ -56,25 +56,25 @@ class StudyFile(Table):
 class Run:
     """One run of a study."""
 
-    id: str  # of provenance: its folder's name
-    base: str  # what `scenario.load` takes, wherever one is
+    id: str  # from provenance; the name of its folder
+    base: str  # for `scenario.load`, valid in any folder
     seed: int
-    values: Mapping[str, Any]  # of the keys that the study varies; one object a point
-    changes: tuple[Change, ...]  # of the base, these among them
+    values: Mapping[str, Any]  # of the keys that the study varies; one object for each point
+    changes: tuple[Change, ...]  # of the base; they include these values
     steps: int
     members: int
 
 
 @dataclass(frozen=True)
 class Study:
-    """A checked study: every run has been looked at."""
+    """A checked study: every run is known to be sound."""
 
     name: str
     source: Path
-    base: str  # what `scenario.load` takes, wherever one is
-    keys: tuple[str, ...]  # that vary
+    base: str  # for `scenario.load`, valid in any folder
+    keys: tuple[str, ...]  # that the study varies
     runs: tuple[Run, ...]
-    table: dict[str, Any]  # the study as TOML, with all values written out; its base as it is here
+    table: dict[str, Any]  # the study as TOML, with all values written out
 
     def text(self, folder: Path) -> str:
         """The study as a file in `folder`."""
@@ -84,12 +84,12 @@ class Study:
         return tomli_w.dumps(self.table | {"base": base})
 
     def block(self, shard: int, shards: int) -> range:
-        """Which of `shuffled` a shard does, counted from 1: no run is in two of them, and none is left out."""
+        """The part of `shuffled` that a shard does, counted from 1: every run is in exactly one shard."""
         n = len(self.runs)
         return range(n * (shard - 1) // shards, n * shard // shards)
 
     def shuffled(self) -> list[Run]:
-        """All runs in an order that has nothing to do with their values, so that shards take equally long."""
+        """All runs in an order independent of their values, so that shards take equally long."""
         return sorted(self.runs, key=lambda run: hashlib.sha256(run.id.encode()).digest())
 
 
@@ -134,12 +134,12 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = ()) -> Study:
 
 
 def is_study(name_or_file: str | Path) -> bool:
-    """Whether this names a study rather than a scenario, as far as one can see."""
+    """Whether this names a study rather than a scenario; False where it cannot be read."""
     if str(name_or_file) in shipped.studies():
         return True
     try:
         return "base" in scenario.read_toml(name_or_file)[0]
-    except InputError:  # which is said when it is read as a scenario
+    except InputError:  # reported when it is read as a scenario
         return False
 
 
@@ -185,7 +185,7 @@ def _base(base: str, source: Path, place: Place) -> str:
 
 
 def _leaves(table: Any, path: tuple) -> Iterator[tuple[str, tuple, Any]]:
-    """(dotted key, its path in the file, value) of all that is no table; a range is none."""
+    """(dotted key, path in the file, value) for every value; a range counts as a value, not as a table."""
     for name, value in table.items():
         if isinstance(value, dict) and "from" not in value:
             for key, inner, leaf in _leaves(value, (*path, name)):
@@ -216,7 +216,11 @@ def _axes(file: StudyFile, place: Place) -> list[Axis]:
 
 
 def _values(value: Any, key: str, repeat: bool = False) -> list[Any]:
-    """Of a list or a range. key: with its place, for faults; repeat: a value may come twice"""
+    """The values of a list or a range.
+
+    key    : with its place, for faults
+    repeat : whether a value may come twice
+    """
     if isinstance(value, dict):
         value = _range(value, key)
     if not isinstance(value, list):
@@ -253,15 +257,15 @@ def _range(table: dict[str, Any], key: str) -> list[float]:
 
 
 def _check_keys(varied: Sequence[Change], fixed: Sequence[Change]) -> None:
-    said = {change.key: change for change in fixed if change.place.startswith("argument")}
+    given = {change.key: change for change in fixed if change.place.startswith("argument")}
     seen: set[str] = set()
     for change in varied:
         if change.key == "seed":
             raise InputError(f"{change.place}: seed: is no parameter; the key `seeds` of the study has them")
         if change.key in seen:
             raise InputError(f"{change.place}: {change.key}: is varied twice")
-        if change.key in said:
-            raise said[change.key].fault(f"is varied by the study, {change.place}")
+        if change.key in given:
+            raise given[change.key].fault(f"is varied by the study, {change.place}")
         seen.add(change.key)
     for change in fixed:
         if change.key == "seed":
@@ -269,7 +273,7 @@ def _check_keys(varied: Sequence[Change], fixed: Sequence[Change]) -> None:
 
 
 def _seeds(file: StudyFile, place: Place) -> list[int]:
-    """None given: an empty list."""
+    """The seeds; an empty list if none are given."""
     if file.seeds is not None and file.replications is not None:
         raise InputError(f"{place(('replications',))}: replications: must not be given beside seeds")
     if file.replications:
@@ -287,7 +291,7 @@ def _seeds(file: StudyFile, place: Place) -> list[int]:
 def _points(file: StudyFile, axes: Sequence[Axis], keys: Sequence[str], place: Place) -> Iterator[tuple[Change, ...]]:
     """All combinations that are not left out; the last key changes fastest."""
     at = place(("leave_out",))
-    conditions = [_condition(text, keys, f"{at}: leave_out") for text in file.leave_out]
+    conditions = [condition(text, keys, f"{at}: leave_out") for text in file.leave_out]
     combinations = math.prod(len(axis.rows) for axis in axes)
     if combinations > MOST:
         raise InputError(f"{place(('grid',))}: grid: {combinations} combinations; must be at most {MOST}")
@@ -295,51 +299,11 @@ def _points(file: StudyFile, axes: Sequence[Axis], keys: Sequence[str], place: P
     for rows in itertools.product(*(axis.rows for axis in axes)):
         point = tuple(change for row in rows for change in row)
         values = [change.value for change in point]
-        if not any(condition(values) for condition in conditions):
+        if not any(holds(values) for holds in conditions):
             left += 1
             yield point
     if not left:
         raise InputError(f"{at}: leave_out: leaves no run")
-
-
-_ALLOWED = (
-    *(ast.Expression, ast.BoolOp, ast.And, ast.Or, ast.UnaryOp, ast.Not, ast.USub, ast.Compare, ast.cmpop),
-    *(ast.BinOp, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Name, ast.Load, ast.Constant, ast.List, ast.Tuple),
-)
-
-
-def _condition(text: str, keys: Sequence[str], place: str) -> Callable[[Sequence[Any]], bool]:
-    """A function of a point's values, of a text such as "platoon.size > 5 and not run.laps == 1"."""
-    said = f"{place}: {text!r}"
-    names = {key: f"_{i}" for i, key in enumerate(keys)}
-    # Keys are put into names before it is parsed: platoon.0.size is no Python. What is quoted stays.
-    words = re.compile(r"\"[^\"]*\"|'[^']*'|[A-Za-z_][\w-]*(?:\.[\w-]+)+|[A-Za-z_]\w*")
-    known = {"and", "or", "not", "in", "True", "False"}
-
-    def replaced(match: re.Match) -> str:
-        word = match[0]
-        if word[0] in "\"'" or word in known:
-            return word
-        if word not in names:
-            raise InputError(f"{said}: {word}: not a key that the study varies{did_you_mean(word, keys)}")
-        return names[word]
-
-    try:
-        tree = ast.parse(words.sub(replaced, text).strip(), mode="eval")
-    except SyntaxError as error:
-        raise InputError(f"{said}: {error.msg}; must be a comparison, such as 'platoon.size > 5'") from None
-    if wrong := next((node for node in ast.walk(tree) if not isinstance(node, _ALLOWED)), None):
-        raise InputError(f"{said}: {type(wrong).__name__}: may have comparisons, + - * /, and, or, not, in; no more")
-    code = compile(tree, "leave_out", "eval")
-
-    def holds(values: Sequence[Any]) -> bool:
-        try:
-            return bool(eval(code, {"__builtins__": {}}, dict(zip(names.values(), values, strict=True))))
-        except (TypeError, ZeroDivisionError) as error:
-            at = ", ".join(f"{key} = {value!r}" for key, value in zip(keys, values, strict=True))
-            raise InputError(f"{said}: {error}; at {at}") from None
-
-    return holds
 
 
 def _runs(
@@ -347,8 +311,8 @@ def _runs(
 ) -> Iterator[Run]:
     """raises: InputError with the faults of all points"""
     networks: dict[Path, Network] = {}
-    faults: dict[str, str] = {}  # by what is wrong, the first point where it is
-    taken: dict[str, str] = {}  # point by id
+    faults: dict[str, str] = {}  # fault -> the same with the first point that has it
+    taken: dict[str, str] = {}  # id -> point
     for point in points:
         at = ", ".join(f"{change.key} = {change.value!r}" for change in point)
         changes = (*fixed, *point)
@@ -359,7 +323,7 @@ def _runs(
             for fault in error.faults:
                 known = not point or fault.startswith((f"{source}:", "argument "))
                 faults.setdefault(fault, fault if known else f"{fault}; at {at}")
-            if len(faults) >= MANY:
+            if len(faults) >= ENOUGH_FAULTS:
                 break
             continue
         point_id = provenance.point_id(checked)
@@ -377,7 +341,7 @@ def _runs(
 
 
 def _deploy(checked: Scenario, networks: dict[Path, Network]) -> None:
-    """What is wrong with where the members stand is found by putting them there."""
+    """Place the members, which finds the faults of their start poses."""
     if checked.net not in networks:
         networks[checked.net] = Network.read(checked.net)
     network = networks[checked.net]

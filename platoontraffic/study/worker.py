@@ -19,10 +19,12 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from platoontraffic import scenario, simulation
+from platoontraffic import scenario
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.results import provenance
 from platoontraffic.results import recorder as recording
+from platoontraffic.run import run
+from platoontraffic.simulation import prepare
 from platoontraffic.study.folder_lock import Lock, share_of
 
 # Errors of the disk are not a run's: all others would meet them too.
@@ -46,7 +48,7 @@ def attempt(job: dict[str, Any]) -> dict[str, Any]:
             what = "a file of the scenario, or the program, is not what it was when the batch was started"
             outcome = {"error": f"{job['base']}: {what}; start it again", "traceback": "", "stop": True}
         elif not recording.is_done(folder):
-            simulation.simulate(simulation.prepare(checked), folder)
+            run(prepare(checked), folder)
     except Exception as error:
         cause = error.__cause__ if isinstance(error, RunError) else error
         stop = isinstance(cause, OSError) and cause.errno in OF_THE_DISK

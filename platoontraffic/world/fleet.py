@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
@@ -10,11 +10,12 @@ import numpy as np
 
 from platoontraffic.controllers.calls import decide, memory_of
 from platoontraffic.controllers.law import Body, Law, RouteAhead, Sensed, Signals, Target
+from platoontraffic.errors import did_you_mean
 from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.road.route import Route, Routes
 from platoontraffic.vehicles.catalogue import FleetModel, VehicleModel
-from platoontraffic.vehicles.motion import Command, Motion, Twist
+from platoontraffic.vehicles.motion import Command, Drive, Motion, Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 from platoontraffic.vehicles.records import concatenate, put, take
 
@@ -262,6 +263,24 @@ class Fleet(MemberState):
         command = put(self.command, rows, [Command.of(decision.command) for decision in decisions])
         target = put(self.target, rows, [decision.target for decision in decisions])
         return replace(self, groups=tuple(groups), command=command, target=target)
+
+    def commanded(self, override: Mapping[str, Twist | Drive]) -> Fleet:
+        """The fleet with other commands for some members, by id.
+
+        raises: ValueError where there is no such member, where SUMO drives it, or where a command is not finite
+        """
+        if not override:
+            return self
+        row_of = {m.id: i for i, m in enumerate(self.members)}
+        for name, command in override.items():
+            if name not in row_of:
+                raise ValueError(f"{name!r}: no member on the road{did_you_mean(name, row_of)}")
+            if self.native[row_of[name]]:
+                raise ValueError(f"{name!r}: SUMO drives it; it takes no command")
+            if not np.isfinite(command).all():
+                raise ValueError(f"{name!r}: {command}; must be finite")
+        rows = [np.array([row_of[name]]) for name in override]
+        return replace(self, command=put(self.command, rows, list(map(Command.of, override.values()))))
 
     def moved(self, dt: float, brakes: np.ndarray | None = None) -> Fleet:
         """The fleet dt [s] later; SUMO-driven members stay until SUMO has moved them.

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from platoontraffic import scenario, simulation
 from platoontraffic.analysis import load
+from platoontraffic.run import run as run_into
 from platoontraffic.study import batch, study
 
 
@@ -33,7 +34,7 @@ def timed(function, *arguments, **options) -> float:
 def in_a_loop(loaded: study.Study, folder: Path) -> None:
     for run in loaded.runs:
         prepared = simulation.prepare(scenario.load(run.base, run.changes, run.seed))
-        simulation.simulate(prepared, folder / run.id)
+        run_into(prepared, folder / run.id)
 
 
 def main() -> None:

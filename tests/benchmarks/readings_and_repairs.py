@@ -35,11 +35,12 @@ ROWS = [
 
 def row(text: str, name: str, argument: str) -> str:
     from platoontraffic import scenario, simulation
+    from platoontraffic.run import run as run_into
 
     changes = ["run.duration_s=600", *([argument] if argument else [])]
     prepared = simulation.prepare(scenario.load(name, changes))
     with tempfile.TemporaryDirectory() as results:
-        folder = simulation.simulate(prepared, Path(results) / "run")
+        folder = run_into(prepared, Path(results) / "run")
         metrics, events = (pd.read_csv(folder / f"{table}.csv") for table in ("metrics", "events"))
     followers = metrics[(metrics.scope == "vehicle") & ~metrics.vehicle_id.fillna("").str.endswith(".0")]
     corners = followers[followers.metric == "corners"].value.min()

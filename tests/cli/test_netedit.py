@@ -14,6 +14,7 @@ from platoontraffic.cli import net_findings, net_sources
 from platoontraffic.cli.net_content import read
 from platoontraffic.cli.net_sources import differences
 from platoontraffic.cli.nets import nets_app
+from platoontraffic.run import run as run_into
 from tests.support import ODD_NETS
 
 NETS = ODD_NETS
@@ -106,7 +107,7 @@ def test_a_platoon_drives_on_the_drawn_roads(tmp_path, size, duration, edge):
     file = tmp_path / "drawn.toml"
     route = ", ".join(f'"{edge}"' for edge in ROUTE)
     file.write_text(RUN.format(net=SAVED.name, route=route, size=size, duration=duration), encoding="utf-8")
-    folder = simulation.simulate(simulation.prepare(scenario.load(file)), tmp_path / "results")
+    folder = run_into(simulation.prepare(scenario.load(file)), tmp_path / "results")
     rows = pd.read_csv(folder / "trajectories.csv")
     last = rows[rows.time_s == rows.time_s.max()]
     assert list(last.edge_id) == [edge] * size

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pandas as pd
 import pytest
-from tests.results.test_metrics import events
 
 from platoontraffic.results.following import Stretch, lengths, split_off, stretches, within
+from tests.results.test_metrics import events
 
 PLACES = {f"p.{i}": ("p", i) for i in range(4)} | {"q.0": ("q", 0)}
 END = 100.0

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from tests.results.test_metrics import events, trajectories
-from tests.support import ROOT
 
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
 from platoontraffic.results import plug_in_metrics, provenance
+from tests.results.test_metrics import events, trajectories
+from tests.support import ROOT
 
 EXAMPLE = ROOT / "docs" / "examples" / "time_headway_share.py"
 NAME = f"{EXAMPLE.name}:TimeHeadwayShare"
@@ -92,7 +92,10 @@ def test_a_metric_must_not_be_named_like_one_of_the_tool(given):
         ("class Wrong:\n    name = 'wrong'\n    def __call__(self, t, e): ...", r"wrong.py:1: .*has no text 'unit'"),
         ("class Wrong: pass", "no metric 'Wrong', a class with __call__"),
         ("class Wrong:\n    name, unit, meaning = 'a b', '', ''\n    def __call__(self, t, e): ...", "must be of a-z"),
-        ("class Wrong:\n    def __init__(self, x): ...\n    def __call__(self, t, e): ...", "cannot be made: TypeError"),
+        (
+            "class Wrong:\n    def __init__(self, x): ...\n    def __call__(self, t, e): ...",
+            "cannot be made: TypeError",
+        ),
     ],
 )
 def test_a_class_that_is_no_metric_is_a_fault_of_the_scenario(folder, code, what):
@@ -118,7 +121,9 @@ def test_the_example_has_rows_in_every_file_of_metrics(folder):
     metrics = pd.read_csv(run / "metrics.csv").query("metric.str.startswith('short_headway_share')")
     assert metrics.scope.tolist() == ["vehicle", "vehicle", "platoon", "run"]
     assert "short_headway_share_max" in pd.read_csv(run / "summary.csv")
-    (described,) = (r for r in json.loads((run / "datapackage.json").read_text())["resources"] if r["name"] == "metrics")
+    (described,) = (
+        r for r in json.loads((run / "datapackage.json").read_text())["resources"] if r["name"] == "metrics"
+    )
     assert "below 1 s" in described["metrics"]["vehicle"]["short_headway_share"]
     assert f"metric.0.{EXAMPLE.name}" in json.loads((run / "provenance.json").read_text())["input_sha256"]
     again = scenario.load(run / "config.toml")

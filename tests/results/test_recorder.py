@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pandas as pd
 import pytest
-from tests.support.bench import constant, platoon, snapshot
 
 from platoontraffic.observation.observer import Measures
 from platoontraffic.results import csv_text
@@ -27,6 +26,7 @@ from platoontraffic.results.data_package import data_package
 from platoontraffic.results.recorder import Clocks, Recorder
 from platoontraffic.world.events import Event
 from platoontraffic.world.fleet import Fleet
+from tests.support.bench import constant, platoon, snapshot
 
 NAMES = ["", "a", "nan", "-0.000000", "100%s", "b,c", 'd"e', "f\ng", "ä"]
 

@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from tests.support.bench import LOOP, constant, platoon, snapshot
-from tests.support.runs import run
 from typer.testing import CliRunner
 
-from platoontraffic.analysis import load
-from platoontraffic.lidar import Mount
 from platoontraffic import scenario
+from platoontraffic.analysis import load
 from platoontraffic.cli.main import app
 from platoontraffic.controllers import Decision, Law
 from platoontraffic.errors import InputError
-from platoontraffic.world.fleet import Fleet
-from platoontraffic.results.columns import Instant
+from platoontraffic.lidar import Mount
+from platoontraffic.observation.instant import Instant
 from platoontraffic.results.recorder import Clocks, Recorder
 from platoontraffic.results.scans import ScanRecorder
-from platoontraffic.world.sensing import Sensing
 from platoontraffic.vehicles.motion import Twist
+from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.sensing import Sensing
+from tests.support.bench import LOOP, constant, platoon, snapshot
+from tests.support.runs import run
 
 DT = 0.025
 

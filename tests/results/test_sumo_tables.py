@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from tests.support.runs import run
 
 from platoontraffic import scenario
 from platoontraffic.results.metrics import of_traffic
 from platoontraffic.results.sumo_tables import TABLES, read_trips, sumo_options
+from tests.support.runs import run
 
 SCENARIO = """
 [sumo]

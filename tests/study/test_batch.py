@@ -19,7 +19,7 @@ import pytest
 
 from platoontraffic import shipped
 from platoontraffic.errors import InputError
-from platoontraffic.study import batch, study
+from platoontraffic.study import batch, batch_folder, study
 from platoontraffic.study.folder_lock import Lock
 
 COMMAND = [sys.executable, "-m", "platoontraffic", "batch"]
@@ -297,7 +297,7 @@ def test_two_at_once_are_one(tiny, tmp_path, killed):
 def test_shards_work_side_by_side_but_not_on_the_same_runs(tiny, tmp_path):
     shard = (tiny(5, 40), "-j", 1, "--out", tmp_path / "out", "--shard")
     assert call(*shard, "1/200").returncode == 0
-    with contextlib.closing(Lock(tmp_path / "out" / "tiny" / batch.LOCK)) as lock:
+    with contextlib.closing(Lock(tmp_path / "out" / "tiny" / batch_folder.LOCK)) as lock:
         assert lock.take(0, 100)  # as who works on 1/2 does
         assert "another batch" in call(*shard, "1/3").stderr
         assert "another batch" in call(*shard, "3/3", "platoon.gap_m=0.5").stderr
@@ -382,7 +382,7 @@ def test_a_dry_run_writes_nothing_and_knows_what_is_done(tiny, tmp_path):
     batch.run(study.load(tiny()), tmp_path / "out" / "tiny", "serial")
     dry = call(tiny(gains=3), "--dry-run", "--out", tmp_path / "out")
     assert "6 runs, 2 to do, about " in dry.stdout
-    assert "(by the 4 runs that are done)" in dry.stdout
+    assert "(from the 4 runs that are done)" in dry.stdout
 
 
 def test_json_is_one_document(tiny, tmp_path):

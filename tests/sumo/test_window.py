@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from platoontraffic import scenario, simulation
 from platoontraffic.cli.main import app
 from platoontraffic.errors import RunError
+from platoontraffic.run import run as run_into
 from platoontraffic.sumo.window import Window
 
 SHORT = ("run.duration_s=4", "sumo.warm_up_s=60", "record.scans_every_s=0.5", "record.traffic_every_s=0.5")
@@ -45,7 +46,7 @@ def display(monkeypatch) -> Iterator[str]:
 def watched(folder: Path, name: str, *changes: str, pace: float = inf) -> Path:
     prepared = simulation.prepare(scenario.load(name, changes))
     window = Window(prepared.members, prepared.scene.solids, pace)
-    return simulation.simulate(prepared, folder, window=window)
+    return run_into(prepared, folder, window=window)
 
 
 def after_steps(n: int, act: Callable[[Window], None], monkeypatch) -> None:
@@ -75,7 +76,7 @@ def close_window(window: Window) -> None:
 )
 def test_files_are_the_same_with_a_window_and_without(name, changes, display, tmp_path):
     shown = watched(tmp_path / "shown", name, *changes)
-    hidden = simulation.simulate(simulation.prepare(scenario.load(name, changes)), tmp_path / "hidden")
+    hidden = run_into(simulation.prepare(scenario.load(name, changes)), tmp_path / "hidden")
     files = {file.name for file in hidden.iterdir()} - MOVES
     assert {file.name for file in shown.iterdir()} - MOVES == files
     for file in sorted(files):

@@ -16,6 +16,7 @@ from platoontraffic.errors import InputError
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.prepared import departures
 from platoontraffic.world.sensing import Sensing
 from tests.support import ODD_NETS
 from tests.support.runs import run
@@ -318,7 +319,7 @@ def played(file: Path, words: Path, steps: int, look: Callable[[Fleet], None]) -
     """The loop of a run; `look` is called after every step."""
     prepared = simulation.prepare(scenario.load(file))
     dt = prepared.scenario.spec.run.step_s
-    fleet, later = simulation._departures(prepared.members, dt)
+    fleet, later = departures(prepared.members, dt)
     sensing = Sensing(prepared.scene)
     with World(prepared.network, dt, 1, words) as world:
         fleet = world.deploy(fleet, later)

@@ -13,6 +13,7 @@ import pytest
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
 from platoontraffic.road.sumo_configuration import read_configuration
+from platoontraffic.run import run as run_into
 from tests.support import ODD_NETS
 
 pytestmark = pytest.mark.sumo
@@ -54,7 +55,7 @@ def write(folder: Path, sumo: str, duration: float = 5.0, speed: float = 10.0, e
 def run(file: Path, to: Path, *changes: str) -> tuple[Path, list]:
     """The folder of a run, and its snapshots."""
     prepared = simulation.prepare(scenario.load(file, changes))
-    return simulation.simulate(prepared, to)
+    return run_into(prepared, to)
 
 
 @pytest.fixture

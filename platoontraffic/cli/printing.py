@@ -1,0 +1,156 @@
+"""What commands print of scenarios, runs and batches."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from csv import DictReader
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+from platoontraffic.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from platoontraffic.scenario import Scenario
+    from platoontraffic.study.batch import Report
+    from platoontraffic.study.study import Study
+
+# The figures of a run that are looked at first: heading, metric of a member, format.
+COLUMNS = (
+    ("laps", "laps", ".2f"),
+    ("right", "right_lane_share", ".3f"),
+    ("gap", "gap_mean", ".2f"),
+    ("least", "gap_min", ".2f"),
+    ("most", "gap_max", ".2f"),
+    ("off path", "cross_track_max", ".2f"),
+    ("lock-on", "lock_on_ratio", ".3f"),
+    ("losses", "lock_losses", ".0f"),
+    ("contacts", "collisions", ".0f"),
+)
+FAILURES = 10  # of a batch that are printed
+
+out = Console(highlight=False)
+
+
+def print_json(document: Any) -> None:
+    print(json.dumps(document, indent=2, ensure_ascii=False))
+
+
+@contextmanager
+def result_faults(hint: str = "") -> Iterator[None]:
+    """Turns what is wrong with the folder of a run into bad input."""
+    from platoontraffic.analysis.results import ResultsError
+
+    try:
+        yield
+    except ResultsError as error:
+        raise InputError(f"{error}{hint}") from error
+
+
+def print_remarks(checked: Scenario) -> None:
+    for remark in checked.remarks():
+        print(remark, file=sys.stderr)
+
+
+def print_run(folder: Path) -> None:
+    """A table of the members, and a line on the whole run."""
+    from platoontraffic.analysis.results import load
+
+    with result_faults("; --force runs again"):
+        metrics = load(folder).metrics
+    out.print(_members(metrics))
+    facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
+    whole = metrics[metrics.scope == "run"].set_index("metric").value
+    stood = whole["standstill_share_mean"]
+    out.print(
+        f"{facts['simulated_s']:g} s at {facts['real_time_factor']:g} x real time, contacts {whole['collisions']:g}"
+        f"{f', {stood:.0%} of the time at a standstill' if stood else ''}. "
+        "Gaps and distance from the predecessor's path in m; right: share of the time right of the road's middle",
+        soft_wrap=True,
+    )
+
+
+def _members(metrics: pd.DataFrame) -> Table:
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("member", no_wrap=True)
+    for heading, _, _ in COLUMNS:
+        table.add_column(heading, justify="right", no_wrap=True)
+    members = metrics[metrics.scope == "vehicle"].dropna(subset="value")
+    for vehicle, rows in members.groupby("vehicle_id", sort=False):
+        values = rows.set_index("metric").value
+        table.add_row(vehicle, *(format(values[name], form) if name in values else "" for _, name, form in COLUMNS))
+    return table
+
+
+def summary(folder: Path) -> dict[str, str | float | None]:
+    """The row of a run's summary.csv; empty cells are None."""
+    with (folder / "summary.csv").open(encoding="utf-8", newline="") as file:
+        row = next(DictReader(file))
+    return {name: _number(text) for name, text in row.items()}
+
+
+def _number(text: str) -> str | float | None:
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return text
+
+
+def print_runs(study: Study, folder: Path, slots: int, as_json: bool) -> None:
+    """The runs of a study, and an estimate of how long the missing ones take with `slots` at a time."""
+    from platoontraffic.study import batch
+
+    states = [batch.state(folder, run.id) for run in study.runs]
+    waiting = [run for run, state in zip(study.runs, states, strict=True) if state == batch.WAITING]
+    seconds, estimated_by = batch.estimate(study, folder, waiting)
+    columns = ("id", "status", "seed", *study.keys)
+    rows = [(run.id, state, run.seed, *run.values.values()) for run, state in zip(study.runs, states, strict=True)]
+    if as_json:
+        runs = [dict(zip(columns, row, strict=True)) for row in rows]
+        print_json({"folder": str(folder), "runs": runs, "estimate_s": round(seconds / slots, 1)})
+        return
+    lines = [columns, *(tuple(map(str, row)) for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        print("  ".join(f"{cell:{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
+    print(
+        f"{len(rows)} runs, {len(waiting)} to do, about {duration_text(seconds / slots)} with {slots} at a time "
+        f"({estimated_by}); would write {folder}"
+    )
+
+
+def print_report(report: Report) -> None:
+    """The outcome of a batch."""
+    runs, earlier, done, failed, _ = report.progress
+    before = f" ({earlier} of them before)" if earlier else ""
+    print(f"{runs} runs: {done} done{before}, {failed} failed")
+    for run_id, error in list(report.failures.items())[:FAILURES]:
+        print(f"  {run_id}: {error}")
+    if failed > FAILURES:
+        print(f"  and {failed - FAILURES} more, in runs.csv")
+    if failed:
+        print("  RUN.unfinished/failure.json has the details; --retry-failed runs them again")
+
+
+def duration_text(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def title(file: Path) -> str:
+    """The title that a scenario or study file gives itself."""
+    return tomllib.loads(file.read_text(encoding="utf-8")).get("title", "")
+
+
+def first_line(kind: type) -> str:
+    """The first line of a class's docstring."""
+    return (kind.__doc__ or "").strip().partition("\n")[0]

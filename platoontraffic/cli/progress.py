@@ -1,0 +1,80 @@
+"""Progress bars, on stderr where that is a terminal."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from platoontraffic.cli.printing import duration_text
+
+if TYPE_CHECKING:
+    from platoontraffic.run import Watcher
+    from platoontraffic.simulation import Instant
+    from platoontraffic.study import batch
+
+REFRESH = 0.1  # least time between two updates of a bar [s]
+
+err = Console(stderr=True, highlight=False)
+
+
+class RunBar:
+    """Watches a run: a bar of its simulated time."""
+
+    def __init__(self, bar: Progress, task: TaskID) -> None:
+        self._bar, self._task, self._updated = bar, task, 0.0
+
+    def show(self, instant: Instant) -> None:
+        now = time.monotonic()
+        if now - self._updated > REFRESH:
+            self._bar.update(self._task, completed=instant.time)
+            self._updated = now
+
+
+@contextmanager
+def run_progress(duration: float, name: str, quiet: bool) -> Iterator[Sequence[Watcher]]:
+    """Watchers of a run that lasts `duration` simulated seconds at most; none where nothing is to be shown."""
+    if quiet or not err.is_terminal:
+        yield ()
+        return
+    columns = [
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} of at most {task.total:.0f} s"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    ]
+    with Progress(*columns, console=err, transient=True) as bar:
+        yield (RunBar(bar, bar.add_task(name, total=duration)),)
+
+
+@contextmanager
+def batch_progress(name: str, quiet: bool) -> Iterator[Callable[[batch.Progress], None]]:
+    """A bar of a batch's runs; the time left is estimated from the runs that have ended in this batch."""
+    if quiet or not err.is_terminal:
+        yield lambda progress: None
+        return
+    columns = [TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[status]}"), TimeElapsedColumn()]
+    with Progress(*columns, console=err, transient=True) as bar:
+        task = bar.add_task(name, total=None, status="the first runs have started")
+        began = time.monotonic()
+
+        def show(at: batch.Progress) -> None:
+            ended = at.done + at.failed
+            left = (time.monotonic() - began) / at.ended_now * (at.runs - ended)
+            failed = f", {at.failed} failed" if at.failed else ""
+            status = f"{ended} of {at.runs}{failed}, {duration_text(left)} left"
+            bar.update(task, total=at.runs, completed=ended, status=status)
+
+        yield show
+
+
+def show_stage(stage: str) -> None:
+    """The stage that a benchmark is at, in place of the one before."""
+    if err.is_terminal:
+        print(f"\r\x1b[K{stage}", end="", file=sys.stderr, flush=True)

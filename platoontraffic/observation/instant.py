@@ -1,0 +1,41 @@
+"""One instant of a simulation: what there is, what is sensed, decided and observed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from platoontraffic.lidar import ScanBatch
+from platoontraffic.observation.observer import Measures
+from platoontraffic.world.events import Event
+from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.traffic import TrafficSnapshot
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """One instant: every member has sensed the same world, and its law has decided.
+
+    Arrays (n,) of the fleet and its measures have one row a member on the road, in the order of `fleet.members`; the
+    first n rows of `traffic` are the same members. SI, radians; x east, y north, headings counter-clockwise from east.
+    """
+
+    step: int  # 0 at the reset
+    traffic: TrafficSnapshot  # members, then background traffic near them, then obstacles
+    fleet: Fleet  # motion, commands, targets and memories of the members
+    scans: Sequence[ScanBatch | None] = ()  # a batch for each of `fleet.groups`; None where no scan was due
+    roads: Sequence[tuple[str, str]] = ()  # edge and lane of each member, as SUMO has them; the lane is "" off the road
+    events: Sequence[Event] = ()  # since the instant before
+    measure: Callable[[Fleet], Measures] | None = field(default=None, repr=False)
+    ended: str = ""  # "arrived", "laps" or "duration" at the last instant
+
+    @property
+    def time(self) -> float:
+        """Since the platoons were placed [s]."""
+        return self.traffic.time
+
+    @cached_property
+    def measures(self) -> Measures:
+        """What is measured from outside. Computed at the first look, which must come before the next step."""
+        return self.measure(self.fleet)

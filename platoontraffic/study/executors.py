@@ -1,0 +1,83 @@
+"""Where the runs of a batch are executed: in this process, in worker processes, or on a dask cluster."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+from platoontraffic.errors import InputError, MissingError
+from platoontraffic.study.processes import Job, Outcome, Workers, run_in_a_process
+
+DASK_QUEUE = 256  # runs that a dask scheduler is given at a time
+
+Submit = Callable[[Job], "Future[Outcome]"]
+
+
+@contextlib.contextmanager
+def executor_of(name: str, slots: int) -> Iterator[tuple[Submit, int]]:
+    """A function that starts a run, and how many runs to give it at a time; `name` as in `batch.run`."""
+    if name == "serial":
+        yield _at_once, 1
+    elif name == "processes":
+        workers, threads = Workers(), ThreadPoolExecutor(slots)
+        try:
+            yield partial(threads.submit, workers.run), 2 * slots
+        finally:
+            with undisturbed():
+                workers.close()
+                threads.shutdown(cancel_futures=True)
+    else:
+        with _dask(name.partition(":")[2], slots) as client:
+            yield partial(client.submit, run_in_a_process), DASK_QUEUE
+
+
+@contextlib.contextmanager
+def undisturbed() -> Iterator[None]:
+    """A further Ctrl-C waits until things are in order."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _at_once(job: Job) -> Future[Outcome]:
+    from platoontraffic.study.worker import attempt  # it imports libsumo, which the process of a batch does without
+
+    future: Future[Outcome] = Future()
+    future.set_result(attempt(job))
+    return future
+
+
+@contextlib.contextmanager
+def _dask(address: str, slots: int) -> Iterator[Any]:
+    """An executor on the cluster at an address, or, without one, on an own cluster of `slots` processes."""
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise MissingError('dask is not installed: pip install "platoontraffic[cluster]"') from None
+    with contextlib.ExitStack() as stack:
+        if address:
+            try:
+                client = stack.enter_context(Client(address, timeout=10))
+            except (OSError, ValueError) as error:
+                what = " ".join(str(error).split())
+                raise InputError(f"--executor: {address}: no dask scheduler can be reached: {what}") from None
+        else:
+            cluster = LocalCluster(n_workers=slots, threads_per_worker=1, dashboard_address=None)
+            client = stack.enter_context(Client(stack.enter_context(cluster)))
+        executor = client.get_executor(pure=False)
+        try:
+            yield executor
+        finally:
+            with undisturbed():
+                executor.shutdown(wait=False)

@@ -1,0 +1,105 @@
+"""The tables of a batch, over all its runs: runs.csv, summary.csv, datapackage.json."""
+
+from __future__ import annotations
+
+import csv
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from platoontraffic.errors import InputError
+from platoontraffic.results.metrics import column
+from platoontraffic.results.recorder import as_json
+from platoontraffic.scenario import Spec
+from platoontraffic.study.batch_folder import DONE, FAILED, WAITING, failure, read_json, replacing, state
+from platoontraffic.study.folder_lock import TABLES, Lock
+from platoontraffic.study.study import Run, Study
+
+
+def write_tables(study: Study, folder: Path, lock: Lock, patience: float) -> None:
+    """Write them as the folder is at this moment, in study order, whatever the order of the runs.
+
+    patience: wait for a shard that writes them at the same time [s]; the last one to write must have looked last
+    """
+    until = time.monotonic() + patience
+    while not lock.take(TABLES, 1):
+        if time.monotonic() > until:
+            return
+        time.sleep(0.1)
+    try:
+        states = {run.id: state(folder, run.id) for run in study.runs}
+        done = [run for run in study.runs if states[run.id] == DONE]
+        metrics = list(dict.fromkeys(name for run in done for name in _metrics(folder / run.id)))
+        _write_runs(study, folder, states)
+        _write_summary(study, folder, done, metrics)
+        units = _units(folder / done[0].id) if done else {}
+        with replacing(folder / "datapackage.json") as file:
+            file.write(as_json(_data_package(study, metrics, units)))
+    finally:
+        lock.release(TABLES, 1)
+
+
+def _write_runs(study: Study, folder: Path, states: dict[str, str]) -> None:
+    with replacing(folder / "runs.csv") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["id", "status", "seed", *study.keys, "error", "wall_s"])
+        for run in study.runs:
+            error, wall = "", ""
+            if states[run.id] == DONE:
+                wall = read_json(folder / run.id / "provenance.json").get("wall_s", "")
+            elif states[run.id] == FAILED:
+                failed = failure(folder, run.id)
+                error, wall = failed["error"], failed["wall_s"]
+            rows.writerow([run.id, states[run.id], run.seed, *map(_cell, run.values.values()), error, wall])
+
+
+def _write_summary(study: Study, folder: Path, done: Sequence[Run], metrics: Sequence[str]) -> None:
+    with replacing(folder / "summary.csv") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["id", "seed", *study.keys, *metrics])
+        for run in done:
+            values = _metrics(folder / run.id)
+            given = [values.get(name, "") for name in metrics]
+            rows.writerow([run.id, run.seed, *map(_cell, run.values.values()), *given])
+
+
+def _metrics(run_folder: Path) -> dict[str, str]:
+    """Column -> value of a run's summary.csv, without the columns that identify the run."""
+    file = run_folder / "summary.csv"
+    try:
+        names, values = csv.reader(file.read_text(encoding="utf-8").splitlines())
+        row = zip(names, values, strict=True)
+    except (OSError, ValueError):
+        raise InputError(f"{file}: is missing or damaged; without {run_folder} the run is repeated") from None
+    own = {"scenario", *Spec.model_fields}
+    return {name: value for name, value in row if "." not in name and name not in own}
+
+
+def _units(run_folder: Path) -> dict[str, str]:
+    """Unit of each column of metrics."""
+    with (run_folder / "metrics.csv").open(encoding="utf-8", newline="") as file:
+        return {column(row["scope"], row["metric"], row["unit"]): row["unit"] for row in csv.DictReader(file)}
+
+
+def _data_package(study: Study, metrics: Sequence[str], units: dict[str, str]) -> dict[str, Any]:
+    def field(name: str, type: str, meaning: str, unit: str = "") -> dict[str, str]:
+        return {"name": name, "type": type, "unit": unit, "description": meaning}
+
+    run = field("id", "string", "the run, and the folder where it is")
+    seed = field("seed", "integer", "of the run")
+    varied = [field(key, "any", "key of the scenario") for key in study.keys]
+    status = field("status", "string", f"{DONE}, {FAILED} or {WAITING}")
+    error, wall = field("error", "string", "why it failed"), field("wall_s", "number", "wall time of the run", "s")
+    values = [field(name, "number", "metric of the run; see metrics.py", units.get(name, "")) for name in metrics]
+    tables = {"runs": [run, status, seed, *varied, error, wall], "summary": [run, seed, *varied, *values]}
+    resources = [
+        {"name": name, "path": f"{name}.csv", "format": "csv", "schema": {"fields": fields, "missingValues": [""]}}
+        for name, fields in tables.items()
+    ]
+    return {"name": study.name.lower(), "title": study.table["title"] or study.name, "resources": resources}
+
+
+def _cell(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, list | dict) else value

@@ -1,0 +1,53 @@
+"""A scenario made ready to be simulated: its road read, its members placed, all faults of the input found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from platoontraffic.lidar import Scene
+from platoontraffic.road.network import Network
+from platoontraffic.scenario import Scenario
+from platoontraffic.world import manoeuvres, obstacles
+from platoontraffic.world.deployment import deploy, static_scene
+from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.manoeuvres import Order
+from platoontraffic.world.obstacles import Plan
+
+
+@dataclass(frozen=True)
+class Prepared:
+    scenario: Scenario
+    network: Network
+    scene: Scene  # static obstacles
+    members: tuple[Member, ...]
+    obstacles: tuple[Plan, ...] = ()  # moving or temporary ones
+    orders: tuple[Order, ...] = ()
+
+
+def prepare(scenario: Scenario) -> Prepared:
+    """raises: InputError with one line for every fault found"""
+    network = Network.read(scenario.net)
+    # In large networks these two take seconds, which should not count as the loop's.
+    network.middle_lines()
+    network.entered_from  # noqa: B018
+    scene = static_scene(scenario, network)
+    members = deploy(scenario, network, scene)
+    plans = obstacles.plans_of(scenario, network, members)
+    return Prepared(scenario, network, scene, members, plans, manoeuvres.orders(scenario, network, members))
+
+
+def departures(members: Sequence[Member], dt: float) -> tuple[Fleet, list[Fleet]]:
+    """The members that are on the road at time 0, and one fleet for each platoon that departs later."""
+    number = {m.id: i for i, m in enumerate(members)}
+
+    def fleet(some: Sequence[Member]) -> Fleet:
+        return Fleet.deployed(some, dt, np.array([number[m.id] for m in some], dtype=int))
+
+    platoons: dict[str, list[Member]] = {}
+    for m in members:
+        platoons.setdefault(m.platoon, []).append(m)
+    later = [fleet(platoon) for platoon in platoons.values() if platoon[0].departs > 0]
+    return fleet([m for m in members if m.departs == 0]), later
