@@ -129,8 +129,7 @@ class Simulation:
         setting, watch = self.setting, self.stopwatch
         world = self._open.enter_context(setting.ground() if setting.ground else BareGround(setting.dt))
         self.world = watch.wrap(world, snapshot="read", signals="signals", place="place", advance="step")
-        self.sensors = Sensing(setting.scene, setting.lidar_engine, setting.seed)
-        self._scan, self._odometry = watch("scan", self.sensors.scan), watch("odometry", self.sensors.odometry)
+        self.sensors = watch.wrap(Sensing(setting.scene, setting.lidar_engine, setting.seed), sense="scan")
         self._decided, self._moved = watch("decide", Fleet.decided), watch("move", Fleet.moved)
         self.observer = watch.wrap(setting.observer(), observe="observe", measure="measure")
         self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
@@ -164,14 +163,16 @@ class Simulation:
         fleet, dt = self.fleet, self.setting.dt
         traffic = self.world.snapshot(fleet, self._reach(step))
         failed = self.breakdowns.due(fleet, traffic.time)
-        scans = self.breakdowns.blinded(self._scan(traffic, fleet, step), fleet)
         fleet, ordered = self.manoeuvres.applied(fleet, traffic.time)
+        sensed = self.sensors.sense(traffic, fleet, step, self.breakdowns.blind(fleet))
         signals = self.world.signals(fleet)
-        self.fleet = self._decided(fleet, scans, dt, signals, self._odometry(fleet, step))
+        self.fleet = self._decided(fleet, sensed.scans, dt, signals, sensed.odometry, sensed.readings)
         roads, noted = self.world.roads(fleet), [*ordered, *failed, *self.world.violations(fleet)]
-        events = self.observer.observe(traffic, self.fleet, scans, roads, signals, noted)
+        events = self.observer.observe(traffic, self.fleet, sensed.scans, roads, signals, noted)
         events = [*events, *self.encounters.observe(traffic, self.fleet, events)]
-        self.now = Instant(step, traffic, self.fleet, scans, roads, events, self._measured, self._ended(step))
+        self.now = Instant(
+            step, traffic, self.fleet, sensed.scans, roads, events, self._measured, self._ended(step), sensed.readings
+        )
         return self.now
 
     @property

@@ -62,8 +62,9 @@ def before(scenario: Scenario) -> dict[str, Any]:
         "platform": platform.platform(),
         "packages": {name: version(name) for name in _PACKAGES},
         "given_to_laws": {
-            f"platoon.{i}.{role}": ["scan", "own motion", *sorted(law.needs)]
+            f"platoon.{i}.{role}": ["scan", *(f"scan {name}" for name in lidars), "own motion", *sorted(law.needs)]
             for (i, role), law in scenario.laws.items()
+            for lidars in [getattr(scenario.spec.platoon[i], role).lidars]
         },
         "sumo_options_ignored": list(config.ignored) if config else [],
     }
