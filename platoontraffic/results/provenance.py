@@ -106,16 +106,20 @@ class Stopwatch:
 
         @wraps(function)
         def timed(*args: P.args, **kwargs: P.kwargs) -> T:
-            outer, self._inner = self._inner, 0.0
-            began = time.perf_counter()
-            try:
-                return function(*args, **kwargs)
-            finally:
-                took = time.perf_counter() - began
-                self.seconds[stage] += took - self._inner
-                self._inner = outer + took
+            return self.call(stage, function, *args, **kwargs)
 
         return timed
+
+    def call(self, stage: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """The result of a function, timed."""
+        outer, self._inner = self._inner, 0.0
+        began = time.perf_counter()
+        try:
+            return function(*args, **kwargs)
+        finally:
+            took = time.perf_counter() - began
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + took - self._inner
+            self._inner = outer + took
 
     def wrap(self, component: T, **stages: str) -> T:
         """The component itself, its methods timed; method=stage."""
