@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from platoontraffic.controllers import registry
-from platoontraffic.controllers.gains import law_of, with_files
+from platoontraffic.controllers.gains import files_in, law_of, with_files
 from platoontraffic.controllers.law import Law
 from platoontraffic.plug_ins import plug_in_file
 from platoontraffic.scenario.faults import Fault, KeyPath, what_of
@@ -56,5 +56,4 @@ def _find_law(driver: Driver, at: KeyPath, find: Callable[[str], tuple[type, tup
         law = law_of(kind, gains, lambda keys, what: faults.append(Fault((*at, *keys), what)), what_of)
     except LookupError as error:
         return Found(None, None, None, frozenset(), (Fault((*at, "law"), str(error)),))
-    files = {value for value in gains.values() if isinstance(value, Path)}
-    return Found(kind, law, plug_in_file(driver.law, folder), frozenset(sources) | files, tuple(faults))
+    return Found(kind, law, plug_in_file(driver.law, folder), frozenset([*sources, *files_in(gains)]), tuple(faults))
