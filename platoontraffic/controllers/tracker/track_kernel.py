@@ -8,7 +8,7 @@ with R diagonal along and across the measured heading. With H = dh/dx and the in
 
     S = H P H' + R,  K = P H' / S,  x <- x + K (z - h(x)),  P <- P - K S K',  nis = (z - h(x))' S^-1 (z - h(x))
 
-(Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", 2001, section 10.3). A group of
+(Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", 2001). A group of
 returns is taken for the predecessor only if its nis is within a gate.
 """
 
@@ -129,7 +129,7 @@ def _fit(mean, before, rear, pose, dt, state, cov):
     """Correct a track by a rear; returns the nis, inf if the rear asks for more than a vehicle can do.
 
     A nis too great for chance is taken for a manoeuvre that has just begun: a step of acceleration and of curvature
-    (adjustable process noise: Bar-Shalom et al., section 11.2). A correction beyond what vehicles can do is tried
+    (adjustable process noise: Bar-Shalom et al.). A correction beyond what vehicles can do is tried
     again with a manoeuvre that began a scan earlier, unnoticed, if it is then hard braking at speed, the only one that
     matters at once.
 
@@ -173,8 +173,8 @@ def _add_outer(matrix, vector, factor):
 def _update(state, cov, rear, pose):
     """Correct a state (6,) and its covariance in place by a rear; returns the nis.
 
-    R is diagonal, so the three measurements are taken one by one (D. Simon, "Optimal state estimation", 2006, section
-    6.1), all linearized where the state was predicted.
+    R is diagonal, so the three measurements are taken one by one (D. Simon, "Optimal state estimation", 2006), all
+    linearized where the state was predicted.
     """
     heading = rear.heading + pose.yaw
     cos, sin = math.cos(heading), math.sin(heading)

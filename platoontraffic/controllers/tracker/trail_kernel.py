@@ -17,8 +17,8 @@ compiled = compiler(__file__, polyline.__file__)
 
 SPACING = 0.5  # least distance of two points [m]
 ROUNDING = 4  # places each way whose mean rounds a route's corner
-# Length of trail that is kept behind the own axle [m]: more than any window of a fit, and less than a lap of a roundabout,
-# where the nearest place would otherwise be one of the lap before.
+# Length of trail that is kept behind the own axle [m]: more than any window of a fit, and less than a lap of a small
+# roundabout, where the nearest place would otherwise be one of the lap before.
 BEHIND = 30.0
 
 
