@@ -9,18 +9,19 @@ from platoontraffic import _checkout
 
 _checkout.add_subpackages()
 
-# Imported at first use: a command that only lists names need not wait for numba.
+# Imported at first use, so that commands which only list names do not wait for numba.
 _HOMES = {
     "Decision": "controllers",
     "Drive": "vehicles.motion",
     "Law": "controllers",
     "Sensed": "controllers",
+    "Simulation": "simulation",
     "Target": "controllers",
     "Twist": "vehicles.motion",
     "per_vehicle": "controllers",
 }
 
-__all__ = ["Decision", "Drive", "Law", "Sensed", "Target", "Twist", "per_vehicle"]
+__all__ = ["Decision", "Drive", "Law", "Sensed", "Simulation", "Target", "Twist", "per_vehicle"]
 
 
 def __getattr__(name: str) -> Any:
