@@ -150,7 +150,7 @@ def test_a_batch_leaves_tables_and_is_not_repeated(tiny, tmp_path):
         ["done", "1", "1.0"], ["done", "2", "1.0"], ["done", "1", "2.0"], ["done", "2", "2.0"],
     ]  # fmt: skip
     second = call(tiny(), "--out", tmp_path / "out")
-    assert "4 done (4 of them before), 0 failed" in second.stdout
+    assert "4 done (4 of them earlier), 0 failed" in second.stdout
     assert done(folder) == made
     assert tables(folder) == before
     assert sorted(entry.name for entry in folder.iterdir() if entry.name not in made) == [
@@ -335,10 +335,10 @@ def test_a_folder_of_something_else_is_left_as_it_is(tiny, tmp_path):
     batch.run(loaded, folder, "serial")
     before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
     (tmp_path / "tiny.toml").write_text((tmp_path / "tiny.toml").read_text().replace("paper_loop", "paper_path"))
-    with pytest.raises(InputError, match="is of another study, 'tiny' on 'paper_loop'; for 'tiny' on 'paper_path'"):
+    with pytest.raises(InputError, match="holds another study, 'tiny' on 'paper_loop'; for 'tiny' on 'paper_path'"):
         batch.run(study.load(tmp_path / "tiny.toml"), folder)
     (folder / "study.toml").write_text("half a stu")
-    with pytest.raises(InputError, match="is no study of a batch"):
+    with pytest.raises(InputError, match="is not the study of a batch"):
         batch.run(loaded, folder)
     (folder / "study.toml").write_bytes(before[folder / "study.toml"])
     assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == before
@@ -382,7 +382,7 @@ def test_a_dry_run_writes_nothing_and_knows_what_is_done(tiny, tmp_path):
     batch.run(study.load(tiny()), tmp_path / "out" / "tiny", "serial")
     dry = call(tiny(gains=3), "--dry-run", "--out", tmp_path / "out")
     assert "6 runs, 2 to do, about " in dry.stdout
-    assert "(from the 4 runs that are done)" in dry.stdout
+    assert "(from the 4 finished runs)" in dry.stdout
 
 
 def test_json_is_one_document(tiny, tmp_path):
