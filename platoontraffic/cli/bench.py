@@ -54,6 +54,7 @@ STAGES = {  # stages of the loop -> their names in provenance.json
     "place": ("place",),
     "observe": ("observe", "measure"),
     "record": ("record",),
+    "watchers": ("show",),
 }
 LARGE, LARGEST = "1000 + 100", "5000 + 500"  # towns with a target, see `bars`
 

@@ -54,7 +54,7 @@ def test_another_seed_is_another_run(tmp_path):
 def test_a_dry_run_starts_nothing(tmp_path):
     done = call("run", "paper_loop", "--dry-run", "--out", tmp_path)
     assert (done.exit_code, list(tmp_path.iterdir())) == (0, [])
-    assert "fine, 5 in all" in done.stdout
+    assert "fine, 5 members" in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -153,8 +153,8 @@ BAD = [
     ('leave_out = ["platoon.size >"]\n[grid]\nplatoon.size = [2]', "must be a comparison, such as"),
     ('leave_out = ["platoon.size > \'a\'"]\n[grid]\nplatoon.size = [2]', "not supported between"),
     ('leave_out = ["platoon.size.real > 1"]\n[grid]\nplatoon.size = [2]', "not a varied key of the study"),
-    ('leave_out = ["(platoon.size).real > 1"]\n[grid]\nplatoon.size = [2]', "real: not a key"),
-    ('leave_out = ["[x for x in (1,)]"]\n[grid]\nplatoon.size = [2]', "x: not a key"),
+    ('leave_out = ["(platoon.size).real > 1"]\n[grid]\nplatoon.size = [2]', "real: not a varied key"),
+    ('leave_out = ["[x for x in (1,)]"]\n[grid]\nplatoon.size = [2]', "x: not a varied key"),
     ('[grid]\nplatoon.size = [2]\nplatoon.start.edge = ["nowhere"]', "'nowhere'"),
     ("[grid]\nplatoon.gap_m = [0.5, 100.0]", "; at platoon.gap_m = 100.0"),
 ]  # fmt: skip
