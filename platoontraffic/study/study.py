@@ -37,19 +37,27 @@ Place = Callable[[tuple], str]  # path of a key -> its place in the study: `file
 
 
 class StudyFile(Table):
-    """A study file."""
+    """A study file: a scenario at many points, each run with the same seeds."""
 
-    name: Identifier = "study"  # default: the name of the file
+    name: Identifier = "study"
+    """Name of the study, and of the folder of its results. If not given: the file's name."""
     title: str = ""
-    base: Annotated[str, Field(min_length=1)]  # a shipped scenario, or a file, relative to this one
-    seeds: list[int] | dict[str, int] | None = None  # a list or a range, for every point; default: the scenario's
-    replications: Annotated[int, Field(ge=1, le=MOST)] | None = None  # number of seeds 1, 2 …, in place of `seeds`
-    set: Keys = Field(default_factory=dict)  # keys that differ from the base in every run
-    grid: Keys = Field(default_factory=dict)  # key -> its values; all combinations
-    # Key -> its values, the same number for every key: all first values make a point, then all second ones …
+    """One line that says what is varied."""
+    base: Annotated[str, Field(min_length=1)]
+    """The scenario: name of a shipped one, or a file, relative to this one."""
+    seeds: list[int] | dict[str, int] | None = None
+    """Seeds of every point, a list or a range. Default: the seed of the scenario."""
+    replications: Annotated[int, Field(ge=1, le=MOST)] | None = None
+    """Number of seeds 1, 2 and so on, in place of `seeds`."""
+    set: Keys = Field(default_factory=dict)
+    """Keys of the scenario that differ from the base in every run."""
+    grid: Keys = Field(default_factory=dict)
+    """Keys with lists or ranges of values: the points are all combinations."""
     zip: Keys | list[Keys] = Field(default_factory=dict)
-    # Conditions such as "platoon.size > 5 and platoon.gap_m < 0.4"; points at which one of them holds are left out.
+    """Keys with equally long lists or ranges of values: all first values make a point, then all second ones, and so on.
+    A list of such tables combines them as the grid does."""
     leave_out: list[str] = Field(default_factory=list)
+    """Conditions such as "platoon.size > 5 and platoon.gap_m < 0.4": points at which one of them holds are left out."""
 
 
 @dataclass(frozen=True)
