@@ -93,7 +93,7 @@ class StopLines:
         self._adjacent: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
 
     def signals(self, fleet: Fleet, roads: Mapping[str, tuple[str, str]]) -> Signals | None:
-        """The next stop line of each member whose law asks for it; None if none does.
+        """The next stop line of each member with a law that needs it; None if no law does.
 
         roads: edge and lane of each member
         """
@@ -244,7 +244,7 @@ class StopLines:
         return True
 
     def _has_room(self, line: Line, length: float) -> bool:
-        """Whether a vehicle can leave a junction that others cross before it stands behind the queue beyond it."""
+        """Whether a vehicle can leave a junction with cross traffic before it stands behind the queue beyond it."""
         vehicle, lane = self._sumo.vehicle, self._sumo.lane
         onto = lane.getLastStepVehicleIDs(line.onto)  # the last one first
         size = scale(length)
@@ -262,7 +262,7 @@ class StopLines:
         return self._conflicts[line]
 
     def _has_gap(self, line: Line, state: str, distance: float, ego: Ego) -> bool:
-        """Whether a vehicle may pass a line at which it has to give way; from afar it is taken for granted."""
+        """Whether a vehicle may pass a line at which it has to give way; far from the line it counts as allowed."""
         if distance >= self._conflicts_at(line).reach:
             return True
         is_open = self._may_cross(line, distance, ego)

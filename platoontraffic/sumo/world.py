@@ -73,7 +73,7 @@ class World:
     def deploy(self, fleet: Fleet, later: Sequence[Fleet] = ()) -> Fleet:
         """Insert members at their start poses; this is time 0.
 
-        Background vehicles in their way are removed: a platoon does not come in by driving. Platoons that depart
+        Background vehicles in their path are removed: a platoon appears, it does not drive in. Platoons that depart
         `later` wait for room instead: see `advance`.
         """
         self._later = sorted(later, key=lambda platoon: platoon.members[0].departs)
@@ -147,7 +147,7 @@ class World:
         return self._placement.roads(fleet)
 
     def signals(self, fleet: Fleet) -> Signals | None:
-        """State of the next stop line of each member whose law asks for it; None if none does."""
+        """State of the next stop line of each member with a law that needs it; None if no law does."""
         return self._lines.signals(fleet, self._placement.where)
 
     def violations(self, fleet: Fleet) -> list[Noted]:

@@ -1,4 +1,4 @@
-"""What members drive on: SUMO's world, or bare ground without roads and background traffic."""
+"""The ground that members drive on: SUMO's world, or bare ground without roads and background traffic."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Ground(Protocol):
         """Edge and lane of each member after the last step; the lane is "" off the road."""
 
     def signals(self, fleet: Fleet) -> Signals | None:
-        """State of the next stop line of each member whose law asks for it; None if none does."""
+        """State of the next stop line of each member with a law that needs it; None if no law does."""
 
     def violations(self, fleet: Fleet) -> list[Noted]:
         """Members that entered a junction in the last step against a signal or right of way."""
@@ -148,5 +148,5 @@ def with_their_followers(fleet: Fleet, gone: set[str]) -> set[str]:
 
 
 def departs_by(later: Sequence[Fleet], time: float, step: float) -> list[Fleet]:
-    """Platoons whose time of departure is not after `time`, or nearer to it than to the step after."""
+    """Platoons with a time of departure up to `time`, or nearer to it than to the step after."""
     return [platoon for platoon in later if platoon.members[0].departs < time + step / 2]
