@@ -27,8 +27,9 @@ from platoontraffic.sumo.conflicts import (
     Conflicts,
 )
 from platoontraffic.vehicles.motion import scale
-from platoontraffic.world.events import Noted
+from platoontraffic.world import ground
 from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.ground import Entry
 
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = range(1, len(CLOSED_BY))
 
@@ -115,13 +116,13 @@ class StopLines:
                 values[i] = value
         return signals
 
-    def violations(self, fleet: Fleet, entries: Sequence[tuple[str, str, str]]) -> list[Noted]:
-        """Members that entered a junction against a signal or right of way.
+    def entries(self, fleet: Fleet, entered: Sequence[tuple[str, str, str]]) -> list[Entry]:
+        """How members entered junctions; SUMO-driven ones are left out.
 
-        entries: ids of members that entered one, the lane that each left, its lane inside
+        entered: ids of members that entered one, the lane that each left, its lane inside
         """
-        found, row = [], {m.id: i for i, m in enumerate(fleet.members)} if entries else {}
-        for name, lane, via in entries:
+        found, row = [], {m.id: i for i, m in enumerate(fleet.members)} if entered else {}
+        for name, lane, via in entered:
             state = next((link[LINK_STATE] for link in self._sumo.lane.getLinks(lane) if link[LINK_VIA] == via), "")
             i = row.get(name)
             if i is None or fleet.native[i] or not state:
@@ -129,10 +130,9 @@ class StopLines:
             lines = fleet.members[i].route.lines if fleet.members[i].route else ()
             line = next((line for line in lines if line.lane == lane and line.via[:1] == (via,)), None)
             ego = Ego(name, via, fleet.motion.speed[i], fleet.model.length[i])
-            if state in RED:
-                found.append(Noted(i, "red_light", lane))
-            elif line and state not in PRIORITY + YELLOW and not self._may_enter(line, ego):
-                found.append(Noted(i, "failed_to_yield", lane))
+            signal = _signal(state)
+            has_gap = signal != ground.GIVES_WAY or line is None or self._may_enter(line, ego)
+            found.append(Entry(i, lane, signal, has_gap))
         return found
 
     # ---- one vehicle's row
@@ -338,3 +338,12 @@ class StopLines:
         since = since if time - last < HELD_UP_AFTER else time
         self._standing[foe, inside] = since, time
         return time - since > HELD_UP_AFTER
+
+
+def _signal(state: str) -> str:
+    """The signal of a link, from SUMO's letter."""
+    if state in RED:
+        return ground.RED
+    if state in YELLOW:
+        return ground.YELLOW
+    return ground.PRIORITY if state in PRIORITY else ground.GIVES_WAY

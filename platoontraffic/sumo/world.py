@@ -21,9 +21,8 @@ from platoontraffic.sumo.obstacles import HeldObstacles
 from platoontraffic.sumo.placement import Placement
 from platoontraffic.sumo.process import Process, start_options
 from platoontraffic.sumo.stoplines import StopLines
-from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.ground import departs_by, members_at, with_their_followers
+from platoontraffic.world.ground import Entry, departs_by, members_at, with_their_followers
 from platoontraffic.world.traffic import TrafficSnapshot
 
 
@@ -150,9 +149,9 @@ class World:
         """State of the next stop line of each member with a law that needs it; None if no law does."""
         return self._lines.signals(fleet, self._placement.where)
 
-    def violations(self, fleet: Fleet) -> list[Noted]:
-        """Members that entered a junction in the last step against a signal or right of way."""
-        return self._lines.violations(fleet, self._placement.entries())
+    def entries(self, fleet: Fleet) -> list[Entry]:
+        """Members that entered a junction in the last step; SUMO-driven ones are left out."""
+        return self._lines.entries(fleet, self._placement.entries())
 
     def _departing(self, fleet: Fleet) -> list[Fleet]:
         """Platoons that are due at the end of the coming step and have room; they are inserted."""

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import TracebackType
-from typing import Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
 from platoontraffic.controllers import Signals
-from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.world.traffic import TrafficSnapshot
+
+RED, YELLOW, PRIORITY, GIVES_WAY = "red", "yellow", "priority", "gives way"
+
+
+class Entry(NamedTuple):
+    """A member has entered a junction in the last step."""
+
+    row: int  # of the member in the fleet
+    lane: str  # that it left
+    signal: str  # of its stop line when it entered: RED, YELLOW, PRIORITY or GIVES_WAY
+    has_gap: bool  # no vehicle with priority comes before it is across; known where it gives way, else True
 
 
 class Ground(Protocol):
@@ -63,8 +73,8 @@ class Ground(Protocol):
     def signals(self, fleet: Fleet) -> Signals | None:
         """State of the next stop line of each member with a law that needs it; None if no law does."""
 
-    def violations(self, fleet: Fleet) -> list[Noted]:
-        """Members that entered a junction in the last step against a signal or right of way."""
+    def entries(self, fleet: Fleet) -> list[Entry]:
+        """Members that entered a junction in the last step; SUMO-driven ones are left out."""
 
 
 class BareGround:
@@ -121,7 +131,7 @@ class BareGround:
     def signals(self, fleet: Fleet) -> None:
         return None
 
-    def violations(self, fleet: Fleet) -> list[Noted]:
+    def entries(self, fleet: Fleet) -> list[Entry]:
         return []
 
     @property
