@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tests.support import ROOT
 from tests.support.runs import ONE_CORNER, run
 
 # Shells start what they put into the background with SIGINT ignored, and that is inherited; tests send it.
@@ -17,6 +20,15 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def one_corner(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a finished run of three robots through one corner."""
     return run(tmp_path_factory.mktemp("results") / "one_corner", "paper_loop", *ONE_CORNER)
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package built as a wheel."""
+    folder = tmp_path_factory.mktemp("wheel")
+    subprocess.run([sys.executable, "-m", "build", "--wheel", "-o", folder, ROOT], check=True)
+    (built,) = folder.glob("*.whl")
+    return built
 
 
 @pytest.fixture

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import platform
 import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import NamedTuple
 
 FINE, MISSING, TROUBLE = "fine", "missing", "trouble"  # missing is what is optional
@@ -35,7 +33,7 @@ class Finding(NamedTuple):
 
 
 def examine() -> list[Finding]:
-    return [*_versions(), _sumo(), *_extras(), *_clashes(), *_arrow()]
+    return [*_versions(), _sumo(), *_extras(), *_arrow()]
 
 
 def _versions() -> list[Finding]:
@@ -70,21 +68,6 @@ def _extras() -> list[Finding]:
     if gui and ours and gui.split(".")[:2] != ours.split(".")[:2]:
         what = f"eclipse-sumo is {gui}, libsumo {ours}; networks built by one may not suit the other"
         findings.append(Finding(TROUBLE, "extra gui", f"{what}: pip install eclipse-sumo=={ours}"))
-    return findings
-
-
-def _clashes() -> list[Finding]:
-    """The packages beside this one have names that others have, too."""
-    here = Path(__file__).parents[1]
-    findings = []
-    for name in ("lidar", "analysis"):
-        spec = importlib.util.find_spec(name)
-        where = Path(spec.origin).parent if spec and spec.origin else None
-        if where is None or where.resolve() != (here / name).resolve():
-            what = f"`import {name}` finds {where or 'nothing'}, not {here / name}; use another folder or environment"
-            findings.append(Finding(TROUBLE, name, what))
-        else:
-            findings.append(Finding(FINE, name, str(where)))
     return findings
 
 

@@ -17,7 +17,6 @@ from typer.testing import CliRunner, Result
 
 from platoontraffic import shipped
 from platoontraffic.cli.main import app
-from tests.support import ROOT
 from tests.support.runs import ONE_CORNER
 
 COMMAND = [sys.executable, "-m", "platoontraffic"]
@@ -258,16 +257,6 @@ def test_doctor_starts_sumo_and_names_versions():
     assert done.exit_code == 0
     assert findings["SUMO"]["text"].endswith("starts, steps and stops")
     assert all(finding["verdict"] != "trouble" for finding in findings.values())
-
-
-def test_doctor_finds_a_package_of_the_same_name(tmp_path, monkeypatch):
-    (tmp_path / "analysis").mkdir()
-    (tmp_path / "analysis" / "__init__.py").write_text("")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    done = subprocess.run([*COMMAND, "doctor"], capture_output=True, text=True)
-    assert done.returncode == 3
-    assert f"trouble  analysis: `import analysis` finds {tmp_path / 'analysis'}" in done.stdout
 
 
 @pytest.mark.parametrize("what", ["scenario", "study"])
