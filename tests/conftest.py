@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -14,6 +16,30 @@ from tests.support.runs import ONE_CORNER, run
 # Shells start what they put into the background with SIGINT ignored, and that is inherited; tests send it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+WHOLE_SUITE = 1000  # at least so many tests are collected
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if "one_corner" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.sumo)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def kernels(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """In the whole suite the first two workers begin with different kernels, rather than both with the same."""
+    if request.session.testscollected < WHOLE_SUITE:
+        return
+    with contextlib.suppress(Exception):  # tests report the faults of what is called here
+        from tests.support.kernels import compile_scanning, compile_tracking
+
+        worker = os.environ.get("PYTEST_XDIST_WORKER")
+        if worker == "gw0":
+            compile_scanning(tmp_path_factory.mktemp("kernels"))
+        elif worker == "gw1":
+            compile_tracking()
 
 
 @pytest.fixture(scope="session")
