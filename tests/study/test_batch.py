@@ -293,19 +293,13 @@ def test_a_second_batch_on_the_same_folder_is_refused(tiny, tmp_path, killed):
 
 
 def test_shards_work_side_by_side_but_not_on_the_same_runs(tiny, tmp_path):
-    file, folder = tiny(5, 40), tmp_path / "out"
-
-    def work(number: int, count: int, *changes: str) -> batch.Report:
-        return batch.run(study.load(file, changes), folder, "serial", shard=batch.Shard(number, count))
-
-    work(1, 200)
-    with contextlib.closing(Lock(folder / batch_folder.LOCK)) as lock:
-        assert lock.take(0, 100)  # as a batch that works on shard 1/2 does
-        with pytest.raises(InputError, match="another batch"):
-            work(1, 3)
-        with pytest.raises(InputError, match="another batch"):
-            work(3, 3, "platoon.gap_m=0.5")
-        assert work(200, 200).progress.done == 1
+    shard = (tiny(5, 40), "-j", 1, "--out", tmp_path / "out", "--shard")
+    assert call(*shard, "1/200").returncode == 0
+    with contextlib.closing(Lock(tmp_path / "out" / "tiny" / batch_folder.LOCK)) as lock:
+        assert lock.take(0, 100)  # as a batch of the shard 1/2 does
+        assert "another batch" in call(*shard, "1/3").stderr
+        assert "another batch" in call(*shard, "3/3", "platoon.gap_m=0.5").stderr
+        assert call(*shard, "200/200").stdout.startswith("1 runs: 1 done")
 
 
 def test_the_lock_of_a_process_that_dies_is_free_again(tmp_path):
