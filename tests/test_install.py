@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import venv
 from pathlib import Path
 
@@ -20,11 +19,10 @@ def test_a_checkout_uses_its_own_folders():
 
 
 @pytest.mark.install
-def test_the_wheel_installed_elsewhere_finds_its_scenarios_and_nets(tmp_path):
-    environment = {**os.environ, "HOME": str(tmp_path / "home")}
+def test_the_wheel_installed_elsewhere_finds_its_scenarios_and_nets(tmp_path, wheel):
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment["HOME"] = str(tmp_path / "home")
     (tmp_path / "home").mkdir()
-    subprocess.run([sys.executable, "-m", "build", "--wheel", "-o", tmp_path, ROOT], check=True, env=environment)
-    (wheel,) = tmp_path.glob("*.whl")
     venv.create(tmp_path / "venv", with_pip=True)
     programs = tmp_path / "venv" / ("Scripts" if os.name == "nt" else "bin")
     subprocess.run([programs / "python", "-m", "pip", "install", "-q", wheel], check=True, env=environment)

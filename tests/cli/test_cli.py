@@ -17,7 +17,6 @@ from typer.testing import CliRunner, Result
 
 from platoontraffic import shipped
 from platoontraffic.cli.main import app
-from tests.support.runs import ONE_CORNER
 
 COMMAND = [sys.executable, "-m", "platoontraffic"]
 SHORT = ("run.duration_s=1", "platoon.size=2")
@@ -172,7 +171,7 @@ def _started(folder: Path, deadline: float = 60) -> Path:
 
 @pytest.mark.sumo
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path, number):
     run = subprocess.Popen(
         [*COMMAND, "run", "paper_loop", "--out", str(tmp_path)],
@@ -180,9 +179,12 @@ def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path, number):
         stderr=subprocess.PIPE,
         text=True,
     )
-    _started(tmp_path)
-    run.send_signal(number)
-    out, err = run.communicate(timeout=60)
+    try:
+        _started(tmp_path)
+        run.send_signal(number)
+        out, err = run.communicate(timeout=60)
+    finally:
+        run.kill()
     (kept,) = (tmp_path / "paper_loop").iterdir()
     assert (run.returncode, out) == (130, "")
     assert err == f"interrupted\nwhat was recorded until then is kept in {kept}\n"
@@ -195,7 +197,7 @@ def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path, number):
 
 @pytest.mark.sumo
 def test_two_at_once_leave_one_result(tmp_path):
-    command = [*COMMAND, "run", "paper_loop", *ONE_CORNER, "-q", "--out", str(tmp_path)]
+    command = [*COMMAND, "run", "paper_loop", "run.duration_s=10", "platoon.size=3", "-q", "--out", str(tmp_path)]
     runs = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     said = [run.communicate(timeout=120) for run in runs]
     assert [run.returncode for run in runs] == [0, 0]

@@ -14,6 +14,7 @@ import pytest
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
 from platoontraffic.results import plug_in_metrics, provenance
+from platoontraffic.run import run as recorded
 from tests.results.test_metrics import events, trajectories
 from tests.support import ROOT
 
@@ -117,7 +118,7 @@ def test_the_file_of_a_metric_is_part_of_the_run_id(folder):
 @pytest.mark.sumo
 def test_the_example_has_rows_in_every_file_of_metrics(folder):
     checked = scenario.load(folder / "mine.toml", [f"record.metrics={NAME}", *SHORT])
-    run = simulation.simulate(simulation.prepare(checked), folder / "run")
+    run = recorded(simulation.prepare(checked), folder / "run")
     metrics = pd.read_csv(run / "metrics.csv").query("metric.str.startswith('short_headway_share')")
     assert metrics.scope.tolist() == ["vehicle", "vehicle", "platoon", "run"]
     assert "short_headway_share_max" in pd.read_csv(run / "summary.csv")
@@ -135,7 +136,7 @@ def test_a_metric_that_fails_names_its_line_and_loses_no_table(folder):
     (folder / "failing.py").write_text(FAILING)
     checked = scenario.load(folder / "mine.toml", [f"record.metrics=failing.py:Failing,{NAME}", *SHORT])
     with pytest.raises(InputError, match=r"failing.py:6: metric failing failed: KeyError") as caught:
-        simulation.simulate(simulation.prepare(checked), folder / "run")
+        recorded(simulation.prepare(checked), folder / "run")
     kept = folder / "run.unfinished"
     assert str(kept) in str(caught.value)
     assert {"gap_mean", "short_headway_share"} <= set(pd.read_csv(kept / "metrics.csv").metric)
