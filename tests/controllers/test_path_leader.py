@@ -9,14 +9,11 @@ import pytest
 import shapely
 
 from platoontraffic.controllers import path_kernel
-from platoontraffic.controllers.law import Signals
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.lidar import PRESETS, Mount, Scene
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.bicycle import CARS
-from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.sensing import Sensing
-from tests.support.bench import BLIND, NO_WALLS, ROBOT, drive, platoon, snapshot
+from tests.support.bench import BLIND, DT, NO_WALLS, ROBOT, StopLine, drive, platoon
 
 CAR = replace(CARS["car"], lag=0.1, brake_lag=0.1)
 EYE = replace(PRESETS["car-leader"], mount=Mount(CAR.length / 2), noise=PRESETS["paper-leader"].noise)
@@ -62,9 +59,12 @@ def test_started_beside_a_straight_path_it_comes_to_it():
     assert abs(axle(log)[-1, 1] - 0.1) < 1e-3
 
 
-def test_past_the_end_it_goes_straight_on():
+def test_it_drives_straight_and_steadily_to_the_end_of_its_path():
+    """Its look-ahead point lies beyond the end; it arrives with its front."""
     log = along(line((0.0, 0.0), (1.0, 0.0)), PathLeader(speed=0.1), seconds=18.0)
-    assert axle(log)[-1] == pytest.approx([1.8, 0.0], abs=0.05)
+    assert log.x[-1, 0] + ROBOT.length / 2 == pytest.approx(1.0, abs=0.1 * DT + 1e-6)
+    assert log.speed[log.time > 5] == pytest.approx(0.1, rel=1e-3)
+    assert log.y == pytest.approx(0.0, abs=1e-9)
 
 
 # ---- bends and limits
@@ -254,20 +254,13 @@ def test_it_follows_at_stand_off_and_headway():
 
 def before_a_line(at: float, opens: float, *, minor=False, changing=False, speed=12.0, seconds=40.0):
     """Time, place of the front bumper and speed, before a line that is closed until it opens."""
-    (one,) = platoon(PathLeader(speed=12.0), at=(-CAR.axle, 0.0, 0.0), leader_eye=EYE, model=CAR)
-    fleet, sensing = Fleet.deployed([replace(one, route=STRAIGHT, speed=speed)], 0.1), Sensing(NO_WALLS)
-    rows = []
-    for step in range(round(seconds / 0.1)):
-        time = 0.1 * step
-        front = fleet.motion.x[0] + CAR.length / 2
-        passed, is_open = front > at, time >= opens
-        signals = Signals(
-            np.array([np.inf if passed else at - front]), np.array([bool(passed or is_open)]),
-            np.array([minor]), np.array([changing and not is_open]), np.array([0]),
-        )  # fmt: skip
-        fleet = fleet.decided(sensing.scan(snapshot(fleet, time), fleet, step), 0.1, signals).moved(0.1)
-        rows.append((time, front, fleet.motion.speed[0]))
-    return np.array(rows).T
+    (one,) = platoon(PathLeader(speed=12.0), at=(-CAR.axle, 0.0, 0.0), leader_eye=EYE, model=CAR, speed=speed)
+
+    def ground() -> StopLine:
+        return StopLine(0.1, at, lambda time: time >= opens, minor=minor, changing=changing)
+
+    log = drive([replace(one, route=STRAIGHT)], NO_WALLS, seconds, 0.1, ground=ground)
+    return log.time, log.x[:, 0] + CAR.length / 2, log.speed[:, 0]
 
 
 def test_it_stops_at_a_closed_line_and_goes_when_it_opens():

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
 from platoontraffic.road.route import Route
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.bicycle import CARS
-from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.sensing import Sensing
-from tests.support.bench import NO_WALLS, ROBOT, drive, platoon, snapshot
+from tests.support.bench import NO_WALLS, ROBOT, drive, platoon
 
 amounts = st.floats(0.1, 10)
 frequencies = st.floats(0.01, 1)
@@ -122,17 +121,11 @@ def test_until_it_begins_a_profile_changes_nothing(profile):
 
 def test_each_vehicle_has_the_time_since_it_set_out_itself():
     law = PathLeader(speed=10.0, profile="brake", begins=2.0, last_speed=4.0, rate=2.0)
-    fleet = Fleet.deployed([replace(car(law), speed=10.0)], 0.1)
-    late = Fleet.deployed(
-        [replace(car(law), id="b.0", platoon="b", pose=(0.0, 50.0, 0.0), speed=10.0)], 0.1, np.ones(1, int)
-    )
-    speeds = []
-    for step in range(120):
-        if step == 50:
-            fleet = fleet.joined(late)
-        fleet = fleet.decided(Sensing(NO_WALLS).scan(snapshot(fleet, step * 0.1), fleet, step), 0.1).moved(0.1)
-        speeds.append(fleet.motion.speed)
-    np.testing.assert_allclose([row[1] for row in speeds[50:]], [row[0] for row in speeds[:70]], atol=1e-9)
+    first = replace(car(law), speed=10.0)
+    later = replace(first, id="b.0", platoon="b", pose=(0.0, 50.0, 0.0), departs=5.0)
+    with Simulation(Setting([first, later], NO_WALLS, 0.1, steps=120)) as simulation:
+        speeds = [now.fleet.motion.speed for now in simulation]
+    np.testing.assert_allclose([row[1] for row in speeds[50:]], [row[0] for row in speeds[:71]], atol=1e-9)
 
 
 @pytest.mark.parametrize(("amplitude", "profile"), [(20.0, "sinusoid"), (20.0, "chirp")])

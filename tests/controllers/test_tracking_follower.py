@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 import shapely
 
+from platoontraffic.controllers import Law
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise, Scene
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.vehicles.odometry import ODOMETRY
-from tests.support.bench import BLIND, NO_WALLS, Log, Prescribed, amplitude, drive, platoon
+from tests.support.bench import BLIND, NO_WALLS, Log, Prescribed, Unseeing, amplitude, drive, platoon
 
 DT = 0.1
 CAR = VEHICLES["car"]
@@ -26,12 +27,19 @@ BEHIND_BUMPER = CAR.length / 2 - TRACKER.mount.x
 
 
 def cars(
-    at, seconds: float, speed: float, followers: int = 9, eye: LidarModel = EXACT, odometry="none", **options
+    at,
+    seconds: float,
+    speed: float,
+    followers: int = 9,
+    eye: LidarModel = EXACT,
+    odometry="none",
+    law: Law = FOLLOWER,
+    **options,
 ) -> Log:
     """A platoon at steady speed; at: the leader's acceleration and curvature as a function of time."""
     members = platoon(
         Prescribed(lambda time: Drive(*at(time))),
-        FOLLOWER,
+        law,
         followers,
         distance=FOLLOWER.desired_distance(speed),
         model=CAR,
@@ -239,13 +247,13 @@ def test_it_keeps_its_predecessor_with_a_third_of_the_returns_lost():
     ("path", "speed"), [(straight_on, 20.0), (turn(8.0, math.pi / 2, 5.0), 5.0)], ids=["straight", "turn"]
 )
 def test_it_keeps_its_predecessor_through_a_second_of_blindness(path, speed):
-    log = cars(path, 25.0, speed, eye=NOISY, blind=(5.5, 6.5))
+    log = cars(path, 25.0, speed, eye=NOISY, law=Unseeing(FOLLOWER, 5.5, 6.5))
     assert log.locked()[70:].mean(axis=0).min() >= 0.99
     assert max(off_path(log, i, i - 1) for i in range(1, 10)) < 0.3
 
 
 def test_lasting_blindness_makes_it_stop():
-    log = cars(straight_on, 20.0, 20.0, followers=1, eye=NOISY, blind=(5.0, 30.0))
+    log = cars(straight_on, 20.0, 20.0, followers=1, eye=NOISY, law=Unseeing(FOLLOWER, 5.0, 30.0))
     at = {time: log.speed[round(time / DT), 1] for time in (6.0, 10.0, 19.0)}
     assert at[6.0] == pytest.approx(20.0, abs=0.3)  # it follows the prediction
     assert at[10.0] < 15

@@ -17,9 +17,8 @@ from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.catalogue import FleetModel
 from platoontraffic.vehicles.motion import Motion, Twist
 from platoontraffic.vehicles.records import take
-from platoontraffic.world.fleet import Fleet, Member
-from platoontraffic.world.sensing import Sensing
-from tests.support.bench import DT, NO_WALLS, ROBOT, Prescribed, platoon, snapshot
+from platoontraffic.world.fleet import Member
+from tests.support.bench import NO_WALLS, ROBOT, Prescribed, drive, platoon
 from tests.support.runs import run
 
 MODELS = (ROBOT, CARS["car"], replace(ROBOT, lag=0.3, width=0.2), CARS["truck"])
@@ -41,10 +40,8 @@ def state(motion: Motion) -> np.ndarray:
 
 def driven(order: list[int], seconds: float = 6.0) -> np.ndarray:
     """Every field of the motion at every step, (steps, fields, n)."""
-    fleet, sensing, states = Fleet.deployed(members(order), DT), Sensing(NO_WALLS), []
-    for step in range(round(seconds / DT)):
-        fleet = fleet.decided(sensing.scan(snapshot(fleet, step * DT), fleet, step), DT).moved(DT)
-        states.append(state(fleet.motion))
+    states = []
+    drive(members(order), NO_WALLS, seconds, observe=lambda now: states.append(state(now.fleet.motion)))
     return np.array(states)
 
 

@@ -22,8 +22,9 @@ from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.geometry.polyline import Polyline
 from platoontraffic.lidar import PRESETS, Mount, Scene
 from platoontraffic.observation.avoidance import hardest, least_braking, least_gap, reaction, stopping_distance
-from platoontraffic.observation.encounters import Encounter, Encounters
+from platoontraffic.observation.encounters import Encounter
 from platoontraffic.road.route import Route
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.vehicles.odometry import ODOMETRY
@@ -44,7 +45,7 @@ from platoontraffic.world.obstacles import (
     TargetGap,
 )
 from platoontraffic.world.traffic import TrafficSnapshot
-from tests.support.bench import BLIND, NO_WALLS, Prescribed, drive, platoon
+from tests.support.bench import BLIND, NO_WALLS, Prescribed, platoon
 
 DT = 0.1
 CAR = VEHICLES["car"]
@@ -102,19 +103,19 @@ class Played(NamedTuple):
 
 
 def play(members: Sequence[Member], plan: Plan, seconds: float, seed: int = 0, scene: Scene = NO_WALLS) -> Played:
-    least, seen, watching = [], [], []
+    steps = round(seconds / DT)
+    with Simulation(Setting(members, scene, DT, steps=steps, seed=seed, obstacles=[plan])) as simulation:
+        seen = [now.traffic for now in simulation]
+        met = simulation.encounters.rows()
+    return Played(
+        met, min((clearance(t, len(members), plan.id) for t in seen if plan.id in t.ids), default=NEVER), seen
+    )
 
-    def observe(traffic, fleet, scans, others) -> None:
-        if not watching:
-            watching.append(Encounters(others, members))
-        watching[0].observe(traffic, fleet, [])
-        seen.append(traffic)
-        if plan.id in traffic.ids:
-            shapes = shapely.polygons(traffic.boxes().corners())
-            least.append(shapely.distance(shapes[: len(members)], shapes[traffic.ids.index(plan.id)]).min())
 
-    drive(members, scene, seconds, DT, observe=observe, seed=seed, plans=[plan])
-    return Played(watching[0].rows(), min(least, default=NEVER), seen)
+def clearance(traffic: TrafficSnapshot, members: int, name: str) -> float:
+    """Least distance between the members, in the first rows, and another body [m]."""
+    shapes = shapely.polygons(traffic.boxes().corners())
+    return shapely.distance(shapes[:members], shapes[traffic.ids.index(name)]).min()
 
 
 def of(seen: list[TrafficSnapshot], name: str) -> np.ndarray:

@@ -12,6 +12,7 @@ import pytest
 from platoontraffic.controllers.tracker.records import ACCELERATION, CURVATURE, HEADING, OVERHANG, SPEED
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.observation.instant import Instant
 from platoontraffic.vehicles.motion import Drive
 from tests.controllers.test_tracking_follower import CAR, DT, EXACT, NOISY, s_bend, straight_on, turn
 from tests.support.bench import BLIND, NO_WALLS, Prescribed, drive, platoon
@@ -39,7 +40,8 @@ def tracked(at, seconds: float, speed: float, eye=NOISY, followers: int = 6, see
     )  # fmt: skip
     rows = []
 
-    def watch(traffic, fleet, scans) -> None:
+    def observe(now: Instant) -> None:
+        fleet = now.fleet
         motion, (memory,) = fleet.motion, [group.memory for group in fleet.groups if group.law is law]
         x, y = fleet.model.axle_position(motion)
         ahead, own = slice(None, -1), slice(1, None)
@@ -64,7 +66,7 @@ def tracked(at, seconds: float, speed: float, eye=NOISY, followers: int = 6, see
         claimed = np.sqrt(np.diagonal(memory.track.cov, axis1=1, axis2=2))
         rows.append((error, claimed, memory.track.nis, memory.track.blind))
 
-    drive(members, NO_WALLS, seconds, DT, watch, seed=seed)
+    drive(members, NO_WALLS, seconds, DT, observe, seed=seed)
     return Errors(*(np.array(column) for column in zip(*rows[20:], strict=True)))
 
 
