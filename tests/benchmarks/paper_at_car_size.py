@@ -28,12 +28,12 @@ from platoontraffic.controllers import Decision, Law, Sensed, Target
 from platoontraffic.controllers.printed import SPEED_GAIN, PrintedFollower
 from platoontraffic.controllers.repaired import RepairedFollower
 from platoontraffic.lidar import LidarModel, Mount, Scene
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.bicycle import CARS, Car
 from platoontraffic.vehicles.motion import Twist
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.sensing import Sensing
-from tests.support.bench import DT, NO_WALLS, Prescribed, amplitude, platoon, snapshot, targets
+from tests.support.bench import DT, NO_WALLS, Prescribed, amplitude, platoon, targets
 
 SCALE = 12.0  # a robot is 0.15 m wide, a car 1.76 m
 FOLLOWERS = 4
@@ -121,22 +121,18 @@ class Moment(NamedTuple):
 
 
 def run(trial: Trial) -> Iterator[Moment]:
-    """Sense, decide, tell, move. The leader's twist is done at once whatever the followers are."""
+    """Instant by instant. The leader's twist is done at once whatever the followers are."""
     distance = trial.law.desired_distance(trial.speed)
     leader, *others = platoon(
-        Prescribed(trial.twist_at), trial.law, trial.followers, model=trial.car, eye=trial.eye, distance=distance
-    )
-    fleet = Fleet.deployed([replace(leader, model=AT_ONCE), *others], DT)
-    fleet = replace(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), trial.speed)))
-    sensing = Sensing(trial.scene)
-    contacts = Contacts(trial.scene, {m.id for m in fleet.members})
-    for step in range(round(trial.seconds / DT) + 1):
-        traffic = snapshot(fleet, step * DT)
-        scans = sensing.scan(traffic, fleet, step)
-        fleet = fleet.decided(scans, DT)
-        locked = targets(fleet, scans)[1:] == np.arange(trial.followers)
-        yield Moment(traffic.time, fleet, locked, contacts.of(traffic))
-        fleet = fleet.moved(DT)
+        Prescribed(trial.twist_at), trial.law, trial.followers, model=trial.car, eye=trial.eye, distance=distance,
+        speed=trial.speed,
+    )  # fmt: skip
+    members = [replace(leader, model=AT_ONCE), *others]
+    contacts = Contacts(trial.scene, {m.id for m in members})
+    with Simulation(Setting(members, trial.scene, DT, steps=round(trial.seconds / DT))) as simulation:
+        for now in simulation:
+            locked = targets(now)[1:] == np.arange(trial.followers)
+            yield Moment(now.time, now.fleet, locked, contacts.of(now.traffic))
 
 
 def together(trial: Trial) -> list[Moment] | None:

@@ -13,7 +13,7 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence, Set
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,13 +28,15 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from platoontraffic.controllers import Decision, Law, Sensed
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
+from platoontraffic.observation.instant import Instant
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.fleet import Fleet, Member
-from platoontraffic.world.sensing import Sensing
+from platoontraffic.world.ground import BareGround
 from tests.benchmarks.paper_at_car_size import CAR, GRIP, PRINTED, QUICK, REPAIRED, SMALLEST, laser, table
-from tests.support.bench import BLIND, DT, NO_WALLS, amplitude, platoon, snapshot, targets
+from tests.support.bench import BLIND, DT, NO_WALLS, amplitude, platoon, targets
 
 LEADER = replace(CAR, lag=0.0, brake_lag=0.0)  # steers as cars do; its acceleration is as prescribed, but for the jerk
 TRACKER = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03))
@@ -202,44 +204,58 @@ class Leaders(Law):
         return Decision(Drive(*np.array([self.at[i](sensed.scan.stamp) for i in which]).T), which)
 
 
+class Parting(BareGround):
+    """Bare ground without the platoons in `over` from the next step on."""
+
+    over: Set[str] = frozenset()
+
+    def advance(self, fleet: Fleet) -> Fleet:
+        return super().advance(fleet).without({m.id for m in fleet.members if m.platoon in self.over})
+
+
 def drive(trials: Sequence[Trial]) -> list[Run]:
     """All at once, far from each other; a platoon leaves when its time is over or two touch. One time step for all."""
     dt, leaders = trials[0].follower.step, Leaders(tuple(trial.at for trial in trials))
-    fleet = Fleet.deployed([m for i, trial in enumerate(trials) for m in trial.members(i, leaders)], dt)
-    sensing, contacts = Sensing(NO_WALLS), Contacts(NO_WALLS, {m.id for m in fleet.members})
-    ends = np.array([round(trial.seconds / dt) for trial in trials])
-    rows: list[list[tuple]] = [[] for _ in trials]
-    hit: dict[int, int] = {}
-    for step in range(ends.max() + 1):
-        traffic = snapshot(fleet, step * dt)
-        scans = sensing.scan(traffic, fleet, step)
-        fleet = fleet.decided(scans, dt)
-        if step % round(SAMPLE / dt) == 0:
-            locked, beams = targets(fleet, scans) == fleet.predecessor, _beams(fleet, scans)
-            motion, axle = fleet.motion, np.column_stack(fleet.model.axle_position(fleet.motion))
-            number = np.array([int(m.platoon) for m in fleet.members])
-            begins = np.flatnonzero(np.diff(number, prepend=-1))
-            for a, b in zip(begins, [*begins[1:], len(number)], strict=True):
-                row = motion.speed[a:b], motion.turned[a:b], axle[a:b], locked[a + 1 : b], beams[a + 1 : b]
-                rows[number[a]].append((traffic.time, *row))
-            for pair in sorted(contacts.of(traffic)):
-                (i, back), (_, front) = (map(int, name.split(".")) for name in pair)
-                hit[i] = min(hit.get(i, 1000), max(back, front))
-            over = {i for i in set(number.tolist()) if i in hit or step >= ends[i]}
-            fleet = fleet.without({m.id for m, i in zip(fleet.members, number.tolist(), strict=True) if i in over})
-            if not len(fleet):
-                break
-        fleet = fleet.moved(dt)
-    return [
-        Run(trial, *(np.array(column) for column in zip(*of_one, strict=True)), hit.get(i))
-        for i, (trial, of_one) in enumerate(zip(trials, rows, strict=True))
-    ]
+    members = [m for i, trial in enumerate(trials) for m in trial.members(i, leaders)]
+    contacts, ground = Contacts(NO_WALLS, {m.id for m in members}), Parting(dt)
+    runs = [Running(trial, round(trial.seconds / dt)) for trial in trials]
+    steps = max(running.steps for running in runs)
+    with Simulation(Setting(members, NO_WALLS, dt, steps=steps, ground=lambda: ground)) as simulation:
+        for now in simulation:
+            if len(now.fleet) and now.step % round(SAMPLE / dt) == 0:
+                _sample(now, contacts, runs)
+                ground.over = {str(i) for i, one in enumerate(runs) if one.hit or now.step >= one.steps}
+    return [Run(one.trial, *(np.array(column) for column in zip(*one.rows, strict=True)), one.hit) for one in runs]
 
 
-def _beams(fleet: Fleet, scans: Iterable[Any]) -> np.ndarray:
-    count = np.zeros(len(fleet), dtype=int)
-    for group, scan in zip(fleet.groups, scans, strict=True):
-        ahead = fleet.predecessor[group.rows]
+class Running:
+    """A run that is being driven."""
+
+    def __init__(self, trial: Trial, steps: int) -> None:
+        self.trial, self.steps = trial, steps
+        self.rows: list[tuple] = []  # of `Run`, from time to beams
+        self.hit: int | None = None
+
+
+def _sample(now: Instant, contacts: Contacts, runs: Sequence[Running]) -> None:
+    fleet, motion = now.fleet, now.fleet.motion
+    locked, beams = targets(now) == fleet.predecessor, _beams(now)
+    axle = np.column_stack(fleet.model.axle_position(motion))
+    number = np.array([int(m.platoon) for m in fleet.members])
+    begins = np.flatnonzero(np.diff(number, prepend=-1))
+    for a, b in zip(begins, [*begins[1:], len(number)], strict=True):
+        row = motion.speed[a:b], motion.turned[a:b], axle[a:b], locked[a + 1 : b], beams[a + 1 : b]
+        runs[number[a]].rows.append((now.time, *row))
+    for pair in contacts.of(now.traffic):
+        (i, back), (_, front) = (map(int, name.split(".")) for name in pair)
+        runs[i].hit = min(runs[i].hit or 1000, max(back, front))
+
+
+def _beams(now: Instant) -> np.ndarray:
+    """Returns from each member's predecessor, (n,)."""
+    count = np.zeros(len(now.fleet), dtype=int)
+    for group, scan in zip(now.fleet.groups, now.scans, strict=True):
+        ahead = now.fleet.predecessor[group.rows]
         count[group.rows] = ((scan.hits == ahead[:, None]) & np.isfinite(scan.ranges)).sum(axis=1)
     return count
 

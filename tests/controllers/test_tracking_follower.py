@@ -32,9 +32,9 @@ def cars(
     speed: float,
     followers: int = 9,
     eye: LidarModel = EXACT,
-    odometry="none",
+    odometry: str = "none",
     law: Law = FOLLOWER,
-    **options,
+    seed: int = 0,
 ) -> Log:
     """A platoon at steady speed; at: the leader's acceleration and curvature as a function of time."""
     members = platoon(
@@ -48,7 +48,7 @@ def cars(
         speed=speed,
         odometry=ODOMETRY[odometry],
     )
-    return drive(members, NO_WALLS, seconds, DT, **options)
+    return drive(members, NO_WALLS, seconds, DT, seed=seed)
 
 
 def gaps(log: Log) -> np.ndarray:

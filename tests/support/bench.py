@@ -130,7 +130,7 @@ def platoon(
     speed: float = 0.0,
     odometry: OdometryErrors = ODOMETRY["none"],
 ) -> list[Member]:
-    """A leader with its centre at a pose, and followers straight behind it, each with its laser `distance` from a rear."""
+    """A leader, its centre at a pose, and followers straight behind it, each laser `distance` behind a rear."""
     x, y, heading = at
     spacing = distance + model.length / 2 + eye.mount.x
     return [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import libsumo
@@ -13,11 +13,8 @@ import shapely
 
 from platoontraffic import scenario, simulation
 from platoontraffic.errors import InputError
-from platoontraffic.sumo.world import World
+from platoontraffic.simulation import Simulation
 from platoontraffic.vehicles.catalogue import VEHICLES
-from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.prepared import departures
-from platoontraffic.world.sensing import Sensing
 from tests.support import ODD_NETS
 from tests.support.runs import run
 
@@ -315,38 +312,20 @@ def test_laps_are_not_complete_before_all_platoons_have_departed(tables):
     assert (why, time) == ("laps", pytest.approx(8.0 + 0.05 * 2 * np.pi * 159 / 8.0, abs=1.0))
 
 
-def played(file: Path, words: Path, steps: int, look: Callable[[Fleet], None]) -> None:
-    """The loop of a run; `look` is called after every step."""
-    prepared = simulation.prepare(scenario.load(file))
-    dt = prepared.scenario.spec.run.step_s
-    fleet, later = departures(prepared.members, dt)
-    sensing = Sensing(prepared.scene)
-    with World(prepared.network, dt, 1, words) as world:
-        fleet = world.deploy(fleet, later)
-        for step in range(steps):
-            traffic = world.snapshot(fleet)
-            fleet = fleet.decided(sensing.scan(traffic, fleet, step), dt, world.signals(fleet)).moved(dt)
-            world.place(fleet)
-            fleet = world.advance(fleet)
-            look(fleet)
-
-
 @pytest.mark.parametrize("leader", [PATH, SUMO], ids=["path", "sumo"])
-def test_a_member_that_has_arrived_is_removed_from_sumo(written, tmp_path, leader):
-    start = 'edge = "east_out", position_m = 460, speed_mps = 8.0'
-    there: list[tuple[Sequence[str], set[str]]] = []
-
-    def look(fleet: Fleet) -> None:
-        there.append(([m.id for m in fleet.members], set(libsumo.vehicle.getIDList())))
-
-    file = written(platoon("a", start, leader, size=3))
-    played(file, tmp_path / "words.log", 80, look)
-    assert there[0] == (["a.0", "a.1", "a.2"], {"a.0", "a.1", "a.2"})
-    assert there[-1] == ([], set())
-    gone = [members for members, _ in there].index([])
-    assert all(not ids for _, ids in there[gone + 1 :])
-    for members, ids in there[:gone]:
-        assert set(members) == ids
+def test_a_member_that_has_arrived_is_removed_from_sumo(written, leader):
+    """Another platoon, which stays, keeps the simulation going."""
+    arrives = platoon("a", 'edge = "east_out", position_m = 460, speed_mps = 8.0', leader, size=3)
+    stays = platoon("z", 'edge = "north_in", position_m = 50', route='to = "south_out"')
+    there: list[tuple[set[str], set[str]]] = []
+    with Simulation.load(written(arrives, stays, duration=8.0)) as simulation:
+        for now in simulation:
+            there.append(({m.id for m in now.fleet.members}, set(libsumo.vehicle.getIDList())))
+    assert there[0] == ({"a.0", "a.1", "a.2", "z.0"},) * 2
+    gone = [members for members, _ in there].index({"z.0"})
+    assert all(members == ids for members, ids in there[:gone])
+    assert all(members == ids == {"z.0"} for members, ids in there[gone + 1 :])
+    assert gone < len(there) - 10
 
 
 @pytest.mark.parametrize("of_a", [PATH, SUMO], ids=["path", "sumo"])

@@ -107,9 +107,8 @@ def play(members: Sequence[Member], plan: Plan, seconds: float, seed: int = 0, s
     with Simulation(Setting(members, scene, DT, steps=steps, seed=seed, obstacles=[plan])) as simulation:
         seen = [now.traffic for now in simulation]
         met = simulation.encounters.rows()
-    return Played(
-        met, min((clearance(t, len(members), plan.id) for t in seen if plan.id in t.ids), default=NEVER), seen
-    )
+    distances = (clearance(traffic, len(members), plan.id) for traffic in seen if plan.id in traffic.ids)
+    return Played(met, min(distances, default=NEVER), seen)
 
 
 def clearance(traffic: TrafficSnapshot, members: int, name: str) -> float:
