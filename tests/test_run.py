@@ -1,4 +1,4 @@
-"""Whole runs: what they show, and that they come out the same."""
+"""Whole runs: their results, and that these are reproduced."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_the_order_of_the_members_changes_nothing(one_corner, tmp_path):
 def test_the_configuration_that_a_run_leaves_repeats_it(one_corner, tmp_path):
     again = scenario.load(one_corner / "config.toml")
     assert run_id(again) == run_id(scenario.load("paper_loop", ONE_CORNER))
-    # Its summary has no columns for arguments: there were none.
+    # Its summary has no columns of arguments, since it was given none.
     assert equal_tables(one_corner, run(tmp_path / "again", one_corner / "config.toml"), TABLES[:3])
 
 
@@ -74,10 +74,10 @@ def test_errors_of_lidars_follow_the_seed_and_the_vehicle_alone(tmp_path):
     one = run(tmp_path / "one", "paper_loop", *noisy)
     assert equal_tables(one, run(tmp_path / "reversed", "paper_loop", *noisy, members=lambda m: m[::-1]))
     assert not equal_tables(one, run(tmp_path / "other", "paper_loop", *noisy, seed=2), TABLES[:1])
-    # Whoever is not there draws nothing: the others' errors stay, and so do their ways.
+    # Errors of the first three robots, and so their paths, do not depend on the robots behind them.
     fewer = run(tmp_path / "fewer", "paper_loop", *noisy, "platoon.size=3")
-    ways = [pd.read_csv(folder / "trajectories.csv").query("place < 3") for folder in (one, fewer)]
-    assert ways[0].reset_index(drop=True).equals(ways[1].reset_index(drop=True))
+    paths = [pd.read_csv(folder / "trajectories.csv").query("place < 3") for folder in (one, fewer)]
+    assert paths[0].reset_index(drop=True).equals(paths[1].reset_index(drop=True))
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_errors_of_lidars_follow_the_seed_and_the_vehicle_alone(tmp_path):
     [*((name, "pymunk") for name in ("paper_loop", "paper_path", "paper_world")), ("paper_loop", "numpy"),
      ("paper_loop", "shapely")],
 )  # fmt: skip
-def test_every_engine_drives_the_same_way(tmp_path, name, engine):
+def test_every_lidar_engine_gives_the_same_trajectories(tmp_path, name, engine):
     one = run(tmp_path / "raster", name, "run.duration_s=6")
     other = run(tmp_path / engine, name, "run.duration_s=6", f"scene.lidar_engine={engine}")
     numbers = [pd.read_csv(f / "trajectories.csv").select_dtypes("number") for f in (one, other)]
@@ -102,7 +102,7 @@ def test_the_printed_follower_loses_the_platoon_at_the_first_corner(tmp_path):
     assert events[events.time_s == lost].detail.iloc[0] == "not recognised, though 720 beams hit it"
 
 
-def test_a_lap_goes_by_a_path_of_several_radii(tmp_path):
+def test_a_leader_drives_a_path_of_several_radii(tmp_path):
     folder = run(tmp_path / "path", "paper_path", "run.duration_s=60", "platoon.size=2")
     rows = pd.read_csv(folder / "trajectories.csv")
     leader = rows[rows.place == 0]
@@ -111,7 +111,7 @@ def test_a_lap_goes_by_a_path_of_several_radii(tmp_path):
     assert (metric(folder, "lock_on_ratio") == 1).all()
 
 
-def test_a_run_tells_where_it_came_from(one_corner):
+def test_a_run_records_its_provenance(one_corner):
     facts = json.loads((one_corner / "provenance.json").read_text())
     assert facts["status"] == "finished"
     assert set(facts["input_sha256"]) == {"net.lab_loop.net.xml", "additional.0.lab_loop.poly.xml"}
@@ -160,7 +160,10 @@ class Law:
         ("raise SystemExit(5)", "law.py:11: law Law failed at 0.000 s: SystemExit: 5"),
         ("raise ValueError('a\\nb')", "ValueError: a b"),
         ("return Decision(Twist(0.0, 0.0), target=(1.0, float('inf')))", "target 1.0, inf for robot.1 at 0.000 s"),
-        ("return sensed.scan.hits[0]", "law Law failed at 0.000 s: TypeError"),  # the truth is not for laws
+        (
+            "return sensed.scan.hits[0]",
+            "law Law failed at 0.000 s: TypeError",
+        ),  # laws do not see what a beam met
         ("sensed.scan.ranges[:] = 1.0", "law Law failed at 0.000 s: ValueError"),
     ],
 )
@@ -208,7 +211,7 @@ class Law:
         "3",
     ],
 )
-def test_what_is_no_decision_is_said_in_one_line(scenario_file, tmp_path, decision):
+def test_a_law_that_returns_no_decision_is_reported_in_one_line(scenario_file, tmp_path, decision):
     (tmp_path / "law.py").write_text(ROWS_LAW.format(decision=decision))
     file = scenario_file(('law = "repaired"', 'law = "law:Law"'))
     with pytest.raises(InputError, match=r"law.py:6: law Law gave .*; must be a Decision of a Twist, or a Drive"):
@@ -223,7 +226,7 @@ def test_gaps_do_not_depend_on_how_often_they_are_recorded(tmp_path):
     assert (often.gap_m, often.cross_track_m) == pytest.approx((seldom.gap_m, seldom.cross_track_m))
 
 
-def test_a_run_is_another_when_a_module_that_its_law_imports_has_changed(scenario_file, tmp_path):
+def test_the_run_id_changes_with_a_module_that_a_law_imports(scenario_file, tmp_path):
     file = scenario_file(('law = "repaired"', 'law = "law:Law"'))
     (tmp_path / "law.py").write_text("import gains\n" + NAN_LAW.format(body="return gains.SPEED"))
     ids = []
@@ -262,7 +265,7 @@ def test_five_robots_follow_a_path_of_several_radii_for_a_lap(tmp_path):
     assert (metric(folder, "collisions") == 0).all()
 
 
-def test_prepared_twice_is_one_run(tmp_path):
+def test_a_scenario_that_runs_twice_leaves_one_folder(tmp_path):
     prepared = simulation.prepare(scenario.load("paper_loop", ["run.duration_s=0.1", "run.laps=1"]))
     folder = run_into(prepared, tmp_path / "one")
     assert run_into(prepared, tmp_path / "one") == folder
@@ -283,7 +286,7 @@ follower = { law = "repaired", lidar = "paper-follower" }
 """
 
 
-def test_a_road_that_ends_at_a_wall_is_arrived_at_where_one_stands_before_it(tmp_path):
+def test_a_platoon_arrives_where_it_stands_before_the_wall_at_the_end_of_its_road(tmp_path):
     file = tmp_path / "dead_end.toml"
     file.write_text(DEAD_END + 'leader = { law = "path", speed_mps = 0.3 }\nroute = ["s_end"]\n', encoding="utf-8")
     events = pd.read_csv(run(tmp_path / "run", file) / "events.csv")

@@ -112,16 +112,16 @@ class Trial(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """Arrays: a follower each, front to rear."""
+    """One instant of a trial; arrays have one row a follower, front to rear."""
 
     time: float
     fleet: Fleet
-    locked: np.ndarray  # its target is a return from its predecessor
+    locked: np.ndarray  # its target is its predecessor
     contacts: set[tuple[str, str]]
 
 
 def run(trial: Trial) -> Iterator[Moment]:
-    """Instant by instant. The leader's twist is done at once whatever the followers are."""
+    """The instants of a trial. The leader executes its twist without lag, whatever the followers do."""
     distance = trial.law.desired_distance(trial.speed)
     leader, *others = platoon(
         Prescribed(trial.twist_at), trial.law, trial.followers, model=trial.car, eye=trial.eye, distance=distance,
@@ -146,7 +146,7 @@ def together(trial: Trial) -> list[Moment] | None:
 
 
 def steady(moment: Moment, law: Any, speed: float) -> bool:
-    """Every gap as the law says."""
+    """Whether every gap is the law's."""
     wanted = law.desired_distance(speed)
     return bool((np.abs(moment.fleet.target.distance[1:] / wanted - 1) < TOLERANCE).all())
 

@@ -1,4 +1,4 @@
-"""The laser-only follower without a predecessor, and at stop lines; without SUMO."""
+"""The law `tracking` without a predecessor, and at stop lines; without SUMO."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STRAIGHT = Route.along(("road",), np.array([[-200.0, 0.0], [2000.0, 0.0]]), np.f
 
 
 def corner(radius: float = 12.0) -> Route:
-    """Fifty metres on, to the left."""
+    """A bend to the left after 50 m."""
     angle = np.linspace(0, np.pi / 2, 30)
     arc = np.column_stack([50 + radius * np.sin(angle), radius * (1 - np.cos(angle))])
     points = np.vstack([[-200.0, 0.0], [0.0, 0.0], arc, [50 + radius, 400.0]])
@@ -41,7 +41,7 @@ def corner(radius: float = 12.0) -> Route:
 
 @dataclass(frozen=True)
 class CalledTwice(TrackingFollower):
-    """The law, called twice in each step with the same memory."""
+    """The law `tracking`, called twice in each step with the same memory."""
 
     def __call__(self, sensed, memory, dt):
         before = copy.deepcopy(memory)
@@ -52,7 +52,7 @@ class CalledTwice(TrackingFollower):
 
 
 class Street(StopLine):
-    """Bare ground that the leader leaves at some time [s]."""
+    """Bare ground with a stop line; the leader disappears at some time [s]."""
 
     def __init__(self, leader_leaves: float = np.inf, **line) -> None:
         super().__init__(DT, **line)
@@ -116,7 +116,7 @@ def test_with_on_loss_stop_a_follower_without_leader_stops():
     assert course.speed[-1] == pytest.approx(0, abs=0.01)
 
 
-def test_alone_it_stops_at_a_red_light_and_drives_on_at_green():
+def test_a_follower_without_leader_stops_at_a_red_light_and_drives_on_at_green():
     course = driven(steady, 31.0, leader_leaves=1.0, x=100.0, is_open=lambda time: time > 25)
     before = course.time < 25
     assert 97.0 < course.front[before].max() <= 100.0
@@ -124,7 +124,7 @@ def test_alone_it_stops_at_a_red_light_and_drives_on_at_green():
 
 
 @pytest.mark.parametrize(("policy", "passes"), [("convoy", True), ("obey", False)])
-def test_behind_its_leader_it_stops_at_a_closed_line_only_with_policy_obey(policy, passes):
+def test_a_follower_behind_its_leader_stops_at_a_closed_line_only_with_policy_obey(policy, passes):
     law = TrackingFollower(on_loss="drive", policy=policy)
     course = driven(steady, 15.0, law, x=80.0, is_open=lambda time: time < 8.2)  # the leader is across by then
     assert (course.front[-1] > 80) == passes
@@ -157,7 +157,7 @@ def test_needs_follow_from_policy_and_on_loss():
 
 
 @pytest.mark.parametrize("on_loss", ["stop", "drive"])
-def test_the_law_is_a_function_of_what_it_is_given(on_loss):
+def test_the_law_called_twice_decides_the_same_and_keeps_its_memory_unchanged(on_loss):
     course = driven(steady, 7.0, CalledTwice(on_loss=on_loss), corner(), leader_leaves=3.0)
     assert len(course.time) == round(7 / DT) + 1
 
@@ -201,7 +201,7 @@ def test_a_scenario_says_how_a_lost_follower_drives(drives, tmp_path):
     assert scenario.load(again).resolved(tmp_path) == resolved
 
 
-def test_alone_is_the_path_law_by_default():
+def test_a_follower_without_predecessor_drives_by_the_path_law_by_default():
     assert TrackingFollower().alone == PathLeader()
 
 
@@ -215,13 +215,13 @@ def test_alone_is_the_path_law_by_default():
         ("alone.profile=brake", "alone: profile and trace are for leaders"),
     ],
 )
-def test_a_fault_in_its_keys_is_named(drives, override, said):
+def test_a_fault_in_the_table_alone_is_named(drives, override, said):
     with pytest.raises(InputError) as error:
         scenario.load(drives, [f"platoon.follower.{override}"])
     assert any(said in fault for fault in error.value.faults), error.value.faults
 
 
-def test_a_fault_in_its_keys_is_named_with_its_line(drives):
+def test_a_fault_in_the_table_alone_is_named_with_its_line(drives):
     drives.write_text(DRIVES.replace("time_headway_s", "time_headwy_s"))
     with pytest.raises(InputError, match=r"drives.toml:16: platoon.0.follower.alone.time_headwy_s: unknown key"):
         scenario.load(drives)

@@ -29,7 +29,7 @@ LAWS += [KINDS["tracking"](on_loss="drive"), KINDS["tracking"](policy="obey"), K
 
 
 def same(one: Any, other: Any) -> None:
-    """Equal in every array of both, whatever records these are in."""
+    """Asserts that two nested records are equal in every array."""
     assert type(one) is type(other)
     if is_dataclass(one):
         one, other = ([getattr(record, f.name) for f in fields(record)] for record in (one, other))
@@ -42,7 +42,7 @@ def same(one: Any, other: Any) -> None:
 
 @dataclass(frozen=True)
 class Twice(Law):
-    """Decides as another law does, which it calls twice."""
+    """Calls another law twice in each step, and asserts that it is a function."""
 
     law: Law
 

@@ -1,4 +1,4 @@
-"""Laws in a file beside the scenario: what they declare, and what they get by it."""
+"""Laws in a file beside the scenario: their declarations, and the effects of these."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_a_law_that_needs_it_is_given_the_order_to_lead(folder):
         ("hardest_braking = -3.0", "Bad declares hardest_braking = -3.0; must be more than 0 m/s2"),
     ],
 )
-def test_a_wrong_declaration_is_said_in_one_line(scenario_file, folder, declared, said):
+def test_a_wrong_declaration_is_reported_in_one_line(scenario_file, folder, declared, said):
     with (folder / "mine.py").open("a") as file:
         file.write(f"\n@dataclass(frozen=True)\nclass Bad(Plain):\n    {declared}\n")
     with pytest.raises(InputError) as caught:
@@ -140,7 +140,7 @@ def test_a_wrong_declaration_is_said_in_one_line(scenario_file, folder, declared
     assert fault.endswith(said)
 
 
-def test_what_fails_in_a_class_without_defaults_is_placed_in_its_own_file(scenario_file, folder):
+def test_an_error_in_a_class_that_does_not_derive_from_law_is_reported_at_its_own_line(scenario_file, folder):
     (folder / "mine.py").write_text(FILE.replace("return self.gap_m + speed", "return 1 / 0"))
     with pytest.raises(InputError, match=r"mine.py:19: law Wishing failed in desired_distance\(0\): ZeroDivisionError"):
         run(folder / "run", with_law(scenario_file, "mine:Wishing"), "run.duration_s=1", "platoon.size=2")

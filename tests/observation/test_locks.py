@@ -1,4 +1,4 @@
-"""Locks: what a law's target lies on, and the beams on a predecessor; against slow counts and real scans."""
+"""Locks: the surface of a law's target, and the beams on a predecessor; against slow counts and real scans."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ MODELS = (ROBOT, CARS["car"], replace(ROBOT, lag=0.3, width=0.2), CARS["truck"])
 
 
 def members(order: list[int]) -> list[Member]:
-    """Platoons of one, each driving curves of its own by the clock."""
+    """Platoons of one; each drives its own curve."""
     alone = []
     for i in order:
         wave = Prescribed(lambda time, i=i: Twist(2 + 2 * np.sin(time + i), 0.3 * np.cos(2 * time - i)))
@@ -103,7 +103,7 @@ def test_a_car_follows_another_round_a_ring(tmp_path: Path):
     file.write_text(RING)
     folder = run(tmp_path / "ring", file)
     rows, events = (pd.read_csv(folder / f"{name}.csv") for name in ("trajectories", "events"))
-    # At the start and the end of the run; no contact, never lost.
+    # No contact, and no lock loss.
     assert events.kind.tolist() == ["departed", "departed", "locked", "end"]
 
     leader, follower = (rows[rows.place == place] for place in (0, 1))
@@ -114,7 +114,7 @@ def test_a_car_follows_another_round_a_ring(tmp_path: Path):
 
     steady = follower[follower.time_s > 25]
     car = CARS["car"]
-    to_bumper = 0.03  # the laser is so far behind it
+    to_bumper = 0.03  # the laser is 0.03 m behind the front bumper
     assert steady.gap_m.mean() + to_bumper == pytest.approx(4.0 + 10.0 / SPEED_GAIN, rel=0.02)
     assert steady.speed_mps.mean() == pytest.approx(10.0, rel=0.01)
     assert follower.cross_track_m.abs().max() < car.width / 2

@@ -66,7 +66,7 @@ def written(tmp_path) -> Callable[..., Path]:
 
 @pytest.fixture
 def tables(tmp_path, written) -> Callable[..., tuple[pd.DataFrame, pd.DataFrame]]:
-    """Runs platoons; their trajectories and events."""
+    """Runs platoons, and returns their trajectories and events."""
 
     def play(*platoons: str, name: str = "mine", changes=(), **options) -> tuple[pd.DataFrame, pd.DataFrame]:
         folder = run(tmp_path / name, written(*platoons, name=name, **options), *changes)
@@ -80,7 +80,7 @@ def of(table: pd.DataFrame, vehicle: str) -> pd.DataFrame:
 
 
 def events(table: pd.DataFrame, kind: str) -> dict[str, float]:
-    """Vehicle -> time."""
+    """Time of the event by vehicle."""
     some = table[table.kind == kind]
     return dict(zip(some.vehicle_id, some.time_s, strict=True))
 
@@ -91,7 +91,7 @@ def ending(table: pd.DataFrame) -> tuple[float, str]:
 
 
 def clearance(table: pd.DataFrame, one: str, other: str) -> pd.Series:
-    """Distance between two footprints over time, when both are there [m]."""
+    """Distance between two footprints [m] at the times at which both are on the road."""
     both = of(table, one).merge(of(table, other), on="time_s")
     box = shapely.box(-LENGTH / 2, -WIDTH / 2, LENGTH / 2, WIDTH / 2)
 
@@ -206,7 +206,7 @@ def test_a_vehicle_on_the_adjacent_lane_does_not_delay_a_departure(tables, tmp_p
 
 
 def test_a_platoon_does_not_depart_around_another_vehicle(tables, tmp_path):
-    """It stands in the 30 m between two members, out of the clearance of both."""
+    """The other vehicle stands in the 30 m between two members, out of the clearance of both."""
     stands = platoon("a", 'edge = "west_in", position_m = 83', standing(tmp_path, 100.0))
     pair = platoon("b", 'edge = "west_in", position_m = 100, time_s = 1.0', size=2, gap=30.0)
     _, noted = tables(stands, pair, duration=3.0)
@@ -215,7 +215,7 @@ def test_a_platoon_does_not_depart_around_another_vehicle(tables, tmp_path):
 
 @pytest.mark.parametrize("leader", [PATH, SUMO.replace("8.0", "30.0")], ids=["path", "sumo"])
 def test_a_platoon_does_not_depart_too_fast_to_stop_behind_another(tables, tmp_path, leader):
-    """It stands 11 m ahead; braking from 13 m/s takes 19 m, from 3 m/s 1 m."""
+    """The other platoon stands 11 m ahead; braking from 13 m/s takes 19 m, from 3 m/s 1 m."""
     stands = platoon("a", 'edge = "west_in", position_m = 120', standing(tmp_path, 100.0))
     start = 'edge = "west_in", position_m = 104, time_s = 1.0, speed_mps = '
     _, noted = tables(stands, platoon("b", start + "13.0", leader), duration=5.0, name="fast")

@@ -59,7 +59,7 @@ NEVER = math.inf
 
 
 def followers(speed: float, headway: float = 1.0, n: int = 2, route: Route = STRAIGHT) -> list[Member]:
-    """Followers of a leader at constant speed, with the car's lidar and odometry and their errors."""
+    """A leader at constant speed, and followers with the errors of a car's lidar and odometry."""
     law = TrackingFollower(time_headway=headway)
     members = platoon(
         Prescribed(lambda _: Drive(0.0, 0.0)), law, n, distance=law.desired_distance(speed), model=CAR, eye=TRACKER,
@@ -85,7 +85,7 @@ def cut_in(
 
 
 def walk(x: float, speed: float, sets_out: float | None, side: float, event: MemberNear | None = None) -> Crossing:
-    """From 4 m beside the middle of the lane to the other side."""
+    """A pedestrian that walks from 4 m beside the middle of the lane to the other side."""
     return Crossing(
         id="ped", kind="pedestrian", length=0.3, width=0.5, start=(x, side * 4.0), end=(x, -side * 4.0), speed=speed,
         sets_out=sets_out, at_event=event,
@@ -325,7 +325,7 @@ BEND = np.array([(-300.0, 0.0), *ARC, (RADIUS, 300.0)])
 HEDGE = Scene.from_shapely(solids=[shapely.box(-80.0, 4.0, RADIUS - 4.0, 84.0)])  # everything inside the bend
 
 
-@pytest.mark.parametrize("behind", [5.0, 15.0, 25.0, 40.0])  # distance behind the begin of the bend [m]
+@pytest.mark.parametrize("behind", [5.0, 15.0, 25.0, 40.0])  # distance behind the beginning of the bend [m]
 def test_a_leader_stops_for_a_standing_car_behind_a_bend(behind):
     route = Route.along(["e"], BEND, np.full(len(BEND), 20.0))
     x, y, heading = PathLine(route).pose(300.0 + behind, 0.0, 4.74)
