@@ -12,6 +12,8 @@ from platoontraffic.errors import InputError
 from tests.support import ODD_NETS
 from tests.support.runs import run
 
+pytestmark = pytest.mark.sumo
+
 ROUTES = [  # each turn of each junction of `corridor`, and its bends in both directions
     "west_light light_prio prio_rw rw_rs rs_re re_b0 b0_b1 b1_b2 b2_east",
     "east_b2 b2_b1 b1_b0 b0_re re_rn rn_rw rw_prio prio_light light_west",
