@@ -60,11 +60,17 @@ class Scans:
     mount_x_m: np.ndarray
     mount_y_m: np.ndarray
     mount_yaw_rad: np.ndarray
+    laser: np.ndarray | None = None  # names; None in files of version 0.1, where each vehicle has one
     path_offset: np.ndarray | None = None  # None where no law remembers a path
     path_m: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    @property
+    def following(self) -> np.ndarray:
+        """Which lasers are those by which their members follow, (v,) bool."""
+        return np.ones(len(self.vehicle_id), bool) if self.laser is None else self.laser == "lidar"
 
     def ranges(self, i: int) -> np.ndarray:
         """Ranges of scan i, (samples,) [m]."""

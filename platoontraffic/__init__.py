@@ -13,14 +13,28 @@ _checkout.add_subpackages()
 _HOMES = {
     "Decision": "controllers",
     "Drive": "vehicles.motion",
+    "Instant": "observation.instant",
     "Law": "controllers",
     "Sensed": "controllers",
+    "Sensor": "vehicles.sensor",
+    "Simulation": "simulation",
     "Target": "controllers",
     "Twist": "vehicles.motion",
     "per_vehicle": "controllers",
 }
 
-__all__ = ["Decision", "Drive", "Law", "Sensed", "Target", "Twist", "per_vehicle"]
+__all__ = [
+    "Decision",
+    "Drive",
+    "Instant",
+    "Law",
+    "Sensed",
+    "Sensor",
+    "Simulation",
+    "Target",
+    "Twist",
+    "per_vehicle",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -97,6 +97,7 @@ class Simulation:
     def __init__(self, setting: Setting, stopwatch: Stopwatch | None = None) -> None:
         self.setting = setting
         self.stopwatch = stopwatch or Stopwatch()
+        self.now: Instant | None = None
         self._open = ExitStack()
 
     @classmethod
@@ -129,71 +130,71 @@ class Simulation:
         setting, watch = self.setting, self.stopwatch
         world = self._open.enter_context(setting.ground() if setting.ground else BareGround(setting.dt))
         self.world = watch.wrap(world, snapshot="read", signals="signals", place="place", advance="step")
-        self.sensors = Sensing(setting.scene, setting.lidar_engine, setting.seed)
-        self._scan, self._odometry = watch("scan", self.sensors.scan), watch("odometry", self.sensors.odometry)
-        self._decided, self._moved = watch("decide", Fleet.decided), watch("move", Fleet.moved)
+        self.sensors = watch.wrap(Sensing(setting.scene, setting.lidar_engine, setting.seed), sense="scan")
         self.observer = watch.wrap(setting.observer(), observe="observe", measure="measure")
         self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
-        fleet, later = departures(setting.members, setting.dt)
-        self.fleet = self.world.deploy(fleet, later)
-        self.obstacles = Obstacles(setting.obstacles, self.fleet)
+        fleet = self.world.deploy(*departures(setting.members, setting.dt))
+        self.obstacles = Obstacles(setting.obstacles, fleet)
         self.encounters = Encounters(self.obstacles, setting.members)
         self._hold_obstacles()
-        return self._decide(0)
+        return self._decide(0, fleet)
 
     def step(self, override: Mapping[str, Twist | Drive] | None = None) -> Instant:
         """Every member moves by its command; then the next instant.
 
-        override: commands, by member id, in place of those of the members' laws
+        override: commands, by member id, in place of those of the members' laws, until these decide again
 
         raises: ValueError (a command for no member, for one that SUMO drives, or not finite), RunError (SUMO failed),
-                InputError (a plug-in failed), RuntimeError (the simulation has ended)
+                InputError (a plug-in failed), RuntimeError (there was no reset, or the simulation has ended)
         """
+        if self.now is None:
+            raise RuntimeError("reset() gives the first instant, step() those after it")
         if self.now.ended:
             raise RuntimeError(f"the simulation has ended ({self.now.ended}); reset() begins anew")
-        brakes = self.breakdowns.brakes(self.fleet)
-        fleet = self._moved(self.fleet.commanded(override or {}), self.setting.dt, brakes)
-        self.obstacles.move(self.now.traffic, fleet.expected(self.setting.dt), self.setting.dt)
+        fleet, dt, timed = self.now.fleet.commanded(override or {}), self.setting.dt, self.stopwatch.call
+        brakes = self.breakdowns.brakes(fleet)
+        fleet = timed("move", fleet.moved, dt, brakes)
+        self.obstacles.move(self.now.traffic, fleet.expected(dt), dt)
         self.world.place(fleet, brakes)
         self._hold_obstacles()
-        self.fleet = self.world.advance(fleet)
-        return self._decide(self.now.step + 1)
+        return self._decide(self.now.step + 1, self.world.advance(fleet))
 
-    def _decide(self, step: int) -> Instant:
+    def _decide(self, step: int, fleet: Fleet) -> Instant:
         """Every member senses the same world; then every law decides."""
-        fleet, dt = self.fleet, self.setting.dt
-        traffic = self.world.snapshot(fleet, self._reach(step))
+        dt, timed = self.setting.dt, self.stopwatch.call
+        traffic = self.world.snapshot(fleet, self._reach(step, fleet))
         failed = self.breakdowns.due(fleet, traffic.time)
-        scans = self.breakdowns.blinded(self._scan(traffic, fleet, step), fleet)
         fleet, ordered = self.manoeuvres.applied(fleet, traffic.time)
+        sensed = self.sensors.sense(traffic, fleet, step, self.breakdowns.blind(fleet))
         signals = self.world.signals(fleet)
-        self.fleet = self._decided(fleet, scans, dt, signals, self._odometry(fleet, step))
+        fleet = timed("decide", fleet.decided, sensed.scans, dt, signals, sensed.odometry, sensed.readings)
         roads, noted = self.world.roads(fleet), [*ordered, *failed, *self.world.violations(fleet)]
-        events = self.observer.observe(traffic, self.fleet, scans, roads, signals, noted)
-        events = [*events, *self.encounters.observe(traffic, self.fleet, events)]
-        self.now = Instant(step, traffic, self.fleet, scans, roads, events, self._measured, self._ended(step))
+        events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted)
+        events = [*events, *self.encounters.observe(traffic, fleet, events)]
+        ended = self._ended(step, fleet)
+        self.now = Instant(step, traffic, fleet, sensed.scans, roads, events, self._measured, ended, sensed.readings)
         return self.now
 
     @property
     def outcome(self) -> Outcome:
         """raises: RuntimeError while it goes on"""
-        if not self.now.ended:
+        if self.now is None or not self.now.ended:
             raise RuntimeError("the simulation has not ended")
         waiting = [member for platoon in self.world.waiting for member in platoon.members]
         return Outcome(self.now.time, self.now.ended, waiting)
 
-    def _reach(self, step: int) -> float:
+    def _reach(self, step: int, fleet: Fleet) -> float:
         """How far from every member background vehicles are wanted [m]."""
         every = self.setting.whole_traffic_every
-        return np.inf if every and step % every == 0 else self.fleet.sight
+        return np.inf if every and step % every == 0 else fleet.sight
 
     def _hold_obstacles(self) -> None:
         plans = self.obstacles.plans
         self.world.hold(self.obstacles.bodies, {plan.id: plan.edges for plan in plans if plan.seen_by_sumo})
 
-    def _ended(self, step: int) -> str:
+    def _ended(self, step: int, fleet: Fleet) -> str:
         """Why the simulation ends at this instant; "" if it goes on."""
-        fleet, waiting, laps = self.fleet, self.world.waiting, self.setting.laps
+        waiting, laps = self.world.waiting, self.setting.laps
         if not len(fleet) and not waiting:
             return "arrived"
         if laps and len(fleet) and not waiting and (np.abs(fleet.motion.turned) >= 2 * np.pi * laps).all():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,12 +14,20 @@ from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.records import take
 
 
-def decide(law: Law, sensed: Sensed, memory: Any, dt: float) -> Decision:
+class Occasion(NamedTuple):
+    """When a group of vehicles decides."""
+
+    stamp: float  # [s]
+    ids: tuple[str, ...]  # (n,)
+
+
+def decide(law: Law, sensed: Sensed, memory: Any, dt: float, at: Occasion) -> Decision:
     """The decision of a law, its command and target as arrays (n,).
 
+    at    : instant and vehicles, for errors
     raises: InputError if a plug-in fails, or decides nothing that fits n vehicles; or if a command is not finite
     """
-    decision = _call(law, f"at {sensed.scan.stamp:.3f} s", law, sensed, memory, dt)
+    decision = _call(law, f"at {at.stamp:.3f} s", law, sensed, memory, dt)
     n = len(sensed.speed)
     try:
         kind = Drive if isinstance(decision.command, Drive) else Twist
@@ -31,7 +39,7 @@ def decide(law: Law, sensed: Sensed, memory: Any, dt: float) -> Decision:
             raise
         what = f"gave {decision!r:.200}; must be a Decision of a Twist, or a Drive, and a Target with numbers, {n} rows"
         raise _fault(law, what) from error
-    _check_finite(law, sensed, decision)
+    _check_finite(law, decision, at)
     return decision
 
 
@@ -61,7 +69,7 @@ def _call(law: Law, when: str, function: Callable, *arguments: Any) -> Any:
         raise _fault(law, f"failed {when}: {type(error).__name__}: {error}", error) from error
 
 
-def _check_finite(law: Law, sensed: Sensed, decision: Decision) -> None:
+def _check_finite(law: Law, decision: Decision, at: Occasion) -> None:
     command, (distance, bearing) = decision.command, decision.target
     sound = np.isfinite(command).all(axis=0) & ~np.isinf(distance) & ~np.isinf(bearing)
     if sound.all():
@@ -69,7 +77,7 @@ def _check_finite(law: Law, sensed: Sensed, decision: Decision) -> None:
     row = int(np.argmin(sound))
     given = ", ".join(f"{name.replace('_', ' ')} {values[row]}" for name, values in command._asdict().items())
     given += f", target {distance[row]}, {bearing[row]}"
-    vehicle = f"{sensed.scan.ids[row]} at {sensed.scan.stamp:.3f} s"
+    vehicle = f"{at.ids[row]} at {at.stamp:.3f} s"
     raise _fault(law, f"gave {given} for {vehicle}; must be finite, a target may be NaN")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -29,11 +29,28 @@ def with_files(kind: type, gains: dict[str, Any], folder: Path) -> dict[str, Any
     return {key: whole(by_key.get(key), value) for key, value in gains.items()}
 
 
-def law_of(kind: type, gains: dict[str, Any], fault: Callable, fault_of: Callable) -> Any:
-    """An instance of a law's class from the keys of a scenario file; None if there are faults.
+def law_of(
+    kind: type, gains: dict[str, Any], fault: Callable, fault_of: Callable, sensors: Collection[str] = ()
+) -> Any:
+    """A law from the keys of a scenario file; arguments and errors as of `instance_of`.
+
+    sensors: names of those that the law may need
+    """
+    return instance_of(kind, gains, fault, fault_of, lambda law: _check_declared(law, sensors))
+
+
+def instance_of(
+    kind: type,
+    gains: dict[str, Any],
+    fault: Callable,
+    fault_of: Callable,
+    check: Callable[[Any], None] = lambda instance: None,
+) -> Any:
+    """An instance of a plug-in's class from the keys of a scenario file; None if there are faults.
 
     fault    : called with the path of a key, a tuple, and what is wrong with it
     fault_of : the text of one of pydantic's errors, given that and the model
+    check    : raises ValueError where the instance is not sound
     raises   : LookupError where the class, or its own checks, are at fault
     """
     if not (is_dataclass(kind) and kind.__dataclass_params__.frozen):
@@ -45,7 +62,7 @@ def law_of(kind: type, gains: dict[str, Any], fault: Callable, fault_of: Callabl
     try:
         law = _made(kind, model.model_validate(_hashable(gains)))
         hash(law)
-        _check_declared(law)
+        check(law)
     except ValidationError as error:
         for e in error.errors():
             fault(_keys_in(e["loc"], model) or ("law",), fault_of(e, model))
@@ -125,12 +142,13 @@ def keys_of(kind: type) -> dict[str, str]:
     return keys
 
 
-def _check_declared(law: Law) -> None:
+def _check_declared(law: Law, sensors: Collection[str]) -> None:
     """raises: ValueError if what a law declares beside its gains is not what `Law` says"""
-    name, needs, known = type(law).__qualname__, law.needs, ", ".join(sorted(NEEDS))
+    there = NEEDS.union(sensors)
+    name, needs, known = type(law).__qualname__, law.needs, ", ".join(sorted(there))
     if not isinstance(needs, frozenset | set | list | tuple):
         raise ValueError(f"{name} declares needs = {needs!r}; must be a set of names: {known}")
-    if unknown := [str(need) for need in needs if need not in NEEDS]:
+    if unknown := [str(need) for need in needs if need not in there]:
         raise ValueError(f"{name} needs {', '.join(sorted(unknown))}; there is: {known}")
     if law.drives_alone and (missing := {"route", "leads"}.difference(needs)):
         raise ValueError(f"{name} declares drives_alone; then it must also need {' and '.join(sorted(missing))}")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import wraps
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from platoontraffic.lidar import LaserScan, ScanBatch
 from platoontraffic.vehicles.motion import Drive, Twist
+from platoontraffic.vehicles.records import row
 
 # What a law may declare in `needs`, and is then given in `Sensed`: its route, the next stop line, the order to lead.
 NEEDS = frozenset({"route", "signals", "leads"})
@@ -24,7 +25,7 @@ class Law:
     `__call__` has these defaults.
     """
 
-    needs: frozenset[str] = frozenset()  # of NEEDS: what it is given beside scan, own motion and body
+    needs: frozenset[str] = frozenset()  # of NEEDS or sensors: what it is given beside scan, own motion and body
     lidar: str | None = None  # the lidar preset, where a scenario names none; None: the paper's
     native: bool = False  # SUMO's own driver model drives; the law has gains and decides nothing
     hardest_braking: float = math.inf  # it never brakes harder [m/s2]
@@ -82,24 +83,38 @@ class Signals(NamedTuple):
 
 @dataclass(frozen=True)
 class Sensed:
-    """What a law is given: rows (n, ...), or one vehicle's row. The last three only if it declares them in `needs`."""
+    """What a law is given: rows (n, ...), or one vehicle's row.
 
-    scan: ScanBatch | LaserScan
+    Route, signals, leads and readings only if it declares them in `needs`.
+    """
+
+    scan: ScanBatch | LaserScan | None  # None only for a law with a sensor that is faster than its laser
     speed: np.ndarray  # own, by odometry [m/s], (n,)
     yaw_rate: np.ndarray  # own, to the left [rad/s], (n,)
     body: Body | None = None
     route: RouteAhead | None = None
     signals: Signals | None = None
     leads: np.ndarray | None = None  # ordered to follow no vehicle, bool (n,)
+    scans: Mapping[str, ScanBatch | LaserScan] = field(
+        default_factory=dict
+    )  # of the further lasers that are due, by their names
+    readings: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # of the scenario's own sensors that are due, by their names; records (n, ...)
 
     def row(self, i: int) -> Sensed:
         """What one vehicle senses: a `LaserScan` and floats."""
-        body, route, signals = (
-            record and type(record)(*(values[i] for values in record))
-            for record in (self.body, self.route, self.signals)
+        return Sensed(
+            self.scan and self.scan[i],
+            float(self.speed[i]),
+            float(self.yaw_rate[i]),
+            row(self.body, i),
+            row(self.route, i),
+            row(self.signals, i),
+            None if self.leads is None else bool(self.leads[i]),
+            {name: scan[i] for name, scan in self.scans.items()},
+            {name: row(reading, i) for name, reading in self.readings.items()},
         )
-        leads = None if self.leads is None else bool(self.leads[i])
-        return Sensed(self.scan[i], float(self.speed[i]), float(self.yaw_rate[i]), body, route, signals, leads)
 
 
 class Target(NamedTuple):

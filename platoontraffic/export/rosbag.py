@@ -129,10 +129,10 @@ def _motions(rows: pd.DataFrame, number: dict[str, int]) -> Iterator[Stamped]:
 def _scans(scans: Scans, number: dict[str, int]) -> Iterator[Stamped]:
     increment = (scans.angle_max_rad - scans.angle_min_rad) / np.maximum(scans.samples - 1, 1)
     for i, (time_s, v) in enumerate(zip(scans.time_s.tolist(), scans.vehicle.tolist(), strict=True)):
-        time, vehicle = _nanoseconds(time_s), str(scans.vehicle_id[v])
+        time, vehicle, (frame, topic) = _nanoseconds(time_s), str(scans.vehicle_id[v]), _names(scans, v)
         scan = _new(
             "sensor_msgs/msg/LaserScan",
-            header=_header(time, f"{vehicle}/laser"),
+            header=_header(time, frame),
             angle_min=float(scans.angle_min_rad[v]),
             angle_max=float(scans.angle_max_rad[v]),
             angle_increment=float(increment[v]),
@@ -143,14 +143,20 @@ def _scans(scans: Scans, number: dict[str, int]) -> Iterator[Stamped]:
             ranges=scans.ranges(i),
             intensities=np.empty(0, dtype=np.float32),
         )
-        yield Stamped(time, f"/scan{number[vehicle]}", scan)
+        yield Stamped(time, f"/scan{number[vehicle]}{topic}", scan)
+
+
+def _names(scans: Scans, v: int) -> tuple[str, str]:
+    """Frame of a laser, and what its topic has beyond that of the vehicle's scan; further lasers go by their names."""
+    name = "" if scans.following[v] else str(scans.laser[v])
+    return f"{scans.vehicle_id[v]}/{name or 'laser'}", name and f"/{name}"
 
 
 def _mounts(scans: Scans) -> Any:
     mounts = zip(scans.vehicle_id, scans.mount_x_m, scans.mount_y_m, scans.mount_yaw_rad, strict=True)
     transforms = [
-        _transform(0, f"{vehicle}/base_link", f"{vehicle}/laser", (x, y), _orientation(yaw))
-        for vehicle, x, y, yaw in mounts
+        _transform(0, f"{vehicle}/base_link", _names(scans, v)[0], (x, y), _orientation(yaw))
+        for v, (vehicle, x, y, yaw) in enumerate(mounts)
     ]
     return _new("tf2_msgs/msg/TFMessage", transforms=transforms)
 

@@ -9,7 +9,7 @@ from functools import cached_property
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.observer import Measures
 from platoontraffic.world.events import Event
-from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.fleet import Fleet, Readings
 from platoontraffic.world.traffic import TrafficSnapshot
 
 
@@ -29,6 +29,7 @@ class Instant:
     events: Sequence[Event] = ()  # since the instant before
     measure: Callable[[Fleet], Measures] | None = field(default=None, repr=False)
     ended: str = ""  # "arrived", "laps" or "duration" at the last instant
+    readings: Sequence[Readings] = ()  # of further lasers and own sensors, for each group; (): there are none
 
     @property
     def time(self) -> float:

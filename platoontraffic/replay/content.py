@@ -210,6 +210,7 @@ def _scans(columns: Columns, results: Results, ids: Sequence[str], low: np.ndarr
     if scans is None:
         return None
     order = np.lexsort((scans.time_s, scans.vehicle))  # compresses well; the page reads by vehicle
+    order = order[scans.following[scans.vehicle[order]]]
     written = [_range_steps(scans.ranges(i), scans.range_max_m[scans.vehicle[i]] / RANGE_STEPS) for i in order]
     member = pd.Index(ids).get_indexer(scans.vehicle_id)
     increment = (scans.angle_max_rad - scans.angle_min_rad) / np.maximum(scans.samples - 1, 1)

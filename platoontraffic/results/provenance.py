@@ -62,8 +62,9 @@ def before(scenario: Scenario) -> dict[str, Any]:
         "platform": platform.platform(),
         "packages": {name: version(name) for name in _PACKAGES},
         "given_to_laws": {
-            f"platoon.{i}.{role}": ["scan", "own motion", *sorted(law.needs)]
+            f"platoon.{i}.{role}": ["scan", *(f"scan {name}" for name in lidars), "own motion", *sorted(law.needs)]
             for (i, role), law in scenario.laws.items()
+            for lidars in [getattr(scenario.spec.platoon[i], role).lidars]
         },
         "sumo_options_ignored": list(config.ignored) if config else [],
     }
@@ -106,16 +107,20 @@ class Stopwatch:
 
         @wraps(function)
         def timed(*args: P.args, **kwargs: P.kwargs) -> T:
-            outer, self._inner = self._inner, 0.0
-            began = self._clock()
-            try:
-                return function(*args, **kwargs)
-            finally:
-                took = self._clock() - began
-                self.seconds[stage] += took - self._inner
-                self._inner = outer + took
+            return self.call(stage, function, *args, **kwargs)
 
         return timed
+
+    def call(self, stage: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """The result of a function, timed."""
+        outer, self._inner = self._inner, 0.0
+        began = self._clock()
+        try:
+            return function(*args, **kwargs)
+        finally:
+            took = self._clock() - began
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + took - self._inner
+            self._inner = outer + took
 
     def wrap(self, component: T, **stages: str) -> T:
         """The component itself, its methods timed; method=stage."""

@@ -3,7 +3,7 @@
 A row a scan, by time, then by platoon and place:
 
 time_s               (s,)      the instant of the world that was scanned; a rotating mirror ends its sweep then
-vehicle              (s,)      row of `vehicle_id` and of the columns beside it
+vehicle              (s,)      row of `vehicle_id`, `laser` and the columns beside them
 x_m, y_m, heading_rad (s,)     the vehicle's centre at that time; counter-clockwise from east
 offset               (s + 1,)  ranges of scan i are offset[i] to offset[i + 1] - 1 of `ranges_m`
 ranges_m             (all,)    +inf nothing within range_max, -inf nearer than range_min, NaN lost
@@ -13,9 +13,10 @@ Where laws have a `remembered_path`, also that path after the decision on each s
 path_offset          (s + 1,)  points of scan i are path_offset[i] to path_offset[i + 1] - 1 of `path_m`
 path_m               (p, 2)    in the world, by the vehicle's true pose; the law has it in its odometry's frame only
 
-A row a member that has scanned, in the order of the first scans:
+A row a laser that has scanned, in the order of the first scans:
 
-vehicle_id           (v,)
+vehicle_id           (v,)      the member that carries it
+laser                (v,)      its name on that member; "lidar" is the one by which the member follows
 angle_min_rad, angle_max_rad, samples, range_min_m, range_max_m, rate_hz   (v,)  of its laser
 mount_x_m, mount_y_m, mount_yaw_rad                                       (v,)  position of the laser, from the centre
 """
@@ -25,19 +26,21 @@ from __future__ import annotations
 import shutil
 import zipfile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from platoontraffic.lidar import LidarModel
+from platoontraffic.lidar import LidarModel, ScanBatch
+from platoontraffic.lidar.noise import DEFAULT_NAME
 from platoontraffic.observation.instant import Instant
-from platoontraffic.world.fleet import Group
+from platoontraffic.world.fleet import NOTHING, Group, Member
 
 NAME = "scans.npz"
 _DATE = (1980, 1, 1, 0, 0, 0)  # of every part of the archive, so that the same scans give the same bytes
 
 FIELDS = {  # array: unit, meaning
     "time_s": ("s", "instant that was scanned, since the platoons were placed"),
-    "vehicle": ("", "row of vehicle_id and of the laser's columns"),
+    "vehicle": ("", "row of vehicle_id, laser and the laser's columns"),
     "x_m": ("m", "centre of the footprint at that time, east"),
     "y_m": ("m", "centre of the footprint at that time, north"),
     "heading_rad": ("rad", "counter-clockwise from east"),
@@ -45,7 +48,8 @@ FIELDS = {  # array: unit, meaning
     "ranges_m": ("m", "from the first beam to the last; inf: nothing in range, -inf: too near, NaN: lost"),
     "path_offset": ("", "where laws remember a path: points of scan i are path_offset[i] to path_offset[i + 1] - 1"),
     "path_m": ("m", "points of remembered paths: east, north"),
-    "vehicle_id": ("", "members that have scanned"),
+    "vehicle_id": ("", "member that carries the laser; a row a laser that has scanned"),
+    "laser": ("", "name of the laser on that member; `lidar` is the one by which it follows"),
     "angle_min_rad": ("rad", "angle of the first beam from the laser's forward direction, counter-clockwise"),
     "angle_max_rad": ("rad", "angle of the last beam"),
     "samples": ("", "number of beams"),
@@ -58,6 +62,27 @@ FIELDS = {  # array: unit, meaning
 }
 
 
+class _Scan(NamedTuple):
+    """A scan that is recorded."""
+
+    member: Member
+    row: int  # of the member in fleet and traffic
+    laser: LidarModel
+    ranges: np.ndarray  # (samples,) [m]
+    path: np.ndarray  # remembered, in the frame of the driven axle, (k, 2) [m]
+
+
+def _scans(now: Instant, group: Group, batch: ScanBatch, paths: np.ndarray) -> list[_Scan]:
+    members = now.fleet.members
+    return [_Scan(members[i], i, batch.model, batch.ranges[k], paths[k]) for k, i in enumerate(group.rows.tolist())]
+
+
+def _order(one: _Scan) -> tuple[str, int, str, bool, str]:
+    """By platoon and place; of a member, the laser by which it follows comes first."""
+    member, name = one.member, one.laser.name
+    return member.platoon, member.place, member.id, name != DEFAULT_NAME, name
+
+
 class ScanRecorder:
     """Collects scans on disk as they come; `close` makes the archive of them."""
 
@@ -67,27 +92,32 @@ class ScanRecorder:
         self._paths = (folder / "paths.raw").open("w+b")
         self._points: list[int] = []  # in the remembered path of each scan
         self._any_paths = False
-        self._lasers: dict[str, tuple[int, LidarModel]] = {}  # number and laser of each vehicle, by its first scan
+        self._lasers: dict[tuple[str, str], tuple[int, LidarModel]] = {}  # by member and name: number by first scan
         self._rows: list[tuple[float, int, float, float, float, int]] = []  # time, vehicle, x, y, heading, samples
 
     def record(self, now: Instant, every: int) -> None:
         """Take each laser's first scan at or after every `every`-th step; to be called in every step."""
-        rows = []
-        for group, batch in zip(now.fleet.groups, now.scans, strict=True):
+        taken: list[_Scan] = []
+        for group, batch, more in zip(
+            now.fleet.groups, now.scans, now.readings or [NOTHING] * len(now.scans), strict=True
+        ):
             if batch is not None and now.step % every < group.every:
-                paths = self._remembered(group)
-                rows += [
-                    (now.fleet.members[i], i, batch.ranges[k], paths[k]) for k, i in enumerate(group.rows.tolist())
-                ]
-        traffic = now.traffic
-        for member, i, ranges, path in sorted(rows, key=lambda row: (row[0].platoon, row[0].place, row[0].id)):
-            number, _ = self._lasers.setdefault(member.id, (len(self._lasers), member.lidar))
-            pose = float(traffic.x[i]), float(traffic.y[i]), float(traffic.heading[i])
-            self._rows.append((traffic.time, number, *pose, len(ranges)))
-            self._ranges.write(np.ascontiguousarray(ranges, dtype="<f4").tobytes())
-            points = _in_world(path[np.isfinite(path).all(axis=1)], *pose, member.model.axle)
-            self._points.append(len(points))
-            self._paths.write(np.ascontiguousarray(points.round(3), dtype="<f8").tobytes())
+                taken += _scans(now, group, batch, self._remembered(group))
+            for model, period in group.further_lidars:
+                if model.name in more.scans and now.step % every < period:
+                    taken += _scans(now, group, more.scans[model.name], np.empty((len(group.rows), 0, 2)))
+        for one in sorted(taken, key=_order):
+            self._write(now, one)
+
+    def _write(self, now: Instant, one: _Scan) -> None:
+        member, traffic, i = one.member, now.traffic, one.row
+        number, _ = self._lasers.setdefault((member.id, one.laser.name), (len(self._lasers), one.laser))
+        pose = float(traffic.x[i]), float(traffic.y[i]), float(traffic.heading[i])
+        self._rows.append((traffic.time, number, *pose, len(one.ranges)))
+        self._ranges.write(np.ascontiguousarray(one.ranges, dtype="<f4").tobytes())
+        points = _in_world(one.path[np.isfinite(one.path).all(axis=1)], *pose, member.model.axle)
+        self._points.append(len(points))
+        self._paths.write(np.ascontiguousarray(points.round(3), dtype="<f8").tobytes())
 
     def _remembered(self, group: Group) -> np.ndarray:
         """Remembered paths in the frames of the driven axles, (n, k, 2) [m]; k = 0 for laws that remember none."""
@@ -134,7 +164,8 @@ class ScanRecorder:
             "y_m": y,
             "heading_rad": heading,
             "offset": np.concatenate([[0], np.cumsum(samples)]).astype("<i8"),
-            "vehicle_id": np.array(list(self._lasers), dtype="<U"),
+            "vehicle_id": np.array([vehicle for vehicle, _ in self._lasers], dtype="<U"),
+            "laser": np.array([name for _, name in self._lasers], dtype="<U"),
             "angle_min_rad": np.array([m.angle_min for m in lasers]),
             "angle_max_rad": np.array([m.angle_max for m in lasers]),
             "samples": np.array([m.samples for m in lasers], dtype="<i4"),

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from platoontraffic import shipped
-from platoontraffic.controllers.law import Law
+from platoontraffic.controllers.law import NEEDS, Law
 from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.lidar import LidarModel
+from platoontraffic.lidar.noise import DEFAULT_NAME
 from platoontraffic.road.sumo_files import id_clashes
 from platoontraffic.scenario.base import is_multiple
 from platoontraffic.scenario.drivers import Found, Role, default_preset, drivers_of
@@ -17,6 +19,7 @@ from platoontraffic.scenario.faults import Fault, KeyPath
 from platoontraffic.scenario.files import Files
 from platoontraffic.scenario.obstacle_tables import Car, CutIn, Pedestrian, name_of
 from platoontraffic.scenario.tables import Breakdown, Driver, Manoeuvre, Platoon, Spec, Sumo
+from platoontraffic.scenario.vehicle_tables import Lidar
 
 SOME = 8  # names are enough to say what is allowed
 
@@ -133,10 +136,11 @@ def _drivers(spec: Spec, laws: Mapping[Role, Found]) -> Iterator[Fault]:
         yield from found.faults
         if found.law is not None:
             yield from _needs(at, driver, found.law, platoon)
+            yield from _sensors((*at, "sensors"), driver, found, spec.run.step_s)
         if found.kind is None:
             continue
         if not found.kind.native:
-            yield from _lidar((*at, "lidar"), driver, default_preset(role[1], found.kind), platoon, spec.run.step_s)
+            yield from _lidars(at, driver, default_preset(role[1], found.kind), platoon, spec.run.step_s)
         elif role[1] == "follower":
             yield Fault((*at, "law"), f"{driver.law!r} cannot follow; must be a law that drives by its scan")
 
@@ -148,15 +152,43 @@ def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon) -> Iterator[
         yield Fault((*at, "law"), what)
 
 
-def _lidar(at: KeyPath, driver: Driver, preset: str, platoon: Platoon, step: float) -> Iterator[Fault]:
-    try:
-        lidar = driver.lidar.model(preset, platoon.vehicle.model().length)
-    except ValueError as error:
-        yield Fault(at, str(error))
+def _sensors(at: KeyPath, driver: Driver, found: Found, step: float) -> Iterator[Fault]:
+    for name in driver.sensors:
+        if name in NEEDS:
+            yield Fault((*at, name), f"{name!r}: every law can be given this; the sensor must have another name")
+        elif name not in found.law.needs:
+            yield Fault((*at, name), f"{driver.law!r} does not declare {name!r} in its needs, so it would not get it")
+    for (name, sensor), _ in found.sensors:
+        if not is_multiple(1 / sensor.rate, step):
+            what = f"its interval must be a multiple of run.step_s = {step}, as at {1 / step:g} Hz"
+            yield Fault((*at, name), f"rate = {sensor.rate:g} Hz: {what}")
+
+
+def _lidars(at: KeyPath, driver: Driver, preset: str, platoon: Platoon, step: float) -> Iterator[Fault]:
+    main = _lidar((*at, "lidar"), driver.lidar, preset, platoon)
+    if isinstance(main, Fault):
+        yield main
         return
-    if not is_multiple(1 / lidar.rate, step):
+    if not is_multiple(1 / main.rate, step):
         what = f"the scan interval must be a multiple of run.step_s = {step}, as at {1 / step:g} Hz"
-        yield Fault((*at, "rate_hz"), f"{lidar.rate:g}: {what}")
+        yield Fault((*at, "lidar", "rate_hz"), f"{main.rate:g}: {what}")
+    for name, table in driver.lidars.items():
+        path = (*at, "lidars", name)
+        further = _lidar(path, table, preset, platoon)
+        if isinstance(further, Fault):
+            yield further
+        elif not is_multiple(1 / further.rate, 1 / main.rate):
+            what = f"the scan interval must be a multiple of that of lidar, as at {main.rate:g} Hz"
+            yield Fault((*path, "rate_hz"), f"{further.rate:g}: {what}")
+        if name == DEFAULT_NAME:
+            yield Fault(path, f"{name!r}: is the name of the scanner of the key `lidar`; must be another")
+
+
+def _lidar(at: KeyPath, table: Lidar, preset: str, platoon: Platoon) -> LidarModel | Fault:
+    try:
+        return table.model(preset, platoon.vehicle.model().length)
+    except ValueError as error:
+        return Fault(at, str(error))
 
 
 def _breakdowns(spec: Spec, names: _Names, laws: Mapping[Role, Found]) -> Iterator[Fault]:

@@ -5,26 +5,36 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from platoontraffic.controllers import registry
-from platoontraffic.controllers.gains import law_of, with_files
+from platoontraffic.controllers.gains import instance_of, law_of, with_files
 from platoontraffic.controllers.law import Law
-from platoontraffic.plug_ins import plug_in_file
+from platoontraffic.plug_ins import find_class, plug_in_file
 from platoontraffic.scenario.faults import Fault, KeyPath, what_of
 from platoontraffic.scenario.tables import Driver, Spec
+from platoontraffic.vehicles.sensor import NamedSensor
 
+SENSORS = "platoontraffic.sensors"  # entry point group
 Role = tuple[int, str]  # number of the platoon, "leader" or "follower"
 
 
+class FoundSensor(NamedTuple):
+    """A sensor that a driver names."""
+
+    sensor: NamedSensor
+    plug_in: Path | None  # the file beside the scenario that names it
+
+
 class Found(NamedTuple):
-    """The law that a driver names, as far as it could be made."""
+    """The law and the sensors that a driver names, as far as they could be made."""
 
     kind: type[Law] | None  # its class
     law: Law | None  # None if a gain is not sound
     plug_in: Path | None  # the file beside the scenario that names it
-    sources: frozenset[Path]  # its modules, if it is not shipped, and the files that its gains name
+    sources: frozenset[Path]  # modules, of what is not shipped, and the files that gains name
     faults: tuple[Fault, ...]
+    sensors: tuple[FoundSensor, ...] = ()
 
 
 def drivers_of(spec: Spec) -> Iterator[tuple[Role, Driver]]:
@@ -53,8 +63,44 @@ def _find_law(driver: Driver, at: KeyPath, find: Callable[[str], tuple[type, tup
     try:
         kind, sources = find(driver.law)
         gains = with_files(kind, driver.model_extra or {}, folder)
-        law = law_of(kind, gains, lambda keys, what: faults.append(Fault((*at, *keys), what)), what_of)
+        law = law_of(kind, gains, lambda keys, what: faults.append(Fault((*at, *keys), what)), what_of, driver.sensors)
     except LookupError as error:
         return Found(None, None, None, frozenset(), (Fault((*at, "law"), str(error)),))
     files = {value for value in gains.values() if isinstance(value, Path)}
-    return Found(kind, law, plug_in_file(driver.law, folder), frozenset(sources) | files, tuple(faults))
+    found, own = _find_sensors(driver, at, folder, faults)
+    return Found(kind, law, plug_in_file(driver.law, folder), frozenset(sources) | files | own, tuple(faults), found)
+
+
+def _find_sensors(
+    driver: Driver, at: KeyPath, folder: Path, faults: list[Fault]
+) -> tuple[tuple[FoundSensor, ...], set[Path]]:
+    """The sensors of a driver, and the files that they consist of; faults are added to the list."""
+    found: list[FoundSensor] = []
+    sources: set[Path] = set()
+    for name, table in driver.sensors.items():
+        path = (*at, "sensors", name)
+        try:
+            kind, files = find_class(table.sensor, folder, SENSORS, "sensor")
+            sensor = instance_of(
+                kind,
+                with_files(kind, table.model_extra or {}, folder),
+                lambda keys, what, path=path: faults.append(Fault((*path, *keys), what)),
+                what_of,
+                _check_sensor,
+            )
+        except LookupError as error:
+            faults.append(Fault((*path, "sensor"), str(error)))
+            continue
+        sources |= set(files)
+        if sensor is not None:
+            found.append(FoundSensor(NamedSensor(name, sensor), plug_in_file(table.sensor, folder)))
+    return tuple(found), sources
+
+
+def _check_sensor(sensor: Any) -> None:
+    """raises: ValueError if it does not declare what `Sensor` says"""
+    for ability in ("rate", "reach"):
+        value = getattr(sensor, ability, None)
+        if not isinstance(value, int | float) or not value > 0:
+            name = type(sensor).__qualname__
+            raise ValueError(f"{name}: {ability} = {value!r}; must be more than 0, as of a class derived from Sensor")

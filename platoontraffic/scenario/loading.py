@@ -129,6 +129,7 @@ def _checked(spec: Spec, source: Path, varied: dict[str, Any], places: _Places) 
         plug_ins={role: found.plug_in for role, found in laws.items() if found.plug_in},
         sources=tuple(sorted(set().union(*(found.sources for found in laws.values())))),
         metrics=metrics,
+        sensors={role: found.sensors for role, found in laws.items()},
         varied=varied,
         place=places,
     )

@@ -12,7 +12,7 @@ from typing import Any
 from platoontraffic import shipped
 from platoontraffic.controllers.gains import table_of
 from platoontraffic.road.sumo_configuration import Configuration
-from platoontraffic.scenario.drivers import Role, default_preset, drivers_of
+from platoontraffic.scenario.drivers import FoundSensor, Role, default_preset, drivers_of
 from platoontraffic.scenario.faults import Fault, KeyPath, dotted
 from platoontraffic.scenario.metric_plug_ins import MetricPlugIns
 from platoontraffic.scenario.tables import Spec
@@ -35,6 +35,7 @@ class Scenario:
     plug_ins: dict[Role, Path]  # files beside the scenario that laws are named by
     sources: tuple[Path, ...]  # modules of all laws that are not shipped, and files that gains name
     metrics: MetricPlugIns
+    sensors: dict[Role, tuple[FoundSensor, ...]]
     varied: dict[str, Any]  # values of the keys that arguments changed
     place: Callable[[KeyPath], str]  # where a key stands: `file:line`, or the argument that set it
 
@@ -131,7 +132,19 @@ class Scenario:
             **table_of(law, lambda file: _relative(file, folder)),
             "lidar": {"preset": default_preset(role[1], law)} | driver.lidar.model_dump(exclude_none=True),
             "odometry": driver.odometry.model_dump(exclude_none=True),
-        }
+        } | self._resolved_extras(role, folder)
+
+    def _resolved_extras(self, role: Role, folder: Path | None) -> dict[str, Any]:
+        """The tables of further lasers and of sensors, where there are any."""
+        driver, preset = getattr(self.spec.platoon[role[0]], role[1]), default_preset(role[1], self.laws[role])
+        lidars = {name: {"preset": preset} | one.model_dump(exclude_none=True) for name, one in driver.lidars.items()}
+        sensors = {}
+        for (name, sensor), file in self.sensors[role]:
+            written = driver.sensors[name].sensor
+            if file:
+                written = f"{_relative(file, folder)}:{written.rsplit(':', 1)[1]}"
+            sensors[name] = {"sensor": written, **table_of(sensor, lambda path: _relative(path, folder))}
+        return {key: table for key, table in (("lidars", lidars), ("sensors", sensors)) if table}
 
 
 def placed(fault: Fault, place: Callable[[KeyPath], str]) -> str:

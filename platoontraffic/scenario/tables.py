@@ -109,6 +109,17 @@ class Record(Table):
         return names.split(",") if isinstance(names, str) else names
 
 
+class SensorTable(Named):
+    """A sensor of a plug-in."""
+
+    model_config = ConfigDict(extra="allow")
+    short = "sensor"
+
+    sensor: str
+    """Name of an installed sensor, or module:Class from a file beside the scenario.
+    All further keys are parameters of the sensor."""
+
+
 class Driver(Named):
     """The law that drives a leader or the followers, its gains as further keys, and the sensors that it gets."""
 
@@ -117,9 +128,14 @@ class Driver(Named):
 
     law: str
     """Name of a law (`platoontraffic list laws` prints all), or module:Class from a file beside the scenario.
-    All keys besides `law`, `lidar` and `odometry` are gains of the law."""
+    All keys besides `law`, `lidar`, `lidars`, `odometry` and `sensors` are gains of the law."""
     lidar: Lidar = Lidar()
     """Laser scanner, by name or as a table."""
+    lidars: dict[Identifier, Lidar] = Field({})
+    """Further laser scanners, each with a name of its own. Their interval must be a multiple of that of `lidar`.
+    Default: none."""
+    sensors: dict[Identifier, SensorTable] = Field({})
+    """Sensors from plug-ins, each with the name by which the law asks for it in `needs`. Default: none."""
     odometry: OdometryTable = OdometryTable()
     """Errors of the measured own speed and yaw rate, by name or as a table."""
 

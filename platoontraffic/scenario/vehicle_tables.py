@@ -14,6 +14,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from platoontraffic.errors import did_you_mean
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
+from platoontraffic.lidar.noise import DEFAULT_NAME
 from platoontraffic.scenario.base import Angle, Fraction, Named, NotNegative, Positive, Size, one_of
 from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
@@ -201,7 +202,7 @@ class Lidar(Named):
     def known(cls, name: str | None) -> str | None:
         return name and one_of(name, PRESETS)
 
-    def model(self, default_preset: str, vehicle_length: float) -> LidarModel:
+    def model(self, default_preset: str, vehicle_length: float, name: str = DEFAULT_NAME) -> LidarModel:
         """The scanner on a vehicle of this length [m]. raises: ValueError where keys contradict each other"""
         base = PRESETS[self.preset or default_preset]
         half = math.radians(self.fov_deg) / 2 if self.fov_deg is not None else None
@@ -219,6 +220,7 @@ class Lidar(Named):
             subbeams=_or(self.subbeams, base.subbeams),
             merging=_or(self.merging_m, base.merging),
             sweeps=_or(self.sweeps, base.sweeps),
+            name=name,
         )
 
 

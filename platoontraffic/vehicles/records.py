@@ -30,6 +30,13 @@ def take(record: Record, rows: np.ndarray) -> Record:
     return _part_by_part(lambda part: take(part, rows), record)
 
 
+def row(record: Record, i: int) -> Record:
+    """One row of a record, with values in place of arrays; None of None."""
+    if record is None:
+        return None
+    return record[i] if isinstance(record, np.ndarray) else _part_by_part(lambda part: row(part, i), record)
+
+
 def put(record: Record, rows: Sequence[np.ndarray], values: Sequence[Record]) -> Record:
     """A copy of a record, (n, ...), with each of the values, (m, ...), in its rows, (m,)."""
     if not isinstance(record, np.ndarray):

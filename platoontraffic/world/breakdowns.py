@@ -7,11 +7,9 @@ a law can tell this from an empty road, since it gets NaN.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from platoontraffic.lidar import ScanBatch
 from platoontraffic.scenario import Breakdown
 from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import Fleet
@@ -41,16 +39,10 @@ class Breakdowns:
                 noted.append(Noted(row, "repaired", one.what, time - began, what=one.what))
         return noted
 
-    def blinded(self, scans: list[ScanBatch | None], fleet: Fleet) -> list[ScanBatch | None]:
-        """The scans of all groups of the fleet, with NaN for every range of a broken laser."""
+    def blind(self, fleet: Fleet) -> np.ndarray | None:
+        """Members whose lasers are broken, (n,) bool; None: there are none."""
         broken = {one.vehicle for one in self._since if one.what == "laser"}
-        if not broken:
-            return scans
-        lost = np.array([m.id in broken for m in fleet.members])
-        return [
-            scan and replace(scan, ranges=np.where(lost[group.rows, None], np.nan, scan.ranges))
-            for group, scan in zip(fleet.groups, scans, strict=True)
-        ]
+        return np.array([m.id in broken for m in fleet.members]) if broken else None
 
     def brakes(self, fleet: Fleet) -> np.ndarray | None:
         """Coasting deceleration of members with a broken drive [m/s2], (n,), NaN for the rest; None: there are none."""

@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 
+from platoontraffic.controllers.law import Law
 from platoontraffic.errors import InputError
-from platoontraffic.lidar import Scene
+from platoontraffic.lidar import LidarModel, Scene
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.road.sumo_files import read_polygons
 from platoontraffic.scenario import Platoon, Scenario, default_preset
+from platoontraffic.vehicles.odometry import OdometryErrors
+from platoontraffic.vehicles.sensor import NamedSensor
 from platoontraffic.world.fleet import Member
 
 KERB_TOLERANCE = 0.01  # less than scanners resolve; it saves a seventh of the wall segments of a real town [m]
@@ -63,8 +66,10 @@ def _deploy_platoon(scenario: Scenario, network: Network, i: int) -> list[Member
         edges = network.fastest_route(platoon.start.edge, platoon.to) if platoon.to else platoon.route
         route = _route(network, platoon, edges, scenario.spec.scene.walls == "outline") if edges else None
     with _placed(scenario, ("platoon", i, "start")):
-        laws = {role: scenario.laws.get((i, role)) for role in ("leader", "follower")}
-        return [_member(network, platoon, place, route, laws) for place in range(platoon.size)]
+        roles = ["leader", *(["follower"] * (platoon.size - 1))]
+        return [
+            _member(network, platoon, place, route, Equipment.of(scenario, i, role)) for place, role in enumerate(roles)
+        ]
 
 
 @contextmanager
@@ -76,17 +81,36 @@ def _placed(scenario: Scenario, path: tuple) -> Iterator[None]:
         raise InputError(*(scenario.fault(path, fault) for fault in error.faults)) from error
 
 
-def _member(network: Network, platoon: Platoon, place: int, route: Route | None, laws: dict[str, Any]) -> Member:
-    """The member at a place of a platoon, 0 the leader. laws: by role"""
+class Equipment(NamedTuple):
+    """What drives a member, and by which sensors."""
+
+    role: str  # "leader" or "follower"
+    law: Law
+    lidars: tuple[LidarModel, ...]
+    odometry: OdometryErrors
+    sensors: tuple[NamedSensor, ...]
+
+    @classmethod
+    def of(cls, scenario: Scenario, i: int, role: str) -> Equipment:
+        """Of the i-th platoon's leader or followers."""
+        platoon, law = scenario.spec.platoon[i], scenario.laws[i, role]
+        driver, preset = getattr(platoon, role), default_preset(role, law)
+        length = platoon.vehicle.model().length
+        further = (table.model(preset, length, name) for name, table in driver.lidars.items())
+        sensors = tuple(found.sensor for found in scenario.sensors[i, role])
+        return cls(role, law, (driver.lidar.model(preset, length), *further), driver.odometry.model(), sensors)
+
+
+def _member(network: Network, platoon: Platoon, place: int, route: Route | None, equipment: Equipment) -> Member:
+    """The member at a place of a platoon, 0 the leader."""
     start, model = platoon.start, platoon.vehicle.model()
-    role = "leader" if place == 0 else "follower"
-    driver, law = (platoon.leader if place == 0 else platoon.follower), laws[role]
+    law, lidars = equipment.law, equipment.lidars
     fastest = model.top_speed
     if law.native:  # SUMO refuses to insert a vehicle that is faster than its own driver would be
         fastest = min(fastest, law.max_speed, law.speed_factor * network.limit(start.edge, start.lane))
     if start.speed_mps > fastest:
         raise InputError(
-            f"speed_mps {start.speed_mps:g}: the {role} cannot be so fast there; must be up to {fastest:g}"
+            f"speed_mps {start.speed_mps:g}: the {equipment.role} cannot be so fast there; must be up to {fastest:g}"
         )
     position = start.position_m - place * (model.length + platoon.gap_m)
     front = max(position, 0.0)
@@ -95,7 +119,7 @@ def _member(network: Network, platoon: Platoon, place: int, route: Route | None,
         platoon=platoon.id,
         place=place,
         model=model,
-        lidar=driver.lidar.model(default_preset(role, law), model.length),
+        lidar=lidars[0],
         law=law,
         edge=start.edge,
         lane=start.lane,
@@ -104,7 +128,9 @@ def _member(network: Network, platoon: Platoon, place: int, route: Route | None,
         route=route,
         departs=start.time_s,
         speed=start.speed_mps,
-        odometry=driver.odometry.model(),
+        odometry=equipment.odometry,
+        further_lidars=lidars[1:],
+        sensors=equipment.sensors,
     )
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from platoontraffic.controllers.calls import decide, memory_of
+from platoontraffic.controllers.calls import Occasion, decide, memory_of
 from platoontraffic.controllers.law import Body, Law, RouteAhead, Sensed, Signals, Target
 from platoontraffic.errors import did_you_mean
 from platoontraffic.lidar import LidarModel, ScanBatch
@@ -18,6 +19,7 @@ from platoontraffic.vehicles.catalogue import FleetModel, VehicleModel
 from platoontraffic.vehicles.motion import Command, Drive, Motion, Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 from platoontraffic.vehicles.records import concatenate, put, take
+from platoontraffic.vehicles.sensor import NamedSensor
 
 CLOSING = 150.0  # greatest closing speed of two vehicles [m/s]
 STANDING = 1e-3  # speed below which a member stands [vehicle lengths a second]
@@ -42,6 +44,12 @@ class Member:
     departs: float = 0.0  # [s]
     speed: float = 0.0  # at departure [m/s]
     odometry: OdometryErrors = ODOMETRY["none"]
+    further_lidars: tuple[LidarModel, ...] = ()  # each with a name of its own
+    sensors: tuple[NamedSensor, ...] = ()
+
+    @property
+    def lidars(self) -> tuple[LidarModel, ...]:
+        return (self.lidar, *self.further_lidars)
 
     @property
     def is_given_its_route(self) -> bool:
@@ -61,16 +69,41 @@ class Member:
 
 
 class Group(NamedTuple):
-    """Members that departed together and share a law and a lidar: one call scans for them, one decides for them."""
+    """Members that departed together and share law, lasers and sensors: one call of each serves them all."""
 
     law: Law
     lidar: LidarModel
     rows: np.ndarray
-    every: int  # steps from one scan, and decision, to the next
+    every: int  # steps from one scan of `lidar` to the next
     memory: Any = None  # of the law
+    further_lidars: tuple[Clocked, ...] = ()
+    sensors: tuple[Clocked, ...] = ()
+
+    @property
+    def decides_every(self) -> int:
+        """Steps from one decision to the next: those of the fastest of its laser and its sensors."""
+        return min(self.every, *(sensor.every for sensor in self.sensors)) if self.sensors else self.every
 
 
-@dataclass(frozen=True)
+class Clocked(NamedTuple):
+    """A further laser or a sensor of a group."""
+
+    sensor: Any
+    every: int  # steps from one measurement to the next
+
+
+class Readings(NamedTuple):
+    """Measurements of a group beside the scan of its laser, at one instant; of what is due, by name."""
+
+    time: float  # [s]
+    scans: Mapping[str, ScanBatch]  # of further lasers
+    sensors: Mapping[str, Any]
+
+
+NOTHING = Readings(math.nan, {}, {})
+
+
+@dataclass(frozen=True, eq=False)
 class RouteProgress:
     """The members whose law is given their route, and their places on these routes. Arrays (m,)."""
 
@@ -116,7 +149,7 @@ class RouteProgress:
         return self.rows[(left <= 0) | (self.routes.walled & stands & (left < 2 * length))]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MemberState:
     """The part of a fleet that has one row for each member: arrays (n,), or records of them."""
 
@@ -128,7 +161,7 @@ class MemberState:
     target: Target  # what each law took for its predecessor
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fleet(MemberState):
     """Members on the road, their motion, and the memories of their laws. Arrays (n,), in the order of `members`."""
 
@@ -176,10 +209,11 @@ class Fleet(MemberState):
     @property
     def sight(self) -> float:
         """Greatest distance from a member's centre to anything it can see or touch [m]; beams may be a sweep old."""
-        seen = [
-            lidar.reach + np.hypot(lidar.mount.x, lidar.mount.y) + lidar.sweep_time * CLOSING
-            for lidar in (group.lidar for group in self.groups)
+        lidars = [
+            lidar for group in self.groups for lidar in (group.lidar, *(one.sensor for one in group.further_lidars))
         ]
+        seen = [lidar.reach + np.hypot(lidar.mount.x, lidar.mount.y) + lidar.sweep_time * CLOSING for lidar in lidars]
+        seen += [named.sensor.reach for group in self.groups for named, _ in group.sensors]
         return max(seen, default=0.0) + self.model.length.max(initial=0.0)
 
     def joined(self, others: Fleet) -> Fleet:
@@ -243,9 +277,12 @@ class Fleet(MemberState):
         dt: float,
         signals: Signals | None = None,
         odometry: Twist | None = None,
+        readings: Sequence[Readings] = (),
     ) -> Fleet:
-        """Every group with a new scan decides; the others (None) keep their command.
+        """Every group with a new scan, or a new reading of a sensor, decides; the others keep their command.
 
+        scans    : a batch for each group; None: not due
+        readings : a record for each group; default: it has nothing but its laser
         signals  : the next stop lines, (n,), for the laws that declare to need them
         odometry : own speed and yaw rate as measured, (n,); by default without errors
         raises   : InputError if a plug-in fails
@@ -253,10 +290,11 @@ class Fleet(MemberState):
         own = odometry or Twist(self.motion.speed, self.motion.yaw_rate)
         ahead = self.progress.ahead(self.model, self.motion)
         groups, rows, decisions = [], [], []
-        for group, scan in zip(self.groups, scans, strict=True):
-            if scan is not None:
-                sensed = self._sensed(group, scan, own, ahead, signals)
-                decisions.append(decide(group.law, sensed, group.memory, group.every * dt))
+        for group, scan, more in zip(self.groups, scans, readings or [NOTHING] * len(scans), strict=True):
+            if scan is not None or more.sensors:
+                sensed = self._sensed(group, scan, own, ahead, signals, more)
+                at = Occasion(more.time if scan is None else scan.stamp, tuple(self.members[i].id for i in group.rows))
+                decisions.append(decide(group.law, sensed, group.memory, group.decides_every * dt, at))
                 rows.append(group.rows)
                 group = group._replace(memory=decisions[-1].memory)
             groups.append(group)
@@ -311,7 +349,13 @@ class Fleet(MemberState):
         return MemberState(*(getattr(self, f.name) for f in fields(MemberState)))
 
     def _sensed(
-        self, group: Group, scan: ScanBatch, own: Twist, ahead: RouteAhead | None, signals: Signals | None
+        self,
+        group: Group,
+        scan: ScanBatch | None,
+        own: Twist,
+        ahead: RouteAhead | None,
+        signals: Signals | None,
+        more: Readings,
     ) -> Sensed:
         """What a group's law is given.
 
@@ -320,21 +364,40 @@ class Fleet(MemberState):
         """
         rows, needs, model = group.rows, group.law.needs, self.model
         return Sensed(
-            replace(scan, hits=None),  # which surface a beam met is for the observer, not for a law
+            without_surfaces(scan),
             own.speed[rows],
             own.yaw_rate[rows],
             Body(model.length[rows], model.width[rows], model.axle[rows]),
             take(ahead, np.searchsorted(self.progress.rows, rows)) if "route" in needs else None,
             take(signals, rows) if "signals" in needs else None,
             self.leads[rows] if "leads" in needs else None,
+            {name: without_surfaces(further) for name, further in more.scans.items()},
+            more.sensors,
         )
+
+
+def without_surfaces(scan: ScanBatch | None) -> ScanBatch | None:
+    """A scan as a law gets it: which surface a beam met is for observers."""
+    return scan and replace(scan, hits=None)
 
 
 def _groups(members: Sequence[Member], dt: float) -> list[Group]:
     sharing: dict[tuple, list[int]] = {}
     for i, m in enumerate(members):
-        sharing.setdefault((m.law, m.lidar), []).append(i)
+        sharing.setdefault((m.law, m.lidar, m.further_lidars, m.sensors), []).append(i)
     return [
-        Group(law, lidar, np.array(rows), max(round(1 / (lidar.rate * dt)), 1))
-        for (law, lidar), rows in sharing.items()
+        Group(
+            law,
+            lidar,
+            np.array(rows),
+            _steps(lidar.rate, dt),
+            further_lidars=tuple(Clocked(model, _steps(model.rate, dt)) for model in further),
+            sensors=tuple(Clocked(one, _steps(one.sensor.rate, dt)) for one in sensors),
+        )
+        for (law, lidar, further, sensors), rows in sharing.items()
     ]
+
+
+def _steps(rate: float, dt: float) -> int:
+    """From one measurement to the next, at a rate [Hz]."""
+    return max(round(1 / (rate * dt)), 1)

@@ -1,47 +1,104 @@
-"""Lidar scans and odometry of platoon members: one batch call for all lidars that share a model and a law."""
+"""What platoon members sense: lasers, odometry, and the scenario's own sensors. One call serves all that share one."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from platoontraffic.lidar import Boxes, Carriers, Occasion, ScanBatch, Scene, scan
+from platoontraffic.errors import InputError
+from platoontraffic.lidar import Boxes, Carriers, LidarModel, Occasion, ScanBatch, Scene, scan
+from platoontraffic.lidar.noise import GOLDEN, gauss, mixed, scan_keys, sensor_keys
+from platoontraffic.plug_ins import place_of
 from platoontraffic.vehicles.motion import Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, measured
-from platoontraffic.world.fleet import Fleet
+from platoontraffic.vehicles.records import take
+from platoontraffic.vehicles.sensor import NamedSensor
+from platoontraffic.world.fleet import Fleet, Group, Readings
 from platoontraffic.world.traffic import TrafficSnapshot
 
 
 @dataclass(frozen=True)
+class Surroundings:
+    """The world at one instant, as the scenario's own sensors get it."""
+
+    traffic: TrafficSnapshot  # members, in the rows of the fleet, then background traffic in range, then obstacles
+    fleet: Fleet
+    scene: Scene  # walls and buildings
+    step: int
+    seed: int  # of all sensor errors
+    name: str  # of the sensor
+
+    def normal(self, rows: np.ndarray, count: int = 1) -> np.ndarray:
+        """Errors for these vehicles: nearly normal, of standard deviation 1, bounded at 3.46, (n, count).
+
+        They depend on seed, vehicle, sensor and step only, not on other vehicles or on their order.
+        """
+        ids = tuple(self.fleet.members[i].id for i in rows)
+        keys = scan_keys(sensor_keys(self.seed, ids, f"sensor {self.name}"), self.step)
+        return np.column_stack([gauss(mixed(keys + np.uint64(k) * GOLDEN)) for k in range(count)])
+
+
+class Measurements(NamedTuple):
+    """What all members measure at one instant."""
+
+    scans: list[ScanBatch | None]  # of the laser of each group of the fleet; None: not due
+    readings: Sequence[Readings]  # of further lasers and own sensors, for each group; (): there are none
+    odometry: Twist | None  # own speed and yaw rate, (n,); None: exact
+
+
+@dataclass(eq=False)
 class Sensing:
+    """All sensors of all members. A sensor measures in the steps in which it is due; all sense the same instant."""
+
     scene: Scene  # walls and buildings
     engine: str = "raster"
     seed: int = 0  # of all sensor errors
 
-    def scan(self, traffic: TrafficSnapshot, fleet: Fleet, step: int) -> list[ScanBatch | None]:
-        """A batch for each group of the fleet; None where the lidar is not due in this step.
+    def sense(self, traffic: TrafficSnapshot, fleet: Fleet, step: int, blind: np.ndarray | None = None) -> Measurements:
+        """What is due in this step.
 
-        All members sense the same instant. A return belongs to a row of `traffic`.
+        blind  : members whose lasers lose every beam, (n,) bool; None: there are none
+        raises : InputError if a sensor of a plug-in fails
+        """
+        scans, readings = self.scan(traffic, fleet, step, blind), self.read(traffic, fleet, step, blind)
+        return Measurements(scans, readings, self.odometry(fleet, step))
+
+    def scan(
+        self, traffic: TrafficSnapshot, fleet: Fleet, step: int, blind: np.ndarray | None = None
+    ) -> list[ScanBatch | None]:
+        """A batch of the laser of each group of the fleet; None where it is not due in this step.
+
+        A return belongs to a row of `traffic`. blind: as in `sense`.
         """
         boxes = _boxes(traffic, fleet)
-        scans: list[ScanBatch | None] = []
+        return [
+            self._scan(group.lidar, boxes, traffic, fleet, group.rows, step, blind)
+            if step % group.every == 0 and not fleet.native[group.rows[0]]  # a group shares its law
+            else None
+            for group in fleet.groups
+        ]
+
+    def read(
+        self, traffic: TrafficSnapshot, fleet: Fleet, step: int, blind: np.ndarray | None = None
+    ) -> Sequence[Readings]:
+        """Further lasers and own sensors of each group, as far as they are due; () where no group has any.
+
+        Arguments and errors as of `sense`.
+        """
+        if not any(group.further_lidars or group.sensors for group in fleet.groups):
+            return ()
+        boxes = _boxes(traffic, fleet)
+        readings = []
         for group in fleet.groups:
-            rows = group.rows
-            due = step % group.every == 0 and not fleet.native[rows[0]]  # a group shares its law
-            scans.append(
-                scan(
-                    group.lidar,
-                    self.scene,
-                    boxes,
-                    Carriers.of(boxes, rows, tuple(fleet.members[i].id for i in rows)),
-                    Occasion(traffic.time, step, self.seed),
-                    engine=self.engine,
-                )
-                if due
-                else None
-            )
-        return scans
+            due = [lidar for lidar, every in group.further_lidars if step % every == 0]
+            scans = {lidar.name: self._scan(lidar, boxes, traffic, fleet, group.rows, step, blind) for lidar in due}
+            own = [named for named, every in group.sensors if step % every == 0]
+            sensed = {named.name: self._measured(named, traffic, fleet, group, step) for named in own}
+            readings.append(Readings(traffic.time, scans, sensed))
+        return readings
 
     def odometry(self, fleet: Fleet, step: int) -> Twist | None:
         """Measured own speed and yaw rate, (n,); None if no member's odometry has errors."""
@@ -50,6 +107,34 @@ class Sensing:
             return None
         ids, motion = tuple(m.id for m in fleet.members), fleet.motion
         return measured(errors, ids, motion.speed, motion.yaw_rate, self.seed, step)
+
+    def _scan(
+        self,
+        lidar: LidarModel,
+        boxes: Boxes,
+        traffic: TrafficSnapshot,
+        fleet: Fleet,
+        rows: np.ndarray,
+        step: int,
+        blind: np.ndarray | None,
+    ) -> ScanBatch:
+        carriers = Carriers.of(boxes, rows, tuple(fleet.members[i].id for i in rows))
+        batch = scan(lidar, self.scene, boxes, carriers, Occasion(traffic.time, step, self.seed), engine=self.engine)
+        if blind is None or not blind[rows].any():
+            return batch
+        return replace(batch, ranges=np.where(blind[rows, None], np.nan, batch.ranges))
+
+    def _measured(self, named: NamedSensor, traffic: TrafficSnapshot, fleet: Fleet, group: Group, step: int) -> Any:
+        """raises: InputError if the sensor fails, or what it gives has not one row for each vehicle"""
+        name, sensor = named
+        surroundings = Surroundings(traffic, fleet, self.scene, step, self.seed, name)
+        try:
+            reading = sensor(surroundings, group.rows)
+            take(reading, np.ones(len(group.rows), bool))  # one row each
+        except (Exception, SystemExit) as error:  # whatever a user's code may raise
+            what = f"sensor {type(sensor).__qualname__} failed at {traffic.time:.3f} s"
+            raise InputError(f"{place_of(sensor, error)}: {what}: {type(error).__name__}: {error}") from error
+        return reading
 
 
 def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:

@@ -42,7 +42,7 @@ def main() -> None:
     with Simulation(setting, Stopwatch(time.thread_time)) as simulation:
         spent = simulation.stopwatch.seconds
         until = np.array([(spent["decide"], spent["scan"]) for _ in simulation])
-        group = next(g for g in simulation.fleet.groups if g.law is TRACKING.law)
+        group = next(g for g in simulation.now.fleet.groups if g.law is TRACKING.law)
     deciding, scanning = np.diff(until, axis=0, prepend=0.0).T
     law, scan = (np.array(values[20:]).reshape(REPEATS, STEPS) * 1e3 for values in (deciding, scanning))
     each = np.median(law, axis=1)
