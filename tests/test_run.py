@@ -116,7 +116,7 @@ def test_a_run_records_its_provenance(one_corner):
     assert facts["status"] == "finished"
     assert set(facts["input_sha256"]) == {"net.lab_loop.net.xml", "additional.0.lab_loop.poly.xml"}
     assert facts["given_to_laws"]["platoon.0.follower"] == ["scan", "own motion"]
-    stages = {"read", "signals", "scan", "odometry", "decide", "observe", "measure", "record", "move", "place", "step"}
+    stages = {"read", "signals", "scan", "decide", "observe", "measure", "record", "move", "place", "step"}
     assert set(facts["stage_s"]) == stages
 
 

@@ -396,6 +396,12 @@ CELLS: dict[tuple, tuple] = {
 
 
 def print_tables(found: dict[tuple, Any]) -> None:
+    print_straights(found)
+    print_turns(found)
+    print_strings(found)
+
+
+def print_straights(found: dict[tuple, Any]) -> None:
     table(
         "Straight road: speeds from - to, m/s. Ten seconds at a constant speed from steady gaps: every follower is "
         "locked on its predecessor in every step, nothing touches, every gap is within 2 % of the law's. Quick car, "
@@ -416,6 +422,9 @@ def print_tables(found: dict[tuple, Any]) -> None:
             for law, start in ACCELERATED.items()
         ],
     )
+
+
+def print_turns(found: dict[tuple, Any]) -> None:
     table(
         "Turns: smallest radius of the leader's rear axle, m, with every follower locked on in every step and no "
         "contact; laser to 30 m, quick car, no kerbs. Closed forms of a steady circle: sight of the predecessor, room "
@@ -447,6 +456,9 @@ def print_tables(found: dict[tuple, Any]) -> None:
     )
     kerbed = " and ".join(f"{_radius(found['kerbs', speed], 'above 200')} at {speed:g} m/s" for speed in (2.0, 3.0))
     print(f"And with kerbs, view 23°, quick: smallest radius, m: {kerbed}.\n")
+
+
+def print_strings(found: dict[tuple, Any]) -> None:
     table(
         "String: amplitude of the last of four followers' speed by the leader's, repaired, about 8 m/s.",
         ["vehicle", *(f"{frequency:g} Hz" for frequency in FREQUENCIES)],
