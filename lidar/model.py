@@ -39,7 +39,7 @@ MERGING = 0.5  # distance below which two echoes of a laser pulse of 3.3 ns over
 
 @dataclass(frozen=True)
 class Mount:
-    """Pose of the sensor in the body frame, whose origin is the centre of the vehicle [m, rad]."""
+    """Pose of the sensor in the body frame, with its origin at the centre of the vehicle [m, rad]."""
 
     x: float = 0.0
     y: float = 0.0

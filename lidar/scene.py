@@ -22,7 +22,7 @@ class Scene:
     """The static world.
 
     segments : walls, one row x0, y0, x1, y1 each, (m, 4)
-    solids   : geometry whose interior is closed, or None; its boundary is among the segments as well
+    solids   : geometry with a closed interior, or None; its boundary is among the segments as well
     """
 
     segments: np.ndarray

@@ -64,7 +64,7 @@ class Segments:
         return len(self.row)
 
     def of(self, row: int) -> slice:
-        """Where the groups of a row are in the arrays: `segments.width[segments.of(3)]`."""
+        """The place of a row's groups in the arrays: `segments.width[segments.of(3)]`."""
         row = range(len(self.offset) - 1)[row]
         return slice(int(self.offset[row]), int(self.offset[row + 1]))
 
@@ -109,7 +109,7 @@ def find_segments(
         raise ValueError(f"ranges are {batch.ranges.shape}; must be {(len(batch), model.samples)}")
     spread, reach = _rule(model, jump, grazing, min_beams, bridge)
 
-    from .segments_kernel import describe, find  # here, for it costs a second to import numba
+    from .segments_kernel import describe, find  # here, because numba takes a second to import
 
     ranges = np.ascontiguousarray(batch.ranges).view()
     ranges.setflags(write=False)  # else numba compiles once more for arrays that may be written to

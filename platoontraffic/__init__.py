@@ -9,7 +9,7 @@ from platoontraffic import _checkout
 
 _checkout.add_subpackages()
 
-# Imported at first use: a command that only lists names need not wait for numba.
+# Imported at first use, so that commands which only list names do not wait for numba.
 _HOMES = {
     "Decision": "controllers",
     "Drive": "vehicles.motion",

@@ -95,7 +95,7 @@ def _imported(module_name: str, file: Path | None) -> tuple[ModuleType, tuple[Pa
 
 
 def _load(file: Path) -> tuple[ModuleType, tuple[Path, ...]]:
-    """Import a file anew, with its folder importable meanwhile; returns the module and the files it consists of."""
+    """Import a file anew, with its folder importable during that; returns the module and the files it consists of."""
     folder = str(file.parent.resolve())
     name = f"{file.stem}_{hashlib.sha256(str(file.resolve()).encode()).hexdigest()[:12]}"
     spec = importlib.util.spec_from_file_location(name, file)

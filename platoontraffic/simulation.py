@@ -17,6 +17,7 @@ from platoontraffic.lidar import Scene
 from platoontraffic.observation.encounters import Encounters
 from platoontraffic.observation.instant import Instant
 from platoontraffic.observation.observer import Measures, Observer
+from platoontraffic.observation.violations import violations
 from platoontraffic.results import plug_in_metrics
 from platoontraffic.results.provenance import Stopwatch
 from platoontraffic.results.sumo_tables import sumo_options
@@ -168,7 +169,7 @@ class Simulation:
         sensed = self.sensors.sense(traffic, fleet, step, self.breakdowns.blind(fleet))
         signals = self.world.signals(fleet)
         fleet = timed("decide", fleet.decided, sensed.scans, dt, signals, sensed.odometry, sensed.readings)
-        roads, noted = self.world.roads(fleet), [*ordered, *failed, *self.world.violations(fleet)]
+        roads, noted = self.world.roads(fleet), [*ordered, *failed, *violations(self.world.entries(fleet))]
         events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted)
         events = [*events, *self.encounters.observe(traffic, fleet, events)]
         ended = self._ended(step, fleet)

@@ -24,6 +24,7 @@ LAYERS = [
     {"observation", "sumo"},
     {"results", "export"},
     {"simulation"},
+    {"run"},
     {"study"},
     {"cli"},
     {"__main__"},

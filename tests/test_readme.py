@@ -43,6 +43,26 @@ def test_your_own_follower_in_twenty_lines_runs(tmp_path, monkeypatch):
     assert (values["collisions"], values["lock_on_ratio_min"]) == ("0", "1")
 
 
+@pytest.mark.sumo
+def test_the_simulation_prints_what_stands_below_it():
+    (code,) = [block for block in blocks("python") if "instant.measures.gap" in block]
+    (shown,) = re.findall(rf"{re.escape(code)}```\n\n((?:    .*\n)+)", README)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == re.sub("^    ", "", shown, flags=re.MULTILINE)
+
+
+@pytest.mark.sumo
+def test_commands_of_a_step_replace_those_of_a_law():
+    (code,) = [block for block in blocks("python") if "simulation.step(" in block]
+    stands = "assert instant.fleet.motion.speed[0] == 0 and len(instant.fleet) == 10"
+    subprocess.run([sys.executable, "-c", code + stands], capture_output=True, text=True, check=True)
+
+
+def test_the_metric_is_the_example():
+    (code,) = [block for block in blocks("python") if "TimeHeadwayShare" in block]
+    assert code in (ROOT / "docs/examples/time_headway_share.py").read_text(encoding="utf-8")
+
+
 def test_the_study_is_one(tmp_path):
     (text,) = [block for block in blocks("toml") if "base =" in block]
     (tmp_path / "mine.toml").write_text(text)
@@ -59,6 +79,14 @@ def test_ten_lines_draw_a_scan(tmp_path, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "agg")
     subprocess.run([sys.executable, "-c", code], check=True)
     assert (tmp_path / "scan.png").stat().st_size > 5000
+
+
+def test_the_contents_lead_to_headings():
+    headings = re.findall(r"^##+ (.*)$", re.sub(r"```.*?```", "", README, flags=re.DOTALL), re.MULTILINE)
+    anchors = {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+    links = re.findall(r"\]\(#([^)]+)\)", README)
+    assert links
+    assert set(links) <= anchors
 
 
 @pytest.mark.parametrize("file", ["README.md", "lidar/README.md", "analysis/README.md", "CONTRIBUTING.md"])

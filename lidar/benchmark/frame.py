@@ -1,4 +1,4 @@
-"""What every benchmark of the project needs: facts of the machine, peak of memory, JSON and tables."""
+"""Parts of every benchmark: facts of the machine, peak of memory, JSON and tables."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def peak_memory() -> float | None:
 
 
 def as_json(report: object) -> str:
-    """A report whose fields are dicts and lists of named tuples."""
+    """JSON of a report, an object with dicts and lists of named tuples as its attributes."""
 
     def plain(value):
         return [row._asdict() for row in value] if isinstance(value, list) else value

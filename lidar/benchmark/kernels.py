@@ -8,7 +8,7 @@ from ..laserscan import NO_HIT
 
 @compiled
 def floor(directions, start, ranges):
-    """What remains of a scan in an empty world: a buffer is cleared, divided and stored, (n, k) float64.
+    """The rest of a scan in an empty world: a buffer is cleared, divided and stored, (n, k) float64.
 
     start : what the buffer is cleared with, positive; handed in so that the quotient is not known when compiling
     """

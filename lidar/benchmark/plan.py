@@ -10,7 +10,7 @@ from .towns import SIZES, Size
 
 @dataclass(frozen=True)
 class Plan:
-    """How much to measure.
+    """The extent of a measurement.
 
     sizes   : towns that are scanned in all views by all engines
     fewer   : number of sensors of each slow engine
@@ -19,7 +19,7 @@ class Plan:
     ticks   : names of the towns for whole ticks
     flat    : blocks of each town in a series of towns of one density
     linear  : numbers of sensors in one town
-    memory  : engines whose memory is measured
+    memory  : engines of which the memory is measured
     cold    : whether to measure a start for which everything is compiled, with a cache of its own
     """
 

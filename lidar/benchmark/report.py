@@ -1,4 +1,4 @@
-"""Rows of the report and their print. Names of fields carry units, for they become JSON."""
+"""Rows of the report, and the report as text. Names of fields carry units, because they become keys of JSON."""
 
 from __future__ import annotations
 

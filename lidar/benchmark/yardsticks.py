@@ -13,7 +13,7 @@ YARDSTICKS = ("brute force", "brute force in view", "floor")
 
 def empty_scan(model, sensors):
     """A call that clears, divides and stores as many numbers as the scans have."""
-    from .kernels import floor  # here, for it imports numba
+    from .kernels import floor  # here, because it imports numba
 
     ranges = np.empty((sensors, model.samples))
     return lambda: floor(model.directions, 0.1, ranges)
@@ -24,7 +24,7 @@ def every_beam_on_every_surface(model, sensor, ends, owner, sensors):
 
     Its time does not include finding and turning the candidates, checks and errors: real brute force is slower.
     """
-    from .kernels import brute_force  # here, for it imports numba
+    from .kernels import brute_force  # here, because it imports numba
 
     begin = np.searchsorted(sensor, np.arange(sensors + 1))
     faces = np.ascontiguousarray(ends.transpose(1, 0, 2).reshape(4, -1))
@@ -37,7 +37,7 @@ def every_beam_on_every_surface(model, sensor, ends, owner, sensors):
 
 
 def candidates(model, scene, boxes, sensors):
-    """Surfaces that the first vehicles could see: all whose bounding box comes within reach of the sensor's x and y.
+    """Surfaces that the first vehicles could see: all with a bounding box within reach of the sensor's x and y.
 
     returns: row of the sensor, increasing, (c,); the ends as x and y in its frame, counter-clockwise, (2, 2, c); owner,
              (c,); whether it is a wall or the near side of a box, and in the bounding box of the sector in view, (c,)

@@ -24,7 +24,7 @@ TOUCHING = 1e-9  # distance at which a sensor touches a surface [m]
 
 
 class Sensors(NamedTuple):
-    """Poses, world frame [m, rad]; owners, whose boxes are transparent; keys and biases of the errors. All (n,)."""
+    """Poses, world frame [m, rad]; owners (their boxes are transparent); keys and biases of the errors. All (n,)."""
 
     x: np.ndarray
     y: np.ndarray

@@ -1,9 +1,9 @@
-"""What a step of the loop costs on this machine, against SUMO alone: `platoontraffic bench traffic`.
+"""The cost of a step of the loop on this machine, beside that of SUMO alone: `platoontraffic bench traffic`.
 
-Towns from a seed, with traffic; the members are driven from here in the one run, and by SUMO's own driver model on the
-same routes in the other, of which nothing but stepping is measured. Each run has a process of its own, and they take
-turns. All is done in one thread, so that CPU time is that of a machine with nothing else to do, but for what other jobs
-take from its caches. Nothing here fails on a slow day.
+Towns are made from a seed. In one run the members are driven by this package; in the other SUMO's own driver model
+drives them on the same routes, and only SUMO's steps are measured. Each run has its own process, and the two kinds of
+run take turns. Every run has one thread, so CPU time is nearly that of an idle machine; other jobs only take some of
+the processor's caches. No result is a failure, however slow the machine is.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ from platoontraffic.sumo.world import World
 
 STEP = 0.1  # [s]; the lidars scan in every step
 SIZE = 5  # members of a platoon
-BLOCK = 200.0  # from junction to junction [m]
-START, SPEED, GAP = 120.0, 8.0, 11.0  # of a platoon: where on its edge [m], how fast [m/s], bumper to bumper [m]
-WAY = 12  # edges of a route: nobody arrives
-STRAIGHT_ON = 0.7  # share of vehicles, where one may turn too
+BLOCK = 200.0  # distance between neighbouring junctions [m]
+START, SPEED, GAP = 120.0, 8.0, 11.0  # of a platoon: position on its edge [m], speed [m/s], bumper to bumper [m]
+ROUTE_EDGES = 12  # edges of a route, which is too long for any vehicle to arrive
+STRAIGHT_ON = 0.7  # probability of going straight on at a junction that also allows a turn
 EVERY = 10.0  # simulated time between two readings of the clocks [s]
 
-STAGES = {  # of the loop, as they are told in provenance.json
+STAGES = {  # stages of the loop -> their names in provenance.json
     "SUMO's step": ("step",),
     "read": ("read",),
     "scan": ("scan", "odometry"),
@@ -54,18 +54,19 @@ STAGES = {  # of the loop, as they are told in provenance.json
     "place": ("place",),
     "observe": ("observe", "measure"),
     "record": ("record",),
+    "watchers": ("show",),
 }
-LARGE, LARGEST = "1000 + 100", "5000 + 500"  # towns of which something is wanted
+LARGE, LARGEST = "1000 + 100", "5000 + 500"  # towns with a target, see `bars`
 
 
 class Town(NamedTuple):
-    """A grid of so many roads each way, and who drives there; for so long [s], after a time for SUMO alone [s]."""
+    """A grid of streets with its traffic, and the time for which it is simulated."""
 
-    roads: int
-    background: int
+    roads: int  # in each of the two directions of the grid
+    background: int  # background vehicles
     platoons: int
-    warm_up: int
-    lasts: int  # a multiple of EVERY
+    warm_up: int  # time before the platoons are inserted [s]
+    lasts: int  # time that is measured after it [s], a multiple of EVERY
 
     @property
     def members(self) -> int:
@@ -78,11 +79,11 @@ class Town(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """How much to measure.
+    """The extent of a measurement.
 
-    towns  : of one density
-    turns  : of the loop and of SUMO alone
-    extras : arguments for further runs of the loop in each turn, by name
+    towns  : all with the same density of traffic
+    turns  : number of runs of the loop and of SUMO alone
+    extras : name -> overrides of a further run of the loop in each turn
     """
 
     towns: tuple[Town, ...]
@@ -91,24 +92,24 @@ class Plan:
 
 
 NOISE = "platoon.leader.lidar.noise=car-leader", "platoon.follower.lidar.noise=car-follower"
-SELDOM = ("record.every_s=1",)
+SPARSE_ROWS = ("record.every_s=1",)
 FULL = Plan(
     towns=(Town(7, 100, 1, 20, 30), Town(20, 1000, 20, 20, 30), Town(44, 5000, 100, 10, 10)),
     turns=3,
-    extras={"with noise": NOISE, "a row a second": SELDOM},
+    extras={"with noise": NOISE, "a row a second": SPARSE_ROWS},
 )
 QUICK = Plan(towns=(Town(7, 100, 1, 10, 10), Town(20, 1000, 20, 10, 10)), turns=1, extras={})
 
 
-# ---- rows of the report; names carry units, for they become JSON
+# ---- rows of the report; names carry units, because they become keys of JSON
 
 
 class Whole(NamedTuple):
     """A step of the loop, and of SUMO alone.
 
-    real_time : simulated over CPU time, of the loop
-    wall_...  : the same by the clock on the wall
-    member_us : what the loop takes more than SUMO alone, for each member
+    real_time : simulated time over CPU time of the loop
+    wall_...  : the same by wall time
+    member_us : CPU time of the loop beyond that of SUMO alone, per member
     """
 
     town: str
@@ -125,7 +126,7 @@ class Whole(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """Part of a step of the loop: its CPU time, shared out by the clock."""
+    """Part of a step of the loop: its share of the CPU time, in proportion to its wall time."""
 
     town: str
     stage: str
@@ -134,6 +135,8 @@ class Stage(NamedTuple):
 
 
 class Bar(NamedTuple):
+    """A target, and whether it is met."""
+
     wanted: str
     measured: float
     met: bool
@@ -151,7 +154,7 @@ class Report:
 
 
 def run(plan: Plan, progress: Callable[[str], None] = lambda stage: None) -> Report:
-    """raises: MissingError without eclipse-sumo, whose netgenerate makes the towns"""
+    """Measure; progress is called with each stage. raises: MissingError without eclipse-sumo (netgenerate)"""
     here = machine("libsumo", "numpy", "numba", "shapely", "pymunk")
     rows, parts = [], []
     for town in plan.towns:
@@ -176,7 +179,7 @@ def run(plan: Plan, progress: Callable[[str], None] = lambda stage: None) -> Rep
 
 
 def build(town: Town, folder: Path, seed: int = 1) -> None:
-    """Files for both runs into the folder: town.net.xml, traffic.rou.xml, town.toml, members.rou.xml."""
+    """Write the files of both runs: town.net.xml, traffic.rou.xml, town.toml, members.rou.xml. raises: RunError"""
     net = folder / "town.net.xml"
     options = "--grid", "--grid.number", str(town.roads), "--grid.length", str(BLOCK), "-L", "1", "--no-turnarounds"
     done = run_program(program("netgenerate"), *options, "-o", net)
@@ -186,13 +189,13 @@ def build(town: Town, folder: Path, seed: int = 1) -> None:
     onward = _onward(net)
     edges = sorted(onward)
     begin = rng.sample(edges, town.platoons)
-    ways = [_way(edge, onward, rng) for edge in begin]
-    # No vehicle of the traffic begins where a platoon will.
+    routes = [_route(edge, onward, rng) for edge in begin]
+    # Background vehicles begin on other edges than platoons.
     others = sorted(set(edges) - set(begin))
-    background = [_way(rng.choice(others), onward, rng) for _ in range(town.background)]
+    background = [_route(rng.choice(others), onward, rng) for _ in range(town.background)]
     anywhere = 'depart="0" departPos="random_free"'
-    _write_routes(folder / "traffic.rou.xml", [("", str(i), way, anywhere) for i, way in enumerate(background)])
-    (folder / "town.toml").write_text(tomli_w.dumps(_scenario(town, ways)), encoding="utf-8")
+    _write_routes(folder / "traffic.rou.xml", [("", str(i), route, anywhere) for i, route in enumerate(background)])
+    (folder / "town.toml").write_text(tomli_w.dumps(_scenario(town, routes)), encoding="utf-8")
     members = simulation.prepare(scenario.load(folder / "town.toml")).members
     natives = []
     for m in members:
@@ -203,7 +206,7 @@ def build(town: Town, folder: Path, seed: int = 1) -> None:
 
 
 def _onward(net: Path) -> dict[str, dict[str, str]]:
-    """Edge -> direction, s, l or r -> the next one."""
+    """Edge -> direction (s, l or r) -> next edge."""
     onward: dict[str, dict[str, str]] = {}
     for _, element in ET.iterparse(net):
         if element.tag == "connection" and not element.get("from").startswith(":"):
@@ -211,26 +214,27 @@ def _onward(net: Path) -> dict[str, dict[str, str]]:
     return onward
 
 
-def _way(edge: str, onward: dict[str, dict[str, str]], rng: random.Random) -> list[str]:
-    way = [edge]
-    while len(way) < WAY:
-        ahead = onward[way[-1]]
+def _route(edge: str, onward: dict[str, dict[str, str]], rng: random.Random) -> list[str]:
+    """A random route from an edge on."""
+    route = [edge]
+    while len(route) < ROUTE_EDGES:
+        ahead = onward[route[-1]]
         turns = sorted(set(ahead) - {"s"})
         straight_on = "s" in ahead and (not turns or rng.random() < STRAIGHT_ON)
-        way.append(ahead["s" if straight_on else rng.choice(turns)])
-    return way
+        route.append(ahead["s" if straight_on else rng.choice(turns)])
+    return route
 
 
 def _write_routes(file: Path, vehicles: Iterable[tuple[str, str, Sequence[str], str]]) -> None:
-    """vehicles: an element that comes before, id, edges, attributes."""
+    """vehicles: for each, an element to write before it, its id, its edges, its attributes"""
     lines = [
-        f'{before}<vehicle id="{name}" {attributes}><route edges="{" ".join(way)}"/></vehicle>'
-        for before, name, way, attributes in vehicles
+        f'{before}<vehicle id="{name}" {attributes}><route edges="{" ".join(edges)}"/></vehicle>'
+        for before, name, edges, attributes in vehicles
     ]
     file.write_text("\n".join(["<routes>", *lines, "</routes>", ""]), encoding="utf-8")
 
 
-def _scenario(town: Town, ways: list[list[str]]) -> dict:
+def _scenario(town: Town, routes: list[list[str]]) -> dict:
     """Platoons as in the shipped ring_platoon; lidars without errors."""
     table = tomllib.loads(shipped.scenarios()["ring_platoon"].read_text(encoding="utf-8"))
     (example,) = table["platoon"]
@@ -240,9 +244,9 @@ def _scenario(town: Town, ways: list[list[str]]) -> dict:
     del example["loop"]
     platoons = [
         example
-        | {"id": f"p{i}", "size": SIZE, "gap_m": GAP, "route": way}
-        | {"start": {"edge": way[0], "position_m": START, "speed_mps": SPEED}}
-        for i, way in enumerate(ways)
+        | {"id": f"p{i}", "size": SIZE, "gap_m": GAP, "route": route}
+        | {"start": {"edge": route[0], "position_m": START, "speed_mps": SPEED}}
+        for i, route in enumerate(routes)
     ]
     return {
         "sumo": {"net": "town.net.xml", "routes": ["traffic.rou.xml"], "warm_up_s": float(town.warm_up)},
@@ -252,21 +256,21 @@ def _scenario(town: Town, ways: list[list[str]]) -> dict:
     }
 
 
-# ---- runs, each in a process of its own
+# ---- runs, each in its own process
 
 
 class Spent(NamedTuple):
-    """Times of the whole run [s], of its stages by the clock; vehicles on the road at its end; peak of memory [MB]."""
+    """Measurements of one run."""
 
-    cpu: float
-    clock: float
-    vehicles: int
-    peak: float | None
-    stages: dict[str, float]
+    cpu: float  # CPU time [s]
+    clock: float  # wall time [s]
+    vehicles: int  # on the road at the end
+    peak: float | None  # of memory [MB]
+    stages: dict[str, float]  # wall time of each stage of the loop [s]
 
 
 class Readings:
-    """Watches a run: CPU time, time by the clock, and how many vehicles there are, every EVERY simulated seconds."""
+    """A watcher that reads CPU time, wall time and the number of vehicles every EVERY simulated seconds."""
 
     def __init__(self, vehicles: Callable[[], int]) -> None:
         self._vehicles = vehicles
@@ -278,14 +282,14 @@ class Readings:
 
 
 def sumo_alone(folder: Path, town: Town) -> Spent:
-    """Stepping, with the members as vehicles of SUMO's own."""
-    with (folder / "alone.log").open("wb") as words:
-        os.dup2(words.fileno(), 2)  # which SUMO writes its warnings to
+    """SUMO's steps, with the members as SUMO-driven vehicles."""
+    with (folder / "alone.log").open("wb") as log:
+        os.dup2(log.fileno(), 2)  # SUMO writes its warnings to this descriptor
     prepared = simulation.prepare(scenario.load(folder / "town.toml"))
     options = sumo_tables.sumo_options(prepared.scenario, folder)
     options["route-files"] += f",{folder / 'members.rou.xml'}"
     with World(prepared.network, STEP, prepared.scenario.seed, folder / "start.log", options):
-        libsumo.simulationStep(town.warm_up + 2 * STEP)  # as long as it takes to deploy members
+        libsumo.simulationStep(town.warm_up + 2 * STEP)  # the loop, too, takes two steps to insert the members
         began = time.process_time(), time.perf_counter()
         for _ in range(round(town.lasts / STEP)):
             libsumo.simulationStep()
@@ -295,12 +299,12 @@ def sumo_alone(folder: Path, town: Town) -> Spent:
 
 
 def loop(folder: Path, town: Town, arguments: tuple[str, ...] = ()) -> Spent:
-    """The loop of a run, from the end of its first pass to that of its last."""
+    """The loop of a run, from its first instant to its last one."""
     prepared = simulation.prepare(scenario.load(folder / "town.toml", arguments))
     readings = Readings(libsumo.vehicle.getIDCount)
 
     with tempfile.TemporaryDirectory(dir=folder) as results:
-        # A second of it first, for what is compiled or worked out at the first call.
+        # One second first, so that nothing is compiled or cached during the measurement.
         short = scenario.load(folder / "town.toml", ["sumo.warm_up_s=0", "run.duration_s=1", *arguments])
         run_into(replace(prepared, scenario=short), Path(results, "first"))
         done = run_into(prepared, Path(results, "run"), [readings])
@@ -317,11 +321,11 @@ def _in_a_process(function: Callable[..., Spent], *arguments) -> Spent:
         raise RunError(f"a process of the benchmark died: {function.__name__}, {arguments[1].name}") from error
 
 
-# ---- what comes of it
+# ---- evaluation
 
 
 def whole(town: Town, what: str, alone: Sequence[Spent], loops: Sequence[Spent]) -> Whole:
-    """Medians over the turns; ratios are of runs of one turn."""
+    """Medians over the turns; each ratio is between runs of the same turn."""
     steps = round(town.lasts / STEP)
     pairs = list(zip(alone, loops, strict=True))
     loop_cpu = median(one.cpu for one in loops)
@@ -341,6 +345,7 @@ def whole(town: Town, what: str, alone: Sequence[Spent], loops: Sequence[Spent])
 
 
 def stages(town: Town, loops: Sequence[Spent]) -> list[Stage]:
+    """CPU time of each stage, in proportion to its median share of the wall time."""
     rows = []
     loop_ms = 1e3 * median(one.cpu for one in loops) / round(town.lasts / STEP)
     for name, parts in STAGES.items():
@@ -350,7 +355,7 @@ def stages(town: Town, loops: Sequence[Spent]) -> list[Stage]:
 
 
 def bars(rows: Sequence[Whole]) -> list[Bar]:
-    """What the loop is to keep to, to be read, not enforced."""
+    """Targets of the loop; they are reported, not enforced."""
     found = {row.town: row for row in rows if not row.what}
     wanted = []
     if large := found.get(LARGE):
@@ -366,14 +371,14 @@ def bars(rows: Sequence[Whole]) -> list[Bar]:
     return wanted
 
 
-# ---- in print
+# ---- text
 
 
 LEGEND = """\
 A step of 0.1 s: background vehicles + members in platoons of five that scan at 10 Hz with 720 beams. CPU time of one
-thread; loop: everything that a run does in a step; sumo: SUMO's step alone, with the members as vehicles of its own.
-real time: simulated over CPU time; wall: by the clock, which other jobs lengthen. member: what the loop takes more than
-sumo, for each of the members. peak: memory of the process."""
+thread. loop: everything that a run does in a step; sumo: SUMO's step alone, with the members as SUMO-driven vehicles.
+real time: simulated time over CPU time. wall: the same by wall time, which other jobs lengthen. member: CPU time of the
+loop beyond that of sumo, per member. peak: memory of the process."""
 
 
 def text(report: Report) -> str:
@@ -389,7 +394,7 @@ def text(report: Report) -> str:
     sections.append("Where the time goes\n" + table([["", *towns], *parts], [True] + [False] * len(towns)))
     if report.bars:
         kept = [[bar.wanted, _cell(bar.measured), "yes" if bar.met else "no"] for bar in report.bars]
-        sections.append("Wanted\n" + table([["", "measured", "met"], *kept], [True, False, False]))
+        sections.append("Targets\n" + table([["", "measured", "met"], *kept], [True, False, False]))
     return "\n\n".join(sections)
 
 

@@ -1,4 +1,4 @@
-"""How commands end: 0 fine, 1 a run failed, 2 bad input, 3 the machine lacks something, 130 interrupted."""
+"""Exit codes of commands: 0 fine, 1 a run failed, 2 bad input, 3 the machine lacks something, 130 interrupted."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from platoontraffic.errors import InputError, MissingError, RunError
 
 
 def commands_of(app: typer.Typer) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """A decorator that makes functions commands of `app`; every expected trouble is one line a fault on stderr.
+    """A decorator that makes a function a command of `app`. Expected errors become one line per fault on stderr.
 
-    The command's name is the function's up to an underscore: `list_`, where the name alone would hide another.
+    The name of the command is that of the function up to an underscore, as in `list_`, which must not hide `list`.
     """
 
     def command(function: Callable[..., None]) -> Callable[..., None]:

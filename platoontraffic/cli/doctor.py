@@ -1,21 +1,19 @@
-"""What is installed, whether SUMO starts, and what gets in the way."""
+"""Installed packages and extras, and whether SUMO starts."""
 
 from __future__ import annotations
 
-import importlib.util
 import platform
 import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import NamedTuple
 
-FINE, MISSING, TROUBLE = "fine", "missing", "trouble"  # missing is what is optional
+FINE, MISSING, TROUBLE = "fine", "missing", "trouble"  # verdicts; an extra is missing, never trouble
 
 PACKAGES = ("platoontraffic", "libsumo", "numpy", "numba", "shapely", "pymunk", "pandas", "pydantic")
 EXTRAS = {"gui": "eclipse-sumo", "cluster": "distributed", "parquet": "pyarrow", "ros": "rosbags"}
 
-# Ten steps in the smallest network there is; in a process of its own, for it may die.
+# Ten steps in the smallest network, in a process of its own, which a broken libsumo may kill.
 START = """
 from platoontraffic import shipped
 import libsumo
@@ -35,12 +33,12 @@ class Finding(NamedTuple):
 
 
 def examine() -> list[Finding]:
-    return [*_versions(), _sumo(), *_extras(), *_clashes(), *_arrow()]
+    return [*_versions(), _sumo(), *_extras(), *_arrow()]
 
 
 def _versions() -> list[Finding]:
-    yours = Finding(FINE, "python", f"{platform.python_version()} on {platform.platform()}, {sys.executable}")
-    return [yours, *(Finding(FINE, name, v) if (v := _version(name)) else _not_there(name) for name in PACKAGES)]
+    python = Finding(FINE, "python", f"{platform.python_version()} on {platform.platform()}, {sys.executable}")
+    return [python, *(Finding(FINE, name, v) if (v := _version(name)) else _not_there(name) for name in PACKAGES)]
 
 
 def _not_there(name: str) -> Finding:
@@ -73,26 +71,11 @@ def _extras() -> list[Finding]:
     return findings
 
 
-def _clashes() -> list[Finding]:
-    """The packages beside this one have names that others have, too."""
-    here = Path(__file__).parents[1]
-    findings = []
-    for name in ("lidar", "analysis"):
-        spec = importlib.util.find_spec(name)
-        where = Path(spec.origin).parent if spec and spec.origin else None
-        if where is None or where.resolve() != (here / name).resolve():
-            what = f"`import {name}` finds {where or 'nothing'}, not {here / name}; use another folder or environment"
-            findings.append(Finding(TROUBLE, name, what))
-        else:
-            findings.append(Finding(FINE, name, str(where)))
-    return findings
-
-
 def _arrow() -> list[Finding]:
-    """libsumo is built against one release of Arrow."""
+    """libsumo prints a warning if pyarrow is of another release than the one it was built with."""
     if not (installed := _version("pyarrow")):
         return []
-    what = f"libsumo warns of pyarrow {installed} when it starts; Parquet is written by processes without libsumo"
+    what = f"libsumo may warn of pyarrow {installed} when it starts; export to Parquet runs without libsumo"
     return [Finding(FINE, "pyarrow", what)]
 
 

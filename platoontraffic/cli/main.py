@@ -1,4 +1,4 @@
-"""The command line; how commands end is in `commands`."""
+"""The commands. Their exit codes and error lines are in `commands`."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ Platoons = Annotated[
     str | None,
     typer.Option("--platoon", metavar="FILE", help="platoons for a SUMO configuration: a file of [[platoon]] tables"),
 ]
-Seed = Annotated[int | None, typer.Option(help="in place of the scenario's")]
+Seed = Annotated[int | None, typer.Option(help="seed, in place of the scenario's")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="no progress bar and no summary: print only the folder")]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON document instead")]
 ResultsFolder = Annotated[Path, typer.Option("--out", help="folder for results")]
@@ -65,20 +65,20 @@ def run(
     platoons: Platoons = None,
     seed: Seed = None,
     results: ResultsFolder = Path("results"),
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, start nothing")] = False,
-    force: Annotated[bool, typer.Option("--force", help="run again even if an equal run is there")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, run nothing")] = False,
+    force: Annotated[bool, typer.Option("--force", help="repeat the run even if its results exist")] = False,
     replay: Annotated[
-        bool, typer.Option("--replay", help="record background traffic and scans too, and make replay.html of the run")
+        bool, typer.Option("--replay", help="also record background traffic and scans, and make replay.html")
     ] = False,
     gui: Annotated[bool, typer.Option("--gui", help="watch the run in sumo-gui; the results are the same")] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Run a scenario; leave its tables in OUT/NAME/RUN."""
+    """Run a scenario; its tables are in OUT/NAME/RUN."""
     from platoontraffic import scenario as scenarios
 
     runs = _runs()
-    # A cluster ends jobs by SIGTERM; what was recorded is kept as at Ctrl-C.
+    # Clusters end jobs by SIGTERM: the recorded part of the run is then kept, as at Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     checked = scenarios.load(scenario, changes or (), seed, platoons)
     if replay:
@@ -96,7 +96,7 @@ def run(
         return
     if runs.is_done(folder) and not force:
         if not quiet and not json:
-            err.print(f"an equal run is already there and is not repeated (--force would): {folder}")
+            err.print(f"results of an equal run exist; it is not repeated without --force: {folder}")
     else:
         with run_progress(checked.spec.run.duration_s, checked.spec.name, quiet) as watchers:
             runs.run(prepared, folder, watchers, replace=force, window=window)
@@ -111,7 +111,7 @@ def run(
         with result_faults():
             made = page(folder, folder / "replay.html")
         if not quiet:
-            out.print(f"to open in a browser: {made}", soft_wrap=True)
+            out.print(f"replay, for any browser: {made}", soft_wrap=True)
     print(folder)
 
 
@@ -119,33 +119,33 @@ def run(
 def batch(
     study: Annotated[str, typer.Argument(metavar="STUDY", help="a study file, or the name of a shipped one")],
     changes: Annotated[
-        list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="keys of the scenario, for every run")
+        list[str] | None, typer.Argument(metavar="[KEY=VALUE]...", help="keys of the scenario to change in every run")
     ] = None,
     slots: Annotated[
-        int | None, typer.Option("-j", "--jobs", min=1, help="runs at a time; default: one a processor")
+        int | None, typer.Option("-j", "--jobs", min=1, help="runs at a time; default: one per processor")
     ] = None,
     executor: Annotated[
         str, typer.Option(help="processes, serial, dask (a cluster for this batch), or dask:ADDRESS of a running one")
     ] = "processes",
     shard: Annotated[
-        str, typer.Option(metavar="I/N", help="do part I of N, counted from 1; parts may run at the same time")
+        str, typer.Option(metavar="I/N", help="run part I of N, counted from 1; parts may run at the same time")
     ] = "1/1",
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="repeat failed runs")] = False,
     results: ResultsFolder = Path("results"),
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="list the runs and estimate their time, start none")
+        bool, typer.Option("--dry-run", help="list the runs and estimate their time, run nothing")
     ] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Do all missing runs of a study; leave them and their tables in OUT/STUDY."""
+    """Run all missing runs of a study; they and their tables are in OUT/STUDY."""
     from platoontraffic.study import batch as batches
     from platoontraffic.study import study as studies
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if executor not in ("processes", "serial", "dask") and not executor.startswith("dask:"):
         hint = did_you_mean(executor, ["processes", "serial", "dask"])
-        raise InputError(f"--executor: {executor!r}: no executor{hint}; or dask:ADDRESS")
+        raise InputError(f"--executor: {executor!r}: no such executor{hint}; or dask:ADDRESS")
     part = batches.Shard(*_shard(shard))
     loaded = studies.load(study, changes or ())
     folder, slots = results / loaded.name, slots or os.cpu_count() or 1
@@ -166,10 +166,10 @@ def batch(
 
 @command
 def export(
-    folder: Annotated[Path, typer.Argument(metavar="RUN|BATCH", help="the folder of a run, or for parquet of a batch")],
+    folder: Annotated[Path, typer.Argument(metavar="RUN|BATCH", help="folder of a run; for parquet also of a batch")],
     to: Annotated[str, typer.Option("--to", help="parquet, mcap (ROS 2, Foxglove) or fcd (SUMO)")] = "parquet",
 ) -> None:
-    """Write a run's tables in other formats; parquet also takes a batch, and makes one table of all its runs."""
+    """Write the tables of a run in another format; parquet also takes a batch, and joins the tables of its runs."""
     kinds = {
         "parquet": ("platoontraffic.analysis.parquet", "pyarrow", "parquet"),
         "mcap": ("platoontraffic.export.rosbag", "rosbags", "ros"),
@@ -197,13 +197,13 @@ def schema(what: Annotated[str, typer.Argument(help="scenario or study")] = "sce
 
     files = {"scenario": Spec, "study": StudyFile}
     if what not in files:
-        raise InputError(f"argument 1: {what!r}: no schema of it{did_you_mean(what, files)}")
+        raise InputError(f"argument 1: {what!r}: no such schema{did_you_mean(what, files)}")
     print_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **files[what].model_json_schema()})
 
 
 @command
 def doctor(json: Json = False) -> None:
-    """Check the installation, and that SUMO starts; exit code 3 if something is wrong."""
+    """Report what is installed and whether SUMO starts; exit code 3 if something is wrong."""
     from platoontraffic.cli.doctor import TROUBLE, examine
 
     findings = examine()
@@ -219,12 +219,13 @@ def doctor(json: Json = False) -> None:
 @command
 def check(
     files: Annotated[
-        list[str], typer.Argument(metavar="SCENARIO... [KEY=VALUE]...", help="files, or shipped names; keys to change")
+        list[str],
+        typer.Argument(metavar="SCENARIO... [KEY=VALUE]...", help="files or shipped names; keys to change"),
     ],
     platoons: Platoons = None,
     json: Json = False,
 ) -> None:
-    """Report the faults of scenario and study files, without running them."""
+    """Report the faults of scenario and study files; run nothing."""
     faults: dict[str, tuple[str, ...]] = {}  # by file
     changes = [argument for argument in files if "=" in argument and not Path(argument).exists()]
     for name in (file for file in files if file not in changes):
@@ -242,7 +243,7 @@ def check(
 
 
 def _checked(name: str, changes: list[str], platoons: str | None) -> str:
-    """What is printed of a file without faults. raises: InputError"""
+    """Check a file; returns the text to print if it has no faults. raises: InputError"""
     from platoontraffic import scenario as scenarios
     from platoontraffic.study import study
 
@@ -259,7 +260,7 @@ def list_(
     what: Annotated[str, typer.Argument(help="scenarios, studies, nets, laws, vehicles or lidars")] = "scenarios",
     json: Json = False,
 ) -> None:
-    """List what there is by name."""
+    """List the names of scenarios, studies, networks, laws, vehicles or lidars."""
     from platoontraffic.controllers.registry import find_law, law_names
     from platoontraffic.lidar import PRESETS
     from platoontraffic.vehicles.catalogue import VEHICLES
@@ -276,7 +277,7 @@ def list_(
         },
     }
     if what not in listings:
-        raise InputError(f"argument 1: {what!r}: nothing to list{did_you_mean(what, listings)}")
+        raise InputError(f"argument 1: {what!r}: no such list{did_you_mean(what, listings)}")
     if json:
         print_json(listings[what]())
         return
@@ -285,13 +286,13 @@ def list_(
 
 
 @command
-def new(name: Annotated[str, typer.Argument(help="folder to make; also the scenario's name")]) -> None:
-    """Make a folder with a scenario and a follower of your own to start from."""
+def new(name: Annotated[str, typer.Argument(help="folder to make; also the name of the scenario")]) -> None:
+    """Make a folder with a scenario and a law of your own to start from."""
     from platoontraffic.cli.starter import write_starter
 
     folder = write_starter(Path(name))
     out.print(
-        f"made {folder}: a scenario and, in follower.py, a law; both are yours to change. Run it with", soft_wrap=True
+        f"made {folder}: a scenario and, in follower.py, its law, both to be changed. Run it with", soft_wrap=True
     )
     out.print(f"  platoontraffic run {folder / folder.name}.toml", soft_wrap=True)
 
@@ -301,7 +302,7 @@ def plot(
     run_folder: RunFolder,
     to: Annotated[Path | None, typer.Option("--to", help="picture file; default RUN/plot.png")] = None,
 ) -> None:
-    """Draw the members' paths on the road, and their gaps over time."""
+    """Draw the paths of the members on the road, and their gaps over time."""
     from platoontraffic.analysis.pictures import picture
 
     with result_faults():
@@ -312,9 +313,9 @@ def plot(
 def replay(
     run_folder: RunFolder,
     to: Annotated[Path | None, typer.Option("--to", help="page to make; default RUN/replay.html")] = None,
-    vehicle: Annotated[str | None, typer.Option("--vehicle", help="member to begin with")] = None,
+    vehicle: Annotated[str | None, typer.Option("--vehicle", help="member that is selected first")] = None,
 ) -> None:
-    """Make one HTML page that plays the run in any browser, also offline."""
+    """Make one HTML page that plays a run in any browser, without a network."""
     from platoontraffic.replay import page
 
     with result_faults():
@@ -326,10 +327,10 @@ def report(
     folder: Annotated[Path, typer.Argument(metavar="RUN|BATCH", help="the folder of a run or of a batch")],
     to: Annotated[Path | None, typer.Option("--to", help="page to make; default FOLDER/report.html")] = None,
     metric: Annotated[
-        str | None, typer.Option("--metric", help="column of a batch's summary.csv to draw; default: two that differ")
+        str | None, typer.Option("--metric", help="column of a batch's summary.csv to draw; default: two that vary")
     ] = None,
 ) -> None:
-    """Make one HTML page of figures, metrics and events, or failures; the figures also as PNG and SVG beside it."""
+    """Make one HTML page of figures, metrics, events or failures; the figures are beside it as PNG and SVG."""
     from platoontraffic.report import batch_page, page
 
     to = to or folder / "report.html"
@@ -337,22 +338,22 @@ def report(
         if (folder / "study.toml").is_file():
             print(batch_page(folder, to, metric))
         elif metric is not None:
-            raise InputError("--metric: is for batches; the report of a run has all metrics")
+            raise InputError("--metric: is only for batches; the report of a run has all metrics")
         else:
             print(page(folder, to))
 
 
 @command
 def bench(
-    what: Annotated[str, typer.Argument(help="lidar: the cost of scans; traffic: a whole step, against SUMO alone")],
-    quick: Annotated[bool, typer.Option("--quick", help="small towns only, half a minute")] = False,
+    what: Annotated[str, typer.Argument(help="lidar: the cost of scans; traffic: that of a step, beside SUMO alone")],
+    quick: Annotated[bool, typer.Option("--quick", help="small towns only; takes half a minute")] = False,
     json: Annotated[bool, typer.Option("--json", help="one JSON document instead of tables")] = False,
 ) -> None:
-    """Measure the speed on this machine, in CPU time of one thread."""
+    """Measure speed on this machine, in CPU time of one thread."""
     import subprocess
 
     if what not in ("lidar", "traffic"):
-        raise InputError(f"argument 1: {what!r}: nothing to measure by that name; must be lidar or traffic")
+        raise InputError(f"argument 1: {what!r}: no such benchmark; must be lidar or traffic")
     benchmark = import_module("platoontraffic.lidar.benchmark" if what == "lidar" else "platoontraffic.cli.bench")
     try:
         measured = benchmark.run(benchmark.QUICK if quick else benchmark.FULL, show_stage)

@@ -1,4 +1,4 @@
-"""What is wrong with a network, and what its user should know before a run."""
+"""Faults of a network, and notes on it for its user."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Findings(NamedTuple):
 
 def findings(net: Path) -> Findings:
     """Faults of a network, or else notes on it."""
-    from platoontraffic.road.network import Network  # here, for it takes long to import
+    from platoontraffic.road.network import Network  # here, because it takes long to import
 
     try:
         content, network = read(net), Network.read(net)

@@ -1,4 +1,4 @@
-"""What commands print of scenarios, runs and batches."""
+"""Output of commands on stdout: runs, studies and batches, as text or JSON."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from platoontraffic.study.batch import Report
     from platoontraffic.study.study import Study
 
-# The figures of a run that are looked at first: heading, metric of a member, format.
+# Columns of the table of a run: heading, metric of a member, format.
 COLUMNS = (
     ("laps", "laps", ".2f"),
     ("right", "right_lane_share", ".3f"),
@@ -35,7 +35,7 @@ COLUMNS = (
     ("losses", "lock_losses", ".0f"),
     ("contacts", "collisions", ".0f"),
 )
-FAILURES = 10  # of a batch that are printed
+FAILURES = 10  # number of failures of a batch that are printed
 
 out = Console(highlight=False)
 
@@ -46,7 +46,7 @@ def print_json(document: Any) -> None:
 
 @contextmanager
 def result_faults(hint: str = "") -> Iterator[None]:
-    """Turns what is wrong with the folder of a run into bad input."""
+    """Report a missing or damaged file of results as bad input."""
     from platoontraffic.analysis.results import ResultsError
 
     try:
@@ -64,7 +64,7 @@ def print_run(folder: Path) -> None:
     """A table of the members, and a line on the whole run."""
     from platoontraffic.analysis.results import load
 
-    with result_faults("; --force runs again"):
+    with result_faults("; --force repeats the run"):
         metrics = load(folder).metrics
     out.print(_members(metrics))
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
@@ -123,21 +123,21 @@ def print_runs(study: Study, folder: Path, slots: int, as_json: bool) -> None:
         print("  ".join(f"{cell:{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
     print(
         f"{len(rows)} runs, {len(waiting)} to do, about {duration_text(seconds / slots)} with {slots} at a time "
-        f"({estimated_by}); would write {folder}"
+        f"({estimated_by}); the batch would write {folder}"
     )
 
 
 def print_report(report: Report) -> None:
     """The outcome of a batch."""
     runs, earlier, done, failed, _ = report.progress
-    before = f" ({earlier} of them before)" if earlier else ""
+    before = f" ({earlier} of them earlier)" if earlier else ""
     print(f"{runs} runs: {done} done{before}, {failed} failed")
     for run_id, error in list(report.failures.items())[:FAILURES]:
         print(f"  {run_id}: {error}")
     if failed > FAILURES:
         print(f"  and {failed - FAILURES} more, in runs.csv")
     if failed:
-        print("  RUN.unfinished/failure.json has the details; --retry-failed runs them again")
+        print("  details: RUN.unfinished/failure.json; --retry-failed repeats these runs")
 
 
 def duration_text(seconds: float) -> str:
@@ -147,7 +147,7 @@ def duration_text(seconds: float) -> str:
 
 
 def title(file: Path) -> str:
-    """The title that a scenario or study file gives itself."""
+    """The title in a scenario or study file; "" if it has none."""
     return tomllib.loads(file.read_text(encoding="utf-8")).get("title", "")
 
 

@@ -1,4 +1,4 @@
-"""Progress bars, on stderr where that is a terminal."""
+"""Progress bars on stderr, only if that is a terminal."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from platoontraffic.simulation import Instant
     from platoontraffic.study import batch
 
-REFRESH = 0.1  # least time between two updates of a bar [s]
+REFRESH = 0.1  # shortest time between two updates of a bar [s]
 
 err = Console(stderr=True, highlight=False)
 
 
 class RunBar:
-    """Watches a run: a bar of its simulated time."""
+    """A watcher that shows the simulated time of a run as a bar."""
 
     def __init__(self, bar: Progress, task: TaskID) -> None:
         self._bar, self._task, self._updated = bar, task, 0.0
@@ -38,7 +38,7 @@ class RunBar:
 
 @contextmanager
 def run_progress(duration: float, name: str, quiet: bool) -> Iterator[Sequence[Watcher]]:
-    """Watchers of a run that lasts `duration` simulated seconds at most; none where nothing is to be shown."""
+    """The watchers of a run of at most `duration` simulated seconds; none if stderr is no terminal, or if quiet."""
     if quiet or not err.is_terminal:
         yield ()
         return
@@ -55,7 +55,7 @@ def run_progress(duration: float, name: str, quiet: bool) -> Iterator[Sequence[W
 
 @contextmanager
 def batch_progress(name: str, quiet: bool) -> Iterator[Callable[[batch.Progress], None]]:
-    """A bar of a batch's runs; the time left is estimated from the runs that have ended in this batch."""
+    """A function that shows the progress of a batch; the time left is estimated from the runs that ended in it."""
     if quiet or not err.is_terminal:
         yield lambda progress: None
         return
@@ -75,6 +75,6 @@ def batch_progress(name: str, quiet: bool) -> Iterator[Callable[[batch.Progress]
 
 
 def show_stage(stage: str) -> None:
-    """The stage that a benchmark is at, in place of the one before."""
+    """Show the stage that a benchmark has reached, in place of the previous one."""
     if err.is_terminal:
         print(f"\r\x1b[K{stage}", end="", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""`platoontraffic new NAME`: a scenario with a follower to start from, short enough to read in a minute."""
+"""`platoontraffic new NAME`: a scenario with a law to start from, short enough to read in a minute."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ gap_m = 0.40                    # a field of MyFollower
 """
 
 LAW = '''\
-"""A follower that drives towards the nearest return of its laser, and stops at a gap."""
+"""A follower that drives towards the nearest return of its laser, and stops at a distance from it."""
 
 from dataclasses import dataclass
 
@@ -47,7 +47,7 @@ class MyFollower(Law):
     turn_gain: float = 1.0       # [1/s]
 
     def desired_distance(self, speed):
-        """The distance that it keeps at a steady speed [m]: the results then have a gap error."""
+        """Distance that it keeps at a steady speed [m]; with it the results have a gap error."""
         return self.gap_m + speed / self.speed_gain
 
     @per_vehicle                 # written for one vehicle: a scan and floats
@@ -74,7 +74,7 @@ def write_starter(folder: Path) -> Path:
         (folder / f"{folder.name}.toml").write_text(SCENARIO, encoding="utf-8")
         (folder / "follower.py").write_text(LAW, encoding="utf-8")
     except FileExistsError:
-        raise InputError(f"argument 1: {folder} exists already; nothing was changed") from None
+        raise InputError(f"argument 1: {folder} exists; nothing was changed") from None
     except OSError as error:
         raise InputError(f"argument 1: {folder}: {error.strerror}") from error
     return folder

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import typing
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,15 @@ def with_files(kind: type, gains: dict[str, Any], folder: Path) -> dict[str, Any
         return folder / value if is_file else value
 
     return {key: whole(by_key.get(key), value) for key, value in gains.items()}
+
+
+def files_in(gains: dict[str, Any]) -> Iterator[Path]:
+    """The files that keys name, after `with_files`, nested tables included."""
+    for value in gains.values():
+        if isinstance(value, dict):
+            yield from files_in(value)
+        elif isinstance(value, Path):
+            yield value
 
 
 def law_of(
@@ -156,3 +166,17 @@ def _check_declared(law: Law, sensors: Collection[str]) -> None:
         raise ValueError(f"{name}: desired_distance and remembered_path must be methods")
     if not isinstance(law.hardest_braking, int | float) or not law.hardest_braking > 0:
         raise ValueError(f"{name} declares hardest_braking = {law.hardest_braking!r}; must be more than 0 m/s2")
+    if law.native:
+        _check_native(law)
+
+
+def _check_native(law: Law) -> None:
+    """raises: ValueError if a law that declares `native` lacks what SUMO's driver is given"""
+    name = type(law).__qualname__
+    try:
+        limits = {"max_speed": law.max_speed, "speed_factor": law.speed_factor}
+    except AttributeError as error:
+        raise ValueError(f"{name} declares native; then it must also have max_speed and speed_factor") from error
+    for limit, value in limits.items():
+        if not isinstance(value, int | float) or not 0 < value < math.inf:
+            raise ValueError(f"{name} declares native and {limit} = {value!r}; must be a number more than 0")

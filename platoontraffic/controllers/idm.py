@@ -1,7 +1,7 @@
 """The Intelligent Driver Model.
 
 M. Treiber, A. Hennecke, D. Helbing, "Congested traffic states in empirical observations and microscopic simulations",
-Phys. Rev. E 62 (2000) 1805, equations (2) and (3):
+Phys. Rev. E 62 (2000) 1805:
 
     dv/dt = a (1 - (v / v0)^4 - (s* / s)^2),      s* = s0 + max(0, v T + v dv / (2 sqrt(a b)))
 

@@ -30,6 +30,7 @@ def first_on_strip(ranges, beams, laser, aside, strip, front, free):
                 continue
             x, y = laser[i] + ranges[i, k] * beams[0, k], aside + ranges[i, k] * beams[1, k]
             if low < y < high and x > 0:
-                station, squared, _ = nearest(points[i], distance[i], 0, len(distance[i]) - 1, x, y, False)
+                piece, share, squared, _ = nearest(points[i], 0, len(distance[i]) - 1, x, y, 0.0, 1.0)
+                station = distance[i, piece] + share * (distance[i, piece + 1] - distance[i, piece])
                 if np.sqrt(squared) < half_width[i] and front[i] < station < front[i] + free[i]:
                     free[i] = station - front[i]

@@ -33,25 +33,24 @@ def beside(points, k, x, y, size, low, high, whole):
 
 
 @compiled
-def nearest(points, stations, first, last, x, y, by_length):
+def nearest(points, first, last, x, y, low, high):
     """The place nearest to a point on the pieces that start at points[first] .. points[last - 1].
 
-    stations  : of the points, (m,) [m]
-    by_length : whether stations are lengths along these points; else they are interpolated on each piece
-    returns   : its station [m]; squared distance and side as from `beside`
+    low, high : limits of the share on the first and on the last piece: 0.0 and 1.0; -inf and inf prolong the line
+    returns   : the piece, by its first point, and the share of it; squared distance and side as from `beside`.
+                Pieces without length are left out; if all are, the squared distance is inf
     """
-    shortest, station, side = math.inf, stations[first], 0.0
+    piece, share, shortest, side = first, 0.0, math.inf, 0.0
     for k in range(first, last):
-        length = stations[k + 1] - stations[k]
-        if by_length:
-            along, away, left = beside(points, k, x, y, length, 0.0, length, length)
-        else:
-            step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
-            share, away, left = beside(points, k, x, y, step_x * step_x + step_y * step_y, 0.0, 1.0, 1.0)
-            along = share * length
+        step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        size = step_x * step_x + step_y * step_y
+        if size == 0.0:
+            continue
+        least, most = low if k == first else 0.0, high if k == last - 1 else 1.0
+        part, away, left = beside(points, k, x, y, size, least, most, 1.0)
         if away < shortest:
-            shortest, station, side = away, stations[k] + along, left
-    return station, shortest, side
+            piece, share, shortest, side = k, part, away, left
+    return piece, share, shortest, side
 
 
 @compiled
@@ -62,11 +61,15 @@ def project(points, stations, x, y, near, window):
     returns          : its station [m]; the point's distance from it [m], positive to the left
     """
     first = min(max(_count(stations, near - window) - 1, 0), len(stations) - 2)
-    last = first + 1
-    while last < len(stations) - 1 and stations[last] < near + window:
-        last += 1
-    station, squared, side = nearest(points, stations, first, last, x, y, True)
-    return station, math.copysign(math.sqrt(squared), side)
+    station, shortest, side = stations[first], math.inf, 0.0
+    for k in range(first, len(stations) - 1):
+        if k > first and not stations[k] < near + window:
+            break
+        length = stations[k + 1] - stations[k]
+        along, away, left = beside(points, k, x, y, length, 0.0, length, length)
+        if away < shortest:
+            station, shortest, side = stations[k] + along, away, left
+    return station, math.copysign(math.sqrt(shortest), side)
 
 
 @compiled

@@ -95,7 +95,7 @@ class NearMisses:
 
 
 def _impact(traffic: TrafficSnapshot, row: int, other: str) -> str:
-    """How two vehicles collided, by the position of the other's centre in the frame of the vehicle in `row`.
+    """The kind of a collision, by the position of the other's centre in the frame of the vehicle in `row`.
 
     "" where `other` is a wall
     """

@@ -27,7 +27,7 @@ class Encounter(NamedTuple):
     time: float  # [s]
     kind: str  # of the obstacle: cut_in or pedestrian
     obstacle: str
-    vehicle: str  # the member whose path it has entered
+    vehicle: str  # the member that has it in its path
     behind: str  # the member that a car was to cut in behind
     gap: float  # from the member's front bumper along its path [m]
     time_gap: float  # [s]
@@ -60,7 +60,7 @@ class Encounters:
         self._begun: set[tuple[str, str]] = set()  # obstacle, member
 
     def observe(self, traffic: TrafficSnapshot, fleet: Fleet, events: Iterable[Event]) -> list[Event]:
-        """The events of obstacles in this step; events: of the members in it, whose collisions count here."""
+        """The events of obstacles in this step; events: those of the members in it, for their collisions."""
         if not self._obstacles.plans:
             return []
         now = _Instant(traffic, fleet, {name: i for i, name in enumerate(traffic.ids)})
@@ -206,7 +206,7 @@ class _Outcome:
     def observe(self, now: _Instant, touching: set[frozenset[str]]) -> None:
         """Least gap between the two bodies, least time to collision along the path, contact; for ENCOUNTER_TIME.
 
-        touching: pairs whose contact begins in this step
+        touching: pairs that begin to touch in this step
         """
         met, traffic = self.encounter, now.traffic
         if traffic.time > met.time + ENCOUNTER_TIME or met.vehicle not in now.rows or met.obstacle not in now.rows:
@@ -246,7 +246,7 @@ def _event(met: Encounter, now: _Instant) -> Event:
 
 
 def _corners(traffic: TrafficSnapshot, rows: list[int]) -> np.ndarray:
-    """Of the footprints in some rows (m,), (m, 4, 2)."""
+    """Corners of the footprints in some rows (m,), (m, 4, 2) [m]."""
     where = (values[rows] for values in (traffic.x, traffic.y, traffic.heading, traffic.length, traffic.width))
     return Boxes(*where, np.arange(len(rows))).corners()
 

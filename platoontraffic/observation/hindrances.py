@@ -1,4 +1,4 @@
-"""What keeps members from driving on: broken parts, and stop lines that are closed to them."""
+"""Hindrances of members: broken parts, and stop lines that are closed to them."""
 
 from __future__ import annotations
 

@@ -38,5 +38,5 @@ class Instant:
 
     @cached_property
     def measures(self) -> Measures:
-        """What is measured from outside. Computed at the first look, which must come before the next step."""
+        """Measurements from outside. Computed at the first look, which must come before the next step."""
         return self.measure(self.fleet)

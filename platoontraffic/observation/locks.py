@@ -1,4 +1,4 @@
-"""What every law takes for its predecessor, and how much of the true predecessor its scan shows."""
+"""Locks: the object that each law takes for its predecessor, and how much of the true one its scan shows."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Locks:
 
 
 class Sight(NamedTuple):
-    """What the scans of a step show, (n,) int; valid where `beams` is not NOT_SCANNED."""
+    """Contents of the scans of a step, (n,) int; valid where `beams` is not NOT_SCANNED."""
 
     surface: np.ndarray  # that most beams about the target's bearing met: as in `ScanBatch.hits`; NO_HIT: no target
     beams: np.ndarray  # returns from the predecessor; 0 without one
@@ -102,7 +102,7 @@ def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> Sight:
 
 
 def look(scan: ScanBatch, traffic: TrafficSnapshot, rows: np.ndarray, fleet: Fleet, sight: Sight) -> None:
-    """Fill in `sight` for the rows (m,) whose scans these are.
+    """Fill in `sight` for the rows (m,) that these scans belong to.
 
     `alone` is counted by the middles of the beams at the instant at which the scan ends.
     """

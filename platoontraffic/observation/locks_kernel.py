@@ -1,4 +1,4 @@
-"""What beams meet about the bearing of a target, and on a predecessor; compiled."""
+"""Surfaces that beams meet about the bearing of a target, and returns from a predecessor; compiled."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ compiled = compiler(__file__, laserscan.__file__)
 
 @compiled
 def look_rows(rows, ranges, hits, directions, fan, eye, boxes, bearing, ahead, surface, beams, alone):
-    """`locks.look` for rows (m,) whose scans are (m, k); fills in surface, beams and alone, (n,).
+    """`locks.look` for rows (m,) with scans (m, k); fills in surface, beams and alone, (n,).
 
     fan: first angle, increment, greatest range; eye: x, y, yaw of the laser in the vehicle's frame
     boxes: x, y, heading, length, width of all vehicles
@@ -54,7 +54,7 @@ def _most_about(beam, ranges, hits):
 
 @compiled
 def _beams_across(row, other, boxes, eye, directions, range_max):
-    """How many beams from one vehicle meet the box of another if nothing else is there."""
+    """Number of beams from one vehicle that would meet the box of another if nothing else is there."""
     x, y, heading, length, width = boxes
     # In the frame of the box, a beam meets it where it is between rear and front and between the sides at once.
     cos, sin = math.cos(heading[row]), math.sin(heading[row])

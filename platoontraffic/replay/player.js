@@ -52,7 +52,7 @@ class Player {
     return this.run.members.platoon[this.chosen];
   }
 
-  /** Select the member whose laser view is shown; a map that follows a vehicle then follows it. */
+  /** Select the member that the laser view shows; a map that follows a vehicle then follows it. */
   choose(member) {
     const { members } = this.run;
     this.chosen = member;

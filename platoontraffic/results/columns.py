@@ -188,7 +188,7 @@ EVENTS = (
         format="%.3f",
     ),
     text("detail", "explanation in prose; nothing is computed from it"),
-    text("what", "subkind, one word out of those listed with the kind; empty for kinds without subkinds"),
+    text("what", "subkind: one of the words listed with the kind; empty for kinds without subkinds"),
     integer("done", "order: 1 carried out, 0 rejected; empty for other kinds"),
 )
 

@@ -40,7 +40,7 @@ class Own:
 
     @property
     def is_follower(self) -> bool:
-        """Whether it has followed at some time."""
+        """Whether the member has followed at some time."""
         return self.place > 0 or bool(self.follows)
 
     def count(self, kind: str) -> float:

@@ -1,7 +1,7 @@
 """The folder of a run while it is written: tables of tidy CSV that are there whole, or not at all.
 
 Rows are written during the run, into a folder beside the final one that is renamed when all is complete. A run that is
-interrupted or fails keeps its rows, in a folder whose name ends in `.unfinished`.
+interrupted or fails keeps its rows, in a folder with a name that ends in `.unfinished`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SAFE_EVERY = 10.0  # interval of simulated time at which rows are flushed to dis
 
 
 class Clocks(NamedTuple):
-    """How often each table gets rows [steps]; None: the run has no such table."""
+    """Recording interval of each table [steps]; None: the run has no such table."""
 
     trajectories: int = 1
     traffic: int | None = None

@@ -314,7 +314,7 @@ class Network:
 
 
 def _incomplete(net: sumolib.net.Net) -> str:
-    """What is missing from a network so that it would crash SUMO, or this tool later; "" if it is complete."""
+    """The part that a network lacks and SUMO, or this tool, would crash without; "" if it is complete."""
     reached = set()  # lanes inside junctions that belong to a connection
     for edge in net.getEdges():
         reached |= {link.getViaLaneID() for links in edge.getOutgoing().values() for link in links}

@@ -147,7 +147,7 @@ def names_files(path: Path) -> bool:
 
 
 def id_clashes(path: Path, ids: Collection[str]) -> list[tuple[str, str]]:
-    """(id, `file:line: fault`) for every vehicle of a route file whose id is one of `ids`.
+    """(id, `file:line: fault`) for every vehicle of a route file with an id among `ids`.
 
     A flow numbers its vehicles: those of flow `x` are `x.0`, `x.1` and so on.
     """

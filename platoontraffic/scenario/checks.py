@@ -1,4 +1,4 @@
-"""What is wrong with a scenario although each of its tables is sound: one check a table, each yields faults."""
+"""Faults of a scenario in which each table alone is sound: one check per table, which yields faults."""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ from platoontraffic.road.sumo_configuration import Configuration
 from platoontraffic.scenario.base import is_multiple
 from platoontraffic.scenario.overrides import Change
 
-USUAL_STEP = 0.1  # step of a run with cars, whose lidars scan ten times a second [s]
-USUAL_GAINS = "ring_platoon"  # the shipped scenario whose follower is the default; its gains are tested
+USUAL_STEP = 0.1  # step of a run with cars: their lidars scan ten times a second [s]
+USUAL_GAINS = "ring_platoon"  # the shipped scenario with the default follower; its gains are tested
 
 ROOM_FOR_FIVE = 40.0  # position on a lane that leaves room for a platoon of five behind it [m]
 

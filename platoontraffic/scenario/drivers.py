@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from platoontraffic.controllers import registry
-from platoontraffic.controllers.gains import instance_of, law_of, with_files
+from platoontraffic.controllers.gains import files_in, instance_of, law_of, with_files
 from platoontraffic.controllers.law import Law
 from platoontraffic.plug_ins import find_class, plug_in_file
 from platoontraffic.scenario.faults import Fault, KeyPath, what_of
@@ -66,9 +66,9 @@ def _find_law(driver: Driver, at: KeyPath, find: Callable[[str], tuple[type, tup
         law = law_of(kind, gains, lambda keys, what: faults.append(Fault((*at, *keys), what)), what_of, driver.sensors)
     except LookupError as error:
         return Found(None, None, None, frozenset(), (Fault((*at, "law"), str(error)),))
-    files = {value for value in gains.values() if isinstance(value, Path)}
     found, own = _find_sensors(driver, at, folder, faults)
-    return Found(kind, law, plug_in_file(driver.law, folder), frozenset(sources) | files | own, tuple(faults), found)
+    files = frozenset([*sources, *files_in(gains), *own])
+    return Found(kind, law, plug_in_file(driver.law, folder), files, tuple(faults), found)
 
 
 def _find_sensors(
@@ -81,9 +81,10 @@ def _find_sensors(
         path = (*at, "sensors", name)
         try:
             kind, files = find_class(table.sensor, folder, SENSORS, "sensor")
+            parameters = with_files(kind, table.model_extra or {}, folder)
             sensor = instance_of(
                 kind,
-                with_files(kind, table.model_extra or {}, folder),
+                parameters,
                 lambda keys, what, path=path: faults.append(Fault((*path, *keys), what)),
                 what_of,
                 _check_sensor,
@@ -91,7 +92,7 @@ def _find_sensors(
         except LookupError as error:
             faults.append(Fault((*path, "sensor"), str(error)))
             continue
-        sources |= set(files)
+        sources |= {*files, *files_in(parameters)}
         if sensor is not None:
             found.append(FoundSensor(NamedSensor(name, sensor), plug_in_file(table.sensor, folder)))
     return tuple(found), sources

@@ -15,7 +15,7 @@ KeyPath = tuple[str | int, ...]  # e.g. ("platoon", 0, "leader", "law")
 
 
 class Fault(NamedTuple):
-    """What is wrong with the value of a key, and what is allowed."""
+    """The fault of a key's value, and what is allowed."""
 
     path: KeyPath
     what: str

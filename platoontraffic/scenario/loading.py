@@ -25,7 +25,7 @@ from platoontraffic.scenario.tables import Spec
 
 @dataclass(frozen=True)
 class _Places:
-    """Where a key stands: `file:line`, or the argument that set it."""
+    """The place of a key: `file:line`, or the argument that set it."""
 
     source: Path
     lines: Mapping[KeyPath, int]

@@ -95,12 +95,12 @@ class Car(_Vehicle):
 
 
 class CutIn(_Vehicle):
-    """A human driver who changes lanes into the gap between a member and its predecessor."""
+    """A human driver that changes lanes into the gap between a member and its predecessor."""
 
     kind: Literal["cut_in"]
     """Kind of the obstacle."""
     ahead_of: str
-    """Id of the follower into whose gap it drives."""
+    """Id of the follower; it drives into the gap ahead of that one."""
     time_s: NotNegative
     """Time at which its lane change begins [s]."""
     beside_s: NotNegative = 3.0
@@ -132,7 +132,7 @@ class When(Table):
 
 
 class Pedestrian(_Obstacle):
-    """A pedestrian who stands at a kerb, and then crosses the road."""
+    """A pedestrian that stands at a kerb, and then crosses the road."""
 
     kind: Literal["pedestrian"]
     """Kind of the obstacle."""

@@ -10,7 +10,7 @@ from platoontraffic.errors import InputError
 from platoontraffic.scenario.faults import KeyPath, dotted
 from platoontraffic.scenario.tables import SHORT
 
-TEXTS = frozenset({"edge", "to", "id", "name", "title", "net", "config"})  # keys whose value may look like a number
+TEXTS = frozenset({"edge", "to", "id", "name", "title", "net", "config"})  # keys of texts that may look like a number
 
 
 class Change(NamedTuple):
@@ -65,7 +65,7 @@ def apply(change: Change, table: dict) -> list[KeyPath]:
 
 
 def _children(node: Any, path: KeyPath, name: str, change: Change) -> list[tuple[Any, KeyPath]]:
-    """What a name leads to from a node; from an array of tables without a number, one child of each table."""
+    """The nodes that a name leads to from a node; from an array of tables without a number, one child of each table."""
     if isinstance(node, list) and name.lstrip("-").isdigit():
         return [_item(node, path, name, change)]
     if isinstance(node, list):

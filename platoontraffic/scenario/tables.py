@@ -140,7 +140,7 @@ class Driver(Named):
     """Errors of the measured own speed and yaw rate, by name or as a table."""
 
 
-# Keys whose value may be a name, and the key of the table that the name stands for.
+# Keys that take a table or a name -> the key of the table that the name is the value of.
 SHORT = {
     "leader": Driver.short,
     "follower": Driver.short,

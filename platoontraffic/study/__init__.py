@@ -1,1 +1,1 @@
-"""Studies: many runs, and their tables."""
+"""Studies: one scenario at many points, the batches that run them, and their tables."""

@@ -1,7 +1,7 @@
-"""A batch: the missing runs of a study, many at a time, each in a process of its own.
+"""A batch: the missing runs of a study, many at a time, in worker processes.
 
-Only the folder tells what is done, failed or waiting. So a batch may be killed at any moment and started again: the
-folder of a run is complete or not there, and a process that dies in a run costs only that run.
+The folder alone holds the state of the runs: done, failed or waiting. A batch can therefore be killed at any moment and
+started again: the folder of a run is complete or absent, and a worker process that dies costs only its present run.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ from platoontraffic.study.processes import Job, Outcome
 from platoontraffic.study.study import Run, Study
 from platoontraffic.study.tables import write_tables
 
-# Rough cost of a run, of a step, and of a member in a step [s]; only for an estimate.
+# Rough time of a run, of a step, and of a member in a step [s]; only for estimates.
 RUN_COST, STEP_COST, MEMBER_COST = 0.2, 4e-4, 2.5e-4
 
-TABLES_PERIOD = 60.0  # the tables are written anew after this time, for a look while the batch runs [s]
-TABLES_SHARE = 1 / 20  # of the time of a batch that writing them may take
-FINAL_PATIENCE = 3600.0  # wait at the end for shards that write the tables [s]
+TABLES_PERIOD = 60.0  # interval at which the tables are rewritten while the batch runs [s]
+TABLES_SHARE = 1 / 20  # greatest share of the batch's time that writing them takes
+FINAL_PATIENCE = 3600.0  # longest wait at the end for shards that write the tables [s]
 
 
 class Shard(NamedTuple):
-    """Part `number`, counted from 1, of `of`."""
+    """Part number `number` of `of` parts, counted from 1."""
 
     number: int = 1
     of: int = 1
 
 
 class Progress(NamedTuple):
-    """How far a batch, or its shard, is."""
+    """Numbers of runs of a batch, or of its shard."""
 
     runs: int
     earlier: int  # done before the batch began
-    done: int  # these included
+    done: int  # including the earlier ones
     failed: int
     ended_now: int  # done or failed since the batch began
 
@@ -80,12 +80,15 @@ def run(
     retry_failed: bool = False,
     tell: Callable[[Progress], None] = lambda progress: None,
 ) -> Report:
-    """Do the missing runs of a study; leaves all runs and their tables in `folder`.
+    """Run the missing runs of a study; all runs and their tables are then in `folder`.
 
-    executor : "processes"; "serial", in this one; "dask", a cluster for this batch; "dask:ADDRESS", a running cluster
-    slots    : runs at a time, where no running cluster decides
+    executor     : "processes"; "serial", in this process; "dask", a cluster for this batch; "dask:ADDRESS", a running
+                   cluster
+    slots        : runs at a time; a running cluster decides itself
+    retry_failed : repeat failed runs
+    tell         : called after each run
 
-    raises: InputError, MissingError, RunError, KeyboardInterrupt; in all cases the runs that are done are kept
+    raises: InputError, MissingError, RunError, KeyboardInterrupt; finished runs are kept in all cases
     """
     block = study.block(*(shard or Shard(1, 1)))
     chosen = {run.id for run in study.shuffled()[block.start : block.stop]}
@@ -112,18 +115,18 @@ def run(
 
 
 def estimate(study: Study, folder: Path, runs: Sequence[Run]) -> tuple[float, str]:
-    """Time that runs take one after the other [s], and what the estimate is based on."""
+    """Time of all runs, one after another [s], and the basis of the estimate."""
     done = [run for run in study.runs if is_done(folder / run.id)]
     if done:
         spent = sum(read_json(folder / run.id / "provenance.json")["wall_s"] for run in done)
         per_step = spent / sum(run.steps for run in done)
-        return sum(RUN_COST + per_step * run.steps for run in runs), f"from the {len(done)} runs that are done"
+        return sum(RUN_COST + per_step * run.steps for run in runs), f"from the {len(done)} finished runs"
     cost = sum(RUN_COST + run.steps * (STEP_COST + MEMBER_COST * run.members) for run in runs)
     return cost, "rough, without background traffic"
 
 
 def _ended(to_do: Sequence[Run], folder: Path, submit: Submit, window: int) -> Iterator[str]:
-    """Do the runs; yields DONE or FAILED as each of them ends. window: runs to submit at a time"""
+    """Run the runs; yields DONE or FAILED when one ends. window: number of runs that are submitted at a time"""
     to_come = iter(to_do)
     running: dict[Future[Outcome], Run] = {}
     while True:
@@ -131,7 +134,7 @@ def _ended(to_do: Sequence[Run], folder: Path, submit: Submit, window: int) -> I
             running[submit(_job(run, folder))] = run
         if not running:
             return
-        # Without a timeout Ctrl-C would have to wait on Windows.
+        # Without a timeout Ctrl-C has no effect on Windows until a run ends.
         for future in wait(running, timeout=1.0, return_when=FIRST_COMPLETED).done:
             run, outcome = running.pop(future), _outcome(future)
             if outcome.get("stop"):
@@ -154,22 +157,22 @@ def _job(run: Run, folder: Path) -> Job:
 
 
 def _outcome(future: Future[Outcome]) -> Outcome:
-    """raises: RunError if not the run failed, but what was to execute it"""
+    """The outcome of a run that ended. raises: RunError if the executor failed, not the run"""
     try:
         return future.result()
     except RunError:
         raise
     except CancelledError:
-        raise RunError("the dask scheduler has gone") from None
+        raise RunError("the dask scheduler is gone") from None
     except Exception as error:
         what = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        if type(error).__name__ == "KilledWorker":  # dask tried it on several workers, and all of them died
+        if type(error).__name__ == "KilledWorker":  # the run killed several workers of dask
             return {"error": what, "traceback": "", "wall_s": 0.0}
         raise RunError(what) from error
 
 
 def _now_and_then(study: Study, folder: Path, lock: Lock) -> Callable[[], None]:
-    """A function that writes the tables if it has been a while since the last time."""
+    """A function that writes the tables if the last time was long enough ago."""
     due = time.monotonic() + TABLES_PERIOD
 
     def write() -> None:
@@ -184,7 +187,7 @@ def _now_and_then(study: Study, folder: Path, lock: Lock) -> Callable[[], None]:
 
 @contextlib.contextmanager
 def _left_in_order(study: Study, folder: Path, lock: Lock, mine: Sequence[Run]) -> Iterator[None]:
-    """However the batch ends, its folder is left tidy and with tables of what there is."""
+    """However the batch ends, remove leftovers from its folder and write the tables of the finished runs."""
     ids = {run.id for run in mine}
     try:
         yield
@@ -192,7 +195,7 @@ def _left_in_order(study: Study, folder: Path, lock: Lock, mine: Sequence[Run]) 
         with undisturbed(), contextlib.suppress(OSError, InputError):  # the first error is the one to report
             tidy(folder, lock, ids, ".partial")
             write_tables(study, folder, lock, PATIENCE)
-        there = sum(is_done(folder / run.id) for run in mine)  # some perhaps since the last look
+        there = sum(is_done(folder / run.id) for run in mine)  # some may have ended since the last look
         error.add_note(f"{there} of {len(mine)} runs are done; started again, the batch goes on from there")
         raise
     tidy(folder, lock, ids, ".partial")

@@ -1,4 +1,4 @@
-"""The folder of a batch: the state of each run, claims on them, and tidying. Only the folder tells what is done."""
+"""The folder of a batch, which alone holds the state of its runs: state, claims on runs, removal of leftovers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from platoontraffic.study.study import Study
 STUDY, LOCK = "study.toml", ".lock"
 FAILURE = "failure.json"  # in RUN.unfinished: why the run failed
 DONE, FAILED, WAITING = "done", "failed", "waiting"
-PATIENCE = 5.0  # wait for another batch that starts or writes its tables [s]
+PATIENCE = 5.0  # longest wait for another batch that starts or writes its tables [s]
 
 
 def state(folder: Path, run_id: str) -> str:
@@ -32,12 +32,12 @@ def state(folder: Path, run_id: str) -> str:
 
 
 def failure(folder: Path, run_id: str) -> dict[str, Any]:
-    """error (one line), traceback, wall_s"""
+    """The failure of a run: error (one line), traceback, wall_s. raises: InputError"""
     return read_json(folder / (run_id + UNFINISHED) / FAILURE)
 
 
 def note_failure(folder: Path, run_id: str, outcome: Outcome) -> None:
-    """Write why a run failed beside what it recorded, which stays in its folder for a look."""
+    """Write the cause of a failure beside the tables that the run recorded, which are kept."""
     kept = folder / (run_id + UNFINISHED)
     if not kept.exists():
         for partial in folder.glob(f"{run_id}.*.partial"):  # its process died
@@ -59,9 +59,9 @@ def tidy(folder: Path, lock: Lock, ids: Collection[str], suffix: str) -> None:
 
 @contextlib.contextmanager
 def claimed(study: Study, folder: Path, block: range) -> Iterator[Lock]:
-    """The folder of this study, with an exclusive claim on a block of its runs, by their places in `Study.shuffled`.
+    """Claim a block of runs of this study exclusively, by their places in `Study.shuffled`; makes the folder.
 
-    raises: InputError if the folder belongs to something else, or another batch holds some of these runs
+    raises: InputError if the folder holds something else, or if another batch holds some of these runs
     """
     _check(study, folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -73,35 +73,35 @@ def claimed(study: Study, folder: Path, block: range) -> Iterator[Lock]:
                 if file.is_file() and file.read_text(encoding="utf-8") == text:
                     break
                 lock.release(block.start, len(block))
-            if lock.take(0, len(SHARES)):  # no batch runs the study as it was
+            if lock.take(0, len(SHARES)):  # no batch runs the old version of the study
                 _check(study, folder)
                 with replacing(file) as opened:
                     opened.write(text)
                 lock.release(0, len(SHARES))
                 continue
             if time.monotonic() > until:
-                raise InputError(f"{folder}: another batch is at work there; wait for it, or stop it")
+                raise InputError(f"{folder}: another batch is at work there; wait until it ends, or stop it")
             time.sleep(0.1)
         yield lock
 
 
 def _check(study: Study, folder: Path) -> None:
-    """raises: InputError if the folder holds something else than this study"""
+    """raises: InputError if the folder holds something other than this study"""
     if not folder.exists():
         return
     file = folder / STUDY
     if not file.is_file():
         if any(entry.name != LOCK and not entry.name.startswith(f".{STUDY}.") for entry in os.scandir(folder)):
-            raise InputError(f"{folder}: is there, and not the folder of a batch; must be empty, or another: --out")
+            raise InputError(f"{folder}: is not the folder of a batch; must be empty, or another one by --out")
         return
     try:
         there = tomllib.loads(file.read_text(encoding="utf-8"))
         name, base = there["name"], Path(there["base"]).name
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{file}: is no study of a batch: {' '.join(str(error).split())}") from None
+        raise InputError(f"{file}: is not the study of a batch: {' '.join(str(error).split())}") from None
     if (name, base) != (study.name, Path(study.base).name):
         this = f"{study.name!r} on {Path(study.base).name!r}"
-        raise InputError(f"{folder}: is of another study, {name!r} on {base!r}; for {this} it must be another: --out")
+        raise InputError(f"{folder}: holds another study, {name!r} on {base!r}; for {this} use another --out")
 
 
 def read_json(file: Path) -> dict[str, Any]:
@@ -109,12 +109,12 @@ def read_json(file: Path) -> dict[str, Any]:
     try:
         return json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        raise InputError(f"{file}: is missing or damaged; without {file.parent} the run is repeated") from None
+        raise InputError(f"{file}: is missing or damaged; remove {file.parent} to repeat the run") from None
 
 
 @contextlib.contextmanager
 def replacing(file: Path) -> Iterator[TextIO]:
-    """A file to write that takes the place of the old one when it is complete."""
+    """Write a new version of a file, which replaces the old one when it is complete."""
     new = file.with_name(f".{file.name}.{os.getpid()}")
     try:
         with new.open("w", encoding="utf-8", newline="") as opened:

@@ -16,16 +16,16 @@ _ALLOWED = (
 
 
 def condition(text: str, keys: Sequence[str], place: str) -> Callable[[Sequence[Any]], bool]:
-    """A function of a point's values that tells whether the condition holds there.
+    """A condition as a function of the values of a point.
 
-    keys  : that the study varies; a point has one value for each
+    keys  : varied keys of the study; a point has one value for each
     place : of the condition, for faults: `file:line: key`
 
-    raises: InputError where it is no such condition
+    raises: InputError if the text is not such a condition
     """
     where = f"{place}: {text!r}"
     names = {key: f"_{i}" for i, key in enumerate(keys)}
-    # Keys become names before parsing, for platoon.0.size is no Python. Quoted text stays.
+    # Keys become names before parsing, because platoon.0.size is not Python. Quoted text is kept.
     words = re.compile(r"\"[^\"]*\"|'[^']*'|[A-Za-z_][\w-]*(?:\.[\w-]+)+|[A-Za-z_]\w*")
     known = {"and", "or", "not", "in", "True", "False"}
 
@@ -34,7 +34,7 @@ def condition(text: str, keys: Sequence[str], place: str) -> Callable[[Sequence[
         if word[0] in "\"'" or word in known:
             return word
         if word not in names:
-            raise InputError(f"{where}: {word}: not a key that the study varies{did_you_mean(word, keys)}")
+            raise InputError(f"{where}: {word}: not a varied key of the study{did_you_mean(word, keys)}")
         return names[word]
 
     try:
@@ -42,7 +42,7 @@ def condition(text: str, keys: Sequence[str], place: str) -> Callable[[Sequence[
     except SyntaxError as error:
         raise InputError(f"{where}: {error.msg}; must be a comparison, such as 'platoon.size > 5'") from None
     if wrong := next((node for node in ast.walk(tree) if not isinstance(node, _ALLOWED)), None):
-        raise InputError(f"{where}: {type(wrong).__name__}: may have comparisons, + - * /, and, or, not, in; no more")
+        raise InputError(f"{where}: {type(wrong).__name__}: must consist of comparisons, + - * /, and, or, not, in")
     code = compile(tree, "leave_out", "eval")
 
     def holds(values: Sequence[Any]) -> bool:

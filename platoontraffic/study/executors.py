@@ -1,4 +1,4 @@
-"""Where the runs of a batch are executed: in this process, in worker processes, or on a dask cluster."""
+"""Executors of the runs of a batch: this process, worker processes, or a dask cluster."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from typing import Any
 from platoontraffic.errors import InputError, MissingError
 from platoontraffic.study.processes import Job, Outcome, Workers, run_in_a_process
 
-DASK_QUEUE = 256  # runs that a dask scheduler is given at a time
+DASK_QUEUE = 256  # number of runs that are submitted to a dask scheduler at a time
 
 Submit = Callable[[Job], "Future[Outcome]"]
 
 
 @contextlib.contextmanager
 def executor_of(name: str, slots: int) -> Iterator[tuple[Submit, int]]:
-    """A function that starts a run, and how many runs to give it at a time; `name` as in `batch.run`."""
+    """A function that submits a run, and the number of runs to submit at a time; `name` as in `batch.run`."""
     if name == "serial":
         yield _at_once, 1
     elif name == "processes":
@@ -38,7 +38,7 @@ def executor_of(name: str, slots: int) -> Iterator[tuple[Submit, int]]:
 
 @contextlib.contextmanager
 def undisturbed() -> Iterator[None]:
-    """A further Ctrl-C waits until things are in order."""
+    """Ignore SIGINT and SIGTERM, so that clean-up ends."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -51,7 +51,7 @@ def undisturbed() -> Iterator[None]:
 
 
 def _at_once(job: Job) -> Future[Outcome]:
-    from platoontraffic.study.worker import attempt  # it imports libsumo, which the process of a batch does without
+    from platoontraffic.study.worker import attempt  # imports libsumo, which other batches do not need
 
     future: Future[Outcome] = Future()
     future.set_result(attempt(job))
@@ -60,7 +60,7 @@ def _at_once(job: Job) -> Future[Outcome]:
 
 @contextlib.contextmanager
 def _dask(address: str, slots: int) -> Iterator[Any]:
-    """An executor on the cluster at an address, or, without one, on an own cluster of `slots` processes."""
+    """An executor on the cluster at an address; without an address, on a new cluster of `slots` processes."""
     try:
         from distributed import Client, LocalCluster
     except ImportError:

@@ -1,4 +1,4 @@
-"""Advisory locks on parts of a file, held by one process at a time; the system releases those of the dead."""
+"""Advisory locks on parts of a file, held by one process at a time; the system releases them when a process ends."""
 
 from __future__ import annotations
 
@@ -7,23 +7,24 @@ import hashlib
 import os
 from pathlib import Path
 
-SHARES = range(1_000_000)  # a batch holds the parts of its runs
-TABLES = 1_000_001  # held while tables are written
-_RUNS = range(1_000_002, 1_500_000_000)  # held while a run is executed
+SHARES = range(1_000_000)  # parts for runs by their place in the study, held by the batch
+TABLES = 1_000_001  # part that is held while tables are written
+_RUNS = range(1_000_002, 1_500_000_000)  # parts for runs by their id, held while a run is executed
 
 
 def share_of(run_id: str) -> int:
-    """The part for a run. Two runs may share one, which costs waiting and nothing else."""
+    """The part for a run. Two runs may have the same part; then one waits for the other."""
     return _RUNS[int.from_bytes(hashlib.sha256(run_id.encode()).digest()[:6]) % len(_RUNS)]
 
 
 class Lock:
-    """A process must not open the same file twice: by POSIX, closing one of them would release what the other holds."""
+    """Locks on one file. A process must not open it twice: by POSIX, closing either one releases the locks of both."""
 
     def __init__(self, file: Path) -> None:
         self._file = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
 
     def take(self, start: int, length: int) -> bool:
+        """Lock these parts unless another process holds one of them; whether it succeeded."""
         if not length:
             return True
         try:

@@ -1,4 +1,4 @@
-"""Worker processes as their parent sees them: one run after another in each; a death costs one run only."""
+"""Worker processes, seen from their parent: one run after another in each; a death costs only one run."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from platoontraffic.errors import RunError
 
 # A simulation has one thread; further threads of its libraries would only compete with the processes beside it.
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-LAST_WORDS = 20_000  # of a dead process's stderr that are kept [bytes]
+LAST_WORDS = 20_000  # length of the end of a dead process's stderr that is kept [bytes]
 
 Job = dict[str, Any]  # argument of `worker.attempt`
-Outcome = dict[str, Any]  # its result
+Outcome = dict[str, Any]  # result of `worker.attempt`
 
 
 class Died(Exception):
     """A worker process ended in the middle of a run."""
 
     def __init__(self, code: int, words: str, started: bool) -> None:
-        """code: its exit code, or minus the number of a signal; words: the end of its stderr"""
+        """code: exit code, or minus the number of a signal; words: end of its stderr; started: it had answered"""
         super().__init__(words)
         self.started = started
         name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
@@ -35,7 +35,7 @@ class Died(Exception):
 
 
 class Workers:
-    """Processes of `worker`, kept for further runs while they live. Several threads may call `run` at a time."""
+    """Processes of `worker`, reused for further runs. Several threads may call `run` at a time."""
 
     def __init__(self) -> None:
         self._idle: list[_Process] = []
@@ -44,9 +44,9 @@ class Workers:
         self._lock = threading.Lock()
 
     def run(self, job: Job) -> Outcome:
-        """The outcome of a run. A run whose process dies is tried once more, in a new process.
+        """The outcome of a run. If the process dies, the run is tried once more in a new process.
 
-        An earlier run may have damaged the old process, or something outside may have killed it.
+        An earlier run may have damaged the old process, or something else may have killed it.
 
         raises: RunError if no process can be started
         """
@@ -90,7 +90,7 @@ class _Process:
 
     def __init__(self) -> None:
         self._words = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the process)
-        # stdout is taken before libsumo is imported, which may print; modules are found where this process finds them.
+        # stdout is kept for answers before libsumo, which may print, is imported; modules are found as in this process.
         code = (
             "import os, sys; stdout = os.dup(1); os.dup2(2, 1)\n"
             f"sys.path[:] = {sys.path!r}\n"
@@ -109,7 +109,7 @@ class _Process:
     def run(self, job: Job) -> Outcome:
         """raises: Died"""
         answer = ""
-        with contextlib.suppress(OSError, ValueError):  # it has died, or was closed
+        with contextlib.suppress(OSError, ValueError):  # the process has died or was closed
             if not self._started:
                 self._started = self._process.stdout.readline() != ""
             self._words.seek(0)
@@ -132,9 +132,9 @@ class _Process:
         return self._words.read().decode("utf-8", errors="replace")
 
 
-_of_this_process = Workers()  # in a dask worker: its threads share them
+_of_this_process = Workers()  # shared by the threads of a dask worker
 
 
 def run_in_a_process(job: Job) -> Outcome:
-    """What a dask worker does, in any of its threads: libsumo holds one simulation a process, and may kill it."""
+    """Run in a process of this dask worker: libsumo holds one simulation per process, and may kill the process."""
     return _of_this_process.run(job)

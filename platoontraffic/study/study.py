@@ -1,6 +1,6 @@
 """Study files: one scenario at many points, each run with the same seeds.
 
-TOML in, a list of runs out. All faults of all runs are reported before the first one starts, one line a fault.
+TOML in, a list of runs out. All faults of all runs are reported before the first run starts, one line per fault.
 """
 
 from __future__ import annotations
@@ -27,52 +27,60 @@ from platoontraffic.study.conditions import condition
 from platoontraffic.study.folder_lock import SHARES
 from platoontraffic.world.deployment import deploy, static_scene
 
-ENOUGH_FAULTS = 20  # more of them are not looked for
-MOST = len(SHARES)  # runs of a study, and values of a key
+ENOUGH_FAULTS = 20  # number of faults at which the search for more ends
+MOST = len(SHARES)  # greatest number of runs of a study, and of values of a key
 
 RANGE = "a range: { from = 1, to = 5, step = 1 }, or with `count`"
 
 Keys = dict[str, Any]  # scenario keys, dotted or as tables inside one another
-Place = Callable[[tuple], str]  # where a key of the study stands: `file:line`
+Place = Callable[[tuple], str]  # path of a key -> its place in the study: `file:line`
 
 
 class StudyFile(Table):
-    """A study file."""
+    """A study file: a scenario at many points, each run with the same seeds."""
 
-    name: Identifier = "study"  # default: the file's
+    name: Identifier = "study"
+    """Name of the study, and of the folder of its results. If not given: the file's name."""
     title: str = ""
-    base: Annotated[str, Field(min_length=1)]  # a shipped scenario, or a file, relative to this one
-    seeds: list[int] | dict[str, int] | None = None  # a list or a range, of every point; default: the scenario's own
-    replications: Annotated[int, Field(ge=1, le=MOST)] | None = None  # or their number: seeds 1, 2 …
-    set: Keys = Field(default_factory=dict)  # keys that differ from the base in every run
-    grid: Keys = Field(default_factory=dict)  # key -> its values; all combinations
-    # Key -> its values, equally many for every key: all first values together, then all second ones …
+    """One line that says what is varied."""
+    base: Annotated[str, Field(min_length=1)]
+    """The scenario: name of a shipped one, or a file, relative to this one."""
+    seeds: list[int] | dict[str, int] | None = None
+    """Seeds of every point, a list or a range. Default: the seed of the scenario."""
+    replications: Annotated[int, Field(ge=1, le=MOST)] | None = None
+    """Number of seeds 1, 2 and so on, in place of `seeds`."""
+    set: Keys = Field(default_factory=dict)
+    """Keys of the scenario that differ from the base in every run."""
+    grid: Keys = Field(default_factory=dict)
+    """Keys with lists or ranges of values: the points are all combinations."""
     zip: Keys | list[Keys] = Field(default_factory=dict)
-    # Conditions; a point at which one of them holds is left out: "platoon.size > 5 and platoon.gap_m < 0.4"
+    """Keys with equally long lists or ranges of values: all first values make a point, then all second ones, and so on.
+    A list of such tables combines them as the grid does."""
     leave_out: list[str] = Field(default_factory=list)
+    """Conditions such as "platoon.size > 5 and platoon.gap_m < 0.4": points at which one of them holds are left out."""
 
 
 @dataclass(frozen=True)
 class Run:
     """One run of a study."""
 
-    id: str  # from provenance; the name of its folder
+    id: str  # `provenance.run_id`; name of its folder
     base: str  # for `scenario.load`, valid in any folder
     seed: int
-    values: Mapping[str, Any]  # of the keys that the study varies; one object for each point
-    changes: tuple[Change, ...]  # of the base; they include these values
+    values: Mapping[str, Any]  # varied key -> value; one object per point
+    changes: tuple[Change, ...]  # of the base, these values included
     steps: int
     members: int
 
 
 @dataclass(frozen=True)
 class Study:
-    """A checked study: every run is known to be sound."""
+    """A checked study: none of its runs has a fault in its input."""
 
     name: str
     source: Path
     base: str  # for `scenario.load`, valid in any folder
-    keys: tuple[str, ...]  # that the study varies
+    keys: tuple[str, ...]  # varied ones
     runs: tuple[Run, ...]
     table: dict[str, Any]  # the study as TOML, with all values written out
 
@@ -84,17 +92,17 @@ class Study:
         return tomli_w.dumps(self.table | {"base": base})
 
     def block(self, shard: int, shards: int) -> range:
-        """The part of `shuffled` that a shard does, counted from 1: every run is in exactly one shard."""
+        """The part of `shuffled` that belongs to a shard, counted from 1; every run is in exactly one shard."""
         n = len(self.runs)
         return range(n * (shard - 1) // shards, n * shard // shards)
 
     def shuffled(self) -> list[Run]:
-        """All runs in an order independent of their values, so that shards take equally long."""
+        """All runs in an order that does not depend on their values, so that shards take about the same time."""
         return sorted(self.runs, key=lambda run: hashlib.sha256(run.id.encode()).digest())
 
 
 class Axis(NamedTuple):
-    """Values that move together: of one key of the grid, or of all keys of a zip."""
+    """Values that vary together: of one key of the grid, or of all keys of a zip."""
 
     table: str  # "grid" or "zip"
     keys: tuple[str, ...]
@@ -134,12 +142,12 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = ()) -> Study:
 
 
 def is_study(name_or_file: str | Path) -> bool:
-    """Whether this names a study rather than a scenario; False where it cannot be read."""
+    """Whether this names a study and not a scenario; False if it cannot be read."""
     if str(name_or_file) in shipped.studies():
         return True
     try:
         return "base" in scenario.read_toml(name_or_file)[0]
-    except InputError:  # reported when it is read as a scenario
+    except InputError:  # reported later, when it is read as a scenario
         return False
 
 
@@ -185,7 +193,7 @@ def _base(base: str, source: Path, place: Place) -> str:
 
 
 def _leaves(table: Any, path: tuple) -> Iterator[tuple[str, tuple, Any]]:
-    """(dotted key, path in the file, value) for every value; a range counts as a value, not as a table."""
+    """(dotted key, path in the file, value) of every value; a range is a value, not a table."""
     for name, value in table.items():
         if isinstance(value, dict) and "from" not in value:
             for key, inner, leaf in _leaves(value, (*path, name)):
@@ -261,7 +269,7 @@ def _check_keys(varied: Sequence[Change], fixed: Sequence[Change]) -> None:
     seen: set[str] = set()
     for change in varied:
         if change.key == "seed":
-            raise InputError(f"{change.place}: seed: is no parameter; the key `seeds` of the study has them")
+            raise InputError(f"{change.place}: seed: is not a parameter; must be given by the key `seeds`")
         if change.key in seen:
             raise InputError(f"{change.place}: {change.key}: is varied twice")
         if change.key in given:
@@ -269,7 +277,7 @@ def _check_keys(varied: Sequence[Change], fixed: Sequence[Change]) -> None:
         seen.add(change.key)
     for change in fixed:
         if change.key == "seed":
-            raise change.fault("the key `seeds` of the study has them")
+            raise change.fault("must be given by the key `seeds` of the study")
 
 
 def _seeds(file: StudyFile, place: Place) -> list[int]:
@@ -303,15 +311,15 @@ def _points(file: StudyFile, axes: Sequence[Axis], keys: Sequence[str], place: P
             left += 1
             yield point
     if not left:
-        raise InputError(f"{at}: leave_out: leaves no run")
+        raise InputError(f"{at}: leave_out: leaves out all runs")
 
 
 def _runs(
     points: Iterable[tuple[Change, ...]], base: str, fixed: Sequence[Change], seeds: Sequence[int], source: Path
 ) -> Iterator[Run]:
-    """raises: InputError with the faults of all points"""
+    """The runs of all points. raises: InputError with the faults of all points"""
     networks: dict[Path, Network] = {}
-    faults: dict[str, str] = {}  # fault -> the same with the first point that has it
+    faults: dict[str, str] = {}  # fault -> its text with the first point that has it
     taken: dict[str, str] = {}  # id -> point
     for point in points:
         at = ", ".join(f"{change.key} = {change.value!r}" for change in point)
@@ -328,7 +336,7 @@ def _runs(
             continue
         point_id = provenance.point_id(checked)
         if point_id in taken:
-            faults[point_id] = f"{point[0].place}: {at}: is the same run as at {taken[point_id]}"
+            faults[point_id] = f"{point[0].place}: {at}: makes the same run as {taken[point_id]}"
         taken[point_id] = at
         if faults:
             continue
@@ -341,7 +349,7 @@ def _runs(
 
 
 def _deploy(checked: Scenario, networks: dict[Path, Network]) -> None:
-    """Place the members, which finds the faults of their start poses."""
+    """Place the members, to find the faults of their start poses. raises: InputError"""
     if checked.net not in networks:
         networks[checked.net] = Network.read(checked.net)
     network = networks[checked.net]

@@ -19,9 +19,10 @@ from platoontraffic.study.study import Run, Study
 
 
 def write_tables(study: Study, folder: Path, lock: Lock, patience: float) -> None:
-    """Write them as the folder is at this moment, in study order, whatever the order of the runs.
+    """Write the tables of the folder's present state, in the order of the study, not in that of the runs' ends.
 
-    patience: wait for a shard that writes them at the same time [s]; the last one to write must have looked last
+    patience: longest wait for another shard that writes them [s]. The shard that writes last must also read last, so a
+              shard reads the states only while it holds the lock
     """
     until = time.monotonic() + patience
     while not lock.take(TABLES, 1):
@@ -66,13 +67,13 @@ def _write_summary(study: Study, folder: Path, done: Sequence[Run], metrics: Seq
 
 
 def _metrics(run_folder: Path) -> dict[str, str]:
-    """Column -> value of a run's summary.csv, without the columns that identify the run."""
+    """Column -> value of a run's summary.csv, without the columns of the scenario. raises: InputError"""
     file = run_folder / "summary.csv"
     try:
         names, values = csv.reader(file.read_text(encoding="utf-8").splitlines())
         row = zip(names, values, strict=True)
     except (OSError, ValueError):
-        raise InputError(f"{file}: is missing or damaged; without {run_folder} the run is repeated") from None
+        raise InputError(f"{file}: is missing or damaged; remove {run_folder} to repeat the run") from None
     own = {"scenario", *Spec.model_fields}
     return {name: value for name, value in row if "." not in name and name not in own}
 
@@ -87,12 +88,16 @@ def _data_package(study: Study, metrics: Sequence[str], units: dict[str, str]) -
     def field(name: str, type: str, meaning: str, unit: str = "") -> dict[str, str]:
         return {"name": name, "type": type, "unit": unit, "description": meaning}
 
-    run = field("id", "string", "the run, and the folder where it is")
-    seed = field("seed", "integer", "of the run")
+    run = field("id", "string", "id of the run, and name of its folder")
+    seed = field("seed", "integer", "seed of the run")
     varied = [field(key, "any", "key of the scenario") for key in study.keys]
     status = field("status", "string", f"{DONE}, {FAILED} or {WAITING}")
-    error, wall = field("error", "string", "why it failed"), field("wall_s", "number", "wall time of the run", "s")
-    values = [field(name, "number", "metric of the run; see metrics.py", units.get(name, "")) for name in metrics]
+    error = field("error", "string", "cause of the failure; empty otherwise")
+    wall = field("wall_s", "number", "wall time of the run", "s")
+    values = [
+        field(name, "number", "metric; its meaning is in the runs' datapackage.json", units.get(name, ""))
+        for name in metrics
+    ]
     tables = {"runs": [run, status, seed, *varied, error, wall], "summary": [run, seed, *varied, *values]}
     resources = [
         {"name": name, "path": f"{name}.csv", "format": "csv", "schema": {"fields": fields, "missingValues": [""]}}

@@ -1,6 +1,6 @@
-"""A process that runs one simulation after another: jobs come as lines of JSON on stdin, outcomes go to stdout.
+"""A process that runs one simulation after another: jobs are lines of JSON on stdin, outcomes lines on stdout.
 
-It ends, at whatever moment, when the process that gave the jobs has gone.
+It ends as soon as the process that gives the jobs has ended, in the middle of a run if need be.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from platoontraffic.run import run
 from platoontraffic.simulation import prepare
 from platoontraffic.study.folder_lock import Lock, share_of
 
-# Errors of the disk are not a run's: all others would meet them too.
+# Errors of the disk stop the batch: every other run would fail in the same way.
 OF_THE_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.ENOTDIR, errno.EFBIG, errno.EIO}
 
 
 def attempt(job: dict[str, Any]) -> dict[str, Any]:
-    """Do one run; returns its outcome.
+    """Execute one run; returns its outcome.
 
     job     : base, changes (fields of `scenario.Change`), seed, id (of the run), folder, command_line
-    returns : wall_s, and if it failed: error (one line), traceback, stop (whether all others would fail likewise)
+    returns : wall_s and, if it failed, error (one line), traceback, stop (whether every other run would fail as well)
     """
     began = time.perf_counter()
     sys.argv[1:] = job["command_line"]  # for the run's provenance
@@ -57,12 +57,12 @@ def attempt(job: dict[str, Any]) -> dict[str, Any]:
 
 
 def main(stdout: int) -> None:
-    """stdout: a descriptor for answers; 1 is stderr by now, so that what SUMO or a law prints stays out of them"""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to all processes of a terminal; the parent decides
+    """stdout: a descriptor for answers; descriptor 1 is stderr here, so that prints of SUMO or a law are no answers"""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes of a terminal; the parent decides
     answers = os.fdopen(stdout, "w", encoding="utf-8")
     jobs: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
-    print("{}", file=answers, flush=True)  # that it has started
+    print("{}", file=answers, flush=True)  # the process has started
     while True:
         job = jobs.get()
         with _alone(Path(job["lock"]), job["id"]):
@@ -72,7 +72,7 @@ def main(stdout: int) -> None:
 
 @contextmanager
 def _alone(file: Path, run_id: str) -> Iterator[None]:
-    """One at a time in a run: a dask worker goes on with it when its batch has been killed, and may end it well."""
+    """Wait until no other process executes this run: a dask worker goes on with its run when its batch is killed."""
     with closing(Lock(file)) as lock:
         while not lock.take(share_of(run_id), 1):
             time.sleep(0.2)

@@ -1,4 +1,4 @@
-"""Lanes whose vehicles a member conflicts with at a junction."""
+"""Lanes with vehicles that a member conflicts with at a junction."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def fan(ranges: np.ndarray, model: LidarModel) -> np.ndarray:
 
 
 def scanned(fleet: Fleet, scans: Sequence[ScanBatch | None]) -> dict[str, np.ndarray]:
-    """Ranges (samples,) [m] by member; of groups whose lidar has just scanned."""
+    """Ranges (samples,) [m] by member, of the groups that have just scanned."""
     return {
         fleet.members[row].id: batch.ranges[k]
         for group, batch in zip(fleet.groups, scans, strict=True)

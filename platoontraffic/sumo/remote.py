@@ -96,7 +96,7 @@ class RemoteSumo:
         return ()
 
     def _why_not_started(self, error: BaseException) -> BaseException:
-        """What to raise for an error at the start."""
+        """The error of this package for an error at the start."""
         if not isinstance(error, self.FatalTraCIError):
             return error
         self._exit_code()  # before it is killed: it still writes why it ends

@@ -27,8 +27,9 @@ from platoontraffic.sumo.conflicts import (
     Conflicts,
 )
 from platoontraffic.vehicles.motion import scale
-from platoontraffic.world.events import Noted
+from platoontraffic.world import ground
 from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.ground import Entry
 
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = range(1, len(CLOSED_BY))
 
@@ -93,7 +94,7 @@ class StopLines:
         self._adjacent: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
 
     def signals(self, fleet: Fleet, roads: Mapping[str, tuple[str, str]]) -> Signals | None:
-        """The next stop line of each member whose law asks for it; None if none does.
+        """The next stop line of each member with a law that needs it; None if no law does.
 
         roads: edge and lane of each member
         """
@@ -115,13 +116,13 @@ class StopLines:
                 values[i] = value
         return signals
 
-    def violations(self, fleet: Fleet, entries: Sequence[tuple[str, str, str]]) -> list[Noted]:
-        """Members that entered a junction against a signal or right of way.
+    def entries(self, fleet: Fleet, entered: Sequence[tuple[str, str, str]]) -> list[Entry]:
+        """How members entered junctions; SUMO-driven ones are left out.
 
-        entries: ids of members that entered one, the lane that each left, its lane inside
+        entered: ids of members that entered one, the lane that each left, its lane inside
         """
-        found, row = [], {m.id: i for i, m in enumerate(fleet.members)} if entries else {}
-        for name, lane, via in entries:
+        found, row = [], {m.id: i for i, m in enumerate(fleet.members)} if entered else {}
+        for name, lane, via in entered:
             state = next((link[LINK_STATE] for link in self._sumo.lane.getLinks(lane) if link[LINK_VIA] == via), "")
             i = row.get(name)
             if i is None or fleet.native[i] or not state:
@@ -129,10 +130,9 @@ class StopLines:
             lines = fleet.members[i].route.lines if fleet.members[i].route else ()
             line = next((line for line in lines if line.lane == lane and line.via[:1] == (via,)), None)
             ego = Ego(name, via, fleet.motion.speed[i], fleet.model.length[i])
-            if state in RED:
-                found.append(Noted(i, "red_light", lane))
-            elif line and state not in PRIORITY + YELLOW and not self._may_enter(line, ego):
-                found.append(Noted(i, "failed_to_yield", lane))
+            signal = _signal(state)
+            has_gap = signal != ground.GIVES_WAY or line is None or self._may_enter(line, ego)
+            found.append(Entry(i, lane, signal, has_gap))
         return found
 
     # ---- one vehicle's row
@@ -244,7 +244,7 @@ class StopLines:
         return True
 
     def _has_room(self, line: Line, length: float) -> bool:
-        """Whether a vehicle can leave a junction that others cross before it stands behind the queue beyond it."""
+        """Whether a vehicle can leave a junction with cross traffic before it stands behind the queue beyond it."""
         vehicle, lane = self._sumo.vehicle, self._sumo.lane
         onto = lane.getLastStepVehicleIDs(line.onto)  # the last one first
         size = scale(length)
@@ -262,7 +262,7 @@ class StopLines:
         return self._conflicts[line]
 
     def _has_gap(self, line: Line, state: str, distance: float, ego: Ego) -> bool:
-        """Whether a vehicle may pass a line at which it has to give way; from afar it is taken for granted."""
+        """Whether a vehicle may pass a line at which it has to give way; far from the line it counts as allowed."""
         if distance >= self._conflicts_at(line).reach:
             return True
         is_open = self._may_cross(line, distance, ego)
@@ -338,3 +338,12 @@ class StopLines:
         since = since if time - last < HELD_UP_AFTER else time
         self._standing[foe, inside] = since, time
         return time - since > HELD_UP_AFTER
+
+
+def _signal(state: str) -> str:
+    """The signal of a link, from SUMO's letter."""
+    if state in RED:
+        return ground.RED
+    if state in YELLOW:
+        return ground.YELLOW
+    return ground.PRIORITY if state in PRIORITY else ground.GIVES_WAY

@@ -21,9 +21,8 @@ from platoontraffic.sumo.obstacles import HeldObstacles
 from platoontraffic.sumo.placement import Placement
 from platoontraffic.sumo.process import Process, start_options
 from platoontraffic.sumo.stoplines import StopLines
-from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.ground import departs_by, members_at, with_their_followers
+from platoontraffic.world.ground import Entry, departs_by, members_at, with_their_followers
 from platoontraffic.world.traffic import TrafficSnapshot
 
 
@@ -73,7 +72,7 @@ class World:
     def deploy(self, fleet: Fleet, later: Sequence[Fleet] = ()) -> Fleet:
         """Insert members at their start poses; this is time 0.
 
-        Background vehicles in their way are removed: a platoon does not come in by driving. Platoons that depart
+        Background vehicles in their path are removed: a platoon appears, it does not drive in. Platoons that depart
         `later` wait for room instead: see `advance`.
         """
         self._later = sorted(later, key=lambda platoon: platoon.members[0].departs)
@@ -147,12 +146,12 @@ class World:
         return self._placement.roads(fleet)
 
     def signals(self, fleet: Fleet) -> Signals | None:
-        """State of the next stop line of each member whose law asks for it; None if none does."""
+        """State of the next stop line of each member with a law that needs it; None if no law does."""
         return self._lines.signals(fleet, self._placement.where)
 
-    def violations(self, fleet: Fleet) -> list[Noted]:
-        """Members that entered a junction in the last step against a signal or right of way."""
-        return self._lines.violations(fleet, self._placement.entries())
+    def entries(self, fleet: Fleet) -> list[Entry]:
+        """Members that entered a junction in the last step; SUMO-driven ones are left out."""
+        return self._lines.entries(fleet, self._placement.entries())
 
     def _departing(self, fleet: Fleet) -> list[Fleet]:
         """Platoons that are due at the end of the coming step and have room; they are inserted."""

@@ -70,7 +70,7 @@ class Car:
 
     @property
     def turning_radius(self) -> float:
-        """That of the rear axle's middle at full lock [m]."""
+        """Turning radius of the rear axle's middle at full lock [m]."""
         return self.wheelbase / np.tan(self.max_steering)
 
     @property
@@ -86,7 +86,7 @@ class Car:
         return scan + self.brake_lag + braking / (2 * self.max_jerk)
 
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """The middle of the rear axle, the point whose path the curvature describes, x and y [m]. Arrays (n,)."""
+        """The middle of the rear axle, the point that the curvature refers to, x and y [m]. Arrays (n,)."""
         return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
 
     def saturated(self, command: Command | Drive | Twist, motion: Motion) -> Drive:

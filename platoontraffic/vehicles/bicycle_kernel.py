@@ -33,7 +33,7 @@ class _Pace(NamedTuple):
 def move(motions, cars, twists, drives, count, h):
     """Advance every row by `count` sub-steps of h [s], in place; the heading is not wrapped.
 
-    motions, cars, twists, drives : arrays of records (n,); a row whose drive is NaN obeys its twist
+    motions, cars, twists, drives : arrays of records (n,); a row with a drive of NaN obeys its twist
     """
     for i in range(len(motions)):
         for _ in range(count):

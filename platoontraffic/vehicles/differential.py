@@ -42,7 +42,7 @@ class DifferentialDrive:
         return 0.0
 
     def braking_delay(self, scan: float, braking: float) -> float:
-        """That of the scan [s]: the wheels obey at once."""
+        """The delay of the scan [s], since the wheels obey at once."""
         return scan
 
     def twist_for(self, command: Command | Drive | Twist, motion: Motion, dt: float) -> Twist:
@@ -62,7 +62,7 @@ class DifferentialDrive:
         return Twist(twist.speed * keep, twist.yaw_rate * keep)
 
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-        """The middle of the driven axle, the point whose path the wheels draw, x and y [m]. Arrays (n,)."""
+        """The middle of the driven axle, the point that the wheels steer, x and y [m]. Arrays (n,)."""
         return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
 
     def moved(self, motion: Motion, command: Command | Drive | Twist, dt: float) -> Motion:

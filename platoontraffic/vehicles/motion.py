@@ -108,7 +108,7 @@ class VehicleModel(Protocol):
 
     @property
     def turning_radius(self) -> float:
-        """Of the driven axle's middle, the least one [m]."""
+        """Least turning radius of the driven axle's middle [m]."""
 
     @property
     def hardest_braking(self) -> float:

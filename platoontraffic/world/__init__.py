@@ -1,1 +1,1 @@
-"""What is in the simulated world beside SUMO's own: members, obstacles, their sensing and contacts."""
+"""The simulated world except SUMO: members, obstacles, sensing, contacts, orders, breakdowns, kinds of events."""

@@ -23,7 +23,7 @@ class Breakdowns:
         self._since: dict[Breakdown, float] = {}  # start of those in effect [s]
 
     def due(self, fleet: Fleet, time: float) -> list[Noted]:
-        """What breaks down or is repaired by `time`; a member has no breakdown before it is on the road."""
+        """Breakdowns and repairs that are due by `time`; a member has no breakdown before it is on the road."""
         row_of = {m.id: i for i, m in enumerate(fleet.members)} if self._breakdowns else {}
         noted = []
         for one in self._breakdowns:

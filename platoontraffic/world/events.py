@@ -109,7 +109,7 @@ EVENT_KINDS = {
             ("light", "right_of_way", "lane_change", "no_room"),
         ),
         Kind("released", "the stop line that held it is open again, or behind it, after duration_s"),
-        Kind("red_light", "enters a junction from a lane (detail) whose light is red; not noted if SUMO drives it"),
+        Kind("red_light", "enters a junction from a lane (detail) with a red light; not noted if SUMO drives it"),
         Kind(
             "failed_to_yield",
             "enters a junction from a lane (detail) although it must give way to a vehicle that arrives before it is "

@@ -1,17 +1,27 @@
-"""What members drive on: SUMO's world, or bare ground without roads and background traffic."""
+"""The ground that members drive on: SUMO's world, or bare ground without roads and background traffic."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import TracebackType
-from typing import Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
 from platoontraffic.controllers import Signals
-from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.world.traffic import TrafficSnapshot
+
+RED, YELLOW, PRIORITY, GIVES_WAY = "red", "yellow", "priority", "gives way"
+
+
+class Entry(NamedTuple):
+    """A member has entered a junction in the last step."""
+
+    row: int  # of the member in the fleet
+    lane: str  # that it left
+    signal: str  # of its stop line when it entered: RED, YELLOW, PRIORITY or GIVES_WAY
+    has_gap: bool  # no vehicle with priority comes before it is across; known where it gives way, else True
 
 
 class Ground(Protocol):
@@ -61,10 +71,10 @@ class Ground(Protocol):
         """Edge and lane of each member after the last step; the lane is "" off the road."""
 
     def signals(self, fleet: Fleet) -> Signals | None:
-        """State of the next stop line of each member whose law asks for it; None if none does."""
+        """State of the next stop line of each member with a law that needs it; None if no law does."""
 
-    def violations(self, fleet: Fleet) -> list[Noted]:
-        """Members that entered a junction in the last step against a signal or right of way."""
+    def entries(self, fleet: Fleet) -> list[Entry]:
+        """Members that entered a junction in the last step; SUMO-driven ones are left out."""
 
 
 class BareGround:
@@ -126,7 +136,7 @@ class BareGround:
     def signals(self, fleet: Fleet) -> None:
         return None
 
-    def violations(self, fleet: Fleet) -> list[Noted]:
+    def entries(self, fleet: Fleet) -> list[Entry]:
         return []
 
 
@@ -149,5 +159,5 @@ def with_their_followers(fleet: Fleet, gone: set[str]) -> set[str]:
 
 
 def departs_by(later: Sequence[Fleet], time: float, step: float) -> list[Fleet]:
-    """Platoons whose time of departure is not after `time`, or nearer to it than to the step after."""
+    """Platoons with a time of departure up to `time`, or nearer to it than to the step after."""
     return [platoon for platoon in later if platoon.members[0].departs < time + step / 2]

@@ -23,7 +23,7 @@ class TrafficSnapshot:
     width: np.ndarray
 
     def with_others(self, others: TrafficSnapshot) -> TrafficSnapshot:
-        """With the rows of `others` at the end; the time stays."""
+        """This snapshot with the rows of `others` appended."""
         both = (np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)[2:])
         return TrafficSnapshot(self.time, (*self.ids, *others.ids), *both)
 

@@ -8,7 +8,7 @@ import pytest
 
 from platoontraffic import scenario, simulation
 from platoontraffic.cli import bench
-from platoontraffic.cli.bench import SIZE, STAGES, WAY, Plan, Spent, Town
+from platoontraffic.cli.bench import ROUTE_EDGES, SIZE, STAGES, Plan, Spent, Town
 from platoontraffic.errors import MissingError
 from platoontraffic.sumo import programs
 
@@ -88,7 +88,7 @@ def test_ways_follow_connections_and_traffic_begins_where_no_platoon_stands(fold
     traffic, members = vehicles(folder / "traffic.rou.xml"), vehicles(folder / "members.rou.xml")
     assert len(traffic) == SMALL.background
     for way in (*traffic.values(), *members.values()):
-        assert len(way) == WAY
+        assert len(way) == ROUTE_EDGES
         assert all(to in onward[edge].values() for edge, to in pairwise(way))
     assert not {way[0] for way in traffic.values()} & {way[0] for way in members.values()}
 

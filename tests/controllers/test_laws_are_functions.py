@@ -13,6 +13,7 @@ import shapely
 
 from platoontraffic.controllers import Decision, Law, Sensed, Signals
 from platoontraffic.controllers.registry import find_law, law_names
+from platoontraffic.controllers.tracker.trail import Trail
 from platoontraffic.lidar import PRESETS, Mount, Scene
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.bicycle import CARS
@@ -28,9 +29,15 @@ LAWS = [kind() for kind in KINDS.values() if not kind.native]
 LAWS += [KINDS["tracking"](on_loss="drive"), KINDS["tracking"](policy="obey"), KINDS["printed"](on_loss="hold")]
 
 
+def counted(trail: Trail) -> list[np.ndarray]:
+    return [points[:size] for points, size in zip(trail.points, trail.size, strict=True)]
+
+
 def same(one: Any, other: Any) -> None:
     """Asserts that two nested records are equal in every array."""
     assert type(one) is type(other)
+    if isinstance(one, Trail):  # points that do not count are undefined
+        one, other = ([trail.size, *counted(trail)] for trail in (one, other))
     if is_dataclass(one):
         one, other = ([getattr(record, f.name) for f in fields(record)] for record in (one, other))
     if isinstance(one, list | tuple):

@@ -127,6 +127,11 @@ def test_a_law_that_needs_it_is_given_the_order_to_lead(folder):
         ('needs = {"leads"}; drives_alone = True', "Bad declares drives_alone; then it must also need route"),
         ("desired_distance = 3.0", "Bad: desired_distance and remembered_path must be methods"),
         ("hardest_braking = -3.0", "Bad declares hardest_braking = -3.0; must be more than 0 m/s2"),
+        ("native = True", "Bad declares native; then it must also have max_speed and speed_factor"),
+        (
+            "native = True; max_speed = 30.0; speed_factor = None",
+            "Bad declares native and speed_factor = None; must be a number more than 0",
+        ),
     ],
 )
 def test_a_wrong_declaration_is_reported_in_one_line(scenario_file, folder, declared, said):
@@ -137,6 +142,19 @@ def test_a_wrong_declaration_is_reported_in_one_line(scenario_file, folder, decl
     (fault,) = caught.value.faults
     assert fault.startswith(f"{folder / 'mine.toml'}:21: platoon.0.follower.law: ")
     assert fault.endswith(said)
+
+
+def test_files_that_gains_name_are_sources_in_nested_tables_too(scenario_file, folder):
+    with (folder / "mine.py").open("a") as file:
+        file.write(
+            "\nfrom pathlib import Path\n"
+            "\n@dataclass(frozen=True)\nclass Inner:\n    map: Path | None = None\n"
+            "\n@dataclass(frozen=True)\nclass Outer(Plain):\n"
+            "    table: Path | None = None\n    inner: Inner = Inner()\n"
+        )
+    gains = 'mine:Outer"\ntable = "a.csv"\ninner.map = "b.csv'
+    made = scenario.load(with_law(scenario_file, gains))
+    assert set(made.sources) == {folder / name for name in ("mine.py", "a.csv", "b.csv")}
 
 
 @pytest.mark.sumo

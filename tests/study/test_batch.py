@@ -61,7 +61,7 @@ pytestmark = pytest.mark.sumo
 
 @pytest.fixture
 def tiny(tmp_path) -> Callable[..., Path]:
-    """Writes a study of short runs; with a law, a base whose followers have it."""
+    """Writes a study of short runs; its base has followers with a law if one is given."""
 
     def write(gains: int = 2, replications: int = 2, how: str = "") -> Path:
         base, key = "paper_loop", "heading_gain_per_s"
@@ -150,7 +150,7 @@ def test_a_batch_leaves_tables_and_is_not_repeated(tiny, tmp_path):
         ["done", "1", "1.0"], ["done", "2", "1.0"], ["done", "1", "2.0"], ["done", "2", "2.0"],
     ]  # fmt: skip
     second = call(tiny(), "--out", tmp_path / "out")
-    assert "4 done (4 of them before), 0 failed" in second.stdout
+    assert "4 done (4 of them earlier), 0 failed" in second.stdout
     assert done(folder) == made
     assert tables(folder) == before
     assert sorted(entry.name for entry in folder.iterdir() if entry.name not in made) == [
@@ -298,7 +298,7 @@ def test_shards_work_side_by_side_but_not_on_the_same_runs(tiny, tmp_path):
     shard = (tiny(5, 40), "-j", 1, "--out", tmp_path / "out", "--shard")
     assert call(*shard, "1/200").returncode == 0
     with contextlib.closing(Lock(tmp_path / "out" / "tiny" / batch_folder.LOCK)) as lock:
-        assert lock.take(0, 100)  # as who works on 1/2 does
+        assert lock.take(0, 100)  # as a batch of the shard 1/2 does
         assert "another batch" in call(*shard, "1/3").stderr
         assert "another batch" in call(*shard, "3/3", "platoon.gap_m=0.5").stderr
         assert call(*shard, "200/200").stdout.startswith("1 runs: 1 done")
@@ -335,10 +335,10 @@ def test_a_folder_of_something_else_is_left_as_it_is(tiny, tmp_path):
     batch.run(loaded, folder, "serial")
     before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
     (tmp_path / "tiny.toml").write_text((tmp_path / "tiny.toml").read_text().replace("paper_loop", "paper_path"))
-    with pytest.raises(InputError, match="is of another study, 'tiny' on 'paper_loop'; for 'tiny' on 'paper_path'"):
+    with pytest.raises(InputError, match="holds another study, 'tiny' on 'paper_loop'; for 'tiny' on 'paper_path'"):
         batch.run(study.load(tmp_path / "tiny.toml"), folder)
     (folder / "study.toml").write_text("half a stu")
-    with pytest.raises(InputError, match="is no study of a batch"):
+    with pytest.raises(InputError, match="is not the study of a batch"):
         batch.run(loaded, folder)
     (folder / "study.toml").write_bytes(before[folder / "study.toml"])
     assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == before
@@ -382,7 +382,7 @@ def test_a_dry_run_writes_nothing_and_knows_what_is_done(tiny, tmp_path):
     batch.run(study.load(tiny()), tmp_path / "out" / "tiny", "serial")
     dry = call(tiny(gains=3), "--dry-run", "--out", tmp_path / "out")
     assert "6 runs, 2 to do, about " in dry.stdout
-    assert "(from the 4 runs that are done)" in dry.stdout
+    assert "(from the 4 finished runs)" in dry.stdout
 
 
 def test_json_is_one_document(tiny, tmp_path):
@@ -436,7 +436,7 @@ def test_200_runs_are_the_same_however_often_they_are_killed(tiny, tmp_path, kil
     file, folder = tiny(10, 20), tmp_path / "out" / "tiny"
     batch.run(study.load(file), tmp_path / "undisturbed", slots=2)
     rng = random.Random(1)
-    for whom in ("parent", "worker", "parent", "worker", "parent"):
+    for victim in ("parent", "worker", "parent", "worker", "parent"):
         if not killed or killed[-1].poll() is not None:
             killed.append(started(file, "-j", 2, "--executor", executor, "--out", tmp_path / "out"))
         had = len(done(folder))
@@ -444,7 +444,7 @@ def test_200_runs_are_the_same_however_often_they_are_killed(tiny, tmp_path, kil
         until(lambda had=had, more=more: len(done(folder)) >= had + more, deadline=300)
         time.sleep(rng.random())
         workers = _workers(killed[-1].pid)
-        if whom == "parent":
+        if victim == "parent":
             killed[-1].kill()
             killed[-1].communicate()
             until(lambda workers=workers: not any(map(alive, workers)))

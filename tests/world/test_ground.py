@@ -82,7 +82,7 @@ def test_there_are_no_roads_and_no_stop_lines():
     fleet = ground.deploy(fleet_of(2))
     assert ground.roads(fleet) == [("", "")] * 2
     assert ground.signals(fleet) is None
-    assert ground.violations(fleet) == []
+    assert ground.entries(fleet) == []
 
 
 def test_a_member_that_only_sumo_can_drive_is_refused():

@@ -2,7 +2,7 @@
 
 State x = (x, y, heading, speed, acceleration, curvature). The mean moves by the motion model f; the covariance P is
 replaced by F P F' + Q with F = df/dx (Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking
-and navigation", 2001, section 10.3).
+and navigation", 2001).
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def _walk(dt):
         | .        dt^3/3  dt^2/2 |    for (double integral of w, integral of w, w),
         | .        .       dt     |
 
-    row by row (the continuous Wiener process acceleration model: Bar-Shalom et al., section 6.2.3).
+    row by row (the continuous Wiener process acceleration model: Bar-Shalom et al.).
     """
     return dt**5 / 20, dt**4 / 8, dt**3 / 6, dt**3 / 3, dt**2 / 2, dt
 

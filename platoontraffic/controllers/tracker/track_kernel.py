@@ -8,7 +8,7 @@ with R diagonal along and across the measured heading. With H = dh/dx and the in
 
     S = H P H' + R,  K = P H' / S,  x <- x + K (z - h(x)),  P <- P - K S K',  nis = (z - h(x))' S^-1 (z - h(x))
 
-(Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", 2001, section 10.3). A group of
+(Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", 2001). A group of
 returns is taken for the predecessor only if its nis is within a gate.
 """
 
@@ -31,9 +31,11 @@ from platoontraffic.controllers.tracker.rear_kernel import (
     remainder,
 )
 from platoontraffic.controllers.tracker.records import ACCELERATION, HEADING, OVERHANG, SPEED, X, Y
+from platoontraffic.geometry import polyline
+from platoontraffic.geometry.polyline import nearest
 from platoontraffic.lidar.compiled import compiler
 
-compiled = compiler(__file__, prediction_kernel.__file__, rear_kernel.__file__, records.__file__)
+compiled = compiler(__file__, prediction_kernel.__file__, rear_kernel.__file__, records.__file__, polyline.__file__)
 
 SURPRISE = 11.3  # nis that chance exceeds once in a hundred (chi-squared, 3 degrees of freedom)
 GATE = 30.0  # greatest nis of what is taken for the predecessor; chance exceeds 16 once in a thousand
@@ -127,7 +129,7 @@ def _fit(mean, before, rear, pose, dt, state, cov):
     """Correct a track by a rear; returns the nis, inf if the rear asks for more than a vehicle can do.
 
     A nis too great for chance is taken for a manoeuvre that has just begun: a step of acceleration and of curvature
-    (adjustable process noise: Bar-Shalom et al., section 11.2). A correction beyond what vehicles can do is tried
+    (adjustable process noise: Bar-Shalom et al.). A correction beyond what vehicles can do is tried
     again with a manoeuvre that began a scan earlier, unnoticed, if it is then hard braking at speed, the only one that
     matters at once.
 
@@ -171,8 +173,8 @@ def _add_outer(matrix, vector, factor):
 def _update(state, cov, rear, pose):
     """Correct a state (6,) and its covariance in place by a rear; returns the nis.
 
-    R is diagonal, so the three measurements are taken one by one (D. Simon, "Optimal state estimation", 2006, section
-    6.1), all linearized where the state was predicted.
+    R is diagonal, so the three measurements are taken one by one (D. Simon, "Optimal state estimation", 2006), all
+    linearized where the state was predicted.
     """
     heading = rear.heading + pose.yaw
     cos, sin = math.cos(heading), math.sin(heading)
@@ -215,7 +217,7 @@ def _first_rear(i, laser, path, groups, ranges):
         group = group_of(groups, k)
         if len(points):
             middle_x, middle_y = (group.x1 + group.x2) / 2, (group.y1 + group.y2) / 2
-            expected = project(points, middle_x + forward, middle_y + left)[2]
+            expected = _beside_route(points, middle_x + forward, middle_y + left)[2]
         else:
             expected = 2 * math.atan(curvature * (group.x1 + group.x2) / 2)  # tangent to the arc there
         rear = find_rear(group, expected, WIDTH, ranges[i], laser)
@@ -233,7 +235,7 @@ def _first_rear(i, laser, path, groups, ranges):
 @compiled
 def _along_route(points, rear, forward, left):
     """Distance of a rear along the route; inf if it is behind, off the lane, or crosses the route."""
-    station, offset, heading = project(points, rear.x + forward, rear.y + left)
+    station, offset, heading = _beside_route(points, rear.x + forward, rear.y + left)
     if station <= 0 or abs(offset) > LANE or abs(remainder(rear.heading - heading, 2 * math.pi)) > OBLIQUE:
         return math.inf
     return station
@@ -265,29 +267,18 @@ def _begin(i, track, rear, pose, own_speed, curvature):
 
 
 @compiled
-def project(points, x, y):
-    """Station of the nearest place on a polyline (k, 2), how far left of it a point is, and its heading there.
+def _beside_route(points, x, y):
+    """Station of the nearest place on a route (k, 2), offset of a point from it to the left, and the heading there.
 
-    Before the first point stations are negative; beyond the last one, offsets are those from the last piece.
+    The route is straight before its first point, where stations are negative, and beyond its last.
     """
-    nearest, station, offset, heading = math.inf, 0.0, 0.0, 0.0
-    length = 0.0
-    for k in range(len(points) - 1):
-        dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
-        size = math.hypot(dx, dy)
-        if size == 0.0:
-            continue
-        cos, sin = dx / size, dy / size
-        from_x, from_y = x - points[k, 0], y - points[k, 1]
-        along = from_x * cos + from_y * sin
-        if not (k == 0 and along < 0):
-            along = max(along, 0.0) if k == len(points) - 2 else min(max(along, 0.0), size)
-        away = (from_x - along * cos) ** 2 + (from_y - along * sin) ** 2
-        if away < nearest:
-            nearest, station, heading = away, length + along, math.atan2(sin, cos)
-            offset = math.copysign(math.sqrt(away), from_y * cos - from_x * sin)
-        length += size
-    return station, offset, heading
+    k, share, squared, side = nearest(points, 0, len(points) - 1, x, y, -math.inf, math.inf)
+    station = 0.0
+    for j in range(k):
+        station += math.hypot(points[j + 1, 0] - points[j, 0], points[j + 1, 1] - points[j, 1])
+    step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+    station += share * math.hypot(step_x, step_y)
+    return station, math.copysign(math.sqrt(squared), side), math.atan2(step_y, step_x)
 
 
 @compiled
@@ -303,4 +294,4 @@ def offsets(points, axles, odometry, offset):
             continue
         cos, sin = math.cos(odometry.heading[i]), math.sin(odometry.heading[i])
         dx, dy = axles[i, 0] - odometry.x[i], axles[i, 1] - odometry.y[i]
-        offset[i] = abs(project(points[i], dx * cos + dy * sin, dy * cos - dx * sin)[1])
+        offset[i] = abs(_beside_route(points[i], dx * cos + dy * sin, dy * cos - dx * sin)[1])

@@ -10,7 +10,7 @@ from platoontraffic.controllers.law import Body
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.lidar import ScanBatch
 
-POINTS = 256  # capacity of a trail
+POINTS = 256  # greatest number of points of a trail
 BENDS = 6  # number of places ahead at which the curvature is given
 
 
@@ -43,7 +43,10 @@ class Strip(NamedTuple):
 
 
 class Trail(NamedTuple):
-    """Points (n, POINTS, 3), of which the first `size` (n,) count: x, y in the odometry frame [m], and station [m]."""
+    """Points (n, k, 3), of which the first `size` (n,) count: x, y in the odometry frame [m], and station [m].
+
+    The points from `size` on are undefined. A trail begins BEHIND (of `trail_kernel`) behind the own axle.
+    """
 
     points: np.ndarray
     size: np.ndarray
@@ -51,19 +54,25 @@ class Trail(NamedTuple):
     @classmethod
     def begin(cls, n: int) -> Trail:
         """Straight from behind to the own axle, where the odometry frame begins."""
-        points = np.zeros((n, POINTS, 3))
+        points = np.zeros((n, 2, 3))
         points[:, 0] = -1.0, 0.0, -1.0
         return cls(points, np.full(n, 2))
 
     def extended(self, track: Track, odometry: Odometry, gap: np.ndarray, route: RouteSection | None = None) -> Trail:
-        """To the axle of each predecessor that was just seen, from the route section where there is one.
+        """To the axle of each predecessor that was just seen, from the route section where there is one; a copy.
 
         gap : the predecessor was not seen in the scan before, bool (n,): an arc closes the gap
         """
         # Imported here, as below: importing numba takes half a second.
-        from platoontraffic.controllers.tracker.trail_kernel import extend, relay
+        from platoontraffic.controllers.tracker.trail_kernel import copy_points, extend, find_oldest, relay
 
-        trail = Trail(self.points.copy(), self.size.copy())
+        oldest = np.empty_like(self.size)
+        find_oldest(self, odometry, oldest)
+        size = self.size - oldest
+        # The copy has room for one more point, or, where an arc or a route may be laid, for as many as there can be.
+        capacity = POINTS if route is not None or gap.any() else min(size.max() + 1, POINTS)
+        trail = Trail(np.empty((len(size), capacity, 3)), size)
+        copy_points(self, oldest, trail.points)
         if route is not None:
             relay(trail, odometry, route)
         extend(trail, odometry, track.mean[:, :2], track.seen, gap)

@@ -9,13 +9,17 @@ import math
 
 import numpy as np
 
+from platoontraffic.geometry import polyline
+from platoontraffic.geometry.polyline import nearest
 from platoontraffic.lidar.compiled import compiler
 
-compiled = compiler(__file__)
+compiled = compiler(__file__, polyline.__file__)
 
 SPACING = 0.5  # least distance of two points [m]
 ROUNDING = 4  # places each way whose mean rounds a route's corner
-BEHIND = 15.0  # length of trail that is kept behind the own axle [m]
+# Length of trail that is kept behind the own axle [m]: more than any window of a fit, and less than a lap of a small
+# roundabout, where the nearest place would otherwise be one of the lap before.
+BEHIND = 30.0
 
 
 @compiled
@@ -27,6 +31,24 @@ def _remainder(angle, turn):
 
 
 @compiled
+def find_oldest(trail, odometry, oldest):
+    """Fill in the first point of each trail that lies no more than BEHIND behind the own axle, (n,)."""
+    for i in range(len(oldest)):
+        points, size = trail.points[i], trail.size[i]
+        piece, _ = _nearest(points, size, odometry.x[i], odometry.y[i])
+        oldest[i] = np.searchsorted(points[:size, 2], points[piece, 2] - BEHIND)
+
+
+@compiled
+def copy_points(trail, oldest, points):
+    """Fill in the counted points of all trails from the oldest one to be kept on."""
+    for i in range(len(oldest)):
+        for k in range(oldest[i], trail.size[i]):
+            for a in range(3):
+                points[i, k - oldest[i], a] = trail.points[i, k, a]
+
+
+@compiled
 def extend(trail, odometry, axle, seen, gap):
     """Append the predecessors' axles (n, 2) [m] where seen, in place; with an arc between where there was a gap."""
     points, size = trail.points, trail.size
@@ -35,7 +57,7 @@ def extend(trail, odometry, axle, seen, gap):
             continue
         x, y = odometry.x[i], odometry.y[i]
         if size[i] == points.shape[1]:
-            _forget(points[i], size, i, x, y)
+            _forget(points[i], size, i)
         cos, sin = _direction(points[i], size[i])
         last_x, last_y = points[i, size[i] - 1, 0], points[i, size[i] - 1, 1]
         if gap[i] and (x - last_x) * cos + (y - last_y) * sin > 0:  # driven past its end: it leads nowhere
@@ -50,17 +72,16 @@ def extend(trail, odometry, axle, seen, gap):
         if far < SPACING or along <= 0:
             continue
         if gap[i] and far > 2 * SPACING:
-            _append_arc(points[i], size, i, (along, aside), (cos, sin), (x, y))
+            _append_arc(points[i], size, i, (along, aside), (cos, sin))
         _append(points[i], size, i, axle[i, 0], axle[i, 1])
 
 
 @compiled
-def _append_arc(points, size, i, there, direction, own):
+def _append_arc(points, size, i, there, direction):
     """Points on the arc from the end to a place; without that place itself.
 
     there     : the place, along and across the direction of the arc at the end [m]
     direction : its cosine and sine
-    own       : own axle, behind which points may be forgotten
     """
     (along, aside), (cos, sin) = there, direction
     last_x, last_y = points[size[i] - 1, 0], points[size[i] - 1, 1]
@@ -69,7 +90,7 @@ def _append_arc(points, size, i, there, direction, own):
     length = far if abs(half) < 1e-6 else far * half / math.sin(half)
     count = min(int(length / SPACING), len(points) // 2)
     while size[i] + count >= len(points):
-        _forget(points, size, i, own[0], own[1])
+        _forget(points, size, i)
     for k in range(1, count):
         turned = half * k / count  # direction of the chord to this point
         chord = far * k / count if abs(half) < 1e-6 else far * math.sin(turned) / math.sin(half)
@@ -127,11 +148,9 @@ def _append(points, size, i, x, y):
 
 
 @compiled
-def _forget(points, size, i, x, y):
-    """Remove what lies far behind a place; or, if nothing does, the oldest quarter."""
-    nearest, _ = project(points, size[i], x, y)
-    gone = np.searchsorted(points[: size[i], 2], points[nearest, 2] - BEHIND)
-    gone = gone if gone > 0 else len(points) // 4
+def _forget(points, size, i):
+    """Remove the oldest quarter."""
+    gone = len(points) // 4
     for k in range(size[i] - gone):
         points[k] = points[k + gone]
     size[i] -= gone
@@ -149,44 +168,20 @@ def _direction(points, size):
 
 
 @compiled
-def project(points, size, x, y):
-    """The piece, by its first point, and the share of it, that is nearest to a place; about the nearest point."""
-    nearest, least = 0, math.inf
+def _nearest(points, size, x, y):
+    """The piece, by its first point, and the share of it, nearest to a place: a piece at the nearest point."""
+    middle, least = 0, math.inf
     for k in range(size):
         away = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2
         if away < least:
-            nearest, least = k, away
-    best, least, share = 0, math.inf, 0.0
-    for k in range(max(nearest - 1, 0), min(nearest + 1, size - 1)):
-        part = min(max(_beside(points, k, x, y), 0.0), 1.0)
-        away = math.hypot(
-            x - points[k, 0] - part * (points[k + 1, 0] - points[k, 0]),
-            y - points[k, 1] - part * (points[k + 1, 1] - points[k, 1]),
-        )
-        if away < least:
-            best, least, share = k, away, part
-    return best, share
+            middle, least = k, away
+    piece, share, _, _ = nearest(points, max(middle - 1, 0), min(middle + 1, size - 1), x, y, 0.0, 1.0)
+    return piece, share
 
 
 @compiled
-def project_beyond(points, first, size, x, y):
-    """Station of the nearest place on a trail from a point on, straight on at its end; and its squared distance."""
-    least, station = math.inf, 0.0
-    for k in range(first, size - 1):
-        part = _beside(points, k, x, y)
-        part = max(part, 0.0) if k == size - 2 else min(max(part, 0.0), 1.0)
-        away = (x - points[k, 0] - part * (points[k + 1, 0] - points[k, 0])) ** 2
-        away += (y - points[k, 1] - part * (points[k + 1, 1] - points[k, 1])) ** 2
-        if away < least:
-            least, station = away, points[k, 2] + part * (points[k + 1, 2] - points[k, 2])
-    return station, least
-
-
-@compiled
-def _beside(points, k, x, y):
-    """The share of a piece, straight on before and behind it, that lies beside a place."""
-    dx, dy = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
-    return ((x - points[k, 0]) * dx + (y - points[k, 1]) * dy) / (dx * dx + dy * dy)
+def _station(points, piece, share):
+    return points[piece, 2] + share * (points[piece + 1, 2] - points[piece, 2])
 
 
 # ---- what to steer by
@@ -203,7 +198,7 @@ def look_ahead(trail, odometry, axle, window, preview, ahead):
     for i in range(len(trail.size)):
         points, size = trail.points[i], trail.size[i]
         x, y = odometry.x[i], odometry.y[i]
-        here = _station(points, size, x, y)
+        here = _station_beside(points, size, x, y)
         end = points[size - 1, 2] - here
         ahead.length[i] = end
         if not math.isnan(axle[i, 0]):
@@ -226,11 +221,11 @@ def look_ahead(trail, odometry, axle, window, preview, ahead):
 
 
 @compiled
-def _station(points, size, x, y):
+def _station_beside(points, size, x, y):
     """Station beside a place, which may be beyond the end."""
-    k, share = project(points, size, x, y)
-    station = points[k, 2] + share * (points[k + 1, 2] - points[k, 2])
-    if k == size - 2 and share == 1.0:
+    piece, share = _nearest(points, size, x, y)
+    station = _station(points, piece, share)
+    if piece == size - 2 and share == 1.0:
         station += _past_end(points, size, x, y)
     return station
 
@@ -328,8 +323,8 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
         points, size = trail.points[i], trail.size[i]
         x, y, reach, half_width = odometry.x[i], odometry.y[i], strip.reach[i], strip.half_width[i]
         cos, sin = math.cos(odometry.heading[i]), math.sin(odometry.heading[i])
-        begin, share = project(points, size, x, y)
-        here = points[begin, 2] + share * (points[begin + 1, 2] - points[begin, 2])
+        begin, share = _nearest(points, size, x, y)
+        here = _station(points, begin, share)
         left, right = _sides(points[begin:size], (x, y, cos, sin), here + reach, half_width)
         for beam in range(ranges.shape[1]):
             r = max(ranges[i, beam], 0.0)
@@ -338,11 +333,11 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
             ahead, aside = laser[i, 0] + r * directions[0, beam], laser[i, 1] + r * directions[1, beam]
             if ahead <= 0 or aside > left or aside < right:
                 continue
-            station, away2 = project_beyond(
-                points, begin, size, x + ahead * cos - aside * sin, y + ahead * sin + aside * cos
-            )
-            if away2 < half_width**2 and front[i] < station - here < reach:
-                free[i] = min(free[i], station - here - front[i])
+            there_x, there_y = x + ahead * cos - aside * sin, y + ahead * sin + aside * cos
+            piece, share, away2, _ = nearest(points, begin, size - 1, there_x, there_y, 0.0, math.inf)
+            distance = _station(points, piece, share) - here
+            if away2 < half_width**2 and front[i] < distance < reach:
+                free[i] = min(free[i], distance - front[i])
 
 
 @compiled
