@@ -94,21 +94,17 @@ def _record(prepared: Prepared, recorder: Recorder, watchers: Sequence[Watcher],
         watchers = [*watchers, WindowWatcher(window, setting.dt)]
     began = time.perf_counter()
     with Simulation(setting) as simulation:
-        record, show = simulation.stopwatch("record", recorder.record), simulation.stopwatch("show", _show)
+        timed = simulation.stopwatch.call
         for instant in simulation:
-            record(instant)
-            show(watchers, instant)
+            timed("record", recorder.record, instant)
+            for watcher in watchers:
+                timed("show", watcher.show, instant)
         wall, outcome = time.perf_counter() - began, simulation.outcome
     _note_end(recorder, outcome)
     conclude(recorder, scenario, prepared.members, [plan.id for plan in prepared.obstacles], simulation.encounters)
     words = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:SUMO_WORDS]
     facts = provenance.finished(facts, outcome.time, wall, simulation.stopwatch.seconds, words)
     recorder.write_json("provenance.json", facts)
-
-
-def _show(watchers: Sequence[Watcher], instant: Instant) -> None:
-    for watcher in watchers:
-        watcher.show(instant)
 
 
 def _note_end(recorder: Recorder, outcome: Outcome) -> None:

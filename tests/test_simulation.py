@@ -1,307 +1,213 @@
-"""Whole runs: what they show, and that they come out the same."""
+"""The simulation stepped from outside: as a run does it, overridden, reset, and asked too late."""
 
 from __future__ import annotations
 
-import filecmp
-import json
-import subprocess
-import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from platoontraffic import scenario, simulation
-from platoontraffic.errors import InputError
-from platoontraffic.results.provenance import run_id
-from platoontraffic.run import run as run_into
-from tests.support.runs import ONE_CORNER, run
+from platoontraffic import scenario
+from platoontraffic.controllers.repaired import RepairedFollower
+from platoontraffic.lidar import Noise
+from platoontraffic.observation.instant import Instant
+from platoontraffic.observation.observer import Observer
+from platoontraffic.results.recorder import Clocks, Recorder
+from platoontraffic.simulation import Setting, Simulation, prepare, setting_of
+from platoontraffic.vehicles.motion import Drive, Twist
+from platoontraffic.vehicles.odometry import ODOMETRY
+from platoontraffic.world.contact import Contacts
+from platoontraffic.world.fleet import Member
+from tests.support.bench import DT, FOLLOWER_EYE, NO_WALLS, constant, platoon
+from tests.support.observed import ROAD
+from tests.support.runs import run
 
-TABLES = ["trajectories.csv", "events.csv", "metrics.csv", "summary.csv"]
-
-pytestmark = pytest.mark.sumo
-
-
-def metric(folder: Path, name: str, vehicle: str | None = None) -> float | pd.Series:
-    """A metric of one vehicle, or of every vehicle that has it."""
-    table = pd.read_csv(folder / "metrics.csv")
-    values = table[(table.scope == "vehicle") & (table.metric == name)].set_index("vehicle_id").value
-    return values if vehicle is None else values[vehicle]
-
-
-def equal_tables(one: Path, other: Path, tables: list[str] = TABLES) -> bool:
-    match, _, _ = filecmp.cmpfiles(one, other, tables, shallow=False)
-    return match == tables
+NOISY = replace(FOLLOWER_EYE, noise=Noise(sigma=0.005, dropout=0.05))
+STEPS = 60
 
 
-def test_three_robots_go_round_the_first_corner_and_keep_their_lock(one_corner):
-    assert (metric(one_corner, "corners") == 1).all()
-    assert (metric(one_corner, "collisions") == 0).all()
-    assert (metric(one_corner, "lock_on_ratio") == 1).all()
-    assert metric(one_corner, "right_lane_share", "robot.0") == 1
-    assert metric(one_corner, "gap_min").min() > 0.3
-    assert metric(one_corner, "gap_max").max() < 1.0
+def robots() -> list[Member]:
+    """A leader that drives a circle, and two followers whose lasers and odometry have errors."""
+    return platoon(constant(0.1, 0.05), RepairedFollower(), 2, eye=NOISY, odometry=ODOMETRY["car"])
 
 
-def test_twice_in_one_process_is_the_same_bytes(one_corner, tmp_path):
-    assert equal_tables(one_corner, run(tmp_path / "again", "paper_loop", *ONE_CORNER))
+def of_robots(members: Sequence[Member] | None = None, steps: int | None = STEPS) -> Simulation:
+    return Simulation(Setting(members or robots(), NO_WALLS, DT, steps=steps, seed=3))
 
 
-def test_another_process_writes_the_same_bytes(one_corner, tmp_path):
-    command = [sys.executable, "-m", "platoontraffic", "run", "paper_loop", *ONE_CORNER, "-q", "--out", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert equal_tables(one_corner, Path(done.stdout.strip()))
+def stepped(simulation: Simulation) -> Iterator[Instant]:
+    now = simulation.reset()
+    yield now
+    while not now.ended:
+        now = simulation.step()
+        yield now
 
 
-def test_the_order_of_the_members_changes_nothing(one_corner, tmp_path):
-    assert equal_tables(one_corner, run(tmp_path / "reversed", "paper_loop", *ONE_CORNER, members=lambda m: m[::-1]))
+def facts(now: Instant) -> list[Any]:
+    """Everything that an instant says, but for laws and measures."""
+    fleet, scans = now.fleet, [scan and scan.ranges for scan in now.scans]
+    state = [vars(fleet.motion), vars(now.traffic), fleet.command.twist, fleet.command.drive, fleet.target]
+    return [now.step, now.time, *state, scans, list(now.roads), list(now.events), now.ended]
 
 
-def test_the_configuration_that_a_run_leaves_repeats_it(one_corner, tmp_path):
-    again = scenario.load(one_corner / "config.toml")
-    assert run_id(again) == run_id(scenario.load("paper_loop", ONE_CORNER))
-    # Its summary has no columns for arguments: there were none.
-    assert equal_tables(one_corner, run(tmp_path / "again", one_corner / "config.toml"), TABLES[:3])
+# ---- as a run
 
 
-def test_errors_of_lidars_follow_the_seed_and_the_vehicle_alone(tmp_path):
-    noisy = (
-        "run.duration_s=5",
-        "platoon.follower.lidar.noise.sigma_m=0.01",
-        "platoon.follower.lidar.noise.dropout=0.05",
-    )
-    one = run(tmp_path / "one", "paper_loop", *noisy)
-    assert equal_tables(one, run(tmp_path / "reversed", "paper_loop", *noisy, members=lambda m: m[::-1]))
-    assert not equal_tables(one, run(tmp_path / "other", "paper_loop", *noisy, seed=2), TABLES[:1])
-    # Whoever is not there draws nothing: the others' errors stay, and so do their ways.
-    fewer = run(tmp_path / "fewer", "paper_loop", *noisy, "platoon.size=3")
-    ways = [pd.read_csv(folder / "trajectories.csv").query("place < 3") for folder in (one, fewer)]
-    assert ways[0].reset_index(drop=True).equals(ways[1].reset_index(drop=True))
+def files_of(name: str, changes: Sequence[str], folder: Path) -> list[bytes]:
+    """Trajectories and events, recorded by whoever steps the simulation."""
+    loaded = scenario.load(name, changes)
+    recorder = Recorder(folder, Clocks.of(loaded.spec.record, loaded.spec.run.step_s))
+    with Simulation(setting_of(prepare(loaded))) as simulation:
+        for now in stepped(simulation):
+            recorder.record(now)
+    recorder.close_tables()
+    return [(recorder.folder / table).read_bytes() for table in ("trajectories.csv", "events.csv")]
 
 
+@pytest.mark.sumo
 @pytest.mark.parametrize(
-    ("name", "engine"),
-    [*((name, "pymunk") for name in ("paper_loop", "paper_path", "paper_world")), ("paper_loop", "numpy"),
-     ("paper_loop", "shapely")],
-)  # fmt: skip
-def test_every_engine_drives_the_same_way(tmp_path, name, engine):
-    one = run(tmp_path / "raster", name, "run.duration_s=6")
-    other = run(tmp_path / engine, name, "run.duration_s=6", f"scene.lidar_engine={engine}")
-    numbers = [pd.read_csv(f / "trajectories.csv").select_dtypes("number") for f in (one, other)]
-    # Ranges are rounded to 32 bits before the laws see them; an ulp at 3 m is 2e-7 m.
-    assert np.allclose(*numbers, atol=1e-5, equal_nan=True)
-
-
-def test_the_printed_follower_loses_the_platoon_at_the_first_corner(tmp_path):
-    folder = run(tmp_path / "printed", "paper_printed", "run.duration_s=60", "platoon.size=2")
-    lost = metric(folder, "lost_for_good", "robot.1")
-    assert 14 < lost < 20  # while the leader stops to turn at the first corner
-    assert metric(folder, "corners", "robot.1") == 0
-    events = pd.read_csv(folder / "events.csv")
-    assert events[events.time_s == lost].detail.iloc[0] == "not recognised, though 720 beams hit it"
-
-
-def test_a_lap_goes_by_a_path_of_several_radii(tmp_path):
-    folder = run(tmp_path / "path", "paper_path", "run.duration_s=60", "platoon.size=2")
-    rows = pd.read_csv(folder / "trajectories.csv")
-    leader = rows[rows.place == 0]
-    assert leader.speed_mps[leader.time_s > 5].to_numpy() == pytest.approx(0.1, rel=1e-3)
-    assert leader.right_of_middle_m.between(0.45, 0.55).all()
-    assert (metric(folder, "lock_on_ratio") == 1).all()
-
-
-def test_a_run_tells_where_it_came_from(one_corner):
-    facts = json.loads((one_corner / "provenance.json").read_text())
-    assert facts["status"] == "finished"
-    assert set(facts["input_sha256"]) == {"net.lab_loop.net.xml", "additional.0.lab_loop.poly.xml"}
-    assert facts["given_to_laws"]["platoon.0.follower"] == ["scan", "own motion"]
-    stages = {"read", "signals", "scan", "odometry", "decide", "observe", "measure", "record", "move", "place", "step"}
-    assert set(facts["stage_s"]) == stages
-
-
-def test_every_column_has_its_unit_and_meaning(one_corner):
-    package = json.loads((one_corner / "datapackage.json").read_text())
-    for table in package["resources"][:3]:
-        header = (one_corner / table["path"]).read_text().splitlines()[0].split(",")
-        assert header == [field["name"] for field in table["schema"]["fields"]]
-        assert all(field["description"] for field in table["schema"]["fields"])
-    kinds = set(pd.read_csv(one_corner / "events.csv").kind)
-    assert kinds <= set(package["resources"][1]["kinds"])
-
-
-def test_the_summary_is_one_row_with_what_was_varied(one_corner):
-    (row,) = pd.read_csv(one_corner / "summary.csv").to_dict("records")
-    assert row["platoon.size"] == 3
-    assert row["lock_on_ratio_min"] == 1
-    assert 0.4 < row["gap_mean_m"] < 0.6
-
-
-NAN_LAW = """
-from dataclasses import dataclass
-from platoontraffic import Decision, Twist, per_vehicle
-
-@dataclass(frozen=True)
-class Law:
-    wait_s: float = 0.5
-
-    @per_vehicle
-    def __call__(self, sensed, memory, dt):
-        {body}
-"""
-
-
-@pytest.mark.parametrize(
-    ("body", "said"),
+    ("name", "changes"),
     [
-        ("return Decision(Twist(float('nan'), 0.0))", "law.py:5: law Law gave speed nan, yaw rate 0.0, target nan"),
-        ("return 1 / 0", "law.py:11: law Law failed at 0.000 s: ZeroDivisionError"),
-        ("return None", "law.py:5: law Law failed at 0.000 s: AttributeError"),
-        ("raise SystemExit(5)", "law.py:11: law Law failed at 0.000 s: SystemExit: 5"),
-        ("raise ValueError('a\\nb')", "ValueError: a b"),
-        ("return Decision(Twist(0.0, 0.0), target=(1.0, float('inf')))", "target 1.0, inf for robot.1 at 0.000 s"),
-        ("return sensed.scan.hits[0]", "law Law failed at 0.000 s: TypeError"),  # the truth is not for laws
-        ("sensed.scan.ranges[:] = 1.0", "law Law failed at 0.000 s: ValueError"),
+        ("paper_loop", ["run.duration_s=5"]),
+        ("corridor_two_platoons", ["run.duration_s=10"]),
+        pytest.param("grid_platoons", ["run.duration_s=100"], marks=pytest.mark.slow),
     ],
 )
-def test_a_plug_in_that_fails_leaves_no_results(scenario_file, tmp_path, body, said):
-    (tmp_path / "law.py").write_text(NAN_LAW.format(body=body))
-    file = scenario_file(('law = "repaired"', 'law = "law:Law"\nwait_s = 1.0'))
-    with pytest.raises(InputError, match="law") as caught:
-        run(tmp_path / "results" / "run", file)
-    assert said in str(caught.value)
-    assert not (tmp_path / "results").exists()
+def test_a_simulation_stepped_from_outside_is_the_run(tmp_path, name, changes):
+    folder = run(tmp_path / "run", name, *changes)
+    trajectories, events = files_of(name, changes, tmp_path / "stepped")
+    assert trajectories == (folder / "trajectories.csv").read_bytes()
+    of_run = (folder / "events.csv").read_bytes()
+    assert of_run.startswith(events)
+    at_the_end = of_run[len(events) :].splitlines()  # what only a run notes
+    assert {line.split(b",")[1] for line in at_the_end} <= {b"never_departed", b"end"}
+    assert b",end," in at_the_end[-1]
 
 
-def test_a_lidar_slower_than_the_step_holds_the_command_between_scans(tmp_path):
-    slow = 'platoon.follower.lidar={ preset = "paper-follower", rate_hz = 10.0 }'
-    folder = run(tmp_path / "slow", "paper_loop", "run.duration_s=3", "platoon.size=2", "record.every_s=0.025", slow)
-    rows = pd.read_csv(folder / "trajectories.csv")
-    speed = rows[(rows.place == 1) & (rows.time_s > 0)].speed_mps.to_numpy()
-    assert (speed[:120].reshape(-1, 4) == speed[:120:4, None]).all()
-    assert len(set(speed)) > 10
+def test_iterating_is_stepping():
+    with of_robots() as one, of_robots() as other:
+        for a, b in zip(one, stepped(other), strict=True):
+            np.testing.assert_equal(facts(a), facts(b))
 
 
-ROWS_LAW = """
-from dataclasses import dataclass
-import numpy as np
-from platoontraffic import Decision, Target, Twist
+# ---- the end
 
-@dataclass(frozen=True)
-class Law:
-    def __call__(self, sensed, memory, dt):
-        n = len(sensed.speed)
-        return {decision}
-"""
+
+def test_it_ends_after_its_steps_and_takes_no_more():
+    with of_robots(steps=3) as simulation:
+        *before, last = simulation
+        assert [now.ended for now in before] == [""] * 3
+        assert (last.step, last.time, last.ended) == (3, pytest.approx(3 * DT), "duration")
+        assert simulation.outcome == (last.time, "duration", [])
+        with pytest.raises(RuntimeError, match="has ended"):
+            simulation.step()
+
+
+def test_it_has_no_outcome_before_its_end():
+    with of_robots() as simulation:
+        simulation.reset()
+        with pytest.raises(RuntimeError, match="has not ended"):
+            _ = simulation.outcome
+
+
+# ---- other commands than those of the laws
+
+
+def test_a_member_whose_command_is_overridden_drives_as_by_a_law_that_commands_the_same():
+    ordered = [replace(m, law=constant(0.2, -0.1)) if m.place == 1 else m for m in robots()]
+    with of_robots() as one, of_robots(ordered) as other:
+        one.reset()
+        other.reset()
+        for _ in range(STEPS):
+            now, expected = one.step({"robot.1": Twist(0.2, -0.1)}), other.step()
+            np.testing.assert_equal(vars(now.fleet.motion), vars(expected.fleet.motion))
+
+
+def test_an_override_lasts_for_one_step():
+    with of_robots(platoon(constant(0.1))) as simulation:
+        x = [simulation.reset().fleet.motion.x[0]]
+        for override in ({}, {"robot.0": Twist(0.0, 0.0)}, {}):
+            x.append(simulation.step(override).fleet.motion.x[0])
+    assert np.diff(x) == pytest.approx([0.1 * DT, 0.0, 0.1 * DT])
 
 
 @pytest.mark.parametrize(
-    "decision",
+    ("override", "said"),
     [
-        "Decision(Twist(np.zeros(5), np.zeros(n)))",
-        "Decision(Twist(np.zeros((n, 1)), 0.0))",
-        "Decision((0.0, 0.0, 0.0))",
-        "Decision(Twist('fast', 0.0))",
-        "Decision(Twist(1j, 0.0))",
-        "Decision(Twist(0.0, 0.0), target=None)",
-        "Decision(Twist(0.0, 0.0), target=Target(np.zeros(7), 0.0))",
-        "3",
+        ({"robot.7": Twist(0.1, 0.0)}, "'robot.7': no member on the road; did you mean"),
+        ({"robot.1": Twist(np.nan, 0.0)}, "'robot.1': .*; must be finite"),
+        ({"robot.1": Drive(np.inf, 0.0)}, "'robot.1': .*; must be finite"),
     ],
 )
-def test_what_is_no_decision_is_said_in_one_line(scenario_file, tmp_path, decision):
-    (tmp_path / "law.py").write_text(ROWS_LAW.format(decision=decision))
-    file = scenario_file(('law = "repaired"', 'law = "law:Law"'))
-    with pytest.raises(InputError, match=r"law.py:6: law Law gave .*; must be a Decision of a Twist, or a Drive"):
-        run(tmp_path / "results" / "run", file, "run.duration_s=0.1")
+def test_an_override_that_cannot_be_driven_is_refused_and_changes_nothing(override, said):
+    with of_robots() as one, of_robots() as other:
+        one.reset()
+        other.reset()
+        with pytest.raises(ValueError, match=said):
+            one.step(override)
+        np.testing.assert_equal(facts(one.step()), facts(other.step()))
 
 
-def test_gaps_do_not_depend_on_how_often_they_are_recorded(tmp_path):
-    short = ("run.duration_s=50", "platoon.size=2")
-    rows = [pd.read_csv(run(tmp_path / e, "paper_loop", *short, f"record.every_s={e}") / "trajectories.csv")
-            for e in ("0.1", "25")]  # fmt: skip
-    often, seldom = (r[(r.place == 1) & (r.time_s == 50)].iloc[0] for r in rows)
-    assert (often.gap_m, often.cross_track_m) == pytest.approx((seldom.gap_m, seldom.cross_track_m))
+@pytest.mark.sumo
+def test_a_member_that_sumo_drives_takes_no_command():
+    with Simulation.load("highway_platoon", "sumo.warm_up_s=0") as simulation:
+        simulation.reset()
+        with pytest.raises(ValueError, match=r"'platoon\.0': SUMO drives it"):
+            simulation.step({"platoon.0": Drive(0.0, 0.0)})
 
 
-def test_a_run_is_another_when_a_module_that_its_law_imports_has_changed(scenario_file, tmp_path):
-    file = scenario_file(('law = "repaired"', 'law = "law:Law"'))
-    (tmp_path / "law.py").write_text("import gains\n" + NAN_LAW.format(body="return gains.SPEED"))
-    ids = []
-    for speed in (0.1, 0.2):
-        (tmp_path / "gains.py").write_text(f"SPEED = {speed}\n")
-        ids.append(run_id(scenario.load(file)))
-    assert ids[0] != ids[1]
+# ---- measures
 
 
-@pytest.mark.slow
-def test_the_papers_platoon_drives_two_laps(tmp_path):
-    folder = run(tmp_path / "loop", "paper_loop")
-    turned = pd.read_csv(folder / "trajectories.csv").groupby("vehicle_id").turned_rad.last()
-    assert (turned > 4 * np.pi - 0.01).all()  # the last row is up to one recording interval before the end
-    assert (metric(folder, "corners") >= 8).all()
-    assert (metric(folder, "collisions") == 0).all()
-    assert metric(folder, "right_lane_share", "robot.0") == 1
-    assert (metric(folder, "lock_on_ratio") >= 0.99).all()
-    assert metric(folder, "gap_max").max() < 1.0
+def test_measures_must_be_looked_at_before_the_next_step():
+    members = robots()
+
+    def observer() -> Observer:
+        return Observer(members, ROAD, Contacts(NO_WALLS, {m.id for m in members}))
+
+    with Simulation(Setting(members, NO_WALLS, DT, steps=STEPS, observer=observer)) as simulation:
+        first = simulation.reset()
+        second = simulation.step()
+        with pytest.raises(RuntimeError, match="before the next step"):
+            _ = first.measures
+        kept = second.measures
+        simulation.step()
+        assert second.measures is kept
 
 
-@pytest.mark.parametrize("minutes", [pytest.param(3, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.soak)])
-def test_ten_robots_move_about_the_papers_world_for_minutes(tmp_path, minutes):
-    folder = run(tmp_path / "world", "paper_world", f"run.duration_s={60 * minutes}")
-    assert len(metric(folder, "collisions")) == 10
-    assert (metric(folder, "collisions") == 0).all()
-    assert (metric(folder, "distance") > 3 * minutes).all()
-    assert pd.read_csv(folder / "events.csv").time_s.max() == 60 * minutes
+def test_a_simulation_without_observer_has_no_measures():
+    with of_robots() as simulation, pytest.raises(RuntimeError, match="no observer"):
+        _ = simulation.reset().measures
 
 
-@pytest.mark.soak
-def test_five_robots_follow_a_path_of_several_radii_for_a_lap(tmp_path):
-    folder = run(tmp_path / "path", "paper_path")
-    assert (metric(folder, "laps") >= 1 - 1e-3).all()
-    assert (metric(folder, "lock_on_ratio") == 1).all()
-    assert (metric(folder, "collisions") == 0).all()
+# ---- again
 
 
-def test_prepared_twice_is_one_run(tmp_path):
-    prepared = simulation.prepare(scenario.load("paper_loop", ["run.duration_s=0.1", "run.laps=1"]))
-    folder = run_into(prepared, tmp_path / "one")
-    assert run_into(prepared, tmp_path / "one") == folder
-    assert [f.name for f in tmp_path.iterdir()] == ["one"]
+def test_a_reset_in_the_middle_gives_the_same_instants_again():
+    with of_robots() as simulation:
+        simulation.reset()
+        first = [facts(simulation.step()) for _ in range(STEPS // 2)]
+        simulation.reset()
+        again = [facts(simulation.step()) for _ in range(STEPS // 2)]
+    np.testing.assert_equal(again, first)
 
 
-DEAD_END = """
-[sumo]
-net = "lab_world"
-[run]
-duration_s = 105.0
-[[platoon]]
-id = "robot"
-size = 3
-start = { edge = "s_end", position_m = 1.9 }
-gap_m = 0.45
-follower = { law = "repaired", lidar = "paper-follower" }
-"""
+@pytest.mark.sumo
+def test_a_reset_begins_anew_in_sumo():
+    changes = ["run.duration_s=3", "sumo.warm_up_s=30"]
+    with Simulation.load("corridor_two_platoons", *changes) as simulation:
+        first, again = ([facts(now) for now in simulation] for _ in range(2))
+    assert len(first) == 31
+    assert len(first[0][3]["ids"]) > 10  # with background traffic
+    np.testing.assert_equal(again, first)
 
 
-def test_a_road_that_ends_at_a_wall_is_arrived_at_where_one_stands_before_it(tmp_path):
-    file = tmp_path / "dead_end.toml"
-    file.write_text(DEAD_END + 'leader = { law = "path", speed_mps = 0.3 }\nroute = ["s_end"]\n', encoding="utf-8")
-    events = pd.read_csv(run(tmp_path / "run", file) / "events.csv")
-    arrived = events[events.kind == "arrived"]
-    assert arrived.detail.fillna("").tolist() == ["", "with its leader", "with its leader"]
-    assert 0.2 < arrived.y_m.iloc[0] < 0.5
-    assert events.detail.iloc[-1] == "arrived"
-
-
-@pytest.mark.slow
-def test_a_platoon_comes_out_of_a_dead_end_again(tmp_path):
-    """The paper's leader turns left on the spot before the wall, and passes its followers on the other lane."""
-    file = tmp_path / "dead_end.toml"
-    file.write_text(DEAD_END + 'leader = { law = "reactive", lidar = "paper-leader" }\n', encoding="utf-8")
-    folder = run(tmp_path / "run", file)
-    events, rows = (pd.read_csv(folder / f"{name}.csv") for name in ("events", "trajectories"))
-    assert set(events.kind) == {"departed", "locked", "end"}
-    last = rows[rows.time_s == 105.0].set_index("vehicle_id")
-    assert (last.heading_rad - np.pi / 2).abs().max() < 0.05
-    assert (last.turned_rad > 0.98 * np.pi).all()
-    assert last.right_of_middle_m.min() > 0
+def test_the_order_of_members_does_not_matter():
+    with of_robots() as one, of_robots(robots()[::-1]) as other:
+        for a, b in zip(one, other, strict=True):
+            assert [m.id for m in a.fleet.members] == [m.id for m in b.fleet.members][::-1]
+            for name, values in vars(a.fleet.motion).items():
+                np.testing.assert_array_equal(values, vars(b.fleet.motion)[name][::-1])

@@ -1,4 +1,4 @@
-"""The study of what holds: that its many platoons are as good as one at a time, and that it runs."""
+"""The benchmark `what_holds`: platoons driven at once do as each alone, and it runs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_a_platoon_drives_the_same_alone_and_among_others():
         assert (one.beams == alone.beams).all()
 
 
-def test_who_keeps_the_law_s_gap_has_no_error_and_no_way_off_the_path():
+def test_a_platoon_on_a_straight_road_has_no_gap_error_and_stays_on_its_path():
     (run,) = drive([Trial(EXACT, 10.0, straight_on, 5.0)])
     assert run.gaps == pytest.approx(EXACT.wanted_gap(10.0), abs=0.02)
     assert run.gap_error < 0.02
@@ -43,23 +43,23 @@ def test_who_keeps_the_law_s_gap_has_no_error_and_no_way_off_the_path():
     assert run.lock_on == 1.0
 
 
-def test_who_cannot_see_round_the_bend_does_not_hold():
-    """The predecessor's rear is half as far about as the path to it: 4.7 + 8 m at 8 m."""
+def test_a_platoon_that_cannot_see_round_the_bend_does_not_hold():
+    """The laser sees only 30 deg, too little for a bend of radius 8 m."""
     wide, narrow = (bend_of(drive([bend_trial(EXACT.seeing(view), 5.0, 8.0, QUARTER)])[0]) for view in (180.0, 30.0))
     assert wide.holds
     assert not narrow.together
 
 
-def test_the_platoon_leaves_when_two_touch():
+def test_a_platoon_leaves_when_two_of_its_cars_touch():
     blind = EXACT.seeing(reach=1.0)
     trial = Trial(blind, 20.0, lambda time: (-8.0 if time > 0.5 else 0.0, 0.0), 10.0, 1, distance=2.0)
     (run,) = drive([trial])
     assert run.hit == 1
     assert run.time[-1] < 10.0
-    assert run.gaps[-1, 0] == pytest.approx(0.0, abs=2.0)  # a sample's way
+    assert run.gaps[-1, 0] == pytest.approx(0.0, abs=2.0)  # the distance driven between two samples
 
 
-def test_the_smallest_that_holds_is_above_all_that_do_not():
+def test_the_smallest_radius_that_holds_is_above_all_that_do_not():
     assert smallest([1, 2, 3, 4], [True, False, True, True]) == 3
     assert smallest([1, 2], [True, True]) == 1
     assert math.isnan(smallest([1, 2], [True, False]))

@@ -94,6 +94,11 @@ class BareGround:
     def __exit__(self, *error: object) -> None: ...
 
     @property
+    def time(self) -> float:
+        """Since the members were deployed [s]."""
+        return round(self._steps * self._step, 6)
+
+    @property
     def waiting(self) -> Sequence[Fleet]:
         return self._later
 
@@ -108,7 +113,7 @@ class BareGround:
 
     def snapshot(self, fleet: Fleet, reach: float = np.inf) -> TrafficSnapshot:
         """The members, then the obstacles; all, whatever the reach."""
-        traffic = members_at(fleet, self._time)
+        traffic = members_at(fleet, self.time)
         return traffic.with_others(self._obstacles) if self._obstacles and self._obstacles.ids else traffic
 
     def hold(self, obstacles: TrafficSnapshot, routes: Mapping[str, tuple[str, ...]]) -> None:
@@ -120,7 +125,7 @@ class BareGround:
     def advance(self, fleet: Fleet) -> Fleet:
         self._steps += 1
         fleet = fleet.without(with_their_followers(fleet, fleet.arrived()))
-        for platoon in departs_by(self._later, self._time, self._step):
+        for platoon in departs_by(self._later, self.time, self._step):
             self._later.remove(platoon)
             fleet = fleet.joined(platoon)
         return fleet
@@ -133,10 +138,6 @@ class BareGround:
 
     def entries(self, fleet: Fleet) -> list[Entry]:
         return []
-
-    @property
-    def _time(self) -> float:
-        return round(self._steps * self._step, 6)
 
 
 def members_at(fleet: Fleet, time: float) -> TrafficSnapshot:

@@ -28,12 +28,12 @@ from platoontraffic.controllers import Decision, Law, Sensed, Target
 from platoontraffic.controllers.printed import SPEED_GAIN, PrintedFollower
 from platoontraffic.controllers.repaired import RepairedFollower
 from platoontraffic.lidar import LidarModel, Mount, Scene
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.bicycle import CARS, Car
 from platoontraffic.vehicles.motion import Twist
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.sensing import Sensing
-from tests.support.bench import DT, NO_WALLS, Prescribed, amplitude, platoon, snapshot, targets
+from tests.support.bench import DT, NO_WALLS, Prescribed, amplitude, platoon, targets
 
 SCALE = 12.0  # a robot is 0.15 m wide, a car 1.76 m
 FOLLOWERS = 4
@@ -112,31 +112,27 @@ class Trial(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """Arrays: a follower each, front to rear."""
+    """One instant of a trial; arrays have one row a follower, front to rear."""
 
     time: float
     fleet: Fleet
-    locked: np.ndarray  # its target is a return from its predecessor
+    locked: np.ndarray  # its target is its predecessor
     contacts: set[tuple[str, str]]
 
 
 def run(trial: Trial) -> Iterator[Moment]:
-    """Sense, decide, tell, move. The leader's twist is done at once whatever the followers are."""
+    """The instants of a trial. The leader executes its twist without lag, whatever the followers do."""
     distance = trial.law.desired_distance(trial.speed)
     leader, *others = platoon(
-        Prescribed(trial.twist_at), trial.law, trial.followers, model=trial.car, eye=trial.eye, distance=distance
-    )
-    fleet = Fleet.deployed([replace(leader, model=AT_ONCE), *others], DT)
-    fleet = replace(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), trial.speed)))
-    sensing = Sensing(trial.scene)
-    contacts = Contacts(trial.scene, {m.id for m in fleet.members})
-    for step in range(round(trial.seconds / DT) + 1):
-        traffic = snapshot(fleet, step * DT)
-        scans = sensing.scan(traffic, fleet, step)
-        fleet = fleet.decided(scans, DT)
-        locked = targets(fleet, scans)[1:] == np.arange(trial.followers)
-        yield Moment(traffic.time, fleet, locked, contacts.of(traffic))
-        fleet = fleet.moved(DT)
+        Prescribed(trial.twist_at), trial.law, trial.followers, model=trial.car, eye=trial.eye, distance=distance,
+        speed=trial.speed,
+    )  # fmt: skip
+    members = [replace(leader, model=AT_ONCE), *others]
+    contacts = Contacts(trial.scene, {m.id for m in members})
+    with Simulation(Setting(members, trial.scene, DT, steps=round(trial.seconds / DT))) as simulation:
+        for now in simulation:
+            locked = targets(now)[1:] == np.arange(trial.followers)
+            yield Moment(now.time, now.fleet, locked, contacts.of(now.traffic))
 
 
 def together(trial: Trial) -> list[Moment] | None:
@@ -150,7 +146,7 @@ def together(trial: Trial) -> list[Moment] | None:
 
 
 def steady(moment: Moment, law: Any, speed: float) -> bool:
-    """Every gap as the law says."""
+    """Whether every gap is the law's."""
     wanted = law.desired_distance(speed)
     return bool((np.abs(moment.fleet.target.distance[1:] / wanted - 1) < TOLERANCE).all())
 
@@ -400,6 +396,12 @@ CELLS: dict[tuple, tuple] = {
 
 
 def print_tables(found: dict[tuple, Any]) -> None:
+    print_straights(found)
+    print_turns(found)
+    print_strings(found)
+
+
+def print_straights(found: dict[tuple, Any]) -> None:
     table(
         "Straight road: speeds from - to, m/s. Ten seconds at a constant speed from steady gaps: every follower is "
         "locked on its predecessor in every step, nothing touches, every gap is within 2 % of the law's. Quick car, "
@@ -420,6 +422,9 @@ def print_tables(found: dict[tuple, Any]) -> None:
             for law, start in ACCELERATED.items()
         ],
     )
+
+
+def print_turns(found: dict[tuple, Any]) -> None:
     table(
         "Turns: smallest radius of the leader's rear axle, m, with every follower locked on in every step and no "
         "contact; laser to 30 m, quick car, no kerbs. Closed forms of a steady circle: sight of the predecessor, room "
@@ -451,6 +456,9 @@ def print_tables(found: dict[tuple, Any]) -> None:
     )
     kerbed = " and ".join(f"{_radius(found['kerbs', speed], 'above 200')} at {speed:g} m/s" for speed in (2.0, 3.0))
     print(f"And with kerbs, view 23°, quick: smallest radius, m: {kerbed}.\n")
+
+
+def print_strings(found: dict[tuple, Any]) -> None:
     table(
         "String: amplitude of the last of four followers' speed by the leader's, repaired, about 8 m/s.",
         ["vehicle", *(f"{frequency:g} Hz" for frequency in FREQUENCIES)],

@@ -15,16 +15,17 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from platoontraffic.world import fleet
-from platoontraffic.world.sensing import Sensing
+from platoontraffic.results.provenance import Stopwatch
+from platoontraffic.simulation import Setting, Simulation
+from platoontraffic.world.fleet import Member
 from tests.benchmarks.what_holds import CAR, TRACKING, Leaders, straight_on
-from tests.support.bench import BLIND, NO_WALLS, platoon, snapshot
+from tests.support.bench import BLIND, NO_WALLS, platoon
 
 PLATOONS, FOLLOWERS, SPEED = 100, 4, 20.0
 STEPS, REPEATS = 40, 9
 
 
-def deployed(dt: float) -> fleet.Fleet:
+def deployed(dt: float) -> list[Member]:
     law, eye, members = TRACKING.law, TRACKING.eye, []
     leader = Leaders((straight_on,))
     for i in range(PLATOONS):
@@ -32,25 +33,17 @@ def deployed(dt: float) -> fleet.Fleet:
             leader, law, FOLLOWERS, at=(0.0, 300.0 * i, 0.0), distance=law.desired_distance(SPEED), model=CAR,
             leader_eye=replace(BLIND, rate=1 / dt), eye=eye, speed=SPEED,
         )  # fmt: skip
-        members += [replace(m, id=f"{i}.{m.place}", platoon=str(i)) for m in cars if m.place]
-        members.append(replace(cars[0], id=f"{i}.0", platoon=str(i)))
-    return fleet.Fleet.deployed(members, dt)
+        members += [replace(m, id=f"{i}.{m.place}", platoon=str(i)) for m in (*cars[1:], cars[0])]
+    return members
 
 
 def main() -> None:
-    dt = TRACKING.step
-    cars, sensing = deployed(dt), Sensing(NO_WALLS)
-    group = next(g for g in cars.groups if g.law is TRACKING.law)
-    deciding, scanning = [], []
-    for step in range(20 + STEPS * REPEATS):
-        traffic = snapshot(cars, step * dt)
-        began = time.thread_time()
-        scans = sensing.scan(traffic, cars, step)
-        scanned = time.thread_time()
-        cars = cars.decided(scans, dt)
-        deciding.append(time.thread_time() - scanned)
-        scanning.append(scanned - began)
-        cars = cars.moved(dt)
+    setting = Setting(deployed(TRACKING.step), NO_WALLS, TRACKING.step, steps=19 + STEPS * REPEATS)
+    with Simulation(setting, Stopwatch(time.thread_time)) as simulation:
+        spent = simulation.stopwatch.seconds
+        until = np.array([(spent["decide"], spent["scan"]) for _ in simulation])
+        group = next(g for g in simulation.now.fleet.groups if g.law is TRACKING.law)
+    deciding, scanning = np.diff(until, axis=0, prepend=0.0).T
     law, scan = (np.array(values[20:]).reshape(REPEATS, STEPS) * 1e3 for values in (deciding, scanning))
     each = np.median(law, axis=1)
     print(f"{len(group.rows)} followers, {group.lidar.samples} beams, {REPEATS} x {STEPS} steps")

@@ -13,7 +13,7 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence, Set
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,13 +28,15 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from platoontraffic.controllers import Decision, Law, Sensed
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
+from platoontraffic.observation.instant import Instant
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.fleet import Fleet, Member
-from platoontraffic.world.sensing import Sensing
+from platoontraffic.world.ground import BareGround
 from tests.benchmarks.paper_at_car_size import CAR, GRIP, PRINTED, QUICK, REPAIRED, SMALLEST, laser, table
-from tests.support.bench import BLIND, DT, NO_WALLS, amplitude, platoon, snapshot, targets
+from tests.support.bench import BLIND, DT, NO_WALLS, amplitude, platoon, targets
 
 LEADER = replace(CAR, lag=0.0, brake_lag=0.0)  # steers as cars do; its acceleration is as prescribed, but for the jerk
 TRACKER = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03))
@@ -71,7 +73,7 @@ FOLLOWERS = {
     "tracking": TRACKING,
     "tracking, no noise": TRACKING.seeing(noise=Noise()),
 }
-NOISY = ("tracking",)  # of these, those whose laser has noise
+NOISY = ("tracking",)  # followers whose laser has noise
 NOISE = TRACKER.noise
 
 LOCK, BEAMS, OFF_PATH = 0.99, 5, 0.3  # share of the instants with so many beams on the predecessor; [m]
@@ -84,7 +86,7 @@ FAR_APART = 20e3  # from a platoon to the next [m]
 
 
 class Grid(NamedTuple):
-    """What is tried."""
+    """The values that are tried."""
 
     speeds: tuple[float, ...] = (5.0, 10.0, 15.0, 20.0, 30.0)  # in bends
     widest: float = 300.0  # radius
@@ -143,7 +145,7 @@ class Trial(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Ten times a second: time (k,), of the cars (k, n), of the followers (k, n - 1)."""
+    """Samples, ten a second: time (k,), of the cars (k, n), of the followers (k, n - 1)."""
 
     trial: Trial
     time: np.ndarray
@@ -152,7 +154,7 @@ class Run(NamedTuple):
     axle: np.ndarray  # middle of the rear axle, (k, n, 2)
     locked: np.ndarray  # its target is a return from its predecessor
     beams: np.ndarray  # returns from its predecessor
-    hit: int | None  # the follower that first touches the car ahead; the run ends there
+    hit: int | None  # the follower that first touches its predecessor; the run ends there
 
     @property
     def lock_on(self) -> float:
@@ -161,13 +163,13 @@ class Run(NamedTuple):
         return float(np.min((self.locked & enough).sum(axis=0) / np.maximum(enough.sum(axis=0), 1)))
 
     def path(self, i: int) -> shapely.LineString:
-        """Of a rear axle, and straight before."""
+        """Path of a rear axle, with a straight line before it."""
         first = self.axle[0, i] - (1000.0, 0.0)
         return shapely.LineString(np.vstack([first, self.axle[:, i]]))
 
     @property
     def off_path(self) -> float:
-        """Greatest distance of a rear axle from the path of the one ahead [m]."""
+        """Greatest distance of a rear axle from the path of its predecessor [m]."""
         worst = 0.0
         for i in range(1, self.axle.shape[1]):
             path, points = self.path(i - 1), shapely.points(self.axle[:, i])
@@ -177,23 +179,23 @@ class Run(NamedTuple):
 
     @property
     def gaps(self) -> np.ndarray:
-        """Along the predecessor's path, bumper to bumper, (k, n - 1)."""
+        """Gaps along the predecessor's path, bumper to bumper [m], (k, n - 1)."""
         gaps = np.empty(self.locked.shape)
         for i in range(gaps.shape[1]):
-            way = 1000.0 + np.insert(np.cumsum(np.hypot(*np.diff(self.axle[:, i], axis=0).T)), 0, 0.0)
+            distance = 1000.0 + np.insert(np.cumsum(np.hypot(*np.diff(self.axle[:, i], axis=0).T)), 0, 0.0)
             own = shapely.line_locate_point(self.path(i), shapely.points(self.axle[:, i + 1]))
-            gaps[:, i] = way - own - CAR.length
+            gaps[:, i] = distance - own - CAR.length
         return gaps
 
     @property
     def gap_error(self) -> float:
-        """Greatest difference from what the law wants at the speed that there is [m]."""
+        """Greatest difference from the gap that the law wants at the present speed [m]."""
         return float(np.abs(self.gaps - self.trial.follower.wanted_gap(self.speed[:, 1:])).max())
 
 
 @dataclass(frozen=True)
 class Leaders(Law):
-    """Each drives by the clock; the memory is which of them is left."""
+    """Each leader drives by its own function of time; the memory is the index of that function."""
 
     at: tuple[Callable[[float], tuple[float, float]], ...]
 
@@ -202,49 +204,66 @@ class Leaders(Law):
         return Decision(Drive(*np.array([self.at[i](sensed.scan.stamp) for i in which]).T), which)
 
 
+class Parting(BareGround):
+    """Bare ground; platoons whose names are put into `over` disappear with the next step."""
+
+    over: Set[str] = frozenset()
+
+    def advance(self, fleet: Fleet) -> Fleet:
+        return super().advance(fleet).without({m.id for m in fleet.members if m.platoon in self.over})
+
+
 def drive(trials: Sequence[Trial]) -> list[Run]:
-    """All at once, far from each other; a platoon leaves when its time is over or two touch. One time step for all."""
+    """Drive all trials in one simulation, far from each other.
+
+    A platoon leaves when its time is over or two of its cars touch. All have the time step of the first.
+    """
     dt, leaders = trials[0].follower.step, Leaders(tuple(trial.at for trial in trials))
-    fleet = Fleet.deployed([m for i, trial in enumerate(trials) for m in trial.members(i, leaders)], dt)
-    sensing, contacts = Sensing(NO_WALLS), Contacts(NO_WALLS, {m.id for m in fleet.members})
-    ends = np.array([round(trial.seconds / dt) for trial in trials])
-    rows: list[list[tuple]] = [[] for _ in trials]
-    hit: dict[int, int] = {}
-    for step in range(ends.max() + 1):
-        traffic = snapshot(fleet, step * dt)
-        scans = sensing.scan(traffic, fleet, step)
-        fleet = fleet.decided(scans, dt)
-        if step % round(SAMPLE / dt) == 0:
-            locked, beams = targets(fleet, scans) == fleet.predecessor, _beams(fleet, scans)
-            motion, axle = fleet.motion, np.column_stack(fleet.model.axle_position(fleet.motion))
-            number = np.array([int(m.platoon) for m in fleet.members])
-            begins = np.flatnonzero(np.diff(number, prepend=-1))
-            for a, b in zip(begins, [*begins[1:], len(number)], strict=True):
-                row = motion.speed[a:b], motion.turned[a:b], axle[a:b], locked[a + 1 : b], beams[a + 1 : b]
-                rows[number[a]].append((traffic.time, *row))
-            for pair in sorted(contacts.of(traffic)):
-                (i, back), (_, front) = (map(int, name.split(".")) for name in pair)
-                hit[i] = min(hit.get(i, 1000), max(back, front))
-            over = {i for i in set(number.tolist()) if i in hit or step >= ends[i]}
-            fleet = fleet.without({m.id for m, i in zip(fleet.members, number.tolist(), strict=True) if i in over})
-            if not len(fleet):
-                break
-        fleet = fleet.moved(dt)
-    return [
-        Run(trial, *(np.array(column) for column in zip(*of_one, strict=True)), hit.get(i))
-        for i, (trial, of_one) in enumerate(zip(trials, rows, strict=True))
-    ]
+    members = [m for i, trial in enumerate(trials) for m in trial.members(i, leaders)]
+    contacts, ground = Contacts(NO_WALLS, {m.id for m in members}), Parting(dt)
+    runs = [Running(trial, round(trial.seconds / dt)) for trial in trials]
+    steps = max(running.steps for running in runs)
+    with Simulation(Setting(members, NO_WALLS, dt, steps=steps, ground=lambda: ground)) as simulation:
+        for now in simulation:
+            if len(now.fleet) and now.step % round(SAMPLE / dt) == 0:
+                _sample(now, contacts, runs)
+                ground.over = {str(i) for i, one in enumerate(runs) if one.hit or now.step >= one.steps}
+    return [Run(one.trial, *(np.array(column) for column in zip(*one.rows, strict=True)), one.hit) for one in runs]
 
 
-def _beams(fleet: Fleet, scans: Iterable[Any]) -> np.ndarray:
-    count = np.zeros(len(fleet), dtype=int)
-    for group, scan in zip(fleet.groups, scans, strict=True):
-        ahead = fleet.predecessor[group.rows]
+class Running:
+    """A run that is being driven."""
+
+    def __init__(self, trial: Trial, steps: int) -> None:
+        self.trial, self.steps = trial, steps
+        self.rows: list[tuple] = []  # of `Run`, from time to beams
+        self.hit: int | None = None
+
+
+def _sample(now: Instant, contacts: Contacts, runs: Sequence[Running]) -> None:
+    fleet, motion = now.fleet, now.fleet.motion
+    locked, beams = targets(now) == fleet.predecessor, _beams(now)
+    axle = np.column_stack(fleet.model.axle_position(motion))
+    number = np.array([int(m.platoon) for m in fleet.members])
+    begins = np.flatnonzero(np.diff(number, prepend=-1))
+    for a, b in zip(begins, [*begins[1:], len(number)], strict=True):
+        row = motion.speed[a:b], motion.turned[a:b], axle[a:b], locked[a + 1 : b], beams[a + 1 : b]
+        runs[number[a]].rows.append((now.time, *row))
+    for pair in contacts.of(now.traffic):
+        (i, back), (_, front) = (map(int, name.split(".")) for name in pair)
+        runs[i].hit = min(runs[i].hit or 1000, max(back, front))
+
+
+def _beams(now: Instant) -> np.ndarray:
+    """Returns from each member's predecessor, (n,)."""
+    count = np.zeros(len(now.fleet), dtype=int)
+    for group, scan in zip(now.fleet.groups, now.scans, strict=True):
+        ahead = now.fleet.predecessor[group.rows]
         count[group.rows] = ((scan.hits == ahead[:, None]) & np.isfinite(scan.ranges)).sum(axis=1)
     return count
 
 
-# --- what leaders do --------------------------------------------------------------------------------------------------
+# --- leaders --------------------------------------------------------------------------------------------------
 
 
 def straight_on(time: float) -> tuple[float, float]:
@@ -252,12 +271,12 @@ def straight_on(time: float) -> tuple[float, float]:
 
 
 def turn(speed: float, radius: float, angle: float) -> Callable[[float], tuple[float, float]]:
-    """To the left, after two seconds."""
+    """A turn to the left after two seconds."""
     return lambda time: (0.0, 1 / radius if 2.0 <= time < 2.0 + angle * radius / speed else 0.0)
 
 
 def s_bend(speed: float) -> Callable[[float], tuple[float, float]]:
-    """Left and right in turn, 0.9 rad each, of ever smaller radius."""
+    """Arcs of 0.9 rad and falling radius, left and right in turn."""
     radii = (60.0, 40.0, 30.0, 20.0, 15.0, 12.0)
     stations = np.cumsum([5.0 * speed, *(0.9 * radius for radius in radii)])
 
@@ -269,7 +288,7 @@ def s_bend(speed: float) -> Callable[[float], tuple[float, float]]:
 
 
 def sinusoid(time: float) -> tuple[float, float]:
-    """Of the speed by 2 m/s."""
+    """The speed oscillates by 2 m/s."""
     return math.cos(0.5 * time), 0.0
 
 
@@ -304,7 +323,7 @@ def bends(follower: Follower, speed: float, angle: float, radii: Sequence[float]
 
 
 def braking(follower: Follower, grid: Grid, repeats: int) -> dict[tuple[float, float], tuple[float, int | None]]:
-    """Least gap [m] and who hits whom first, by speed and deceleration."""
+    """Least gap [m] and first contact, by speed and deceleration."""
     cases = [(v, b) for v in grid.braking_speeds for b in grid.decelerations for _ in range(repeats)]
 
     def trial(speed: float, deceleration: float) -> Trial:
@@ -420,7 +439,7 @@ def string(follower: Follower, lag: float | None, grid: Grid) -> String:
     )  # fmt: skip
 
 
-def told(lag: float | None) -> Follower:
+def knowing(lag: float | None) -> Follower:
     """The tracker that knows its car's lag, with half a scan."""
     lag = CAR.lag if lag is None else lag
     return TRACKING._replace(law=TrackingFollower(drive_lag=lag + TRACKING.step / 2))
@@ -447,7 +466,7 @@ def cells(grid: Grid) -> dict[tuple, tuple]:
         for lag in grid.lags if name in FOLLOWERS else (None,):
             found["string", name, lag] = string, follower, lag, grid
     for lag in grid.lags:
-        found["string", "tracking, told", lag] = string, told(lag), lag, grid
+        found["string", "tracking, lag known", lag] = string, knowing(lag), lag, grid
     for name, follower in followers.items():
         if name != "tracking, no noise":
             found["noise", name, True] = noisy, follower, grid, True
@@ -580,12 +599,12 @@ def print_strings(found: dict[tuple, Any], grid: Grid) -> None:
         frequency = max(of, key=of.get)
         return f"{of[frequency]:.2f} at {frequency:g}"
 
-    names = [name for name in (*STRINGS, "tracking, told") if ("string", name, None) in found]
+    names = [name for name in (*STRINGS, "tracking, lag known") if ("string", name, None) in found]
     own = f"{CAR.lag:g} and {CAR.brake_lag:g}; printed and repaired {QUICK.lag:g} and {QUICK.brake_lag:g}"
     table(
         f"String, {grid.followers + 2} cars about 20 m/s: greatest amplitude of a follower's speed by the leader's, "
         f"and at which frequency, Hz, by lag of drive line and brakes, s (the cars' own {own}). "
-        "Told: its `drive_lag` is that, with half a scan.",
+        "Lag known: its `drive_lag` is that, with half a scan.",
         ["law", *("as the car" if lag is None else f"{lag:g} s" for lag in grid.lags)],
         [
             [name, *(worst(found["string", name, lag].most) for lag in grid.lags)]
@@ -617,7 +636,7 @@ def _radius(radius: float, radii: Sequence[float]) -> str:
 # --- picture ----------------------------------------------------------------------------------------------------------
 
 BLACK, BLUE, ORANGE, GREEN, GREY = "#222222", "#0072B2", "#E69F00", "#009E73", "#999999"
-COLOURS = {"printed": ORANGE, "repaired": GREEN, "tracking": BLUE}  # Okabe and Ito's, told apart by all
+COLOURS = {"printed": ORANGE, "repaired": GREEN, "tracking": BLUE}  # Okabe and Ito's, safe for colour-blind readers
 MARKS = {"printed": "s", "repaired": "^", "tracking": "o"}
 
 
@@ -675,8 +694,8 @@ def draw_strings(axes: Any, found: dict[tuple, Any], grid: Grid) -> None:
         worst = [max(found["string", name, lag].most.values()) for lag in lags]
         axes.plot(lags, worst, "-", lw=2.2, color=colour, marker=MARKS[name], ms=6, label=name)
     if lags:
-        worst = [max(found["string", "tracking, told", lag].most.values()) for lag in lags]
-        axes.plot(lags, worst, ":", lw=1.5, color=BLUE, marker="o", mfc="white", ms=6, label="tracking, told its lag")
+        worst = [max(found["string", "tracking, lag known", lag].most.values()) for lag in lags]
+        axes.plot(lags, worst, ":", lw=1.5, color=BLUE, marker="o", mfc="white", ms=6, label="tracking, lag known")
     axes.axhline(1.0, color=BLACK, lw=1)
     axes.set_xlabel("lag of drive line and brakes [s]")
     axes.set_ylabel("a follower's amplitude by the leader's")

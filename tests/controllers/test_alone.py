@@ -1,9 +1,10 @@
-"""The laser-only follower without a predecessor, and at stop lines; without SUMO."""
+"""The law `tracking` without a predecessor, and at stop lines; without SUMO."""
 
 from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -11,17 +12,18 @@ import shapely
 import tomli_w
 
 from platoontraffic import scenario
-from platoontraffic.controllers import Signals
+from platoontraffic.controllers import Law
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import PRESETS, Mount, Noise
+from platoontraffic.observation.instant import Instant
 from platoontraffic.road.route import Route
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.sensing import Sensing
-from tests.support.bench import BLIND, NO_WALLS, Prescribed, platoon, snapshot, targets
+from tests.support.bench import BLIND, NO_WALLS, Prescribed, StopLine, Unseeing, platoon, targets
 
 DT, SPEED = 0.1, 10.0
 CAR = VEHICLES["car"]
@@ -30,7 +32,7 @@ STRAIGHT = Route.along(("road",), np.array([[-200.0, 0.0], [2000.0, 0.0]]), np.f
 
 
 def corner(radius: float = 12.0) -> Route:
-    """Fifty metres on, to the left."""
+    """A bend to the left after 50 m."""
     angle = np.linspace(0, np.pi / 2, 30)
     arc = np.column_stack([50 + radius * np.sin(angle), radius * (1 - np.cos(angle))])
     points = np.vstack([[-200.0, 0.0], [0.0, 0.0], arc, [50 + radius, 400.0]])
@@ -39,7 +41,7 @@ def corner(radius: float = 12.0) -> Route:
 
 @dataclass(frozen=True)
 class CalledTwice(TrackingFollower):
-    """The law, called twice in each step with the same memory."""
+    """The law `tracking`, called twice in each step with the same memory."""
 
     def __call__(self, sensed, memory, dt):
         before = copy.deepcopy(memory)
@@ -49,133 +51,115 @@ class CalledTwice(TrackingFollower):
         return first
 
 
-class Street:
-    """A leader that drives by the clock, and a follower with a route."""
+class Street(StopLine):
+    """Bare ground with a stop line; the leader disappears at some time [s]."""
 
-    def __init__(self, leader, route: Route = STRAIGHT, kind: type = TrackingFollower, **options) -> None:
-        law = kind(**{"on_loss": "drive"} | options)
-        members = platoon(
-            Prescribed(lambda time: Drive(*leader(time))), law, 1, distance=law.desired_distance(SPEED), model=CAR,
-            leader_eye=replace(BLIND, rate=1 / DT), eye=EYE, speed=SPEED,
-        )  # fmt: skip
-        self.fleet = Fleet.deployed([replace(m, route=route) for m in members], DT)
-        self.sensing, self.step, self.rows = Sensing(NO_WALLS), 0, []
+    def __init__(self, leader_leaves: float = np.inf, **line) -> None:
+        super().__init__(DT, **line)
+        self._leader_leaves = leader_leaves
 
-    def drive(self, seconds: float, line: float = np.inf, is_open=lambda time: True) -> None:
-        """line: x of a stop line"""
-        for _ in range(round(seconds / DT)):
-            time, fleet = self.step * DT, self.fleet
-            front = fleet.motion.x + CAR.length / 2
-            ahead = np.where(front > line, np.inf, line - front)
-            n = len(fleet)
-            closed = np.full(n, not is_open(time)) & (ahead < np.inf)
-            signals = Signals(ahead, ~closed, *np.zeros((2, n), bool), np.ones(n, int))
-            scans = self.sensing.scan(snapshot(fleet, time), fleet, self.step)
-            fleet = fleet.decided(scans, DT, signals)
-            locked = bool(targets(fleet, scans)[-1] == fleet.predecessor[-1] >= 0)
-            axle = np.column_stack(fleet.model.axle_position(fleet.motion))[-1]
-            self.rows.append((time, *axle, fleet.motion.speed[-1], front[-1], locked))
-            self.fleet, self.step = fleet.moved(DT), self.step + 1
+    def advance(self, fleet: Fleet) -> Fleet:
+        fleet = super().advance(fleet)
+        return fleet.without({"robot.0"}) if self.time >= self._leader_leaves else fleet
 
-    def leader_leaves(self) -> None:
-        self.fleet = self.fleet.without({"robot.0"})
 
-    def __getattr__(self, name: str) -> np.ndarray:
-        names = ("time", "x", "y", "speed", "front", "locked")
-        if name not in names:
-            raise AttributeError(name)
-        return np.array(self.rows)[:, names.index(name)]
+class Course(NamedTuple):
+    """A follower, instant by instant, (k,)."""
+
+    time: np.ndarray
+    x: np.ndarray  # of its driven axle
+    y: np.ndarray
+    speed: np.ndarray
+    front: np.ndarray  # x of its front bumper
+    locked: np.ndarray
+    leader_x: np.ndarray  # of its centre; NaN once it has left
+
+
+def driven(leader, seconds: float, law: Law | None = None, route: Route = STRAIGHT, **street) -> Course:
+    """A follower with a route behind a leader that drives by the clock."""
+    law = law or TrackingFollower(on_loss="drive")
+    members = platoon(
+        Prescribed(lambda time: Drive(*leader(time))), law, 1, distance=TrackingFollower().desired_distance(SPEED),
+        model=CAR, leader_eye=replace(BLIND, rate=1 / DT), eye=EYE, speed=SPEED,
+    )  # fmt: skip
+    members = [replace(m, route=route) for m in members]
+    setting = Setting(members, NO_WALLS, DT, steps=round(seconds / DT), ground=lambda: Street(**street))
+    with Simulation(setting) as simulation:
+        return Course(*np.array([row_of(now) for now in simulation]).T)
+
+
+def row_of(now: Instant) -> tuple[float, ...]:
+    fleet, motion = now.fleet, now.fleet.motion
+    locked = targets(now)[-1] == fleet.predecessor[-1] >= 0
+    x, y = (axle[-1] for axle in fleet.model.axle_position(motion))
+    leader_x = motion.x[0] if len(fleet) == 2 else np.nan
+    return now.time, x, y, motion.speed[-1], motion.x[-1] + CAR.length / 2, locked, leader_x
 
 
 def steady(time: float) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-def test_it_drives_on_along_its_route_at_the_limit_and_round_the_corner():
-    street = Street(steady, corner())
-    street.drive(1)
-    street.leader_leaves()
-    street.drive(25)
-    away = shapely.distance(shapely.LineString(corner().line.points), shapely.points(street.x, street.y))
+def test_a_follower_without_leader_drives_on_along_its_route_and_round_the_corner_at_the_limit():
+    course = driven(steady, 26.0, route=corner(), leader_leaves=1.0)
+    away = shapely.distance(shapely.LineString(corner().line.points), shapely.points(course.x, course.y))
     assert away.max() < 0.4
-    assert street.y[-1] > 60
-    assert street.speed[-1] == pytest.approx(12.0, abs=0.1)
-    bend = away[(street.y > 1) & (street.y < 11)]
-    assert (street.speed[(street.y > 1) & (street.y < 11)] ** 2 / 12.0 < 2.5).all()  # comfortable sideways
+    assert course.y[-1] > 60
+    assert course.speed[-1] == pytest.approx(12.0, abs=0.1)
+    bend = course.speed[(course.y > 1) & (course.y < 11)]
     assert len(bend)
+    assert (bend**2 / 12.0 < 2.5).all()  # comfortable sideways
 
 
-def test_with_on_loss_stop_it_stops():
-    street = Street(steady, on_loss="stop")
-    street.drive(1)
-    street.leader_leaves()
-    street.drive(20)
-    assert street.speed[-1] == pytest.approx(0, abs=0.01)
+def test_with_on_loss_stop_a_follower_without_leader_stops():
+    course = driven(steady, 21.0, TrackingFollower(on_loss="stop"), leader_leaves=1.0)
+    assert course.speed[-1] == pytest.approx(0, abs=0.01)
 
 
-def test_alone_it_stops_at_a_red_light_and_goes_on_when_it_changes():
-    street = Street(steady)
-    street.drive(1)
-    street.leader_leaves()
-    street.drive(30, line=100.0, is_open=lambda time: time > 25)
-    before = street.time < 25
-    assert 97.0 < street.front[before].max() <= 100.0
-    assert street.front[-1] > 110
+def test_a_follower_without_leader_stops_at_a_red_light_and_drives_on_at_green():
+    course = driven(steady, 31.0, leader_leaves=1.0, x=100.0, is_open=lambda time: time > 25)
+    before = course.time < 25
+    assert 97.0 < course.front[before].max() <= 100.0
+    assert course.front[-1] > 110
 
 
 @pytest.mark.parametrize(("policy", "passes"), [("convoy", True), ("obey", False)])
-def test_behind_its_leader_it_stops_at_a_closed_line_only_with_policy_obey(policy, passes):
-    street = Street(steady, policy=policy)
-    street.drive(15, line=80.0, is_open=lambda time: time < 8.2)  # the leader is across by then
-    assert (street.front[-1] > 80) == passes
+def test_a_follower_behind_its_leader_stops_at_a_closed_line_only_with_policy_obey(policy, passes):
+    law = TrackingFollower(on_loss="drive", policy=policy)
+    course = driven(steady, 15.0, law, x=80.0, is_open=lambda time: time < 8.2)  # the leader is across by then
+    assert (course.front[-1] > 80) == passes
     if not passes:
-        assert street.front[-1] > 77
-        assert street.speed[-1] == pytest.approx(0, abs=0.05)
+        assert course.front[-1] > 77
+        assert course.speed[-1] == pytest.approx(0, abs=0.05)
 
 
 def test_a_predecessor_that_left_the_route_is_not_followed():
-    street = Street(lambda time: (0.0, 0.0), corner())
-    street.drive(1)
-    blind = street.sensing
-    street.sensing = type("Nothing", (), {"scan": lambda self, *given: _blind(blind.scan(*given))})()
-    street.drive(4)  # the leader goes straight on where the route turns
-    street.sensing = blind
-    street.drive(3)
-    assert not street.locked[-20:].any()
-    assert street.speed[-1] > 3
-
-
-def _blind(scans):
-    return [scan and replace(scan, ranges=np.full(scan.ranges.shape, np.inf)) for scan in scans]
+    """The leader goes straight on where the route turns, unseen by the follower."""
+    law = Unseeing(TrackingFollower(on_loss="drive"), 1.0, 5.0)
+    course = driven(steady, 8.0, law, corner())
+    assert not course.locked[-20:].any()
+    assert course.speed[-1] > 3
 
 
 def test_a_vehicle_met_on_the_route_is_followed_at_the_desired_distance():
-    street = Street(lambda time: (-2.0 if time > 1 else 0.0, 0.0))
-    street.drive(1)
-    seeing = street.sensing
-    street.sensing = type("Nothing", (), {"scan": lambda self, *given: _blind(seeing.scan(*given))})()
-    street.drive(1.9)  # the follower drops the leader, which brakes to a stand
-    street.sensing = seeing
-    street.drive(12)
-    gap = street.fleet.motion.x[0] - street.fleet.motion.x[1] - CAR.length
-    assert street.locked[-20:].all()
-    assert gap == pytest.approx(3.0, abs=0.3)
+    """The follower loses its leader, which brakes to a stand."""
+    law = Unseeing(TrackingFollower(on_loss="drive"), 1.0, 2.9)
+    course = driven(lambda time: (-2.0 if time > 1 else 0.0, 0.0), 14.9, law)
+    assert course.locked[-20:].all()
+    assert course.leader_x[-1] - CAR.length / 2 - course.front[-1] == pytest.approx(3.0, abs=0.3)
 
 
 def test_needs_follow_from_policy_and_on_loss():
     assert TrackingFollower().needs == frozenset()
     assert TrackingFollower(policy="obey").needs == {"signals"}
-    assert TrackingFollower(on_loss="drive").needs == {"route", "signals"}
+    assert TrackingFollower(on_loss="drive").needs == {"route", "signals", "leads"}
     assert not TrackingFollower(policy="obey").drives_alone
 
 
 @pytest.mark.parametrize("on_loss", ["stop", "drive"])
-def test_the_law_is_a_function_of_what_it_is_given(on_loss):
-    street = Street(steady, corner(), kind=CalledTwice, on_loss=on_loss)
-    street.drive(3)
-    street.leader_leaves()
-    street.drive(4)
-    assert len(street.rows) == round(7 / DT)
+def test_the_law_called_twice_decides_the_same_and_keeps_its_memory_unchanged(on_loss):
+    course = driven(steady, 7.0, CalledTwice(on_loss=on_loss), corner(), leader_leaves=3.0)
+    assert len(course.time) == round(7 / DT) + 1
 
 
 # ---- the path law of a lost follower, in a scenario
@@ -217,7 +201,7 @@ def test_a_scenario_says_how_a_lost_follower_drives(drives, tmp_path):
     assert scenario.load(again).resolved(tmp_path) == resolved
 
 
-def test_alone_is_the_path_law_by_default():
+def test_a_follower_without_predecessor_drives_by_the_path_law_by_default():
     assert TrackingFollower().alone == PathLeader()
 
 
@@ -231,13 +215,13 @@ def test_alone_is_the_path_law_by_default():
         ("alone.profile=brake", "alone: profile and trace are for leaders"),
     ],
 )
-def test_a_fault_in_its_keys_is_named(drives, override, said):
+def test_a_fault_in_the_table_alone_is_named(drives, override, said):
     with pytest.raises(InputError) as error:
         scenario.load(drives, [f"platoon.follower.{override}"])
     assert any(said in fault for fault in error.value.faults), error.value.faults
 
 
-def test_a_fault_in_its_keys_is_named_with_its_line(drives):
+def test_a_fault_in_the_table_alone_is_named_with_its_line(drives):
     drives.write_text(DRIVES.replace("time_headway_s", "time_headwy_s"))
     with pytest.raises(InputError, match=r"drives.toml:16: platoon.0.follower.alone.time_headwy_s: unknown key"):
         scenario.load(drives)

@@ -34,7 +34,7 @@ def counted(trail: Trail) -> list[np.ndarray]:
 
 
 def same(one: Any, other: Any) -> None:
-    """Equal in every array of both, whatever records these are in."""
+    """Asserts that two nested records are equal in every array."""
     assert type(one) is type(other)
     if isinstance(one, Trail):  # points that do not count are undefined
         one, other = ([trail.size, *counted(trail)] for trail in (one, other))
@@ -49,7 +49,7 @@ def same(one: Any, other: Any) -> None:
 
 @dataclass(frozen=True)
 class Twice(Law):
-    """Decides as another law does, which it calls twice."""
+    """Calls another law twice in each step, and asserts that it is a function."""
 
     law: Law
 

@@ -9,14 +9,11 @@ import pytest
 import shapely
 
 from platoontraffic.controllers import path_kernel
-from platoontraffic.controllers.law import Signals
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.lidar import PRESETS, Mount, Scene
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.bicycle import CARS
-from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.sensing import Sensing
-from tests.support.bench import BLIND, NO_WALLS, ROBOT, drive, platoon, snapshot
+from tests.support.bench import BLIND, DT, NO_WALLS, ROBOT, StopLine, drive, platoon
 
 CAR = replace(CARS["car"], lag=0.1, brake_lag=0.1)
 EYE = replace(PRESETS["car-leader"], mount=Mount(CAR.length / 2), noise=PRESETS["paper-leader"].noise)
@@ -34,13 +31,13 @@ def circle(radius: float, sign: int = 1, limit: float = 100.0) -> Route:
 
 
 def along(route, law, scene=NO_WALLS, seconds=20.0, model=ROBOT, eye=BLIND, speed=0.0, dt=0.025, at=0.0):
-    """One vehicle whose driven axle begins at (at, 0), heading east."""
+    """Drives one vehicle; its driven axle starts at (at, 0), and it heads east."""
     (member,) = platoon(law, at=(at - model.axle, 0.0, 0.0), leader_eye=eye, model=model)
     return drive([replace(member, route=route, speed=speed)], scene, seconds, dt)
 
 
 def axle(log, model=ROBOT):
-    """Where the driven axle's middle was, (k, 2)."""
+    """Middle of the driven axle, (k, 2)."""
     heading = log.heading[:, 0]
     ahead = np.column_stack([np.cos(heading), np.sin(heading)])
     return np.column_stack([log.x[:, 0], log.y[:, 0]]) + model.axle * ahead
@@ -57,14 +54,17 @@ def test_pure_pursuit_keeps_a_circle(radius, sign):
     assert yaw_rate == pytest.approx(sign * 0.2 / radius, rel=0.01)
 
 
-def test_started_beside_a_straight_path_it_comes_to_it():
+def test_a_vehicle_that_starts_beside_a_straight_path_converges_to_it():
     log = along(line((0.0, 0.1), (9.0, 0.1)), PathLeader(speed=0.1))
     assert abs(axle(log)[-1, 1] - 0.1) < 1e-3
 
 
-def test_past_the_end_it_goes_straight_on():
+def test_it_drives_straight_and_steadily_to_the_end_of_its_path():
+    """Its look-ahead point lies beyond the end; it arrives when its front bumper does."""
     log = along(line((0.0, 0.0), (1.0, 0.0)), PathLeader(speed=0.1), seconds=18.0)
-    assert axle(log)[-1] == pytest.approx([1.8, 0.0], abs=0.05)
+    assert log.x[-1, 0] + ROBOT.length / 2 == pytest.approx(1.0, abs=0.1 * DT + 1e-6)
+    assert log.speed[log.time > 5] == pytest.approx(0.1, rel=1e-3)
+    assert log.y == pytest.approx(0.0, abs=1e-9)
 
 
 # ---- bends and limits
@@ -249,25 +249,18 @@ def test_it_follows_at_stand_off_and_headway():
     assert log.speed[-1] == pytest.approx(8.0, rel=0.01)
 
 
-# ---- lines to stop at
+# ---- stop lines
 
 
 def before_a_line(at: float, opens: float, *, minor=False, changing=False, speed=12.0, seconds=40.0):
-    """Time, place of the front bumper and speed, before a line that is closed until it opens."""
-    (one,) = platoon(PathLeader(speed=12.0), at=(-CAR.axle, 0.0, 0.0), leader_eye=EYE, model=CAR)
-    fleet, sensing = Fleet.deployed([replace(one, route=STRAIGHT, speed=speed)], 0.1), Sensing(NO_WALLS)
-    rows = []
-    for step in range(round(seconds / 0.1)):
-        time = 0.1 * step
-        front = fleet.motion.x[0] + CAR.length / 2
-        passed, is_open = front > at, time >= opens
-        signals = Signals(
-            np.array([np.inf if passed else at - front]), np.array([bool(passed or is_open)]),
-            np.array([minor]), np.array([changing and not is_open]), np.array([0]),
-        )  # fmt: skip
-        fleet = fleet.decided(sensing.scan(snapshot(fleet, time), fleet, step), 0.1, signals).moved(0.1)
-        rows.append((time, front, fleet.motion.speed[0]))
-    return np.array(rows).T
+    """Time, x of the front bumper, and speed, at a stop line at x = `at` that is closed until it `opens` [s]."""
+    (one,) = platoon(PathLeader(speed=12.0), at=(-CAR.axle, 0.0, 0.0), leader_eye=EYE, model=CAR, speed=speed)
+
+    def ground() -> StopLine:
+        return StopLine(0.1, at, lambda time: time >= opens, minor=minor, changing=changing)
+
+    log = drive([replace(one, route=STRAIGHT)], NO_WALLS, seconds, 0.1, ground=ground)
+    return log.time, log.x[:, 0] + CAR.length / 2, log.speed[:, 0]
 
 
 def test_it_stops_at_a_closed_line_and_goes_when_it_opens():
@@ -295,5 +288,5 @@ def test_at_yellow_it_goes_on_where_it_could_not_stop_in_comfort():
 def test_it_slows_down_before_a_line_without_right_of_way_on_an_empty_road():
     _, front, speed = before_a_line(100.0, opens=0.0, minor=True)
     assert speed[(front > 70) & (front < 95)].min() < 9
-    assert speed.min() > 3  # and does not stand
+    assert speed.min() > 3  # it does not stop
     assert speed[-1] == pytest.approx(12.0, rel=0.01)

@@ -1,4 +1,4 @@
-"""Laws in a file beside the scenario: what they declare, and what they get by it."""
+"""Laws in a file beside the scenario: their declarations, and the effects of these."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_only_a_law_that_drives_alone_can_be_given_a_manoeuvre(folder):
     with pytest.raises(InputError) as caught:
         scenario.load(changed(folder, "corridor_manoeuvres", 'law = "mine:Plain", lidar = "car-tracker"', SPLIT))
     (fault,) = caught.value.faults
-    assert "cannot drive alone; must be a law that declares drives_alone, such as " in fault
+    assert "'platoon.2': platoon.0.follower cannot drive alone; must be a law that declares drives_alone" in fault
 
 
 @pytest.mark.sumo
@@ -134,7 +134,7 @@ def test_a_law_that_needs_it_is_given_the_order_to_lead(folder):
         ),
     ],
 )
-def test_a_wrong_declaration_is_said_in_one_line(scenario_file, folder, declared, said):
+def test_a_wrong_declaration_is_reported_in_one_line(scenario_file, folder, declared, said):
     with (folder / "mine.py").open("a") as file:
         file.write(f"\n@dataclass(frozen=True)\nclass Bad(Plain):\n    {declared}\n")
     with pytest.raises(InputError) as caught:
@@ -157,7 +157,8 @@ def test_files_that_gains_name_are_sources_in_nested_tables_too(scenario_file, f
     assert set(made.sources) == {folder / name for name in ("mine.py", "a.csv", "b.csv")}
 
 
-def test_what_fails_in_a_class_without_defaults_is_placed_in_its_own_file(scenario_file, folder):
+@pytest.mark.sumo
+def test_an_error_in_a_class_that_does_not_derive_from_law_is_reported_at_its_own_line(scenario_file, folder):
     (folder / "mine.py").write_text(FILE.replace("return self.gap_m + speed", "return 1 / 0"))
     with pytest.raises(InputError, match=r"mine.py:19: law Wishing failed in desired_distance\(0\): ZeroDivisionError"):
         run(folder / "run", with_law(scenario_file, "mine:Wishing"), "run.duration_s=1", "platoon.size=2")

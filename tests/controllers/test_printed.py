@@ -1,4 +1,4 @@
-"""The paper's follower as printed: what follows from its formulas, measured."""
+"""The paper's follower as printed: consequences of its formulas, measured in simulations."""
 
 from dataclasses import replace
 
@@ -60,7 +60,7 @@ def test_two_edges_are_found_exactly_as_printed():
     """Edge i lies between beam i and i + 1; the middle is the mean of point first + 1 and point second."""
     ranges = np.full(720, 0.95)
     ranges[100:201] = 0.40
-    ranges[300:401] = 0.30  # a third and a fourth edge, which count for nothing
+    ranges[300:401] = 0.30  # a third and a fourth edge, which are ignored
     ranges[500] = 0.46  # a step of 0.49 m is no edge
     scan = batch_of([np.full(720, 0.95), ranges])
     np.testing.assert_array_equal(edges(EYE, scan.filled()), [[1, 1, 1, 1], [99, 200, 299, 400]])
@@ -144,7 +144,7 @@ def test_nearer_than_the_sufficient_distance_it_stands():
 
 
 def test_both_edges_are_in_view_from_w_over_2_tan_11_5_deg():
-    """As near as the outermost beams but one allow: the last beam of each side must pass the rear."""
+    """The limit is set by the outermost beams but one: the last beam on each side must pass the rear."""
     width = 0.15
     distances = np.arange(0.35, 0.39, 1e-5)
     found = PRINTED.find(batch_of([rear_at(d, width) for d in distances]))
@@ -163,7 +163,7 @@ def behind(speed, law, seconds=6.0):
     ("law", "speed"),
     [(PRINTED, 0.43), (PRINTED, 0.48), (PRINTED, 0.54), (FAR_SIGHTED, 0.6), (FAR_SIGHTED, 0.85), (FAR_SIGHTED, 1.05)],
 )
-def test_follows_at_a_headway_of_0_900_s(law, speed):
+def test_the_follower_keeps_a_headway_of_0_900_s(law, speed):
     """Steady distance v / 1.1107; 6 s leave exp(-6.7) of the centimetre it starts with."""
     log = behind(speed, law)
     assert log.locked().all()
@@ -173,8 +173,8 @@ def test_follows_at_a_headway_of_0_900_s(law, speed):
     assert log.wanted_speed[-1, 1] == pytest.approx(speed, rel=1e-3)
 
 
-def test_below_its_window_of_speeds_it_goes_by_stop_and_go_at_the_near_limit_of_sight():
-    """0.35 m/s wants 0.315 m, but both edges are in view from 0.369 m only."""
+def test_below_its_range_of_speeds_the_follower_stops_and_goes_at_the_near_limit_of_sight():
+    """At 0.35 m/s the desired distance is 0.315 m, but both edges are in view only from 0.369 m on."""
     log = behind(0.35, PRINTED)
     late = log.time > 1.0
     assert 0.5 < log.locked()[late].mean() < 0.95
@@ -185,8 +185,8 @@ def test_below_its_window_of_speeds_it_goes_by_stop_and_go_at_the_near_limit_of_
 
 
 @pytest.mark.parametrize(("law", "speed"), [(PRINTED, 0.60), (FAR_SIGHTED, 1.14)])
-def test_above_its_window_of_speeds_it_loses_the_robot_ahead_for_good(law, speed):
-    """Wanted distance beyond 0.50 m, or with misses at infinity 1.0 m."""
+def test_above_its_range_of_speeds_the_follower_loses_its_predecessor_for_good(law, speed):
+    """The desired distance is beyond 0.50 m, or, with misses at infinity, beyond 1.0 m."""
     log = behind(speed, law)
     assert log.locked()[0].all()
     assert not log.locked()[-1].any()
@@ -194,7 +194,7 @@ def test_above_its_window_of_speeds_it_loses_the_robot_ahead_for_good(law, speed
 
 
 def on_a_circle(speed, radius, gain, seconds, model=POINT, eye=WIDE_EYE):
-    """Leader and follower on a circle to the left, begun near the steady state."""
+    """Leader and follower on a circle to the left, from near the steady state."""
     yaw_rate = speed / radius
     back = -yaw_rate / K  # the arc between them
     own = radius * (1 + yaw_rate**2 * (1 / (K * gain) - 1 / (2 * K**2)))
@@ -245,7 +245,7 @@ def test_sight_is_lost_where_bearing_and_half_width_fill_the_view(speed, gain):
 
 
 def string(omega, lag, settling):
-    """Amplitudes of speed of a leader, whose speed swings at omega, and of two followers; over one period."""
+    """Amplitudes of the speeds of a leader and two followers over one period; the leader's oscillates at omega."""
     leader = Prescribed(lambda time: Twist(0.5 + 0.05 * np.sin(omega * time), 0.0))
     members = platoon(leader, FAR_SIGHTED, 2, model=replace(POINT, lag=lag), eye=WIDE_EYE, distance=0.5 / K)
     log = drive(members, NO_WALLS, settling + 2 * np.pi / omega)

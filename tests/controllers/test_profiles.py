@@ -1,4 +1,4 @@
-"""Speeds over time by their definitions, and what a leader makes of them."""
+"""Speed profiles by their definitions, and as a leader drives them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
 from platoontraffic.road.route import Route
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.bicycle import CARS
-from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.sensing import Sensing
-from tests.support.bench import NO_WALLS, ROBOT, drive, platoon, snapshot
+from tests.support.bench import NO_WALLS, ROBOT, drive, platoon
 
 amounts = st.floats(0.1, 10)
 frequencies = st.floats(0.01, 1)
@@ -32,7 +31,7 @@ def test_a_sinusoid_begins_at_nothing_and_returns_after_a_period(t, amplitude, f
 
 @given(st.floats(0, 60), amounts, frequencies, frequencies)
 def test_the_frequency_of_a_chirp_grows_linearly(t, amplitude, first, last):
-    """So its phase is that of the mean of the first frequency and the present one."""
+    """The phase is that of the mean of the first and the present frequency."""
     present = first + (last - first) * t / 60
     value = chirp(np.array([t]), amplitude, first, last, 60.0)
     assert value == pytest.approx(amplitude * np.sin(2 * np.pi * (first + present) / 2 * t), abs=1e-9)
@@ -87,7 +86,7 @@ def test_a_trace_may_come_from_a_spreadsheet(tmp_path, start, end):
         ("time_s,speed_mps,Straße\n0,1,x\n".encode("latin-1"), "cannot be read"),
     ],
 )
-def test_what_is_wrong_with_a_trace_is_one_line_with_its_file(tmp_path, content, said):
+def test_a_fault_of_a_trace_is_one_line_with_its_file(tmp_path, content, said):
     file = tmp_path / "cycle.csv"
     file.write_bytes(content)
     with pytest.raises(ValueError, match=said) as error:
@@ -102,11 +101,11 @@ def test_a_trace_that_is_not_there_or_is_a_folder_cannot_be_read(tmp_path):
             Trace.read(file)
 
 
-# ---- what a leader makes of them
+# ---- as a leader drives them
 
 
 def car(law: PathLeader, model=CARS["car"]):
-    """One on a straight road whose limit is 50 m/s."""
+    """A leader on a straight road with a speed limit of 50 m/s."""
     (member,) = platoon(law, at=(-model.axle, 0.0, 0.0), model=model)
     straight = np.array([(0.0, 0.0), (1e4, 0.0)])
     return replace(member, route=Route.along(("road",), straight, np.full(2, 50.0)))
@@ -120,24 +119,18 @@ def test_until_it_begins_a_profile_changes_nothing(profile):
     assert abs(log.speed[-1, 0] - 10.0) > 0.5
 
 
-def test_each_vehicle_has_the_time_since_it_set_out_itself():
+def test_the_profile_of_each_vehicle_begins_when_that_vehicle_departs():
     law = PathLeader(speed=10.0, profile="brake", begins=2.0, last_speed=4.0, rate=2.0)
-    fleet = Fleet.deployed([replace(car(law), speed=10.0)], 0.1)
-    late = Fleet.deployed(
-        [replace(car(law), id="b.0", platoon="b", pose=(0.0, 50.0, 0.0), speed=10.0)], 0.1, np.ones(1, int)
-    )
-    speeds = []
-    for step in range(120):
-        if step == 50:
-            fleet = fleet.joined(late)
-        fleet = fleet.decided(Sensing(NO_WALLS).scan(snapshot(fleet, step * 0.1), fleet, step), 0.1).moved(0.1)
-        speeds.append(fleet.motion.speed)
-    np.testing.assert_allclose([row[1] for row in speeds[50:]], [row[0] for row in speeds[:70]], atol=1e-9)
+    first = replace(car(law), speed=10.0)
+    later = replace(first, id="b.0", platoon="b", pose=(0.0, 50.0, 0.0), departs=5.0)
+    with Simulation(Setting([first, later], NO_WALLS, 0.1, steps=120)) as simulation:
+        speeds = [now.fleet.motion.speed for now in simulation]
+    np.testing.assert_allclose([row[1] for row in speeds[50:]], [row[0] for row in speeds[:71]], atol=1e-9)
 
 
 @pytest.mark.parametrize(("amplitude", "profile"), [(20.0, "sinusoid"), (20.0, "chirp")])
 @pytest.mark.parametrize("model", [CARS["car"], ROBOT], ids=["car", "robot"])
-def test_nobody_drives_backwards_where_a_profile_would_have_it(amplitude, profile, model):
+def test_no_vehicle_drives_backwards_where_its_profile_is_negative(amplitude, profile, model):
     scale = 0.02 if model is ROBOT else 1.0
     law = PathLeader(speed=5.0 * scale, profile=profile, amplitude=amplitude * scale, frequency=0.2)
     log = drive([car(law, model)], NO_WALLS, 15.0)
@@ -147,14 +140,14 @@ def test_nobody_drives_backwards_where_a_profile_would_have_it(amplitude, profil
 
 @pytest.mark.parametrize("frequency", [5.0, 10.0, 50.0])
 def test_a_profile_faster_than_the_steps_does_not_run_away(frequency):
-    """A sinusoid that is at the same phase in every step, at its steepest, is no acceleration without end."""
+    """A sinusoid sampled at its steepest phase in every step must not be taken for a lasting acceleration."""
     law = PathLeader(speed=10.0, profile="sinusoid", amplitude=1.0, frequency=frequency)
     log = drive([replace(car(law), speed=10.0)], NO_WALLS, 10.0, dt=0.1)
     assert np.abs(log.speed - 10.0).max() < 1.5
 
 
-def test_the_change_of_a_profile_is_that_over_the_step():
-    """A robot, which has no lag, is after every step at the speed that the profile has then."""
+def test_a_robot_has_the_speed_of_its_profile_after_every_step():
+    """A robot has no lag."""
     law = PathLeader(speed=0.3, profile="sinusoid", amplitude=0.1, frequency=0.5, acceleration=9.0, braking=9.0)
     log = drive([replace(car(law, ROBOT), speed=0.3)], NO_WALLS, 6.0)
     np.testing.assert_allclose(log.speed[:, 0], 0.3 + 0.1 * np.sin(np.pi * log.time), atol=2e-3)

@@ -15,7 +15,7 @@ EYE = PRESETS["paper-leader"]
     ("number", "front", "front_left", "front_right"),
     [
         (1, 3.0, 3.0, 0.6),
-        (2, 0.8, 2.0, 0.6),  # a wall 0.8 m ahead, and it drives on
+        (2, 0.8, 2.0, 0.6),  # a wall 0.8 m ahead, and the leader drives on
         (2, 1.5, 0.5, 0.6),
         (3, 0.8, 0.8, 0.4),
         (4, 0.8, 2.0, 0.4),
@@ -26,12 +26,12 @@ EYE = PRESETS["paper-leader"]
         (7, 3.0, 3.0, 0.5),  # the paper's signs are strict
     ],
 )
-def test_rule(number, front, front_left, front_right):
+def test_each_rule_applies_to_its_cases(number, front, front_left, front_right):
     assert rule(front, front_left, front_right) == number
 
 
 def test_rules_are_tried_in_the_papers_order():
-    """Cases of two rules: the first takes them. Rules 1, 3, 4 and 6 exclude each other by F, FL or FR."""
+    """Where two rules apply, the first is taken. Rules 1, 3, 4 and 6 exclude each other by F, FL or FR."""
     assert rule(1.5, 2.0, 0.6) == 1  # also 2
     assert rule(1.5, 2.0, 0.8) == 1  # also 2 and 5
     assert rule(0.8, 0.8, 0.8) == 2  # also 3
@@ -88,7 +88,7 @@ def test_positive_turns_to_the_left_at_a_wall_only_if_the_papers_positive_is_clo
 
 
 def clearance(log):
-    """From the footprint to the outer wall of the loop, (k,); negative: through it."""
+    """Distance from the footprint to the outer wall of the loop [m], (k,); negative: through the wall."""
     one = np.ones(len(log.time))
     boxes = Boxes(log.x[:, 0], log.y[:, 0], log.heading[:, 0], 0.2 * one, 0.15 * one, np.arange(len(one)))
     x, y = np.moveaxis(boxes.corners(), 2, 0)
@@ -99,7 +99,7 @@ def around_the_loop(seconds, **law):
     return drive(platoon(ReactiveLeader(**law), at=(2.9, 0.5, 0.0), leader_eye=LEADER_EYE), LOOP, seconds)
 
 
-def test_keeps_the_right_lane_and_turns_the_first_two_corners():
+def test_the_leader_keeps_the_right_lane_and_turns_the_first_two_corners():
     """FR > 0.5 m keeps the laser 0.5 sin 54 deg = 0.404 m from a wall on the right; started at 0.5 m."""
     log = around_the_loop(100.0)
     turned = np.degrees(log.turned[:, 0])
@@ -118,7 +118,7 @@ def test_with_the_other_sign_it_turns_right_and_into_the_wall():
     assert clearance(log)[-1] < 0
 
 
-def test_stands_for_ever_beside_a_wall_on_its_left():
+def test_the_leader_stands_for_ever_beside_a_wall_on_its_left():
     """0.7 m away: FL = 0.7 / sin 54 deg = 0.87 m, F = 0.7 / sin 18 deg = 2.27 m: rule 7."""
     wall = Scene.from_shapely(walls=[shapely.LineString([(-9, 0.7), (9, 0.7)])])
     log = drive(platoon(ReactiveLeader(), leader_eye=LEADER_EYE), wall, 5.0)

@@ -1,4 +1,4 @@
-"""The repaired follower: what it keeps of the printed one, and why each repair is there."""
+"""The repaired follower: equal to the printed one without repairs, and worse without any one of them."""
 
 from dataclasses import replace
 
@@ -59,7 +59,7 @@ def test_each_vehicle_decides_by_its_own_scan(nearest_group, visible_middle):
 
 
 def group_by_walking(ranges, step):
-    """From the nearest return to both sides, over lost returns, up to a miss or a step; first and last beam."""
+    """First and last beam: from the nearest return to both sides, over lost returns, to a miss or a step."""
     near = np.where(np.isneginf(ranges), EYE.range_min, ranges)
     ends = []
     for way in (-1, 1):
@@ -94,7 +94,7 @@ def to_the_first_corner(law, seconds=65.0):
 
 
 def first_loss(log):
-    """Step in which some follower first has something else for its target than the robot ahead."""
+    """First step in which a follower's target is not its predecessor."""
     lost = ~log.locked().all(axis=1)
     assert lost.any()
     return int(lost.argmax())
@@ -107,17 +107,17 @@ def test_with_all_repairs_it_is_locked_on_in_every_step_of_the_first_corner():
     assert np.nanmin(log.distance) > 0.36
 
 
-def test_without_nearest_group_it_loses_the_robot_ahead_on_the_straight():
+def test_without_nearest_group_it_loses_its_predecessor_on_the_straight():
     """A 0.5 m edge exists up to 1.0 - 0.5 m; the wanted distance at 0.1 m/s is 0.45 + 0.09 m."""
     log = to_the_first_corner(RepairedFollower(nearest_group=False), 10.0)
     i = first_loss(log)
     assert log.turned[i, 0] == 0
     assert log.distance[i - 1, 1] == pytest.approx(0.5, abs=0.01)
     assert np.isnan(log.distance[-1, 1])
-    assert log.wanted_speed[-1, 1:].max() < 1e-3  # and the whole tail stands
+    assert log.wanted_speed[-1, 1:].max() < 1e-3  # all followers stand
 
 
-def test_without_visible_middle_it_loses_the_robot_ahead_as_that_turns_on_the_spot():
+def test_without_visible_middle_it_loses_its_predecessor_when_that_turns_on_the_spot():
     """The tail swings, a corner leaves the view of 11.5 deg, and with it the whole target."""
     log = to_the_first_corner(RepairedFollower(visible_middle=False), 30.0)
     i = first_loss(log)
@@ -127,7 +127,7 @@ def test_without_visible_middle_it_loses_the_robot_ahead_as_that_turns_on_the_sp
     assert log.turned[-1, 1] < 0.1
 
 
-def test_without_stand_off_it_drives_up_to_where_the_laser_is_blind_and_loses_the_robot_ahead():
+def test_without_stand_off_it_comes_too_near_for_its_laser_and_loses_its_predecessor():
     """The wanted distance at 0.1 m/s is 0.09 m; nearer than 0.30 m there is no range."""
     log = to_the_first_corner(RepairedFollower(stand_off=0.0), 5.0)
     i = first_loss(log)
@@ -182,7 +182,7 @@ def test_a_wall_behind_the_robot_is_not_joined_to_it():
     wall = np.where(np.isinf(ranges), 0.75 / np.cos(EYE.angles), ranges)
     aside = ranges.copy()
     aside[robot] = np.inf
-    aside[robot + 60] = ranges[robot]  # where it is, it is followed
+    aside[robot + 60] = ranges[robot]  # it is followed there
     distance, theta = REPAIRED.find(batch_of([wall, ranges, aside]))
     assert (distance[0], theta[0]) == (distance[1], theta[1])
     assert distance == pytest.approx([0.6] * 3, abs=1e-6)

@@ -1,4 +1,4 @@
-"""The laser-only follower of cars: distance, path and sight, on bare ground, without SUMO."""
+"""The law `tracking`: distance, path and sight, on bare ground, without SUMO."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 import shapely
 
+from platoontraffic.controllers import Law
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise, Scene
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.vehicles.odometry import ODOMETRY
-from tests.support.bench import BLIND, NO_WALLS, Log, Prescribed, amplitude, drive, platoon
+from tests.support.bench import BLIND, NO_WALLS, Log, Prescribed, Unseeing, amplitude, drive, platoon
 
 DT = 0.1
 CAR = VEHICLES["car"]
@@ -26,12 +27,19 @@ BEHIND_BUMPER = CAR.length / 2 - TRACKER.mount.x
 
 
 def cars(
-    at, seconds: float, speed: float, followers: int = 9, eye: LidarModel = EXACT, odometry="none", **options
+    at,
+    seconds: float,
+    speed: float,
+    followers: int = 9,
+    eye: LidarModel = EXACT,
+    odometry: str = "none",
+    law: Law = FOLLOWER,
+    seed: int = 0,
 ) -> Log:
     """A platoon at steady speed; at: the leader's acceleration and curvature as a function of time."""
     members = platoon(
         Prescribed(lambda time: Drive(*at(time))),
-        FOLLOWER,
+        law,
         followers,
         distance=FOLLOWER.desired_distance(speed),
         model=CAR,
@@ -40,16 +48,16 @@ def cars(
         speed=speed,
         odometry=ODOMETRY[odometry],
     )
-    return drive(members, NO_WALLS, seconds, DT, **options)
+    return drive(members, NO_WALLS, seconds, DT, seed=seed)
 
 
 def gaps(log: Log) -> np.ndarray:
-    """On a straight road, (k, n - 1)."""
+    """Gaps on a straight road, bumper to bumper [m], (k, n - 1)."""
     return log.x[:, :-1] - log.x[:, 1:] - CAR.length
 
 
 def off_path(log: Log, member: int, other: int) -> float:
-    """Greatest distance of a rear axle from the path of another's."""
+    """Greatest distance of a rear axle from the path of another [m]."""
     path = shapely.LineString(log.axle[:, other])
     points = shapely.points(log.axle[:, member])
     beside = (shapely.line_locate_point(path, points) > 0) & (shapely.line_locate_point(path, points) < path.length)
@@ -57,12 +65,12 @@ def off_path(log: Log, member: int, other: int) -> float:
 
 
 def turn(radius: float, angle: float, speed: float, begins: float = 5.0):
-    """To the right after a straight."""
+    """Acceleration and curvature over time: a turn to the right after a straight."""
     return lambda time: (0.0, -1 / radius if begins <= time < begins + angle * radius / speed else 0.0)
 
 
 def s_bend(speed: float, begins: float = 5.0):
-    """Half turns of falling radius, left and right."""
+    """Acceleration and curvature over time: arcs of 0.9 rad of falling radius, left and right in turn."""
     stations = np.cumsum([begins * speed, *(0.9 * radius for radius in RADII)])
 
     def at(time: float) -> tuple[float, float]:
@@ -141,7 +149,7 @@ def test_it_stops_behind_a_standing_car_first_seen_at_sixty_metres(speed, eye):
 
 @pytest.mark.parametrize("distance", [3.08, 3.11, 3.2])
 def test_in_a_queue_it_neither_creeps_nor_turns(distance):
-    """For three minutes, in which measured yaw rates would turn it by up to 18 degrees."""
+    """In three minutes, errors of the measured yaw rate would turn it by up to 18 degrees."""
     members = platoon(
         Prescribed(lambda time: Drive(1.0 if 180 <= time < 188 else 0.0, 0.0)), FOLLOWER, 4, distance=distance,
         model=CAR, leader_eye=replace(BLIND, rate=10.0), eye=NOISY, odometry=ODOMETRY["car"],
@@ -213,7 +221,7 @@ def test_left_and_right_are_the_same():
 
 @pytest.mark.parametrize(("radius", "speed", "centre", "corner"), [(8.0, 5.0, 58, 64), (6.0, 4.0, 74, 81)])
 def test_bearing_of_the_predecessor_in_the_smallest_turns(radius, speed, centre, corner):
-    """Of its rear's centre and corners [deg]; the preset sees to 90 on both sides."""
+    """Bearings of centre and corners of its rear [deg]; the preset sees up to 90 on both sides."""
     log = cars(turn(radius, math.pi / 2, speed), 30.0, speed, eye=NOISY)
     ahead, own = slice(None, -1), slice(1, None)
     laser_x = log.x[:, own] + TRACKER.mount.x * np.cos(log.heading[:, own])
@@ -239,13 +247,13 @@ def test_it_keeps_its_predecessor_with_a_third_of_the_returns_lost():
     ("path", "speed"), [(straight_on, 20.0), (turn(8.0, math.pi / 2, 5.0), 5.0)], ids=["straight", "turn"]
 )
 def test_it_keeps_its_predecessor_through_a_second_of_blindness(path, speed):
-    log = cars(path, 25.0, speed, eye=NOISY, blind=(5.5, 6.5))
+    log = cars(path, 25.0, speed, eye=NOISY, law=Unseeing(FOLLOWER, 5.5, 6.5))
     assert log.locked()[70:].mean(axis=0).min() >= 0.99
     assert max(off_path(log, i, i - 1) for i in range(1, 10)) < 0.3
 
 
 def test_lasting_blindness_makes_it_stop():
-    log = cars(straight_on, 20.0, 20.0, followers=1, eye=NOISY, blind=(5.0, 30.0))
+    log = cars(straight_on, 20.0, 20.0, followers=1, eye=NOISY, law=Unseeing(FOLLOWER, 5.0, 30.0))
     at = {time: log.speed[round(time / DT), 1] for time in (6.0, 10.0, 19.0)}
     assert at[6.0] == pytest.approx(20.0, abs=0.3)  # it follows the prediction
     assert at[10.0] < 15
@@ -263,7 +271,7 @@ def test_without_a_predecessor_it_does_not_start():
 
 
 def test_it_brakes_for_an_obstacle_on_its_path():
-    """A pole between the two cars, which the predecessor has missed."""
+    """A pole between the two cars, which the predecessor has passed by."""
     pole = Scene.from_shapely(solids=[shapely.Point(-1.0, 0.3).buffer(0.15)])
     members = platoon(
         Prescribed(lambda _: Drive(0.0, 0.0)), FOLLOWER, 1, distance=32.0, model=CAR, eye=NOISY, speed=15.0,

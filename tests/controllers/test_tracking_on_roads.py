@@ -1,4 +1,4 @@
-"""The laser-only follower on the shipped roads, without background traffic, with errors of laser and odometry."""
+"""The law `tracking` on the shipped roads, without background traffic, with errors of laser and odometry."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
 from tests.support import ODD_NETS
 from tests.support.runs import run
+
+pytestmark = pytest.mark.sumo
 
 ROUTES = [  # each turn of each junction of `corridor`, and its bends in both directions
     "west_light light_prio prio_rw rw_rs rs_re re_b0 b0_b1 b1_b2 b2_east",
@@ -33,7 +35,7 @@ ROUTES = [  # each turn of each junction of `corridor`, and its bends in both di
 
 
 def followers(folder: Path) -> pd.DataFrame:
-    """Rows of trajectories.csv; `locked`: on the predecessor; `visible`: five beams hit that."""
+    """Rows of trajectories.csv; `locked`: the target is the predecessor; `visible`: five beams meet the predecessor."""
     rows = pd.read_csv(folder / "trajectories.csv")
     rows = rows[rows.place > 0]
     ahead = rows.vehicle_id.str.rpartition(".")[0] + "." + (rows.place - 1).astype(str)
@@ -94,7 +96,7 @@ speed_mps = 15.0
 
 
 def test_a_platoon_changes_lanes_behind_a_sumo_driven_leader(tmp_path):
-    """It overtakes a slow car; each follower changes lanes where the leader did."""
+    """The leader overtakes a slow car; each follower changes lanes where the leader did."""
     file = tmp_path / "overtakes.toml"
     file.write_text(OVERTAKES, encoding="utf-8")
     folder = run(tmp_path / "run", file)

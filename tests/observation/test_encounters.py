@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from platoontraffic.observation.encounters import Encounters
 from platoontraffic.road.route import Route
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world.obstacles import Crossing
-from tests.support.bench import BLIND, NO_WALLS, Prescribed, drive, platoon
+from tests.support.bench import BLIND, NO_WALLS, Prescribed, platoon
 
 STRAIGHT = Route.along(["e"], np.array([(-500.0, 0.0), (5000.0, 0.0)]), np.array([40.0, 40.0]))
 
@@ -25,19 +24,13 @@ def test_a_pedestrian_who_steps_out_close_ahead_is_an_unavoidable_encounter(x, w
     lidar = replace(BLIND, rate=10.0)
     members = [replace(m, route=STRAIGHT) for m in platoon(law, model=CARS["car"], leader_eye=lidar, speed=10.0)]
     pedestrian = Crossing(
-        "walker", "pedestrian", 0.3, 0.5, 0.0, math.inf, (), (x, 4.0), (x, -4.0), speed=2.0, sets_out=0.0
+        id="walker", kind="pedestrian", length=0.3, width=0.5, start=(x, 4.0), end=(x, -4.0), speed=2.0, sets_out=0.0
     )
-    encounters, events = [], []
-
-    def observe(traffic, fleet, scans, obstacles) -> None:
-        if not encounters:
-            encounters.append(Encounters(obstacles, members))
-        events.extend(encounters[0].observe(traffic, fleet, []))
-
-    drive(members, NO_WALLS, 4.0, 0.1, observe=observe, plans=[pedestrian])
+    with Simulation(Setting(members, NO_WALLS, 0.1, steps=40, obstacles=[pedestrian])) as simulation:
+        events = [event for now in simulation for event in now.events]
+        (encounter,) = simulation.encounters.rows()
     assert [(e.kind, e.vehicle, e.what) for e in events if e.kind != "obstacle_gone"] == [
         ("obstacle", "walker", "pedestrian"),
         ("steps_out", "robot.0", what),
     ]
-    (encounter,) = encounters[0].rows()
     assert encounter.avoidable == (what == "avoidable")

@@ -1,4 +1,4 @@
-"""Locks: what a law's target lies on, and the beams on a predecessor; against slow counts and real scans."""
+"""Locks: the surface of a law's target, and the beams on a predecessor; against slow counts and real scans."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from platoontraffic.controllers import Target
-from platoontraffic.lidar import Boxes, LidarModel, Mount, ScanBatch, scan
+from platoontraffic.lidar import Boxes, Carriers, LidarModel, Mount, ScanBatch, scan
 from platoontraffic.observation.locks import Sight, look
 from platoontraffic.world.events import Noted
 from platoontraffic.world.traffic import TrafficSnapshot
@@ -111,7 +111,8 @@ def test_beams_across_a_lone_vehicle_are_those_that_a_scan_of_it_has(model):
     for _ in range(60):
         pose = np.array([rng.uniform(-8, 8, 2), rng.uniform(-8, 8, 2), rng.uniform(-np.pi, np.pi, 2)])
         size = np.full(2, 4.0), np.full(2, 1.8)
-        batch = scan(model, NO_WALLS, Boxes(*pose, *size, np.arange(2)), *pose[:, [0]], owner=[0])
+        boxes = Boxes(*pose, *size, np.arange(2))
+        batch = scan(model, NO_WALLS, boxes, Carriers.of(boxes, [0]))
         _, on, alone = looked(batch, 0, 1, 0.0, *pose, *size)
         assert on == np.count_nonzero(batch.hits == 1)
         assert abs(alone - on) <= 1  # a beam through a corner, or at the end of the range
@@ -125,6 +126,7 @@ def test_a_vehicle_in_between_that_covers_half_of_the_predecessor_hides_half_of_
     leader, between = np.array([20.0, 0.0, 0.0]), np.array([10.0, 1.5, 0.0])
     poses = np.array([leader, np.zeros(3), between]).T
     size = np.full(3, 4.0), np.array([2.0, 2.0, 3.0])
-    batch = scan(eye, NO_WALLS, Boxes(*poses, *size, np.arange(3)), *poses[:, [1]], owner=[1])
+    boxes = Boxes(*poses, *size, np.arange(3))
+    batch = scan(eye, NO_WALLS, boxes, Carriers.of(boxes, [1]))
     _, on, alone = looked(batch, 1, 0, 0.0, *poses, *size)
     assert on / alone == pytest.approx(0.5, abs=0.01)

@@ -83,7 +83,7 @@ def test_time_to_collision_and_needed_braking_are_those_of_constant_speeds():
 
 @dataclass(frozen=True)
 class OneAtATime(Law):
-    """A law whose desired distance takes one speed, not an array."""
+    """The law's `desired_distance` takes one speed, not an array."""
 
     def desired_distance(self, speed: float) -> float:
         return 5.0 + speed if speed > 2 else 5.0

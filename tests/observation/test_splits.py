@@ -1,4 +1,4 @@
-"""When a follower is split off, why, and when it is back; without SUMO."""
+"""Splits and rejoins of followers, and the causes of splits; without SUMO."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SUMO's angles and positions, and the project's: by cases, and there and back."""
+"""Conversion of angles and positions between SUMO and the project: cases and round trips."""
 
 from __future__ import annotations
 

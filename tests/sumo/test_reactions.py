@@ -42,7 +42,7 @@ Speeds = Callable[[float], float]  # speed [m/s] over time [s]
 
 
 class Car(NamedTuple):
-    """A vehicle with its route, and where its front bumper starts; with speeds it keeps to them."""
+    """A vehicle with its route and the first position of its front bumper; if it has speeds, it keeps them."""
 
     name: str
     edges: tuple[str, ...]
@@ -62,7 +62,7 @@ def braking(speed: float, deceleration: float, at: float) -> Speeds:
 
 
 def between(speed: float, start: float, end: float) -> Speeds:
-    """Drives only for a while."""
+    """Speeds over time: the speed from start to end, otherwise 0."""
     return lambda time: speed if start <= time < end else 0.0
 
 
@@ -134,7 +134,7 @@ def _insert(car: Car) -> None:
 
 
 def track(seen: list[TrafficSnapshot], name: str) -> np.ndarray:
-    """x, y of a vehicle's centre and its speed, (steps, 3); from when it is there."""
+    """x, y of a vehicle's centre and its speed, (steps, 3), from its first step on."""
     return np.array([(t.x[i], t.y[i], t.speed[i]) for t in seen if name in t.ids for i in [t.ids.index(name)]])
 
 
@@ -168,7 +168,7 @@ def test_sources_build_the_nets_of_these_tests(name, tmp_path):
     assert ET.canonicalize(from_file=built, strip_text=True) == ET.canonicalize(from_file=kept, strip_text=True)
 
 
-# ---- behind a member
+# ---- drivers behind a member
 
 
 @pytest.mark.sumo

@@ -1,4 +1,4 @@
-"""SUMO in processes of its own: worlds beside each other, each as if it were alone."""
+"""SUMO in other processes: several worlds at once, each with the results that it has alone."""
 
 from __future__ import annotations
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import libsumo
@@ -15,18 +17,19 @@ from hypothesis import strategies as st
 from platoontraffic import shipped
 from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.controllers.path import PathLeader
-from platoontraffic.lidar import PRESETS, Mount, Scene
+from platoontraffic.lidar import PRESETS, Mount
 from platoontraffic.road.gap_acceptance import ACCELERATION, MARGIN, TURNING_SPEED, Foe, may_cross, time_for
 from platoontraffic.road.lane_routes import CHANGING
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo.stoplines import StopLines
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.world.fleet import Fleet, Member
-from platoontraffic.world.sensing import Sensing
 from platoontraffic.world.traffic import TrafficSnapshot
 from tests.support import ODD_NETS
+from tests.support.bench import NO_WALLS
 
 NETS = ODD_NETS
 STEP = 0.1
@@ -154,28 +157,39 @@ def test_vehicles_that_may_cross_are_never_in_conflict_together(foe, speed):
 # ---- leaders that wait for a gap in SUMO
 
 
+class Staged(World):
+    """SUMO with background traffic that is inserted once the members are there."""
+
+    def __init__(self, network: Network, words: Path, stage: Callable[[], None]) -> None:
+        super().__init__(network, STEP, 1, words)
+        self._stage = stage
+
+    def deploy(self, fleet: Fleet, later: Sequence[Fleet] = ()) -> Fleet:
+        fleet = super().deploy(fleet, later)
+        self._stage()
+        return fleet
+
+
 @pytest.fixture
 def scene(tmp_path):
-    """Plays a member with law `path`, blind or seeing, in background traffic; a snapshot a step, and its route."""
+    """Drives a member with law `path`, blind or seeing, in background traffic; a snapshot a step, and its route."""
 
     def play(net: str, edges, others, seconds, *, position=200.0, lane=0, speed=10.0, first=lambda: None, eye=EYE):
         network = Network.read(NETS / f"{net}.net.xml")
         member = deployed(network, edges, position, lane, speed, eye)
-        fleet, sensing = Fleet.deployed([member], STEP), Sensing(Scene.from_shapely())
-        seen = []
-        with World(network, STEP, 1, tmp_path / "words.log") as world:
-            fleet = world.deploy(fleet)
+
+        def stage() -> None:
             first()
             for other in others:
                 insert(*other)
-            for step in range(round(seconds / STEP)):
-                traffic = world.snapshot(fleet)
-                fleet = fleet.decided(sensing.scan(traffic, fleet, step), STEP, world.signals(fleet)).moved(STEP)
-                world.place(fleet)
-                fleet = world.advance(fleet)
-                if not len(fleet):
-                    break
-                seen.append(world.snapshot(fleet))
+
+        def ground() -> World:
+            return Staged(network, tmp_path / "words.log", stage)
+
+        steps = round(seconds / STEP)
+        setting = Setting([member], NO_WALLS, STEP, steps=steps, ground=ground, whole_traffic_every=1)
+        with Simulation(setting) as simulation:
+            seen = [now.traffic for now in simulation if now.step and len(now.fleet)]
         return seen, member.route
 
     return play

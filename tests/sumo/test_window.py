@@ -1,4 +1,4 @@
-"""A run in sumo-gui gives the same files as without; a closed window and a dead sumo-gui end it properly."""
+"""A run in sumo-gui leaves the same files as one without; a closed window or a dead sumo-gui ends it properly."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def after_steps(n: int, act: Callable[[Window], None], monkeypatch) -> None:
 
 
 def close_window(window: Window) -> None:
-    """By its keyboard shortcut: without a window manager there is no button."""
+    """Closes the window by its keyboard shortcut: without a window manager it has no button."""
     names = subprocess.run(["xdotool", "search", "--name", "SUMO"], capture_output=True, text=True).stdout
     for number in names.split():
         subprocess.run(["xdotool", "windowfocus", number, "key", "ctrl+q"], capture_output=True)

@@ -40,7 +40,7 @@ def fleet_of(*positions: float, route: tuple[str, ...] = (), closed: bool = Fals
 
 
 def at(fleet: Fleet, x, y, heading, speed=0.0) -> Fleet:
-    """The same fleet somewhere else."""
+    """The fleet at another pose."""
     n = len(fleet)
     there = Motion.at_rest(*(np.broadcast_to(v, n) for v in (x, y, heading)))
     return replace(fleet, motion=replace(there, speed=np.full(n, float(speed))))
@@ -176,7 +176,7 @@ def test_a_network_that_sumo_refuses_is_an_error_in_its_words(tmp_path):
     broken.write_text(text)
     with pytest.raises(InputError, match="SUMO refuses it: Attribute 'type' in definition of junction"):
         World(Network.read(broken), STEP, 1, tmp_path / "words.log").__enter__()
-    with World(network(), STEP, 1, tmp_path / "words.log") as world:  # and the process can go on
+    with World(network(), STEP, 1, tmp_path / "words.log") as world:  # the process goes on
         world.deploy(fleet_of(1.0))
 
 

@@ -1,4 +1,4 @@
-"""A test bench without SUMO: the loop of `simulation` on bare walls, and laws and scans made by hand."""
+"""A test bench without SUMO: simulations on bare ground, and laws and scans made by hand."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
-from platoontraffic.controllers import Decision, Law, Sensed
+from platoontraffic.controllers import CLOSED_BY, Decision, Law, Sensed, Signals
 from platoontraffic.lidar import PRESETS, LaserScan, LidarModel, Mount, ScanBatch, Scene
+from platoontraffic.observation.instant import Instant
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.catalogue import VehicleModel
 from platoontraffic.vehicles.differential import DifferentialDrive
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 from platoontraffic.world.fleet import Fleet, Member
-from platoontraffic.world.obstacles import Obstacles, Plan
-from platoontraffic.world.sensing import Sensing
-from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.ground import BareGround, members_at
 
 DT = 0.025
 ROBOT = DifferentialDrive()
@@ -32,10 +32,12 @@ LOOP = Scene.from_shapely(walls=[shapely.box(0, 0, 6, 5)], solids=[shapely.box(2
 POINT = DifferentialDrive(length=0.002, width=0.02, axle=0.0)  # laser, rear and driven axle in one place
 WIDE_EYE = LidarModel(1441, -np.pi / 4, np.pi / 4, 0.01, 4.0)
 
+snapshot = members_at
+
 
 @dataclass(frozen=True)
 class Prescribed(Law):
-    """A leader's twist by the clock."""
+    """A law for leaders: the command is a function of time."""
 
     twist_at: Callable[[float], Twist | Drive]
 
@@ -48,8 +50,52 @@ def constant(speed: float, yaw_rate: float = 0.0) -> Prescribed:
     return Prescribed(lambda time: Twist(speed, yaw_rate))
 
 
+@dataclass(frozen=True)
+class Unseeing(Law):
+    """Another law, that is given scans without any return from one time to another [s]."""
+
+    law: Law
+    since: float
+    until: float
+
+    @property
+    def needs(self) -> frozenset[str]:
+        return self.law.needs
+
+    def __call__(self, sensed: Sensed, memory: Any, dt: float) -> Decision:
+        scan = sensed.scan
+        if self.since <= scan.stamp < self.until:
+            sensed = replace(sensed, scan=replace(scan, ranges=np.full(scan.ranges.shape, np.inf)))
+        return self.law(sensed, memory, dt)
+
+
+class StopLine(BareGround):
+    """Bare ground with a stop line across the x axis."""
+
+    def __init__(
+        self,
+        step: float,
+        x: float = np.inf,  # of the line [m]
+        is_open: Callable[[float], bool] = lambda time: True,
+        *,
+        minor: bool = False,
+        changing: bool = False,  # while it is closed
+    ) -> None:
+        super().__init__(step)
+        self._x, self._is_open, self._minor, self._changing = x, is_open, minor, changing
+
+    def signals(self, fleet: Fleet) -> Signals:
+        ahead = self._x - fleet.motion.x - fleet.model.length / 2
+        passed, n = ahead < 0, len(fleet)
+        may_pass = passed | self._is_open(self.time)
+        light = np.full(n, CLOSED_BY.index("light"))
+        return Signals(
+            np.where(passed, np.inf, ahead), may_pass, np.full(n, self._minor), self._changing & ~may_pass, light
+        )
+
+
 class Log(NamedTuple):
-    """What happened, sampled after every decision; time (k,), the rest (k, n), one column a member."""
+    """A simulation, instant by instant: time (k,), the rest (k, n), one column a member."""
 
     time: np.ndarray
     x: np.ndarray
@@ -67,7 +113,7 @@ class Log(NamedTuple):
     axle: np.ndarray  # middle of the driven axle, (k, n, 2)
 
     def locked(self) -> np.ndarray:
-        """Which followers have the member ahead for their target, (k, n - 1)."""
+        """Which followers have their predecessor for their target, (k, n - 1)."""
         return self.on[:, 1:] == np.arange(self.on.shape[1] - 1)
 
 
@@ -84,7 +130,7 @@ def platoon(
     speed: float = 0.0,
     odometry: OdometryErrors = ODOMETRY["none"],
 ) -> list[Member]:
-    """A leader with its centre at a pose, and followers straight behind it, each laser `distance` from a rear."""
+    """A leader, its centre at a pose, and followers straight behind it, each laser `distance` behind a rear."""
     x, y, heading = at
     spacing = distance + model.length / 2 + eye.mount.x
     return [
@@ -111,47 +157,32 @@ def drive(
     scene: Scene,
     seconds: float,
     dt: float = DT,
-    observe=lambda *_: None,
-    seed: int = 0,
-    blind: tuple[float, float] = (np.inf, np.inf),
-    plans: Sequence[Plan] = (),
+    observe: Callable[[Instant], None] = lambda now: None,
+    **setting: Any,
 ) -> Log:
-    """Sense, decide, observe, move; obstacles by their plans. From one to another time [s] no beam meets anything.
+    """A simulation on bare ground, until its end or until all members have arrived.
 
-    observe: called with the traffic, the fleet, its scans and, if there are plans, the obstacles, in every step
+    observe: called at every instant
+    setting: further fields of `Setting`
     """
-    fleet, sensing = Fleet.deployed(members, dt), Sensing(scene, seed=seed)
-    others = Obstacles(plans, fleet)
     rows = []
-    for step in range(round(seconds / dt) + 1):
-        traffic = snapshot(fleet, round(step * dt, 6))
-        if others.bodies.ids:
-            traffic = traffic.with_others(others.bodies)
-        scans = sensing.scan(traffic, fleet, step)
-        if blind[0] <= traffic.time < blind[1]:
-            scans = [scan and replace(scan, ranges=np.full(scan.ranges.shape, np.inf)) for scan in scans]
-        fleet = fleet.decided(scans, dt, odometry=sensing.odometry(fleet, step))
-        observe(traffic, fleet, scans, *([others] if plans else []))
-        motion = fleet.motion
-        on = targets(fleet, scans)
-        where = motion.x, motion.y, motion.heading, motion.turned, motion.speed
-        more = motion.acceleration, motion.yaw_rate, np.column_stack(fleet.model.axle_position(motion))
-        rows.append((*where, *fleet.command.twist, *fleet.target, on, *more))
-        fleet = fleet.moved(dt)
-        others.move(traffic, fleet, dt)
+    with Simulation(Setting(members, scene, dt, steps=round(seconds / dt), **setting)) as simulation:
+        for now in simulation:
+            observe(now)
+            if not len(now.fleet):
+                break
+            fleet, motion = now.fleet, now.fleet.motion
+            where = motion.x, motion.y, motion.heading, motion.turned, motion.speed
+            more = motion.acceleration, motion.yaw_rate, np.column_stack(fleet.model.axle_position(motion))
+            rows.append((*where, *fleet.command.twist, *fleet.target, targets(now), *more))
     return Log(np.arange(len(rows)) * dt, *(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def snapshot(fleet: Fleet, time: float) -> TrafficSnapshot:
-    motion, ids = fleet.motion, tuple(m.id for m in fleet.members)
-    size = fleet.model.length, fleet.model.width
-    return TrafficSnapshot(time, ids, motion.x, motion.y, motion.heading, motion.speed, *size)
-
-
-def targets(fleet: Fleet, scans: Sequence[ScanBatch | None]) -> np.ndarray:
-    """What the beam nearest to each law's target met, (n,)."""
+def targets(now: Instant) -> np.ndarray:
+    """What the beam nearest to each law's target met, (n,): a row of `now.traffic`, -1 a wall, -2 nothing."""
+    fleet = now.fleet
     on = np.full(len(fleet), -2)
-    for group, scan in zip(fleet.groups, scans, strict=True):
+    for group, scan in zip(fleet.groups, now.scans, strict=True):
         bearing = fleet.target.bearing[group.rows]
         seen = ~np.isnan(bearing)
         beam = np.rint((np.where(seen, bearing, 0.0) - scan.model.angle_min) / scan.model.angle_increment).astype(int)

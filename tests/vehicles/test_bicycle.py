@@ -69,14 +69,14 @@ def test_centre_draws_a_wider_circle_than_the_axle():
 
 
 @pytest.mark.parametrize(
-    ("lag", "jerk", "lost_speed", "moment"),  # of the time in which the brake builds up, by deceleration b
+    ("lag", "jerk", "lost_speed", "moment"),  # while the brake builds up, by deceleration b
     [
         (0.2, 1e9, lambda b: b * 0.2, lambda b: b * 0.2**2),
         (0.0, 20.0, lambda b: b**2 / 40, lambda b: b**3 / (6 * 20**2)),
     ],
 )
 @pytest.mark.parametrize(("speed", "braking"), [(25.0, 9.0), (14.0, 3.0)])
-def test_braking_distance(speed, braking, lag, jerk, lost_speed, moment):
+def test_the_braking_distance_is_the_closed_form_with_lag_or_jerk(speed, braking, lag, jerk, lost_speed, moment):
     """s = (v + D)^2 / 2b - M, with D = int (b - |a|) dt and M = int t (b - |a|) dt.
 
     For a lag T: D = b T, M = b T^2, so s = v^2 / 2b + v T - b T^2 / 2.
@@ -276,7 +276,7 @@ def test_stacked_cars_move_as_each_alone(kind):
         np.testing.assert_array_equal(state(together)[:, i], state(one_row)[:, 0])
 
 
-def test_rows_keep_to_themselves():
+def test_the_order_of_cars_changes_nothing():
     """A fleet in another order gives the same bytes in that order."""
     rng = np.random.default_rng(2)
     order = rng.permutation(40)
@@ -302,7 +302,7 @@ def test_inner_radius_of_the_design_car_on_its_smallest_circle_is_the_published_
 
 
 @pytest.mark.parametrize(("kind", "kmh", "allowed"), [("car", 100, 0.1 * 100 + 0.006 * 100**2), ("truck", 60, 36.7)])
-def test_stops_within_what_type_approval_asks(kind, kmh, allowed):
+def test_a_vehicle_stops_within_the_distance_of_its_type_approval(kind, kmh, allowed):
     """UN R13-H, 0.1 v + 0.0060 v^2; UN R13, 0.15 v + v^2 / 130; v in km/h."""
     start = rolling(kmh / 3.6, start=(0.0, 0.0, 0.0))
     gone = driven(CARS[kind], start, Drive(-99.0, 0.0), 12.0, 120)

@@ -17,16 +17,15 @@ from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.catalogue import FleetModel
 from platoontraffic.vehicles.motion import Motion, Twist
 from platoontraffic.vehicles.records import take
-from platoontraffic.world.fleet import Fleet, Member
-from platoontraffic.world.sensing import Sensing
-from tests.support.bench import DT, NO_WALLS, ROBOT, Prescribed, platoon, snapshot
+from platoontraffic.world.fleet import Member
+from tests.support.bench import NO_WALLS, ROBOT, Prescribed, drive, platoon
 from tests.support.runs import run
 
 MODELS = (ROBOT, CARS["car"], replace(ROBOT, lag=0.3, width=0.2), CARS["truck"])
 
 
 def members(order: list[int]) -> list[Member]:
-    """Platoons of one, each driving curves of its own by the clock."""
+    """Platoons of one; each drives its own curve."""
     alone = []
     for i in order:
         wave = Prescribed(lambda time, i=i: Twist(2 + 2 * np.sin(time + i), 0.3 * np.cos(2 * time - i)))
@@ -41,10 +40,8 @@ def state(motion: Motion) -> np.ndarray:
 
 def driven(order: list[int], seconds: float = 6.0) -> np.ndarray:
     """Every field of the motion at every step, (steps, fields, n)."""
-    fleet, sensing, states = Fleet.deployed(members(order), DT), Sensing(NO_WALLS), []
-    for step in range(round(seconds / DT)):
-        fleet = fleet.decided(sensing.scan(snapshot(fleet, step * DT), fleet, step), DT).moved(DT)
-        states.append(state(fleet.motion))
+    states = []
+    drive(members(order), NO_WALLS, seconds, observe=lambda now: states.append(state(now.fleet.motion)))
     return np.array(states)
 
 
@@ -106,7 +103,7 @@ def test_a_car_follows_another_round_a_ring(tmp_path: Path):
     file.write_text(RING)
     folder = run(tmp_path / "ring", file)
     rows, events = (pd.read_csv(folder / f"{name}.csv") for name in ("trajectories", "events"))
-    # At the start and the end of the run; no contact, never lost.
+    # No contact, and no lock loss.
     assert events.kind.tolist() == ["departed", "departed", "locked", "end"]
 
     leader, follower = (rows[rows.place == place] for place in (0, 1))
@@ -117,7 +114,7 @@ def test_a_car_follows_another_round_a_ring(tmp_path: Path):
 
     steady = follower[follower.time_s > 25]
     car = CARS["car"]
-    to_bumper = 0.03  # the laser is so far behind it
+    to_bumper = 0.03  # the laser is 0.03 m behind the front bumper
     assert steady.gap_m.mean() + to_bumper == pytest.approx(4.0 + 10.0 / SPEED_GAIN, rel=0.02)
     assert steady.speed_mps.mean() == pytest.approx(10.0, rel=0.01)
     assert follower.cross_track_m.abs().max() < car.width / 2

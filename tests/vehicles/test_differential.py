@@ -90,7 +90,7 @@ def test_saturation_keeps_the_curvature_and_turns_one_wheel_at_its_limit(twist):
     assert kept.speed * wanted.speed + kept.yaw_rate * wanted.yaw_rate > 0
 
 
-def test_what_both_wheels_can_turn_is_not_touched():
+def test_a_command_within_the_limits_of_both_wheels_is_not_changed():
     for twist in (Twist(0.0, 0.0), Twist(1.19, 0.0), Twist(0.5, -8.0)):
         assert fastest_wheel(ROBOT, twist) < ROBOT.max_wheel_speed
         assert ROBOT.saturated(twist) == twist

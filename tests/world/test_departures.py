@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import libsumo
@@ -13,11 +13,8 @@ import shapely
 
 from platoontraffic import scenario, simulation
 from platoontraffic.errors import InputError
-from platoontraffic.sumo.world import World
+from platoontraffic.simulation import Simulation
 from platoontraffic.vehicles.catalogue import VEHICLES
-from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.prepared import departures
-from platoontraffic.world.sensing import Sensing
 from tests.support import ODD_NETS
 from tests.support.runs import run
 
@@ -69,7 +66,7 @@ def written(tmp_path) -> Callable[..., Path]:
 
 @pytest.fixture
 def tables(tmp_path, written) -> Callable[..., tuple[pd.DataFrame, pd.DataFrame]]:
-    """Runs platoons; their trajectories and events."""
+    """Runs platoons, and returns their trajectories and events."""
 
     def play(*platoons: str, name: str = "mine", changes=(), **options) -> tuple[pd.DataFrame, pd.DataFrame]:
         folder = run(tmp_path / name, written(*platoons, name=name, **options), *changes)
@@ -83,7 +80,7 @@ def of(table: pd.DataFrame, vehicle: str) -> pd.DataFrame:
 
 
 def events(table: pd.DataFrame, kind: str) -> dict[str, float]:
-    """Vehicle -> time."""
+    """Time of the event by vehicle."""
     some = table[table.kind == kind]
     return dict(zip(some.vehicle_id, some.time_s, strict=True))
 
@@ -94,7 +91,7 @@ def ending(table: pd.DataFrame) -> tuple[float, str]:
 
 
 def clearance(table: pd.DataFrame, one: str, other: str) -> pd.Series:
-    """Distance between two footprints over time, when both are there [m]."""
+    """Distance between two footprints [m] at the times at which both are on the road."""
     both = of(table, one).merge(of(table, other), on="time_s")
     box = shapely.box(-LENGTH / 2, -WIDTH / 2, LENGTH / 2, WIDTH / 2)
 
@@ -209,7 +206,7 @@ def test_a_vehicle_on_the_adjacent_lane_does_not_delay_a_departure(tables, tmp_p
 
 
 def test_a_platoon_does_not_depart_around_another_vehicle(tables, tmp_path):
-    """It stands in the 30 m between two members, out of the clearance of both."""
+    """The other vehicle stands in the 30 m between two members, out of the clearance of both."""
     stands = platoon("a", 'edge = "west_in", position_m = 83', standing(tmp_path, 100.0))
     pair = platoon("b", 'edge = "west_in", position_m = 100, time_s = 1.0', size=2, gap=30.0)
     _, noted = tables(stands, pair, duration=3.0)
@@ -218,7 +215,7 @@ def test_a_platoon_does_not_depart_around_another_vehicle(tables, tmp_path):
 
 @pytest.mark.parametrize("leader", [PATH, SUMO.replace("8.0", "30.0")], ids=["path", "sumo"])
 def test_a_platoon_does_not_depart_too_fast_to_stop_behind_another(tables, tmp_path, leader):
-    """It stands 11 m ahead; braking from 13 m/s takes 19 m, from 3 m/s 1 m."""
+    """The other platoon stands 11 m ahead; braking from 13 m/s takes 19 m, from 3 m/s 1 m."""
     stands = platoon("a", 'edge = "west_in", position_m = 120', standing(tmp_path, 100.0))
     start = 'edge = "west_in", position_m = 104, time_s = 1.0, speed_mps = '
     _, noted = tables(stands, platoon("b", start + "13.0", leader), duration=5.0, name="fast")
@@ -315,38 +312,20 @@ def test_laps_are_not_complete_before_all_platoons_have_departed(tables):
     assert (why, time) == ("laps", pytest.approx(8.0 + 0.05 * 2 * np.pi * 159 / 8.0, abs=1.0))
 
 
-def played(file: Path, words: Path, steps: int, look: Callable[[Fleet], None]) -> None:
-    """The loop of a run; `look` is called after every step."""
-    prepared = simulation.prepare(scenario.load(file))
-    dt = prepared.scenario.spec.run.step_s
-    fleet, later = departures(prepared.members, dt)
-    sensing = Sensing(prepared.scene)
-    with World(prepared.network, dt, 1, words) as world:
-        fleet = world.deploy(fleet, later)
-        for step in range(steps):
-            traffic = world.snapshot(fleet)
-            fleet = fleet.decided(sensing.scan(traffic, fleet, step), dt, world.signals(fleet)).moved(dt)
-            world.place(fleet)
-            fleet = world.advance(fleet)
-            look(fleet)
-
-
 @pytest.mark.parametrize("leader", [PATH, SUMO], ids=["path", "sumo"])
-def test_a_member_that_has_arrived_is_removed_from_sumo(written, tmp_path, leader):
-    start = 'edge = "east_out", position_m = 460, speed_mps = 8.0'
-    there: list[tuple[Sequence[str], set[str]]] = []
-
-    def look(fleet: Fleet) -> None:
-        there.append(([m.id for m in fleet.members], set(libsumo.vehicle.getIDList())))
-
-    file = written(platoon("a", start, leader, size=3))
-    played(file, tmp_path / "words.log", 80, look)
-    assert there[0] == (["a.0", "a.1", "a.2"], {"a.0", "a.1", "a.2"})
-    assert there[-1] == ([], set())
-    gone = [members for members, _ in there].index([])
-    assert all(not ids for _, ids in there[gone + 1 :])
-    for members, ids in there[:gone]:
-        assert set(members) == ids
+def test_a_member_that_has_arrived_is_removed_from_sumo(written, leader):
+    """Another platoon, which stays, keeps the simulation going."""
+    arrives = platoon("a", 'edge = "east_out", position_m = 460, speed_mps = 8.0', leader, size=3)
+    stays = platoon("z", 'edge = "north_in", position_m = 50', route='to = "south_out"')
+    there: list[tuple[set[str], set[str]]] = []
+    with Simulation.load(written(arrives, stays, duration=8.0)) as simulation:
+        for now in simulation:
+            there.append(({m.id for m in now.fleet.members}, set(libsumo.vehicle.getIDList())))
+    assert there[0] == ({"a.0", "a.1", "a.2", "z.0"},) * 2
+    gone = [members for members, _ in there].index({"z.0"})
+    assert all(members == ids for members, ids in there[:gone])
+    assert all(members == ids == {"z.0"} for members, ids in there[gone + 1 :])
+    assert gone < len(there) - 10
 
 
 @pytest.mark.parametrize("of_a", [PATH, SUMO], ids=["path", "sumo"])

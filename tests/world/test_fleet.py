@@ -25,7 +25,7 @@ CAR = CARS["car"]
 
 @dataclass(frozen=True)
 class Driver(Law):
-    """The same drive always."""
+    """A constant drive."""
 
     acceleration: float
     curvature: float = 0.0
@@ -37,7 +37,7 @@ class Driver(Law):
 
 @dataclass(frozen=True)
 class Turner(Law):
-    """The same twist always."""
+    """A constant twist."""
 
     speed: float
     yaw_rate: float = 0.0
@@ -59,7 +59,7 @@ def one(law, name="robot", model=ROBOT, at=(0.0, 0.0, 0.0), speed=0.0, **changes
 def test_a_robot_goes_faster_by_the_acceleration_times_the_step():
     log = drive([one(Driver(0.2))], NO_WALLS, 3.0)
     np.testing.assert_allclose(log.speed[:, 0], 0.2 * log.time, atol=1e-9)
-    # Of every step the speed at its end, as a robot takes a twist: v + a dt at once.
+    # A robot has the speed at the end of a step, v + a dt, at once, as with a twist.
     np.testing.assert_allclose(log.x[:, 0], 0.1 * log.time * (log.time + DT), atol=1e-9)
 
 
@@ -104,7 +104,7 @@ def test_drives_and_twists_go_side_by_side_as_each_does_alone():
 
 @dataclass(frozen=True)
 class Hesitant(Law):
-    """A twist, and from a second on a drive."""
+    """A twist; a drive after the first second."""
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
         if sensed.scan.stamp < 1.0 - 1e-9:
@@ -119,13 +119,13 @@ def test_a_law_may_go_from_one_kind_of_command_to_the_other():
 
 
 @pytest.mark.parametrize("acceleration", [np.nan, np.inf])
-def test_a_drive_that_is_no_number_is_the_laws_fault(acceleration):
+def test_a_drive_that_is_not_a_number_is_reported_as_a_fault_of_the_law(acceleration):
     said = rf"Driver gave acceleration {acceleration}, curvature 0.0, target nan, nan for robot.0 at 0.000 s"
     with pytest.raises(InputError, match=said):
         drive([one(Driver(acceleration))], NO_WALLS, 1.0)
 
 
-# ---- members that go, and what their laws remember
+# ---- members that leave, and the memories of laws
 
 
 class Arrays(NamedTuple):
@@ -141,7 +141,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Counting(Law):
-    """Counts its calls for every row; a speed that is the count says who remembers what."""
+    """Counts its calls for every row, from a number of its own; the speed that it commands shows the count."""
 
     kind: str
 
@@ -176,7 +176,7 @@ def decided(fleet: Fleet, step: int) -> Fleet:
 
 
 @pytest.mark.parametrize("kind", ["array", "list", "namedtuple", "dataclass"])
-def test_who_stays_keeps_its_own_memory(kind):
+def test_members_that_stay_keep_their_own_memories(kind):
     fleet = decided(three(Counting(kind)), 0)
     assert len(fleet.groups) == 1
     fleet = decided(fleet.without(of(fleet, "p2")), 1)
@@ -215,7 +215,7 @@ class Remembering(Law):
 @pytest.mark.parametrize(
     ("what", "named"), [("dict", "dict"), ("number", "float"), ("tuple", "tuple"), ("words", "str")]
 )
-def test_a_memory_that_rows_cannot_be_taken_out_of_is_said_in_one_line(what, named):
+def test_a_memory_without_rows_is_reported_in_one_line(what, named):
     fleet = decided(three(Remembering(what)), 0)
     with pytest.raises(InputError, match=rf"test_fleet.py:\d+: law Remembering remembers a {named}; must be") as error:
         fleet.without(of(fleet, "p2"))
@@ -233,13 +233,13 @@ class Misshapen(Law):
 
 
 @pytest.mark.parametrize("rows", [7, None])
-def test_so_is_one_that_has_not_one_row_a_vehicle(rows):
+def test_a_memory_without_one_row_a_vehicle_is_reported(rows):
     fleet = decided(three(Misshapen(rows)), 0)
     with pytest.raises(InputError, match="law Misshapen remembers"):
         fleet.without(of(fleet, "p2"))
 
 
-def test_any_memory_will_do_while_all_of_a_group_stay_or_go():
+def test_a_memory_needs_no_rows_while_all_of_a_group_stay_or_go():
     fleet = decided(three(Remembering("dict")), 0)
     assert fleet.without(set()) is fleet
     assert fleet.without({"p9.0"}).groups[0].memory is fleet.groups[0].memory
@@ -265,7 +265,7 @@ def same(one: Any, other: Any) -> None:
 
 
 @pytest.mark.parametrize("gone", ["robot", "b", "c"])
-def test_who_stays_goes_on_as_if_the_others_had_never_been(gone):
+def test_members_that_stay_drive_on_unchanged(gone):
     members = mixed()
     fleet = Fleet.deployed(members, 0.1)
     for step in range(5):
@@ -281,7 +281,7 @@ def test_who_stays_goes_on_as_if_the_others_had_never_been(gone):
     same(both[1].motion, take(both[0].motion, np.array(rows)))
 
 
-def test_who_joins_is_driven_as_if_deployed_with_the_others():
+def test_members_that_join_drive_as_if_deployed_with_the_rest():
     members = mixed()
     together = Fleet.deployed(members, 0.1)
     joined = Fleet.deployed(members[:3], 0.1)
@@ -294,17 +294,17 @@ def test_who_joins_is_driven_as_if_deployed_with_the_others():
     same(joined.motion, together.motion)
 
 
-def test_a_fleet_of_nobody_can_be_joined_and_left():
-    nobody, members = Fleet.deployed([], 0.1), mixed()
-    assert len(nobody) == 0
-    assert nobody.arrived() == set()
-    some = nobody.joined(Fleet.deployed(members, 0.1))
+def test_an_empty_fleet_can_be_joined_and_left():
+    empty, members = Fleet.deployed([], 0.1), mixed()
+    assert len(empty) == 0
+    assert empty.arrived() == set()
+    some = empty.joined(Fleet.deployed(members, 0.1))
     assert [m.id for m in some.members] == [m.id for m in members]
     same(decided(some, 0).moved(0.1).motion, decided(Fleet.deployed(members, 0.1), 0).moved(0.1).motion)
     assert len(some.without(of(some, "robot", "b", "c"))) == 0
 
 
-def test_scans_of_a_lidar_that_waits_are_due_in_the_same_steps_for_who_joins():
+def test_a_slow_lidar_of_a_member_that_joins_scans_in_the_same_steps_as_the_rest():
     slow = replace(BLIND, rate=1 / (4 * DT))
     here, later = (Fleet.deployed([one(Turner(0.1), name, lidar=slow)], DT) for name in "ab")
     fleet = here.joined(later)

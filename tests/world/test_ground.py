@@ -1,4 +1,4 @@
-"""Bare ground: members stand where the fleet has them, and come and go as on SUMO's."""
+"""Bare ground: members are where the fleet has them, and depart and arrive as in SUMO."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def fleet_of(size: int, *, departs: float = 0.0, name: str = "robot") -> Fleet:
 
 
 def led_along_route(x: float) -> Fleet:
-    """A leader that arrives by itself, its centre at x; and a follower behind it that knows no route."""
+    """A leader that arrives by itself, with its centre at x, and a follower behind it without a route."""
     leader, follower = platoon(PathLeader(), constant(0.5), 1, at=(x, 0.0, 0.0), model=VEHICLES["car"])
     return Fleet.deployed([replace(leader, route=ROUTE), follower], STEP)
 

@@ -157,7 +157,7 @@ def test_an_order_to_leave_is_rejected_past_the_place_where_the_routes_part(tmp_
 
 
 @pytest.mark.sumo
-def test_an_order_to_leave_is_rejected_once_it_turns_into_another_route(tmp_path):
+def test_an_order_to_leave_is_rejected_once_the_member_turns_into_another_route(tmp_path):
     """In the junction it is still near both routes."""
     base = shipped.scenarios()["corridor_cut_in"].read_text(encoding="utf-8").split("[[obstacle]]")[0]
     base = base.replace("duration_s = 60.0", "duration_s = 45.0").replace("size = 5", "size = 3")

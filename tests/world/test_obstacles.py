@@ -22,8 +22,9 @@ from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.geometry.polyline import Polyline
 from platoontraffic.lidar import PRESETS, Mount, Scene
 from platoontraffic.observation.avoidance import hardest, least_braking, least_gap, reaction, stopping_distance
-from platoontraffic.observation.encounters import Encounter, Encounters
+from platoontraffic.observation.encounters import Encounter
 from platoontraffic.road.route import Route
+from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.vehicles.odometry import ODOMETRY
@@ -44,7 +45,7 @@ from platoontraffic.world.obstacles import (
     TargetGap,
 )
 from platoontraffic.world.traffic import TrafficSnapshot
-from tests.support.bench import BLIND, NO_WALLS, Prescribed, drive, platoon
+from tests.support.bench import BLIND, NO_WALLS, Prescribed, platoon
 
 DT = 0.1
 CAR = VEHICLES["car"]
@@ -58,7 +59,7 @@ NEVER = math.inf
 
 
 def followers(speed: float, headway: float = 1.0, n: int = 2, route: Route = STRAIGHT) -> list[Member]:
-    """Followers of a leader at constant speed, with the car's lidar and odometry and their errors."""
+    """A leader at constant speed, and followers with the errors of a car's lidar and odometry."""
     law = TrackingFollower(time_headway=headway)
     members = platoon(
         Prescribed(lambda _: Drive(0.0, 0.0)), law, n, distance=law.desired_distance(speed), model=CAR, eye=TRACKER,
@@ -84,7 +85,7 @@ def cut_in(
 
 
 def walk(x: float, speed: float, sets_out: float | None, side: float, event: MemberNear | None = None) -> Crossing:
-    """From 4 m beside the middle of the lane to the other side."""
+    """A pedestrian that walks from 4 m beside the middle of the lane to the other side."""
     return Crossing(
         id="ped", kind="pedestrian", length=0.3, width=0.5, start=(x, side * 4.0), end=(x, -side * 4.0), speed=speed,
         sets_out=sets_out, at_event=event,
@@ -102,19 +103,18 @@ class Played(NamedTuple):
 
 
 def play(members: Sequence[Member], plan: Plan, seconds: float, seed: int = 0, scene: Scene = NO_WALLS) -> Played:
-    least, seen, watching = [], [], []
+    steps = round(seconds / DT)
+    with Simulation(Setting(members, scene, DT, steps=steps, seed=seed, obstacles=[plan])) as simulation:
+        seen = [now.traffic for now in simulation]
+        met = simulation.encounters.rows()
+    distances = (clearance(traffic, len(members), plan.id) for traffic in seen if plan.id in traffic.ids)
+    return Played(met, min(distances, default=NEVER), seen)
 
-    def observe(traffic, fleet, scans, others) -> None:
-        if not watching:
-            watching.append(Encounters(others, members))
-        watching[0].observe(traffic, fleet, [])
-        seen.append(traffic)
-        if plan.id in traffic.ids:
-            shapes = shapely.polygons(traffic.boxes().corners())
-            least.append(shapely.distance(shapes[: len(members)], shapes[traffic.ids.index(plan.id)]).min())
 
-    drive(members, scene, seconds, DT, observe=observe, seed=seed, plans=[plan])
-    return Played(watching[0].rows(), min(least, default=NEVER), seen)
+def clearance(traffic: TrafficSnapshot, members: int, name: str) -> float:
+    """Least distance between the members, in the first rows, and another body [m]."""
+    shapes = shapely.polygons(traffic.boxes().corners())
+    return shapely.distance(shapes[:members], shapes[traffic.ids.index(name)]).min()
 
 
 def of(seen: list[TrafficSnapshot], name: str) -> np.ndarray:
@@ -325,7 +325,7 @@ BEND = np.array([(-300.0, 0.0), *ARC, (RADIUS, 300.0)])
 HEDGE = Scene.from_shapely(solids=[shapely.box(-80.0, 4.0, RADIUS - 4.0, 84.0)])  # everything inside the bend
 
 
-@pytest.mark.parametrize("behind", [5.0, 15.0, 25.0, 40.0])  # distance behind the begin of the bend [m]
+@pytest.mark.parametrize("behind", [5.0, 15.0, 25.0, 40.0])  # distance behind the beginning of the bend [m]
 def test_a_leader_stops_for_a_standing_car_behind_a_bend(behind):
     route = Route.along(["e"], BEND, np.full(len(BEND), 20.0))
     x, y, heading = PathLine(route).pose(300.0 + behind, 0.0, 4.74)

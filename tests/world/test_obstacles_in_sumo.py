@@ -70,7 +70,7 @@ def standing(name: str, x: float, y: float, heading: float, length: float, width
 
 
 def play(tmp_path, obstacles, seconds: float, routes=None, each=lambda world: None) -> list[TrafficSnapshot]:
-    """A background vehicle drives down a road 300 m long; obstacles by the time of each step."""
+    """Snapshots of a background vehicle on a road 300 m long; obstacles: those at a time."""
     seen = []
     with World(Network.read(NETS / "cross.net.xml"), STEP, 1, tmp_path / "words.log") as world:
         libsumo.route.add("south", ["north_in", "south_out"])

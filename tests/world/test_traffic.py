@@ -60,7 +60,7 @@ def run(file: Path, to: Path, *changes: str) -> tuple[Path, list]:
 
 @pytest.fixture
 def configuration(tmp_path) -> Path:
-    """A folder as a user has it: a configuration that asks for outputs, and a detector that writes beside itself."""
+    """A user's folder: a configuration that asks for outputs, and a detector that writes beside its own file."""
     folder = tmp_path / "theirs"
     folder.mkdir()
     for name in ("ring.net.xml", "ring.rou.xml"):
@@ -85,7 +85,7 @@ def test_a_configuration_runs_and_no_file_is_written_beside_it(configuration, tm
     assert (folder / "sumo_trips.xml").stat().st_size > 0
     assert (folder / "sumo_counted.xml").stat().st_size > 0
     rows = pd.read_csv(folder / "trajectories.csv")
-    assert rows.time_s.iloc[0] == 0  # whatever SUMO's clock showed
+    assert rows.time_s.iloc[0] == 0  # whatever time SUMO had
     again = run(folder / "config.toml", tmp_path / "two")
     assert filecmp.cmp(folder / "trajectories.csv", again / "trajectories.csv", shallow=False)
 
@@ -114,7 +114,7 @@ def test_traffic_stops_behind_a_standing_robot_that_has_room_at_the_start(tmp_pa
     assert len(first.ids) > 5
     gaps = np.hypot(first.x[1:] - first.x[0], first.y[1:] - first.y[0]) - (first.length[1:] + first.length[0]) / 2
     assert gaps.min() > 0
-    # One waits right behind, at SUMO's minimum gap; none has driven through.
+    # One vehicle waits right behind, at SUMO's minimum gap; none has driven through the robot.
     gap = (last.x[0] - last.length[0] / 2) - (last.x[1:] + last.length[1:] / 2)
     behind = (np.abs(last.y[1:] - last.y[0]) < 1) & (gap > 0)
     assert 1.5 < gap[behind].min() < 3.5

@@ -12,6 +12,7 @@ import pytest
 from platoontraffic.controllers.tracker.records import ACCELERATION, CURVATURE, HEADING, OVERHANG, SPEED
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.observation.instant import Instant
 from platoontraffic.vehicles.motion import Drive
 from tests.controllers.test_tracking_follower import CAR, DT, EXACT, NOISY, s_bend, straight_on, turn
 from tests.support.bench import BLIND, NO_WALLS, Prescribed, drive, platoon
@@ -20,7 +21,7 @@ LAW = TrackingFollower()
 
 
 class Errors(NamedTuple):
-    """Of a track, (k, n, 6): along and across the predecessor's heading, heading, speed, acceleration, curvature."""
+    """Errors (k, n, 6): along and across the predecessor's heading, heading, speed, acceleration, curvature."""
 
     error: np.ndarray
     claimed: np.ndarray  # standard deviations
@@ -39,14 +40,15 @@ def tracked(at, seconds: float, speed: float, eye=NOISY, followers: int = 6, see
     )  # fmt: skip
     rows = []
 
-    def watch(traffic, fleet, scans) -> None:
+    def observe(now: Instant) -> None:
+        fleet = now.fleet
         motion, (memory,) = fleet.motion, [group.memory for group in fleet.groups if group.law is law]
         x, y = fleet.model.axle_position(motion)
         ahead, own = slice(None, -1), slice(1, None)
         dx, dy = x[ahead] - x[own], y[ahead] - y[own]
         cos, sin = np.cos(motion.heading[own]), np.sin(motion.heading[own])
         odometry, mean = memory.odometry, memory.track.mean
-        # Both as seen from the own axle, whose odometry has no errors here.
+        # Both relative to the own axle; odometry has no errors here.
         mx, my = mean[:, 0] - odometry.x, mean[:, 1] - odometry.y
         mcos, msin = np.cos(odometry.heading), np.sin(odometry.heading)
         off_x = mcos * mx + msin * my - (cos * dx + sin * dy)
@@ -64,7 +66,7 @@ def tracked(at, seconds: float, speed: float, eye=NOISY, followers: int = 6, see
         claimed = np.sqrt(np.diagonal(memory.track.cov, axis1=1, axis2=2))
         rows.append((error, claimed, memory.track.nis, memory.track.blind))
 
-    drive(members, NO_WALLS, seconds, DT, watch, seed=seed)
+    drive(members, NO_WALLS, seconds, DT, observe, seed=seed)
     return Errors(*(np.array(column) for column in zip(*rows[20:], strict=True)))
 
 
@@ -83,7 +85,7 @@ def test_without_noise_the_estimate_is_the_truth(at, seconds, speed):
 @pytest.mark.parametrize("sigma", [0.01, 0.02, 0.03])
 @pytest.mark.parametrize("distance", [8.0, 15.0, 25.0, 40.0, 55.0])
 def test_errors_match_the_estimated_covariance(sigma, distance):
-    """By distance and noise; rounding, and floors of the measured variances, make the estimate rather too wide."""
+    """By distance and noise; rounding and lower bounds of the measured variances make the covariance too wide."""
     eye = replace(NOISY, range_max=80.0, noise=replace(NOISY.noise, sigma=sigma))
     found = tracked(straight_on, 25.0, 15.0, eye, distance=max(distance, 15.5) if distance > 15 else distance + 0.5)
     nis = found.nis[~np.isnan(found.nis)]
@@ -103,7 +105,7 @@ def test_speed_and_acceleration_of_a_braking_predecessor_are_known_soon():
     assert np.abs(late[4:, ACCELERATION]).max() < 3
 
 
-def test_odometry_drives_arcs():
+def test_odometry_integrates_arcs():
     odometry = Odometry.begin(np.array([5.0]), np.array([0.5]))
     for _ in range(round(2 * np.pi / 0.5 / 0.1)):
         odometry = odometry.moved(np.array([5.0]), np.array([0.5]), 0.1)
@@ -113,7 +115,7 @@ def test_odometry_drives_arcs():
 
 
 def test_uncertainty_grows_out_of_sight_and_covers_unseen_braking():
-    """Braking at 4 m/s2."""
+    """The predecessor brakes at 4 m/s2."""
     mean = np.array([[20.0, 0.0, 0.0, 15.0, 0.0, 0.0]])
     spread_now = np.array([0.01, 0.02, 0.005, 0.1, 0.8, 0.003])
     track = Track(mean, np.diag(spread_now**2)[None], np.array([1.8]), np.zeros(1), np.zeros(1))
