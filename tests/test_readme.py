@@ -28,6 +28,7 @@ def test_there_is_one_command_to_run_and_one_to_test():
     assert test.endswith("pytest")
 
 
+@pytest.mark.slow
 @pytest.mark.sumo
 def test_your_own_follower_in_twenty_lines_runs(tmp_path, monkeypatch):
     law = blocks("python")[0]

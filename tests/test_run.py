@@ -44,20 +44,24 @@ def test_three_robots_go_round_the_first_corner_and_keep_their_lock(one_corner):
     assert metric(one_corner, "gap_max").max() < 1.0
 
 
+@pytest.mark.slow
 def test_twice_in_one_process_is_the_same_bytes(one_corner, tmp_path):
     assert equal_tables(one_corner, run(tmp_path / "again", "paper_loop", *ONE_CORNER))
 
 
+@pytest.mark.slow
 def test_another_process_writes_the_same_bytes(one_corner, tmp_path):
     command = [sys.executable, "-m", "platoontraffic", "run", "paper_loop", *ONE_CORNER, "-q", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert equal_tables(one_corner, Path(done.stdout.strip()))
 
 
+@pytest.mark.slow
 def test_the_order_of_the_members_changes_nothing(one_corner, tmp_path):
     assert equal_tables(one_corner, run(tmp_path / "reversed", "paper_loop", *ONE_CORNER, members=lambda m: m[::-1]))
 
 
+@pytest.mark.slow
 def test_the_configuration_that_a_run_leaves_repeats_it(one_corner, tmp_path):
     again = scenario.load(one_corner / "config.toml")
     assert run_id(again) == run_id(scenario.load("paper_loop", ONE_CORNER))
@@ -80,6 +84,7 @@ def test_errors_of_lidars_follow_the_seed_and_the_vehicle_alone(tmp_path):
     assert paths[0].reset_index(drop=True).equals(paths[1].reset_index(drop=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "engine"),
     [*((name, "pymunk") for name in ("paper_loop", "paper_path", "paper_world")), ("paper_loop", "numpy"),
@@ -93,6 +98,7 @@ def test_every_lidar_engine_gives_the_same_trajectories(tmp_path, name, engine):
     assert np.allclose(*numbers, atol=1e-5, equal_nan=True)
 
 
+@pytest.mark.slow
 def test_the_printed_follower_loses_the_platoon_at_the_first_corner(tmp_path):
     folder = run(tmp_path / "printed", "paper_printed", "run.duration_s=60", "platoon.size=2")
     lost = metric(folder, "lost_for_good", "robot.1")
@@ -102,6 +108,7 @@ def test_the_printed_follower_loses_the_platoon_at_the_first_corner(tmp_path):
     assert events[events.time_s == lost].detail.iloc[0] == "not recognised, though 720 beams hit it"
 
 
+@pytest.mark.slow
 def test_a_leader_drives_a_path_of_several_radii(tmp_path):
     folder = run(tmp_path / "path", "paper_path", "run.duration_s=60", "platoon.size=2")
     rows = pd.read_csv(folder / "trajectories.csv")
@@ -218,6 +225,7 @@ def test_a_law_that_returns_no_decision_is_reported_in_one_line(scenario_file, t
         run(tmp_path / "results" / "run", file, "run.duration_s=0.1")
 
 
+@pytest.mark.slow
 def test_gaps_do_not_depend_on_how_often_they_are_recorded(tmp_path):
     short = ("run.duration_s=50", "platoon.size=2")
     rows = [pd.read_csv(run(tmp_path / e, "paper_loop", *short, f"record.every_s={e}") / "trajectories.csv")

@@ -48,7 +48,7 @@ EVERY = 10.0  # simulated time between two readings of the clocks [s]
 STAGES = {  # stages of the loop -> their names in provenance.json
     "SUMO's step": ("step",),
     "read": ("read",),
-    "scan": ("scan", "odometry"),
+    "scan": ("scan",),
     "decide": ("signals", "decide"),
     "move": ("move",),
     "place": ("place",),

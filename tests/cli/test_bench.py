@@ -114,6 +114,7 @@ def test_without_eclipse_sumo_it_says_what_is_missing(monkeypatch):
 # ---- a small run
 
 
+@pytest.mark.slow
 @pytest.mark.sumo
 def test_the_whole_loop_is_measured_against_sumo_alone(folder):
     said = []

@@ -195,6 +195,7 @@ def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path, number):
     assert "an unfinished run" in call("plot", kept).stderr
 
 
+@pytest.mark.slow
 @pytest.mark.sumo
 def test_two_at_once_leave_one_result(tmp_path):
     command = [*COMMAND, "run", "paper_loop", "run.duration_s=10", "platoon.size=3", "-q", "--out", str(tmp_path)]

@@ -86,6 +86,7 @@ def test_a_network_for_robots_is_narrow_but_no_fault():
     assert second.endswith("fine")
 
 
+@pytest.mark.slow
 def test_a_network_imported_and_built_again_is_the_same(netconvert, tmp_path):
     """Round trip: lanes, connections, junctions and lights are equal, shapes within 1 cm."""
     for name, net in shipped.networks().items():

@@ -100,6 +100,7 @@ def steady(time: float) -> tuple[float, float]:
     return 0.0, 0.0
 
 
+@pytest.mark.slow
 def test_a_follower_without_leader_drives_on_along_its_route_and_round_the_corner_at_the_limit():
     course = driven(steady, 26.0, route=corner(), leader_leaves=1.0)
     away = shapely.distance(shapely.LineString(corner().line.points), shapely.points(course.x, course.y))
@@ -133,6 +134,7 @@ def test_a_follower_behind_its_leader_stops_at_a_closed_line_only_with_policy_ob
         assert course.speed[-1] == pytest.approx(0, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_predecessor_that_left_the_route_is_not_followed():
     """The leader goes straight on where the route turns, unseen by the follower."""
     law = Unseeing(TrackingFollower(on_loss="drive"), 1.0, 5.0)

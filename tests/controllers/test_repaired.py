@@ -100,6 +100,7 @@ def first_loss(log):
     return int(lost.argmax())
 
 
+@pytest.mark.slow
 def test_with_all_repairs_it_is_locked_on_in_every_step_of_the_first_corner():
     log = to_the_first_corner(REPAIRED, 75.0)
     assert log.locked().all()

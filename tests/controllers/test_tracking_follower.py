@@ -99,6 +99,7 @@ def test_a_steady_gap_is_the_desired_distance(speed, eye):
     assert log.locked().all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frequency", [0.02, 0.05, 0.1, 0.2, 0.3, 0.5])
 def test_no_disturbance_of_speed_grows_along_ten_followers(frequency):
     omega = 2 * np.pi * frequency
@@ -147,6 +148,7 @@ def test_it_stops_behind_a_standing_car_first_seen_at_sixty_metres(speed, eye):
     assert gaps(log)[-1, 0] == pytest.approx(FOLLOWER.stand_off - BEHIND_BUMPER, abs=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", [3.08, 3.11, 3.2])
 def test_in_a_queue_it_neither_creeps_nor_turns(distance):
     """In three minutes, errors of the measured yaw rate would turn it by up to 18 degrees."""

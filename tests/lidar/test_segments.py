@@ -469,4 +469,7 @@ def test_refuses_ranges_of_another_model():
 
 
 def test_importing_it_does_not_import_numba():
-    subprocess.run([sys.executable, "-c", "import sys, lidar.segments; assert 'numba' not in sys.modules"], check=True)
+    subprocess.run(
+        [sys.executable, "-c", "import sys, platoontraffic.lidar.segments; assert 'numba' not in sys.modules"],
+        check=True,
+    )

@@ -116,7 +116,7 @@ def test_wrong_use_is_one_line(arguments, said, batch, monkeypatch, tmp_path):
 def test_a_run_has_no_metric_to_choose(tmp_path):
     folder = made_run(tmp_path / "run", seconds=1.0)
     done = CliRunner().invoke(app, ["report", str(folder), "--metric", "gap_mean_m"])
-    assert (done.exit_code, done.stderr) == (2, "--metric: is for batches; the report of a run has all metrics\n")
+    assert (done.exit_code, done.stderr) == (2, "--metric: is only for batches; the report of a run has all metrics\n")
 
 
 def test_a_batch_without_its_tables_is_one_line(batch):

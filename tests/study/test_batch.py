@@ -214,6 +214,7 @@ def test_a_damaged_run_is_an_input_error_that_names_the_file(tiny, tmp_path, nam
         batch.run(study.load(tiny()), tmp_path / "out" / "tiny", "serial")
 
 
+@pytest.mark.slow
 @needs_signals
 @pytest.mark.parametrize("executor", ["processes", "dask"])
 def test_a_run_that_dies_by_a_signal_costs_only_itself(tiny, tmp_path, executor):
@@ -272,6 +273,7 @@ def test_a_signal_ends_a_batch_and_leaves_no_process(tiny, tmp_path, killed, num
     assert not list(folder.glob("*.partial"))
 
 
+@pytest.mark.slow
 @needs_signals
 def test_workers_end_with_their_parent(tiny, tmp_path, killed):
     running = started(tiny(5, 40), "-j", 2, "--out", tmp_path / "out")
@@ -283,6 +285,7 @@ def test_workers_end_with_their_parent(tiny, tmp_path, killed):
     until(lambda: not any(map(alive, workers)), deadline=10)
 
 
+@pytest.mark.slow
 def test_a_second_batch_on_the_same_folder_is_refused(tiny, tmp_path, killed):
     file = tiny(5, 40)
     killed.append(started(file, "-j", 1, "--out", tmp_path / "out"))
@@ -292,6 +295,7 @@ def test_a_second_batch_on_the_same_folder_is_refused(tiny, tmp_path, killed):
     assert "another batch is at work there" in second.stderr
 
 
+@pytest.mark.slow
 def test_shards_work_side_by_side_but_not_on_the_same_runs(tiny, tmp_path):
     shard = (tiny(5, 40), "-j", 1, "--out", tmp_path / "out", "--shard")
     assert call(*shard, "1/200").returncode == 0

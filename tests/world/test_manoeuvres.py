@@ -134,6 +134,7 @@ time_s = 145.0
 """
 
 
+@pytest.mark.slow
 @pytest.mark.sumo
 def test_a_member_that_joins_after_a_lap_has_a_gap_without_that_lap(tmp_path):
     file = tmp_path / "ring.toml"
@@ -143,6 +144,7 @@ def test_a_member_that_joins_after_a_lap_has_a_gap_without_that_lap(tmp_path):
     np.testing.assert_allclose(joined.gap_m, joined.seen_gap_m, atol=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.sumo
 def test_an_order_to_leave_is_rejected_past_the_place_where_the_routes_part(tmp_path):
     base = shipped.scenarios()["corridor_manoeuvres"].read_text(encoding="utf-8").split("[[manoeuvre]]")[0]

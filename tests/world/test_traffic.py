@@ -218,6 +218,7 @@ def led_by_sumo(folder: Path, sumo: str, duration: float, edge: str, to: str) ->
     return file
 
 
+@pytest.mark.slow
 def test_sumo_drives_the_leader_by_its_own_rules(tmp_path):
     file = led_by_sumo(tmp_path, 'net = "corridor"\nwarm_up_s = 60.0', 400.0, "west_light", "b2_east")
     folder = run(file, tmp_path / "one")
