@@ -71,7 +71,7 @@ class Trail(NamedTuple):
         size = self.size - oldest
         # The copy has room for one more point, or, where an arc or a route may be laid, for as many as there can be.
         capacity = POINTS if route is not None or gap.any() else min(size.max() + 1, POINTS)
-        trail = Trail(np.empty((len(size), capacity, 3)), size)
+        trail = Trail(np.zeros((len(size), capacity, 3)), size)
         copy_points(self, oldest, trail.points)
         if route is not None:
             relay(trail, odometry, route)
