@@ -84,8 +84,8 @@ def instance_of(
     return law
 
 
-def table_of(law: Any, named: Callable[[Path], str]) -> dict[str, Any]:
-    """The keys of a law with its gains, as for TOML; those that are None are left out.
+def table_of(plug_in: Any, named: Callable[[Path], str]) -> dict[str, Any]:
+    """The keys of a law or sensor with its gains, as for TOML; those that are None are left out.
 
     named : what a file is called there
     """
@@ -95,7 +95,7 @@ def table_of(law: Any, named: Callable[[Path], str]) -> dict[str, Any]:
             return table_of(gain, named)
         return named(gain) if isinstance(gain, Path) else gain
 
-    gains = {key: getattr(law, name) for name, key in keys_of(type(law)).items()}
+    gains = {key: getattr(plug_in, name) for name, key in keys_of(type(plug_in)).items()}
     return {key: value_of(gain) for key, gain in gains.items() if gain is not None}
 
 
