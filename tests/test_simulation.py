@@ -73,7 +73,7 @@ def files_of(name: str, changes: Sequence[str], folder: Path) -> list[bytes]:
     [
         ("paper_loop", ["run.duration_s=5"]),
         ("corridor_two_platoons", ["run.duration_s=10"]),
-        pytest.param("grid_platoons", ["run.duration_s=100"], marks=pytest.mark.slow),
+        pytest.param("grid_platoons", ["run.duration_s=100"], marks=pytest.mark.soak),
     ],
 )
 def test_a_simulation_stepped_from_outside_is_the_run(tmp_path, name, changes):
