@@ -57,6 +57,7 @@ class Body(NamedTuple):
     length: np.ndarray  # of the footprint [m]
     width: np.ndarray
     axle: np.ndarray  # the driven one, ahead of the centre [m]; negative: behind it
+    turning_radius: np.ndarray  # of the driven axle's path at full lock [m]; 0: it turns on the spot
 
 
 class RouteAhead(NamedTuple):

@@ -12,8 +12,10 @@ from pydantic import Field
 
 from platoontraffic.controllers import idm
 from platoontraffic.controllers.closing import closing_speed
-from platoontraffic.controllers.law import Decision, Law, Sensed
+from platoontraffic.controllers.law import Decision, Law, RouteAhead, Sensed
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
+from platoontraffic.controllers.steering import Errors, curvature_along, curvature_back
+from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.motion import Drive, Positive
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -23,6 +25,10 @@ LOOK = 2.5  # distance before a line without right of way at which cross traffic
 STOP_BEFORE = 0.2  # distance before a line at which it stops [vehicle lengths]
 FILTER = 0.3  # time constant of the filter of the closing speed [s]
 SAME = 0.25  # greatest difference of the free distance from its prediction, for one obstacle [vehicle lengths]
+STEERING_LAG = 0.15  # from a command to the curvature driven, by which the curvature of the route is fed forward [s]
+SHARPEST = 0.1  # least radius of a turn, for a vehicle that turns on the spot [vehicle lengths]
+RESERVE = 1.5  # lateral acceleration that steering may use, above that of the planned speed
+ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
 
 
 class Memory(NamedTuple):
@@ -35,12 +41,13 @@ class Memory(NamedTuple):
 
 @dataclass(frozen=True)
 class PathLeader(Law):
-    """Drives its route's lanes by pure pursuit, at the speed of a profile, as far as bends, lines and traffic allow.
+    """Drives its route at the speed of a profile, as far as bends, lines and traffic allow.
 
-    Steering  : the arc through the point of the path one lookahead away: curvature = 2 y / (x^2 + y^2) (R. C. Coulter,
-                Implementation of the pure pursuit path tracking algorithm, CMU-RI-TR-92-01, 1992). On a circle it is
-                exact.
-    Bends     : never faster than `lateral_acceleration` allows by the curvature of the route.
+    Steering  : the curvature of the route, which is rounded so that the vehicle can drive it (`drivable_line`), and
+                back to the route from any offset and heading (`steering`). It is limited to `RESERVE` times
+                `lateral_acceleration`.
+    Bends     : never faster than `lateral_acceleration` allows by the curvature of the route. Astray, it drives at
+                the speed of its tightest turn.
     Obstacles : the first return on the strip that it will drive over is followed, or stopped for, by the interaction
                 term of the Intelligent Driver Model (`idm`). The closing speed is filtered from successive scans, so it
                 is known from the second scan on. It stops if every beam is lost.
@@ -65,7 +72,8 @@ class PathLeader(Law):
     last_speed: Annotated[NotNegative, Field(alias="last_speed_mps")] = 0.0  # after a step or braking
     rate: Annotated[Positive, Field(alias="rate_mps2")] = 4.0  # of the profile `brake`
     trace: Path | None = None  # a CSV file with time_s and speed_mps, instead of speed and profile
-    lookahead: Annotated[Positive | None, Field(alias="lookahead_m")] = None  # default: 1 vehicle length, or 0.5 s
+    catch_up: Annotated[Positive | None, Field(alias="catch_up_m")] = None  # to the route; default: 1 vehicle length
+    catch_up_time: Annotated[Positive, Field(alias="catch_up_time_s")] = 0.6  # that the distance above takes at least
     half_width: Annotated[Positive | None, Field(alias="half_width_m")] = (
         None  # of the strip; default: 0.6 vehicle widths
     )
@@ -118,24 +126,27 @@ class PathLeader(Law):
         )
         return np.min(wanted, axis=0)
 
-    def curvature_on(self, sensed: Sensed, time: float = 0.5) -> np.ndarray:
-        """Of the arc through the first point of the path at least one lookahead away, or its last, (n,) [1/m].
-
-        time: least time to drive there, unless the lookahead is given [s]
-        """
-        points = sensed.route.points
-        lookahead = _or(self.lookahead, np.maximum(sensed.body.length, time * sensed.speed))
-        away = np.hypot(points[..., 0], points[..., 1]) >= np.reshape(lookahead, (-1, 1))
-        aim = points[np.arange(len(points)), np.where(away.any(axis=1), away.argmax(axis=1), -1)]
-        return 2 * aim[:, 1] / np.maximum((aim**2).sum(axis=1), 1e-6)
+    def curvature_on(self, sensed: Sensed) -> np.ndarray:
+        """Of the route, and back to it where the vehicle is beside it, (n,) [1/m]."""
+        speed, body, route = sensed.speed, sensed.body, sensed.route
+        errors = errors_on(route)
+        catch_up = np.maximum(_or(self.catch_up, body.length), self.catch_up_time * speed)
+        lock = 1 / np.maximum(body.turning_radius, SHARPEST * body.length)
+        bend = self.lateral_acceleration / np.maximum(speed, 1e-3) ** 2
+        back = curvature_back(errors, catch_up, np.minimum(lock, bend))
+        greatest = np.minimum(lock, RESERVE * bend)
+        return np.clip(curvature_along(errors, curvature_at(route, STEERING_LAG * speed)) + back, -greatest, greatest)
 
     def _fastest(self, sensed: Sensed) -> np.ndarray:
         """Allowed speed at each point ahead, (n, k) [m/s]: by bends, and by limits if it drives by them."""
-        route = sensed.route
+        route, body = sensed.route, sensed.body
         fastest = np.sqrt(self.lateral_acceleration / np.maximum(np.abs(route.curvature), 1e-9))
         if self.speed == "road" and self.trace is None:
             fastest = np.minimum(fastest, self.speed_factor * route.limit)
-        return fastest
+        errors = errors_on(route)
+        astray = (np.abs(errors.offset) > ASTRAY * body.width) | (np.abs(errors.off_heading) > ASKEW)
+        turning = np.sqrt(self.lateral_acceleration * np.maximum(body.turning_radius, body.length / 2))
+        return np.where(astray[:, None], np.minimum(fastest, turning[:, None]), fastest)
 
     def _for_speed(self, sensed: Sensed, time: np.ndarray, dt: float, fastest: np.ndarray) -> np.ndarray:
         """Acceleration towards the speed of the profile, or towards the one allowed here, (n,)."""
@@ -196,6 +207,24 @@ class PathLeader(Law):
         interaction = idm.acceleration(gap, np.maximum(free, 1e-3), self.acceleration)
         blinded = np.isnan(sensed.scan.ranges).all(axis=1)  # every beam is lost: the laser is broken
         return np.where(blinded, -self.braking, np.where(free < np.inf, interaction, np.inf))
+
+
+def errors_on(route: RouteAhead) -> Errors:
+    """Offset and off-heading of vehicles on their routes."""
+    foot, onward, distance = route.points[:, 0], route.points[:, 1], route.distance[:, 1]
+    # The chord to the next point turns by half of what the route does on the way.
+    turn = route.curvature[:, :2].mean(axis=1) * distance / 2
+    heading = np.arctan2(onward[:, 1] - foot[:, 1], onward[:, 0] - foot[:, 0]) - turn
+    return Errors(foot[:, 0] * np.sin(heading) - foot[:, 1] * np.cos(heading), wrap(-heading))
+
+
+def curvature_at(route: RouteAhead, distance: np.ndarray) -> np.ndarray:
+    """Curvature of routes at distances (n,) ahead [1/m], (n,)."""
+    rows = np.arange(len(distance))
+    after = np.clip((route.distance <= distance[:, None]).sum(axis=1), 1, route.distance.shape[1] - 1)
+    near, far = route.distance[rows, after - 1], route.distance[rows, after]
+    share = np.clip((distance - near) / np.maximum(far - near, 1e-9), 0.0, 1.0)
+    return route.curvature[rows, after - 1] * (1 - share) + route.curvature[rows, after] * share
 
 
 def free_distance(sensed: Sensed, half_width: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from pydantic import Field
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.law import Decision, Law, Sensed, Target
 from platoontraffic.controllers.path import PathLeader
+from platoontraffic.controllers.steering import Errors, curvature_back
 from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED, PathAhead, Sighting
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracker.trail import Ahead, RouteSection, Strip, Trail
@@ -33,7 +34,6 @@ ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
 SHOWN = 32  # points of the trail that are recorded
 
-LOOKAHEAD = 1.0  # time of the steering along the route [s], from which the vehicle may be aside
 ASIDE = 5.0  # distance from the route beyond which a predecessor that was never lost is dropped [m]
 ASIDE_ANEW = 2.0  # the same for one that was met on the route [m]
 ROUNDED = 0.4  # distance each way over which corners of the route are rounded [vehicle lengths]
@@ -261,13 +261,12 @@ class TrackingFollower(Law):
         """Curvature to drive [1/m], (n,)."""
         speed = now.speed
         catch_up = np.maximum(self.catch_up, self.catch_up_time * speed)
-        towards = -np.clip(ahead.offset / (2 * catch_up), -STEEPEST, STEEPEST)  # sine of the angle of return
-        back = 2 * (np.sin(ahead.off_heading) - towards) / catch_up
         gentle = RECOVERY / np.maximum(speed, 2.0) ** 2  # steering is too slow for more, and would swing
-        curvature = ahead.curvature - np.clip(back, -gentle, gentle)
+        errors = Errors(ahead.offset, ahead.off_heading)
+        curvature = ahead.curvature + curvature_back(errors, catch_up, gentle, STEEPEST)
         if now.sensed.route is None:
             return curvature
-        return np.where(estimate.on_route, self.alone.curvature_on(now.sensed, LOOKAHEAD), curvature)
+        return np.where(estimate.on_route, self.alone.curvature_on(now.sensed), curvature)
 
     # ---- 3. follow
 

@@ -18,12 +18,14 @@ from platoontraffic.geometry import polyline
 from platoontraffic.geometry.polyline import Polyline, project
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.lidar.pose import wrap
+from platoontraffic.road.drivable_line import COMFORT, LOCK, SPACING, TOLERANCE, drivable, turns
 from platoontraffic.road.lane_routes import Line
+from platoontraffic.vehicles.motion import VehicleModel
 
 # Distances of the points ahead that a law is given [vehicle lengths]: dense at first, for steering; then as far as a
 # car at 40 m/s that brakes at 3.5 m/s2 needs to stop, dense enough that no bend falls between two points.
 REACH = np.concatenate([np.arange(0, 6, 0.25), np.arange(6, 50.1, 0.5)])
-BEND = 1.5  # half the length over which curvature is measured [vehicle lengths]: corners of polylines are no bends
+BEND = 0.5  # half the length over which curvature is measured [vehicle lengths]
 GRID = 8  # stored curvatures per vehicle length
 
 compiled = compiler(__file__, polyline.__file__)
@@ -62,6 +64,22 @@ class Route:
         onward = points[-1] + (points[-1] - points[-2]) / steps[-1] * max(length, 1.0)
         limit = np.append(limit, limit[-1])
         return cls(tuple(edges), Polyline(np.vstack([points, onward])), length, limit, tuple(lines), walled)
+
+    def drivable_by(self, model: VehicleModel) -> Route:
+        """The route on a line that a vehicle can drive: rounded by `drivable_line`."""
+        count = np.searchsorted(self.line.stations, self.length * (1 + 1e-12), side="right")
+        points, limit = self.line.points[:count], self.limit[:count]
+        given = self.line.stations[:count]
+        comfort = COMFORT / np.maximum(limit, 0.1) ** 2
+        lock = 1 / max(LOCK * model.turning_radius, SPACING * model.length)
+        sizes = TOLERANCE * model.width, SPACING * model.length
+        rounded, stations = drivable(points, comfort, lock, *sizes, closed=self.closed)
+        limit = limit[np.clip(np.searchsorted(given, stations, side="right") - 1, 0, count - 1)]
+        kept = turns(rounded) | (np.diff(limit, prepend=limit[0]) != 0)
+        rounded, stations, limit = rounded[kept], stations[kept], limit[kept]
+        own = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rounded, axis=0).T))])
+        lines = [line._replace(station=float(np.interp(line.station, stations, own))) for line in self.lines]
+        return Route.along(self.edges, rounded, limit, lines, self.closed, self.walled)
 
     @property
     def closed(self) -> bool:

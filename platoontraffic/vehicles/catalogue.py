@@ -30,6 +30,7 @@ class FleetModel:
     length: np.ndarray  # of the footprint [m]
     width: np.ndarray
     axle: np.ndarray  # the driven one, ahead of the centre [m]; negative: behind it
+    turning_radius: np.ndarray  # at full lock [m]; 0: it turns on the spot
     kinds: tuple[Kind, ...]
 
     @classmethod
@@ -38,8 +39,8 @@ class FleetModel:
         for i, model in enumerate(models):
             rows.setdefault(type(model), []).append(i)
         kinds = tuple(Kind(np.array(of_kind), stack([models[i] for i in of_kind])) for of_kind in rows.values())
-        length, width, axle = ([m.length for m in models], [m.width for m in models], [m.axle for m in models])
-        return cls(*(np.array(values, dtype=float) for values in (length, width, axle)), kinds)
+        sizes = [(m.length, m.width, m.axle, m.turning_radius) for m in models]
+        return cls(*np.array(sizes, dtype=float).reshape(-1, 4).T, kinds)
 
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """The middle of the driven axle, x and y [m]. Arrays (n,)."""

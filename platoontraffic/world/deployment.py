@@ -169,7 +169,7 @@ def _route(network: Network, platoon: Platoon, edges: list[str], walls: bool) ->
     around = [*onward, onward[0]] if platoon.loop else onward
     network.check_reversals(around, model.turning_radius)
     walled = walls and not network.leads_on(onward[-1])
-    return Route.along(onward, points, limit, lines, platoon.loop, walled)
+    return Route.along(onward, points, limit, lines, platoon.loop, walled).drivable_by(model)
 
 
 def _misplaced(scenario: Scenario, members: list[Member], network: Network, scene: Scene) -> list[str]:

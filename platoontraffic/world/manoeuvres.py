@@ -63,7 +63,8 @@ def _route_to_leave(table: Manoeuvre, member: Member, network: Network) -> Route
         raise InputError(f"{edges}: does not contain the start edge {member.edge!r}")
     edges = edges[edges.index(member.edge) :]
     network.check_reversals(edges, member.model.turning_radius)
-    return Route.along(edges, *network.route_lanes(edges, member.lane, False, member.position))
+    lanes = network.route_lanes(edges, member.lane, False, member.position)
+    return Route.along(edges, *lanes).drivable_by(member.model)
 
 
 class Manoeuvres:

@@ -44,7 +44,7 @@ vehicle = {{ type = "car" }}
 [platoon.leader]
 law = "path"
 speed_mps = 8.0
-lookahead_m = 8.0
+catch_up_m = 8.0
 half_width_m = 1.2
 lidar = {{ preset = "car-leader", rate_hz = 10.0 }}
 

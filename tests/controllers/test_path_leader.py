@@ -25,9 +25,9 @@ def line(*points, limit: float = 100.0, closed: bool = False) -> Route:
 
 
 def circle(radius: float, sign: int = 1, limit: float = 100.0) -> Route:
-    angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
     points = np.column_stack([radius * np.sin(angle), sign * radius * (1 - np.cos(angle))])
-    return Route.along(("road",), points, np.full(400, limit), closed=True)
+    return Route.along(("road",), points, np.full(1000, limit), closed=True)
 
 
 def along(route, law, scene=NO_WALLS, seconds=20.0, model=ROBOT, eye=BLIND, speed=0.0, dt=0.025, at=0.0):
