@@ -26,6 +26,7 @@ LAYERS = [
     {"simulation"},
     {"run"},
     {"study"},
+    {"prove"},
     {"cli"},
     {"__main__"},
 ]

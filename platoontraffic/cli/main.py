@@ -298,6 +298,24 @@ def new(name: Annotated[str, typer.Argument(help="folder to make; also the name 
 
 
 @command
+def prove(
+    net: Annotated[
+        str, typer.Argument(metavar="NET|CFG", help="network file, name of a shipped one, or SUMO configuration")
+    ],
+    routes: Annotated[int, typer.Option(min=1, help="number of random routes")] = 24,
+    seed: Annotated[int, typer.Option(min=0, help="seed of the routes and of the sensors' errors")] = 1,
+    vehicle: Annotated[str, typer.Option(help="car, van or truck")] = "car",
+    json: Json = False,
+) -> None:
+    """Drive random routes of a network, and report where members leave the line; exit code 1 if they do."""
+    from platoontraffic.cli.prove import check_vehicle, prove_alone, road_of
+
+    check_vehicle(vehicle)
+    if not prove_alone(road_of(net), routes, seed, vehicle, json):
+        raise typer.Exit(1)
+
+
+@command
 def plot(
     run_folder: RunFolder,
     to: Annotated[Path | None, typer.Option("--to", help="picture file; default RUN/plot.png")] = None,

@@ -50,7 +50,7 @@ def _span(values: list) -> str:
 def _purpose(net: Path) -> str:
     """The first sentence of the comment at the top of the node file."""
     nodes = net.with_name(f"{stem(net)}.nod.xml")
-    text = nodes.read_text(encoding="utf-8") if nodes.is_file() else ""
+    text = nodes.read_text(encoding="utf-8") if nodes.isfile_of() else ""
     comment = re.search(r"<!--\s*(.*?)\s*-->", text, re.DOTALL)
     return re.split(r"(?<=\.)\s", " ".join(comment[1].split()))[0] if comment else ""
 
@@ -61,7 +61,7 @@ def edit(name: str) -> None:
     raises : InputError; MissingError without eclipse-sumo or a display; RunError where netedit fails
     """
     net = shipped.networks().get(name)
-    path = net.with_name(f"{name}.netecfg") if net else _file(name)
+    path = net.with_name(f"{name}.netecfg") if net else file_of(name)
     if path.suffix == ".gz":
         raise InputError(f"{path}: is gzipped; unpack it first")
     root = root_of(path, "a shipped network's name, a .net.xml, a .netecfg or a .sumocfg")
@@ -76,7 +76,7 @@ def edit(name: str) -> None:
         raise RunError(f"{path}: netedit ended with {done.returncode}: {done.stderr.strip().rpartition(chr(10))[2]}")
 
 
-def _file(name: str) -> Path:
+def file_of(name: str) -> Path:
     """The file of a network, given its shipped name or its path."""
     networks = shipped.networks()
     if name not in networks and not Path(name).exists():
@@ -117,7 +117,7 @@ def check_command(
     faults: list[str] = []
     for name in nets:
         try:
-            found = findings(net := _file(name))
+            found = findings(net := file_of(name))
         except InputError as error:
             found, net = Findings(error.faults), Path(name)
         faults += found.faults
@@ -144,6 +144,6 @@ def import_command(
     force: Annotated[bool, typer.Option("--force", help="replace existing sources; their comments are lost")] = False,
 ) -> None:
     """Turn a network, for instance one saved by netedit, back into plain sources."""
-    written = import_net(_file(net), folder, force)
+    written = import_net(file_of(net), folder, force)
     for path in written:
         print(path)

@@ -208,6 +208,16 @@ class Network:
         position = min(START_POSITION, round(0.9 * lane.getLength(), 1))
         return lane.getID(), position, self.onward(lane.getEdge().getID(), 4)[-1]
 
+    def lanes_for_cars(self) -> list[tuple[str, int, float]]:
+        """Edge, index and length [m] of every lane on which platoons can start."""
+        roads = (edge for edge in self._roads if not edge.getBidi())
+        return [
+            (edge.getID(), lane.getIndex(), lane.getLength())
+            for edge in roads
+            for lane in edge.getLanes()
+            if lane.allows(CAR)
+        ]
+
     def upstream(self, lane_id: str, reach: float) -> list[tuple[str, float]]:
         """A lane and the lanes that lead to it within `reach` [m] of its end, each with its distance.
 

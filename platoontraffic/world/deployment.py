@@ -49,7 +49,7 @@ def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, 
     faults: list[str] = []
     for i in range(len(scenario.spec.platoon)):
         try:
-            members += _deploy_platoon(scenario, network, i)
+            members += deploy_platoon(scenario, network, i)
         except InputError as error:
             faults += error.faults
     if faults := faults or _misplaced(scenario, members, network, scene):
@@ -57,7 +57,7 @@ def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, 
     return tuple(members)
 
 
-def _deploy_platoon(scenario: Scenario, network: Network, i: int) -> list[Member]:
+def deploy_platoon(scenario: Scenario, network: Network, i: int) -> list[Member]:
     """The members of the i-th platoon. raises: InputError with the places of the faults"""
     platoon = scenario.spec.platoon[i]
     with _placed(scenario, ("platoon", i, "start")):
