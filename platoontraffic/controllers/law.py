@@ -58,6 +58,7 @@ class Body(NamedTuple):
     width: np.ndarray
     axle: np.ndarray  # the driven one, ahead of the centre [m]; negative: behind it
     turning_radius: np.ndarray  # of the driven axle's path at full lock [m]; 0: it turns on the spot
+    curvature_rate: np.ndarray  # greatest rate at which steering changes the curvature [1/(m s)]; inf: at once
 
 
 class RouteAhead(NamedTuple):

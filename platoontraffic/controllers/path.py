@@ -27,6 +27,7 @@ FILTER = 0.3  # time constant of the filter of the closing speed [s]
 SAME = 0.25  # greatest difference of the free distance from its prediction, for one obstacle [vehicle lengths]
 STEERING_LAG = 0.15  # from a command to the curvature driven, by which the curvature of the route is fed forward [s]
 SHARPEST = 0.1  # least radius of a turn, for a vehicle that turns on the spot [vehicle lengths]
+STEERED = 0.6  # share of its steering rate that the changes of curvature may take
 RESERVE = 1.5  # lateral acceleration that steering may use, above that of the planned speed
 ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
 
@@ -46,8 +47,8 @@ class PathLeader(Law):
     Steering  : the curvature of the route, which is rounded so that the vehicle can drive it (`drivable_line`), and
                 back to the route from any offset and heading (`steering`). It is limited to `RESERVE` times
                 `lateral_acceleration`.
-    Bends     : never faster than `lateral_acceleration` allows by the curvature of the route. Astray, it drives at
-                the speed of its tightest turn.
+    Bends     : never faster than `lateral_acceleration` allows by the curvature of the route, or the steering rate by
+                its change. Astray, it drives at the speed of its tightest turn.
     Obstacles : the first return on the strip that it will drive over is followed, or stopped for, by the interaction
                 term of the Intelligent Driver Model (`idm`). The closing speed is filtered from successive scans, so it
                 is known from the second scan on. It stops if every beam is lost.
@@ -141,6 +142,9 @@ class PathLeader(Law):
         """Allowed speed at each point ahead, (n, k) [m/s]: by bends, and by limits if it drives by them."""
         route, body = sensed.route, sensed.body
         fastest = np.sqrt(self.lateral_acceleration / np.maximum(np.abs(route.curvature), 1e-9))
+        change = np.abs(np.diff(route.curvature)) / np.diff(route.distance)  # of the curvature, by distance [1/m2]
+        steered = STEERED * body.curvature_rate[:, None] / np.maximum(change, 1e-9)
+        fastest[:, :-1] = np.minimum(fastest[:, :-1], steered)
         if self.speed == "road" and self.trace is None:
             fastest = np.minimum(fastest, self.speed_factor * route.limit)
         errors = errors_on(route)

@@ -74,6 +74,11 @@ class Car:
         return self.wheelbase / np.tan(self.max_steering)
 
     @property
+    def curvature_rate(self) -> float:
+        """Greatest rate at which the curvature of the rear axle's path changes, straight ahead [1/(m s)]."""
+        return self.max_steering_rate / self.wheelbase
+
+    @property
     def hardest_braking(self) -> float:
         """[m/s2]."""
         return self.max_braking

@@ -31,6 +31,7 @@ class FleetModel:
     width: np.ndarray
     axle: np.ndarray  # the driven one, ahead of the centre [m]; negative: behind it
     turning_radius: np.ndarray  # at full lock [m]; 0: it turns on the spot
+    curvature_rate: np.ndarray  # of steering [1/(m s)]; inf: at once
     kinds: tuple[Kind, ...]
 
     @classmethod
@@ -39,8 +40,8 @@ class FleetModel:
         for i, model in enumerate(models):
             rows.setdefault(type(model), []).append(i)
         kinds = tuple(Kind(np.array(of_kind), stack([models[i] for i in of_kind])) for of_kind in rows.values())
-        sizes = [(m.length, m.width, m.axle, m.turning_radius) for m in models]
-        return cls(*np.array(sizes, dtype=float).reshape(-1, 4).T, kinds)
+        names = "length", "width", "axle", "turning_radius", "curvature_rate"
+        return cls(*(np.array([getattr(m, name) for m in models], dtype=float) for name in names), kinds)
 
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """The middle of the driven axle, x and y [m]. Arrays (n,)."""

@@ -41,6 +41,11 @@ class DifferentialDrive:
         """0 m: it turns on the spot."""
         return 0.0
 
+    @property
+    def curvature_rate(self) -> float:
+        """Inf: both wheels have their speeds at once, but for their lag."""
+        return np.inf
+
     def braking_delay(self, scan: float, braking: float) -> float:
         """The delay of the scan [s], since the wheels obey at once."""
         return scan

@@ -111,6 +111,10 @@ class VehicleModel(Protocol):
         """Least turning radius of the driven axle's middle [m]."""
 
     @property
+    def curvature_rate(self) -> float:
+        """Greatest rate at which the curvature of its path changes, straight ahead [1/(m s)]; inf: at once."""
+
+    @property
     def hardest_braking(self) -> float:
         """[m/s2]; inf: it stops at once."""
 

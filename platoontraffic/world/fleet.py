@@ -367,7 +367,7 @@ class Fleet(MemberState):
             without_surfaces(scan),
             own.speed[rows],
             own.yaw_rate[rows],
-            Body(model.length[rows], model.width[rows], model.axle[rows], model.turning_radius[rows]),
+            Body(*(getattr(model, name)[rows] for name in Body._fields)),
             take(ahead, np.searchsorted(self.progress.rows, rows)) if "route" in needs else None,
             take(signals, rows) if "signals" in needs else None,
             self.leads[rows] if "leads" in needs else None,
