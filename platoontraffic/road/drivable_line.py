@@ -8,6 +8,9 @@ plane curves, J. Differential Geometry 23 (1986), here only on the part of the c
 
 A place is too sharp for a vehicle if its curvature is above that at full steering lock. It is too sharp for comfort if
 it cannot be driven at the speed limit; for comfort points move by no more than a tolerance, so they stay in their lane.
+A half turn that is too tight has no such arc between its legs, and would shrink for ever. There the flow keeps the area
+(M. Gage, On an area-preserving evolution equation for plane curves, Contemporary Mathematics 51, 1986): what sharp
+places take away is added evenly outside, and the half turn becomes a bulb.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ LOCK = 1.08  # least radius of the line [turning radii]: steering keeps a reserv
 TOLERANCE = 0.15  # greatest displacement for comfort [vehicle widths]: 0.26 m for a car
 SPACING = 0.1  # distance of points [vehicle lengths]
 ROUNDS, BATCHES = 50, 200  # of the flow between two times that points are spread evenly; at the most
+TURNS_BACK = 2.7  # turn within a half circle at full lock from which a line turns back [rad]
 STRAIGHT = 1e-4  # change of heading at a point that may be left out again [rad]
 
 compiled = compiler(__file__)
@@ -41,8 +45,9 @@ def drivable(
     returns   : points (m, 2) [m]; the station of each along the given line (m,) [m]. Ends of an open line stay
     """
     stations = _stations(points)
-    line = np.column_stack([points, stations, np.zeros(len(points))])  # x, y, station, displacement
-    line = _spread(line, spacing)
+    line = np.column_stack([points, stations, np.zeros((len(points), 2))])  # x, y, station, displacement, half turn
+    line = _spread(_without_spikes(line, 2 / lock), spacing)
+    line[:, 4] = _half_turns(line[:, :2], np.pi / 2 / lock, closed)
     for _ in range(BATCHES):
         here = comfort[np.clip(np.searchsorted(stations, line[:, 2], side="right") - 1, 0, len(comfort) - 1)]
         moved = _flow(line, np.minimum(here, lock), lock, tolerance, closed, ROUNDS)
@@ -70,21 +75,62 @@ def turns(points: np.ndarray) -> np.ndarray:
     return turning | np.append(turning[1:], True) | np.append(True, turning[:-1])
 
 
+def _without_spikes(line: np.ndarray, longest: float) -> np.ndarray:
+    """The line without points from which it goes back by less than `longest` [m], as faults of maps do."""
+    while len(line) > 2:
+        steps = np.diff(line[:, :2], axis=0)
+        size = np.hypot(*steps.T)
+        heading = np.arctan2(steps[:, 1], steps[:, 0])
+        back = np.abs(_wrapped(np.diff(heading))) > TURNS_BACK
+        spikes = np.flatnonzero(back & (np.minimum(size[:-1], size[1:]) < longest)) + 1
+        if not len(spikes):
+            break
+        line = np.delete(line, spikes[0], axis=0)
+    return line
+
+
+def _half_turns(points: np.ndarray, window: float, closed: bool) -> np.ndarray:
+    """Where a line of even points turns back within a window each way [m]: weights (m,), elsewhere 0.
+
+    Positive for turns to the left. They fall to 0 at the ends of a half turn, so it is widened smoothly.
+    """
+    steps = np.diff(points, axis=0)
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    n, reach = len(heading), max(round(window / max(np.hypot(*steps[0]), 1e-9)), 1)
+    ends = np.arange(n + 1)[:, None] + (-reach - 1, reach)
+    if closed:
+        laps, ends = np.divmod(ends, n)
+        turn = heading[ends] + laps * (heading[-1] - heading[0] + _wrapped(heading[0] - heading[-1]))
+    else:
+        turn = heading[np.clip(ends, 0, n - 1)]
+    turn = turn[:, 1] - turn[:, 0]
+    weights = np.zeros(n + 1)
+    for sign in (1, -1):
+        inside = np.concatenate([np.zeros(reach), sign * turn > TURNS_BACK, np.zeros(reach)])
+        near = np.convolve(inside, np.ones(2 * reach + 1), mode="valid") / (2 * reach + 1)
+        weights += sign * near
+    return weights
+
+
+def _wrapped(angle: np.ndarray) -> np.ndarray:
+    return (angle + math.pi) % math.tau - math.pi
+
+
 @compiled
 def _flow(line, comfort, lock, tolerance, closed, rounds):
-    """Move points (m, 4) of `drivable` in place; whether any still moved in the last round.
+    """Move points (m, 5) of `drivable` in place; whether any still moved in the last round.
 
     The wanted curvature rises with the displacement, from comfort to lock at the tolerance, so the tip of a corner
     is no sharper than the places beside it.
     """
-    n = len(line)
-    last = n - 1
-    awake, busy = np.ones(n, np.bool_), np.ones(n, np.bool_)
-    after = line[:, :2].copy()
+    last = len(line) - 1
+    awake, wakes = np.ones(last + 1, np.bool_), np.ones(last + 1, np.bool_)
+    step = np.zeros((last + 1, 2))
     for _ in range(rounds):
         any_moved = False
-        busy[:] = False
+        wakes[:] = False
         for i in range(0 if closed else 1, last):
+            step[i] = 0.0
             if not awake[i]:
                 continue
             before, behind = (i - 1 if i > 0 else last - 1), i + 1
@@ -97,16 +143,40 @@ def _flow(line, comfort, lock, tolerance, closed, rounds):
             most = comfort[i] * (lock / comfort[i]) ** used
             if curvature > most:
                 share = 0.25 * (1.0 - 0.98 * most / curvature)
-                step_x, step_y = share * (to_x - from_x), share * (to_y - from_y)
-                after[i, 0], after[i, 1] = line[i, 0] + step_x, line[i, 1] + step_y
-                line[i, 3] += math.sqrt(step_x * step_x + step_y * step_y)
-                busy[before], busy[i], busy[behind] = True, True, True
+                step[i, 0], step[i, 1] = share * (to_x - from_x), share * (to_y - from_y)
+                line[i, 3] += math.sqrt(step[i, 0] ** 2 + step[i, 1] ** 2)
+                wakes[before], wakes[i], wakes[behind] = True, True, True
                 any_moved = True
+        _widen(line, step, wakes)
+        line[:last, :2] += step[:last]
         if closed:
-            after[last], line[last, 3] = after[0], line[0, 3]
-            busy[0] |= busy[last]
-        line[:, :2] = after
+            line[last, :4] = line[0, :4]
+            line[last, 2] = line[last - 1, 2]
+            wakes[0] |= wakes[last]
         if not any_moved:
             return False
-        awake[:] = busy
+        awake[:] = wakes
     return True
+
+
+@compiled
+def _widen(line, step, wakes):
+    """Move the points of each half turn outwards by as much area as the steps of its points take, in place."""
+    i = 1
+    while i < len(line) - 1:
+        if line[i, 4] == 0.0:
+            i += 1
+            continue
+        first, moved, weight = i, 0.0, 0.0
+        while i < len(line) - 1 and line[i, 4] * line[first, 4] > 0.0:
+            moved += math.sqrt(step[i, 0] ** 2 + step[i, 1] ** 2)
+            weight += abs(line[i, 4])
+            i += 1
+        if moved == 0.0:
+            continue
+        for k in range(first, i):
+            along_x, along_y = line[k + 1, 0] - line[k - 1, 0], line[k + 1, 1] - line[k - 1, 1]
+            outwards = moved / weight * line[k, 4] / max(math.sqrt(along_x * along_x + along_y * along_y), 1e-9)
+            step[k, 0] += along_y * outwards
+            step[k, 1] -= along_x * outwards
+            wakes[k] = True

@@ -71,6 +71,8 @@ class Vehicle(Named):
     """Cars: greatest jerk of the drive and of the brakes [m/s3]. Default: that of the type."""
     brake_lag_s: NotNegative | None = None
     """Cars: first-order lag of the brakes [s]; 0: none. Default: that of the type."""
+    grip_mps2: Annotated[float, Field(gt=0)] | None = None
+    """Cars: greatest acceleration in any direction that the tyres hold [m/s2]; inf: any. Default: that of the type."""
     response_s: Positive | None = None
     """Cars: time constant with which a commanded speed is approached [s]. Default: that of the type."""
 

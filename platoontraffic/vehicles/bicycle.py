@@ -4,16 +4,21 @@ Frames and units are those of `motion`. The pose is that of the centre of the fo
 move is the middle of the rear axle. For the rear axle (x, y), heading psi, speed v, acceleration a, steering angle
 delta and wheelbase L:
 
-    x' = v cos psi     y' = v sin psi     psi' = v tan(delta) / L     v' = a = drive - brake
+    x' = v cos psi     y' = v sin psi     psi' = v kappa     v' = a = drive - brake
+    kappa = tan(delta) / L                                 |kappa| <= grip / v^2
     drive' = (max(demand, 0) - drive) / lag                |drive'| <= max_jerk
     brake' = (max(-demand, 0) - brake) / brake_lag         |brake'| <= max_jerk
     delta' = (demanded angle - delta) / steering_lag       |delta'| <= max_steering_rate
 
-The wheels do not slip, so nothing bounds the lateral acceleration: see `lateral_acceleration`. Road, load and wind are
-not modelled: an acceleration of 0 keeps the speed, as a car's own lower controller would.
+The tyres hold no more than `grip` [Wong]: where the steering asks for more lateral acceleration the curvature driven is
+grip / v^2, so that the vehicle leaves the bend outwards, and the brakes hold what the bend leaves of the friction
+circle, brake^2 + (v psi')^2 <= grip^2. Within that the wheels do not slip: see `lateral_acceleration`. Road, load and
+wind are not modelled: an acceleration of 0 keeps the speed, as a car's own lower controller would.
 
 The formulas of a demand are in `bicycle_formulas`, their integration in `bicycle_kernel`.
 
+[Wong]     Theory of Ground Vehicles, 3rd ed. 2001, 1.3: peak friction of tyres on dry asphalt 0.8 to 0.9; 1.4: the
+           friction ellipse.
 [Rajamani] Vehicle Dynamics and Control, 2nd ed. 2012: 2.2 the bicycle, 5.3 the lag between demand and acceleration.
 [Polack]   Polack, Altché, d'Andréa-Novel, de La Fortelle: The kinematic bicycle model: a consistent model for planning
            feasible trajectories for autonomous vehicles? IEEE Intelligent Vehicles Symposium 2017.
@@ -24,9 +29,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles import bicycle_formulas
@@ -58,6 +64,7 @@ class Car:
     lag: NotNegative  # first order, of the drive [s]; 0: none
     brake_lag: NotNegative  # same, of the brakes
     response: Positive  # to the speed of a Twist, first order [s]
+    grip: Annotated[float, Field(gt=0)]  # greatest acceleration that the tyres hold, in any direction [m/s2]; inf: any
 
     strongest_acceleration = bicycle_formulas.strongest_acceleration
     drive_for = bicycle_formulas.drive_for
@@ -95,13 +102,13 @@ class Car:
         return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
 
     def saturated(self, command: Command | Drive | Twist, motion: Motion) -> Drive:
-        """The demand within the limits of engine, brakes and steering lock, before any lag."""
+        """The demand within the limits of engine, brakes, tyres and steering lock, before any lag."""
         if isinstance(command, Command):
             by_twist, driven = self.drive_for(command.twist, motion), ~np.isnan(command.drive.acceleration)
             drive = Drive(*(np.where(driven, given, own) for given, own in zip(command.drive, by_twist, strict=True)))
         else:
             drive = self.drive_for(command, motion) if isinstance(command, Twist) else command
-        return self.within_limits(drive, self.strongest_acceleration(motion.speed))
+        return self.within_limits(drive, self.strongest_acceleration(motion.speed), lateral_acceleration(motion))
 
     def moved(self, motion: Motion, command: Command | Drive | Twist, dt: float) -> Motion:
         """Motion after dt [s] under one command, in equal sub-steps of at most SUBSTEP.
@@ -128,8 +135,7 @@ class Car:
 def lateral_acceleration(motion: Motion) -> np.ndarray:
     """v^2 times curvature, at the rear axle, to the left [m/s2]. Arrays (n,).
 
-    The model drives any lateral acceleration, a car does not: the bicycle is valid up to half of what the tyres hold
-    [Polack], about 4 m/s2 on a dry road.
+    The bicycle is valid up to half of what the tyres hold [Polack], about 4 m/s2 on a dry road.
     """
     return motion.speed * motion.yaw_rate
 
@@ -178,6 +184,7 @@ CARS = {
         lag=0.5,  # SUMO's CC model (Plexe): tauEngine; Rajamani ch. 5
         brake_lag=0.2,  # Plexe engine parameters: brakes tau
         response=1.0,  # assumption
+        grip=9.0,  # dry asphalt [Wong], and what the brakes need
     ),
     # Mercedes Sprinter, wheelbase 144 in: length, width, wheelbase.
     "van": Car(
@@ -196,6 +203,7 @@ CARS = {
         lag=0.5,
         brake_lag=0.2,
         response=1.0,  # assumption
+        grip=9.0,  # as the car
     ),
     # The two-axle design truck of road geometry: AASHTO Green Book, SU (SU-30): length, width, wheelbase, circle.
     "truck": Car(
@@ -214,5 +222,6 @@ CARS = {
         lag=0.5,
         brake_lag=0.4,  # air brakes: 75 % within 0.6 s (UN R13 annex 6), so 0.6 / ln 4 at the most
         response=1.0,  # assumption
+        grip=7.0,  # what the brakes need; truck tyres hold less than a car's [Wong, table 1.3]
     ),
 }

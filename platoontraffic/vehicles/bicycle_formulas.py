@@ -40,13 +40,16 @@ def drive_for(car, twist, motion):
     return Drive(acceleration, twist.yaw_rate / np.maximum(np.maximum(wanted, motion.speed), CRAWL))
 
 
-def within_limits(car, drive, strongest):
-    """The part of a demand that engine, brakes and steering lock allow.
+def within_limits(car, drive, strongest, lateral):
+    """The part of a demand that engine, brakes, tyres and steering lock allow.
 
     strongest : `strongest_acceleration` at the present speed [m/s2]
+    lateral   : present lateral acceleration [m/s2], at most the grip
     """
     tightest = np.tan(car.max_steering) / car.wheelbase
+    share = np.minimum(np.abs(lateral) / car.grip, 1.0)
+    hardest = np.minimum(car.max_braking, car.grip * np.sqrt(1 - share * share))
     return Drive(
-        np.maximum(np.minimum(drive.acceleration, strongest), -car.max_braking),
+        np.maximum(np.minimum(drive.acceleration, strongest), -hardest),
         np.maximum(np.minimum(drive.curvature, tightest), -tightest),
     )

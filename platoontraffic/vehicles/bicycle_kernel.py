@@ -46,17 +46,18 @@ def _substep(motion, car, twist, drive, h):
 
     For a mean steering angle delta the rear axle drives an arc of length s and angle theta, along its chord c:
 
-        theta = s tan(delta) / L        c = s sin(theta / 2) / (theta / 2)        psi += theta
-        (x, y) += c (cos, sin)(psi + theta / 2)        psi' = v tan(delta) / L
+        theta = s kappa        c = s sin(theta / 2) / (theta / 2)        psi += theta
+        (x, y) += c (cos, sin)(psi + theta / 2)        psi' = v kappa
     """
     now = _Pace(motion.speed, motion.acceleration, motion.braking)
-    half_way, _ = _driven(car, now, _saturated(car, twist, drive, now).acceleration, h / 2)
-    wanted = _saturated(car, twist, drive, half_way)
+    lateral = motion.speed * motion.yaw_rate
+    half_way, _ = _driven(car, now, _saturated(car, twist, drive, now, lateral).acceleration, h / 2)
+    wanted = _saturated(car, twist, drive, half_way, lateral)
     after, distance = _driven(car, now, wanted.acceleration, h)
 
     wheel = math.atan(car.wheelbase * wanted.curvature)
     steering, mean_steering = _approach(motion.steering, wheel, car.steering_lag, car.max_steering_rate, h)
-    angle = distance * math.tan(mean_steering) / car.wheelbase
+    angle = distance * _gripped(car, math.tan(mean_steering) / car.wheelbase, half_way.speed)
     chord = distance * np.sinc(angle / (2 * np.pi))  # numpy's sinc(x) is sin(pi x) / (pi x)
     along, heading = motion.heading + angle / 2, motion.heading + angle
     # The axle moves along the chord; the centre keeps its place before the axle.
@@ -64,15 +65,25 @@ def _substep(motion, car, twist, drive, h):
     motion.y += chord * math.sin(along) + car.axle * (math.sin(motion.heading) - math.sin(heading))
     motion.heading, motion.turned, motion.steering = heading, motion.turned + angle, steering
     motion.speed, motion.acceleration, motion.braking = after
-    motion.yaw_rate = after.speed * math.tan(steering) / car.wheelbase
+    motion.yaw_rate = after.speed * _gripped(car, math.tan(steering) / car.wheelbase, after.speed)
 
 
 @compiled
-def _saturated(car, twist, drive, pace):
-    """The demand, by drive or else by twist, within the limits of engine, brakes and steering lock."""
+def _gripped(car, curvature, speed):
+    """The part of a curvature that the tyres hold at a speed [1/m]."""
+    most = car.grip / max(speed * speed, 1e-9)
+    return min(max(curvature, -most), most)
+
+
+@compiled
+def _saturated(car, twist, drive, pace, lateral):
+    """The demand, by drive or else by twist, within the limits of engine, brakes, tyres and steering lock.
+
+    lateral: acceleration [m/s2]
+    """
     by_twist = math.isnan(drive.acceleration)
     wanted = _drive_for(car, twist, pace) if by_twist else Drive(drive.acceleration, drive.curvature)
-    return _within_limits(car, wanted, _strongest_acceleration(car, pace.speed))
+    return _within_limits(car, wanted, _strongest_acceleration(car, pace.speed), lateral)
 
 
 @compiled
