@@ -114,6 +114,7 @@ def _member(network: Network, platoon: Platoon, place: int, route: Route | None,
         )
     position = start.position_m - place * (model.length + platoon.gap_m)
     front = max(position, 0.0)
+    facing = _facing(network, platoon, front, model.length / 2 - model.axle)
     return Member(
         id=f"{platoon.id}.{place}",
         platoon=platoon.id,
@@ -124,7 +125,7 @@ def _member(network: Network, platoon: Platoon, place: int, route: Route | None,
         edge=start.edge,
         lane=start.lane,
         position=front,
-        pose=_pose(network.lane_pose(start.edge, start.lane, front), position, start.lateral_m, model.length),
+        pose=_pose(facing, position, start.lateral_m, model.length),
         route=route,
         departs=start.time_s,
         speed=start.speed_mps,
@@ -132,6 +133,21 @@ def _member(network: Network, platoon: Platoon, place: int, route: Route | None,
         further_lidars=lidars[1:],
         sensors=equipment.sensors,
     )
+
+
+def _facing(network: Network, platoon: Platoon, front: float, back: float) -> tuple[float, float, float]:
+    """x, y of a lane at a position, and the heading of a vehicle with its front and its driven axle on the lane.
+
+    front, back : position of the front bumper, and the axle's distance behind it [m]
+    """
+    start = platoon.start
+    x, y, heading = network.lane_pose(start.edge, start.lane, front)
+    if front < back:
+        return x, y, heading
+    behind_x, behind_y, behind_heading = network.lane_pose(start.edge, start.lane, front - back)
+    if behind_heading == heading:
+        return x, y, heading
+    return x, y, math.atan2(y - behind_y, x - behind_x)
 
 
 def _pose(
