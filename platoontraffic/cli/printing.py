@@ -19,9 +19,9 @@ from platoontraffic.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from platoontraffic.scenario import Scenario
     from platoontraffic.study.batch import Report
     from platoontraffic.study.study import Study
+    from platoontraffic.world.prepared import Prepared
 
 # Columns of the table of a run: heading, metric of a member, format.
 COLUMNS = (
@@ -55,9 +55,13 @@ def result_faults(hint: str = "") -> Iterator[None]:
         raise InputError(f"{error}{hint}") from error
 
 
-def print_remarks(checked: Scenario) -> None:
-    for remark in checked.remarks():
+def print_remarks(prepared: Prepared) -> None:
+    from platoontraffic.observation.sight import warnings  # here, because it takes long to import
+
+    for remark in prepared.scenario.remarks():
         print(remark, file=sys.stderr)
+    for warning in warnings(prepared):
+        print(f"warning: {warning}", file=sys.stderr)
 
 
 def print_run(folder: Path) -> None:
@@ -76,6 +80,8 @@ def print_run(folder: Path) -> None:
         "Gaps and distance from the predecessor's path in m; right: share of the time right of the road's middle",
         soft_wrap=True,
     )
+    for text in facts.get("sumo_options_replaced", ()):
+        out.print(f"SUMO configuration: {text}", soft_wrap=True, markup=False)
 
 
 def _members(metrics: pd.DataFrame) -> Table:
