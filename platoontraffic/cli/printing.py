@@ -73,10 +73,11 @@ def print_run(folder: Path) -> None:
     out.print(_members(metrics))
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     whole = metrics[metrics.scope == "run"].set_index("metric").value
-    stood = whole["standstill_share_mean"]
+    stood, stranded = whole["standstill_share_mean"], whole["stranded"]
     out.print(
         f"{facts['simulated_s']:g} s at {facts['real_time_factor']:g} x real time, contacts {whole['collisions']:g}"
-        f"{f', {stood:.0%} of the time at a standstill' if stood else ''}. "
+        f"{f', {stood:.0%} of the time at a standstill' if stood else ''}"
+        f"{f', {stranded:g} members stranded' if stranded else ''}. "
         "Gaps and distance from the predecessor's path in m; right: share of the time right of the road's middle",
         soft_wrap=True,
     )

@@ -25,12 +25,13 @@ def warnings(prepared: Prepared) -> list[str]:
 
 
 def greatest_speed(member: Member) -> float | None:
-    """The greatest speed at which a member drives along its route [m/s], bends apart; None if its law takes no route.
+    """The greatest speed at which a member drives along its route [m/s], bends apart.
 
-    By the law's profile, or by the speed limits of the route, as far as the vehicle is capable of it.
+    None if SUMO drives it, or if its law takes no route. By the law's profile, or by the speed limits of the route,
+    as far as the vehicle is capable of it.
     """
     law = getattr(member.law, "alone", member.law)  # as `tracking` drives without a predecessor
-    if member.route is None or "route" not in member.law.needs:
+    if member.route is None or "route" not in member.law.needs or member.law.native:
         return None
     wanted = float(member.route.limit.max())
     if isinstance(law, PathLeader):

@@ -47,7 +47,7 @@ class Named(Table):
 
 
 def filled_in(*keys: str) -> ConfigDict:
-    """Configuration of a table with keys that are filled in before it is validated: its schema does not require them."""
+    """Configuration of a table with keys that are filled in before validation: its schema does not require them."""
 
     def optional(schema: dict[str, Any]) -> None:
         schema["required"] = [key for key in schema["required"] if key not in keys]
