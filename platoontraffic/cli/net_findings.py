@@ -67,7 +67,7 @@ def findings(net: Path) -> Findings:
     if not any(lane.width * lane.length > 0 for lane in lanes):
         return Findings((f"{net}: nothing to drive on: the lanes have no area",))
     judgements: tuple[Callable[[Content], Kind], ...] = (_closed, _kinks, _narrow, _overlaps, _unconnected, _dead_ends)
-    judgements += _unreached, _turnarounds, _without_inside, _left_hand, _of_others
+    judgements += _unreached, _without_inside, _left_hand, _of_others
     widest = max(lane.width for lane in lanes)
     if widest <= ROBOT_LANES:
         what = f"narrow: no lane is wider than {widest:g} m; suitable for small robots, without SUMO traffic"
@@ -202,10 +202,12 @@ def _kinks(content: Content) -> Kind:
     turns = tight_turns(lines, CAR.turning_radius)
     room, (first, last) = np.array(rooms)[turns.line], np.array(judged).reshape(-1, 2)[turns.line].T
     found = np.flatnonzero((turns.offset > room) & (turns.end >= first) & (turns.start <= last))
-    worst: dict[tuple[int, int], int] = {}  # of stretches that overlap on a line, the one with the greatest offset
+    worst: dict[tuple[int, int], int] = {}  # of stretches near each other on a line, the one with the greatest offset
     groups = 0
     for before, i in zip([-1, *found], found, strict=False):
-        apart = before < 0 or turns.line[before] != turns.line[i] or turns.start[i] > turns.end[before]
+        apart = (
+            before < 0 or turns.line[before] != turns.line[i] or turns.start[i] - turns.end[before] > CAR.turning_radius
+        )
         groups += apart
         key = (int(turns.line[i]), groups)
         if key not in worst or turns.offset[i] > turns.offset[worst[key]]:
@@ -314,20 +316,6 @@ def _unreached(content: Content) -> Kind:
     return _kind("not reached", f"{what}|{{n}} roads that cannot be reached, though others lead there", places)
 
 
-def _turnarounds(content: Content) -> Kind:
-    """Connections back onto the same road on a radius that is too small; a route over one of them is refused."""
-    length = {lane.id: lane.length for edge in content.edges.values() for lane in edge.lanes}
-    onward = {f"{link.source[0]}_{link.source[1]}": link for link in content.links}
-    tight = 0
-    for link, _ in _from_cars(content):
-        if link.rules[0] in TURNAROUND and link.via:
-            then = onward[link.via].via if link.via in onward else ""
-            tight += int(length[link.via] + length.get(then, 0.0) < math.pi * CAR.turning_radius)
-    what = "turn back on the same road is|turns back on the same road are"
-    places = (Place("", math.nan, math.nan),) if tight else ()
-    return Kind("turns back", f"{tight} {what.split('|')[tight > 1]} too tight for a car: no route leads there", places)
-
-
 def _without_inside(content: Content) -> Kind:
     across = [link for link, _ in _from_cars(content)]
     without = [(link, lane) for link, lane in _from_cars(content) if not link.via]
@@ -404,4 +392,6 @@ def _stretch(shape: Points) -> Points:
 
 
 def _middle(shape: Points) -> tuple[float, ...]:
-    return shape[len(shape) // 2]
+    """The middle of the middle one of a line's pieces."""
+    k = len(shape) // 2
+    return tuple((a + b) / 2 for a, b in zip(shape[k - 1], shape[k], strict=True))

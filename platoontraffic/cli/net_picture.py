@@ -24,9 +24,11 @@ def draw(found: Findings, title: str, file: Path) -> None:
     sides = max(width * unit, SHORTER_SIDE), max(height * unit, SHORTER_SIDE)
     figure = Figure(figsize=(sides[0] + 0.8, sides[1] + 0.8), layout="constrained")
     axes = figure.add_subplot()
-    for for_cars, colour in ((False, "0.85"), (True, "0.55")):
-        shapes = [lane.shape for lane in lanes if lane.for_cars == for_cars]
-        axes.add_collection(LineCollection(shapes, colors=colour, linewidths=0.6, zorder=1 + for_cars))
+    inside = [lane for edge in found.content.edges.values() if edge.function == "internal" for lane in edge.lanes]
+    others, cars = ([lane for lane in lanes if lane.for_cars == for_cars] for for_cars in (False, True))
+    for order, (drawn, colour) in enumerate(((inside, "0.8"), (others, "0.85"), (cars, "0.55"))):
+        shapes = [lane.shape for lane in drawn]
+        axes.add_collection(LineCollection(shapes, colors=colour, linewidths=0.6, zorder=order))
     colours = iter(matplotlib.colormaps["tab10"].colors)
     for kind in found.kinds:
         places = [place for place in kind.places if math.isfinite(place.x)]
