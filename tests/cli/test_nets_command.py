@@ -243,13 +243,23 @@ def test_kinks_that_a_car_cannot_drive_are_named_with_place_and_angle(made, shap
 
 
 def test_kinks_across_junctions_are_judged_with_the_lanes_before_and_after(made):
-    """Two roads that meet at 30 degrees: a car cannot turn back from one into the other."""
-    net = made(('id="side" from="s" to="c"', 'id="side" shape="40,-60 200,0" from="s" to="c"'),
-               ("</edges>", '<edge id="off" from="c" to="w" numLanes="1" speed="5" shape="200,0 40,20 0,20"/></edges>'),
-               connections='<connection from="side" to="off" fromLane="0" toLane="0"/>',)  # fmt: skip
-    lines = call("check", net, "--all").stdout.splitlines()
-    (kink,) = (line for line in lines if "from 'side_0' to 'off_0'" in line)
-    assert 130 <= float(re.search(r"([\d.]+)° to the left", kink)[1]) <= 180
+    """No line has a corner in itself: 45 degrees where it enters the junction, and 45 where it leaves, 1 m farther."""
+    content = read(made())
+    (link,) = (link for link in content.links if link.source == ("side", 0) and link.via)
+    target, via = "_".join(map(str, link.target)), link.via
+    lines = {"side_0": ((0, -50), (0, 0)), via: ((0, 0), (0.71, 0.71)), target: ((0.71, 0.71), (60, 0.71))}
+
+    def drawn(lane):
+        return lane._replace(shape=lines.get(lane.id, lane.shape))
+
+    edges = {name: edge._replace(lanes=tuple(map(drawn, edge.lanes))) for name, edge in content.edges.items()}
+    places = net_findings._kinks(content._replace(edges=edges)).places
+    (kink,) = (place for place in places if "'side_0'" in place.text)
+    assert kink.text.startswith(f"from 'side_0' to '{target}': 90° to the right within 1.0 m, ")
+    assert (kink.x, kink.y) == pytest.approx((0.355, 0.355))
+    # The arc of the turning radius R in place of one of 1 m / (pi / 2).
+    radius = net_findings.CAR.turning_radius
+    assert kink.badness == pytest.approx((radius - 1.004 / (math.pi / 2)) * (math.sqrt(2) - 1), abs=0.01)
 
 
 def test_a_light_that_is_always_red_to_a_lane_closes_its_stop_line():
