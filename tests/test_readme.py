@@ -7,10 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
 from platoontraffic.cli.main import app
+from platoontraffic.cli.net_sources import run_program
+from platoontraffic.sumo.programs import program
 from tests.support import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -57,6 +60,37 @@ def test_commands_of_a_step_replace_those_of_a_law():
     (code,) = [block for block in blocks("python") if "simulation.step(" in block]
     stands = "assert instant.fleet.motion.speed[0] == 0 and len(instant.fleet) == 10"
     subprocess.run([sys.executable, "-c", code + stands], capture_output=True, text=True, check=True)
+
+
+FLOWS = "".join(
+    f'<flow id="{a}{b}" begin="0" end="600" period="{period}" from="{a}" to="{b}" departSpeed="max"/>'
+    for a, b, period in (("A1B1", "D1E1", 8), ("E2D2", "B2A2", 8), ("C0C1", "C3C4", 10), ("D4D3", "D1D0", 10),
+                         ("B4B3", "D0E0", 12))
+)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.sumo
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_platoon_in_three_lines_arrives_in_a_town_with_traffic(tmp_path, monkeypatch, seed):
+    pytest.importorskip("sumo", reason="netgenerate comes with eclipse-sumo: pip install platoontraffic[gui]")
+    (lines,) = [block for block in blocks("toml") if "A2B2" in block]
+    assert len(lines.strip().splitlines()) == 1 + 3
+    (make,) = re.findall(r"^    netgenerate (.*)$", README, re.MULTILINE)
+    (drive,) = re.findall(r"^    platoontraffic (run city/run.sumocfg .*)$", README, re.MULTILINE)
+    monkeypatch.chdir(tmp_path)
+    Path("city").mkdir()
+    made = run_program(program("netgenerate"), *make.split(), folder=tmp_path)
+    assert made.returncode == 0, made.stderr
+    Path("city/flows.rou.xml").write_text(f"<routes>{FLOWS}</routes>")
+    files = '<net-file value="city.net.xml"/><route-files value="flows.rou.xml"/>'
+    Path("city/run.sumocfg").write_text(f"<configuration><input>{files}</input></configuration>")
+    Path("platoon.toml").write_text(lines)
+    done = CliRunner().invoke(app, [*drive.split(), "-q", "--seed", str(seed)])
+    assert (done.exit_code, done.stderr) == (0, "")
+    events = pd.read_csv(Path(done.stdout.strip()) / "events.csv")
+    assert not events.kind.isin(["collision", "red_light", "failed_to_yield", "off_road", "stranded"]).any()
+    assert sorted(events.vehicle_id[events.kind == "arrived"]) == [f"platoon.{i}" for i in range(5)]
 
 
 def test_the_metric_is_the_example():

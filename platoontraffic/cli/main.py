@@ -86,7 +86,7 @@ def run(
     prepared = runs.prepare(checked)
     window = runs.Window(prepared.members, prepared.scene.solids) if gui else None
     if not quiet:
-        print_remarks(checked)
+        print_remarks(prepared)
     folder = runs.result_folder(checked, results)
     if dry_run and json:
         print_json({"folder": str(folder), "members": len(prepared.members), "done": (folder / "DONE").is_file()})
@@ -101,7 +101,7 @@ def run(
         with run_progress(checked.spec.run.duration_s, checked.spec.name, quiet) as watchers:
             runs.run(prepared, folder, watchers, replace=force, window=window)
     if json:
-        print_json({"folder": str(folder), "summary": summary(folder)})
+        print_json({"folder": str(folder), "summary": summary(folder), "sumo_options_replaced": checked.replaced()})
         return
     if not quiet:
         print_run(folder)
@@ -250,8 +250,7 @@ def _checked(name: str, changes: list[str], platoons: str | None) -> str:
     if study.is_study(name):
         return f"fine, {len(study.load(name, changes).runs)} runs"
     checked = scenarios.load(name, changes, platoons=platoons)
-    _runs().prepare(checked)
-    print_remarks(checked)
+    print_remarks(_runs().prepare(checked))
     return "fine"
 
 

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import gzip
+import gc
 import re
-import xml.etree.ElementTree as ET
-from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
+from xml.parsers.expat import XMLParserType
 
 from platoontraffic.errors import InputError
 from platoontraffic.road.permissions import CAR
-from platoontraffic.road.sumo_files import check_net_file
+from platoontraffic.road.sumo_files import check_net_file, parse
 
 Points = tuple[tuple[float, ...], ...]  # x, y [m]
+NOBODY: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True)
-class Lane:
+class Lane(NamedTuple):
     """One lane of a road, or inside a junction."""
 
     id: str
@@ -63,6 +62,7 @@ class Content(NamedTuple):
     edges: Mapping[str, Edge]
     links: tuple[Link, ...]
     junctions: Mapping[str, tuple[str, Points]]  # type and outline
+    inside: Mapping[str, tuple[str, ...]]  # ids of the lanes inside each junction
     lights: Mapping[str, tuple[tuple[str, ...], ...]]  # by id and program: duration and state of each phase
 
     def roads(self) -> dict[str, Edge]:
@@ -76,64 +76,114 @@ def read(net: Path) -> Content:
     raises : InputError where it is not a whole network as netconvert writes it
     """
     check_net_file(net)
-    with net.open("rb") as file:
-        zipped = file.read(2) == b"\x1f\x8b"
-    with gzip.open(net) if zipped else net.open("rb") as file:
-        root = ET.parse(file).getroot()
-    ids = Counter(item.get("id", "") for item in root.iterfind("edge"))
-    if doubled := [f"{net}: edge '{name}' occurs more than once" for name, times in ids.items() if times > 1]:
-        raise InputError(*doubled)
+    reader = _Reader()
     try:
-        return _content(root)
-    except ValueError as error:
+        with _no_collection():
+            parse(net, reader.start, "must be a SUMO network")
+    except (ValueError, IndexError) as error:
         raise InputError(f"{net}: {error}; must be as netconvert writes it") from None
+    if reader.doubled:
+        raise InputError(*(f"{net}: edge '{name}' occurs more than once" for name in reader.doubled))
+    return reader.content()
 
 
-def _content(root: ET.Element) -> Content:
-    location = root.find("location")
-    junctions = [item for item in root.iterfind("junction") if item.get("type") != "internal"]
-    return Content(
-        options=root.attrib,
-        boundary="" if location is None else location.get("convBoundary", ""),
-        edges={item.get("id", ""): _edge(item) for item in root.iterfind("edge")},
-        links=tuple(map(_link, root.iterfind("connection"))),
-        junctions={item.get("id", ""): (item.get("type", ""), _points(item)) for item in junctions},
-        lights={f"{item.get('id')} {item.get('programID')}": _phases(item) for item in root.iterfind("tlLogic")},
-    )
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Without garbage collection, which takes as long as reading: it looks for rings among all that is read."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
 
 
-def _phases(item: ET.Element) -> tuple[tuple[str, str], ...]:
-    return tuple((phase.get("duration", ""), phase.get("state", "")) for phase in item.iterfind("phase"))
+class _Reader:
+    """Gathers the elements of a network in the order of its file."""
+
+    def __init__(self) -> None:
+        self._options: dict[str, str] | None = None
+        self._boundary = ""
+        self._edges: dict[str, tuple[tuple[str, str, str, str], list[Lane]]] = {}
+        self._lanes: list[Lane] = []  # of the edge that is read
+        self._links: list[Link] = []
+        self._junctions: dict[str, tuple[str, Points]] = {}
+        self._inside: dict[str, tuple[str, ...]] = {}
+        self._lights: dict[str, list[tuple[str, str]]] = {}
+        self._phases: list[tuple[str, str]] = []  # of the light that is read
+        self.doubled: list[str] = []  # edges
+        self._readers: dict[str, Callable[[dict[str, str]], None]] = {
+            "lane": self._lane, "connection": self._link, "edge": self._edge, "junction": self._junction,
+            "tlLogic": self._light, "phase": self._phase, "location": self._location,
+        }  # fmt: skip
+
+    def start(self, tag: str, attributes: dict[str, str], parser: XMLParserType) -> None:
+        if self._options is None:
+            self._options = attributes
+        elif found := self._readers.get(tag):
+            found(attributes)
+
+    def content(self) -> Content:
+        return Content(
+            options=self._options or {},
+            boundary=self._boundary,
+            edges={name: Edge(*of_edge, tuple(lanes)) for name, (of_edge, lanes) in self._edges.items()},
+            links=tuple(self._links),
+            junctions=self._junctions,
+            inside=self._inside,
+            lights={name: tuple(phases) for name, phases in self._lights.items()},
+        )
+
+    def _location(self, item: dict[str, str]) -> None:
+        self._boundary = item.get("convBoundary", "")
+
+    def _edge(self, item: dict[str, str]) -> None:
+        name, self._lanes = item.get("id", ""), []
+        if name in self._edges and name not in self.doubled:
+            self.doubled.append(name)
+        get = item.get
+        self._edges[name] = (
+            (get("function", "normal"), get("from", ""), get("to", ""), get("priority", "")),
+            self._lanes,
+        )
+
+    def _lane(self, item: dict[str, str]) -> None:
+        allow, disallow = item.get("allow", "all"), item.get("disallow", "")
+        self._lanes.append(
+            Lane(
+                item.get("id", ""),
+                float(item.get("width", "3.2")),
+                float(item.get("length", "nan")),
+                float(item.get("speed", "nan")),
+                _points(item),
+                None if allow == "all" else frozenset(allow.split()),
+                frozenset(disallow.split()) if disallow else NOBODY,
+                item.get("acceleration") in ("1", "true"),
+            )
+        )
+
+    def _link(self, item: dict[str, str]) -> None:
+        get = item.get
+        source, target = (get("from", ""), int(get("fromLane", "0"))), (get("to", ""), int(get("toLane", "0")))
+        rules = get("dir", ""), get("state", ""), get("tl", ""), get("linkIndex", "")
+        self._links.append(Link(source, target, get("via", ""), rules))
+
+    def _junction(self, item: dict[str, str]) -> None:
+        if item.get("type") != "internal":
+            name = item.get("id", "")
+            self._junctions[name] = item.get("type", ""), _points(item)
+            self._inside[name] = tuple(item.get("intLanes", "").split())
+
+    def _light(self, item: dict[str, str]) -> None:
+        self._phases = self._lights[f"{item.get('id')} {item.get('programID')}"] = []
+
+    def _phase(self, item: dict[str, str]) -> None:
+        self._phases.append((item.get("duration", ""), item.get("state", "")))
 
 
-def _edge(item: ET.Element) -> Edge:
-    lanes = tuple(map(_lane, item.iterfind("lane")))
-    ends = item.get("from", ""), item.get("to", "")
-    return Edge(item.get("function", "normal"), *ends, item.get("priority", ""), lanes)
-
-
-def _lane(item: ET.Element) -> Lane:
-    allow, disallow = item.get("allow", "all"), item.get("disallow", "")
-    return Lane(
-        item.get("id", ""),
-        float(item.get("width", "3.2")),
-        float(item.get("length", "nan")),
-        float(item.get("speed", "nan")),
-        _points(item),
-        None if allow == "all" else frozenset(allow.split()),
-        frozenset(disallow.split()),
-        item.get("acceleration") in ("1", "true"),
-    )
-
-
-def _link(item: ET.Element) -> Link:
-    rules = tuple(item.get(key, "") for key in ("dir", "state", "tl", "linkIndex"))
-    source, target = ((item.get(side, ""), int(item.get(f"{side}Lane", "0"))) for side in ("from", "to"))
-    return Link(source, target, item.get("via", ""), rules)
-
-
-def _points(item: ET.Element) -> Points:
-    return tuple(tuple(map(float, point.split(",")[:2])) for point in item.get("shape", "").split())
+def _points(item: Mapping[str, str]) -> Points:
+    return tuple([tuple(map(float, point.split(",")[:2])) for point in item.get("shape", "").split()])
 
 
 def stem(net: Path) -> str:

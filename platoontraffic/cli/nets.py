@@ -14,7 +14,7 @@ from rich.console import Console
 from platoontraffic import shipped
 from platoontraffic.cli.commands import commands_of
 from platoontraffic.cli.net_content import read, stem
-from platoontraffic.cli.net_findings import Findings, findings
+from platoontraffic.cli.net_findings import Findings, findings, lines_of
 from platoontraffic.cli.net_sources import build, import_net, root_of, run_program
 from platoontraffic.errors import InputError, RunError, did_you_mean
 from platoontraffic.sumo.programs import need_display, no_display, program
@@ -112,19 +112,31 @@ def build_command(
 @command
 def check_command(
     nets: Annotated[list[str], typer.Argument(metavar="NET...", help="network files, or names of shipped networks")],
+    every: Annotated[bool, typer.Option("--all", help="list every place, not only the worst of each kind")] = False,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="FILE", help="draw the network with the places marked; one NET")
+    ] = None,
 ) -> None:
-    """Report faults of networks, and what else their user should know."""
+    """Report faults of networks, and where cars cannot drive, or not well: the worst first."""
     faults: list[str] = []
+    if plot and len(nets) > 1:
+        raise InputError(f"--plot: {plot}: has room for one network; there are {len(nets)}")
     for name in nets:
         try:
             found = findings(net := file_of(name))
         except InputError as error:
             found, net = Findings(error.faults), Path(name)
         faults += found.faults
-        for note in found.notes:
-            out.print(note, markup=False)
-        if not found.faults and not found.notes:
+        for kind in found.kinds:
+            for line in lines_of(kind, every):
+                out.print(line if line[0] == " " else f"{net}: note: {line}", markup=False)
+        if not found.faults and not found.kinds:
             out.print(f"{net}: fine", markup=False)
+        if plot and not found.faults:
+            from platoontraffic.cli.net_picture import draw  # here, because it takes long to import
+
+            draw(found, net.name, plot)
+            print(plot)
     if faults:
         raise InputError(*faults)
 

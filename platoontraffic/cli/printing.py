@@ -19,9 +19,9 @@ from platoontraffic.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from platoontraffic.scenario import Scenario
     from platoontraffic.study.batch import Report
     from platoontraffic.study.study import Study
+    from platoontraffic.world.prepared import Prepared
 
 # Columns of the table of a run: heading, metric of a member, format.
 COLUMNS = (
@@ -55,9 +55,13 @@ def result_faults(hint: str = "") -> Iterator[None]:
         raise InputError(f"{error}{hint}") from error
 
 
-def print_remarks(checked: Scenario) -> None:
-    for remark in checked.remarks():
+def print_remarks(prepared: Prepared) -> None:
+    from platoontraffic.observation.sight import warnings  # here, because it takes long to import
+
+    for remark in prepared.scenario.remarks():
         print(remark, file=sys.stderr)
+    for warning in warnings(prepared):
+        print(f"warning: {warning}", file=sys.stderr)
 
 
 def print_run(folder: Path) -> None:
@@ -69,13 +73,16 @@ def print_run(folder: Path) -> None:
     out.print(_members(metrics))
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     whole = metrics[metrics.scope == "run"].set_index("metric").value
-    stood = whole["standstill_share_mean"]
+    stood, stranded = whole["standstill_share_mean"], whole["stranded"]
     out.print(
         f"{facts['simulated_s']:g} s at {facts['real_time_factor']:g} x real time, contacts {whole['collisions']:g}"
-        f"{f', {stood:.0%} of the time at a standstill' if stood else ''}. "
+        f"{f', {stood:.0%} of the time at a standstill' if stood else ''}"
+        f"{f', {stranded:g} members stranded' if stranded else ''}. "
         "Gaps and distance from the predecessor's path in m; right: share of the time right of the road's middle",
         soft_wrap=True,
     )
+    for text in facts.get("sumo_options_replaced", ()):
+        out.print(f"SUMO configuration: {text}", soft_wrap=True, markup=False)
 
 
 def _members(metrics: pd.DataFrame) -> Table:

@@ -90,7 +90,7 @@ class Observer:
         signals: state of the next stop lines, (n,); None if no law is given it
         """
         step = Step(traffic, fleet, roads, signals, *fleet.model.axle_position(fleet.motion))
-        events = [*self._presence.observe(step), *map(step.noted, noted)]
+        events = [*self._presence.observe(step, self._splits.left_behind), *map(step.noted, noted)]
         if len(new := self._presence.new):
             self._gaps.begin(step, new)
             self._braking.begin(step, new)

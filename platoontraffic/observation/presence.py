@@ -21,21 +21,33 @@ class Presence:
         self._before: Step | None = None
         self.new = np.empty(0, dtype=np.intp)  # rows of members that entered the road in this step, (m,)
 
-    def observe(self, step: Step) -> Iterator[Event]:
-        """arrived, departed"""
+    def observe(self, step: Step, left_behind: np.ndarray) -> Iterator[Event]:
+        """arrived, stranded, departed
+
+        left_behind: members of the run that were split off from and far behind their predecessor one step before, (N,)
+        """
         before, self._before = self._before, step
         self.new = np.flatnonzero(~self._here[step.number])
         self._here[:] = False
         self._here[step.number] = True
         for row in np.flatnonzero(~self._here[before.number]) if before else ():
-            yield self._arrived(step.time, before, row)
+            yield self._gone(step.time, before, row, left_behind)
         for row in self.new:
             yield step.event("departed", row)
 
-    def _arrived(self, time: float, before: Step, row: int) -> Event:
+    def _gone(self, time: float, before: Step, row: int, left_behind: np.ndarray) -> Event:
         """A member that has left the road, at its last position."""
         member = self._members[before.number[row]]
         event = before.event("arrived", row)._replace(time=time)
         if member.place == 0 or member.arrives_alone:
             return event._replace(what="own_route")
-        return event._replace(what="with_leader", detail="with its leader")
+        head, behind = row, False
+        while before.fleet.predecessor[head] >= 0:
+            behind |= left_behind[before.number[head]]
+            head = before.fleet.predecessor[head]
+        if not behind:
+            return event._replace(what="with_leader", detail="with its leader")
+        away = np.hypot(before.traffic.x[head] - event.x, before.traffic.y[head] - event.y)
+        return event._replace(
+            kind="stranded", other=before.traffic.ids[head], detail=f"{away:.0f} m from where its leader arrived"
+        )

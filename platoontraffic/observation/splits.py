@@ -2,7 +2,8 @@
 
 A follower is in its platoon while its law's target is its true predecessor, and the gap is at most SPLIT_GAP_FACTOR
 times the gap that the law wants, or at most SPLIT_GAP_MARGIN longer. It is split off once that has not been so for
-SPLIT_AFTER; and from an order to join until it has joined.
+SPLIT_AFTER; and from an order to join until it has joined. While it is split off and its gap is longer than that, it is
+left behind.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ class Splits:
         n, self._scale = len(scale), scale
         self._locks, self._hindrances = locks, hindrances
         self.split = np.zeros(n, dtype=bool)  # those split off now
+        self.left_behind = np.zeros(n, dtype=bool)
         self._begun = np.full(n, np.nan)  # start of the last split [s]
         self._apart_since = np.full(n, np.nan)  # [s]; NaN: in its platoon
         self._follows, self._here = np.zeros((2, n), dtype=bool)  # one step before
@@ -52,6 +54,9 @@ class Splits:
             self._hindrances.forget_hold(number[i])
             if predecessor[i] >= 0:
                 yield step.event("rejoined", i, step.traffic.ids[predecessor[i]], step.time - self._begun[number[i]])
+
+        near = gap <= np.where(np.isnan(longest), SPLIT_GAP_MARGIN * self._scale[number], longest)
+        self.left_behind[number] = self.split[number] & (predecessor >= 0) & ~near
 
     def _begin_joins(self, step: Step) -> None:
         """A member that was on the road and begins to follow is split off until it has joined."""

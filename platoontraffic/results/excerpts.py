@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from platoontraffic.results.following import Stretch, lengths, split_off, stretches, within
+from platoontraffic.world.events import GONE
 
 MOVING = 0.1  # slower than this share of its mean speed a member hardly moves [1]
 EXPOSED = 3.0  # a shorter time to collision counts as exposure [s]
@@ -27,7 +28,7 @@ class Own:
     rows: pd.DataFrame  # of trajectories.csv
     events: pd.DataFrame  # that happen to it
     since: float  # time on the road: from its event `departed` [s] ...
-    until: float  # ... to `arrived`, or to the end of the run [s]
+    until: float  # ... to `arrived` or `stranded`, or to the end of the run [s]
     follows: Sequence[Stretch]
     collisions: pd.DataFrame  # events of the whole run
     vehicles: frozenset[str]  # all members of the run
@@ -147,7 +148,7 @@ def platoons(trajectories: pd.DataFrame, events: pd.DataFrame) -> Iterator[tuple
         speeds: dict[int, pd.Series] = {}  # by place
         for (place, vehicle), rows in of_platoon.groupby(["place", "vehicle_id"]):
             own = events_of.get(vehicle, events[:0])
-            since, until = _first(own, "departed", start), _first(own, "arrived", end)
+            since, until = _first(own, ("departed",), start), _first(own, GONE, end)
             ahead = speeds.get(place - 1)
             member = Own(vehicle, place, rows, own, since, until, follows[vehicle], collisions, vehicles, ahead)
             speeds[place] = member.speed
@@ -188,7 +189,7 @@ def _root_mean_square(values: pd.Series | np.ndarray) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def _first(own: pd.DataFrame, kind: str, otherwise: float) -> float:
-    """Time of the first event of a kind [s]."""
-    times = own.loc[own.kind == kind, "time_s"]
+def _first(own: pd.DataFrame, kinds: Sequence[str], otherwise: float) -> float:
+    """Time of the first event of some kinds [s]."""
+    times = own.loc[own.kind.isin(kinds), "time_s"]
     return float(times.iloc[0]) if len(times) else otherwise

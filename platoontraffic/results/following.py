@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.world.events import SPLIT_AFTER
+from platoontraffic.world.events import GONE, SPLIT_AFTER
 
 NOBODY = ""  # predecessor of a follower after an order to split off
 
@@ -38,7 +38,7 @@ def stretches(places: Mapping[str, tuple[str, int]], events: pd.DataFrame, end: 
         if ahead[vehicle] is not None:
             found[vehicle].append(Stretch(since[vehicle], time, ahead[vehicle]))
         ahead[vehicle], since[vehicle] = predecessor, time
-    came, went = (events[events.kind == kind].groupby("vehicle_id").time_s.min() for kind in ("departed", "arrived"))
+    came, went = (events[events.kind.isin(kinds)].groupby("vehicle_id").time_s.min() for kinds in (("departed",), GONE))
 
     def on_road(vehicle: str, one: Stretch) -> Stretch:
         begin = max(one.begin, came.get(vehicle, -np.inf))

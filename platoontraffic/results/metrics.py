@@ -1,8 +1,9 @@
 """Metrics of a run, computed from the tables that it recorded and nothing else.
 
 A metric is one row of a table in this file: its name, unit and meaning, the function that computes it, and how platoons
-and the run aggregate it over their members. A member's time is that from its event `departed` to `arrived`, or to the
-end of the run. A recorded instant stands for the time up to the member's next one where a duration is asked for.
+and the run aggregate it over their members. A member's time is that from its event `departed` to `arrived` or
+`stranded`, or to the end of the run. A recorded instant stands for the time up to the member's next one where a
+duration is asked for.
 """
 
 from __future__ import annotations
@@ -79,6 +80,8 @@ OF_MEMBERS = (
         lambda m: _right_lane_share(m.rows.right_of_middle_m),
         "min",
     ),
+    Metric("arrived", "", "1 if it has arrived, else 0", lambda m: m.count("arrived"), "sum"),
+    Metric("stranded", "", "1 if it was taken off the road as stranded, else 0", lambda m: m.count("stranded"), "sum"),
     Metric("standstills", "", "number of events standstill", lambda m: m.count("standstill")),
     Metric(
         "standstill_share",
@@ -270,7 +273,8 @@ DURATION = "duration", "from the first recorded instant to the end"
 
 # Order of the rows of a platoon and of the run. A metric that is not named here comes behind these.
 ORDER = (
-    "members", "collisions", "collisions_caused", "red_lights", "failures_to_yield", "held_share_mean", "splits",
+    "members", "arrived", "stranded", "collisions", "collisions_caused", "red_lights", "failures_to_yield",
+    "held_share_mean", "splits",
     "rejoin_time_mean", "rejoin_time_longest_max", "in_platoon_share_mean", "in_platoon_distance_mean",
     "steal_share_mean", "lock_on_seen_min", "laps_min", "corners_min", "gap_min", "gap_max", "gap_mean",
     "gap_error_rms_max", "time_gap_mean", "time_gap_min", "cross_track_max", "lock_on_ratio_min", "lock_losses",

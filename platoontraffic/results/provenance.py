@@ -67,6 +67,7 @@ def before(scenario: Scenario) -> dict[str, Any]:
             for lidars in [getattr(scenario.spec.platoon[i], role).lidars]
         },
         "sumo_options_ignored": list(config.ignored) if config else [],
+        "sumo_options_replaced": scenario.replaced(),
     }
 
 

@@ -35,13 +35,14 @@ INPUTS = {
 }  # fmt: skip
 OUTPUT = re.compile(r".*[-.]output|(message-|error-)?log|netstate-dump|device\.(ssm|toc)\.file")
 IGNORED = re.compile(
-    r"step-length|seed|random|precision|time-to-teleport.*|collision\.(?!check-junctions\.mingap).*|no-step-log"
+    r"random|precision|time-to-teleport.*|collision\.(?!check-junctions\.mingap).*|no-step-log"
     r"|step-log\..*|duration-log\..*|emergencydecel\.warning-threshold"  # set by this tool, or implied by that
     r"|remote-port|num-clients|configuration-file|save-.*|output[-.].*|human-readable-time|vtk-output|print-options"
     r"|verbose|help|version|language"  # would wait for clients, write beside the input, or change what is read back
     r"|gui-.*|quit-on-end|game.*|start|delay|breakpoints|edgedata-files|alternative-net-file|selection-file|demo"
     r"|disable-textures|registry-viewport|window-.*|tracker-interval|osg-view|[gQGSdDTBmN]"  # of sumo-gui
 )
+TAKEN = frozenset({"seed", "step-length"})  # read by this tool, which gives SUMO its own
 ON = ("true", "1", "yes", "on", "x", "t")  # SUMO's words for a switch that is on
 WANTED = "must be a SUMO configuration (.sumocfg), or one of netedit (.netecfg)"
 
@@ -60,6 +61,7 @@ class Configuration(NamedTuple):
     begin: float = 0.0  # [s]
     end: float | None = None  # [s]
     step: float | None = None  # [s]
+    seed: int | None = None
 
 
 @dataclass
@@ -94,10 +96,10 @@ class _Written:
     def note(self, tag: str, value: str, line: int, of_gui: bool) -> None:
         """Take in one option."""
         option = SYNONYMS.get(tag, tag)
-        if of_gui or IGNORED.fullmatch(option):
+        if option in TAKEN and not of_gui:
+            self.given[option] = value, line
+        elif of_gui or IGNORED.fullmatch(option):
             self.ignored.append(tag)
-            if option == "step-length":
-                self.given[option] = value, line
         elif option == "net-file" and option in self.given:
             self.fault(line, tag, "a second network; must name one")
         elif value:
@@ -132,6 +134,14 @@ class _Written:
                 self.fault(line, option, f"'{value}'; must be a time: seconds, or hours:minutes:seconds")
         return times
 
+    def seed(self) -> int | None:
+        value, line = self.given.get("seed", (None, 0))
+        try:
+            return None if value is None else int(value)
+        except ValueError:
+            self.fault(line, "seed", f"'{value}'; must be a whole number")
+            return None
+
     def check_model(self) -> None:
         value, line = self.given.get("mesosim", ("", 0))
         if value.lower() in ON:
@@ -151,15 +161,17 @@ def read_configuration(path: str | Path) -> Configuration:
             return inner._replace(path=path, inputs=(*inner.inputs, inner.path))
         written.given = {o: written.given[o] for o in MAIN_INPUTS if o in written.given}
         written.ignored = []
-    files, times = written.take_files(), written.times()
+    files, times, seed = written.take_files(), written.times(), written.seed()
     written.check_model()
     if written.faults:
         raise InputError(*written.faults)
-    return _configuration(written, files, times)
+    return _configuration(written, files, times, seed)
 
 
-def _configuration(written: _Written, files: dict[str, tuple[Path, ...]], times: dict[str, float]) -> Configuration:
-    values = {option: value for option, (value, _) in written.given.items() if option != "step-length"}
+def _configuration(
+    written: _Written, files: dict[str, tuple[Path, ...]], times: dict[str, float], seed: int | None
+) -> Configuration:
+    values = {option: value for option, (value, _) in written.given.items() if option not in TAKEN}
     main = [files.pop(option, ()) for option in MAIN_INPUTS]
     options = {option: ",".join(str(file.resolve()) for file in files[option]) for option in sorted(files)}
     options |= {option: value for option, value in values.items() if not OUTPUT.fullmatch(option)}
@@ -175,6 +187,7 @@ def _configuration(written: _Written, files: dict[str, tuple[Path, ...]], times:
         begin=max(times.get("begin", 0.0), 0.0),
         end=times["end"] if times.get("end", -1) >= 0 else None,
         step=times.get("step-length"),
+        seed=seed,
     )
 
 

@@ -5,7 +5,6 @@ one line, `file:line: key: what is wrong; what is allowed`.
 """
 
 from platoontraffic.scenario.base import Identifier, Table
-from platoontraffic.scenario.drivers import default_preset
 from platoontraffic.scenario.faults import dotted, fault_of
 from platoontraffic.scenario.loading import load
 from platoontraffic.scenario.overrides import Change
@@ -22,7 +21,6 @@ __all__ = [
     "Scenario",
     "Spec",
     "Table",
-    "default_preset",
     "dotted",
     "fault_of",
     "load",

@@ -46,6 +46,15 @@ class Named(Table):
         return {"anyOf": [{"type": "string"}, handler(schema)]}
 
 
+def filled_in(*keys: str) -> ConfigDict:
+    """Configuration of a table with keys that are filled in before validation: its schema does not require them."""
+
+    def optional(schema: dict[str, Any]) -> None:
+        schema["required"] = [key for key in schema["required"] if key not in keys]
+
+    return ConfigDict(json_schema_extra=optional)
+
+
 def one_of(name: str, known: Iterable[str]) -> str:
     """The name. raises: ValueError if it is not known"""
     if name not in known:

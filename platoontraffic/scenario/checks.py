@@ -140,7 +140,8 @@ def _drivers(spec: Spec, laws: Mapping[Role, Found]) -> Iterator[Fault]:
         if found.kind is None:
             continue
         if not found.kind.native:
-            yield from _lidars(at, driver, default_preset(role[1], found.kind), platoon, spec.run.step_s)
+            preset = default_preset(role[1], found.kind, platoon.vehicle.model())
+            yield from _lidars(at, driver, preset, platoon, spec.run.step_s)
         elif role[1] == "follower":
             yield Fault((*at, "law"), f"{driver.law!r} cannot follow; must be a law that drives by its scan")
 

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import copy
 import os
 import shlex
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from platoontraffic import shipped
 from platoontraffic.errors import InputError
 from platoontraffic.road.network import Network
 from platoontraffic.road.sumo_configuration import Configuration
 from platoontraffic.scenario.base import is_multiple
+from platoontraffic.scenario.defaults import usual_step
 from platoontraffic.scenario.overrides import Change
 
-USUAL_STEP = 0.1  # step of a run with cars: their lidars scan ten times a second [s]
-USUAL_GAINS = "ring_platoon"  # the shipped scenario with the default follower; its gains are tested
-
+SEEDS = range(2**31)  # that a scenario may have
 ROOM_FOR_FIVE = 40.0  # position on a lane that leaves room for a platoon of five behind it [m]
 
 
@@ -46,36 +42,32 @@ def complete(table: dict[str, Any], config: Configuration, changes: Sequence[Cha
         raise InputError(f"--platoon: sumo.{taken[0]}: must not be given; the configuration {config.path} says it")
     sumo["config"] = os.path.abspath(config.path) if "platoon" in table else config.path.name
     table["scene"].setdefault("walls", "none")
-    table["run"].setdefault("step_s", _step(config))
     if "platoon" not in table:
         if not any(change.key.startswith("platoon.") for change in changes):
             raise InputError(f"{config.path}: no platoon is given; a complete command, for example: {_example(config)}")
         table["platoon"] = [{}]
     if isinstance(table["platoon"], list):
-        usual = _usual_platoon()
-        table["platoon"] = [copy.deepcopy(usual) | p if isinstance(p, dict) else p for p in table["platoon"]]
+        table["platoon"] = [{"vehicle": "car"} | p if isinstance(p, dict) else p for p in table["platoon"]]
 
 
-def take_duration(table: dict[str, Any], config: Configuration) -> None:
-    """Let the run end when the configuration does, unless the table says when. raises: InputError if neither does"""
-    run, sumo = table["run"], table["sumo"]
-    if not (isinstance(run, dict) and isinstance(sumo, dict)) or "duration_s" in run:
-        return
-    if config.end is None:
-        raise InputError(f"{config.path}: has no <end>; give the duration of the run, for example run.duration_s=600")
-    warm_up = sumo.get("warm_up_s", 0.0)
-    run["duration_s"] = round(config.end - config.begin - (warm_up if isinstance(warm_up, int | float) else 0), 3)
+def take_values(table: dict[str, Any], config: Configuration) -> None:
+    """Add the configuration's seed, step and end to the table of a scenario, where that says nothing and they fit."""
+    if config.seed is not None and config.seed in SEEDS:
+        table.setdefault("seed", config.seed)
+    run, sumo = table.get("run"), table.get("sumo")
+    if not (isinstance(run, dict) and isinstance(sumo, dict)):
+        return  # reported when the table is validated
+    if config.step and step_fits(config.step, usual_step(table.get("platoon"))):
+        run.setdefault("step_s", config.step)
+    if config.end is not None:
+        warm_up = sumo.get("warm_up_s", 0.0)
+        lasts = config.end - config.begin - (warm_up if isinstance(warm_up, int | float) else 0)
+        run.setdefault("duration_s", round(lasts, 3))
 
 
-def _usual_platoon() -> dict[str, Any]:
-    text = shipped.scenarios()[USUAL_GAINS].read_text(encoding="utf-8")
-    return {"vehicle": "car", "leader": "sumo", "follower": tomllib.loads(text)["platoon"][0]["follower"]}
-
-
-def _step(config: Configuration) -> float:
-    """The configuration's own step, if the interval of a 10 Hz scan is a multiple of it; else that interval [s]."""
-    fits = config.step is not None and config.step > 0 and is_multiple(USUAL_STEP, config.step)
-    return config.step if fits else USUAL_STEP
+def step_fits(step: float, usual: float) -> bool:
+    """Whether SUMO can have this step: whole milliseconds, of which the usual step is a multiple [s]."""
+    return step > 0 and is_multiple(usual, step) and is_multiple(step, 0.001)
 
 
 def _example(config: Configuration) -> str:

@@ -11,8 +11,10 @@ from platoontraffic.controllers import registry
 from platoontraffic.controllers.gains import files_in, instance_of, law_of, with_files
 from platoontraffic.controllers.law import Law
 from platoontraffic.plug_ins import find_class, plug_in_file
+from platoontraffic.scenario.defaults import usual
 from platoontraffic.scenario.faults import Fault, KeyPath, what_of
 from platoontraffic.scenario.tables import Driver, Spec
+from platoontraffic.vehicles.catalogue import VehicleModel
 from platoontraffic.vehicles.sensor import NamedSensor
 
 SENSORS = "platoontraffic.sensors"  # entry point group
@@ -50,12 +52,12 @@ def find_laws(spec: Spec, folder: Path) -> dict[Role, Found]:
     return {role: _find_law(driver, ("platoon", *role), find, folder) for role, driver in drivers_of(spec)}
 
 
-def default_preset(role: str, law: Law | type[Law]) -> str:
-    """The lidar of a driver that names none: the one that its law declares, or else the paper's for its role.
+def default_preset(role: str, law: Law | type[Law], vehicle: VehicleModel) -> str:
+    """The lidar of a driver that names none: the one that its law declares, or else that of its vehicle's class.
 
     law: a law or its class
     """
-    return law.lidar or f"paper-{role}"
+    return law.lidar or usual(vehicle).lidars[role]
 
 
 def _find_law(driver: Driver, at: KeyPath, find: Callable[[str], tuple[type, tuple[Path, ...]]], folder: Path) -> Found:

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from platoontraffic import shipped
 from platoontraffic.errors import InputError, did_you_mean
-from platoontraffic.road.sumo_configuration import read_configuration
+from platoontraffic.road.sumo_configuration import Configuration, read_configuration
 from platoontraffic.scenario import configurations, metric_plug_ins, overrides, toml_lines
 from platoontraffic.scenario.checks import faults_of
 from platoontraffic.scenario.drivers import find_laws
@@ -62,8 +62,10 @@ def load(
         configurations.complete(table, config, changes)
         source = Path(platoons or source)
     set_by = _change(table, changes, seed)
-    if config:
-        configurations.take_duration(table, config)
+    if used := config or _configuration_in(table, source.parent):
+        configurations.take_values(table, used)
+    if config and "duration_s" not in table["run"]:
+        raise InputError(f"{config.path}: has no <end>; give the duration of the run, for example run.duration_s=600")
     places = _Places(source, lines, set_by)
     return _checked(_validated(table, places), source, {change.key: change.value for change in changes}, places)
 
@@ -81,6 +83,16 @@ def _find(name_or_file: str | Path) -> Path:
         raise InputError(f"{file}: is a folder; must be a scenario file, or one of: {', '.join(known)}")
     hint = did_you_mean(str(name_or_file), known)
     raise InputError(f"{name_or_file}: no such scenario file or shipped scenario{hint}")
+
+
+def _configuration_in(table: Mapping[str, Any], folder: Path) -> Configuration | None:
+    """The configuration that a scenario's table names; None if it names none, or one that is not sound."""
+    sumo = table.get("sumo")
+    name = sumo.get("config") if isinstance(sumo, dict) else None
+    try:
+        return read_configuration(folder / name) if isinstance(name, str) and name else None
+    except InputError:  # reported when the scenario is checked
+        return None
 
 
 def _name(file: Path) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 from platoontraffic import shipped
 from platoontraffic.controllers.gains import table_of
 from platoontraffic.road.sumo_configuration import Configuration
+from platoontraffic.scenario.configurations import step_fits
 from platoontraffic.scenario.drivers import FoundSensor, Role, default_preset, drivers_of
 from platoontraffic.scenario.faults import Fault, KeyPath, dotted
 from platoontraffic.scenario.metric_plug_ins import MetricPlugIns
@@ -62,17 +63,23 @@ class Scenario:
         }
 
     def remarks(self) -> list[str]:
-        """Options of the SUMO configuration that the run does not use, and what its step is."""
-        config, step = self.configuration, self.spec.run.step_s
+        """Options of the SUMO configuration that the run does not use."""
+        config = self.configuration
         if config is None:
             return []
-        remarks = []
-        if ignored := [option for option in config.ignored if option != "step-length"]:
-            remarks.append(f"{config.path}: options that are not used: {', '.join(ignored)}")
-        if config.step is not None:
-            used = "is run.step_s" if config.step == step else f"is not used; run.step_s = {step:g}"
-            remarks.append(f"{config.path}: step-length = {config.step:g} {used}")
-        return remarks
+        ignored = [f"options that are not used: {', '.join(config.ignored)}"] if config.ignored else []
+        return [f"{config.path}: {remark}" for remark in (*ignored, *self.replaced())]
+
+    def replaced(self) -> list[str]:
+        """Seed and step of the SUMO configuration, where the run has others: one text each."""
+        config, step = self.configuration, self.spec.run.step_s
+        texts = []
+        if config and config.seed not in (None, self.seed):
+            texts.append(f"seed = {config.seed} is not used: the run has seed = {self.seed}")
+        if config and config.step not in (None, step):
+            why = "" if step_fits(config.step, step) else ", of which it is no whole part"
+            texts.append(f"step-length = {config.step:g} is not used: the run has run.step_s = {step:g}{why}")
+        return texts
 
     def for_replay(self) -> Scenario:
         """The scenario with all tables recorded that a replay shows; intervals that are given stay.
@@ -88,12 +95,16 @@ class Scenario:
         }
         return replace(self, spec=self.spec.model_copy(update={"record": record.model_copy(update=intervals)}))
 
+    def default_preset(self, role: Role) -> str:
+        """The lidar of a driver that names none."""
+        return default_preset(role[1], self.laws[role], self.spec.platoon[role[0]].vehicle.model())
+
     def _beams(self) -> int:
         """Beams of all members' lidars in one scan each."""
         beams = 0
         for (i, role), driver in drivers_of(self.spec):
             platoon = self.spec.platoon[i]
-            lidar = driver.lidar.model(default_preset(role, self.laws[i, role]), platoon.vehicle.model().length)
+            lidar = driver.lidar.model(self.default_preset((i, role)), platoon.vehicle.model().length)
             beams += lidar.samples * (1 if role == "leader" else platoon.size - 1)
         return beams
 
@@ -130,13 +141,13 @@ class Scenario:
         return {
             "law": name,
             **table_of(law, lambda file: _relative(file, folder)),
-            "lidar": {"preset": default_preset(role[1], law)} | driver.lidar.model_dump(exclude_none=True),
+            "lidar": {"preset": self.default_preset(role)} | driver.lidar.model_dump(exclude_none=True),
             "odometry": driver.odometry.model_dump(exclude_none=True),
         } | self._resolved_extras(role, folder)
 
     def _resolved_extras(self, role: Role, folder: Path | None) -> dict[str, Any]:
         """The tables of further lasers and of sensors, where there are any."""
-        driver, preset = getattr(self.spec.platoon[role[0]], role[1]), default_preset(role[1], self.laws[role])
+        driver, preset = getattr(self.spec.platoon[role[0]], role[1]), self.default_preset(role)
         lidars = {name: {"preset": preset} | one.model_dump(exclude_none=True) for name, one in driver.lidars.items()}
         sensors = {}
         for (name, sensor), file in self.sensors[role]:

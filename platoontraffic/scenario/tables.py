@@ -20,13 +20,11 @@ from platoontraffic.scenario.base import (
     Speed,
     Table,
     Text,
+    filled_in,
 )
+from platoontraffic.scenario.defaults import usual, usual_step, with_drivers
 from platoontraffic.scenario.obstacle_tables import Obstacle
 from platoontraffic.scenario.vehicle_tables import Lidar, NoiseTable, OdometryTable, Vehicle
-from platoontraffic.vehicles.bicycle import Car
-from platoontraffic.vehicles.differential import DifferentialDrive
-
-START_GAPS = {DifferentialDrive: 0.5, Car: 2.5}  # [m]; SUMO's cars stand 2.5 m apart (minGap)
 
 
 class Sumo(Table):
@@ -70,8 +68,12 @@ class SceneTable(Table):
 class Run(Table):
     """The step of the simulation, and when the run ends."""
 
-    step_s: Positive = 0.025
-    """Step of the simulation [s]; whole milliseconds."""
+    model_config = filled_in("step_s")
+
+    step_s: Positive
+    """Step of the simulation [s]; whole milliseconds. Default: the step-length of a SUMO configuration, if it is a
+    whole part of the following; or else 0.1 where all vehicles are cars, vans or trucks with lasers of at most 10 Hz,
+    and otherwise 0.025."""
     duration_s: Positive
     """Simulated time at which the run ends [s]; a multiple of step_s. Required, unless a SUMO configuration that is
     run as a scenario names its end."""
@@ -123,12 +125,14 @@ class SensorTable(Named):
 class Driver(Named):
     """The law that drives a leader or the followers, its gains as further keys, and the sensors that it gets."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config = filled_in("law") | ConfigDict(extra="allow")
     short = "law"
 
     law: str
     """Name of a law (`platoontraffic list laws` prints all), or module:Class from a file beside the scenario.
-    All keys besides `law`, `lidar`, `lidars`, `odometry` and `sensors` are gains of the law."""
+    All keys besides `law`, `lidar`, `lidars`, `odometry` and `sensors` are gains of the law. Default: for cars, vans
+    and trucks, a leader drives by "path" and a follower by "tracking" with policy = "obey" and on_loss = "drive", both
+    with odometry = "car"; required for robots."""
     lidar: Lidar = Lidar()
     """Laser scanner, by name or as a table."""
     lidars: dict[Identifier, Lidar] = Field({})
@@ -137,7 +141,8 @@ class Driver(Named):
     sensors: dict[Identifier, SensorTable] = Field({})
     """Sensors from plug-ins, each with the name by which the law asks for it in `needs`. Default: none."""
     odometry: OdometryTable = OdometryTable()
-    """Errors of the measured own speed and yaw rate, by name or as a table."""
+    """Errors of the measured own speed and yaw rate, by name or as a table. Default: "none"; "car" where the law is
+    left out."""
 
 
 # Keys that take a table or a name -> the key of the table that the name is the value of.
@@ -171,6 +176,8 @@ class Start(Table):
 class Platoon(Table):
     """A leader and its followers."""
 
+    model_config = filled_in("leader")
+
     id: Identifier = "platoon"
     """Id of the platoon; its members are ID.0 (the leader), ID.1 and so on."""
     size: Annotated[int, Field(ge=1, le=10_000)] = 1
@@ -188,9 +195,15 @@ class Platoon(Table):
     loop: bool = False
     """Whether the route begins again at its end."""
     leader: Driver
-    """Law of the leader, by name or as a table."""
+    """Law of the leader, by name or as a table. Default: for cars, vans and trucks "path"; required for robots."""
     follower: Driver | None = None
-    """Law of the followers, by name or as a table. Default: none; required for a size of 2 or more."""
+    """Law of the followers, by name or as a table. Default: none for a size of 1; or else, for cars, vans and trucks
+    "tracking" with policy = "obey" and on_loss = "drive"; required for robots."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def drivers_by_vehicle(cls, table: Any) -> Any:
+        return with_drivers(table)
 
     @field_validator("id")
     @classmethod
@@ -201,7 +214,7 @@ class Platoon(Table):
 
     @model_validator(mode="after")
     def gap_by_vehicle(self) -> Platoon:
-        gap = START_GAPS[type(self.vehicle.model())] if self.gap_m is None else self.gap_m
+        gap = usual(self.vehicle.model()).gap if self.gap_m is None else self.gap_m
         return self.model_copy(update={"gap_m": gap})
 
     @model_validator(mode="after")
@@ -282,3 +295,11 @@ class Spec(Table):
     """Orders to members, one [[manoeuvre]] table each."""
     breakdown: list[Breakdown] = Field([])
     """Failures of members, one [[breakdown]] table each."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def step_by_vehicles(cls, table: Any) -> Any:
+        run = table.get("run") if isinstance(table, dict) else None
+        if not isinstance(run, dict) or "step_s" in run:
+            return table
+        return table | {"run": {"step_s": usual_step(table.get("platoon")), **run}}

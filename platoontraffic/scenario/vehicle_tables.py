@@ -16,6 +16,7 @@ from platoontraffic.errors import did_you_mean
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise
 from platoontraffic.lidar.noise import DEFAULT_NAME
 from platoontraffic.scenario.base import Angle, Fraction, Named, NotNegative, Positive, Size, one_of
+from platoontraffic.scenario.defaults import VEHICLE
 from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 
@@ -31,7 +32,7 @@ class Vehicle(Named):
 
     short = "type"
 
-    type: str = "paper-robot"
+    type: str = VEHICLE
     """Name of the vehicle; `platoontraffic list vehicles` prints all."""
     length_m: Size | None = None
     """Length of the footprint [m]. Default: that of the type."""
@@ -169,7 +170,8 @@ class Lidar(Named):
 
     preset: str | None = None
     """Name of the lidar; `platoontraffic list lidars` prints all.
-    Default: the lidar that the law declares, or else "paper-leader" or "paper-follower"."""
+    Default: the lidar that the law declares, or else "car-leader" or "car-follower" for cars, vans and trucks,
+    "paper-leader" or "paper-follower" for robots."""
     fov_deg: Annotated[float, Field(gt=0, le=360)] | None = None
     """Field of view, half of it to each side of straight ahead [deg]. Default: that of the preset."""
     samples: Annotated[int, Field(ge=5, le=100_000)] | None = None  # Algorithm 1 has five sectors

@@ -16,7 +16,7 @@ from platoontraffic.lidar import LidarModel, Scene
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.road.sumo_files import read_polygons
-from platoontraffic.scenario import Platoon, Scenario, default_preset
+from platoontraffic.scenario import Platoon, Scenario
 from platoontraffic.vehicles.odometry import OdometryErrors
 from platoontraffic.vehicles.sensor import NamedSensor
 from platoontraffic.world.fleet import Member
@@ -94,7 +94,7 @@ class Equipment(NamedTuple):
     def of(cls, scenario: Scenario, i: int, role: str) -> Equipment:
         """Of the i-th platoon's leader or followers."""
         platoon, law = scenario.spec.platoon[i], scenario.laws[i, role]
-        driver, preset = getattr(platoon, role), default_preset(role, law)
+        driver, preset = getattr(platoon, role), scenario.default_preset((i, role))
         length = platoon.vehicle.model().length
         further = (table.model(preset, length, name) for name, table in driver.lidars.items())
         sensors = tuple(found.sensor for found in scenario.sensors[i, role])

@@ -25,6 +25,9 @@ LANE_CHANGE_BLAME = 2.0  # a collision this soon after the other vehicle's lane 
 ENCOUNTER_TIME = 10.0  # time for which the consequences of a cut-in or crossing are measured [s]
 
 
+GONE = ("arrived", "stranded")  # kinds of events by which a member leaves the road
+
+
 class Event(NamedTuple):
     """One row of events.csv."""
 
@@ -71,6 +74,12 @@ EVENT_KINDS = {
             "arrived",
             "leaves the road, at the end of its own route or together with its leader; the position is its last one",
             ("own_route", "with_leader"),
+        ),
+        Kind(
+            "stranded",
+            "is taken off the road, because its leader (other_id) has arrived and its law knows no route, while it or "
+            "a member between them is split off and its gap is longer than that of a platoon (see split); the "
+            "position is its last one",
         ),
         Kind("locked", "its law takes its true predecessor (other_id) as target for the first time"),
         Kind(
@@ -173,7 +182,7 @@ EVENT_KINDS = {
         Kind("never_departed", "its platoon was due to depart, and waited for room until the run ended"),
         Kind(
             "end",
-            "the run ended: every member had arrived, had driven its laps, or the run's duration was over",
+            "the run ended: every member had left the road, had driven its laps, or the run's duration was over",
             ("arrived", "laps", "duration"),
         ),
     )

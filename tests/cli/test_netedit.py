@@ -1,4 +1,7 @@
-"""A network saved by netedit: `nets/lights.net.xml` with two roads drawn by hand (E0, E1)."""
+"""A network saved by netedit: `nets/lights.net.xml` with two roads drawn by hand (E0, E1), and changes of it.
+
+netedit saves through netconvert, so a change in its plain files leaves the network that netedit would save.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,10 @@ from typer.testing import CliRunner
 from platoontraffic import scenario, simulation
 from platoontraffic.cli import net_findings, net_sources
 from platoontraffic.cli.net_content import read
-from platoontraffic.cli.net_sources import differences
+from platoontraffic.cli.net_sources import differences, run_program
 from platoontraffic.cli.nets import nets_app
 from platoontraffic.run import run as run_into
+from platoontraffic.sumo.programs import program
 from tests.support import ODD_NETS
 
 NETS = ODD_NETS
@@ -76,7 +80,8 @@ def test_the_file_is_written_by_netedit_and_has_the_drawn_roads():
     assert saved.roads().keys() - before.roads().keys() == {"E0", "E1"}
     assert (saved.roads()["E0"].start, saved.roads()["E1"].end) == ("east", "north")
     assert saved.lights == before.lights
-    assert net_findings.findings(SAVED) == net_findings.Findings()
+    found = net_findings.findings(SAVED)
+    assert (found.faults, found.kinds) == ((), ())
 
 
 def test_the_imported_sources_build_the_same_bytes(imported):
@@ -113,3 +118,90 @@ def test_a_platoon_drives_on_the_drawn_roads(tmp_path, size, duration, edge):
     assert list(last.edge_id) == [edge] * size
     assert (last.speed_mps > 4).all()
     assert pd.read_csv(folder / "events.csv").query("kind in ('collision', 'lock_lost')").empty
+
+
+# ---- a lane, a stop sign and a bend
+
+LANE = ('<edge id="E1" from="J0" to="north" priority="-1" numLanes="1"', 'numLanes="1"', 'numLanes="2"')
+BEND = ('<edge id="E0"', 'speed="13.89"/>', 'speed="13.89" shape="1000,0 985,60 925,140 915.37,197.51"/>')
+STOP = ('<node id="north"', 'type="priority"', 'type="allway_stop"')
+JOINED = '<connection from="E1" to="north_in" fromLane="0" toLane="0"/>'
+BOTH = f"{JOINED}\n{JOINED.replace(chr(34) + '0' + chr(34), chr(34) + '1' + chr(34), 1)}"
+
+DRIVE = """
+[sumo]
+net = "changed.net.xml"
+
+[scene]
+walls = "none"
+
+[run]
+duration_s = 300.0
+
+[[platoon]]
+size = 3
+vehicle = "car"
+start = { edge = "E0", position_m = 40.0 }
+to = "south_out"
+"""
+
+
+def changed(folder: Path, connections: str = BOTH) -> Path:
+    """The network saved with another lane on E1, a stop sign at its end, and another bend in E0."""
+    netconvert = program("netconvert")
+    plain = folder / "plain"
+    run_program(netconvert, "-s", SAVED, "--plain-output-prefix", plain, "--precision", "2")
+    for kind, changes in (("edg", (LANE, BEND)), ("nod", (STOP,)), ("con", ((JOINED, JOINED, connections),))):
+        file = Path(f"{plain}.{kind}.xml")
+        lines = file.read_text(encoding="utf-8").splitlines()
+        for begin, old, new in changes:
+            (i,) = (i for i, line in enumerate(lines) if line.strip().startswith(begin))
+            assert old in lines[i]
+            lines[i] = lines[i].replace(old, new)
+        file.write_text("\n".join(lines), encoding="utf-8")
+    files = [word for flag, kind in zip("nexi", ("nod", "edg", "con", "tll"), strict=True)
+             for word in (f"-{flag}", f"{plain}.{kind}.xml")]  # fmt: skip
+    net = folder / "changed.net.xml"
+    done = run_program(netconvert, *files, "--offset.disable-normalization", "--precision", "2", "-o", net)
+    assert done.returncode == 0, done.stderr
+    return net
+
+
+@pytest.fixture
+def netconvert():
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
+
+
+def test_a_lane_a_stop_sign_and_a_bend_are_imported_and_built_again(netconvert, tmp_path):
+    net = changed(tmp_path)
+    before, after = read(SAVED), read(net)
+    assert [len(content.roads()["E1"].lanes) for content in (before, after)] == [1, 2]
+    assert [len(content.roads()["E0"].lanes[0].shape) for content in (before, after)] == [2, 4]
+    states = {link.rules[1] for link in after.links if link.source[0] == "E1" and link.target[0] == "north_in"}
+    assert states == {"w"}  # SUMO's letter of an all-way stop
+    folder = tmp_path / "sources"
+    net_sources.import_net(net, folder)
+    assert list(differences(after, read(net_sources.build(folder / "changed.netccfg")))) == []
+
+
+def test_the_check_tells_a_finished_change_from_a_forgotten_connection(netconvert, tmp_path):
+    assert net_findings.findings(changed(tmp_path)).kinds == ()
+    (kind,) = net_findings.findings(changed(tmp_path, JOINED)).kinds
+    assert (kind.name, len(kind.places)) == ("lane ends", 1)
+    assert kind.places[0].text.startswith("'E1_1' at ")
+
+
+@pytest.mark.slow
+@pytest.mark.sumo
+def test_cars_drive_round_the_bend_and_over_the_stop_line(netconvert, tmp_path):
+    changed(tmp_path)
+    file = tmp_path / "drive.toml"
+    file.write_text(DRIVE, encoding="utf-8")
+    folder = run_into(simulation.prepare(scenario.load(file)), tmp_path / "results")
+    events = pd.read_csv(folder / "events.csv")
+    assert list(events.vehicle_id[events.kind == "arrived"]) == ["platoon.0", "platoon.1", "platoon.2"]
+    assert not events.kind.isin(["collision", "off_road", "red_light", "failed_to_yield"]).any()
+    rows = pd.read_csv(folder / "trajectories.csv")
+    for name in ("platoon.0", "platoon.1", "platoon.2"):
+        on_it = rows[(rows.vehicle_id == name) & (rows.edge_id == "E1")]
+        assert on_it.speed_mps.min() < 2.0  # slow before the stop line

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gzip
+import math
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -15,6 +17,8 @@ from platoontraffic.cli import net_findings, net_sources, nets
 from platoontraffic.cli.net_content import read
 from platoontraffic.cli.net_sources import differences
 from platoontraffic.cli.nets import nets_app
+from platoontraffic.errors import InputError
+from platoontraffic.road.network import Network
 
 RING = shipped.networks()["ring"]
 LAB = shipped.networks()["lab_loop"]
@@ -24,6 +28,12 @@ CROSS = """<nodes><node id="w" x="0" y="0"/><node id="c" x="200" y="0"/><node id
 ROADS = """<edges>
 <edge id="in" from="w" to="c" numLanes="2" speed="13.89"/><edge id="out" from="c" to="e" numLanes="2" speed="13.89"/>
 <edge id="side" from="s" to="c" numLanes="1" speed="13.89"/></edges>"""
+
+
+NOWHERE = "note: road that leads nowhere, though others lead on from its junction:"
+ENDS = "note: lane that ends, though other lanes of its road go on:"
+NARROW = "note: lane narrower than a car (1.76 m):"
+OTHERS = "note: 1 lane is for others:"
 
 
 def call(*arguments: object) -> Result:
@@ -166,17 +176,18 @@ def test_build_writes_to_the_given_file(made, tmp_path):
         ([], "", {}, "fine"),
         ([], "", {"no_internal_links": "true"}, "note: no lanes inside junctions"),
         ([], "", {"lefthand": "true"}, "note: left-hand traffic"),
-        ([], '<connection from="side"/>', {}, "note: edge 'side' leads nowhere, though roads lead on"),
-        ([], '<connection from="in" to="out" fromLane="0" toLane="0"/>', {}, "note: lane 'in_1' has no connection"),
+        ([], '<connection from="side"/>', {}, f"{NOWHERE} 'side' before junction 'c' at"),
+        ([], '<connection from="in" to="out" fromLane="0" toLane="0"/>', {}, f"{ENDS} 'in_1' at"),
         (
             [("</edges>", '<edge id="far" from="c" to="s"/></edges>')],
             '<connection from="in" to="out" fromLane="0" toLane="0"/><connection from="side"/>',
             {},
-            "note: edge 'far' cannot be reached, though roads lead to junction 'c'",
+            "note: road that cannot be reached, though others lead to its junction: 'far' behind junction 'c' at",
         ),
-        ([('id="side"', 'id="side" width="1.9"')], "", {}, "note: lane 'side_0': 1.9 m wide, too narrow for cars"),
-        ([('id="side"', 'id="side" allow="tram"')], "", {}, "note: lane 'side_0': rails only"),
-        ([('id="side"', 'id="side" allow="pedestrian"')], "", {}, "note: lane 'side_0': pedestrian only"),
+        ([('id="side"', 'id="side" width="1.7"')], "", {}, f"{NARROW} 'side_0', 1.7 m at"),
+        ([('id="side"', 'id="side" allow="tram"')], "", {}, f"{OTHERS} rails 1, no part"),
+        ([('id="side"', 'id="side" allow="pedestrian"')], "", {}, f"{OTHERS} pedestrian 1, no part"),
+        ([('id="side"', 'id="side" allow="bus"')], "", {}, f"{OTHERS} bus 1, part of the road"),
     ],
 )  # fmt: skip
 def test_oddities_of_a_network_that_runs_are_notes(made, changes, connections, options, said):
@@ -195,11 +206,119 @@ def test_a_network_without_lanes_for_cars_is_a_fault(made, users, said):
     assert said in done.stderr
 
 
-def test_many_findings_of_one_kind_are_cut_short(made):
-    changes = [('numLanes="2"', 'numLanes="9" width="1.9"')]
-    lines = call("check", made(*changes)).stdout.splitlines()
-    assert len(lines) == net_findings.AT_MOST + 1
-    assert lines[-1].endswith("note: and 10 more of this kind")
+def test_a_kind_is_one_line_with_its_worst_places_and_all_of_them_on_request(made):
+    net = made(
+        ('id="out" from="c" to="e" numLanes="2"', 'id="out" from="c" to="e" numLanes="9" width="1.7"'),
+        ('id="in"', 'id="in" width="1.5"'),
+    )
+    (line,) = (line for line in call("check", net).stdout.splitlines() if "narrower" in line)
+    assert line.startswith(f"{net}: note: 11 lanes narrower than a car (1.76 m): 'in_0', 1.5 m at (98, ")
+    assert line.endswith("; and 8 more")
+    every = call("check", net, "--all").stdout.splitlines()
+    first = next(i for i, line in enumerate(every) if "narrower" in line)
+    assert [line.split()[0] for line in every[first + 1 : first + 3]] == ["'in_0',", "'in_1',"]
+    assert sum(line.startswith("    '") and "1.7 m" in line for line in every) == 9
+
+
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [
+        ("0,0 100,0 100,3 200,3", "90° to the"),  # a step aside
+        ("0,0 100,0 110,4 120,0 200,0", None),  # a bend of 22 and 44 degrees, driven within the lane
+    ],
+)
+def test_kinks_that_a_car_cannot_drive_are_named_with_place_and_angle(made, shape, said):
+    net = made(('id="in"', f'id="in" shape="{shape}" spreadType="center"'))
+    lines = [line for line in call("check", net, "--all").stdout.splitlines() if "lane 'in_0'" in line]
+    if said is None:
+        assert not lines
+        return
+    assert said in lines[0]
+    x, y = map(float, re.search(r"at \((-?\d+), (-?\d+)\) m", lines[0]).groups())
+    assert x == pytest.approx(100, abs=4)
+    assert y == pytest.approx(200, abs=5)  # netconvert moves the network by 200 m
+    # A corner of a right angle: R (sec 45° - 1) at least.
+    offset = float(re.search(r"([\d.]+) m off the line", lines[0])[1])
+    assert offset >= net_findings.CAR.turning_radius * (math.sqrt(2) - 1) - 0.1
+
+
+def test_kinks_across_junctions_are_judged_with_the_lanes_before_and_after(made):
+    """No line has a corner in itself: 45 degrees where it enters the junction, and 45 where it leaves, 1 m farther."""
+    content = read(made())
+    (link,) = (link for link in content.links if link.source == ("side", 0) and link.via)
+    target, via = "_".join(map(str, link.target)), link.via
+    lines = {"side_0": ((0, -50), (0, 0)), via: ((0, 0), (0.71, 0.71)), target: ((0.71, 0.71), (60, 0.71))}
+
+    def drawn(lane):
+        return lane._replace(shape=lines.get(lane.id, lane.shape))
+
+    edges = {name: edge._replace(lanes=tuple(map(drawn, edge.lanes))) for name, edge in content.edges.items()}
+    places = net_findings._kinks(content._replace(edges=edges)).places
+    (kink,) = (place for place in places if "'side_0'" in place.text)
+    assert kink.text.startswith(f"from 'side_0' to '{target}': 90° to the right within 1.0 m, ")
+    assert (kink.x, kink.y) == pytest.approx((0.355, 0.355))
+    # The arc of the turning radius R in place of one of 1 m / (pi / 2).
+    radius = net_findings.CAR.turning_radius
+    assert kink.badness == pytest.approx((radius - 1.004 / (math.pi / 2)) * (math.sqrt(2) - 1), abs=0.01)
+
+
+def test_a_light_that_is_always_red_to_a_lane_closes_its_stop_line():
+    net = shipped.networks()["corridor"]
+    content = read(net)
+    assert net_findings._closed(content).places == ()
+    link = next(link for link in content.links if link.rules[2] and link.source[0] in content.roads())
+    index = int(link.rules[3])
+    red = {name: tuple((lasts, f"{state[:index]}r{state[index + 1:]}") for lasts, state in phases)
+           for name, phases in content.lights.items()}  # fmt: skip
+    (place,) = net_findings._closed(content._replace(lights=red)).places
+    assert place.text.startswith(f"'{link.source[0]}_{link.source[1]}' to '{link.target[0]}', light '{link.rules[2]}'")
+
+
+@pytest.mark.parametrize(("aside", "said"), [(1.0, True), (3.2, True), (3.5, False)])
+def test_lanes_of_different_roads_on_the_same_ground_overlap(made, aside, said):
+    """The upper lane of `in` is 1.6 m off its middle, so cars are 1.76 m wide at 3.36 m."""
+    points = f"0,40 50,{aside} 150,{aside} 190,40 450,40 450,-200 200,-200"
+    second = f'<edge id="twin" from="w" to="s" numLanes="1" speed="9" shape="{points}"'
+    net = made(("</edges>", f'{second} spreadType="center"/></edges>'), ('id="in"', 'id="in" spreadType="center"'))
+    found = [line for line in call("check", net).stdout.splitlines() if "cars side by side would touch" in line]
+    assert bool(found) == said
+    if said:
+        assert "'twin_0'" in found[0]
+
+
+def test_the_places_are_drawn(made, tmp_path):
+    net = made(('id="side"', 'id="side" width="1.7"'))
+    done = call("check", net, "--plot", tmp_path / "net.png")
+    assert done.exit_code == 0
+    assert (tmp_path / "net.png").read_bytes()[:4] == b"\x89PNG"
+    assert done.stdout.splitlines()[-1] == str(tmp_path / "net.png")
+    for arguments, what in (
+        ([net, net, "--plot", "a.png"], "--plot: a.png: has room for one network"),
+        ([net, "--plot", tmp_path / "net.nothing"], "net.nothing: cannot be written"),
+    ):
+        done = call("check", *arguments)
+        assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+        assert what in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('from="east"', 'from="nowhere"', "goes from junction 'nowhere', which is missing"),
+        ('intLanes=":', 'intLanes=":x :', "names lane ':x', which is missing"),
+        ('toLane="0"', 'toLane="7"', "_7', which is missing"),
+    ],
+)
+def test_a_network_that_lacks_a_part_is_a_fault(tmp_path, old, new, said):
+    text = RING.read_text()
+    assert old in text
+    net = tmp_path / "broken.net.xml"
+    net.write_text(text.replace(old, new, 1))
+    done = call("check", net)
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert said in done.stderr
+    with pytest.raises(InputError):
+        Network.read(net)
 
 
 @pytest.mark.parametrize("command", ["check", "import"])

@@ -41,6 +41,30 @@ def test_members_depart_and_arrive_by_themselves_or_with_their_leader():
     assert observed.at(0.4, []).kinds == [("arrived", "robot.2")]
 
 
+@pytest.mark.parametrize(("behind", "kinds"), [(16.0, ["arrived"] * 3), (80.0, ["arrived", "stranded", "stranded"])])
+def test_members_far_behind_an_arriving_leader_and_those_behind_them_are_stranded(behind, kinds):
+    """None sees its predecessor. The car's law wants no gap, so 15 m are a platoon's longest."""
+    observed = Observed(cars(2))
+    x = np.array([100.0, 100.0 - behind, 88.0 - behind])
+    for k in range(30):
+        observed.at(0.1 * k, x=x)
+    seen = observed.at(3.0, [])
+    assert seen.kinds == [(kind, f"robot.{i}") for i, kind in enumerate(kinds)]
+    stranded = [event for event in seen.events if event.kind == "stranded"]
+    assert all((event.other, event.what) == ("robot.0", "") for event in stranded)
+    assert [event.detail for event in stranded] == [
+        "80 m from where its leader arrived",
+        "92 m from where its leader arrived",
+    ][: len(stranded)]
+
+
+def test_a_member_that_has_only_just_fallen_behind_is_not_stranded():
+    observed = Observed(cars(1))
+    for k in range(12):
+        observed.at(0.1 * k, x=[100.0, 20.0])
+    assert observed.at(1.2, []).kinds == [("arrived", "robot.0"), ("arrived", "robot.1")]
+
+
 def test_gap_of_a_member_that_departs_later_is_along_the_path_driven_before():
     observed = Observed(cars())
     for k in range(50):

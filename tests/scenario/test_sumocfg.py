@@ -9,7 +9,6 @@ import os
 import re
 import shlex
 import shutil
-import tomllib
 from pathlib import Path
 
 import pandas as pd
@@ -65,20 +64,62 @@ def test_defaults_are_those_of_cars_in_traffic(tmp_path):
     spec = checked.spec
     assert (spec.name, spec.scene.walls, spec.run.step_s, spec.run.duration_s) == ("city", "none", 0.1, 40.0)
     (platoon,) = spec.platoon
-    assert (platoon.vehicle.type, platoon.leader.law, platoon.follower.law) == ("car", "sumo", "repaired")
-    gains = tomllib.loads(shipped.scenarios()["ring_platoon"].read_text())["platoon"][0]["follower"]
-    assert checked.laws[0, "follower"].stand_off == gains["stand_off_m"]
+    assert (platoon.vehicle.type, platoon.leader.law, platoon.follower.law) == ("car", "path", "tracking")
 
 
+OF_A_SCENARIO = '[sumo]\nconfig = "theirs/city.sumocfg"\n'
+
+
+@pytest.mark.parametrize("named_in", ["argument", "scenario"])
 @pytest.mark.parametrize(
     ("given", "step", "said"),
-    [("0.05", 0.05, "step-length = 0.05 is run.step_s"), ("1", 0.1, "step-length = 1 is not used; run.step_s = 0.1")],
+    [
+        ("0.05", 0.05, []),
+        ("1", 0.1, ["step-length = 1 is not used: the run has run.step_s = 0.1, of which it is no whole part"]),
+        ("0.0003125", 0.1, ["step-length = 0.0003125 is not used: the run has run.step_s = 0.1"]),
+    ],
 )
-def test_its_step_is_used_if_the_scan_interval_is_a_multiple_and_a_remark_says_so(tmp_path, given, step, said):
+def test_its_step_is_used_if_it_fits_and_said_if_not(tmp_path, named_in, given, step, said):
     file = configure(tmp_path / "theirs", f"<time><step-length value='{given}'/></time>")
-    checked = scenario.load(file, SHORT)
+    if named_in == "argument":
+        checked = scenario.load(file, SHORT)
+    else:
+        mine = tmp_path / "mine.toml"
+        mine.write_text(OF_A_SCENARIO + "[run]\nduration_s = 2\n" + PLATOONS.replace("size", 'vehicle = "car"\nsize'))
+        checked = scenario.load(mine)
     assert checked.spec.run.step_s == step
-    assert checked.remarks() == [f"{file}: {said}"]
+    assert [text.partition(": ")[2] for text in checked.remarks()] == checked.replaced()
+    assert [text[: len(start)] for text, start in zip(checked.replaced(), said, strict=True)] == said
+
+
+def test_its_seed_and_end_are_those_of_the_run_unless_others_are_given(tmp_path):
+    inside = "<x><seed value='42'/></x><time><end value='30'/></time>"
+    file, mine = configure(tmp_path / "theirs", inside), tmp_path / "mine.toml"
+    mine.write_text(OF_A_SCENARIO + "[run]\n" + PLATOONS.replace("size", 'vehicle = "car"\nsize'))
+    for checked in (scenario.load(file, PLATOON), scenario.load(mine)):
+        assert (checked.seed, checked.spec.run.duration_s, checked.replaced()) == (42, 30.0, [])
+    checked = scenario.load(file, PLATOON, seed=7)
+    assert (checked.seed, checked.replaced()) == (7, ["seed = 42 is not used: the run has seed = 7"])
+    assert scenario.load(mine, ["seed=8", "run.step_s=0.05"]).seed == 8
+    file.write_text(file.read_text().replace("42", "-1"))
+    checked = scenario.load(file, PLATOON)
+    assert (checked.seed, checked.replaced()) == (1, ["seed = -1 is not used: the run has seed = 1"])
+    file.write_text(file.read_text().replace("-1", "some"))
+    with pytest.raises(InputError, match="<seed>: 'some'; must be a whole number"):
+        scenario.load(file, PLATOON)
+
+
+@pytest.mark.sumo
+def test_a_run_says_at_its_end_what_it_has_in_place_of_the_configurations_values(tmp_path):
+    file = configure(tmp_path / "theirs", "<x><seed value='42'/></x><time><step-length value='1'/></time>")
+    done = call("run", file, *SHORT, "--seed", 5, "--out", tmp_path / "results")
+    assert done.exit_code == 0, done.stderr
+    said = [line for line in done.stdout.splitlines() if line.startswith("SUMO configuration: ")]
+    assert [" ".join(line.split()[2:5]) for line in said] == ["seed = 42", "step-length = 1"]
+    facts = json.loads((Path(done.stdout.splitlines()[-1]) / "provenance.json").read_text())
+    again = json.loads(call("run", file, *SHORT, "--seed", 5, "--out", tmp_path / "results", "--json").stdout)
+    assert len(facts["sumo_options_replaced"]) == 2
+    assert again["sumo_options_replaced"] == facts["sumo_options_replaced"]
 
 
 def test_what_is_not_used_is_named_and_unknown_options_are_left_to_sumo(tmp_path):
@@ -90,12 +131,12 @@ def test_what_is_not_used_is_named_and_unknown_options_are_left_to_sumo(tmp_path
     file = configure(tmp_path / "theirs", inside)
     config = read_configuration(file)
     assert config.ignored == (
-        "no-step-log", "seed", "output-prefix", "remote-port", "gui-settings-file", "osg-view", "anything",
+        "no-step-log", "output-prefix", "remote-port", "gui-settings-file", "osg-view", "anything",
     )  # fmt: skip
     assert config.options == {"blurb": "1"}
     done = call("check", file, *SHORT)
     assert (done.exit_code, done.stderr.count("\n")) == (0, 1)
-    assert "options that are not used: no-step-log, seed, " in done.stderr
+    assert "options that are not used: no-step-log, output-prefix, " in done.stderr
 
 
 def test_file_names_can_hold_spaces_and_environment_variables(tmp_path, monkeypatch):

@@ -1,0 +1,117 @@
+"""Defaults that depend on the vehicle: what a platoon of cars, or of robots, is that names no more than it must."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import tomli_w
+
+from platoontraffic import scenario, simulation
+from platoontraffic.errors import InputError
+from platoontraffic.observation.sight import warnings
+from platoontraffic.scenario import Scenario
+
+CARS = ("car", "van", "truck")
+ROAD = '[sumo]\nnet = "corridor"\n[scene]\nwalls = "none"\n[run]\nduration_s = 5.0\n'
+PLATOON = '[[platoon]]\nsize = 2\nstart = {{ edge = "light_prio", position_m = 90.0 }}\nto = "b2_east"\n{}\n'
+
+
+def loaded(tmp_path: Path, *platoons: str, changes: tuple[str, ...] = ()) -> Scenario:
+    file = tmp_path / "mine.toml"
+    file.write_text(ROAD + "".join(PLATOON.format(platoon) for platoon in platoons))
+    return scenario.load(file, changes)
+
+
+def lidar(checked: Scenario, role: str) -> str:
+    return checked.resolved()["platoon"][0][role]["lidar"]["preset"]
+
+
+@pytest.mark.parametrize("vehicle", CARS)
+def test_cars_lead_by_path_and_follow_by_tracking(tmp_path, vehicle):
+    checked = loaded(tmp_path, f'vehicle = "{vehicle}"')
+    table = checked.resolved()["platoon"][0]
+    assert checked.spec.run.step_s == 0.1
+    assert (table["leader"]["law"], table["leader"]["lidar"]["preset"]) == ("path", "car-leader")
+    follower = table["follower"]
+    assert (follower["law"], follower["policy"], follower["on_loss"]) == ("tracking", "obey", "drive")
+    assert follower["lidar"]["preset"] == "car-tracker"
+    assert {role: table[role]["odometry"]["preset"] for role in ("leader", "follower")} == {
+        "leader": "car",
+        "follower": "car",
+    }
+
+
+def test_robots_must_name_their_laws_and_keep_the_papers_lasers(tmp_path):
+    with pytest.raises(InputError, match=r"platoon\.0\.leader: missing"):
+        loaded(tmp_path, "")
+    with pytest.raises(InputError, match=r"must have a \[platoon\.follower\]"):
+        loaded(tmp_path, 'leader = "path"')
+    with pytest.raises(InputError, match=r"platoon\.0\.leader\.law: missing"):
+        loaded(tmp_path, 'leader = { speed_mps = 0.1 }\nfollower = "repaired"')
+    checked = loaded(tmp_path, 'leader = "path"\nfollower = "repaired"')
+    assert (lidar(checked, "leader"), lidar(checked, "follower")) == ("paper-leader", "paper-follower")
+    assert checked.spec.run.step_s == 0.025
+
+
+def test_a_law_that_is_named_has_its_own_gains_and_the_laser_of_its_vehicle(tmp_path):
+    checked = loaded(tmp_path, 'vehicle = "car"\nleader = "path"\nfollower = "tracking"')
+    follower = checked.resolved()["platoon"][0]["follower"]
+    assert (follower["policy"], follower["on_loss"], follower["odometry"]["preset"]) == ("convoy", "stop", "none")
+    assert (lidar(checked, "leader"), lidar(checked, "follower")) == ("car-leader", "car-tracker")
+    checked = loaded(tmp_path, 'vehicle = "car"\nfollower = "repaired"')
+    assert (lidar(checked, "leader"), lidar(checked, "follower")) == ("car-leader", "car-follower")
+
+
+def test_what_is_given_is_kept(tmp_path):
+    given = 'vehicle = "van"\n[platoon.leader]\nlidar = { preset = "utm30lx", rate_hz = 10.0 }\nspeed_mps = 9.0\n'
+    given += '[platoon.follower]\npolicy = "convoy"\nodometry = "none"'
+    table = loaded(tmp_path, given, changes=("run.step_s=0.05",)).resolved()
+    leader, follower = (table["platoon"][0][role] for role in ("leader", "follower"))
+    assert (leader["law"], leader["speed_mps"], leader["lidar"]["preset"]) == ("path", 9.0, "utm30lx")
+    assert (follower["policy"], follower["on_loss"], follower["odometry"]["preset"]) == ("convoy", "drive", "none")
+    assert table["run"]["step_s"] == 0.05
+    changed = loaded(tmp_path, 'vehicle = "car"', changes=("platoon.follower.time_headway_s=1.5",))
+    follower = changed.resolved()["platoon"][0]["follower"]
+    assert (follower["law"], follower["policy"], follower["time_headway_s"]) == ("tracking", "obey", 1.5)
+
+
+def test_one_car_has_no_follower(tmp_path):
+    assert loaded(tmp_path, 'vehicle = "car"', changes=("platoon.size=1",)).spec.platoon[0].follower is None
+
+
+def test_the_step_is_that_of_the_finest_laser_or_robot(tmp_path):
+    robots = 'id = "r"\nleader = "path"\nfollower = "repaired"'
+    assert loaded(tmp_path, 'vehicle = "car"', robots).spec.run.step_s == 0.025
+    for laser in ('"paper-leader"', "{ rate_hz = 40.0 }"):
+        assert loaded(tmp_path, f'vehicle = "car"\nleader = {{ lidar = {laser} }}').spec.run.step_s == 0.025
+    assert loaded(tmp_path, 'vehicle = "car"\nleader = { lidar = { rate_hz = 5.0 } }').spec.run.step_s == 0.1
+
+
+def test_a_run_states_the_defaults_so_that_it_can_be_repeated(tmp_path):
+    checked = loaded(tmp_path, 'vehicle = "car"')
+    again = tmp_path / "config.toml"
+    again.write_text(tomli_w.dumps(checked.resolved(tmp_path)))
+    assert scenario.load(again).resolved(tmp_path) == checked.resolved(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("leader", "range_max", "warned"),
+    [
+        ("speed_mps = 25.0", 60.0, False),  # 25 m/s 0.51 s + (25 m/s)^2 / 2 / 8 m/s2 = 52 m
+        ("speed_mps = 30.0", 60.0, True),  # 71 m
+        ("speed_mps = 30.0", 80.0, False),
+        ("", 10.0, True),  # by the limits of the corridor
+        ("", 60.0, False),
+        ('law = "sumo"', 10.0, False),
+    ],
+)
+def test_a_leader_that_cannot_stop_within_its_sight_is_warned_of(tmp_path, leader, range_max, warned):
+    table = f'vehicle = "car"\n[platoon.leader]\n{leader}\n[platoon.leader.lidar]\nrange_max_m = {range_max}\n'
+    said = warnings(simulation.prepare(loaded(tmp_path, table)))
+    assert len(said) == warned
+    if warned:
+        assert re.search(
+            r"mine\.toml:\d+: platoon\.0\.leader: at [\d.]+ m/s it stops within \d+ m, and its laser reaches", said[0]
+        )
