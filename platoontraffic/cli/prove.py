@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -16,22 +18,16 @@ from platoontraffic.cli.nets import file_of
 from platoontraffic.cli.printing import out, print_json
 from platoontraffic.cli.progress import err
 from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.prove.plans import Road
 from platoontraffic.road.network import Network, read_configuration
 from platoontraffic.vehicles.bicycle import CARS
 
 if TYPE_CHECKING:
     from platoontraffic.prove.alone import Drive
+    from platoontraffic.prove.traffic import Verdict
 
 WIDTH = 120  # of the tables [characters]
 CONFIGURATIONS = (".sumocfg", ".netecfg")
-
-
-class Road(NamedTuple):
-    """The network that is proved, and where its traffic comes from."""
-
-    net: Path
-    sumo: dict[str, str]  # the table `sumo` of a scenario on this road
-    own_traffic: bool  # brought by a configuration or a shipped network
 
 
 def road_of(name: str) -> Road:
@@ -43,6 +39,91 @@ def road_of(name: str) -> Road:
     if name in shipped.networks():
         return Road(file, {"net": name}, file.with_name(f"{name}.rou.xml").is_file())
     return Road(file, {"net": str(file.resolve())}, False)
+
+
+def prove_traffic(
+    road: Road, seeds: range, vehicle: str, warm_up: float, duration: float, folder: Path, as_json: bool
+) -> bool:
+    """Drive platoons in traffic on random routes, and SUMO's own cars in their places; whether all bars hold."""
+    from platoontraffic.prove.plans import planned
+    from platoontraffic.prove.traffic import Verdict, pairs
+
+    network = Network.read(road.net)
+    given = {"vehicle": vehicle, "warm_up": warm_up, "duration": duration}
+    plans = [planned(road, network, seed, folder / f"seed-{seed}", **given) for seed in seeds]
+    made = []
+    with _bar("seeds", len(plans)) as advance:
+        for pair in pairs(plans, folder):
+            made.append(pair)
+            advance()
+    verdict = Verdict.of(sorted(made))
+    if as_json:
+        print_json({"net": str(road.net), "vehicle": vehicle, "holds": verdict.holds, **jsonable(verdict)})
+    else:
+        _print_verdict(verdict, road)
+    return verdict.holds
+
+
+def jsonable(value: Any) -> Any:
+    """Records as objects; numbers that are not finite as null."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if hasattr(value, "_asdict"):
+        return {name: jsonable(one) for name, one in value._asdict().items()}
+    return [jsonable(one) for one in value] if isinstance(value, tuple | list) else value
+
+
+def _print_verdict(verdict: Verdict, road: Road) -> None:
+    """A line for each run, then a line on all."""
+    from platoontraffic.prove.rides import reasons
+
+    columns = (
+        *("seed", "", "arrive", "last", "ratio", "delay", "contacts", "caused", "red", "yield", "splits"),
+        *("stood", "longest standstill", "standstills over 10 s"),
+    )
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for column in columns:
+        text = column in ("", "longest standstill", "standstills over 10 s")
+        table.add_column(column, justify="left" if text else "right", no_wrap=True)
+    for pair in verdict.pairs:
+        for who, ride in (("members", pair.platoons), ("SUMO's", pair.sumo)):
+            first = str(pair.seed) if who == "members" else ""
+            if ride is None:
+                table.add_row(first, who, "failed")
+                continue
+            own = who == "members"
+            stand = ride.longest_stand
+            table.add_row(
+                *(first, who, f"{len(ride.arrivals)}/{ride.vehicles}", _number(ride.last_arrival, ".0f")),
+                *(_number(pair.ratio, ".2f") if own else "", _number(ride.delay, ".0f"), str(ride.contacts)),
+                *((str(n) for n in (ride.caused, ride.red_lights, ride.failures_to_yield)) if own else ("", "", "")),
+                *(str(ride.splits) if own else "", f"{stand.lasts:.0f}" if stand.lasts else ""),
+                *(f"{stand.vehicle} {stand.why}"[:44], _counted(reasons(ride.stands))),
+            )
+    print_wide(table)
+    low, high = verdict.yield_limits
+    sizes = sorted({pair.size for pair in verdict.pairs})
+    small = f"; platoons of {' and '.join(map(str, sizes))}, for want of longer lanes" if sizes != [5] else ""
+    own = "" if road.has_traffic else "; random traffic of this command"
+    out.print(
+        f"{road.net}{small}{own}: last arrival {_number(verdict.ratio, '.2f')} times SUMO's (median of the seeds), "
+        f"{verdict.hours:.2f} vehicle hours, {verdict.caused} contacts caused, {verdict.red_lights} red lights, "
+        f"{verdict.failures_to_yield} failures to yield (95 % limits {low:.2f} to {high:.2f} an hour)",
+        soft_wrap=True,
+        markup=False,
+    )
+    for fault in verdict.faults:
+        out.print(f"fails: {fault}", soft_wrap=True, markup=False)
+    if verdict.holds:
+        out.print("holds")
+
+
+def _number(value: float, form: str) -> str:
+    return format(value, form) if math.isfinite(value) else "-"
+
+
+def _counted(counts: Counter[str]) -> str:
+    return ", ".join(f"{count} {word}" for word, count in sorted(counts.items()))
 
 
 def check_vehicle(name: str) -> None:
