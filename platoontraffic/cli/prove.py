@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,8 +23,10 @@ from platoontraffic.vehicles.bicycle import CARS
 
 if TYPE_CHECKING:
     from platoontraffic.prove.alone import Drive
-    from platoontraffic.prove.traffic import Verdict
+    from platoontraffic.prove.rides import Ride
+    from platoontraffic.prove.traffic import Pair, Verdict
 
+INCIDENTS = 10  # that are printed
 WIDTH = 120  # of the tables [characters]
 CONFIGURATIONS = (".sumocfg", ".netecfg")
 
@@ -75,55 +76,76 @@ def jsonable(value: Any) -> Any:
 
 def _print_verdict(verdict: Verdict, road: Road) -> None:
     """A line for each run, then a line on all."""
-    from platoontraffic.prove.rides import reasons
-
-    columns = (
-        *("seed", "", "arrive", "last", "ratio", "delay", "contacts", "caused", "red", "yield", "splits"),
-        *("stood", "longest standstill", "standstills over 10 s"),
-    )
+    columns = ("seed", "", "arrive", "last", "ratio", "delay", "contacts", "caused", "red", "yield", "splits", "stood")
     table = Table(box=None, header_style="bold", pad_edge=False)
     for column in columns:
-        text = column in ("", "longest standstill", "standstills over 10 s")
-        table.add_column(column, justify="left" if text else "right", no_wrap=True)
+        table.add_column(column, justify="right" if column else "left", no_wrap=True)
     for pair in verdict.pairs:
-        for who, ride in (("members", pair.platoons), ("SUMO's", pair.sumo)):
-            first = str(pair.seed) if who == "members" else ""
-            if ride is None:
-                table.add_row(first, who, "failed")
-                continue
-            own = who == "members"
-            stand = ride.longest_stand
-            table.add_row(
-                *(first, who, f"{len(ride.arrivals)}/{ride.vehicles}", _number(ride.last_arrival, ".0f")),
-                *(_number(pair.ratio, ".2f") if own else "", _number(ride.delay, ".0f"), str(ride.contacts)),
-                *((str(n) for n in (ride.caused, ride.red_lights, ride.failures_to_yield)) if own else ("", "", "")),
-                *(str(ride.splits) if own else "", f"{stand.lasts:.0f}" if stand.lasts else ""),
-                *(f"{stand.vehicle} {stand.why}"[:44], _counted(reasons(ride.stands))),
-            )
+        table.add_row(str(pair.seed), "members", *_cells(pair.platoons, _number(pair.ratio, ".2f"), own=True))
+        table.add_row("", "SUMO's", *_cells(pair.sumo, "", own=False))
     print_wide(table)
     low, high = verdict.yield_limits
     sizes = sorted({pair.size for pair in verdict.pairs})
     small = f"; platoons of {' and '.join(map(str, sizes))}, for want of longer lanes" if sizes != [5] else ""
     own = "" if road.has_traffic else "; random traffic of this command"
     out.print(
-        f"{road.net}{small}{own}: last arrival {_number(verdict.ratio, '.2f')} times SUMO's (median of the seeds), "
+        f"{road.net}{small}{own}: last arrival {_number(verdict.ratio, '.2f')} times SUMO's "
+        f"(median of the seeds; {_number(verdict.ratio_overlapping, '.2f')} where SUMO's own overlap), "
         f"{verdict.hours:.2f} vehicle hours, {verdict.caused} contacts caused, {verdict.red_lights} red lights, "
         f"{verdict.failures_to_yield} failures to yield (95 % limits {low:.2f} to {high:.2f} an hour)",
         soft_wrap=True,
         markup=False,
     )
+    for pair in verdict.pairs:
+        _print_stands(pair)
+    _print_incidents(verdict)
     for fault in verdict.faults:
         out.print(f"fails: {fault}", soft_wrap=True, markup=False)
     if verdict.holds:
         out.print("holds")
 
 
+def _cells(ride: Ride | None, ratio: str, own: bool) -> Iterator[str]:
+    """A run's line of the table. own: of members; red lights and give-way violations of SUMO's cars are not known"""
+    if ride is None:
+        yield "failed"
+        return
+    yield from (f"{len(ride.arrivals)}/{ride.vehicles}", _number(ride.last_arrival, ".0f"), ratio)
+    yield from (_number(ride.delay, ".0f"), str(ride.contacts))
+    only_own = (ride.caused, ride.red_lights, ride.failures_to_yield, ride.splits)
+    yield from (str(count) if own else "" for count in only_own)
+    yield f"{ride.longest_stand.lasts:.0f}" if ride.stands else ""
+
+
+def _print_stands(pair: Pair) -> None:
+    from platoontraffic.prove.rides import reasons
+
+    for who, ride in (("members", pair.platoons), ("SUMO's own", pair.sumo)):
+        if ride and ride.stands:
+            longest, counts = ride.longest_stand, sorted(reasons(ride.stands).items())
+            out.print(
+                f"seed {pair.seed}, {who}: {longest.vehicle} stood for {longest.lasts:.0f} s ({longest.why}); "
+                f"standstills over 10 s: {', '.join(f'{count} {word}' for word, count in counts)}",
+                soft_wrap=True,
+                markup=False,
+            )
+
+
+def _print_incidents(verdict: Verdict) -> None:
+    """The first ones of all seeds, to look for in events.csv."""
+    lines = [
+        f"seed {pair.seed}, {one.time:g} s: {one.vehicle} {one.kind} {one.other} on {one.edge} ({one.detail})"
+        for pair in verdict.pairs
+        if pair.platoons
+        for one in pair.platoons.incidents
+    ]
+    more = [f"and {len(lines) - INCIDENTS} more"] if len(lines) > INCIDENTS else []
+    for line in [*lines[:INCIDENTS], *more]:
+        out.print(line, soft_wrap=True, markup=False)
+
+
 def _number(value: float, form: str) -> str:
     return format(value, form) if math.isfinite(value) else "-"
-
-
-def _counted(counts: Counter[str]) -> str:
-    return ", ".join(f"{count} {word}" for word, count in sorted(counts.items()))
 
 
 def check_vehicle(name: str) -> None:

@@ -26,6 +26,17 @@ class Stand(NamedTuple):
     why: str  # NO_REASON, or a word of the event `standstill` and its text
 
 
+class Incident(NamedTuple):
+    """A contact that was caused, a red light that was run, or a failure to yield."""
+
+    time: float  # [s]
+    kind: str  # of the event
+    vehicle: str
+    other: str  # vehicle or wall that was touched
+    edge: str
+    detail: str
+
+
 class Ride(NamedTuple):
     """What happened to the vehicles of one run."""
 
@@ -39,6 +50,7 @@ class Ride(NamedTuple):
     failures_to_yield: int
     splits: int
     stands: tuple[Stand, ...]
+    incidents: tuple[Incident, ...]
 
     @property
     def last_arrival(self) -> float:
@@ -74,7 +86,17 @@ def ride(folder: Path, free: Mapping[str, float]) -> Ride:
         failures_to_yield=int(run["failures_to_yield"]),
         splits=int((events.kind == "split").sum()),
         stands=tuple(_stands(events, end, arrived)),
+        incidents=tuple(_incidents(events, set(departed.index))),
     )
+
+
+def _incidents(events: pd.DataFrame, members: set[str]) -> Iterator[Incident]:
+    """As `collisions_caused` of the metrics counts contacts."""
+    for row in events[events.kind.isin(["collision", "red_light", "failed_to_yield"])].fillna("").itertuples():
+        struck = row.what == "struck_from_behind" and row.other_id not in members
+        if row.kind != "collision" or not (struck or row.what == "other_changed_lanes"):
+            detail = row.detail if row.kind != "collision" else row.what.replace("_", " ")
+            yield Incident(float(row.time_s), row.kind, row.vehicle_id, row.other_id, row.edge_id, detail)
 
 
 def _stands(events: pd.DataFrame, end: float, arrived: pd.Series) -> Iterator[Stand]:

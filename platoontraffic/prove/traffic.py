@@ -84,7 +84,8 @@ class Verdict(NamedTuple):
     """The sums and medians of all seeds of a network."""
 
     pairs: tuple[Pair, ...]
-    ratio: float  # median over the seeds of the last arrival over that of SUMO's own cars; NaN: these do not arrive
+    ratio: float  # last arrival over that of SUMO's own cars, median over the seeds where these touch nothing
+    ratio_overlapping: float  # the same over the seeds where these drive through each other, or through others
     hours: float
     caused: int
     red_lights: int
@@ -99,10 +100,9 @@ class Verdict(NamedTuple):
     @classmethod
     def of(cls, made: Sequence[Pair]) -> Verdict:
         own = [pair.platoons for pair in made if pair.platoons]
-        ratios = [pair.ratio for pair in made if not math.isnan(pair.ratio)]
         hours, yields = sum(one.hours for one in own), sum(one.failures_to_yield for one in own)
         limits = tuple(limit / hours for limit in poisson_limits(yields)) if hours else (math.nan, math.nan)
-        ratio = float(np.median(ratios)) if ratios else math.nan
+        ratio, apart = _ratio(made, overlapping=False), _ratio(made, overlapping=True)
         caused, red = sum(one.caused for one in own), sum(one.red_lights for one in own)
         faults = [pair.error for pair in made if pair.error]
         faults += [f"last arrival {ratio:.2f} times SUMO's"] if ratio > LATEST else []
@@ -110,7 +110,14 @@ class Verdict(NamedTuple):
         faults += [f"{red} red lights"] if red else []
         faults += [f"{yields} failures to yield"] if hours and yields / hours > YIELD_RATE else []
         faults += list(_stuck(made))
-        return cls(tuple(made), ratio, hours, caused, red, yields, limits, tuple(faults))
+        return cls(tuple(made), ratio, apart, hours, caused, red, yields, limits, tuple(faults))
+
+
+def _ratio(made: Sequence[Pair], overlapping: bool) -> float:
+    """Median over the seeds where SUMO's own cars touch something, or nothing; NaN where there are none."""
+    found = [pair.ratio for pair in made if pair.sumo and (pair.sumo.contacts > 0) == overlapping]
+    found = [ratio for ratio in found if not math.isnan(ratio)]
+    return float(np.median(found)) if found else math.nan
 
 
 def _stuck(made: Sequence[Pair]) -> Iterator[str]:
