@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,10 +53,10 @@ def prove_traffic(
     given = {"vehicle": vehicle, "warm_up": warm_up, "duration": duration}
     plans = [planned(road, network, seed, folder / f"seed-{seed}", **given) for seed in seeds]
     made = []
-    with _bar("seeds", len(plans)) as advance:
+    with _bar("seeds", len(plans)) as show:
         for pair in pairs(plans, folder):
             made.append(pair)
-            advance()
+            show(len(made))
     verdict = Verdict.of(sorted(made))
     if as_json:
         print_json({"net": str(road.net), "vehicle": vehicle, "holds": verdict.holds, **jsonable(verdict)})
@@ -158,11 +158,8 @@ def prove_alone(road: Road, routes: int, seed: int, vehicle: str, as_json: bool)
     """Drive random routes alone and print how; whether all bars hold."""
     from platoontraffic.prove.alone import drives
 
-    with _bar("routes", routes) as advance:
-        driven = []
-        for drive in drives(Network.read(road.net), routes, seed, vehicle):
-            driven.append(drive)
-            advance()
+    with _bar("routes", routes) as show:
+        driven = drives(Network.read(road.net), routes, seed, vehicle, show)
     holds = all(drive.holds for drive in driven)
     driven.sort(key=lambda drive: (drive.arrived, -drive.beyond, -drive.lateral))
     if as_json:
@@ -211,12 +208,12 @@ def print_wide(table: Table) -> None:
 
 
 @contextmanager
-def _bar(what: str, total: int) -> Iterator[Any]:
-    """A function that advances a progress bar on stderr, if that is a terminal."""
+def _bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A function that shows how many are done in a bar on stderr, if that is a terminal."""
     if not err.is_terminal:
-        yield lambda: None
+        yield lambda done: None
         return
     columns = [TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed} of {task.total}")]
     with Progress(*columns, TimeElapsedColumn(), console=err, transient=True) as bar:
         task = bar.add_task(what, total=total)
-        yield lambda: bar.advance(task)
+        yield lambda done: bar.update(task, completed=done)

@@ -92,7 +92,9 @@ def ride(folder: Path, free: Mapping[str, float]) -> Ride:
 
 def _incidents(events: pd.DataFrame, members: set[str]) -> Iterator[Incident]:
     """As `collisions_caused` of the metrics counts contacts."""
-    for row in events[events.kind.isin(["collision", "red_light", "failed_to_yield"])].fillna("").itertuples():
+    texts = ["other_id", "edge_id", "what", "detail"]
+    found = events[events.kind.isin(["collision", "red_light", "failed_to_yield"])]
+    for row in found.assign(**found[texts].fillna("").astype(str)).itertuples():
         struck = row.what == "struck_from_behind" and row.other_id not in members
         if row.kind != "collision" or not (struck or row.what == "other_changed_lanes"):
             detail = row.detail if row.kind != "collision" else row.what.replace("_", " ")
