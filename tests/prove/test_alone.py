@@ -67,16 +67,19 @@ def test_a_vehicle_that_drives_straight_on_at_a_corner_is_found():
     assert not drive.holds
 
 
-@pytest.mark.parametrize("times", [1.0, 3.0])
+@pytest.mark.parametrize("times", [1.0, 1.5, 3.0])
 def test_in_a_corner_the_distance_is_what_exceeds_that_of_an_arc_of_the_turning_radius(times):
-    """An arc that touches both legs is R sec 45 deg from the corner's point, and its middle R (1 - cos 45 deg) off."""
-    radius, angles = times * CAR.turning_radius, np.linspace(0, math.pi / 2, 401)
+    """The middle of an arc of radius r that touches both legs is r (1 - cos 45 deg) off, and R (sec 45 deg - 1) of that
+    is allowed, up to R before and behind the corner, where the arc is r - sqrt(r^2 - (r - R)^2) off.
+    """
+    least, radius, angles = CAR.turning_radius, times * CAR.turning_radius, np.linspace(0, math.pi / 2, 4001)
     arc = np.column_stack([60 - radius + radius * np.sin(angles), radius - radius * np.cos(angles)])
-    lateral = np.full(len(arc), 1.0)
-    track = np.column_stack([0.1 * np.arange(len(arc)), arc, lateral])
-    drive = _drive(member(CORNER), trip(CORNER), track, 27.5, 100.0)
-    assert drive.off == pytest.approx(radius * (1 - math.sqrt(0.5)), rel=1e-4)
-    assert drive.beyond == pytest.approx(max(drive.off - CAR.turning_radius * (math.sqrt(2) - 1), 0), abs=1e-4)
+    track = np.column_stack([0.1 * np.arange(len(arc)), arc, np.full(len(arc), 1.0)])
+    drive = _drive(member(CORNER), trip(CORNER), track, 27.5, 1e4)
+    middle = radius * (1 - math.sqrt(0.5))
+    assert drive.off == pytest.approx(middle)
+    before = radius - math.sqrt(radius**2 - (radius - least) ** 2)
+    assert drive.beyond == pytest.approx(max(middle - least * (math.sqrt(2) - 1), before), abs=0.01)
 
 
 @pytest.mark.parametrize("fault", [{"beyond": 1.01}, {"lateral": 4.6}, {"arrived": False}])
