@@ -36,10 +36,10 @@ def road_of(name: str) -> Road:
     file = file_of(name)
     if file.suffix in CONFIGURATIONS:
         config = read_configuration(file)
-        return Road(config.net, {"config": str(file.resolve())}, bool(config.routes))
+        return Road(name, config.net, {"config": str(file.resolve())}, bool(config.routes))
     if name in shipped.networks():
-        return Road(file, {"net": name}, file.with_name(f"{name}.rou.xml").is_file())
-    return Road(file, {"net": str(file.resolve())}, False)
+        return Road(name, file, {"net": name}, file.with_name(f"{name}.rou.xml").is_file())
+    return Road(name, file, {"net": str(file.resolve())}, False)
 
 
 def prove_traffic(
@@ -59,7 +59,9 @@ def prove_traffic(
             show(len(made))
     verdict = Verdict.of(sorted(made))
     if as_json:
-        print_json({"net": str(road.net), "vehicle": vehicle, "holds": verdict.holds, **jsonable(verdict)})
+        print_json(
+            {"road": road.name, "net": str(road.net), "vehicle": vehicle, "holds": verdict.holds, **jsonable(verdict)}
+        )
     else:
         _print_verdict(verdict, road)
     return verdict.holds
@@ -89,7 +91,7 @@ def _print_verdict(verdict: Verdict, road: Road) -> None:
     small = f"; platoons of {' and '.join(map(str, sizes))}, for want of longer lanes" if sizes != [5] else ""
     own = "" if road.has_traffic else "; random traffic of this command"
     out.print(
-        f"{road.net}{small}{own}: last arrival {_number(verdict.ratio, '.2f')} times SUMO's "
+        f"{road.name}{small}{own}: last arrival {_number(verdict.ratio, '.2f')} times SUMO's "
         f"(median of the seeds; {_number(verdict.ratio_overlapping, '.2f')} where SUMO's own overlap), "
         f"{verdict.hours:.2f} vehicle hours, {verdict.caused} contacts caused, {verdict.red_lights} red lights, "
         f"{verdict.failures_to_yield} failures to yield (95 % limits {low:.2f} to {high:.2f} an hour)",
@@ -163,15 +165,14 @@ def prove_alone(road: Road, routes: int, seed: int, vehicle: str, as_json: bool)
     holds = all(drive.holds for drive in driven)
     driven.sort(key=lambda drive: (drive.arrived, -drive.beyond, -drive.lateral))
     if as_json:
-        table = [drive._asdict() | {"holds": drive.holds} for drive in driven]
-        print_json({"net": str(road.net), "vehicle": vehicle, "seed": seed, "wanted": routes, "holds": holds,
-                    "routes": table})  # fmt: skip
+        facts = {"road": road.name, "net": str(road.net), "vehicle": vehicle, "seed": seed, "wanted": routes}
+        print_json(facts | {"holds": holds, "routes": [drive._asdict() | {"holds": drive.holds} for drive in driven]})
     else:
-        _print_drives(driven, road.net, routes)
+        _print_drives(driven, road, routes)
     return holds
 
 
-def _print_drives(driven: Sequence[Drive], net: Path, wanted: int) -> None:
+def _print_drives(driven: Sequence[Drive], road: Road, wanted: int) -> None:
     """The worst route first, then a line on all."""
     from platoontraffic.prove.alone import MOST_BEYOND, MOST_LATERAL
 
@@ -192,7 +193,7 @@ def _print_drives(driven: Sequence[Drive], net: Path, wanted: int) -> None:
     some = f"only {len(driven)} of {wanted} routes were found; " if len(driven) < wanted else ""
     short = min(one.length for one in driven)
     out.print(
-        f"{net}: {some}{len(driven)} routes of {short:.0f} to {max(one.length for one in driven):.0f} m, "
+        f"{road.name}: {some}{len(driven)} routes of {short:.0f} to {max(one.length for one in driven):.0f} m, "
         f"{arrived} arrive; at most {max(one.beyond for one in driven):.2f} m (bar {MOST_BEYOND:g}) beyond the least "
         f"distance from the line, lateral acceleration at most {max(one.lateral for one in driven):.1f} m/s2 "
         f"(bar {MOST_LATERAL:g})",

@@ -34,6 +34,7 @@ LASER, SUMO = "platoons", "sumo"  # the two runs of a seed
 class Road(NamedTuple):
     """The network that is proved, and where its traffic comes from."""
 
+    name: str  # as the user gave it
     net: Path
     sumo: Mapping[str, str]  # the table `sumo` of a scenario on this road
     has_traffic: bool  # of a configuration or a shipped network; otherwise a random demand is made

@@ -32,7 +32,7 @@ def network() -> Network:
 
 @pytest.fixture
 def plan(network, tmp_path):
-    road = Road(CORRIDOR, {"net": "corridor"}, has_traffic=True)
+    road = Road("corridor", CORRIDOR, {"net": "corridor"}, has_traffic=True)
     return planned(road, network, 1, tmp_path, vehicle="car", warm_up=60.0, duration=100.0)
 
 
