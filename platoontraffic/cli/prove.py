@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -49,7 +50,12 @@ def prove_traffic(
     from platoontraffic.prove.plans import planned
     from platoontraffic.prove.traffic import Verdict, pairs
 
+    _check_times({"--warm-up": warm_up, "--duration": duration})
     network = Network.read(road.net)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--results: {folder}: {error.strerror}; must be a folder") from error
     given = {"vehicle": vehicle, "warm_up": warm_up, "duration": duration}
     plans = [planned(road, network, seed, folder / f"seed-{seed}", **given) for seed in seeds]
     made = []
@@ -65,6 +71,15 @@ def prove_traffic(
     else:
         _print_verdict(verdict, road)
     return verdict.holds
+
+
+def _check_times(times: dict[str, float]) -> None:
+    from platoontraffic.prove.plans import STEP
+
+    faults = [f"{name}: {time:g}: must be a multiple of {STEP:g} s" for name, time in times.items()
+              if abs(round(time / STEP) - time / STEP) > 1e-6]  # fmt: skip
+    if faults:
+        raise InputError(*faults)
 
 
 def jsonable(value: Any) -> Any:
@@ -184,8 +199,14 @@ def _print_drives(driven: Sequence[Drive], road: Road, wanted: int) -> None:
     for one in driven:
         fault = "" if one.holds else "fails" if one.arrived else "does not arrive"
         table.add_row(
-            *(one.start, one.end, f"{one.length:.0f}", f"{one.off:.2f}", f"{one.beyond:.2f}"),
-            *(f"{one.x:.1f}, {one.y:.1f}", one.lane, f"{one.lateral:.1f}", f"{one.time:.0f}", f"{one.free_time:.0f}"),
+            *(escape(one.start), escape(one.end), f"{one.length:.0f}", f"{one.off:.2f}", f"{one.beyond:.2f}"),
+            *(
+                f"{one.x:.1f}, {one.y:.1f}",
+                escape(one.lane),
+                f"{one.lateral:.1f}",
+                f"{one.time:.0f}",
+                f"{one.free_time:.0f}",
+            ),
             fault,
         )
     print_wide(table)

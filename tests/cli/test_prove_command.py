@@ -40,6 +40,8 @@ def test_it_ends_with_1_where_a_bar_does_not_hold(monkeypatch):
         (("lab_loop",), "no lane for cars is 4.7 m long"),
         (("corridor", "--vehicle", "paper-robot"), "--vehicle: 'paper-robot': must be car, van, truck"),
         (("corridor", "--vehicle", "cra"), "did you mean 'car'?"),
+        (("corridor", "--traffic", "--duration", 10.05), "--duration: 10.05: must be a multiple of 0.1 s"),
+        (("corridor", "--traffic", "--results", __file__), "File exists; must be a folder"),
     ],
 )
 def test_bad_input_is_one_line(arguments, said):
