@@ -104,6 +104,8 @@ def _print_verdict(verdict: Verdict, road: Road) -> None:
     low, high = verdict.yield_limits
     sizes = sorted({pair.size for pair in verdict.pairs})
     small = f"; platoons of {' and '.join(map(str, sizes))}, for want of longer lanes" if sizes != [5] else ""
+    if alone := sum(len(pair.routes) == 1 for pair in verdict.pairs):
+        small += f"; one platoon only with {alone} of {len(verdict.pairs)} seeds, for want of another start"
     own = "" if road.has_traffic else "; random traffic of this command"
     out.print(
         f"{road.name}{small}{own}: last arrival {_number(verdict.ratio, '.2f')} times SUMO's "

@@ -28,6 +28,7 @@ GAP = 2.5  # between members at the start [m]
 PLATOONS = 2
 SIZES = (5, 3, 1)  # of the platoons: the first for which lanes are long enough
 DRAWN = 12  # trips of which the platoons' are the first ones that can be started
+NAME = "proved"  # of the platoons, before their number; a flow p1 of the traffic would have vehicles p1.0, p1.1 …
 LASER, SUMO = "platoons", "sumo"  # the two runs of a seed
 
 
@@ -50,7 +51,7 @@ class Plan(NamedTuple):
 
     def free_times(self, which: str) -> dict[str, float]:
         """Time that each vehicle's route takes at the speed limits [s], by id."""
-        ids = {LASER: "p{}.{}", SUMO: "p{}-{}.0"}[which]
+        ids = {LASER: f"{NAME}{{}}.{{}}", SUMO: f"{NAME}{{}}-{{}}.0"}[which]
         times = [trip.free_time(math.inf) for trip in self.trips]
         return {ids.format(k, i): time for k, time in enumerate(times) for i in range(self.size)}
 
@@ -86,8 +87,8 @@ def planned(
         raise InputError(f"{network.path}: no place to start a {vehicle} from; must have one on the road")
     files = {}
     tables = {
-        LASER: [_platoon(f"p{k}", trip, size, vehicle) for k, trip in enumerate(trips)],
-        SUMO: [_alone(f"p{k}-{i}", trip, i, vehicle) for k, trip in enumerate(trips) for i in range(size)],
+        LASER: [_platoon(f"{NAME}{k}", trip, size, vehicle) for k, trip in enumerate(trips)],
+        SUMO: [_alone(f"{NAME}{k}-{i}", trip, i, vehicle) for k, trip in enumerate(trips) for i in range(size)],
     }
     for which, platoons in tables.items():
         files[which] = folder / f"{which}.toml"
@@ -115,7 +116,7 @@ def _startable(
     for trip in drawn:
         if any(trip.edges[0] == other.edges[0] for other in found):
             continue
-        file.write_text(tomli_w.dumps(dict(common) | {"platoon": [_platoon("p", trip, size, vehicle)]}))
+        file.write_text(tomli_w.dumps(dict(common) | {"platoon": [_platoon(NAME, trip, size, vehicle)]}))
         checked = scenarios.load(file)
         file.unlink()
         try:

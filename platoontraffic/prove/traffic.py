@@ -105,7 +105,8 @@ class Verdict(NamedTuple):
         ratio, apart = _ratio(made, overlapping=False), _ratio(made, overlapping=True)
         caused, red = sum(one.caused for one in own), sum(one.red_lights for one in own)
         faults = [pair.error for pair in made if pair.error]
-        faults += [f"last arrival {ratio:.2f} times SUMO's"] if ratio > LATEST else []
+        faults += [f"last arrival {ratio:.2f} times SUMO's"] if LATEST < ratio < math.inf else []
+        faults += ["members do not arrive where SUMO's own do"] if math.inf in (ratio, apart) else []
         faults += [f"{caused} contacts caused"] if caused else []
         faults += [f"{red} red lights"] if red else []
         faults += [f"{yields} failures to yield"] if hours and yields / hours > YIELD_RATE else []
