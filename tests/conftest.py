@@ -49,6 +49,13 @@ def one_corner(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def generated_nets(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for the networks of `support.generated`, which are made once a session."""
+    pytest.importorskip("sumo", reason="netgenerate comes with eclipse-sumo: pip install platoontraffic[gui]")
+    return tmp_path_factory.mktemp("nets")
+
+
+@pytest.fixture(scope="session")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The package built as a wheel."""
     folder = tmp_path_factory.mktemp("wheel")

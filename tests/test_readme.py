@@ -55,6 +55,12 @@ def test_the_simulation_prints_what_stands_below_it():
     assert done.stdout == re.sub("^    ", "", shown, flags=re.MULTILINE)
 
 
+def test_prove_prints_what_stands_below_it():
+    command, shown = re.search(r"^    platoontraffic (prove .*)\n\n((?:    .*\n)+)", README, re.MULTILINE).groups()
+    done = CliRunner().invoke(app, command.split())
+    assert " ".join(done.stdout.split()) == " ".join(shown.split())
+
+
 @pytest.mark.sumo
 def test_commands_of_a_step_replace_those_of_a_law():
     (code,) = [block for block in blocks("python") if "simulation.step(" in block]

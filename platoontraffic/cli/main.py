@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Annotated
 
@@ -304,13 +305,32 @@ def prove(
     routes: Annotated[int, typer.Option(min=1, help="number of random routes")] = 24,
     seed: Annotated[int, typer.Option(min=0, help="seed of the routes and of the sensors' errors")] = 1,
     vehicle: Annotated[str, typer.Option(help="car, van or truck")] = "car",
+    traffic: Annotated[
+        bool, typer.Option("--traffic", help="two platoons of five in traffic, against SUMO's own cars")
+    ] = False,
+    seeds: Annotated[int, typer.Option(min=1, help="with --traffic: number of seeds, each with routes of its own")] = 5,
+    warm_up: Annotated[
+        float, typer.Option("--warm-up", min=0, help="with --traffic: time before the platoons start [s]")
+    ] = 300.0,
+    duration: Annotated[float, typer.Option(min=1, help="with --traffic: time that the platoons have [s]")] = 600.0,
+    results: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="with --traffic: folder to keep scenarios and runs in")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Drive random routes of a network, and report where members leave the line; exit code 1 if they do."""
-    from platoontraffic.cli.prove import check_vehicle, prove_alone, road_of
+    """Drive random routes of a network, and report where that goes wrong; exit code 1 if it does."""
+    from platoontraffic.cli.prove import check_vehicle, prove_alone, prove_traffic, road_of
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     check_vehicle(vehicle)
-    if not prove_alone(road_of(net), routes, seed, vehicle, json):
+    road = road_of(net)
+    if traffic:
+        with TemporaryDirectory(prefix="platoontraffic-") as temporary:
+            folder, numbers = results or Path(temporary), range(seed, seed + seeds)
+            holds = prove_traffic(road, numbers, vehicle, warm_up, duration, folder, json)
+    else:
+        holds = prove_alone(road, routes, seed, vehicle, json)
+    if not holds:
         raise typer.Exit(1)
 
 

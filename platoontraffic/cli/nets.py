@@ -50,7 +50,7 @@ def _span(values: list) -> str:
 def _purpose(net: Path) -> str:
     """The first sentence of the comment at the top of the node file."""
     nodes = net.with_name(f"{stem(net)}.nod.xml")
-    text = nodes.read_text(encoding="utf-8") if nodes.isfile_of() else ""
+    text = nodes.read_text(encoding="utf-8") if nodes.is_file() else ""
     comment = re.search(r"<!--\s*(.*?)\s*-->", text, re.DOTALL)
     return re.split(r"(?<=\.)\s", " ".join(comment[1].split()))[0] if comment else ""
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +30,7 @@ PATIENCE, SETTLING = (
     3.0,
     60.0,
 )  # a route must be driven within this factor of the free-flow time, and this time more [s]
+APART = 100_000.0  # distance between vehicles that are driven at once [m]
 WINDOW = 25.0  # the vehicle is sought on its line within this distance of its last station [m]
 
 
@@ -48,7 +49,7 @@ class Drive(NamedTuple):
     lateral: float  # greatest lateral acceleration [m/s2]
     lateral_lane: str  # where it was reached
     arrived: bool
-    time: float  # until it arrived, or the simulation ended [s]
+    time: float  # until it arrived, or its time was over [s]
     free_time: float  # at the speed limits [s]
 
     @property
@@ -56,18 +57,20 @@ class Drive(NamedTuple):
         return self.arrived and self.beyond <= MOST_BEYOND and self.lateral <= MOST_LATERAL
 
 
-def drives(network: Network, count: int, seed: int, vehicle: str) -> Iterator[Drive]:
-    """Drive random routes, one after the other, each by the law `path` at the speed limits.
+def drives(
+    network: Network, count: int, seed: int, vehicle: str, tell: Callable[[int], None] = lambda ended: None
+) -> list[Drive]:
+    """Drive random routes, each by the law `path` at the speed limits.
 
     vehicle : name of a vehicle steered by its front wheels
+    tell    : is given the number of routes that have ended, after every step
     raises  : InputError where the network has no route for cars
     """
     model, rng = VEHICLES[vehicle], np.random.default_rng(seed)
     trips = draw(network, count, rng, room=model.length, radius=model.turning_radius)
     scenario = _scenario(network, trips, seed, vehicle)
-    for i, trip in enumerate(trips):
-        (member,) = deploy_platoon(scenario, network, i)
-        yield driven(member, trip, seed + i)
+    members = [deploy_platoon(scenario, network, i)[0] for i in range(len(trips))]
+    return driven(members, trips, seed, tell)
 
 
 def _scenario(network: Network, trips: list[Trip], seed: int, vehicle: str) -> Scenario:
@@ -95,20 +98,52 @@ def _platoon(i: int, trip: Trip, vehicle: str) -> dict[str, Any]:
     }
 
 
-def driven(member: Member, trip: Trip, seed: int) -> Drive:
-    """Drive a route; seed: of the sensors' errors."""
-    free = trip.free_time(member.model.top_speed)
-    setting = Setting([member], Scene.from_shapely(), STEP, steps=round((PATIENCE * free + SETTLING) / STEP), seed=seed)
-    axles, lateral, time = [], [], 0.0
-    with Simulation(setting) as simulation, closing(iter(simulation)) as instants:
-        for instant in instants:
-            time = instant.time
-            if len(instant.fleet):
-                motion = instant.fleet.motion
-                axles.append(np.concatenate(member.model.axle_position(motion)))
-                lateral.append(abs(motion.speed[0] * motion.yaw_rate[0]))
-        arrived = simulation.outcome.ended == "arrived"
-    station, off = _followed(np.array(axles), trip)
+def driven(
+    members: Sequence[Member], trips: Sequence[Trip], seed: int, tell: Callable[[int], None] = lambda ended: None
+) -> list[Drive]:
+    """Drive each member along its trip, all in one simulation, but so far apart that none sees another.
+
+    seed: of the sensors' errors
+    """
+    free = [trip.free_time(member.model.top_speed) for member, trip in zip(members, trips, strict=True)]
+    limits = [PATIENCE * time + SETTLING for time in free]
+    setting = Setting(
+        [_moved_east(member, APART * i) for i, member in enumerate(members)],
+        Scene.from_shapely(),
+        STEP,
+        steps=round(max(limits) / STEP),
+        seed=seed,
+    )
+    row_of = {member.id: i for i, member in enumerate(members)}
+    tracks: list[list[tuple[float, ...]]] = [[] for _ in members]  # time, axle's x and y, lateral acceleration
+    with Simulation(setting) as simulation:
+        for instant in simulation:
+            fleet = instant.fleet
+            lateral = np.abs(fleet.motion.speed * fleet.motion.yaw_rate)
+            x, y = fleet.model.axle_position(fleet.motion) if len(fleet) else ((), ())
+            for member, *values in zip(fleet.members, x, y, lateral, strict=True):
+                i = row_of[member.id]
+                if instant.time <= limits[i]:
+                    tracks[i].append((instant.time, *values))
+            tell(len(members) - len(fleet))
+    parts = zip(members, trips, tracks, free, limits, strict=True)
+    return [
+        _drive(member, trip, np.array(track) - np.array([0.0, APART * i, 0.0, 0.0]), time, limit)
+        for i, (member, trip, track, time, limit) in enumerate(parts)
+    ]
+
+
+def _moved_east(member: Member, distance: float) -> Member:
+    """The member at a start pose and on a route that are moved by a distance [m]."""
+    x, y, heading = member.pose
+    line = Polyline(member.route.line.points + np.array([distance, 0.0]))
+    return replace(member, pose=(x + distance, y, heading), route=replace(member.route, line=line))
+
+
+def _drive(member: Member, trip: Trip, track: np.ndarray, free: float, limit: float) -> Drive:
+    """track: time [s], x and y of the driven axle [m], lateral acceleration [m/s2] at each instant, (k, 4)"""
+    station, off = _followed(track[:, 1:3], trip)
+    lateral, time = track[:, 3], float(track[-1, 0])
     least = tight_turns([trip.line], member.model.turning_radius).least_offset(station)
     worst, hardest = int(np.argmax(off - least)), int(np.argmax(lateral))
     x, y = Polyline(trip.line).at(station[[worst]])[0].tolist()
@@ -124,7 +159,7 @@ def driven(member: Member, trip: Trip, seed: int) -> Drive:
         lane=trip.lane_at(station[worst]),
         lateral=float(lateral[hardest]),
         lateral_lane=trip.lane_at(station[hardest]),
-        arrived=arrived,
+        arrived=time + 1.5 * STEP < limit,
         time=time,
         free_time=free,
     )

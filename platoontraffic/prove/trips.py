@@ -57,10 +57,13 @@ def draw(network: Network, count: int, rng: np.random.Generator, *, room: float,
     radius : turning radius below which no route turns back on its road [m]
     raises : InputError where there is no trip
     """
-    starts = [lane for lane in network.lanes_for_cars() if lane[2] > room]
-    targets = sorted({edge for edge, _, _ in network.lanes_for_cars()})
+    lanes = network.lanes_for_cars()
+    if not lanes:
+        raise InputError(f"{network.path}: the network has no lane for cars; must have one to start from")
+    starts = [lane for lane in lanes if lane[2] > room]
     if not starts:
         raise InputError(f"{network.path}: no lane for cars is {room:.1f} m long; must have one to start from")
+    targets = sorted({edge for edge, _, _ in lanes})
     long, short = {}, {}
     for trip in _attempts(network, starts, targets, count, rng, room, radius):
         (long if trip.length >= SHORTEST else short).setdefault((trip.edges, trip.lane), trip)

@@ -1,0 +1,154 @@
+"""Scenarios for platoons in traffic on random routes, and for SUMO's own cars in their places.
+
+For each seed there are two: one of platoons that drive by laser, and its twin, in which SUMO drives a car of the same
+size from each member's start place on the same route, in the same traffic.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomli_w
+
+from platoontraffic import scenario as scenarios
+from platoontraffic.errors import InputError
+from platoontraffic.lidar import Scene
+from platoontraffic.prove.demand import write_demand
+from platoontraffic.prove.trips import Trip, draw
+from platoontraffic.road.network import Network, read_configuration
+from platoontraffic.vehicles.catalogue import VEHICLES
+from platoontraffic.world.deployment import deploy
+
+STEP = 0.1  # [s]
+GAP = 2.5  # between members at the start [m]
+PLATOONS = 2
+SIZES = (5, 3, 1)  # of the platoons: the first for which lanes are long enough
+DRAWN = 12  # trips of which the platoons' are the first ones that can be started
+NAME = "proved"  # of the platoons, before their number; a flow p1 of the traffic would have vehicles p1.0, p1.1 …
+LASER, SUMO = "platoons", "sumo"  # the two runs of a seed
+
+
+class Road(NamedTuple):
+    """The network that is proved, and where its traffic comes from."""
+
+    name: str  # as the user gave it
+    net: Path
+    sumo: Mapping[str, str]  # the table `sumo` of a scenario on this road
+    has_traffic: bool  # of a configuration or a shipped network; otherwise a random demand is made
+
+
+class Plan(NamedTuple):
+    """One seed's scenarios, written to files."""
+
+    seed: int
+    size: int
+    trips: tuple[Trip, ...]
+    files: Mapping[str, Path]  # by LASER and SUMO
+
+    def free_times(self, which: str) -> dict[str, float]:
+        """Time that each vehicle's route takes at the speed limits [s], by id."""
+        ids = {LASER: f"{NAME}{{}}.{{}}", SUMO: f"{NAME}{{}}-{{}}.0"}[which]
+        times = [trip.free_time(math.inf) for trip in self.trips]
+        return {ids.format(k, i): time for k, time in enumerate(times) for i in range(self.size)}
+
+
+def planned(
+    road: Road, network: Network, seed: int, folder: Path, *, vehicle: str, warm_up: float, duration: float
+) -> Plan:
+    """Write the scenarios of a seed.
+
+    folder : for the scenarios, made if missing
+    raises : InputError where there is no start for a platoon
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    sumo: dict[str, Any] = dict(road.sumo)
+    if not road.has_traffic:
+        demand = folder / "demand.rou.xml"
+        write_demand(network, demand, seed, warm_up + duration)
+        sumo["routes"] = [str(demand.resolve())]
+    common = {
+        "seed": seed,
+        "sumo": sumo | {"warm_up_s": warm_up},
+        "scene": {"walls": "none"},
+        "run": {"step_s": STEP, "duration_s": duration},
+        "record": {"every_s": 0.5},
+    }
+    model = VEHICLES[vehicle]
+    for size in SIZES:
+        room = size * model.length + (size - 1) * GAP
+        trips = _startable(network, common, room, seed, folder, vehicle, size)
+        if trips:
+            break
+    else:
+        raise InputError(f"{network.path}: no place to start a {vehicle} from; must have one on the road")
+    files = {}
+    tables = {
+        LASER: [_platoon(f"{NAME}{k}", trip, size, vehicle) for k, trip in enumerate(trips)],
+        SUMO: [_alone(f"{NAME}{k}-{i}", trip, i, vehicle) for k, trip in enumerate(trips) for i in range(size)],
+    }
+    for which, platoons in tables.items():
+        files[which] = folder / f"{which}.toml"
+        more = {"lane_change_s": 0.0} if which == SUMO and not _sets_lane_changes(sumo) else {}
+        table = common | {"sumo": common["sumo"] | more, "platoon": platoons}
+        files[which].write_text(tomli_w.dumps(table), encoding="utf-8")
+    return Plan(seed, size, tuple(trips), files)
+
+
+def _sets_lane_changes(sumo: Mapping[str, Any]) -> bool:
+    return "config" in sumo and "lanechange.duration" in read_configuration(sumo["config"]).options
+
+
+def _startable(
+    network: Network, common: Mapping[str, Any], room: float, seed: int, folder: Path, vehicle: str, size: int
+) -> list[Trip]:
+    """Trips from different edges, one for each platoon, fewer where there are not as many; [] where there is none."""
+    rng = np.random.default_rng([seed, 2])
+    try:
+        drawn = draw(network, DRAWN, rng, room=room, radius=VEHICLES[vehicle].turning_radius)
+    except InputError:
+        return []
+    found: list[Trip] = []
+    file = folder / "tried.toml"
+    for trip in drawn:
+        if any(trip.edges[0] == other.edges[0] for other in found):
+            continue
+        file.write_text(tomli_w.dumps(dict(common) | {"platoon": [_platoon(NAME, trip, size, vehicle)]}))
+        checked = scenarios.load(file)
+        file.unlink()
+        try:
+            deploy(checked, network, Scene.from_shapely())
+        except InputError:  # off the road, where a lane is narrow or bent
+            continue
+        found.append(trip)
+        if len(found) == PLATOONS:
+            break
+    return found
+
+
+def _platoon(name: str, trip: Trip, size: int, vehicle: str) -> dict[str, Any]:
+    follower = {"law": "tracking", "policy": "obey", "on_loss": "drive", "lidar": "car-tracker", "odometry": "car"}
+    return {
+        "id": name,
+        "size": size,
+        "gap_m": GAP,
+        "vehicle": vehicle,
+        "start": {"edge": trip.edges[0], "lane": trip.lane, "position_m": trip.position},
+        "route": list(trip.edges),
+        "leader": {"law": "path", "lidar": "car-leader", "odometry": "car"},
+    } | ({"follower": follower} if size > 1 else {})
+
+
+def _alone(name: str, trip: Trip, place: int, vehicle: str) -> dict[str, Any]:
+    """A car that SUMO drives, from the place of a platoon's member."""
+    position = round(trip.position - place * (VEHICLES[vehicle].length + GAP), 6)
+    return {
+        "id": name,
+        "vehicle": vehicle,
+        "start": {"edge": trip.edges[0], "lane": trip.lane, "position_m": position},
+        "route": list(trip.edges),
+        "leader": "sumo",
+    }

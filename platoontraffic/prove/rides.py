@@ -1,0 +1,124 @@
+"""What happened to the vehicles of a run, by its tables."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from platoontraffic.analysis.results import load
+from platoontraffic.world.events import STANDSTILL_AFTER
+
+NO_REASON = "no reason"
+
+
+class Stand(NamedTuple):
+    """A standstill of more than STANDSTILL_AFTER."""
+
+    vehicle: str
+    lasts: float  # [s]
+    why: str  # NO_REASON, or a word of the event `standstill` and its text
+
+
+class Incident(NamedTuple):
+    """A contact that was caused, a red light that was run, or a failure to yield."""
+
+    time: float  # [s]
+    kind: str  # of the event
+    vehicle: str
+    other: str  # vehicle or wall that was touched
+    edge: str
+    detail: str
+
+
+class Ride(NamedTuple):
+    """What happened to the vehicles of one run."""
+
+    vehicles: int
+    arrivals: tuple[float, ...]  # [s], of those that arrived
+    delay: float  # mean delay of those against the speed limits [s]; NaN: none arrived
+    hours: float  # on the road, all together [h]
+    contacts: int
+    caused: int  # contacts but for those struck from behind, or with a vehicle that had just changed lanes
+    red_lights: int
+    failures_to_yield: int
+    splits: int
+    stands: tuple[Stand, ...]
+    incidents: tuple[Incident, ...]
+
+    @property
+    def last_arrival(self) -> float:
+        """[s]; inf if one has not arrived."""
+        return max(self.arrivals) if len(self.arrivals) == self.vehicles else math.inf
+
+    @property
+    def longest_stand(self) -> Stand:
+        return max(self.stands, key=lambda stand: stand.lasts, default=Stand("", 0.0, ""))
+
+
+def ride(folder: Path, free: Mapping[str, float]) -> Ride:
+    """What the tables of a finished run say.
+
+    free: time that each vehicle's route takes at the speed limits [s], by id
+    """
+    found = load(folder)
+    events, metrics = found.events, found.metrics
+    run = metrics[metrics.scope == "run"].set_index("metric").value
+    end = float(events.time_s.max())
+    departed = events[events.kind == "departed"].set_index("vehicle_id").time_s
+    arrived = events[events.kind == "arrived"].set_index("vehicle_id").time_s
+    gone = arrived.reindex(departed.index).fillna(end)
+    delays = [at - free[name] for name, at in arrived.items()]
+    return Ride(
+        vehicles=len(free),
+        arrivals=tuple(arrived.tolist()),
+        delay=float(np.mean(delays)) if delays else math.nan,
+        hours=float((gone - departed).sum()) / 3600,
+        contacts=int(run["collisions"]),
+        caused=int(run["collisions_caused"]),
+        red_lights=int(run["red_lights"]),
+        failures_to_yield=int(run["failures_to_yield"]),
+        splits=int((events.kind == "split").sum()),
+        stands=tuple(_stands(events, end, arrived)),
+        incidents=tuple(_incidents(events, set(departed.index))),
+    )
+
+
+def _incidents(events: pd.DataFrame, members: set[str]) -> Iterator[Incident]:
+    """As `collisions_caused` of the metrics counts contacts."""
+    texts = ["other_id", "edge_id", "what", "detail"]
+    found = events[events.kind.isin(["collision", "red_light", "failed_to_yield"])]
+    for row in found.assign(**found[texts].fillna("").astype(str)).itertuples():
+        struck = row.what == "struck_from_behind" and row.other_id not in members
+        if row.kind != "collision" or not (struck or row.what == "other_changed_lanes"):
+            detail = row.detail if row.kind != "collision" else row.what.replace("_", " ")
+            yield Incident(float(row.time_s), row.kind, row.vehicle_id, row.other_id, row.edge_id, detail)
+
+
+def _stands(events: pd.DataFrame, end: float, arrived: pd.Series) -> Iterator[Stand]:
+    """Standstills with their length; one that does not end lasts to the end of the run, or of the vehicle's trip."""
+    for vehicle, own in events[events.kind.isin(["standstill", "standstill_end"])].groupby("vehicle_id", sort=False):
+        rows = list(own.itertuples())
+        for row, after in zip_longest(rows, rows[1:]):
+            if row.kind != "standstill":
+                continue
+            until = float(arrived.get(vehicle, end))
+            lasts = until - row.time_s + STANDSTILL_AFTER if after is None else after.duration_s
+            yield Stand(str(vehicle), float(lasts), _reason(row))
+
+
+def _reason(row: Any) -> str:
+    what = row.what if isinstance(row.what, str) and row.what else NO_REASON
+    text = str(row.detail).partition(", ")[2]
+    return f"{what}: {text}" if text else what
+
+
+def reasons(stands: Sequence[Stand]) -> Counter[str]:
+    """The number of standstills by the first word of their reason."""
+    return Counter(stand.why.partition(":")[0] for stand in stands)

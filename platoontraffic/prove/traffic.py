@@ -1,0 +1,150 @@
+"""Platoons in traffic against SUMO's own cars in their places: runs, and what all of them show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, as_completed
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic import scenario as scenarios
+from platoontraffic.prove.plans import LASER, SUMO, Plan
+from platoontraffic.prove.rides import NO_REASON, Ride, ride
+from platoontraffic.results.provenance import run_id
+from platoontraffic.study.executors import executor_of
+
+AT_A_TIME = 2  # runs
+
+# The bars.
+LATEST = 1.25  # last arrival over that of SUMO's own cars, median over the seeds
+LONGEST_STAND = 60.0  # [s], where SUMO's own cars do not stand as long
+YIELD_RATE = 0.1  # failures to yield [1 / vehicle hour]
+
+
+class Pair(NamedTuple):
+    """The two runs of one seed."""
+
+    seed: int
+    size: int  # members of each platoon
+    routes: tuple[tuple[str, str, float], ...]  # first edge, last edge, length [m] of each platoon's
+    platoons: Ride | None  # None: the run failed
+    sumo: Ride | None
+    error: str = ""
+
+    @property
+    def ratio(self) -> float:
+        """Last arrival over that of SUMO's own cars; inf where only these arrive, NaN where they do not."""
+        if self.platoons is None or self.sumo is None or math.isinf(self.sumo.last_arrival):
+            return math.nan
+        return self.platoons.last_arrival / self.sumo.last_arrival
+
+
+def pairs(plans: Sequence[Plan], folder: Path) -> Iterator[Pair]:
+    """Run all scenarios, two at a time, and yield each seed's pair as soon as both of its runs have ended.
+
+    Runs whose results are in the folder already are not repeated.
+    """
+    folder = folder.resolve()
+    outcomes: dict[tuple[int, str], Ride | str] = {}
+    with executor_of("processes", AT_A_TIME) as (submit, _):
+        futures: dict[Future, tuple[Plan, str, Path]] = {}
+        for plan in plans:
+            for which, file in plan.files.items():
+                name = run_id(scenarios.load(file))
+                runs = file.parent / which / name
+                job = {
+                    "base": str(file.resolve()),
+                    "changes": [],
+                    "seed": plan.seed,
+                    "id": name,
+                    "folder": str(runs.resolve()),
+                    "lock": str(folder / ".lock"),
+                    "command_line": ["prove"],
+                }
+                futures[submit(job)] = plan, which, runs
+        for future in as_completed(futures):
+            plan, which, runs = futures[future]
+            outcome = future.result()
+            outcomes[plan.seed, which] = outcome.get("error") or ride(runs, plan.free_times(which))
+            if len([key for key in outcomes if key[0] == plan.seed]) == len(plan.files):
+                yield _pair(plan, outcomes[plan.seed, LASER], outcomes[plan.seed, SUMO])
+
+
+def _pair(plan: Plan, platoons: Ride | str, sumo: Ride | str) -> Pair:
+    errors = "; ".join(one for one in (platoons, sumo) if isinstance(one, str))
+    routes = tuple((trip.edges[0], trip.edges[-1], trip.length) for trip in plan.trips)
+    rides = (None if isinstance(one, str) else one for one in (platoons, sumo))
+    return Pair(plan.seed, plan.size, routes, *rides, errors)
+
+
+class Verdict(NamedTuple):
+    """The sums and medians of all seeds of a network."""
+
+    pairs: tuple[Pair, ...]
+    ratio: float  # last arrival over that of SUMO's own cars, median over the seeds where these touch nothing
+    ratio_overlapping: float  # the same over the seeds where these drive through each other, or through others
+    hours: float
+    caused: int
+    red_lights: int
+    failures_to_yield: int
+    yield_limits: tuple[float, float]  # exact 95 % limits of failures to yield [1 / vehicle hour]
+    faults: tuple[str, ...]  # bars that do not hold
+
+    @property
+    def holds(self) -> bool:
+        return not self.faults
+
+    @classmethod
+    def of(cls, made: Sequence[Pair]) -> Verdict:
+        own = [pair.platoons for pair in made if pair.platoons]
+        hours, yields = sum(one.hours for one in own), sum(one.failures_to_yield for one in own)
+        limits = tuple(limit / hours for limit in poisson_limits(yields)) if hours else (math.nan, math.nan)
+        ratio, apart = _ratio(made, overlapping=False), _ratio(made, overlapping=True)
+        caused, red = sum(one.caused for one in own), sum(one.red_lights for one in own)
+        faults = [pair.error for pair in made if pair.error]
+        faults += [f"last arrival {ratio:.2f} times SUMO's"] if LATEST < ratio < math.inf else []
+        faults += ["members do not arrive where SUMO's own do"] if math.inf in (ratio, apart) else []
+        faults += [f"{caused} contacts caused"] if caused else []
+        faults += [f"{red} red lights"] if red else []
+        faults += [f"{yields} failures to yield"] if hours and yields / hours > YIELD_RATE else []
+        faults += list(_stuck(made))
+        return cls(tuple(made), ratio, apart, hours, caused, red, yields, limits, tuple(faults))
+
+
+def _ratio(made: Sequence[Pair], overlapping: bool) -> float:
+    """Median over the seeds where SUMO's own cars touch something, or nothing; NaN where there are none."""
+    found = [pair.ratio for pair in made if pair.sumo and (pair.sumo.contacts > 0) == overlapping]
+    found = [ratio for ratio in found if not math.isnan(ratio)]
+    return float(np.median(found)) if found else math.nan
+
+
+def _stuck(made: Sequence[Pair]) -> Iterator[str]:
+    """Standstills that SUMO's own cars do not have, or without a reason."""
+    for pair in made:
+        if pair.platoons is None or pair.sumo is None:
+            continue
+        longest = pair.platoons.longest_stand
+        if longest.lasts > LONGEST_STAND and pair.sumo.longest_stand.lasts <= LONGEST_STAND:
+            yield f"seed {pair.seed}: {longest.vehicle} stands for {longest.lasts:.0f} s ({longest.why})"
+        if unknown := sum(stand.why == NO_REASON for stand in pair.platoons.stands):
+            yield f"seed {pair.seed}: {unknown} standstills without a reason"
+
+
+def poisson_limits(count: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Exact limits of the mean of a Poisson variable of which `count` was seen (F. Garwood, Biometrika 28, 1936)."""
+    tail = (1 - confidence) / 2
+
+    def at_most(k: int, mean: float) -> float:
+        return sum(math.exp(i * math.log(mean) - mean - math.lgamma(i + 1)) for i in range(k + 1))
+
+    def solved(k: int, wanted: float) -> float:
+        low, high = 1e-12, 10.0 * (k + 5)
+        for _ in range(200):  # `at_most` falls with the mean
+            middle = (low + high) / 2
+            low, high = (middle, high) if at_most(k, middle) > wanted else (low, middle)
+        return low
+
+    return (solved(count - 1, 1 - tail) if count else 0.0), solved(count, tail)

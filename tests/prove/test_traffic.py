@@ -1,0 +1,165 @@
+"""Platoons in traffic against SUMO's own cars: their scenarios, what is read from runs, and the bars."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from platoontraffic import scenario as scenarios
+from platoontraffic import shipped
+from platoontraffic.cli.main import app
+from platoontraffic.lidar import Scene
+from platoontraffic.prove.demand import write_demand
+from platoontraffic.prove.plans import LASER, SUMO, Road, planned
+from platoontraffic.prove.rides import NO_REASON, Ride, Stand, _incidents, _stands
+from platoontraffic.prove.traffic import Pair, Verdict, poisson_limits
+from platoontraffic.road.network import Network
+from platoontraffic.world.deployment import deploy
+from tests.support.generated import generated
+
+CORRIDOR = shipped.networks()["corridor"]
+
+
+@pytest.fixture(scope="module")
+def network() -> Network:
+    return Network.read(CORRIDOR)
+
+
+@pytest.fixture
+def plan(network, tmp_path):
+    road = Road("corridor", CORRIDOR, {"net": "corridor"}, has_traffic=True)
+    return planned(road, network, 1, tmp_path, vehicle="car", warm_up=60.0, duration=100.0)
+
+
+def test_sumos_own_cars_start_in_the_places_of_the_members(plan, network):
+    poses = {}
+    for which, file in plan.files.items():
+        members = deploy(scenarios.load(file), network, Scene.from_shapely())
+        poses[which] = np.array([member.pose for member in members])
+        assert [member.route.edges for member in members] == [t.edges for t in plan.trips for _ in range(plan.size)]
+        assert [member.id for member in members] == list(plan.free_times(which))
+        assert {member.law.native for member in members} == {which == SUMO}
+    assert len(poses[LASER]) == 10
+    np.testing.assert_allclose(poses[LASER], poses[SUMO], atol=1e-6)
+
+
+def test_both_runs_have_the_same_traffic_and_lane_changes(plan):
+    laser, sumo = (scenarios.load(plan.files[which]) for which in (LASER, SUMO))
+    assert laser.route_files == sumo.route_files
+    assert laser.seed == sumo.seed == 1
+    assert laser.spec.sumo.warm_up_s == sumo.spec.sumo.warm_up_s == 60.0
+    assert sumo.spec.sumo.lane_change_s == 0.0  # SUMO's own default, which the platoons' run has
+
+
+def test_a_random_demand_follows_its_seed_and_drives_on_roads(network, tmp_path):
+    files = [tmp_path / f"{i}.rou.xml" for i in range(3)]
+    counts = [write_demand(network, file, seed, 600.0) for file, seed in zip(files, (1, 1, 2), strict=True)]
+    texts = [file.read_text() for file in files]
+    assert texts[0] == texts[1] != texts[2]
+    assert counts[0] == texts[0].count("<vehicle ") > 20
+
+
+def events(*rows: tuple) -> pd.DataFrame:
+    columns = ["time_s", "kind", "vehicle_id", "other_id", "edge_id", "what", "detail", "duration_s"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def test_standstills_last_to_their_end_or_that_of_the_run_or_of_the_trip():
+    found = events(
+        (30.0, "standstill", "p0.0", "", "", "held", "since 20.000 s, held by light", np.nan),
+        (45.0, "standstill_end", "p0.0", "", "", "", "", 25.0),
+        (60.0, "standstill", "p0.0", "", "", "", "since 50.000 s", np.nan),
+        (70.0, "standstill", "p0.1", "", "", "behind", "since 60.000 s, behind x", np.nan),
+    )
+    stands = list(_stands(found, 100.0, pd.Series({"p0.1": 90.0})))
+    assert stands == [
+        Stand("p0.0", 25.0, "held: held by light"),
+        Stand("p0.0", 50.0, NO_REASON),
+        Stand("p0.1", 30.0, "behind: behind x"),
+    ]
+
+
+def test_a_contact_is_an_incident_unless_another_vehicle_made_it():
+    found = events(
+        (1.0, "collision", "p0.0", "x", "e", "struck_from_behind", "", np.nan),
+        (2.0, "collision", "p0.0", "p0.1", "e", "struck_from_behind", "", np.nan),
+        (3.0, "collision", "p0.0", "x", "e", "other_changed_lanes", "", np.nan),
+        (4.0, "collision", "p0.0", "x", "e", "beside", "", np.nan),
+        (5.0, "collision", "p0.0", "wall", "e", "", "", np.nan),
+        (6.0, "red_light", "p0.0", "", "e", "", "lane", np.nan),
+    )
+    assert [one.time for one in _incidents(found, {"p0.0", "p0.1"})] == [2.0, 4.0, 5.0, 6.0]
+
+
+@pytest.mark.parametrize(
+    ("count", "low", "high"), [(0, 0.0, 3.6889), (1, 0.02532, 5.5716), (10, 4.7954, 18.3904), (100, 81.364, 121.627)]
+)
+def test_limits_of_a_count_are_those_of_the_tables(count, low, high):
+    """E. S. Pearson, H. O. Hartley, Biometrika Tables for Statisticians, vol. 1, table 40."""
+    assert poisson_limits(count) == pytest.approx((low, high), rel=1e-4)
+
+
+def ride(**changes) -> Ride:
+    stand = Stand("p0.0", 20.0, "held: held by light")
+    return Ride(2, (100.0, 110.0), 20.0, 0.1, 0, 0, 0, 0, 0, (stand,), ())._replace(**changes)
+
+
+def verdict(platoons: Ride | None, sumo: Ride | None = None, error: str = "") -> Verdict:
+    return Verdict.of([Pair(1, 2, (), platoons, sumo or ride(), error)])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"arrivals": (100.0, 138.0)},
+        {"arrivals": (100.0,)},
+        {"caused": 1},
+        {"red_lights": 1},
+        {"failures_to_yield": 1},
+        {"stands": (Stand("p0.0", 61.0, "held: held by light"),)},
+        {"stands": (Stand("p0.0", 20.0, NO_REASON),)},
+    ],
+)
+def test_each_bar_can_fail(changes):
+    assert verdict(ride()).holds
+    assert len(verdict(ride(**changes)).faults) == 1
+
+
+def test_a_run_that_failed_is_a_fault():
+    assert verdict(None, error="SUMO failed").faults == ("SUMO failed",)
+
+
+def test_arrivals_are_compared_where_sumos_own_arrive_and_apart_where_they_overlap():
+    assert verdict(ride()).ratio == 1.0
+    assert math.isnan(verdict(ride(), ride(arrivals=(100.0,))).ratio)
+    overlapping = verdict(ride(arrivals=(100.0, 165.0)), ride(contacts=1))
+    assert math.isnan(overlapping.ratio)
+    assert overlapping.ratio_overlapping == 1.5
+
+
+def test_medians_are_over_the_seeds():
+    arrivals = [(100.0, 110.0), (100.0, 121.0), (100.0, 220.0)]
+    made = [Pair(i, 2, (), ride(arrivals=one), ride()) for i, one in enumerate(arrivals)]
+    assert Verdict.of(made).ratio == pytest.approx(1.1)
+    assert Verdict.of(made).hours == pytest.approx(0.3)
+
+
+@pytest.mark.sumo
+@pytest.mark.slow
+@pytest.mark.parametrize("net", ["corridor", "plain"])
+def test_the_command_runs_both_and_keeps_them(net, tmp_path, generated_nets):
+    name = net if net in shipped.networks() else str(generated(generated_nets))
+    folder = tmp_path / "kept"
+    given = ["prove", name, "--traffic", "--seeds", "1", "--warm-up", "30", "--duration", "60", "--json"]
+    done = CliRunner().invoke(app, [*given, "--results", str(folder)])
+    assert done.exit_code in (0, 1), done.output
+    (pair,) = json.loads(done.stdout)["pairs"]
+    assert pair["error"] == ""
+    assert pair["platoons"]["vehicles"] == pair["sumo"]["vehicles"] == 10
+    assert len(list(folder.glob("seed-1/*/*/DONE"))) == 2
+    assert (folder / "seed-1" / "demand.rou.xml").is_file() == (net == "plain")
