@@ -68,7 +68,15 @@ class RouteAhead(NamedTuple):
     curvature: np.ndarray  # of the route, to the left [1/m], (n, k)
 
 
-CLOSED_BY = ("", "light", "right of way", "lane change", "no room behind the junction")
+CLOSED_BY = (
+    "",
+    "light",
+    "right of way",
+    "lane change",
+    "no room behind the junction",
+    "stop sign",
+    "people on the crossing",
+)
 
 
 class Signals(NamedTuple):

@@ -73,8 +73,8 @@ class PathLeader(Law):
         None  # default: half a length, and blind spot
     )
     time_headway: Annotated[NotNegative, Field(alias="time_headway_s")] = 1.5
-    acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 1.5
-    braking: Annotated[Positive, Field(alias="braking_mps2")] = 2.0  # comfortable
+    acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5
+    braking: Annotated[Positive, Field(alias="braking_mps2")] = 3.0  # comfortable
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 8.0
     lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 2.0
 
