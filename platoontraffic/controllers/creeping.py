@@ -2,9 +2,9 @@
 
 A law keeps a strip free that is wider than its vehicle. Two vehicles whose strips overlap while their bodies would pass
 each other wait for each other for ever. So a vehicle that has stood for `AFTER` before an obstacle that has not moved
-either is given the swath that its body really sweeps, `CLEARANCE` wider on each side, at walking pace, until it has
-driven one length beyond the obstacle. It stops before whatever the laser meets in that swath, and as soon as the
-obstacle moves.
+either, and that would pass it, is given the swath that its body really sweeps, `CLEARANCE` wider on each side, at
+walking pace, until it has driven one length beyond the obstacle. It stops before whatever the laser meets in that
+swath, and as soon as the obstacle moves.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ CLEARANCE = 0.05  # on each side of the body [vehicle widths]: 9 cm; its offset 
 STOP = 0.1  # distance before a return in the swath at which it stops [vehicle lengths]
 STANDS = 0.02  # speed below which a vehicle stands [vehicle lengths a second]
 MOVES = 0.05  # change of the obstacle's distance from one scan to the next by which it moves [vehicle lengths]
-PLACES = 0.05  # distance of the poses at which the swath is compared with the returns [vehicle lengths]
+PLACES = 0.02  # distance of the poses at which the swath is compared with the returns [vehicle lengths]
 REACH = 3.0  # length of the swath [vehicle lengths]
 
 
@@ -53,7 +53,9 @@ class Creeping(NamedTuple):
         stood = np.where(stands, self.stood + dt, 0.0)
         moved = blocked & np.isfinite(before) & ~same
         left = np.where(same & self.active, length, self.left - driven)
-        left = np.where((stood > AFTER) & ~self.active, length, left)
+        for i in np.flatnonzero((stood > AFTER) & ~self.active):
+            if swept(sensed, int(i)) >= min(free[i] + length[i], (REACH - PLACES) * length[i]):
+                left[i] = length[i]
         return Creeping(stood, np.where(moved | held, 0.0, np.maximum(left, 0.0)))
 
 
@@ -72,6 +74,8 @@ def swept(sensed: Sensed, i: int) -> float:
     angle = model.angles + model.mount.yaw
     ranges = np.maximum(sensed.scan.ranges[i], model.range_min)
     met = ranges < (REACH + 1) * length  # lost returns, NaN, are not
+    if (ranges <= model.range_min).any():
+        return 0.0  # something is too near for the laser to say where
     x = model.mount.x - axle + ranges[met] * np.cos(angle[met])
     y = model.mount.y + ranges[met] * np.sin(angle[met])
     there = np.arange(0.0, REACH, PLACES) * length
@@ -86,4 +90,4 @@ def swept(sensed: Sensed, i: int) -> float:
     side = width / 2 + CLEARANCE * width + abs(offset[1])
     inside = (np.abs(aside) < side) & (ahead > -length / 2 - axle) & (ahead < length / 2 - axle)
     first = inside.any(axis=1)
-    return float(there[first.argmax()]) if first.any() else REACH * length
+    return max(float(there[first.argmax()]) - PLACES * length, 0.0) if first.any() else REACH * length

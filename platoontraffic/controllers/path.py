@@ -20,6 +20,7 @@ from platoontraffic.vehicles.motion import Drive, Positive
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 SETTLING = 0.5  # time constant with which the wanted speed is approached [s]
+REACTION = 0.4  # of the drive line to a command [s]
 LOOK = 2.5  # distance before a line without right of way at which cross traffic is first looked at [vehicle lengths]
 STOP_BEFORE = 0.2  # distance before a line at which it stops [vehicle lengths]
 FILTER = 0.3  # time constant of the filter of the closing speed [s]
@@ -176,7 +177,8 @@ class PathLeader(Law):
 
     def _for_bends(self, sensed: Sensed, fastest: np.ndarray) -> np.ndarray:
         """For lower speeds ahead."""
-        distance = np.maximum(sensed.route.distance, SETTLING * sensed.speed[:, None])
+        reaction = REACTION * sensed.speed[:, None]
+        distance = np.maximum(sensed.route.distance - reaction, SETTLING / 2 * sensed.speed[:, None])
         return self._slowed_to(fastest, distance, sensed.speed[:, None])[:, 1:].min(axis=1)
 
     def braking_for(self, memory: Memory) -> BrakingFor:

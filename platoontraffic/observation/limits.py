@@ -28,7 +28,8 @@ class Limits:
         """
         ids = np.array([*step.traffic.ids, "", WALL], dtype=object)  # surfaces -1, a wall, and -2, nothing
         for group, scan in zip(step.fleet.groups, scans, strict=True):
-            limit = None if scan is None or scan.hits is None else group.law.braking_for(group.memory)
+            known = scan is not None and scan.hits is not None and group.memory is not None
+            limit = group.law.braking_for(group.memory) if known else None
             if limit is None:
                 continue
             number, rows, model = step.number[group.rows], np.arange(len(group.rows)), scan.model

@@ -2,7 +2,8 @@
 
 As SUMO's drivers judge it (`MSLink::blockedByFoe`), with the times of vehicles as they can really drive: to go first, a
 vehicle must have left the conflict area `FIRST_MARGIN` before the other one comes (SUMO's jmTimegapMinor, 1 s); to go
-behind, the other must have left it. Waiting makes impatient over SUMO's --time-to-impatience.
+behind, the other must have left it before the own vehicle enters the junction, since SUMO's drivers brake for whatever
+is inside. Waiting makes impatient over SUMO's --time-to-impatience.
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ class Pace(NamedTuple):
 class Foe(NamedTuple):
     """A vehicle to be yielded to. Distances are from each vehicle's front bumper [m]; negative: passed."""
 
+    to_enter: float  # own distance to the line, or to where it waits inside the junction
     to_conflict: float  # own distance to where the two paths meet
     to_exit: float  # own distance to where they part again
     foe_to_conflict: float
@@ -104,4 +106,4 @@ def _is_behind(foe: Foe, own: Pace, margin: float) -> bool:
     clears = max(foe.foe_to_conflict, 0.0) / foe.pace.speed + left / speed
     if foe.foe_to_conflict < 0:  # it is in the area, or past its begin
         clears = (foe.length + (foe.foe_to_conflict if foe.merges else foe.foe_to_exit)) / speed
-    return clears + margin < own._replace(delay=0.0).time_for(foe.to_conflict)
+    return clears + margin < own._replace(delay=0.0).time_for(foe.to_enter)

@@ -374,9 +374,13 @@ class StopLines:
     def _has_gap_among(self, foes: Sequence[Approach], line: Line, distance: float, ego: Ego, margin: float) -> bool:
         """distance: from the front bumper to the line [m]"""
         pace = self._pace(line, ego)
+        enters = distance
+        if distance < 0 and ego.lane in line.via[:-1]:  # it waits midway
+            enters += self._conflicts_at(line).waits
         for one in foes:
             crossing = one.crossing
             foe = Foe(
+                enters if enters > 0 else distance + crossing.own[0],
                 distance + crossing.own[0],
                 distance + crossing.own[1],
                 one.to_line + crossing.its[0],
