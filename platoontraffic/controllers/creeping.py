@@ -17,6 +17,7 @@ from platoontraffic.controllers.law import Sensed
 
 AFTER = 10.0  # time that a vehicle and what it stands for must have stood [s]
 SPEED = 0.25  # greatest while it creeps [vehicle lengths a second]: 1.2 m/s
+GAIN = 0.8  # by which it approaches that speed; the drive line lags behind its command by half a second [1/s]
 CLEARANCE = 0.05  # on each side of the body [vehicle widths]: 9 cm; its offset from the path is added
 STOP = 0.1  # distance before a return in the swath at which it stops [vehicle lengths]
 STANDS = 0.02  # speed below which a vehicle stands [vehicle lengths a second]
@@ -64,7 +65,7 @@ def acceleration(sensed: Sensed, rows: np.ndarray, braking: float) -> np.ndarray
     length, speed = sensed.body.length[rows], sensed.speed[rows]
     free = np.array([swept(sensed, int(i)) for i in rows])
     allowed = np.sqrt(braking * np.maximum(free - STOP * length, 0.0))  # half of the braking: it stops early
-    return np.clip(2.0 * (np.minimum(SPEED * length, allowed) - speed), -braking, 0.5 * braking)
+    return np.where(speed > allowed, -braking, np.minimum(GAIN * (SPEED * length - speed), braking / 2))
 
 
 def swept(sensed: Sensed, i: int) -> float:

@@ -106,4 +106,5 @@ def _is_behind(foe: Foe, own: Pace, margin: float) -> bool:
     clears = max(foe.foe_to_conflict, 0.0) / foe.pace.speed + left / speed
     if foe.foe_to_conflict < 0:  # it is in the area, or past its begin
         clears = (foe.length + (foe.foe_to_conflict if foe.merges else foe.foe_to_exit)) / speed
-    return clears + margin < own._replace(delay=0.0).time_for(foe.to_enter)
+    at_once = own._replace(delay=0.0)
+    return clears < own.time_for(foe.to_enter) and clears + margin < at_once.time_for(foe.to_conflict)
