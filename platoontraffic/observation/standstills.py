@@ -17,7 +17,7 @@ from platoontraffic.world.events import STANDSTILL_AFTER, Event
 from platoontraffic.world.traffic import TrafficSnapshot
 
 ALONG = math.cos(math.radians(45))  # cosine of the angle up to which a body stands along the path, not across it
-STANDING = 1e-3  # speed and yaw rate up to which a vehicle stands still [m/s, rad/s]
+STANDING, TURNING = 0.01, 0.01  # speed and yaw rate up to which a vehicle stands still [lengths a second, rad/s]
 
 
 class Standstills:
@@ -31,7 +31,8 @@ class Standstills:
     def observe(self, step: Step) -> Iterator[Event]:
         """standstill when one has lasted STANDSTILL_AFTER, standstill_end when that one ends"""
         number, motion = step.number, step.fleet.motion
-        moving = (np.abs(motion.speed) > STANDING) | (np.abs(motion.yaw_rate) > STANDING)
+        slow = STANDING * step.fleet.model.length
+        moving = (np.abs(motion.speed) > slow) | (np.abs(motion.yaw_rate) > TURNING)
         since, noted = self._since[number], self._noted[number]
         since = np.where(np.isnan(since) & ~moving, step.time, since)
         began = ~moving & ~noted & (step.time - since > STANDSTILL_AFTER)
