@@ -13,8 +13,10 @@ see `Law`.
 """
 
 from platoontraffic.controllers.law import (
+    BRAKES_FOR,
     CLOSED_BY,
     Body,
+    BrakingFor,
     Decision,
     Law,
     RouteAhead,
@@ -24,4 +26,16 @@ from platoontraffic.controllers.law import (
     per_vehicle,
 )
 
-__all__ = ["CLOSED_BY", "Body", "Decision", "Law", "RouteAhead", "Sensed", "Signals", "Target", "per_vehicle"]
+__all__ = [
+    "BRAKES_FOR",
+    "CLOSED_BY",
+    "Body",
+    "BrakingFor",
+    "Decision",
+    "Law",
+    "RouteAhead",
+    "Sensed",
+    "Signals",
+    "Target",
+    "per_vehicle",
+]

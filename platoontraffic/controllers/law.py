@@ -50,6 +50,21 @@ class Law:
         """
         return None
 
+    def braking_for(self, memory: Any) -> BrakingFor | None:
+        """What limited the speed at the last decision, for the reasons of events; None: the law does not say."""
+        return None
+
+
+class BrakingFor(NamedTuple):
+    """What limits the speed of n vehicles, arrays (n,)."""
+
+    reason: np.ndarray  # an index of BRAKES_FOR
+    bearing: np.ndarray  # from the laser's forward direction to the return that it brakes for [rad]; NaN: none
+    creeps: np.ndarray  # past something that has not moved for long, bool
+
+
+BRAKES_FOR = ("", "predecessor", "obstacle", "line", "lost")
+
 
 class Body(NamedTuple):
     """A vehicle's own size: floats, or arrays (n,)."""
@@ -70,7 +85,15 @@ class RouteAhead(NamedTuple):
     curvature: np.ndarray  # of the route, to the left [1/m], (n, k)
 
 
-CLOSED_BY = ("", "light", "right of way", "lane change", "no room behind the junction")
+CLOSED_BY = (
+    "",
+    "light",
+    "right of way",
+    "lane change",
+    "no room behind the junction",
+    "stop sign",
+    "people on the crossing",
+)
 
 
 class Signals(NamedTuple):

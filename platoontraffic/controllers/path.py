@@ -10,9 +10,10 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers import idm
+from platoontraffic.controllers import creeping, idm
 from platoontraffic.controllers.closing import closing_speed
-from platoontraffic.controllers.law import Decision, Law, RouteAhead, Sensed
+from platoontraffic.controllers.creeping import Creeping
+from platoontraffic.controllers.law import BRAKES_FOR, BrakingFor, Decision, Law, RouteAhead, Sensed
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
 from platoontraffic.controllers.steering import Errors, curvature_along, curvature_back
 from platoontraffic.lidar.pose import wrap
@@ -21,6 +22,7 @@ from platoontraffic.vehicles.motion import Drive, Positive
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 SETTLING = 0.5  # time constant with which the wanted speed is approached [s]
+REACTION = 0.4  # of the drive line to a command [s]
 LOOK = 2.5  # distance before a line without right of way at which cross traffic is first looked at [vehicle lengths]
 STOP_BEFORE = 0.2  # distance before a line at which it stops [vehicle lengths]
 FILTER = 0.3  # time constant of the filter of the closing speed [s]
@@ -32,12 +34,17 @@ RESERVE = 1.5  # lateral acceleration that steering may use, above that of the p
 ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
 
 
+PREDECESSOR, OBSTACLE, LINE, LOST = range(1, len(BRAKES_FOR))
+
+
 class Memory(NamedTuple):
-    """Arrays (n,)."""
+    """Arrays (n,), or records of arrays."""
 
     time: np.ndarray  # since departure [s]
     free: np.ndarray  # distance to the first obstacle on the route [m]; inf: none
     closing: np.ndarray  # rate at which it shrinks [m/s]; NaN: not known yet
+    creeping: Creeping
+    braking_for: BrakingFor
 
 
 @dataclass(frozen=True)
@@ -82,8 +89,8 @@ class PathLeader(Law):
         None  # default: half a length, and blind spot
     )
     time_headway: Annotated[NotNegative, Field(alias="time_headway_s")] = 1.5
-    acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 1.5
-    braking: Annotated[Positive, Field(alias="braking_mps2")] = 2.0  # comfortable
+    acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5
+    braking: Annotated[Positive, Field(alias="braking_mps2")] = 2.5  # comfortable
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 8.0
     lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 2.0
 
@@ -98,16 +105,19 @@ class PathLeader(Law):
     def __call__(self, sensed: Sensed, memory: Memory | None, dt: float) -> Decision:
         n = len(sensed.speed)
         if memory is None:
-            memory = Memory(np.zeros(n), np.full(n, np.inf), np.full(n, np.nan))
-        free = free_distance(sensed, _or(self.half_width, 0.6 * sensed.body.width))
+            memory = Memory(np.zeros(n), np.full(n, np.inf), np.full(n, np.nan), Creeping.none(n), nothing(n))
+        free, bearing = first_return(sensed, _or(self.half_width, 0.6 * sensed.body.width))
         same = SAME * sensed.body.length
         closing = closing_speed(free, memory.free, memory.closing, sensed.speed, dt, same=same, time_constant=FILTER)
         acceleration = self.acceleration_on(sensed, memory.time, free, closing, dt)
-        if sensed.signals is not None:
-            acceleration = np.minimum(acceleration, self.acceleration_for_lines(sensed))
+        acceleration, creeps, limit = self.acceleration_among_others(
+            sensed, acceleration, free, bearing, closing, memory.free, memory.creeping, dt
+        )
         acceleration = np.maximum(acceleration, -self.hardest_braking)
         acceleration = np.maximum(acceleration, -sensed.speed / dt)  # braking ends at a stand
-        return Decision(Drive(acceleration, self.curvature_on(sensed)), Memory(memory.time + dt, free, closing))
+        return Decision(
+            Drive(acceleration, self.curvature_on(sensed)), Memory(memory.time + dt, free, closing, creeps, limit)
+        )
 
     def acceleration_for_bends(self, sensed: Sensed) -> np.ndarray:
         """For bends and lower limits ahead on the route, (n,) [m/s2]; inf where there are none."""
@@ -182,8 +192,41 @@ class PathLeader(Law):
 
     def _for_bends(self, sensed: Sensed, fastest: np.ndarray) -> np.ndarray:
         """For lower speeds ahead."""
-        distance = np.maximum(sensed.route.distance, SETTLING * sensed.speed[:, None])
+        reaction = REACTION * sensed.speed[:, None]
+        distance = np.maximum(sensed.route.distance - reaction, SETTLING / 2 * sensed.speed[:, None])
         return self._slowed_to(fastest, distance, sensed.speed[:, None])[:, 1:].min(axis=1)
+
+    def braking_for(self, memory: Memory) -> BrakingFor:
+        return memory.braking_for
+
+    def acceleration_among_others(
+        self,
+        sensed: Sensed,
+        acceleration: np.ndarray,
+        free: np.ndarray,
+        bearing: np.ndarray,
+        closing: np.ndarray,
+        before: np.ndarray,
+        creeps: Creeping,
+        dt: float,
+    ) -> tuple[np.ndarray, Creeping, BrakingFor]:
+        """An acceleration that heeds obstacles, limited by lines, or that of creeping; and what limits it.
+
+        free, bearing : distance to the first obstacle on the strip [m], its bearing from the laser [rad], (n,)
+        closing       : rate at which that distance shrinks [m/s], (n,)
+        before        : that distance in the last scan [m], (n,)
+        """
+        lines = np.full(len(free), np.inf) if sensed.signals is None else self.acceleration_for_lines(sensed)
+        obstacle = self._for_obstacles(sensed, free, closing)
+        creeps = creeps.after(sensed, free, before, lines < obstacle, dt)
+        if len(rows := np.flatnonzero(creeps.active)):
+            acceleration = acceleration.copy()
+            acceleration[rows] = creeping.acceleration(sensed, rows, self.braking)
+        by_obstacle = (obstacle <= np.minimum(acceleration, lines)) & np.isfinite(free)
+        reason = np.where(by_obstacle, OBSTACLE, np.where(lines < acceleration, LINE, 0))
+        reason = np.where(creeps.active & (reason == 0), OBSTACLE, reason)
+        limit = BrakingFor(reason, np.where(reason == OBSTACLE, bearing, np.nan), creeps.active)
+        return np.minimum(acceleration, lines), creeps, limit
 
     def acceleration_for_lines(self, sensed: Sensed) -> np.ndarray:
         """For a closed line ahead, (n,) [m/s2]; inf where there is none."""
@@ -231,25 +274,35 @@ def curvature_at(route: RouteAhead, distance: np.ndarray) -> np.ndarray:
     return route.curvature[rows, after - 1] * (1 - share) + route.curvature[rows, after] * share
 
 
-def free_distance(sensed: Sensed, half_width: np.ndarray) -> np.ndarray:
+def nothing(n: int) -> BrakingFor:
+    """n vehicles that brake for nothing."""
+    return BrakingFor(np.zeros(n, dtype=int), np.full(n, np.nan), np.zeros(n, dtype=bool))
+
+
+def first_return(sensed: Sensed, half_width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Along the route from the front bumper to the first return on the strip that the vehicle will drive over.
 
     half_width : of the strip [m], a number or (n,)
-    returns    : [m], (n,); inf if there is no return
+    returns    : distance [m], and its bearing from the laser's forward direction [rad], (n,); inf, NaN: no return
     """
     # Imported here: importing numba takes half a second.
     from platoontraffic.controllers.path_kernel import first_on_strip
 
     scan, body, route = sensed.scan, sensed.body, sensed.route
     model, n = scan.model, len(sensed.speed)
-    free, half_width = np.full(n, np.inf), np.broadcast_to(half_width, n)
+    free, beam, half_width = np.full(n, np.inf), np.full(n, -1), np.broadcast_to(half_width, n)
     angle = model.angles + model.mount.yaw
     beams = np.stack([np.cos(angle), np.sin(angle)])
     laser, front = model.mount.x - body.axle, body.length / 2 - body.axle
     points = np.searchsorted(route.distance.min(axis=0), model.range_max + 2 * body.length.max()) + 1
     strip = route.points[:, :points], route.distance[:, :points], half_width
-    first_on_strip(np.maximum(scan.ranges, model.range_min), beams, laser, model.mount.y, strip, front, free)
-    return free
+    first_on_strip(np.maximum(scan.ranges, model.range_min), beams, laser, model.mount.y, strip, front, free, beam)
+    return free, bearing_of(beam, model)
+
+
+def bearing_of(beam: np.ndarray, model) -> np.ndarray:
+    """Bearing of beams from the laser's forward direction [rad], (n,); NaN for beam -1."""
+    return np.where(beam < 0, np.nan, model.angles[beam])
 
 
 def _or(value: float | None, default: np.ndarray) -> float | np.ndarray:

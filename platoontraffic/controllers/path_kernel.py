@@ -12,7 +12,7 @@ compiled = compiler(__file__, polyline.__file__)
 
 
 @compiled
-def first_on_strip(ranges, beams, laser, aside, strip, front, free):
+def first_on_strip(ranges, beams, laser, aside, strip, front, free, beam):
     """Fill in the distance along the route from each front bumper to the first return on the strip [m], (n,).
 
     ranges       : inf or NaN for no return [m], (n, k)
@@ -21,6 +21,7 @@ def first_on_strip(ranges, beams, laser, aside, strip, front, free):
     strip        : points of the routes (n, m, 2), their distances along them (n, m), half the width (n,) [m]
     front        : x of the front bumpers [m], (n,)
     free         : filled in; returns farther ahead than its values are left out
+    beam         : filled in: the beam of that return, (n,); unchanged where there is none
     """
     points, distance, half_width = strip
     for i in range(len(free)):
@@ -33,4 +34,4 @@ def first_on_strip(ranges, beams, laser, aside, strip, front, free):
                 piece, share, squared, _ = nearest(points[i], 0, len(distance[i]) - 1, x, y, 0.0, 1.0)
                 station = distance[i, piece] + share * (distance[i, piece + 1] - distance[i, piece])
                 if np.sqrt(squared) < half_width[i] and front[i] < station < front[i] + free[i]:
-                    free[i] = station - front[i]
+                    free[i], beam[i] = station - front[i], k

@@ -9,8 +9,9 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers.closing import closing_speed
-from platoontraffic.controllers.law import Decision, Law, Sensed, Target
-from platoontraffic.controllers.path import PathLeader
+from platoontraffic.controllers.creeping import Creeping
+from platoontraffic.controllers.law import BrakingFor, Decision, Law, Sensed, Target
+from platoontraffic.controllers.path import LINE, LOST, OBSTACLE, PREDECESSOR, PathLeader, bearing_of, nothing
 from platoontraffic.controllers.steering import Errors, curvature_back
 from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED, PathAhead, Sighting
 from platoontraffic.controllers.tracker.track import Odometry, Track
@@ -52,12 +53,15 @@ class Memory(NamedTuple):
     free: np.ndarray  # distance from the bumper to the first obstacle but the predecessor [m]; inf: none
     closing: np.ndarray  # rate at which that shrinks [m/s]; NaN: not known yet
     never_lost: np.ndarray  # it has had the same predecessor from the start, bool
+    creeping: Creeping
+    braking_for: BrakingFor
 
     @classmethod
     def begin(cls, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
         n = len(speed)
         records = Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n)
-        return cls(*records, *np.zeros((3, n)), np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool))
+        return cls(*records, *np.zeros((3, n)), np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool),
+                   Creeping.none(n), nothing(n))  # fmt: skip
 
 
 class Now(NamedTuple):
@@ -97,6 +101,7 @@ class Obstacle(NamedTuple):
 
     free: np.ndarray  # distance from the front bumper [m]; inf: none
     closing: np.ndarray  # rate at which that shrinks [m/s]; NaN: not known yet
+    bearing: np.ndarray  # of that return from the laser's forward direction [rad]; NaN: none
 
 
 class Demand(NamedTuple):
@@ -196,18 +201,23 @@ class TrackingFollower(Law):
         demand = self._follow(now, estimate.track, ahead, achieved)
         obstacle = self._obstacle(now, estimate, trail, ahead)
         demand = self._avoid(now, ahead, obstacle, demand)
-        demand = self._by_road(now, estimate.track, obstacle, demand)
+        demand, creeps, limit = self._by_road(now, estimate.track, obstacle, demand)
         demand = self._gently_back(now, ahead, curvature, demand)
         acceleration = self._comfort(now, demand)
 
         never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
         commands = acceleration, curvature, achieved
-        memory = Memory(now.odometry, estimate.track, trail, *commands, *obstacle, never_lost)
+        memory = Memory(
+            now.odometry, estimate.track, trail, *commands, obstacle.free, obstacle.closing, never_lost, creeps, limit
+        )
         return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
         """Path of the predecessor's rear axle, as seen from the own one, (n, SHOWN, 2) [m]."""
         return memory.trail.seen_from_axle(memory.odometry, SHOWN)
+
+    def braking_for(self, memory: Memory) -> BrakingFor:
+        return memory.braking_for
 
     def _own_motion(self, sensed: Sensed, memory: Memory) -> tuple[np.ndarray, np.ndarray]:
         """Speed and yaw rate, (n,): as measured; at walking pace and below, modelled, since noise would dominate."""
@@ -299,11 +309,11 @@ class TrackingFollower(Law):
         beyond_end = np.maximum(ahead.length, 0) + sensed.scan.model.range_max / 2
         reach = np.where(estimate.track.known, ahead.length - OVERHANG - PAST_PREDECESSOR, beyond_end)
         strip = Strip(np.full(len(now.speed), self.half_width), reach)
-        free = trail.free_distance(now.odometry, sensed.scan, sensed.body, strip, estimate.sighting.beams)
+        free, beam = trail.free_distance(now.odometry, sensed.scan, sensed.body, strip, estimate.sighting.beams)
         closing = closing_speed(
             free, memory.free, memory.closing, now.speed, now.dt, same=SAME, time_constant=FILTER
         )  # fmt: skip
-        return Obstacle(free, closing)
+        return Obstacle(free, closing, bearing_of(beam, sensed.scan.model))
 
     def _avoid(self, now: Now, ahead: Ahead, obstacle: Obstacle, demand: Demand) -> Demand:
         """Limited by bends of the trail and by the obstacle."""
@@ -331,20 +341,36 @@ class TrackingFollower(Law):
 
     # ---- 5. and 6. alone, stop lines
 
-    def _by_road(self, now: Now, track: Track, obstacle: Obstacle, demand: Demand) -> Demand:
-        """Limited by route and stop lines, where they are given; without a predecessor, as `alone` drives."""
-        sensed, (wanted, needed) = now.sensed, demand
+    def _by_road(
+        self, now: Now, track: Track, obstacle: Obstacle, demand: Demand
+    ) -> tuple[Demand, Creeping, BrakingFor]:
+        """Limited by route and stop lines, where they are given; without a predecessor, as `alone` drives.
+
+        Where it drives alone it creeps as `alone` does. Also: what limits it.
+        """
+        sensed, (wanted, needed), memory = now.sensed, demand, now.memory
+        free, closing, bearing = obstacle
+        n = len(now.speed)
+        stop = np.full(n, np.inf) if sensed.signals is None else self.alone.acceleration_for_lines(sensed)
+        stop = np.where(track.known & (self.policy == "convoy"), np.inf, stop)
+        creeps, limit = memory.creeping, nothing(n)
         if sensed.route is not None:
-            alone = self.alone.acceleration_on(sensed, np.zeros(len(now.speed)), *obstacle, now.dt)
-            wanted = np.where(track.known, wanted, alone)
+            alone = self.alone.acceleration_on(sensed, np.zeros(n), free, closing, now.dt)
             # A vehicle that was met on the route may go straight on where the route turns.
             bends = self.alone.acceleration_for_bends(sensed)
-            wanted = np.where(now.memory.never_lost, wanted, np.minimum(wanted, bends))
-        if sensed.signals is not None:
-            stop = self.alone.acceleration_for_lines(sensed)
-            stop = np.where(track.known & (self.policy == "convoy"), np.inf, stop)
-            wanted, needed = np.minimum(wanted, stop), np.minimum(needed, stop)
-        return Demand(wanted, needed)
+            alone, creeps, limit = self.alone.acceleration_among_others(
+                sensed, alone, free, bearing, closing, memory.free, creeps, now.dt
+            )
+            wanted = np.where(track.known & ~creeps.active, wanted, alone)
+            wanted = np.where(memory.never_lost, wanted, np.minimum(wanted, bends))
+            needed = np.where(creeps.active & (needed < 0), np.maximum(needed, alone), needed)
+        by_obstacle = np.isfinite(free) & (now.speed < STILL) & (needed < 0) & track.known
+        reason = np.where(track.known, np.where(by_obstacle, OBSTACLE, PREDECESSOR), limit.reason)
+        reason = np.where(stop < np.minimum(wanted, needed), LINE, reason)
+        if sensed.route is None:
+            reason = np.where(track.known | (reason == LINE), reason, LOST)
+        limit = BrakingFor(reason, np.where(reason == OBSTACLE, bearing, np.nan), creeps.active)
+        return Demand(np.minimum(wanted, stop), np.minimum(needed, stop)), creeps, limit
 
     # ---- limits
 

@@ -13,6 +13,7 @@ from platoontraffic.observation.braking import Braking
 from platoontraffic.observation.collisions import Collisions, NearMisses
 from platoontraffic.observation.gaps import DesiredGaps, Gaps
 from platoontraffic.observation.hindrances import Hindrances
+from platoontraffic.observation.limits import Limits
 from platoontraffic.observation.locks import Locks
 from platoontraffic.observation.off_road import OffRoad
 from platoontraffic.observation.presence import Presence
@@ -67,8 +68,9 @@ class Observer:
         self._desired_gaps = DesiredGaps(members)
         self._hindrances = Hindrances(size)
         self._locks = Locks(len(members), self._hindrances)
-        self._splits = Splits(size, self._locks, self._hindrances)
-        self._standstills = Standstills(len(members), self._locks, self._hindrances)
+        self._limits = Limits(len(members))
+        self._splits = Splits(size, self._locks, self._hindrances, self._limits)
+        self._standstills = Standstills(len(members), self._locks, self._hindrances, self._limits)
         self._braking = Braking(length)
         self._collisions = Collisions(contacts)
         self._near_misses = NearMisses(size)
@@ -98,6 +100,7 @@ class Observer:
         self._gaps.observe(step)
         gap = self._gaps.gap[fleet.number]
         events += self._locks.observe(step, scans, self._splits.split)
+        events += self._limits.observe(step, scans)
         events += self._hindrances.observe(step)
         events += self._splits.observe(step, gap, self._desired_gaps.of(fleet))
         events += self._standstills.observe(step)

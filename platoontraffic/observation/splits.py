@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 
 from platoontraffic.observation.hindrances import Hindrances
+from platoontraffic.observation.limits import Limits
 from platoontraffic.observation.locks import NOTHING, Locks
 from platoontraffic.observation.step import Cause, Step
 from platoontraffic.world.events import SPLIT_AFTER, SPLIT_GAP_FACTOR, SPLIT_GAP_MARGIN, Event
@@ -23,10 +24,10 @@ from platoontraffic.world.traffic import TrafficSnapshot
 class Splits:
     """State of all members of the run, by their number: arrays (N,)."""
 
-    def __init__(self, scale: np.ndarray, locks: Locks, hindrances: Hindrances) -> None:
+    def __init__(self, scale: np.ndarray, locks: Locks, hindrances: Hindrances, limits: Limits) -> None:
         """scale: size of each member beside a car, (N,); SPLIT_GAP_MARGIN shrinks with it"""
         n, self._scale = len(scale), scale
-        self._locks, self._hindrances = locks, hindrances
+        self._locks, self._hindrances, self._limits = locks, hindrances, limits
         self.split = np.zeros(n, dtype=bool)  # those split off now
         self.left_behind = np.zeros(n, dtype=bool)
         self._begun = np.full(n, np.nan)  # start of the last split [s]
@@ -69,6 +70,9 @@ class Splits:
         number, ahead = step.number[row], step.fleet.predecessor[row]
         if cause := self._hindrances.lately(number, step.time):
             return cause
+        body = self._limits.body(number) if self._limits.reason(number) == "obstacle" else ""
+        if body and body != step.traffic.ids[ahead]:
+            return Cause("blocked", f"blocked by {body}")
         if between := _between(step.traffic, row, ahead):
             return Cause("between", f"{', '.join(between)} between")
         if self._locks.locked[number]:

@@ -9,27 +9,30 @@ import numpy as np
 import shapely
 
 from platoontraffic.observation.hindrances import Hindrances
+from platoontraffic.observation.limits import Limits
 from platoontraffic.observation.locks import Locks
 from platoontraffic.observation.step import Cause, Step
 from platoontraffic.vehicles.motion import FULL_SIZE
 from platoontraffic.world.events import STANDSTILL_AFTER, Event
 from platoontraffic.world.traffic import TrafficSnapshot
 
-STANDING = 1e-3  # speed and yaw rate up to which a vehicle stands still [m/s, rad/s]
+ALONG = math.cos(math.radians(45))  # cosine of the angle up to which a body stands along the path, not across it
+STANDING, TURNING = 0.01, 0.01  # speed and yaw rate up to which a vehicle stands still [lengths a second, rad/s]
 
 
 class Standstills:
     """State of all members of the run, by their number: arrays (N,)."""
 
-    def __init__(self, n: int, locks: Locks, hindrances: Hindrances) -> None:
-        self._locks, self._hindrances = locks, hindrances
+    def __init__(self, n: int, locks: Locks, hindrances: Hindrances, limits: Limits) -> None:
+        self._locks, self._hindrances, self._limits = locks, hindrances, limits
         self._since = np.full(n, np.nan)  # [s]; NaN: it moves
         self._noted = np.zeros(n, dtype=bool)  # there was an event of its present standstill
 
     def observe(self, step: Step) -> Iterator[Event]:
         """standstill when one has lasted STANDSTILL_AFTER, standstill_end when that one ends"""
         number, motion = step.number, step.fleet.motion
-        moving = (np.abs(motion.speed) > STANDING) | (np.abs(motion.yaw_rate) > STANDING)
+        slow = STANDING * step.fleet.model.length
+        moving = (np.abs(motion.speed) > slow) | (np.abs(motion.yaw_rate) > TURNING)
         since, noted = self._since[number], self._noted[number]
         since = np.where(np.isnan(since) & ~moving, step.time, since)
         began = ~moving & ~noted & (step.time - since > STANDSTILL_AFTER)
@@ -46,9 +49,30 @@ class Standstills:
         number, ahead = step.number[row], step.fleet.predecessor[row]
         if cause := self._hindrances.now(number):
             return cause
+        if self._limits.known[number] and (cause := self._by_law(step, row)):
+            return cause
         if blocking := _vehicle_ahead(step.traffic, row):
             return Cause("behind", f"behind {blocking}")
         if ahead >= 0 and not self._locks.locked[number]:
+            return Cause("lost", f"has lost {step.traffic.ids[ahead]}")
+        return Cause()
+
+    def _by_law(self, step: Step, row: int) -> Cause:
+        """What its law brakes for; a body across its path is found by its beam."""
+        number, ahead = step.number[row], step.fleet.predecessor[row]
+        reason, body = self._limits.reason(number), self._limits.body(number)
+        if reason == "obstacle" and body in step.traffic.ids:
+            aside = step.traffic.heading[step.traffic.ids.index(body)] - step.traffic.heading[row]
+            return (
+                Cause("behind", f"behind {body}") if math.cos(aside) > ALONG else Cause("blocked", f"blocked by {body}")
+            )
+        if reason == "obstacle" and body:
+            return Cause("blocked", f"blocked by a {body}")
+        if reason == "predecessor":
+            target = self._locks.target[number]
+            name = step.traffic.ids[ahead] if ahead >= 0 and self._locks.locked[number] else target
+            return Cause("behind", f"behind {name}") if name else Cause()
+        if reason == "lost" and ahead >= 0:
             return Cause("lost", f"has lost {step.traffic.ids[ahead]}")
         return Cause()
 

@@ -1,53 +1,110 @@
-"""Gap acceptance: whether a vehicle that must yield can cross before or behind another one."""
+"""Gap acceptance: whether a vehicle that must yield can cross before or behind another one.
+
+As SUMO's drivers judge it (`MSLink::blockedByFoe`), with the times of vehicles as they can really drive: to go first, a
+vehicle must have left the conflict area `FIRST_MARGIN` before the other one comes (SUMO's jmTimegapMinor, 1 s); to go
+behind, the other must have left it before the own vehicle enters the junction, since SUMO's drivers brake for whatever
+is inside. Waiting makes impatient over SUMO's --time-to-impatience.
+"""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
-ACCELERATION = 1.5  # assumed of the crossing vehicle [m/s2]
-TURNING_SPEED = 6.0  # to which it accelerates, unless it is faster already [m/s]
-MARGIN = 1.0  # between the two vehicles at the conflict area [s]
-STANDING = 0.1  # speed below which a vehicle counts as standing [m/s]
+STANDING = 0.1  # speed below which a vehicle counts as standing [m/s]; also SUMO's
+FIRST_MARGIN = 1.0  # between the rear of a vehicle that goes first and the other one [s]: SUMO's jmTimegapMinor
+LEAST_MARGIN = 0.5  # the same of the most impatient driver [s]
+BEHIND_MARGIN = 0.3  # between the rear of a vehicle that is let go first and the own front [s]
+TIME_TO_IMPATIENCE = 300.0  # waiting time at a line until a driver is as impatient as can be [s]: SUMO's default
+MERGE_BRAKING = (
+    2.0  # that a vehicle which merges first may demand of the one behind [m/s2]; SUMO's drivers brake by 4.5
+)
+
+
+class Pace(NamedTuple):
+    """How a vehicle drives on: at its speed for a delay, and then it accelerates up to a top speed."""
+
+    speed: float  # [m/s]
+    acceleration: float = 0.0  # [m/s2]
+    top: float = 0.0  # [m/s]; a faster vehicle keeps its speed
+    delay: float = 0.0  # [s]
+
+    def time_for(self, distance: float) -> float:
+        """Time to drive a distance [m]; inf if it never does [s]."""
+        if distance <= 0:
+            return 0.0
+        speed, rate, top = self.speed, self.acceleration, max(self.top, self.speed)
+        if rate <= 0 or top == speed:
+            return distance / speed if speed > 0 else math.inf
+        left = distance - speed * self.delay
+        if left <= 0:
+            return distance / speed
+        to_top = (top**2 - speed**2) / (2 * rate)
+        if left <= to_top:
+            return self.delay + (math.sqrt(speed**2 + 2 * rate * left) - speed) / rate
+        return self.delay + (top - speed) / rate + (left - to_top) / top
+
+    def speed_after(self, time: float) -> float:
+        """[m/s]"""
+        return min(self.speed + self.acceleration * max(time - self.delay, 0.0), max(self.top, self.speed))
 
 
 class Foe(NamedTuple):
-    """A vehicle with right of way. Distances are from each vehicle's front bumper [m]; negative: passed."""
+    """A vehicle to be yielded to. Distances are from each vehicle's front bumper [m]; negative: passed."""
 
+    to_enter: float  # own distance to the line, or to where it waits inside the junction
     to_conflict: float  # own distance to where the two paths meet
     to_exit: float  # own distance to where they part again
     foe_to_conflict: float
     foe_to_exit: float
-    foe_speed: float
-    foe_length: float
-    hurries: bool = False  # it may set out or accelerate now; else it keeps its speed, and waits if it stands
+    pace: Pace
+    length: float
+    clearing_speed: float  # at which it leaves the conflict area, if that is not more than its speed [m/s]
+    merges: bool = False  # the paths do not part again
 
 
-def may_cross(foe: Foe, speed: float, length: float, margin: float = MARGIN) -> bool:
+def margin_after(waited: float) -> float:
+    """Margin of a vehicle that goes first after it has waited for so long at its line [s]."""
+    return FIRST_MARGIN + (LEAST_MARGIN - FIRST_MARGIN) * min(waited / TIME_TO_IMPATIENCE, 1.0)
+
+
+def may_cross(foe: Foe, own: Pace, length: float, margin: float = FIRST_MARGIN) -> bool:
     """Whether the vehicle clears the conflict area before the foe arrives, or arrives after the foe has cleared it.
 
-    speed, length : of the vehicle [m/s], [m]
-    margin        : between the two [s]
+    own, length : of the vehicle [m/s], [m]
+    margin      : of the vehicle if it goes first [s]; without margin there is none behind the foe either
 
-    A foe that hurries arrives after `time_for` its distance, and clears the area at its present speed.
+    A foe that stands before the conflict area and does not set out waits. It clears the area at its present speed, or
+    more slowly in a bend.
     """
-    if foe.to_exit + length < 0 or foe.foe_to_exit + foe.foe_length < 0:
+    if foe.to_exit + length < 0 or foe.foe_to_exit + foe.length < 0:
         return True
-    stands = foe.foe_speed < STANDING
-    if stands and not (foe.hurries and foe.foe_to_conflict > 0):
+    pace = foe.pace
+    if pace.speed < STANDING and not (pace.acceleration > 0 and foe.foe_to_conflict > 0):
         return foe.foe_to_conflict > 0  # it waits; otherwise it blocks the path
-    arrives = time_for(foe.foe_to_conflict, foe.foe_speed) if foe.hurries else foe.foe_to_conflict / foe.foe_speed
-    clears = math.inf if stands else (foe.foe_to_exit + foe.foe_length) / foe.foe_speed
-    before = arrives > time_for(foe.to_exit + length, speed) + margin
-    return before or clears + margin < time_for(foe.to_conflict, speed)
+    return _is_first(foe, own, length, margin) or _is_behind(foe, own, min(margin, BEHIND_MARGIN))
 
 
-def time_for(distance: float, speed: float) -> float:
-    """Time to drive a distance [m] from a speed [m/s], accelerating up to TURNING_SPEED [s]."""
-    if distance <= 0:
-        return 0.0
-    top = max(speed, TURNING_SPEED)
-    to_top = (top**2 - speed**2) / (2 * ACCELERATION)
-    if distance <= to_top:
-        return (math.sqrt(speed**2 + 2 * ACCELERATION * distance) - speed) / ACCELERATION
-    return (top - speed) / ACCELERATION + (distance - to_top) / top
+def _is_first(foe: Foe, own: Pace, length: float, margin: float) -> bool:
+    past = own.time_for((foe.to_conflict if foe.merges else foe.to_exit) + length)
+    if foe.pace.time_for(foe.foe_to_conflict) <= past + margin:
+        return False
+    if not foe.merges:
+        return True
+    # It is on the foe's lane from then on: the foe need not brake hard.
+    closing = max(foe.pace.speed_after(past) - own.speed_after(past), 0.0)
+    away = foe.foe_to_conflict - foe.pace.speed * past
+    return away > closing * margin + closing**2 / (2 * MERGE_BRAKING)
+
+
+def _is_behind(foe: Foe, own: Pace, margin: float) -> bool:
+    if foe.pace.speed < STANDING:
+        return False  # when it will have gone is not known
+    speed = max(min(foe.pace.speed, foe.clearing_speed), STANDING)
+    area = foe.foe_to_exit - max(foe.foe_to_conflict, 0.0)
+    left = (0.0 if foe.merges else area) + foe.length
+    clears = max(foe.foe_to_conflict, 0.0) / foe.pace.speed + left / speed
+    if foe.foe_to_conflict < 0:  # it is in the area, or past its begin
+        clears = (foe.length + (foe.foe_to_conflict if foe.merges else foe.foe_to_exit)) / speed
+    at_once = own._replace(delay=0.0)
+    return clears < own.time_for(foe.to_enter) and clears + margin < at_once.time_for(foe.to_conflict)

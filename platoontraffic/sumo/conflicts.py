@@ -1,65 +1,163 @@
-"""Lanes with vehicles that a member conflicts with at a junction."""
+"""Where the path of a member through a junction meets those of vehicles and people."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections import Counter
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from platoontraffic.road.gap_acceptance import MARGIN, time_for
+import numpy as np
+
+from platoontraffic.road.gap_acceptance import FIRST_MARGIN, Pace
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client
 from platoontraffic.vehicles.motion import CAR_LENGTH
 
 # Indices of fields of a link as SUMO returns it, and their number; via: first lane inside the junction, "" if none.
-LINK_OPEN, LINK_VIA, LINK_STATE, LINK_LENGTH, LINK_FIELDS = 2, 4, 5, 7, 8
+LINK_ONTO, LINK_OPEN, LINK_VIA, LINK_STATE, LINK_LENGTH, LINK_FIELDS = 0, 2, 4, 5, 7, 8
 
 # States of links, as SUMO writes them.
 PRIORITY = "GMO"  # gives way to no vehicle; O is a light that is off
 RED, YELLOW = "ru", "yY"
-MINOR = "mswo"  # gives way
+MINOR = "mswo="  # gives way; = to vehicles from the right
 STOP = "sw"  # gives way, after it has stood at the line
+ALL_STOP = "w"  # in the order in which vehicles have stood
+EQUAL = "=w"  # two vehicles may each have to give way to the other
+ZIPPER = "Z"  # in the order of arrival
 
 GAP_HORIZON = 3.6  # a gap is judged from this time before the line on, at the fastest foe's speed [s]
+APART = 0.8  # distance of two paths at which vehicles pass each other [lane widths]: 2.6 m in streets
+SAMPLED = 0.08  # distance of the points at which paths are compared [lane widths]: 0.25 m
+TAIL = 2.0  # part of the lane beyond the junction at which merging paths are compared [lane widths]
+SLOWEST = Pace(0.0, 1.5, 6.0)  # of members: it decides how far ahead foes are looked for
+
+
+class Crossing(NamedTuple):
+    """Two paths through a junction that meet; distances from the line of each [m]."""
+
+    before: str  # lane from which the foe comes
+    via: tuple[str, ...]  # its lanes inside the junction
+    own: tuple[float, float]  # where the own path meets it, and where they part
+    its: tuple[float, float]
+    merges: bool  # onto the same lane
+    first: bool  # the foe has priority
+    waits: float  # where it may wait midway; inf: nowhere
+    fastest: float  # speed limit inside the junction [m/s]
+
+
+class Walk(NamedTuple):
+    """A pedestrian crossing over the path; distances from the line [m]."""
+
+    edge: str
+    own: tuple[float, float]
+    points: np.ndarray  # of the own path there, (k, 2) [m]
+    apart: float  # distance from those at which a person does not matter [m]
 
 
 class Conflicts(NamedTuple):
-    """Priority lanes at a stop line, and lanes crossing the path beyond it; constant during a run."""
+    """What a stop line must be judged by; constant during a run."""
 
     entering: tuple[tuple[str, float], ...]  # priority lanes, and the distance from each one's end to the junction [m]
-    inside: Mapping[str, bool]  # crossing lanes from those -> whether a vehicle waits at its end
+    crossings: dict[str, Crossing]  # by the foe's first lane inside the junction
+    walks: tuple[Walk, ...]
+    waits: float  # where the own path may wait midway [m]; inf: nowhere
     reach: float  # distance before the junction from which a gap is judged [m]
-    crossing: Mapping[str, tuple[str, str]]  # all crossing lanes -> the lane before the junction, its first lane inside
+    curvature: float  # greatest of the own path through the junction [1/m]
 
     @classmethod
     def at(cls, line: Line, network: Network, sumo: Client) -> Conflicts:
-        entering = {name for name in sumo.lane.getFoes(line.lane, line.onto) if not name.startswith(":")}
-        inside = {}
-        for via in line.via:
-            for name in sumo.lane.getInternalFoes(via):
-                if name not in line.via and network.entered_from.get(name) in entering:
-                    inside[name] = bool(sumo.lane.getLinks(name)[0][LINK_VIA])
-        fastest = max(map(sumo.lane.getMaxSpeed, entering), default=0.0)
-        watched = fastest * (time_for(line.across + CAR_LENGTH, 0.0) + MARGIN)
-        upstream = tuple(one for name in sorted(entering) for one in network.upstream(name, watched))
-        return cls(upstream, inside, GAP_HORIZON * fastest, _crossing(line, network, sumo))
+        lane = sumo.lane
+        # SUMO names the lane of each link with priority, once a link.
+        foes = Counter(name for name in lane.getFoes(line.lane, line.onto) if not name.startswith(":"))
+        own, width = _path(line.via, line.onto, sumo), lane.getWidth(line.lane)
+        crossings: dict[str, Crossing] = {}
+        inner = {name for via in line.via for name in lane.getInternalFoes(via)} - set(line.via)
+        for before in sorted({network.entered_from[name] for name in inner if name in network.entered_from}):
+            for link in lane.getLinks(before):
+                via = _chain(link[LINK_VIA], sumo)
+                if inner.isdisjoint(via) or (before == line.lane and via == line.via):
+                    continue
+                merges = link[LINK_ONTO] == line.onto
+                met = _met(own, _path(via, link[LINK_ONTO], sumo), APART * width, SAMPLED * width)
+                if met is None:
+                    continue
+                waits = lane.getLength(via[0]) if len(via) > 1 else math.inf
+                fastest = min(map(lane.getMaxSpeed, via))
+                crossings[via[0]] = Crossing(before, via, *met, merges, before in foes, waits, fastest)
+        entering = sorted({crossing.before for crossing in crossings.values() if crossing.first})
+        fastest = max(map(lane.getMaxSpeed, entering), default=0.0)
+        watched = fastest * (SLOWEST.time_for(line.across + CAR_LENGTH) + FIRST_MARGIN)
+        upstream = dict(one for name in reversed(entering) for one in network.upstream(name, watched))
+        walks = tuple(_walks(own, inner, width, sumo))
+        waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
+        reach = GAP_HORIZON * max(fastest, lane.getMaxSpeed(line.lane) if walks else 0.0)
+        return cls(tuple(upstream.items()), crossings, walks, waits, reach, _curvature(own, width))
 
 
-def _crossing(line: Line, network: Network, sumo: Client) -> dict[str, tuple[str, str]]:
-    """Lanes that cross the path beyond a line: by each, the lane before the junction and its first lane inside."""
-    found = {}
-    for name in {name for via in line.via for name in sumo.lane.getInternalFoes(via)} - set(line.via):
-        before = network.entered_from.get(name)
-        for link in sumo.lane.getLinks(before) if before else ():
-            if name in _chain(link[LINK_VIA], sumo):
-                found[name] = before, link[LINK_VIA]
-    return dict(sorted(found.items()))
+def _walks(own: np.ndarray, inner: set[str], width: float, sumo: Client):
+    for name in sorted(inner):
+        edge = name.rpartition("_")[0]
+        if "_c" not in edge or "pedestrian" not in sumo.lane.getAllowed(name):
+            continue
+        met = _met(own, np.array(sumo.lane.getShape(name)), APART * width, SAMPLED * width)
+        if met is not None:
+            stations, points = _sampled(own, SAMPLED * width)
+            there = points[(stations >= met[0][0]) & (stations <= met[0][1])]
+            yield Walk(edge, met[0], there, APART * width)
 
 
-def _chain(via: str, sumo: Client) -> list[str]:
+def _path(via: Sequence[str], onto: str, sumo: Client) -> np.ndarray:
+    """The line of lanes inside a junction and the begin of the lane beyond, (k, 2) [m]."""
+    parts = [np.array(sumo.lane.getShape(name)) for name in via]
+    beyond = np.array(sumo.lane.getShape(onto))
+    stations = _stations(beyond)
+    tail = min(TAIL * sumo.lane.getWidth(onto), stations[-1])
+    end = [np.interp(tail, stations, beyond[:, k]) for k in (0, 1)]
+    line = np.concatenate([*parts, beyond[stations < tail], [end]])
+    return line[np.concatenate([[True], np.hypot(*np.diff(line, axis=0).T) > 1e-6])]
+
+
+def _stations(line: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+
+
+def _sampled(line: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Stations (k,) [m] and points (k, 2) of a line."""
+    stations = _stations(line)
+    there = np.linspace(0.0, stations[-1], max(math.ceil(stations[-1] / step), 1) + 1)
+    return there, np.column_stack([np.interp(there, stations, line[:, k]) for k in (0, 1)])
+
+
+def _met(
+    one: np.ndarray, other: np.ndarray, apart: float, step: float
+) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Where two lines are nearer to each other than `apart` [m]: first and last station of each; None: nowhere."""
+    (s, p), (t, q) = _sampled(one, step), _sampled(other, step)
+    near = np.hypot(p[:, None, 0] - q[None, :, 0], p[:, None, 1] - q[None, :, 1]) < apart
+    if not near.any():
+        return None
+    mine, its = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
+    return (float(s[mine[0]]), float(s[mine[-1]])), (float(t[its[0]]), float(t[its[-1]]))
+
+
+def _curvature(line: np.ndarray, width: float) -> float:
+    """Greatest curvature of a line over one lane width each way [1/m]."""
+    _, points = _sampled(line, SAMPLED * width)
+    half = round(1 / SAMPLED)
+    if len(points) < 2 * half + 1:
+        return 0.0
+    one, two = points[half:-half] - points[: -2 * half], points[2 * half :] - points[half:-half]
+    turn = np.arctan2(two[:, 1], two[:, 0]) - np.arctan2(one[:, 1], one[:, 0])
+    bend = np.abs((turn + np.pi) % (2 * np.pi) - np.pi) / (np.hypot(*one.T) / 2 + np.hypot(*two.T) / 2)
+    return float(bend.max())
+
+
+def _chain(via: str, sumo: Client) -> tuple[str, ...]:
     """Consecutive lanes inside a junction, from this one on."""
     lanes = []
     while via:
         lanes.append(via)
         via = next(iter(sumo.lane.getLinks(via)), ("",) * LINK_FIELDS)[LINK_VIA]
-    return lanes
+    return tuple(lanes)

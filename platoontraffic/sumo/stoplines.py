@@ -8,14 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from platoontraffic.controllers import CLOSED_BY, Signals
-from platoontraffic.road.gap_acceptance import ACCELERATION, MARGIN, STANDING, TURNING_SPEED, Foe, may_cross, time_for
+from platoontraffic.controllers import CLOSED_BY, Law, Signals
+from platoontraffic.road.gap_acceptance import STANDING, Foe, Pace, margin_after, may_cross
 from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.conflicts import (
+    ALL_STOP,
+    EQUAL,
     GAP_HORIZON,
-    LINK_LENGTH,
     LINK_OPEN,
     LINK_STATE,
     LINK_VIA,
@@ -24,23 +25,30 @@ from platoontraffic.sumo.conflicts import (
     RED,
     STOP,
     YELLOW,
+    ZIPPER,
     Conflicts,
+    Crossing,
 )
 from platoontraffic.vehicles.motion import scale
 from platoontraffic.world import ground
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import Entry
 
-LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = range(1, len(CLOSED_BY))
+LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE = range(1, len(CLOSED_BY))
 
 CHANGE_HEADWAY = 0.5  # time gap that a lane change leaves on the adjacent lane [s]
+CHANGING_PACE = 1.5, 6.0  # acceleration of a slow vehicle that changes lanes [m/s2], up to [m/s]
 COMMITTED = 0.25  # share of a lane change after which it is not interrupted
 EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
 OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle may still stop there [m]
 HELD_UP_AFTER = 3.0  # a vehicle that stands at an open line for longer is held up by something else [s]
+NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
+AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
 QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
 QUEUE_GAP, OWN_GAP = 2.5, 4.0  # between cars that stand in a queue; that a member of a car's length leaves [m]
 REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
+STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
+WALKING = 0.3  # speed below which a person on a crossing stands [m/s]
 
 
 class Ego(NamedTuple):
@@ -50,11 +58,36 @@ class Ego(NamedTuple):
     lane: str  # "" off the road
     speed: float  # [m/s]
     length: float  # [m]
+    acceleration: float = 1.5  # of its law in comfort [m/s2]
+    lateral: float = 2.0  # greatest lateral acceleration of its law [m/s2]
+
+    @classmethod
+    def of(cls, member: Member, lane: str, speed: float) -> Ego:
+        """raises: nothing; a law that does not name its gains counts as a timid one"""
+        law = member.law
+        gains = [_gain(one, "acceleration", cls._field_defaults["acceleration"]) for one in _drivers(law)]
+        lateral = [_gain(one, "lateral_acceleration", cls._field_defaults["lateral"]) for one in _drivers(law)]
+        return cls(member.id, lane, speed, float(member.model.length), min(gains), min(lateral))
 
     @property
     def checks_from(self) -> float:
         """Distance before a line at which it must know whether the line is open [m]."""
         return self.speed**2 / (2 * EARLY_BRAKING) + self.length
+
+    def pace(self, conflicts: Conflicts, limit: float) -> Pace:
+        """How it drives through a junction with a speed limit [m/s]."""
+        bend = math.sqrt(self.lateral / max(conflicts.curvature, 1e-6))
+        return Pace(self.speed, self.acceleration, min(bend, limit), STARTING)
+
+
+def _drivers(law: Law) -> list[object]:
+    """A law, and the one that drives in its place where it has no predecessor."""
+    return [law, *([law.alone] if hasattr(law, "alone") else [])]
+
+
+def _gain(law: object, name: str, default: float) -> float:
+    value = getattr(law, name, default)
+    return float(value) if isinstance(value, (int, float)) and value > 0 else default
 
 
 class LineState(NamedTuple):
@@ -68,12 +101,12 @@ class LineState(NamedTuple):
 
 
 class Approach(NamedTuple):
-    """A vehicle that crosses the path with priority; distances from its front bumper [m]."""
+    """A vehicle whose path crosses the own one; distances from its front bumper [m]."""
 
     id: str
-    to_conflict: float
-    to_exit: float  # of the conflict
-    hurries: bool  # it may come sooner than by its speed
+    crossing: Crossing
+    to_line: float  # negative inside the junction
+    pace: Pace
 
 
 NO_LINE = LineState(np.inf, True, False, False, 0)
@@ -92,6 +125,8 @@ class StopLines:
         # Vehicles that stand at an open line ("") or on a lane inside a junction: since when, and when last seen [s].
         self._standing: dict[tuple[str, str], tuple[float, float]] = {}
         self._adjacent: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
+        self._stood: dict[str, tuple[str, float]] = {}  # the line's lane at which each has stood, and since when [s]
+        self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
 
     def signals(self, fleet: Fleet, roads: Mapping[str, tuple[str, str]]) -> Signals | None:
         """The next stop line of each member with a law that needs it; None if no law does.
@@ -110,8 +145,8 @@ class StopLines:
         n = len(fleet)
         signals = Signals(np.full(n, np.inf), np.ones(n, bool), *np.zeros((2, n), bool), np.zeros(n, int))
         for i, station in asking:
-            member, speed, length = fleet.members[i], float(fleet.motion.speed[i]), float(fleet.model.length[i])
-            state = self._state(member, station, Ego(member.id, roads[member.id][1], speed, length))
+            member = fleet.members[i]
+            state = self._state(member, station, Ego.of(member, roads[member.id][1], float(fleet.motion.speed[i])))
             for values, value in zip(signals, state, strict=True):
                 values[i] = value
         return signals
@@ -129,9 +164,9 @@ class StopLines:
                 continue
             lines = fleet.members[i].route.lines if fleet.members[i].route else ()
             line = next((line for line in lines if line.lane == lane and line.via[:1] == (via,)), None)
-            ego = Ego(name, via, fleet.motion.speed[i], fleet.model.length[i])
+            ego = Ego.of(fleet.members[i], via, float(fleet.motion.speed[i]))
             signal = _signal(state)
-            has_gap = signal != ground.GIVES_WAY or line is None or self._may_enter(line, ego)
+            has_gap = signal != ground.GIVES_WAY or line is None or self._may_enter(line, state, ego)
             found.append(Entry(i, lane, signal, has_gap))
         return found
 
@@ -161,16 +196,16 @@ class StopLines:
         """
         if len(line.via) > 1 and ego.lane == line.via[0]:
             inside = self._sumo.lane.getLength(ego.lane)
-            left = inside - self._sumo.vehicle.getLanePosition(ego.id)
-            is_open = self._may_cross(line, left, ego, across=line.across - inside)
-            return LineState(left, is_open, False, False, RIGHT_OF_WAY)
+            driven = self._sumo.vehicle.getLanePosition(ego.id)
+            is_open = self._may_cross(line, -driven, ego, midway=True)
+            return LineState(inside - driven, is_open, False, False, RIGHT_OF_WAY)
         if line.state == CHANGING:
             left = COMMITTED * line.across - over
             if left > 0 and ego.lane != line.onto and not self._may_change(line, -over, ego):
                 return LineState(left, False, False, False, LANE_CHANGE)
-        elif ego.lane in line.via and self._link_state(line) not in PRIORITY:
+        elif ego.lane in line.via and (state := self._link_state(line)) not in PRIORITY:
             left = OVERRUN * scale(ego.length) - over
-            if ego.speed**2 / (2 * EARLY_BRAKING) < left and not self._may_cross(line, -over, ego):
+            if ego.speed**2 / (2 * EARLY_BRAKING) < left and not self._has_way(line, state, -over, ego):
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
         return None
 
@@ -180,16 +215,24 @@ class StopLines:
         if line.state == CHANGING:
             is_open = not near or ego.lane == line.onto or self._may_change(line, distance, ego)
             return LineState(distance, is_open, False, False, LANE_CHANGE)
-        state = self._link_state(line)
-        minor, yellow = state in MINOR, state in YELLOW
+        state, conflicts = self._link_state(line), self._conflicts_at(line)
+        minor = state in STOP or (state in MINOR and bool(conflicts.entering))
+        yellow = state in YELLOW
         if state in RED + YELLOW:
             return LineState(distance, False, minor, yellow, LIGHT)
-        is_open = state in PRIORITY or self._has_gap(line, state, distance, ego)
-        if is_open and near and line.light and not self._is_cleared(line):
+        if distance >= conflicts.reach and not (state in STOP and near):
+            return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
+        if state in STOP and not self._has_stood(line, distance, ego):
+            return LineState(distance, False, minor, yellow, STOP_SIGN)
+        if state not in PRIORITY and not self._has_way(line, state, distance, ego):
+            return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
+        if not self._is_free_of_people(line, distance, ego):
+            return LineState(distance, False, minor, yellow, PEOPLE)
+        if near and line.light and not self._is_cleared(line):
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
-        if is_open and near and not self._has_room(line, ego.length):
+        if near and not self._has_room(line, ego.length):
             return LineState(distance, False, False, False, NO_ROOM)
-        return LineState(distance, is_open, minor, yellow, RIGHT_OF_WAY)
+        return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
 
     def _link_state(self, line: Line) -> str:
         """State of the link beyond a line now, as SUMO writes it."""
@@ -205,8 +248,9 @@ class StopLines:
         Judged for the time when half of the member is over there: until then SUMO's drivers do not see it.
         """
         half = distance + line.across / 2
-        time, top = time_for(half, ego.speed), max(ego.speed, TURNING_SPEED)
-        later = min(math.sqrt(ego.speed**2 + 2 * ACCELERATION * half), top)
+        pace = Pace(ego.speed, *CHANGING_PACE)
+        time = pace.time_for(half)
+        later = pace.speed_after(time)
         for name, foe_to_end in self._on_adjacent(line):
             if name == ego.id:
                 continue
@@ -234,20 +278,35 @@ class StopLines:
 
     # ---- junctions
 
+    def _conflicts_at(self, line: Line) -> Conflicts:
+        if line not in self._conflicts:
+            self._conflicts[line] = Conflicts.at(line, self._network, self._sumo)
+        return self._conflicts[line]
+
     def _is_cleared(self, line: Line) -> bool:
         """Whether crossing vehicles that entered the junction before their light became red have left it."""
         lane = self._sumo.lane
-        for name, (before, via) in self._conflicts_at(line).crossing.items():
-            there = [foe for foe in lane.getLastStepVehicleIDs(name) if not self._held_up(foe, name)]
-            if there and any(link[LINK_VIA] == via and link[LINK_STATE] in RED for link in lane.getLinks(before)):
+        for crossing in self._conflicts_at(line).crossings.values():
+            there = [one for one in self._on(crossing) if not self._is_past(one) and not self._held_up(one.id, "in")]
+            via = crossing.via[0]
+            if there and any(
+                link[LINK_VIA] == via and link[LINK_STATE] in RED for link in lane.getLinks(crossing.before)
+            ):
                 return False
         return True
 
     def _has_room(self, line: Line, length: float) -> bool:
-        """Whether a vehicle can leave a junction with cross traffic before it stands behind the queue beyond it."""
-        vehicle, lane = self._sumo.vehicle, self._sumo.lane
+        """Whether a vehicle can leave a junction with cross traffic before it stands behind the queue beyond it.
+
+        Where it may wait midway, there must be room for it: no other vehicle stands there.
+        """
+        vehicle, lane, size = self._sumo.vehicle, self._sumo.lane, scale(length)
+        if len(line.via) > 1:
+            for name in lane.getLastStepVehicleIDs(line.via[0]):
+                behind = vehicle.getLanePosition(name) - vehicle.getLength(name)
+                if vehicle.getSpeed(name) < STANDING and behind < length:
+                    return False
         onto = lane.getLastStepVehicleIDs(line.onto)  # the last one first
-        size = scale(length)
         last = next((k for k, name in enumerate(onto) if vehicle.getSpeed(name) < QUEUE_SPEED * size), None)
         if last is None or not any(map(lane.getInternalFoes, line.via)):
             return True
@@ -256,88 +315,224 @@ class StopLines:
         taken = sum(vehicle.getLength(name) + QUEUE_GAP * size for name in before)
         return left > taken + length + OWN_GAP * size
 
-    def _conflicts_at(self, line: Line) -> Conflicts:
-        if line not in self._conflicts:
-            self._conflicts[line] = Conflicts.at(line, self._network, self._sumo)
-        return self._conflicts[line]
+    def _is_free_of_people(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether nobody on a pedestrian crossing is, or will be, where the vehicle drives."""
+        conflicts = self._conflicts_at(line)
+        for walk in conflicts.walks:
+            if distance + walk.own[1] + ego.length < 0:
+                continue
+            until = self._pace(line, ego).time_for(distance + walk.own[1])
+            for name in self._sumo.edge.getLastStepPersonIDs(walk.edge):
+                person = self._sumo.person
+                here, speed = np.array(person.getPosition(name)[:2]), person.getSpeed(name)
+                course = math.radians(90 - person.getAngle(name))
+                ahead = here + speed * until * np.array([math.cos(course), math.sin(course)])
+                if _distance(walk.points, here, ahead if speed > WALKING else here) < walk.apart:
+                    return False
+        return True
 
-    def _has_gap(self, line: Line, state: str, distance: float, ego: Ego) -> bool:
-        """Whether a vehicle may pass a line at which it has to give way; far from the line it counts as allowed."""
-        if distance >= self._conflicts_at(line).reach:
-            return True
-        is_open = self._may_cross(line, distance, ego)
-        if state in STOP:
-            links = self._sumo.vehicle.getNextLinks(ego.id)
-            is_open &= bool(links) and links[0][LINK_OPEN]
-        return is_open
+    def _pace(self, line: Line, ego: Ego) -> Pace:
+        limit = max(map(self._sumo.lane.getMaxSpeed, line.via), default=ego.speed)
+        return ego.pace(self._conflicts_at(line), limit)
 
-    def _may_cross(self, line: Line, distance: float, ego: Ego, across: float | None = None) -> bool:
+    # ---- right of way
+
+    def _has_way(self, line: Line, state: str, distance: float, ego: Ego) -> bool:
+        """Whether a vehicle may pass a line at which it has to give way."""
+        if state in ALL_STOP:
+            return self._is_its_turn(line, distance, ego)
+        return self._may_cross(line, distance, ego, state=state)
+
+    def _may_cross(self, line: Line, distance: float, ego: Ego, *, midway: bool = False, state: str = "m") -> bool:
         """Whether there is a gap among all priority vehicles.
 
         distance: to the junction [m]
-        across  : path from there that is in conflict [m]; default: all of the line's
+        midway  : judged for what is met after the place where it may wait midway; else for what is met before it
         """
-        across = line.across if across is None else across
-        foes = [*self._coming(line, may_hurry=True), *self._inside(line)]
-        return self._has_gap_among(foes, distance, distance + across, ego, MARGIN)
+        foes = [*self._coming(line, ego, state), *self._inside(line, first=True)]
+        if state in ZIPPER:  # the nearer one goes first
+            foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
+        margin = margin_after(self._waited(ego))
+        return self._has_gap_among(self._met(line, foes, distance, midway), line, distance, ego, margin)
 
-    def _may_enter(self, line: Line, ego: Ego) -> bool:
+    def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
+        """The foes that are met after, or before, the place where the vehicle may wait midway."""
+        waits = self._conflicts_at(line).waits
+        if midway:  # where it is already in another one's way, it cannot wait
+            return [foe for foe in foes if foe.crossing.own[0] + distance > 0]
+        return [foe for foe in foes if foe.crossing.own[0] < waits]
+
+    def _may_enter(self, line: Line, state: str, ego: Ego) -> bool:
         """Whether there was a gap for a vehicle that has just entered: among vehicles outside, without margin."""
-        return self._has_gap_among([*self._coming(line, may_hurry=False)], 0.0, line.across, ego, 0.0)
+        if state in ZIPPER:
+            return True
+        if state in ALL_STOP:
+            return not any(self._departs(foe, ego) for foe in self._at_lines(line))
+        foes = [foe._replace(pace=Pace(foe.pace.speed)) for foe in self._coming(line, ego, state)]
+        return self._has_gap_among(self._met(line, foes, 0.0, midway=False), line, 0.0, ego, 0.0)
 
-    def _has_gap_among(
-        self, foes: Sequence[Approach], to_conflict: float, to_exit: float, ego: Ego, margin: float
-    ) -> bool:
-        length, speed = self._sumo.vehicle.getLength, self._sumo.vehicle.getSpeed
-        return all(
-            may_cross(
-                Foe(to_conflict, to_exit, foe.to_conflict, foe.to_exit, speed(foe.id), length(foe.id), foe.hurries),
-                ego.speed,
-                ego.length,
-                margin,
+    def _has_gap_among(self, foes: Sequence[Approach], line: Line, distance: float, ego: Ego, margin: float) -> bool:
+        """distance: from the front bumper to the line [m]"""
+        pace = self._pace(line, ego)
+        enters = distance
+        if distance < 0 and ego.lane in line.via[:-1]:  # it waits midway
+            enters += self._conflicts_at(line).waits
+        for one in foes:
+            crossing = one.crossing
+            foe = Foe(
+                enters if enters > 0 else distance + crossing.own[0],
+                distance + crossing.own[0],
+                distance + crossing.own[1],
+                one.to_line + crossing.its[0],
+                one.to_line + crossing.its[1],
+                one.pace,
+                self._sumo.vehicle.getLength(one.id),
+                crossing.fastest,
+                crossing.merges,
             )
-            for foe in foes
-        )
+            if not may_cross(foe, pace, ego.length, margin):
+                return False
+        return True
 
-    def _coming(self, line: Line, *, may_hurry: bool) -> Iterator[Approach]:
+    def _coming(self, line: Line, ego: Ego, state: str) -> Iterator[Approach]:
         """Vehicles outside the junction that will cross the path with priority and are not stopped by a light."""
         conflicts = self._conflicts_at(line)
         vehicle, lane = self._sumo.vehicle, self._sumo.lane
         for name, beyond in conflicts.entering:
             for foe in lane.getLastStepVehicleIDs(name):
+                links = vehicle.getNextLinks(foe)[:3]
+                crossing = next(
+                    (conflicts.crossings[via] for _, _, _, _, via, *_ in links if via in conflicts.crossings), None
+                )
+                if crossing is None or not crossing.first or links[0][LINK_STATE] in RED:
+                    continue
                 to_line = beyond + lane.getLength(name) - vehicle.getLanePosition(foe)
-                links = [link for link in vehicle.getNextLinks(foe)[:3] if link[LINK_VIA] in conflicts.inside]
-                if links and links[0][LINK_STATE] not in RED:
-                    hurries = may_hurry and self._hurries(foe, to_line, links[0][LINK_OPEN])
-                    yield Approach(foe, to_line, to_line + max(links[0][LINK_LENGTH], line.across), hurries)
+                patience = HELD_UP_AFTER
+                if state in EQUAL and self._order(foe, crossing.before) > self._order(ego.id, line.lane):
+                    patience = 0.0  # both stand, and it came later
+                hurries = self._hurries(foe, to_line, links[0][LINK_OPEN], patience)
+                speed = vehicle.getSpeed(foe)
+                pace = Pace(speed, vehicle.getAccel(foe), lane.getMaxSpeed(name)) if hurries else Pace(speed)
+                yield Approach(foe, crossing, to_line, pace)
 
-    def _inside(self, line: Line) -> Iterator[Approach]:
-        """Vehicles inside the junction that will cross the path with priority."""
-        lane = self._sumo.lane
-        for name, waits in self._conflicts_at(line).inside.items():
-            for foe in lane.getLastStepVehicleIDs(name):
-                left = lane.getLength(name) - self._sumo.vehicle.getLanePosition(foe)
-                yield Approach(foe, left if waits or self._held_up(foe, name) else 0.0, left, False)
+    def _inside(self, line: Line, *, first: bool) -> Iterator[Approach]:
+        """Vehicles inside the junction whose paths cross the own one.
 
-    def _hurries(self, foe: str, to_line: float, is_open: bool) -> bool:
+        first: only those with priority
+        """
+        for crossing in self._conflicts_at(line).crossings.values():
+            if crossing.first or not first:
+                for one in self._on(crossing):
+                    if not self._is_past(one) and not self._held_up(one.id, "in"):
+                        yield one
+
+    def _on(self, crossing: Crossing) -> Iterator[Approach]:
+        """Vehicles inside the junction on a path; one that has left it with its nose only is on the next lane."""
+        vehicle, lane, driven = self._sumo.vehicle, self._sumo.lane, 0.0
+        for via in crossing.via:
+            for name in lane.getLastStepVehicleIDs(via):
+                yield Approach(name, crossing, -driven - vehicle.getLanePosition(name), Pace(vehicle.getSpeed(name)))
+            driven += lane.getLength(via)
+
+    def _is_past(self, one: Approach) -> bool:
+        """Whether its rear has left the conflict area."""
+        return one.to_line + one.crossing.its[1] + self._sumo.vehicle.getLength(one.id) < 0
+
+    def _hurries(self, foe: str, to_line: float, is_open: bool, patience: float = HELD_UP_AFTER) -> bool:
         """Whether a foe may come sooner than by its speed: one that drives, or that stands at a line just opened."""
         if self._sumo.vehicle.getSpeed(foe) >= STANDING:
             self._standing.pop((foe, ""), None)
             return is_open
         if not is_open or to_line > self._sumo.vehicle.getLength(foe):
             return False
-        return not self._held_up(foe, "")
+        return not self._held_up(foe, "", patience)
 
-    def _held_up(self, foe: str, inside: str) -> bool:
-        """Whether a foe stands too long where it might drive: at an open line ("") or on a lane inside a junction."""
+    def _held_up(self, foe: str, where: str, patience: float = HELD_UP_AFTER) -> bool:
+        """Whether a foe stands too long where it might drive: at an open line ("") or inside a junction ("in")."""
         if self._sumo.vehicle.getSpeed(foe) >= STANDING:
-            self._standing.pop((foe, inside), None)
+            self._standing.pop((foe, where), None)
             return False
         time = self._sumo.simulation.getTime()
-        since, last = self._standing.get((foe, inside), (time, time))
+        since, last = self._standing.get((foe, where), (time, time))
         since = since if time - last < HELD_UP_AFTER else time
-        self._standing[foe, inside] = since, time
-        return time - since > HELD_UP_AFTER
+        self._standing[foe, where] = since, time
+        return time - since > patience
+
+    # ---- stop signs
+
+    def _has_stood(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether a vehicle has stood at this line; that is remembered until it has passed the line."""
+        return distance < 0 or self._stood_since(ego.id, line.lane, distance, ego.length) is not None
+
+    def _stood_since(self, name: str, lane: str, to_line: float, length: float) -> float | None:
+        """Time since which a vehicle has been standing at its line, or has stood there [s]; None: it has not."""
+        before, since = self._stood.get(name, ("", 0.0))
+        if before == lane:
+            return since
+        if self._sumo.vehicle.getSpeed(name) >= STANDING or to_line > AT_LINE * scale(length):
+            return None
+        since = self._sumo.simulation.getTime() - self._sumo.vehicle.getWaitingTime(name)
+        self._stood[name] = lane, since
+        return since
+
+    def _waited(self, ego: Ego) -> float:
+        """Time since a vehicle first stood at its line [s]; 0 if it has not."""
+        lane, since = self._stood.get(ego.id, ("", 0.0))
+        return self._sumo.simulation.getTime() - since if lane == ego.lane else 0.0
+
+    def _order(self, name: str, lane: str) -> tuple[float, str]:
+        """Order in which vehicles that have stood at their lines go; of equal ones, by lane."""
+        before, since = self._stood.get(name, ("", math.inf))
+        return (since if before == lane else math.inf), lane
+
+    def _at_lines(self, line: Line) -> Iterator[Approach]:
+        """The first vehicle on each crossing lane, if it stands at its line or has stood there."""
+        vehicle, lane, conflicts = self._sumo.vehicle, self._sumo.lane, self._conflicts_at(line)
+        for before in sorted({crossing.before for crossing in conflicts.crossings.values()} - {line.lane}):
+            names = lane.getLastStepVehicleIDs(before)
+            if not names:
+                continue
+            foe = names[-1]
+            to_line = lane.getLength(before) - vehicle.getLanePosition(foe)
+            links = vehicle.getNextLinks(foe)[:1]
+            crossing = conflicts.crossings.get(links[0][LINK_VIA]) if links else None
+            if crossing and self._stood_since(foe, before, to_line, vehicle.getLength(foe)) is not None:
+                yield Approach(
+                    foe, crossing, to_line, Pace(vehicle.getSpeed(foe), vehicle.getAccel(foe), crossing.fastest)
+                )
+
+    def _departs(self, foe: Approach, ego: Ego) -> bool:
+        """Whether a vehicle that has stood at its line sets out, before this one."""
+        earlier = self._order(foe.id, foe.crossing.before) < self._stood.get(ego.id, ("", math.inf))[::-1]
+        return earlier and foe.pace.speed >= STANDING
+
+    def _is_its_turn(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether a vehicle that has stood at an all-way stop may go: those that have stood longer are gone.
+
+        The order of arrival is the same for all, so two vehicles never wait for each other. If one that should go does
+        not, the next one goes after HELD_UP_AFTER, the one after that NEXT_IN_TURN later.
+        """
+        own, time, key = self._order(ego.id, line.lane), self._sumo.simulation.getTime(), (ego.id, line.lane)
+        inside = [*self._inside(line, first=False)]
+        earlier, departs = [], False
+        for foe in self._at_lines(line):
+            if foe.pace.speed >= STANDING:  # it has begun to drive
+                departs |= self._order(foe.id, foe.crossing.before) < own or distance >= 0
+            elif self._order(foe.id, foe.crossing.before) < own:
+                earlier.append(foe)
+        still = self._still.setdefault(key, time)
+        if departs or any(foe.pace.speed >= STANDING for foe in inside):
+            still = self._still[key] = time
+        if departs or not self._has_gap_among(inside, line, distance, ego, 0.0):
+            return False
+        return time - still > HELD_UP_AFTER + NEXT_IN_TURN * (len(earlier) - 1) if earlier else True
+
+
+def _distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
+    """Least distance of points (k, 2) from the line from one place to another [m]."""
+    along = end - start
+    share = np.clip((points - start) @ along / max(float(along @ along), 1e-9), 0.0, 1.0)
+    return float(np.hypot(*(points - start - share[:, None] * along).T).min())
 
 
 def _signal(state: str) -> str:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from platoontraffic.controllers.creeping import AFTER as CREEPS_AFTER
 from platoontraffic.vehicles.motion import CAR_LENGTH, FULL_SIZE
 
 WALL = "wall"  # `Event.other` where that is no vehicle
@@ -99,8 +100,8 @@ EVENT_KINDS = {
             f"is split off from its platoon: for {SPLIT_AFTER:g} s its law has not taken the predecessor (other_id) as "
             f"target, or its gap has been more than {SPLIT_GAP_FACTOR:g} times the gap that the law wants and also "
             f"more than {SPLIT_GAP_MARGIN:g} m ({_SCALED}) longer than that. Causes: a closed stop line held it, "
-            "vehicles came between, it fell behind, or a cause of lock_lost",
-            ("held", "between", "fell_behind", "taken", "not_recognised", "out_of_sight", "broken"),
+            "another body in its way blocked it, vehicles came between, it fell behind, or a cause of lock_lost",
+            ("held", "blocked", "between", "fell_behind", "taken", "not_recognised", "out_of_sight", "broken"),
         ),
         Kind("rejoined", "is in its platoon again, duration_s after it was split off"),
         Kind(
@@ -113,9 +114,10 @@ EVENT_KINDS = {
         Kind(
             "held",
             f"is slower than {HELD_SPEED:g} m/s and less than {HELD_DISTANCE:g} m (both {_SCALED}) before a stop line "
-            "that is closed to it: by a light, by right of way, by vehicles beside it before a lane change, or for "
-            "want of room behind the junction. Noted only for laws that are given stop lines",
-            ("light", "right_of_way", "lane_change", "no_room"),
+            "that is closed to it: by a light, by right of way, by vehicles beside it before a lane change, for want "
+            "of room behind the junction, by a stop sign, or by people on the crossing. Noted only for laws that are "
+            "given stop lines",
+            ("light", "right_of_way", "lane_change", "no_room", "stop_sign", "people"),
         ),
         Kind("released", "the stop line that held it is open again, or behind it, after duration_s"),
         Kind("red_light", "enters a junction from a lane (detail) with a red light; not noted if SUMO drives it"),
@@ -134,10 +136,15 @@ EVENT_KINDS = {
         Kind(
             "standstill",
             f"has stood still for more than {STANDSTILL_AFTER:g} s: held at a stop line, behind another vehicle, "
-            "without its predecessor, or broken down",
-            ("held", "behind", "lost", "broken"),
+            "blocked by a body across its path, without its predecessor, or broken down",
+            ("held", "behind", "blocked", "lost", "broken"),
         ),
         Kind("standstill_end", "moves again, after duration_s"),
+        Kind(
+            "creeps",
+            f"begins to creep past other_id: both have stood for {CREEPS_AFTER:g} s. It drives at walking pace, and "
+            "keeps free what its body sweeps and some centimetres, until it is past",
+        ),
         Kind(
             "collision",
             "touches a vehicle or a wall (other_id); once per episode. It was struck from behind, struck the other "

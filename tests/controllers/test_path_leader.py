@@ -194,9 +194,9 @@ def test_the_first_return_on_its_strip_is_the_one_that_shapely_finds():
     ranges[rng.random((n, k)) < 0.1] = np.nan
     angle = np.linspace(-1.5, 1.5, k)
     beams = np.stack([np.cos(angle), np.sin(angle)])
-    free = np.full(n, np.inf)
+    free, first = np.full(n, np.inf), np.full(n, -1)
     strip = points, distance, np.full(n, half_width)
-    path_kernel.first_on_strip(ranges, beams, np.full(n, 0.5), 0.1, strip, np.full(n, front), free)
+    path_kernel.first_on_strip(ranges, beams, np.full(n, 0.5), 0.1, strip, np.full(n, front), free, first)
 
     routes = shapely.linestrings(points)[:, None]
     to_there = np.where(np.isfinite(ranges), ranges, -9.0)  # returns from behind do not count
@@ -206,6 +206,8 @@ def test_the_first_return_on_its_strip_is_the_one_that_shapely_finds():
     distance[(shapely.distance(routes, met) >= half_width) | (distance <= 0) | (x <= 0)] = np.inf
     assert free == pytest.approx(distance.min(axis=1), abs=1e-9)
     assert np.isfinite(free).sum() > 10
+    nearest = np.where(np.isfinite(free), distance.argmin(axis=1), -1)
+    assert first.tolist() == nearest.tolist()
 
 
 @pytest.mark.parametrize("speed", [5.0, 13.9])

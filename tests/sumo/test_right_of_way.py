@@ -1,4 +1,4 @@
-"""Gap acceptance by cases and monotonicity; and members that wait for gaps in SUMO."""
+"""Members that wait at stop lines in SUMO."""
 
 from __future__ import annotations
 
@@ -11,14 +11,11 @@ import libsumo
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
-from hypothesis import strategies as st
 
 from platoontraffic import shipped
 from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.lidar import PRESETS, Mount
-from platoontraffic.road.gap_acceptance import ACCELERATION, MARGIN, TURNING_SPEED, Foe, may_cross, time_for
 from platoontraffic.road.lane_routes import CHANGING
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
@@ -36,123 +33,6 @@ STEP = 0.1
 CAR = VEHICLES["car"]
 EYE = replace(PRESETS["car-leader"], mount=Mount(CAR.length / 2))
 BLIND = replace(EYE, range_max=0.5)
-
-distances = st.floats(0.1, 200)
-speeds = st.floats(0, 30)
-
-# ---- the time that a distance takes
-
-
-def by_small_steps(distance: float, speed: float, h: float = 1e-3) -> float:
-    top, driven, time = max(speed, TURNING_SPEED), 0.0, 0.0
-    while driven < distance:
-        after = min(speed + ACCELERATION * h, top)
-        driven, time, speed = driven + (speed + after) / 2 * h, time + h, after
-    return time
-
-
-@pytest.mark.parametrize("speed", [0.0, 3.0, TURNING_SPEED, 14.0])
-@pytest.mark.parametrize("distance", [0.5, 7.0, 12.0, 60.0])
-def test_time_for_a_distance_is_that_of_small_steps(distance, speed):
-    assert time_for(distance, speed) == pytest.approx(by_small_steps(distance, speed), abs=2e-3)
-
-
-def test_time_is_the_closed_form_from_rest_and_at_full_speed():
-    assert time_for(3.0, 0.0) == pytest.approx(np.sqrt(2 * 3.0 / ACCELERATION))
-    assert time_for(50.0, 10.0) == pytest.approx(5.0)
-    to_top = TURNING_SPEED / ACCELERATION
-    assert time_for(TURNING_SPEED * to_top / 2 + 6.0, 0.0) == pytest.approx(to_top + 6.0 / TURNING_SPEED)
-    assert time_for(0.0, 5.0) == time_for(-3.0, 5.0) == 0.0
-
-
-@given(distances, distances, speeds, speeds)
-def test_a_longer_distance_never_takes_less_time_and_a_higher_speed_never_more(one, other, slow, fast):
-    near, far = sorted((one, other))
-    slow, fast = sorted((slow, fast))
-    assert time_for(near, slow) <= time_for(far, slow) + 1e-9
-    assert time_for(near, fast) <= time_for(near, slow) + 1e-9
-
-
-# ---- whether there is a gap
-
-
-def coming(seconds: float, speed: float = 10.0, **changes: float) -> Foe:
-    """A foe that reaches the conflict in `seconds`; the ego vehicle is 5 m before it, and it is 4 m long."""
-    return Foe(5.0, 9.0, seconds * speed, seconds * speed + 4.0, speed, 5.0)._replace(**changes)
-
-
-def test_a_vehicle_crosses_before_a_foe_that_comes_later_than_it_is_gone():
-    gone = time_for(9.0 + 4.74, 0.0)
-    assert not may_cross(coming(gone + MARGIN - 0.01), 0.0, 4.74)
-    assert may_cross(coming(gone + MARGIN + 0.01), 0.0, 4.74)
-
-
-def test_a_vehicle_crosses_behind_a_foe_that_is_gone_before_it_comes():
-    foe = Foe(40.0, 44.0, 5.0, 9.0, 10.0, 5.0)
-    assert time_for(40.0, 10.0) == 4.0
-    assert may_cross(foe, 10.0, 4.74)
-    still_there = 10 * (4.0 - MARGIN) + 0.1
-    assert not may_cross(foe._replace(foe_to_exit=still_there - 5.0), 10.0, 4.74)
-
-
-def test_a_foe_that_hurries_is_expected_as_soon_as_it_may_come():
-    """Both stand; the ego vehicle is clear after 9 + 4.74 m, and the foe about as far before the conflict."""
-    still = Foe(5.0, 9.0, 13.74, 17.74, 0.0, 5.0)
-    assert may_cross(still, 0.0, 4.74)
-    assert not may_cross(still._replace(hurries=True), 0.0, 4.74)
-    later = time_for(13.74, 0.0) + MARGIN
-    gap = next(cm / 100 for cm in range(10_000) if time_for(cm / 100, 0.0) > later)
-    assert may_cross(still._replace(foe_to_conflict=gap, hurries=True), 0.0, 4.74)
-    assert not may_cross(still._replace(foe_to_conflict=gap - 0.05, hurries=True), 0.0, 4.74)
-    slow = coming(20.0, speed=0.5)
-    assert may_cross(slow, 0.0, 4.74)
-    assert not may_cross(slow._replace(hurries=True), 0.0, 4.74)
-    assert may_cross(slow._replace(hurries=True, foe_to_conflict=-30.0, foe_to_exit=-5.1), 0.0, 4.74)
-
-
-@pytest.mark.parametrize(
-    ("foe", "free"),
-    [
-        (coming(2.0, foe_to_conflict=-30.0, foe_to_exit=-5.1), True),  # its rear is past
-        (coming(2.0, foe_to_conflict=-30.0, foe_to_exit=-4.9, to_conflict=0.5), False),
-        (coming(2.0, to_conflict=-20.0, to_exit=-4.8), True),  # the ego rear is
-        (coming(2.0, foe_speed=0.0), True),  # it waits
-        (coming(2.0, foe_speed=0.0, foe_to_conflict=0.0), False),  # it stands on the conflict
-    ],
-)
-def test_a_vehicle_that_is_past_or_waits_is_no_foe(foe, free):
-    assert may_cross(foe, 0.0, 4.74) is free
-
-
-foes = st.builds(
-    lambda own, across, off, beyond, speed, length: Foe(own, own + across, off, off + beyond, speed, length),
-    st.floats(0, 60), st.floats(1, 30), st.floats(0, 200), st.floats(0, 30), st.floats(0.2, 30), st.floats(2, 18),
-)  # fmt: skip
-
-
-@given(foes, speeds, st.floats(0, 100))
-def test_a_gap_before_a_foe_stays_one_if_the_foe_comes_later(foe, speed, later):
-    """Only a gap before the foe: one behind it closes when the foe comes later."""
-    before = foe.foe_to_conflict / foe.foe_speed > time_for(foe.to_exit + 5.0, speed) + MARGIN
-    moved = foe._replace(foe_to_conflict=foe.foe_to_conflict + later, foe_to_exit=foe.foe_to_exit + later)
-    assert may_cross(moved, speed, 5.0) or not before
-
-
-@given(foes, speeds, st.floats(0, 20))
-def test_a_longer_foe_or_ego_never_opens_a_gap(foe, speed, more):
-    if not may_cross(foe, speed, 5.0):
-        assert not may_cross(foe._replace(foe_length=foe.foe_length + more), speed, 5.0)
-        assert not may_cross(foe, speed, 5.0 + more)
-
-
-@given(foes, speeds)
-def test_vehicles_that_may_cross_are_never_in_conflict_together(foe, speed):
-    """Both drive on: the foe at its speed, the ego vehicle as `time_for` says."""
-    if may_cross(foe, speed, 5.0):
-        own = time_for(foe.to_conflict, speed), time_for(foe.to_exit + 5.0, speed)
-        its = foe.foe_to_conflict / foe.foe_speed, (foe.foe_to_exit + foe.foe_length) / foe.foe_speed
-        assert own[1] < its[0] or its[1] < own[0]
-
 
 # ---- leaders that wait for a gap in SUMO
 

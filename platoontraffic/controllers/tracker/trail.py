@@ -102,8 +102,10 @@ class Trail(NamedTuple):
 
     def free_distance(
         self, odometry: Odometry, scan: ScanBatch, body: Body, strip: Strip, skipped: np.ndarray
-    ) -> np.ndarray:
-        """From the front bumper along the trail to the first return over the strip [m], (n,); inf: none.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """From the front bumper along the trail to the first return over the strip [m], and its beam, (n,).
+
+        inf and -1 where there is none
 
         skipped : first and last of the beams on the predecessor, (n, 2); -1: none
         """
@@ -113,6 +115,6 @@ class Trail(NamedTuple):
         laser = np.column_stack([mount.x - body.axle, np.full(n, mount.y)])
         cos, sin = np.cos(mount.yaw), np.sin(mount.yaw)
         directions = np.array([[cos, -sin], [sin, cos]]) @ scan.model.directions
-        front, free = body.length / 2 - body.axle, np.empty(n)
-        first_return(self, odometry, strip, front, laser, scan.ranges, directions, skipped, free)
-        return free
+        front, free, first = body.length / 2 - body.axle, np.empty(n), np.empty(n, int)
+        first_return(self, odometry, strip, front, laser, scan.ranges, directions, skipped, free, first)
+        return free, first

@@ -309,7 +309,7 @@ def _curvature(fit):
 
 
 @compiled
-def first_return(trail, odometry, strip, front, laser, ranges, directions, skipped, free):
+def first_return(trail, odometry, strip, front, laser, ranges, directions, skipped, free, first):
     """Fill in the distances from the front bumpers to the first return over the strip [m], (n,); inf: none.
 
     strip      : `trail.Strip`
@@ -317,9 +317,10 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
     laser      : place as seen from the own axle [m], (n, 2)
     directions : of the beams, x and y as seen from the own axle, (2, k)
     skipped    : first and last of the beams left out, (n, 2)
+    first      : filled in with the beam of that return, (n,); -1: none
     """
     for i in range(len(free)):
-        free[i] = math.inf
+        free[i], first[i] = math.inf, -1
         points, size = trail.points[i], trail.size[i]
         x, y, reach, half_width = odometry.x[i], odometry.y[i], strip.reach[i], strip.half_width[i]
         cos, sin = math.cos(odometry.heading[i]), math.sin(odometry.heading[i])
@@ -336,8 +337,8 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
             there_x, there_y = x + ahead * cos - aside * sin, y + ahead * sin + aside * cos
             piece, share, away2, _ = nearest(points, begin, size - 1, there_x, there_y, 0.0, math.inf)
             distance = _station(points, piece, share) - here
-            if away2 < half_width**2 and front[i] < distance < reach:
-                free[i] = min(free[i], distance - front[i])
+            if away2 < half_width**2 and front[i] < distance < min(reach, front[i] + free[i]):
+                free[i], first[i] = distance - front[i], beam
 
 
 @compiled

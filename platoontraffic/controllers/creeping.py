@@ -1,0 +1,94 @@
+"""Creeping past what has not moved for long, in a deadlock: slowly, through a swath as wide as the body itself.
+
+A law keeps a strip free that is wider than its vehicle. Two vehicles whose strips overlap while their bodies would pass
+each other wait for each other for ever. So a vehicle that has stood for `AFTER` before an obstacle that has not moved
+either, and that would pass it, is given the swath that its body really sweeps, `CLEARANCE` wider on each side, at
+walking pace, until it has driven one length beyond the obstacle. It stops before whatever the laser meets in that
+swath, and as soon as the obstacle moves.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.controllers.law import Sensed
+
+AFTER = 10.0  # time that a vehicle and what it stands for must have stood [s]
+SPEED = 0.25  # greatest while it creeps [vehicle lengths a second]: 1.2 m/s
+GAIN = 0.8  # by which it approaches that speed; the drive line lags behind its command by half a second [1/s]
+CLEARANCE = 0.05  # on each side of the body [vehicle widths]: 9 cm; its offset from the path is added
+STOP = 0.1  # distance before a return in the swath at which it stops [vehicle lengths]
+STANDS = 0.02  # speed below which a vehicle stands [vehicle lengths a second]
+MOVES = 0.05  # change of the obstacle's distance from one scan to the next by which it moves [vehicle lengths]
+PLACES = 0.02  # distance of the poses at which the swath is compared with the returns [vehicle lengths]
+REACH = 3.0  # length of the swath [vehicle lengths]
+
+
+class Creeping(NamedTuple):
+    """Arrays (n,)."""
+
+    stood: np.ndarray  # how long the vehicle, and what it stands for, have stood [s]
+    left: np.ndarray  # distance that it still creeps [m]; 0: it does not creep
+
+    @classmethod
+    def none(cls, n: int) -> Creeping:
+        return cls(np.zeros(n), np.zeros(n))
+
+    @property
+    def active(self) -> np.ndarray:
+        return self.left > 0
+
+    def after(self, sensed: Sensed, free: np.ndarray, before: np.ndarray, held: np.ndarray, dt: float) -> Creeping:
+        """The state after dt.
+
+        free, before : distance to the first obstacle on the strip, in this scan and in the last one [m], (n,)
+        held         : the vehicle stands, or would, for something else: a line, a predecessor; bool (n,)
+        """
+        length, driven = sensed.body.length, sensed.speed * dt
+        blocked = np.isfinite(free)
+        with np.errstate(invalid="ignore"):
+            same = blocked & (np.abs(free - (before - driven)) < MOVES * length)
+        stands = (sensed.speed < STANDS * length) & same & ~held
+        stood = np.where(stands, self.stood + dt, 0.0)
+        moved = blocked & np.isfinite(before) & ~same
+        left = np.where(same & self.active, length, self.left - driven)
+        for i in np.flatnonzero((stood > AFTER) & ~self.active):
+            if swept(sensed, int(i)) >= min(free[i] + length[i], (REACH - PLACES) * length[i]):
+                left[i] = length[i]
+        return Creeping(stood, np.where(moved | held, 0.0, np.maximum(left, 0.0)))
+
+
+def acceleration(sensed: Sensed, rows: np.ndarray, braking: float) -> np.ndarray:
+    """Of vehicles that creep along their routes, for some rows (m,) [m/s2], (m,)."""
+    length, speed = sensed.body.length[rows], sensed.speed[rows]
+    free = np.array([swept(sensed, int(i)) for i in rows])
+    allowed = np.sqrt(braking * np.maximum(free - STOP * length, 0.0))  # half of the braking: it stops early
+    return np.where(speed > allowed, -braking, np.minimum(GAIN * (SPEED * length - speed), braking / 2))
+
+
+def swept(sensed: Sensed, i: int) -> float:
+    """Distance along the route until the body of vehicle i is `CLEARANCE` from a return [m]; at most REACH lengths."""
+    body, route, model = sensed.body, sensed.route, sensed.scan.model
+    length, width, axle = float(body.length[i]), float(body.width[i]), float(body.axle[i])
+    angle = model.angles + model.mount.yaw
+    ranges = np.maximum(sensed.scan.ranges[i], model.range_min)
+    met = ranges < (REACH + 1) * length  # lost returns, NaN, are not
+    if (ranges <= model.range_min).any():
+        return 0.0  # something is too near for the laser to say where
+    x = model.mount.x - axle + ranges[met] * np.cos(angle[met])
+    y = model.mount.y + ranges[met] * np.sin(angle[met])
+    there = np.arange(0.0, REACH, PLACES) * length
+    points, distance = route.points[i], route.distance[i]
+    at = np.column_stack([np.interp(there, distance, points[:, k]) for k in (0, 1)])
+    offset = at[0].copy()
+    at -= offset  # it keeps its offset from the path; the margin has it too
+    heading = np.arctan2(*np.gradient(at, axis=0).T[::-1])
+    cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    away_x, away_y = x - at[:, :1], y - at[:, 1:]
+    ahead, aside = cos * away_x + sin * away_y, cos * away_y - sin * away_x
+    side = width / 2 + CLEARANCE * width + abs(offset[1])
+    inside = (np.abs(aside) < side) & (ahead > -length / 2 - axle) & (ahead < length / 2 - axle)
+    first = inside.any(axis=1)
+    return max(float(there[first.argmax()]) - PLACES * length, 0.0) if first.any() else REACH * length

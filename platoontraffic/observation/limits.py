@@ -1,0 +1,50 @@
+"""What members brake for: what their laws say, and the bodies that their beams met there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from platoontraffic.controllers import BRAKES_FOR
+from platoontraffic.lidar import ScanBatch
+from platoontraffic.observation.step import Step
+from platoontraffic.world.events import WALL, Event
+
+
+class Limits:
+    """Arrays (N,) of all members of the run, by their number; each as of the member's last scan."""
+
+    def __init__(self, n: int) -> None:
+        self.known = np.zeros(n, dtype=bool)  # the law says what it brakes for
+        self._reason = np.zeros(n, dtype=int)  # an index of BRAKES_FOR
+        self._body = np.full(n, "", dtype=object)  # that it brakes for: id of a vehicle or person, WALL, or ""
+        self._creeps = np.zeros(n, dtype=bool)
+
+    def observe(self, step: Step, scans: Sequence[ScanBatch | None]) -> Iterator[Event]:
+        """creeps
+
+        scans: one a group of the fleet, None where it has not scanned in this step
+        """
+        ids = np.array([*step.traffic.ids, "", WALL], dtype=object)  # surfaces -1, a wall, and -2, nothing
+        for group, scan in zip(step.fleet.groups, scans, strict=True):
+            known = scan is not None and scan.hits is not None and group.memory is not None
+            limit = group.law.braking_for(group.memory) if known else None
+            if limit is None:
+                continue
+            number, rows, model = step.number[group.rows], np.arange(len(group.rows)), scan.model
+            beam = np.rint((np.nan_to_num(limit.bearing) - model.angle_min) / model.angle_increment).astype(int)
+            beam = np.clip(beam, 0, scan.hits.shape[1] - 1)
+            self.known[number], self._reason[number] = True, limit.reason
+            self._body[number] = np.where(np.isnan(limit.bearing), "", ids[scan.hits[rows, beam]])
+            for k in np.flatnonzero(limit.creeps & ~self._creeps[number]):
+                body = self._body[number[k]]
+                yield step.event("creeps", group.rows[k], body, detail=f"past {body}" if body else "")
+            self._creeps[number] = limit.creeps
+
+    def reason(self, number: int) -> str:
+        """A word of BRAKES_FOR."""
+        return BRAKES_FOR[self._reason[number]]
+
+    def body(self, number: int) -> str:
+        return self._body[number]

@@ -1,0 +1,76 @@
+"""Creeping past what has not moved for long: who does, how fast, how near, and who does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity
+
+from platoontraffic.controllers import creeping
+from platoontraffic.controllers.path import PathLeader
+from platoontraffic.lidar import PRESETS, Mount, Scene
+from platoontraffic.vehicles.bicycle import CARS
+from platoontraffic.world.traffic import TrafficSnapshot
+from tests.controllers.test_path_leader import along, line
+
+CAR = CARS["car"]
+EYE = replace(PRESETS["car-leader"], mount=Mount(CAR.length / 2), noise=PRESETS["paper-leader"].noise)
+STRAIGHT = line((0, 0), (400, 0))
+STRIP = 0.6 * CAR.width  # the leader keeps free on each side
+
+
+def nose(aside: float) -> shapely.Polygon:
+    """A car that waits to turn across the path: oblique, a corner of its nose at x = 60 m, so far from the path."""
+    car = affinity.rotate(shapely.box(0, 0, 4.7, 1.8), 150, origin="centroid")
+    x, y = min(car.exterior.coords, key=lambda point: point[1])
+    return affinity.translate(car, 60.0 - x, aside - y)
+
+
+def footprints(log) -> np.ndarray:
+    n = len(log.time)
+    size = np.full(n, CAR.length), np.full(n, CAR.width)
+    snapshot = TrafficSnapshot(
+        0.0, tuple(map(str, range(n))), log.x[:, 0], log.y[:, 0], log.heading[:, 0], log.speed[:, 0], *size
+    )
+    return shapely.polygons(snapshot.boxes().corners())
+
+
+def driven(body: shapely.Polygon, seconds: float = 60.0):
+    return along(STRAIGHT, PathLeader(speed=10.0), Scene.from_shapely(solids=[body]), seconds, CAR, EYE, 10.0, 0.1)
+
+
+@pytest.mark.parametrize("aside", [CAR.width / 2 + 0.12, STRIP - 0.05])
+def test_it_creeps_past_a_nose_in_its_strip_that_its_body_passes(aside):
+    log = driven(nose(aside))
+    front, speed = log.x[:, 0] + CAR.length / 2, log.speed[:, 0]
+    stood = log.time[speed < 0.05]
+    assert stood[-1] - stood[0] > creeping.AFTER - 1.0
+    assert front[-1] > 80
+    assert speed[(front > 58) & (front < 60 + CAR.length / 2)].max() < creeping.SPEED * CAR.length + 0.05
+    assert shapely.distance(footprints(log), nose(aside)).min() > 0.05
+
+
+@pytest.mark.parametrize("aside", [-1.0, 0.0, CAR.width / 2 - 0.1, CAR.width / 2 + 0.02])
+def test_it_stays_where_its_body_would_not_pass(aside):
+    log = driven(nose(aside))
+    assert log.speed[-1, 0] < 0.01
+    assert shapely.distance(footprints(log), nose(aside)).min() > 0.2
+
+
+def test_it_stops_when_what_it_creeps_past_moves():
+    """The state alone: the obstacle comes 0.5 m nearer between two scans."""
+    one = np.ones(1)
+    sensed = SimpleNamespace(speed=1.0 * one, body=SimpleNamespace(length=CAR.length * one))
+    state, no = creeping.Creeping(0 * one, CAR.length * one), np.zeros(1, dtype=bool)
+    assert state.after(sensed, 2.9 * one, 3.0 * one, no, 0.1).active.all()
+    assert not state.after(sensed, 2.4 * one, 3.0 * one, no, 0.1).active.any()
+    assert not state.after(sensed, 2.9 * one, 3.0 * one, ~no, 0.1).active.any()  # a line closes
+
+
+def test_it_passes_a_nose_beside_its_strip_without_creeping():
+    log = driven(nose(STRIP + 0.05), 20.0)
+    assert log.speed[:, 0].min() > 9.5

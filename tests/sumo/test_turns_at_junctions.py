@@ -1,0 +1,152 @@
+"""Junctions with stop signs, all-way stops, right before left, zipper; members, and members with SUMO's cars.
+
+The junction is the one of `tests/support/nets/cross`, with all roads of one lane, built with another type.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from platoontraffic.observation.observer import Observer
+from platoontraffic.road.netconvert import build_net
+from platoontraffic.road.network import Network
+from platoontraffic.simulation import Setting, Simulation
+from platoontraffic.world.contact import Contacts
+from platoontraffic.world.fleet import Member
+from tests.sumo.test_right_of_way import EYE, NETS, STEP, Staged, deployed, insert
+from tests.support.bench import NO_WALLS
+
+ARMS = ("west", "south", "east", "north")
+ACROSS = {"west": "east", "south": "north", "east": "west", "north": "south"}
+TO_LINE = 60.0  # distance of members from the junction's middle at the start [m]
+
+
+@pytest.fixture(scope="module")
+def net(tmp_path_factory) -> Callable[[str], Network]:
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
+
+    def built(kind: str) -> Network:
+        folder = tmp_path_factory.mktemp(kind)
+        nodes, edges = ((NETS / f"cross.{part}.xml").read_text() for part in ("nod", "edg"))
+        (folder / "cross.nod.xml").write_text(nodes.replace('type="priority"', f'type="{kind}" radius="9"'))
+        priorities = edges if kind == "priority_stop" else edges.replace('priority="3"', 'priority="1"')
+        (folder / "cross.edg.xml").write_text(priorities.replace('numLanes="2"', 'numLanes="1"'))
+        (folder / "cross.netccfg").write_text((NETS / "cross.netccfg").read_text())
+        build_net(folder / "cross.netccfg", folder / "made.net.xml")
+        return Network.read(folder / "made.net.xml")
+
+    return built
+
+
+def member(network: Network, arm: str, to: str, back: float = 0.0) -> Member:
+    """One that comes from an arm, `back` farther away than TO_LINE."""
+    edges = (f"{arm}_in", f"{to}_out")
+    length = network.edges[edges[0]][0]
+    made = deployed(network, edges, length - TO_LINE - back, 0, 8.0, EYE)
+    return replace(made, id=arm, platoon=arm)
+
+
+def played(network: Network, members: list[Member], words: Path, seconds: float, stage=lambda: None):
+    """For each vehicle the times at which it stood first and at which it entered the junction; events;
+    and the least distance of a member from another vehicle."""
+    setting = Setting(
+        members, NO_WALLS, STEP, steps=round(seconds / STEP), ground=lambda: Staged(network, words, stage),
+        observer=lambda: Observer(members, network, Contacts(NO_WALLS, {m.id for m in members})), whole_traffic_every=1,
+    )  # fmt: skip
+    stood, entered, events, apart = {}, {}, [], np.inf
+    with Simulation(setting) as simulation:
+        for now in simulation:
+            events += now.events
+            traffic = now.traffic
+            boxes = shapely.polygons(traffic.boxes().corners())
+            for i, j in itertools.product(range(len(now.fleet)), range(len(boxes))):
+                if i == j:
+                    continue
+                apart = min(apart, boxes[i].distance(boxes[j]))
+            for i, name in enumerate(traffic.ids):
+                away = np.hypot(traffic.x[i] - 500, traffic.y[i])
+                if traffic.speed[i] < 0.1 and away < 40 and now.time > 1:
+                    stood.setdefault(name, now.time)
+                if away < 11:
+                    entered.setdefault(name, now.time)
+    return stood, entered, events, apart
+
+
+@pytest.mark.sumo
+def test_a_member_stands_at_a_stop_sign_and_goes_on_at_once_where_nothing_comes(net, tmp_path):
+    network = net("priority_stop")
+    stood, entered, events, _ = played(network, [member(network, "north", "south")], tmp_path / "w", 30.0)
+    assert 0 < entered["north"] - stood["north"] < 4.0
+    assert [e.what for e in events if e.kind == "held"] == ["stop_sign"]
+
+
+@pytest.mark.sumo
+@pytest.mark.parametrize("turn", ["straight", "left"])
+def test_four_members_that_come_at_once_to_an_all_way_stop_go_one_after_the_other(net, tmp_path, turn):
+    network, words = net("allway_stop"), tmp_path / "w"
+    left = {"west": "north", "north": "east", "east": "south", "south": "west"}
+    to = ACROSS if turn == "straight" else left
+    stood, entered, events, apart = played(network, [member(network, arm, to[arm]) for arm in ARMS], words, 60.0)
+    assert set(entered) == set(ARMS)
+    assert all(entered[arm] > stood[arm] for arm in ARMS)
+    assert max(entered.values()) - min(stood.values()) < 30.0
+    assert apart > 0.5
+    assert not [e for e in events if e.kind in ("collision", "failed_to_yield", "creeps")]
+
+
+@pytest.mark.sumo
+def test_who_stands_first_at_an_all_way_stop_goes_first(net, tmp_path):
+    """Two roads that cross; each order of arrival."""
+    network = net("allway_stop")
+    for first, second in (("west", "south"), ("south", "west")):
+        members = [member(network, first, ACROSS[first]), member(network, second, ACROSS[second], 12.0)]
+        stood, entered, *_ = played(network, members, tmp_path / "w", 40.0)
+        assert stood[first] < stood[second]
+        assert entered[first] < entered[second]
+
+
+@pytest.mark.sumo
+def test_a_member_at_an_all_way_stop_takes_its_turn_among_cars_of_sumo(net, tmp_path):
+    """Three cars come from each other arm; none waits for ever, none touches."""
+    network, words = net("allway_stop"), tmp_path / "w"
+
+    def stage() -> None:
+        for arm in ("south", "east", "north"):
+            length = network.edges[f"{arm}_in"][0]
+            for k in range(3):
+                insert(f"{arm}.{k}", (f"{arm}_in", f"{ACROSS[arm]}_out"), length - TO_LINE - 15.0 * k, 8.0)
+
+    _, entered, events, apart = played(network, [member(network, "west", "east")], words, 90.0, stage)
+    before = sum(entered[name] < entered["west"] for name in entered)
+    assert before <= 4  # those that stood there first, not whole columns
+    assert len(entered) == 10
+    assert apart > 0.3
+    assert not [e for e in events if e.kind in ("collision", "failed_to_yield")]
+
+
+@pytest.mark.sumo
+@pytest.mark.parametrize("kind", ["right_before_left", "zipper", "priority"])
+def test_four_members_that_come_at_once_do_not_lock_each_other(net, tmp_path, kind):
+    network = net(kind)
+    _, entered, events, apart = played(
+        network, [member(network, arm, ACROSS[arm]) for arm in ARMS], tmp_path / "w", 60.0
+    )
+    assert set(entered) == set(ARMS)
+    assert apart > 0.3
+    assert not [e for e in events if e.kind in ("collision", "failed_to_yield")]
+
+
+@pytest.mark.sumo
+def test_a_member_gives_way_to_the_right_and_not_to_the_left(net, tmp_path):
+    network = net("right_before_left")
+    for other, goes_first in (("south", False), ("north", True)):
+        members = [member(network, "west", "east"), member(network, other, ACROSS[other])]
+        _, entered, *_ = played(network, members, tmp_path / "w", 40.0)
+        assert (entered["west"] < entered[other]) is goes_first
