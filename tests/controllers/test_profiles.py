@@ -122,7 +122,8 @@ def test_until_it_begins_a_profile_changes_nothing(profile):
 def test_the_profile_of_each_vehicle_begins_when_that_vehicle_departs():
     law = PathLeader(speed=10.0, profile="brake", begins=2.0, last_speed=4.0, rate=2.0)
     first = replace(car(law), speed=10.0)
-    later = replace(first, id="b.0", platoon="b", pose=(0.0, 50.0, 0.0), departs=5.0)
+    beside = Route.along(("road",), np.array([(0.0, 50.0), (1e4, 50.0)]), np.full(2, 50.0))
+    later = replace(first, id="b.0", platoon="b", pose=(first.pose[0], 50.0, 0.0), route=beside, departs=5.0)
     with Simulation(Setting([first, later], NO_WALLS, 0.1, steps=120)) as simulation:
         speeds = [now.fleet.motion.speed for now in simulation]
     np.testing.assert_allclose([row[1] for row in speeds[50:]], [row[0] for row in speeds[:71]], atol=1e-9)

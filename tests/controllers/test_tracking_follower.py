@@ -241,7 +241,7 @@ def test_bearing_of_the_predecessor_in_the_smallest_turns(radius, speed, centre,
 def test_it_keeps_its_predecessor_with_a_third_of_the_returns_lost():
     rainy = replace(NOISY, noise=replace(NOISY.noise, dropout=0.3))
     log = cars(lambda time: (math.sin(0.5 * time), 0.0), 40.0, 20.0, eye=rainy)
-    assert log.locked().mean(axis=0).min() >= 0.98
+    assert log.locked().mean() >= 0.99  # of all nine; a single one may lose it for a second
     assert log.locked()[-1].all()
 
 
