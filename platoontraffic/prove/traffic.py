@@ -97,6 +97,11 @@ class Verdict(NamedTuple):
     def holds(self) -> bool:
         return not self.faults
 
+    @property
+    def compared(self) -> bool:
+        """Whether there is a seed in which all of SUMO's own cars arrive, so that times of arrival can be compared."""
+        return not all(math.isnan(pair.ratio) for pair in self.pairs)
+
     @classmethod
     def of(cls, made: Sequence[Pair]) -> Verdict:
         own = [pair.platoons for pair in made if pair.platoons]
@@ -110,7 +115,7 @@ class Verdict(NamedTuple):
         faults += [f"{caused} contacts caused"] if caused else []
         faults += [f"{red} red lights"] if red else []
         faults += [f"{yields} failures to yield"] if hours and yields / hours > YIELD_RATE else []
-        faults += list(_stuck(made))
+        faults += [*_fewer(made), *_stuck(made)]
         return cls(tuple(made), ratio, apart, hours, caused, red, yields, limits, tuple(faults))
 
 
@@ -119,6 +124,15 @@ def _ratio(made: Sequence[Pair], overlapping: bool) -> float:
     found = [pair.ratio for pair in made if pair.sumo and (pair.sumo.contacts > 0) == overlapping]
     found = [ratio for ratio in found if not math.isnan(ratio)]
     return float(np.median(found)) if found else math.nan
+
+
+def _fewer(made: Sequence[Pair]) -> Iterator[str]:
+    """Seeds where not all of SUMO's own cars arrive, but more of them than members."""
+    for pair in made:
+        if pair.platoons and pair.sumo and math.isnan(pair.ratio):
+            arrived, wanted = len(pair.platoons.arrivals), len(pair.sumo.arrivals)
+            if arrived < wanted:
+                yield f"seed {pair.seed}: {arrived} members arrive, {wanted} of SUMO's own do"
 
 
 def _stuck(made: Sequence[Pair]) -> Iterator[str]:

@@ -142,6 +142,14 @@ def test_arrivals_are_compared_where_sumos_own_arrive_and_apart_where_they_overl
     assert overlapping.ratio_overlapping == 1.5
 
 
+def test_where_sumos_own_do_not_all_arrive_times_are_not_compared_but_numbers_are():
+    assert verdict(ride()).compared
+    one = ride(arrivals=(100.0,))
+    assert verdict(one, one).holds
+    assert not verdict(one, one).compared
+    assert verdict(ride(arrivals=()), one).faults == ("seed 1: 0 members arrive, 1 of SUMO's own do",)
+
+
 def test_medians_are_over_the_seeds():
     arrivals = [(100.0, 110.0), (100.0, 121.0), (100.0, 220.0)]
     made = [Pair(i, 2, (), ride(arrivals=one), ride()) for i, one in enumerate(arrivals)]
