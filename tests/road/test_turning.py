@@ -69,8 +69,8 @@ def test_an_arc_below_the_turning_radius_costs_the_distance_of_two_arcs_with_the
 
 @pytest.mark.parametrize("radius", [RADIUS, 7.0, 20.0])
 def test_an_arc_of_the_turning_radius_or_more_costs_nothing(radius):
-    # m sides of a polygon have m + 1 corners, so a stretch of them turns on R m / (m + 1). From 141 degrees on, which is
-    # 0.94 of this arc, the offset is twice what is lacking.
+    # m sides of a polygon have m + 1 corners, so a stretch of them turns on R m / (m + 1). From 141 degrees on, which
+    # is 0.94 of this arc, the offset is twice what is lacking.
     pieces = 2000
     assert worst(arc(150, radius, pieces)) <= 2 * RADIUS / (0.94 * pieces)
 
