@@ -25,7 +25,7 @@ RUNS = {
     "paper_loop": ["run.duration_s=70"],
     "lab_obstacles": ["run.duration_s=50"],
     "corridor_cut_in": [],
-    "corridor_manoeuvres": ["run.duration_s=40"],
+    "corridor_manoeuvres": ["run.duration_s=115"],
     "highway_merge": ["run.duration_s=20"],
     "highway_tracking": ["run.duration_s=20"],
     "bends_platoon": ["run.duration_s=30"],
