@@ -144,7 +144,7 @@ def test_the_road_ahead_does_not_depend_on_other_rows(seed):
 @pytest.mark.parametrize("radius", [15.0, 80.0])
 def test_the_curvature_of_a_circle_is_one_over_its_radius_with_the_sign_of_its_side(radius, sign):
     zero = np.zeros(1)
-    ahead = Routes([circle(radius, sign)], np.array([4.74])).ahead(zero + 7.0, zero, zero, zero)
+    ahead = Routes([circle(radius, sign, 3000)], np.array([4.74])).ahead(zero + 7.0, zero, zero, zero)
     assert ahead.curvature == pytest.approx(sign / radius, rel=0.01)
 
 
