@@ -31,7 +31,8 @@ PATIENCE, SETTLING = (
     60.0,
 )  # a route must be driven within this factor of the free-flow time, and this time more [s]
 APART = 100_000.0  # distance between vehicles that are driven at once [m]
-WINDOW = 25.0  # the vehicle is sought on its line within this distance of its last station [m]
+WINDOW, FAR = 25.0, 100.0  # it is sought on its line within this of its last station; if it was astray there [m]
+ASTRAY = 3.0  # distance from its line from which it is astray [m]
 
 
 class Drive(NamedTuple):
@@ -170,6 +171,6 @@ def _followed(axles: np.ndarray, trip: Trip) -> tuple[np.ndarray, np.ndarray]:
     line = Polyline(trip.line)
     station, off, near = np.empty(len(axles)), np.empty(len(axles)), trip.position
     for i, (x, y) in enumerate(axles):
-        near, aside = line.project(x, y, near, WINDOW)
+        near, aside = line.project(x, y, near, WINDOW if i == 0 or off[i - 1] < ASTRAY else FAR)
         station[i], off[i] = near, abs(aside)
     return station, off

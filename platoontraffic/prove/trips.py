@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from platoontraffic.errors import InputError
-from platoontraffic.road.network import Line, Network
+from platoontraffic.road.network import CHANGING, Line, Network
 
 SHORTEST, LONGEST = 300.0, 2500.0  # wanted length of a trip [m]
 ATTEMPTS = 40  # routes that are tried for each one that is wanted
+SHORTEST_CHANGE = 10.0  # of a lane change on the first edge [m]
 ROOM_AHEAD = 10.0  # between a start and the end of its lane, where the lane is long enough [m]
 
 
@@ -87,8 +88,13 @@ def _attempts(network, starts, targets, count, rng, room, radius) -> Iterator[Tr
         except InputError:
             continue
         trip = Trip(tuple(route), lane, position, line, limit, tuple(lines))
-        if trip.length > room:
+        if trip.length > room and not _changes_at_once(lines):
             yield trip
+
+
+def _changes_at_once(lines: Sequence[Line]) -> bool:
+    """Whether the start leaves too little road for a lane change before the first junction."""
+    return bool(lines) and lines[0].state == CHANGING and lines[0].across < SHORTEST_CHANGE
 
 
 def cut(network: Network, route: list[str], longest: float) -> list[str]:

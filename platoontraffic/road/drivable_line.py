@@ -26,6 +26,7 @@ LOCK = 1.08  # least radius of the line [turning radii]: steering keeps a reserv
 TOLERANCE = 0.15  # greatest displacement for comfort [vehicle widths]: 0.26 m for a car
 SPACING = 0.1  # distance of points [vehicle lengths]
 ROUNDS, BATCHES = 50, 200  # of the flow between two times that points are spread evenly; at the most
+FARTHEST = 3.0  # greatest displacement [radii of greatest curvature]: a loop too tight to drive is not shrunk away
 TURNS_BACK = 2.7  # turn within a half circle at full lock from which a line turns back [rad]
 STRAIGHT = 1e-4  # change of heading at a point that may be left out again [rad]
 
@@ -50,7 +51,9 @@ def drivable(
     line[:, 4] = _half_turns(line[:, :2], np.pi / 2 / lock, closed)
     for _ in range(BATCHES):
         here = comfort[np.clip(np.searchsorted(stations, line[:, 2], side="right") - 1, 0, len(comfort) - 1)]
-        moved = _flow(line, np.minimum(here, lock), lock, tolerance, closed, ROUNDS)
+        there = np.column_stack([np.interp(line[:, 2], stations, column) for column in points.T])
+        held = np.hypot(*(line[:, :2] - there).T) > FARTHEST / lock
+        moved = _flow(line, np.minimum(here, lock), lock, tolerance, held, closed, ROUNDS)
         line = _spread(line, spacing)
         if not moved:
             break
@@ -117,8 +120,8 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def _flow(line, comfort, lock, tolerance, closed, rounds):
-    """Move points (m, 5) of `drivable` in place; whether any still moved in the last round.
+def _flow(line, comfort, lock, tolerance, held, closed, rounds):
+    """Move points (m, 5) of `drivable` in place, but those held; whether any still moved in the last round.
 
     The wanted curvature rises with the displacement, from comfort to lock at the tolerance, so the tip of a corner
     is no sharper than the places beside it.
@@ -141,7 +144,7 @@ def _flow(line, comfort, lock, tolerance, closed, rounds):
             curvature = turn / max(size, 1e-9)
             used = min(line[i, 3] / tolerance, 1.0)
             most = comfort[i] * (lock / comfort[i]) ** used
-            if curvature > most:
+            if curvature > most and not held[i]:
                 share = 0.25 * (1.0 - 0.98 * most / curvature)
                 step[i, 0], step[i, 1] = share * (to_x - from_x), share * (to_y - from_y)
                 line[i, 3] += math.sqrt(step[i, 0] ** 2 + step[i, 1] ** 2)

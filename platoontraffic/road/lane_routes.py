@@ -139,9 +139,9 @@ def _crossing_over(lane: Any, other: Any, position: float) -> tuple[np.ndarray, 
     if lane is other:
         return np.array(lane.getShape()), 0.0, 0.0
     wanted = CHANGE_LENGTH * lane.getWidth() * abs(lane.getIndex() - other.getIndex()) / line.length
-    # As early as that, or as early as its length needs; but not before the position, and with some room at the end.
+    # As early as that, or as early as its length needs; but not before the position, whatever room that leaves.
     begin = min((position + CHANGE_AFTER * lane.getWidth()) / line.length, max(1 - wanted, EARLIEST_SHARE))
-    begin = max(begin, min(position / line.length, 1 - EARLIEST_SHARE))
+    begin = max(begin, min(position, line.length - lane.getWidth()) / line.length)
     change = min(wanted, 1 - begin)
     ends = [one.project(Point(p), normalized=True) for one in (line, beside) for p in one.coords]
     share = np.unique([*ends, begin, begin + change])

@@ -99,6 +99,17 @@ def test_a_half_turn_that_is_too_tight_becomes_a_bulb(radius, side):
     assert beside.max() - 2 * radius == pytest.approx(-beside.min(), abs=0.05)
 
 
+def test_a_loop_that_is_too_tight_does_not_shrink_its_legs_away():
+    """A loop of 2 m at the far end of two legs that almost touch."""
+    angle = np.linspace(-np.pi / 2, 1.4 * np.pi, 40)
+    loop = np.column_stack([62 + 2 * np.cos(angle), 2 + 2 * np.sin(angle)])
+    line = np.vstack([(0, 0), loop, (0, 4)])
+    points, _ = rounded(line)
+    off = shapely.distance(shapely.LineString(points), shapely.points(loop))
+    assert off.max() < 5 * RADIUS
+    assert points[:, 0].max() > 40
+
+
 def test_a_closed_line_is_rounded_where_it_closes_too():
     square = [(0, 0), (40, 0), (40, 40), (0, 40), (0, 0)]
     points, _ = rounded(square, closed=True)
