@@ -36,7 +36,7 @@ compiled = compiler(__file__)
 def drivable(
     points: np.ndarray, comfort: np.ndarray, lock: float, tolerance: float, spacing: float, closed: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A line rounded to no more than a curvature of `lock`, and where possible of `comfort`.
+    """A line rounded to no more than a curvature of `lock`, within 1 %, and where possible of `comfort`.
 
     points    : (k, 2) [m]; a closed line ends where it begins
     comfort   : wanted curvature from each point on (k,) [1/m]

@@ -39,7 +39,7 @@ def test_a_corner_becomes_the_arc_that_touches_its_legs(degrees):
     points, _ = rounded(corner(degrees))
     half = np.radians(degrees) / 2
     vertex = np.hypot(*points.T).min()
-    assert curvature(points).max() <= 1.001 / RADIUS
+    assert curvature(points).max() <= 1.01 / RADIUS
     # The arc of radius r passes the corner at r (sec - 1), and its foot on the legs is r (1 - cos) away.
     assert vertex == pytest.approx(RADIUS * (1 / np.cos(half) - 1), abs=0.12 * RADIUS)
     off = shapely.distance(shapely.points(points), shapely.LineString(corner(degrees)))
@@ -79,7 +79,7 @@ def test_any_line_becomes_drivable_between_the_same_ends(steps, aside):
     x = np.concatenate([[0.0], np.cumsum(steps)])
     given_line = np.column_stack([x, aside[: len(x)]])
     points, stations = rounded(given_line)
-    assert curvature(points).max(initial=0.0) <= 1.001 / RADIUS
+    assert curvature(points).max(initial=0.0) <= 1.01 / RADIUS
     assert points[[0, -1]] == pytest.approx(given_line[[0, -1]])
     assert (np.diff(stations) >= 0).all()
     mirrored, _ = rounded(given_line * (1, -1))
@@ -115,7 +115,7 @@ def test_a_closed_line_is_rounded_where_it_closes_too():
     points, _ = rounded(square, closed=True)
     assert points[0] == pytest.approx(points[-1])
     around = np.vstack([points[-2:-1], points])
-    assert curvature(around).max() <= 1.001 / RADIUS
+    assert curvature(around).max() <= 1.01 / RADIUS
     near = [np.hypot(*(points - vertex).T).min() for vertex in square]
     assert near == pytest.approx([near[1]] * 5, abs=0.15)
 
@@ -130,6 +130,6 @@ def test_stop_lines_and_limits_of_a_route_move_with_its_line():
     assert there == pytest.approx((60.0, 30.0), abs=0.2)
     assert route.length < given_route.length - 0.5
     radius = LOCK * CARS["car"].turning_radius
-    assert curvature(route.line.points[:-1]).max() <= 1.001 / radius
+    assert curvature(route.line.points[:-1]).max() <= 1.01 / radius
     drop = route.line.points[np.flatnonzero(np.diff(route.limit) < 0) + 1][0]
     assert np.hypot(*(drop - (60.0, 0.0))) < radius
