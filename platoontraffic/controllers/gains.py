@@ -162,8 +162,8 @@ def _check_declared(law: Law, sensors: Collection[str]) -> None:
         raise ValueError(f"{name} needs {', '.join(sorted(unknown))}; there is: {known}")
     if law.drives_alone and (missing := {"route", "leads"}.difference(needs)):
         raise ValueError(f"{name} declares drives_alone; then it must also need {' and '.join(sorted(missing))}")
-    if not callable(law.desired_distance) or not callable(law.remembered_path):
-        raise ValueError(f"{name}: desired_distance and remembered_path must be methods")
+    if not all(map(callable, (law.desired_distance, law.remembered_path, law.braking_for))):
+        raise ValueError(f"{name}: desired_distance, remembered_path and braking_for must be methods")
     if not isinstance(law.hardest_braking, int | float) or not law.hardest_braking > 0:
         raise ValueError(f"{name} declares hardest_braking = {law.hardest_braking!r}; must be more than 0 m/s2")
     if law.native:

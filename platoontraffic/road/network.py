@@ -219,10 +219,9 @@ class Network:
         ]
 
     def upstream(self, lane_id: str, reach: float) -> list[tuple[str, float]]:
-        """A lane and the lanes that lead to it within `reach` [m] of its end, each with its distance.
+        """A lane and the lanes that lead to it within `reach` [m] of its end, those inside junctions too.
 
-        The distance is the shortest from the end of each lane to the end of the first [m]. Lanes inside junctions
-        are left out: their vehicles are few, and soon on the next lane.
+        Each with the shortest distance from its end to the end of the first [m].
         """
         distances: dict[str, float] = {}
         todo = [(0.0, lane_id)]
@@ -233,9 +232,8 @@ class Network:
             distances[name] = distance
             lane = self._net.getLane(name)
             if (beyond := distance + lane.getLength()) < reach:
-                for before in lane.getIncoming(onlyDirect=False):
-                    if before.getEdge().getFunction() != "internal":
-                        heapq.heappush(todo, (beyond, before.getID()))
+                for before in lane.getIncoming(onlyDirect=True):
+                    heapq.heappush(todo, (beyond, before.getID()))
         return list(distances.items())
 
     @cached_property

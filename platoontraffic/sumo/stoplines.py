@@ -125,6 +125,7 @@ class StopLines:
         # Vehicles that stand at an open line ("") or on a lane inside a junction: since when, and when last seen [s].
         self._standing: dict[tuple[str, str], tuple[float, float]] = {}
         self._adjacent: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
+        self._members: frozenset[str] = frozenset()
         self._stood: dict[str, tuple[str, float]] = {}  # the line's lane at which each has stood, and since when [s]
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
 
@@ -133,7 +134,7 @@ class StopLines:
 
         roads: edge and lane of each member
         """
-        progress = fleet.progress
+        progress, self._members = fleet.progress, frozenset(member.id for member in fleet.members)
         front = progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]
         asking = [
             (i, station)
@@ -439,11 +440,14 @@ class StopLines:
         return one.to_line + one.crossing.its[1] + self._sumo.vehicle.getLength(one.id) < 0
 
     def _hurries(self, foe: str, to_line: float, is_open: bool, patience: float = HELD_UP_AFTER) -> bool:
-        """Whether a foe may come sooner than by its speed: one that drives, or that stands at a line just opened."""
+        """Whether a foe may come sooner than by its speed: one that drives, or that stands at a line just opened.
+
+        Whether a line is open to a member SUMO does not know.
+        """
         if self._sumo.vehicle.getSpeed(foe) >= STANDING:
             self._standing.pop((foe, ""), None)
-            return is_open
-        if not is_open or to_line > self._sumo.vehicle.getLength(foe):
+            return True  # even if it brakes now: two that brake for each other would both count on that
+        if not (is_open or foe in self._members) or to_line > self._sumo.vehicle.getLength(foe):
             return False
         return not self._held_up(foe, "", patience)
 

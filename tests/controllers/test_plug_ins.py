@@ -125,7 +125,7 @@ def test_a_law_that_needs_it_is_given_the_order_to_lead(folder):
         ("needs = None", "Bad declares needs = None; must be a set of names: leads, route, signals"),
         ('needs = {"route", "lead"}', "Bad needs lead; there is: leads, route, signals"),
         ('needs = {"leads"}; drives_alone = True', "Bad declares drives_alone; then it must also need route"),
-        ("desired_distance = 3.0", "Bad: desired_distance and remembered_path must be methods"),
+        ("desired_distance = 3.0", "Bad: desired_distance, remembered_path and braking_for must be methods"),
         ("hardest_braking = -3.0", "Bad declares hardest_braking = -3.0; must be more than 0 m/s2"),
         ("native = True", "Bad declares native; then it must also have max_speed and speed_factor"),
         (

@@ -9,15 +9,19 @@ import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import shapely
 
 from platoontraffic.observation.observer import Observer
+from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.netconvert import build_net
 from platoontraffic.road.network import Network
 from platoontraffic.simulation import Setting, Simulation
+from platoontraffic.sumo.conflicts import Conflicts, Walk
+from platoontraffic.sumo.stoplines import Ego, StopLines
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.fleet import Member
 from tests.sumo.test_right_of_way import EYE, NETS, STEP, Staged, deployed, insert
@@ -37,7 +41,8 @@ def net(tmp_path_factory) -> Callable[[str], Network]:
         nodes, edges = ((NETS / f"cross.{part}.xml").read_text() for part in ("nod", "edg"))
         (folder / "cross.nod.xml").write_text(nodes.replace('type="priority"', f'type="{kind}" radius="9"'))
         priorities = edges if kind == "priority_stop" else edges.replace('priority="3"', 'priority="1"')
-        (folder / "cross.edg.xml").write_text(priorities.replace('numLanes="2"', 'numLanes="1"'))
+        made = priorities.replace('numLanes="2"', 'numLanes="1"')
+        (folder / "cross.edg.xml").write_text(made)
         (folder / "cross.netccfg").write_text((NETS / "cross.netccfg").read_text())
         build_net(folder / "cross.netccfg", folder / "made.net.xml")
         return Network.read(folder / "made.net.xml")
@@ -48,8 +53,9 @@ def net(tmp_path_factory) -> Callable[[str], Network]:
 def member(network: Network, arm: str, to: str, back: float = 0.0) -> Member:
     """One that comes from an arm, `back` farther away than TO_LINE."""
     edges = (f"{arm}_in", f"{to}_out")
-    length = network.edges[edges[0]][0]
-    made = deployed(network, edges, length - TO_LINE - back, 0, 8.0, EYE)
+    lengths = network.edges[edges[0]]
+    lane = len(lengths) - 1  # the first one may be a footpath
+    made = deployed(network, edges, lengths[lane] - TO_LINE - back, lane, 8.0, EYE)
     return replace(made, id=arm, platoon=arm)
 
 
@@ -150,3 +156,30 @@ def test_a_member_gives_way_to_the_right_and_not_to_the_left(net, tmp_path):
         members = [member(network, "west", "east"), member(network, other, ACROSS[other])]
         _, entered, *_ = played(network, members, tmp_path / "w", 40.0)
         assert (entered["west"] < entered[other]) is goes_first
+
+
+@pytest.mark.parametrize(
+    ("where", "east_of_north", "speed", "is_free"),
+    [
+        ((3.0, 0.0), 0.0, 0.0, False),  # stands in the way
+        ((3.0, -6.0), 0.0, 0.0, True),  # stands beside it
+        ((3.0, -6.0), 0.0, 1.4, False),  # walks north, into the way
+        ((3.0, 6.0), 0.0, 1.4, True),  # has left it
+        ((3.0, 6.0), 180.0, 1.4, False),
+    ],
+)
+def test_a_line_is_closed_by_people_who_are_or_will_be_in_the_way(where, east_of_north, speed, is_free):
+    """The way leads east, over a pedestrian crossing from 1 to 5 m beyond the line."""
+    points = np.column_stack([np.linspace(1, 5, 17), np.zeros(17)])
+    conflicts = Conflicts((), {}, (Walk(":c0", (1.0, 5.0), points, 2.6),), np.inf, 50.0, 0.0)
+    client = SimpleNamespace(
+        edge=SimpleNamespace(getLastStepPersonIDs=lambda _: ("someone",)),
+        lane=SimpleNamespace(getMaxSpeed=lambda _: 13.9),
+        person=SimpleNamespace(
+            getPosition=lambda _: where, getSpeed=lambda _: speed, getAngle=lambda _: east_of_north
+        ),
+    )  # fmt: skip
+    lines, line = StopLines(None, client), Line(0.0, "m", "", 0, "in_0", "out_0", (":x_0_0",), 14.0)
+    lines._conflicts[line] = conflicts
+    assert lines._is_free_of_people(line, 1.0, Ego("m.0", "in_0", 0.0, 4.74)) is is_free
+    assert lines._is_free_of_people(line, -12.0, Ego("m.0", ":x_0_0", 0.0, 4.74))  # it is past the crossing
