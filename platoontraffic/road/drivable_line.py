@@ -51,9 +51,9 @@ def drivable(
     for _ in range(BATCHES):
         here = comfort[np.clip(np.searchsorted(stations, line[:, 2], side="right") - 1, 0, len(comfort) - 1)]
         moved = _flow(line, np.minimum(here, lock), lock, tolerance, closed, ROUNDS)
-        line = _spread(line, spacing)
         if not moved:
             break
+        line = _spread(line, spacing)  # not at the end: it changes the curvature a little
     return line[:, :2], line[:, 2]
 
 
