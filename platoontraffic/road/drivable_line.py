@@ -54,9 +54,9 @@ def drivable(
         there = np.column_stack([np.interp(line[:, 2], stations, column) for column in points.T])
         held = np.hypot(*(line[:, :2] - there).T) > FARTHEST / lock
         moved = _flow(line, np.minimum(here, lock), lock, tolerance, held, closed, ROUNDS)
-        line = _spread(line, spacing)
         if not moved:
             break
+        line = _spread(line, spacing)  # not at the end: it changes the curvature a little
     return line[:, :2], line[:, 2]
 
 

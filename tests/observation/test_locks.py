@@ -88,10 +88,11 @@ def test_surface_about_a_bearing_is_that_of_a_slow_count():
     rng = np.random.default_rng(2)
     model = LidarModel(40, -0.4, 0.4, 0.0, 9.0)
     hits = rng.integers(-2, 3, (300, 40)).astype(np.int32)
-    ranges = np.where(rng.random(hits.shape) < 0.2, np.nan, np.where(hits == -2, np.inf, 1.0))
+    hits.setflags(write=False)
+    ranges = np.where(rng.random(hits.shape) < 0.2, np.nan, np.where(hits == -2, np.inf, 1.0)).astype(np.float32)
     bearing = np.where(rng.random(300) < 0.1, np.nan, rng.uniform(-0.6, 0.6, 300))
     for row in range(300):
-        batch = replace(batch_of(ranges[[row]], model), hits=hits[[row]])
+        batch = replace(batch_of(ranges[[row]], model), hits=hits[row : row + 1])
         found, *_ = looked(batch, 0, -1, bearing[row], *np.zeros((5, 1)))
         votes: dict[int, int] = {}
         if not np.isnan(bearing[row]):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from platoontraffic.road.drivable_line import COMFORT, LOCK, drivable
@@ -75,6 +75,7 @@ def test_a_spike_vanishes():
     steps=st.lists(st.floats(4.0, 25.0), min_size=3, max_size=25),
     aside=st.lists(st.floats(-3.0, 3.0), min_size=26, max_size=26),
 )
+@example(steps=[4.0] * 3, aside=[-2.75, 1.0, -0.53125] + [0.0] * 23)
 def test_any_line_becomes_drivable_between_the_same_ends(steps, aside):
     x = np.concatenate([[0.0], np.cumsum(steps)])
     given_line = np.column_stack([x, aside[: len(x)]])

@@ -65,7 +65,9 @@ class Unseeing(Law):
     def __call__(self, sensed: Sensed, memory: Any, dt: float) -> Decision:
         scan = sensed.scan
         if self.since <= scan.stamp < self.until:
-            sensed = replace(sensed, scan=replace(scan, ranges=np.full(scan.ranges.shape, np.inf)))
+            nothing = np.full_like(scan.ranges, np.inf)
+            nothing.setflags(write=False)  # as the laser's, or numba compiles once more
+            sensed = replace(sensed, scan=replace(scan, ranges=nothing))
         return self.law(sensed, memory, dt)
 
 
@@ -197,9 +199,11 @@ def scan_of(ranges: np.ndarray, model: LidarModel = PRESETS["paper-follower"]) -
 
 def batch_of(ranges: Sequence[np.ndarray], model: LidarModel = PRESETS["paper-follower"]) -> ScanBatch:
     """Scans with these ranges, (n, k), made by hand."""
-    ranges = np.asarray(ranges, dtype=float)
-    n = len(ranges)
-    return ScanBatch(model, 0.0, tuple(map(str, range(n))), ranges, np.full(ranges.shape, -2), np.zeros(n, dtype=bool))
+    ranges = np.array(ranges)
+    n, hits = len(ranges), np.full(ranges.shape, -2, np.int32)
+    for array in (ranges, hits):
+        array.setflags(write=False)  # as the laser's, or numba compiles once more
+    return ScanBatch(model, 0.0, tuple(map(str, range(n))), ranges, hits, np.zeros(n, dtype=bool))
 
 
 def asked(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,6 @@ def compile_tracking() -> None:
     model, law, memory = PRESETS["car-tracker"], TrackingFollower(), None
     for distance in (12.0, 12.1, 12.2):
         on_rear = np.abs(distance * np.tan(model.angles)) <= 0.9
-        ranges = np.where(on_rear, distance / np.cos(model.angles), np.inf)
-        scan = replace(batch_of([ranges], model), ranges=ranges[None].astype(np.float32))
+        ranges = np.where(on_rear, distance / np.cos(model.angles), np.inf).astype(np.float32)
         body = Body(np.array([4.7]), np.array([1.8]), np.array([-1.2]), np.array([4.3]), np.array([0.15]))
-        memory = law(Sensed(scan, np.array([5.0]), np.zeros(1), body), memory, 0.1).memory
+        memory = law(Sensed(batch_of([ranges], model), np.array([5.0]), np.zeros(1), body), memory, 0.1).memory

@@ -107,7 +107,9 @@ def _scanned(fleet: _Fleet, hits: np.ndarray) -> tuple[_Fleet, tuple]:
     """The fleet with a group of its last member, and the scan of that, hits (1, k)."""
     last = fleet.members[-1]
     lidar = replace(last.lidar, samples=hits.shape[1])
-    scan = replace(batch_of(np.where(hits == NO_HIT, np.inf, 1.0), lidar), hits=hits)
+    hits = hits.astype(np.int32)
+    hits.setflags(write=False)
+    scan = replace(batch_of(np.where(hits == NO_HIT, np.inf, 1.0).astype(np.float32), lidar), hits=hits)
     group = Group(last.law, lidar, np.array([len(fleet) - 1]), 1)
     return _Fleet(**(vars(fleet) | {"groups": (group,)})), (scan,)
 
