@@ -137,7 +137,8 @@ class TrackingFollower(Law):
        ahead on the route. It follows that one, along the route, since a laser cannot identify it; a predecessor that
        leaves the route is dropped. On the order to lead it drops its predecessor.
     6. Stop lines. With policy = "obey" it is given lights and right of way, and stops at a closed line as `alone` does;
-       without a predecessor it always does.
+       without a predecessor it always does. After that it follows along its route, if it is given one, since others may
+       have come in between.
     """
 
     lidar: ClassVar[str] = "car-tracker"  # the preset, where a scenario names none
@@ -206,6 +207,8 @@ class TrackingFollower(Law):
         acceleration = self._comfort(now, demand)
 
         never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
+        if sensed.route is not None:  # others may have come in between: who is ahead is met anew
+            never_lost &= limit.reason != LINE
         commands = acceleration, curvature, achieved
         memory = Memory(
             now.odometry, estimate.track, trail, *commands, obstacle.free, obstacle.closing, never_lost, creeps, limit

@@ -233,6 +233,8 @@ class StopLines:
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
         if near and not self._has_room(line, ego.length):
             return LineState(distance, False, False, False, NO_ROOM)
+        if near and len(line.via) > 1 and not self._may_cross(line, distance, ego, midway=True):
+            return LineState(distance + conflicts.waits, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
 
     def _link_state(self, line: Line) -> str:
@@ -354,7 +356,8 @@ class StopLines:
         if state in ZIPPER:  # the nearer one goes first
             foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
         margin = margin_after(self._waited(ego))
-        return self._has_gap_among(self._met(line, foes, distance, midway), line, distance, ego, margin)
+        enters = distance + self._conflicts_at(line).waits if midway else distance
+        return self._has_gap_among(self._met(line, foes, distance, midway), line, distance, ego, margin, enters)
 
     def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
         """The foes that are met after, or before, the place where the vehicle may wait midway."""
@@ -370,14 +373,13 @@ class StopLines:
         if state in ALL_STOP:
             return not any(self._departs(foe, ego) for foe in self._at_lines(line))
         foes = [foe._replace(pace=Pace(foe.pace.speed)) for foe in self._coming(line, ego, state)]
-        return self._has_gap_among(self._met(line, foes, 0.0, midway=False), line, 0.0, ego, 0.0)
+        return self._has_gap_among(self._met(line, foes, 0.0, midway=False), line, 0.0, ego, 0.0, 0.0)
 
-    def _has_gap_among(self, foes: Sequence[Approach], line: Line, distance: float, ego: Ego, margin: float) -> bool:
-        """distance: from the front bumper to the line [m]"""
+    def _has_gap_among(
+        self, foes: Sequence[Approach], line: Line, distance: float, ego: Ego, margin: float, enters: float
+    ) -> bool:
+        """distance, enters: from the front bumper to the line, and to the line or where it waits midway [m]"""
         pace = self._pace(line, ego)
-        enters = distance
-        if distance < 0 and ego.lane in line.via[:-1]:  # it waits midway
-            enters += self._conflicts_at(line).waits
         for one in foes:
             crossing = one.crossing
             foe = Foe(
@@ -527,7 +529,7 @@ class StopLines:
         still = self._still.setdefault(key, time)
         if departs or any(foe.pace.speed >= STANDING for foe in inside):
             still = self._still[key] = time
-        if departs or not self._has_gap_among(inside, line, distance, ego, 0.0):
+        if departs or not self._has_gap_among(inside, line, distance, ego, 0.0, distance):
             return False
         return time - still > HELD_UP_AFTER + NEXT_IN_TURN * (len(earlier) - 1) if earlier else True
 

@@ -134,6 +134,21 @@ def test_a_follower_behind_its_leader_stops_at_a_closed_line_only_with_policy_ob
         assert course.speed[-1] == pytest.approx(0, abs=0.05)
 
 
+@pytest.mark.parametrize("held", [False, True])
+def test_a_follower_that_a_line_has_held_drives_on_along_its_route_and_not_in_the_trail(held):
+    """The leader swerves by 1.6 m beyond the line, and waits in sight."""
+
+    def leader(time: float) -> tuple[float, float]:
+        acceleration = -4.0 if 10.4 < time < 12.4 else 1.0 if time > 14 else 0.0
+        return acceleration, 0.016 * ((8.4 < time < 9.4) - (9.4 < time < 10.4))
+
+    law = TrackingFollower(on_loss="drive", policy="obey")
+    course = driven(leader, 20.0, law, x=80.0, is_open=lambda time: not held or not 8.2 < time < 11)
+    there = course.front > 105
+    assert course.locked[there].all()
+    assert np.median(course.y[there]) == pytest.approx(0.0 if held else 1.6, abs=0.3)
+
+
 @pytest.mark.slow
 def test_a_predecessor_that_left_the_route_is_not_followed():
     """The leader goes straight on where the route turns, unseen by the follower."""
