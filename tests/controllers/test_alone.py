@@ -76,10 +76,11 @@ class Course(NamedTuple):
 
 
 def driven(leader, seconds: float, law: Law | None = None, route: Route = STRAIGHT, **street) -> Course:
-    """A follower with a route behind a leader that drives by the clock."""
+    """A follower with a route behind a leader that drives by the clock; or by the law `path`, if that is None."""
     law = law or TrackingFollower(on_loss="drive")
+    leads = Prescribed(lambda time: Drive(*leader(time))) if leader else PathLeader(speed=SPEED)
     members = platoon(
-        Prescribed(lambda time: Drive(*leader(time))), law, 1, distance=TrackingFollower().desired_distance(SPEED),
+        leads, law, 1, distance=TrackingFollower().desired_distance(SPEED),
         model=CAR, leader_eye=replace(BLIND, rate=1 / DT), eye=EYE, speed=SPEED,
     )  # fmt: skip
     members = [replace(m, route=route) for m in members]
@@ -132,6 +133,20 @@ def test_a_follower_behind_its_leader_stops_at_a_closed_line_only_with_policy_ob
     if not passes:
         assert course.front[-1] > 77
         assert course.speed[-1] == pytest.approx(0, abs=0.05)
+
+
+def test_a_follower_takes_a_tight_turn_no_faster_than_its_leader():
+    """The leader accelerates as soon as it is through the turn, the follower has not yet begun it."""
+    route = corner(6.0).drivable_by(CAR)
+    course = driven(None, 19.0, route=route)
+    bend = route.line.project(50.0 + 6.0 * np.sqrt(0.5), 6.0 - 6.0 * np.sqrt(0.5), 0.0, np.inf)[0]
+    away = shapely.distance(shapely.LineString(route.line.points), shapely.points(course.x, course.y))
+    assert course.y[-1] > 15
+    assert away.max() < 0.3
+    station = np.array([route.line.project(x, y, 0.0, np.inf)[0] for x, y in zip(course.x, course.y, strict=True)])
+    middle = np.abs(station - bend) < 2.0
+    assert middle.any()
+    assert (course.speed[middle] ** 2 / 6.0 < 4.0).all()
 
 
 @pytest.mark.parametrize("held", [False, True])
