@@ -238,9 +238,9 @@ class StopLines:
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
 
     def _link_state(self, line: Line) -> str:
-        """State of the link beyond a line now, as SUMO writes it."""
+        """State of the link beyond a line now, as SUMO writes it; but equal where the network gives nobody priority."""
         if not line.light:
-            return line.state
+            return EQUAL[0] if self._conflicts_at(line).unregulated else line.state
         return self._sumo.trafficlight.getRedYellowGreenState(line.light)[line.index]
 
     # ---- lane changes
