@@ -278,7 +278,8 @@ def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
         ),
         vehicle=SimpleNamespace(
             getSpeed=lambda _: 10.0, getLength=lambda _: 5.0,
-            getWaitingTime=lambda _: 0.0, getLanePosition=lambda name: dict(sum(places.values(), []))[name],
+            getWaitingTime=lambda _: 0.0,
+            getLanePosition=lambda name: {k: v for lane in places.values() for k, v in lane}[name],
         ),
     )  # fmt: skip
     lines = StopLines(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), client)
