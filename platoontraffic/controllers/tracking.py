@@ -11,7 +11,16 @@ from pydantic import Field
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BrakingFor, Decision, Law, Sensed, Target
-from platoontraffic.controllers.path import LINE, LOST, OBSTACLE, PREDECESSOR, PathLeader, bearing_of, nothing
+from platoontraffic.controllers.path import (
+    LINE,
+    LOST,
+    OBSTACLE,
+    PREDECESSOR,
+    PathLeader,
+    bearing_of,
+    errors_on,
+    nothing,
+)
 from platoontraffic.controllers.steering import Errors, curvature_back
 from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED, PathAhead, Sighting
 from platoontraffic.controllers.tracker.track import Odometry, Track
@@ -137,7 +146,8 @@ class TrackingFollower(Law):
        ahead on the route. It follows that one, along the route, since a laser cannot identify it; a predecessor that
        leaves the route is dropped. On the order to lead it drops its predecessor.
     6. Stop lines. With policy = "obey" it is given lights and right of way, and stops at a closed line as `alone` does;
-       without a predecessor it always does.
+       without a predecessor it always does. After that it follows along its route, if it is given one, since others may
+       have come in between.
     """
 
     lidar: ClassVar[str] = "car-tracker"  # the preset, where a scenario names none
@@ -206,6 +216,8 @@ class TrackingFollower(Law):
         acceleration = self._comfort(now, demand)
 
         never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
+        if sensed.route is not None:  # others may have come in between: who is ahead is met anew
+            never_lost &= limit.reason != LINE
         commands = acceleration, curvature, achieved
         memory = Memory(
             now.odometry, estimate.track, trail, *commands, obstacle.free, obstacle.closing, never_lost, creeps, limit
@@ -356,13 +368,15 @@ class TrackingFollower(Law):
         creeps, limit = memory.creeping, nothing(n)
         if sensed.route is not None:
             alone = self.alone.acceleration_on(sensed, np.zeros(n), free, closing, now.dt)
-            # A vehicle that was met on the route may go straight on where the route turns.
+            # A vehicle that was met on the route may go straight on where the route turns; a predecessor that is
+            # through a turn accelerates.
             bends = self.alone.acceleration_for_bends(sensed)
             alone, creeps, limit = self.alone.acceleration_among_others(
                 sensed, alone, free, bearing, closing, memory.free, creeps, now.dt
             )
             wanted = np.where(track.known & ~creeps.active, wanted, alone)
-            wanted = np.where(memory.never_lost, wanted, np.minimum(wanted, bends))
+            strays = np.abs(errors_on(sensed.route).offset) > ASTRAY
+            wanted = np.where(memory.never_lost & strays, wanted, np.minimum(wanted, bends))
             needed = np.where(creeps.active & (needed < 0), np.maximum(needed, alone), needed)
         by_obstacle = np.isfinite(free) & (now.speed < STILL) & (needed < 0) & track.known
         reason = np.where(track.known, np.where(by_obstacle, OBSTACLE, PREDECESSOR), limit.reason)

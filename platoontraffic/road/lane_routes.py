@@ -20,7 +20,9 @@ from platoontraffic.road.permissions import CAR
 CHANGING = "change"  # state of a line where a change of lanes begins
 CHANGE_AFTER = 5.0  # distance of a lane change from the begin of its edge [lane widths]: 16 m in streets
 CHANGE_LENGTH = 12.0  # length of a change over one lane [lane widths]: 38 m, or 3 s at 13 m/s
-EARLIEST_SHARE = 0.1  # share of a short edge that precedes a lane change
+SHORTEST_CHANGE = 5.0  # the same where there is little room [lane widths]: 16 m
+ROOM_SHARE = 0.6  # of the rest of the lane that a change takes then, so that it ends before a queue at the line
+EARLIEST_SHARE = 0.1  # share of a short edge that precedes a lane change, and that is left for it at least
 
 
 class Line(NamedTuple):
@@ -138,11 +140,12 @@ def _crossing_over(lane: Any, other: Any, position: float) -> tuple[np.ndarray, 
     line, beside = LineString(lane.getShape()), LineString(other.getShape())
     if lane is other:
         return np.array(lane.getShape()), 0.0, 0.0
-    wanted = CHANGE_LENGTH * lane.getWidth() * abs(lane.getIndex() - other.getIndex()) / line.length
-    # As early as that, or as early as its length needs; but not before the position, whatever room that leaves.
+    over = lane.getWidth() * abs(lane.getIndex() - other.getIndex()) / line.length
+    wanted = CHANGE_LENGTH * over
+    # As early as that, or as early as its length needs; but not before the position, if that leaves room.
     begin = min((position + CHANGE_AFTER * lane.getWidth()) / line.length, max(1 - wanted, EARLIEST_SHARE))
-    begin = max(begin, min(position, line.length - lane.getWidth()) / line.length)
-    change = min(wanted, 1 - begin)
+    begin = max(begin, min(position / line.length, 1 - min(SHORTEST_CHANGE * over, EARLIEST_SHARE)))
+    change = min(wanted, max(SHORTEST_CHANGE * over, ROOM_SHARE * (1 - begin)), 1 - begin)
     ends = [one.project(Point(p), normalized=True) for one in (line, beside) for p in one.coords]
     share = np.unique([*ends, begin, begin + change])
     points = shapely.line_interpolate_point(np.array([line, beside])[:, None], share, normalized=True)

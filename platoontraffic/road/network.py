@@ -242,6 +242,14 @@ class Network:
         links = (link for edge in self._roads for links in edge.getOutgoing().values() for link in links)
         return {lane.getID(): link.getFromLane().getID() for link in links for lane in inside(link, self._net)}
 
+    @cached_property
+    def unregulated(self) -> frozenset[str]:
+        """Lanes inside junctions at which nobody has to give way, though paths cross: SUMO's type `unregulated`."""
+        return frozenset(
+            lane for lane in self.entered_from
+            if self._net.getNode(lane[1:].rsplit("_", 2)[0]).getType() == "unregulated"
+        )  # fmt: skip
+
     def onward(self, edge_id: str, n: int = 2) -> tuple[str, ...]:
         """An edge and the next ones along the straightest route; n edges, fewer where the road ends."""
         route = [self._net.getEdge(self._known(edge_id))]

@@ -42,7 +42,7 @@ class Crossing(NamedTuple):
     own: tuple[float, float]  # where the own path meets it, and where they part
     its: tuple[float, float]
     merges: bool  # onto the same lane
-    first: bool  # the foe has priority
+    first: bool  # the foe has priority, or nobody has
     waits: float  # where it may wait midway; inf: nowhere
     fastest: float  # speed limit inside the junction [m/s]
 
@@ -65,6 +65,7 @@ class Conflicts(NamedTuple):
     waits: float  # where the own path may wait midway [m]; inf: nowhere
     reach: float  # distance before the junction from which a gap is judged [m]
     curvature: float  # greatest of the own path through the junction [1/m]
+    unregulated: bool = False  # the network gives nobody priority, so everybody is yielded to
 
     @classmethod
     def at(cls, line: Line, network: Network, sumo: Client) -> Conflicts:
@@ -74,7 +75,13 @@ class Conflicts(NamedTuple):
         own, width = _path(line.via, line.onto, sumo), lane.getWidth(line.lane)
         crossings: dict[str, Crossing] = {}
         inner = {name for via in line.via for name in lane.getInternalFoes(via)} - set(line.via)
+        unregulated = not network.unregulated.isdisjoint(line.via)  # SUMO knows no foes there
+        if unregulated:
+            junction = line.via[0].rsplit("_", 2)[0]
+            inner |= {name for name in network.unregulated if name.rsplit("_", 2)[0] == junction} - set(line.via)
         for before in sorted({network.entered_from[name] for name in inner if name in network.entered_from}):
+            if unregulated and before == line.lane:
+                continue
             for link in lane.getLinks(before):
                 via = _chain(link[LINK_VIA], sumo)
                 if inner.isdisjoint(via) or (before == line.lane and via == line.via):
@@ -85,7 +92,7 @@ class Conflicts(NamedTuple):
                     continue
                 waits = lane.getLength(via[0]) if len(via) > 1 else math.inf
                 fastest = min(map(lane.getMaxSpeed, via))
-                crossings[via[0]] = Crossing(before, via, *met, merges, before in foes, waits, fastest)
+                crossings[via[0]] = Crossing(before, via, *met, merges, unregulated or before in foes, waits, fastest)
         entering = sorted({crossing.before for crossing in crossings.values() if crossing.first})
         fastest = max(map(lane.getMaxSpeed, entering), default=0.0)
         watched = fastest * (SLOWEST.time_for(line.across + CAR_LENGTH) + FIRST_MARGIN)
@@ -93,7 +100,8 @@ class Conflicts(NamedTuple):
         walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
         reach = GAP_HORIZON * max(fastest, lane.getMaxSpeed(line.lane) if walks else 0.0)
-        return cls(tuple(upstream.items()), crossings, walks, waits, reach, _curvature(own, width))
+        bend = _curvature(own, width)
+        return cls(tuple(upstream.items()), crossings, walks, waits, reach, bend, unregulated)
 
 
 def _walks(own: np.ndarray, inner: set[str], width: float, sumo: Client):

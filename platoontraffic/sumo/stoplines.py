@@ -42,9 +42,12 @@ COMMITTED = 0.25  # share of a lane change after which it is not interrupted
 EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
 OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle may still stop there [m]
 HELD_UP_AFTER = 3.0  # a vehicle that stands at an open line for longer is held up by something else [s]
+SETS_OUT_AFTER = 1.5  # a vehicle whose turn it is at an all-way stop sets out within this time [s]
 NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
 AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
 QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
+QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
+QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
 QUEUE_GAP, OWN_GAP = 2.5, 4.0  # between cars that stand in a queue; that a member of a car's length leaves [m]
 REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
@@ -201,9 +204,9 @@ class StopLines:
             is_open = self._may_cross(line, -driven, ego, midway=True)
             return LineState(inside - driven, is_open, False, False, RIGHT_OF_WAY)
         if line.state == CHANGING:
-            left = COMMITTED * line.across - over
-            if left > 0 and ego.lane != line.onto and not self._may_change(line, -over, ego):
-                return LineState(left, False, False, False, LANE_CHANGE)
+            before = self._may_change(line, -over, ego)
+            if before < np.inf and ego.lane != line.onto:
+                return LineState(before, False, False, False, LANE_CHANGE)
         elif ego.lane in line.via and (state := self._link_state(line)) not in PRIORITY:
             left = OVERRUN * scale(ego.length) - over
             if ego.speed**2 / (2 * EARLY_BRAKING) < left and not self._has_way(line, state, -over, ego):
@@ -214,7 +217,7 @@ class StopLines:
         """State of a line ahead; the adjacent lane and the space beyond are checked only when it is near."""
         near = distance < ego.checks_from
         if line.state == CHANGING:
-            is_open = not near or ego.lane == line.onto or self._may_change(line, distance, ego)
+            is_open = not near or ego.lane == line.onto or self._may_change(line, distance, ego) == np.inf
             return LineState(distance, is_open, False, False, LANE_CHANGE)
         state, conflicts = self._link_state(line), self._conflicts_at(line)
         minor = state in STOP or (state in MINOR and bool(conflicts.entering))
@@ -233,22 +236,41 @@ class StopLines:
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
         if near and not self._has_room(line, ego.length):
             return LineState(distance, False, False, False, NO_ROOM)
+        if near and len(line.via) > 1 and not self._may_cross(line, distance, ego, midway=True):
+            return LineState(distance + conflicts.waits, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
 
     def _link_state(self, line: Line) -> str:
-        """State of the link beyond a line now, as SUMO writes it."""
+        """State of the link beyond a line now, as SUMO writes it; but equal where the network gives nobody priority."""
         if not line.light:
-            return line.state
+            return EQUAL[0] if self._conflicts_at(line).unregulated else line.state
         return self._sumo.trafficlight.getRedYellowGreenState(line.light)[line.index]
 
     # ---- lane changes
 
-    def _may_change(self, line: Line, distance: float, ego: Ego) -> bool:
-        """Whether there will be room on the adjacent lane, and no vehicle there will have to brake hard.
+    def _may_change(self, line: Line, distance: float, ego: Ego) -> float:
+        """Distance at which a vehicle must stop because there is no room on a lane that it crosses or changes to [m].
 
-        Judged for the time when half of the member is over there: until then SUMO's drivers do not see it.
+        distance : to the begin of the lane change; negative: it has begun [m]
+        returns  : to where it still is on the lane before; inf: there is room, or it is on all those lanes already
+
+        A queue ahead leaves no room to begin: it would stand across both lanes. It is waited for, but not for ever.
         """
-        half = distance + line.across / 2
+        crossed = _crossed(line)
+        share = line.across / len(crossed)
+        patient = self._sumo.vehicle.getWaitingTime(ego.id) < QUEUE_PATIENCE
+        queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
+        for k, one in enumerate(crossed):
+            stop = distance + (k + COMMITTED) * share
+            if stop > 0 and (queue or not self._is_room(one, distance, distance + (k + 0.5) * share, ego)):
+                return stop
+        return np.inf
+
+    def _is_room(self, line: Line, distance: float, half: float, ego: Ego) -> bool:
+        """Whether there will be room on one lane, and no vehicle there will have to brake hard.
+
+        half : distance after which half of the member is over there: until then SUMO's drivers do not see it [m]
+        """
         pace = Pace(ego.speed, *CHANGING_PACE)
         time = pace.time_for(half)
         later = pace.speed_after(time)
@@ -266,6 +288,18 @@ class StopLines:
             if gap < room + closing * REACTION + closing**2 / (2 * COMFORTABLE_BRAKING):
                 return False
         return True
+
+    def _queue_within(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether a vehicle stands on one of the two lanes before the end of the lane change."""
+        vehicle, lane = self._sumo.vehicle, self._sumo.lane
+        here = lane.getLength(line.lane) - line.to_end - distance  # position of the own front bumper
+        end = here + distance + line.across + OWN_GAP * scale(ego.length)
+        for name in (*lane.getLastStepVehicleIDs(line.lane), *lane.getLastStepVehicleIDs(line.onto)):
+            if name != ego.id and vehicle.getSpeed(name) < QUEUE_STANDS * scale(ego.length):
+                position = vehicle.getLanePosition(name)
+                if position > here and position - vehicle.getLength(name) < end:
+                    return True
+        return False
 
     def _on_adjacent(self, line: Line) -> Iterator[tuple[str, float]]:
         """Vehicles on the adjacent lane and lanes that lead to it, and the distance of each to its end [m]."""
@@ -354,7 +388,8 @@ class StopLines:
         if state in ZIPPER:  # the nearer one goes first
             foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
         margin = margin_after(self._waited(ego))
-        return self._has_gap_among(self._met(line, foes, distance, midway), line, distance, ego, margin)
+        enters = distance + self._conflicts_at(line).waits if midway else distance
+        return self._has_gap_among(self._met(line, foes, distance, midway), line, distance, ego, margin, enters)
 
     def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
         """The foes that are met after, or before, the place where the vehicle may wait midway."""
@@ -370,14 +405,13 @@ class StopLines:
         if state in ALL_STOP:
             return not any(self._departs(foe, ego) for foe in self._at_lines(line))
         foes = [foe._replace(pace=Pace(foe.pace.speed)) for foe in self._coming(line, ego, state)]
-        return self._has_gap_among(self._met(line, foes, 0.0, midway=False), line, 0.0, ego, 0.0)
+        return self._has_gap_among(self._met(line, foes, 0.0, midway=False), line, 0.0, ego, 0.0, 0.0)
 
-    def _has_gap_among(self, foes: Sequence[Approach], line: Line, distance: float, ego: Ego, margin: float) -> bool:
-        """distance: from the front bumper to the line [m]"""
+    def _has_gap_among(
+        self, foes: Sequence[Approach], line: Line, distance: float, ego: Ego, margin: float, enters: float
+    ) -> bool:
+        """distance, enters: from the front bumper to the line, and to the line or where it waits midway [m]"""
         pace = self._pace(line, ego)
-        enters = distance
-        if distance < 0 and ego.lane in line.via[:-1]:  # it waits midway
-            enters += self._conflicts_at(line).waits
         for one in foes:
             crossing = one.crossing
             foe = Foe(
@@ -514,7 +548,7 @@ class StopLines:
         """Whether a vehicle that has stood at an all-way stop may go: those that have stood longer are gone.
 
         The order of arrival is the same for all, so two vehicles never wait for each other. If one that should go does
-        not, the next one goes after HELD_UP_AFTER, the one after that NEXT_IN_TURN later.
+        not, the next one goes after SETS_OUT_AFTER, the one after that NEXT_IN_TURN later.
         """
         own, time, key = self._order(ego.id, line.lane), self._sumo.simulation.getTime(), (ego.id, line.lane)
         inside = [*self._inside(line, first=False)]
@@ -527,9 +561,17 @@ class StopLines:
         still = self._still.setdefault(key, time)
         if departs or any(foe.pace.speed >= STANDING for foe in inside):
             still = self._still[key] = time
-        if departs or not self._has_gap_among(inside, line, distance, ego, 0.0):
+        if departs or not self._has_gap_among(inside, line, distance, ego, 0.0, distance):
             return False
-        return time - still > HELD_UP_AFTER + NEXT_IN_TURN * (len(earlier) - 1) if earlier else True
+        return time - still > SETS_OUT_AFTER + NEXT_IN_TURN * (len(earlier) - 1) if earlier else True
+
+
+def _crossed(line: Line) -> list[Line]:
+    """A lane change by each lane that it leads onto, in their order."""
+    edge, _, first = line.lane.rpartition("_")
+    here, there = int(first), int(line.onto.rpartition("_")[2])
+    step = 1 if there > here else -1
+    return [line._replace(onto=f"{edge}_{k}") for k in range(here + step, there + step, step)]
 
 
 def _distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:

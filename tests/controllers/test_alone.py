@@ -76,10 +76,11 @@ class Course(NamedTuple):
 
 
 def driven(leader, seconds: float, law: Law | None = None, route: Route = STRAIGHT, **street) -> Course:
-    """A follower with a route behind a leader that drives by the clock."""
+    """A follower with a route behind a leader that drives by the clock; or by the law `path`, if that is None."""
     law = law or TrackingFollower(on_loss="drive")
+    leads = Prescribed(lambda time: Drive(*leader(time))) if leader else PathLeader(speed=SPEED)
     members = platoon(
-        Prescribed(lambda time: Drive(*leader(time))), law, 1, distance=TrackingFollower().desired_distance(SPEED),
+        leads, law, 1, distance=TrackingFollower().desired_distance(SPEED),
         model=CAR, leader_eye=replace(BLIND, rate=1 / DT), eye=EYE, speed=SPEED,
     )  # fmt: skip
     members = [replace(m, route=route) for m in members]
@@ -132,6 +133,35 @@ def test_a_follower_behind_its_leader_stops_at_a_closed_line_only_with_policy_ob
     if not passes:
         assert course.front[-1] > 77
         assert course.speed[-1] == pytest.approx(0, abs=0.05)
+
+
+def test_a_follower_takes_a_tight_turn_no_faster_than_its_leader():
+    """The leader accelerates as soon as it is through the turn, the follower has not yet begun it."""
+    route = corner(6.0).drivable_by(CAR)
+    course = driven(None, 19.0, route=route)
+    bend = route.line.project(50.0 + 6.0 * np.sqrt(0.5), 6.0 - 6.0 * np.sqrt(0.5), 0.0, np.inf)[0]
+    away = shapely.distance(shapely.LineString(route.line.points), shapely.points(course.x, course.y))
+    assert course.y[-1] > 15
+    assert away.max() < 0.3
+    station = np.array([route.line.project(x, y, 0.0, np.inf)[0] for x, y in zip(course.x, course.y, strict=True)])
+    middle = np.abs(station - bend) < 2.0
+    assert middle.any()
+    assert (course.speed[middle] ** 2 / 6.0 < 4.0).all()
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_follower_that_a_line_has_held_drives_on_along_its_route_and_not_in_the_trail(held):
+    """The leader swerves by 1.6 m beyond the line, and waits in sight."""
+
+    def leader(time: float) -> tuple[float, float]:
+        acceleration = -4.0 if 10.4 < time < 12.4 else 1.0 if time > 14 else 0.0
+        return acceleration, 0.016 * ((8.4 < time < 9.4) - (9.4 < time < 10.4))
+
+    law = TrackingFollower(on_loss="drive", policy="obey")
+    course = driven(leader, 20.0, law, x=80.0, is_open=lambda time: not held or not 8.2 < time < 11)
+    there = course.front > 105
+    assert course.locked[there].all()
+    assert np.median(course.y[there]) == pytest.approx(0.0 if held else 1.6, abs=0.3)
 
 
 @pytest.mark.slow

@@ -288,6 +288,14 @@ def test_a_route_that_starts_late_on_a_lane_changes_it_after_its_start(highway):
     assert 120.0 < change.station < 244.55 - 12 * 3.2 + 1
 
 
+@pytest.mark.parametrize(("left", "length"), [(120.0, 38.4), (50.0, 23.0), (30.0, 18.0), (20.0, 16.0)])
+def test_a_lane_change_near_the_line_is_short_enough_to_end_before_a_queue_there(cross, left, length):
+    """Of what is left of the lane, as far as it is not shorter than 16 m."""
+    *_, (change, *_) = cross.route_lanes(["west_in", "north_out"], 0, position=492.8 - left)
+    assert change.across == pytest.approx(length, abs=0.5)
+    assert change.station >= 492.8 - left - 0.1
+
+
 def test_speed_limits_are_those_of_the_lanes_on_the_route(highway):
     points, limit, _ = highway.route_lanes(["e1_e2", "e2_e_exit"], RIGHT)
     assert len(points) == len(limit)

@@ -16,11 +16,11 @@ from platoontraffic import shipped
 from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.lidar import PRESETS, Mount
-from platoontraffic.road.lane_routes import CHANGING
+from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
-from platoontraffic.sumo.stoplines import StopLines
+from platoontraffic.sumo.stoplines import Ego, StopLines
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.world.fleet import Fleet, Member
@@ -254,6 +254,41 @@ def test_a_member_changes_lanes_after_the_vehicles_beside_it_have_passed(scene):
     assert over > at_once + 1.0
     for name, *_ in beside:
         assert clearance(seen, name) > 0.5
+
+
+@pytest.mark.sumo
+def test_a_member_does_not_begin_to_change_lanes_where_a_queue_would_stop_it_across_both(scene):
+    edges = ("west_in", "north_out")
+    _, route = scene("cross", edges, [], 1.0, position=40.0, speed=9.0)
+    (change, *_) = (line for line in route.lines if line.state == CHANGING)
+    stands = change.station + 0.9 * change.across  # its front bumper
+    seen, _ = scene("cross", edges, [("c", ("west_in", "east_out"), stands, 0.0, 1)], 20.0, position=40.0, speed=9.0)
+    _, _, y, speed = track(seen)
+    assert speed[-1] < 0.1
+    assert np.ptp(y) < 0.3
+
+
+def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
+    """The first lane beside is full, the one beyond is empty; once there, only that one counts."""
+    places = {"road_0": [("m.0", 30.0)], "road_1": [("c", 31.0)], "road_2": []}
+    client = SimpleNamespace(
+        lane=SimpleNamespace(
+            getLength=lambda _: 200.0, getMaxSpeed=lambda _: 13.9,
+            getLastStepVehicleIDs=lambda lane: [name for name, _ in places[lane]],
+        ),
+        vehicle=SimpleNamespace(
+            getSpeed=lambda _: 10.0, getLength=lambda _: 5.0,
+            getWaitingTime=lambda _: 0.0,
+            getLanePosition=lambda name: {k: v for lane in places.values() for k, v in lane}[name],
+        ),
+    )  # fmt: skip
+    lines = StopLines(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), client)
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_2", (), 80.0, 160.0)  # it begins at 40 m
+    ego = Ego("m.0", "road_0", 10.0, 5.0)
+    assert lines._may_change(line, 10.0, ego) == pytest.approx(10.0 + 0.25 * 40.0)
+    assert lines._may_change(line, -15.0, ego) == np.inf  # it is on that lane, and the next one is free
+    places["road_2"] = [("c2", 53.0)]
+    assert lines._may_change(line, -15.0, ego) == pytest.approx(40.0 + 0.25 * 40.0 - 15.0)
 
 
 @pytest.mark.sumo

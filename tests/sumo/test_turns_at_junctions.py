@@ -138,7 +138,7 @@ def test_a_member_at_an_all_way_stop_takes_its_turn_among_cars_of_sumo(net, tmp_
 
 
 @pytest.mark.sumo
-@pytest.mark.parametrize("kind", ["right_before_left", "zipper", "priority"])
+@pytest.mark.parametrize("kind", ["right_before_left", "zipper", "priority", "unregulated"])
 def test_four_members_that_come_at_once_do_not_lock_each_other(net, tmp_path, kind):
     network = net(kind)
     _, entered, events, apart = played(
@@ -156,6 +156,22 @@ def test_a_member_gives_way_to_the_right_and_not_to_the_left(net, tmp_path):
         members = [member(network, "west", "east"), member(network, other, ACROSS[other])]
         _, entered, *_ = played(network, members, tmp_path / "w", 40.0)
         assert (entered["west"] < entered[other]) is goes_first
+
+
+@pytest.mark.sumo
+@pytest.mark.parametrize("late", [-15.0, 0.0, 15.0])
+def test_a_member_lets_cars_cross_that_yield_to_nobody(net, tmp_path, late):
+    """At an unregulated junction SUMO's drivers look at nobody."""
+    network = net("unregulated")
+
+    def stage() -> None:
+        for arm in ("south", "north"):
+            insert(arm, (f"{arm}_in", f"{ACROSS[arm]}_out"), network.edges[f"{arm}_in"][0] - TO_LINE - late, 8.0)
+
+    _, entered, events, apart = played(network, [member(network, "west", "east")], tmp_path / "w", 30.0, stage)
+    assert len(entered) == 3
+    assert apart > 0.5
+    assert not [e for e in events if e.kind == "collision"]
 
 
 @pytest.mark.parametrize(
