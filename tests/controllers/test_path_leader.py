@@ -85,7 +85,7 @@ def test_it_slows_down_before_a_bend_rather_than_in_it():
     log = along(line((0, 0), *bend, (212, 120)), PathLeader(speed=15.0), model=CAR, seconds=40.0, speed=15.0, dt=0.1)
     x, speed = axle(log, CAR)[:, 0], log.speed[:, 0]
     in_it = (x > 205) & (x < 211.9)
-    assert speed[in_it].max() < 1.1 * np.sqrt(2 * 12)
+    assert speed[in_it].max() < 1.1 * np.sqrt(PathLeader().lateral_acceleration * 12)
     assert speed[x < 120].min() > 14
     assert np.diff(speed).min() / 0.1 > -3.0
     assert speed[-1] > 12
