@@ -29,7 +29,7 @@ FILTER = 0.3  # time constant of the filter of the closing speed [s]
 SAME = 0.25  # greatest difference of the free distance from its prediction, for one obstacle [vehicle lengths]
 STEERING_LAG = 0.15  # from a command to the curvature driven, by which the curvature of the route is fed forward [s]
 SHARPEST = 0.1  # least radius of a turn, for a vehicle that turns on the spot [vehicle lengths]
-STEERED = 0.6  # share of its steering rate that the changes of curvature may take
+STEERED = 0.85  # share of its steering rate that the changes of curvature may take
 RESERVE = 1.3  # lateral acceleration that steering may use, above that of the planned speed
 ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
 
