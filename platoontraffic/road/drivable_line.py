@@ -153,8 +153,7 @@ def _flow(line, comfort, lock, tolerance, held, closed, rounds):
         _widen(line, step, wakes)
         line[:last, :2] += step[:last]
         if closed:
-            line[last, :4] = line[0, :4]
-            line[last, 2] = line[last - 1, 2]
+            line[last, :2], line[last, 3] = line[0, :2], line[0, 3]
             wakes[0] |= wakes[last]
         if not any_moved:
             return False

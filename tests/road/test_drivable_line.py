@@ -113,8 +113,9 @@ def test_a_loop_that_is_too_tight_does_not_shrink_its_legs_away():
 
 def test_a_closed_line_is_rounded_where_it_closes_too():
     square = [(0, 0), (40, 0), (40, 40), (0, 40), (0, 0)]
-    points, _ = rounded(square, closed=True)
+    points, stations = rounded(square, closed=True)
     assert points[0] == pytest.approx(points[-1])
+    assert stations[[0, -1]] == pytest.approx((0.0, 160.0))
     around = np.vstack([points[-2:-1], points])
     assert curvature(around).max() <= 1.01 / RADIUS
     near = [np.hypot(*(points - vertex).T).min() for vertex in square]
