@@ -14,7 +14,6 @@ import shapely
 from platoontraffic.cli.net_content import Content, Edge, Lane, Link, Points, read
 from platoontraffic.errors import InputError
 from platoontraffic.road.permissions import NO_ROAD
-from platoontraffic.road.turning import tight_turns
 from platoontraffic.vehicles.bicycle import CARS
 
 CAR = CARS["car"]  # the vehicle that is judged for
@@ -199,6 +198,8 @@ def _kinks(content: Content) -> Kind:
         judged.append(
             (float(steps[: len(before) - 1].sum()) - 1e-6, float(steps[: len(line) - len(after)].sum()) + 1e-6)
         )
+    from platoontraffic.road.turning import tight_turns  # here, since importing numba takes half a second
+
     turns = tight_turns(lines, CAR.turning_radius)
     room, (first, last) = np.array(rooms)[turns.line], np.array(judged).reshape(-1, 2)[turns.line].T
     found = np.flatnonzero((turns.offset > room) & (turns.end >= first) & (turns.start <= last))
