@@ -110,7 +110,7 @@ def test_a_follower_without_leader_drives_on_along_its_route_and_round_the_corne
     assert course.speed[-1] == pytest.approx(12.0, abs=0.1)
     bend = course.speed[(course.y > 1) & (course.y < 11)]
     assert len(bend)
-    assert (bend**2 / 12.0 < 2.5).all()  # comfortable sideways
+    assert (bend**2 / 12.0 < 1.1 * TrackingFollower().alone.lateral_acceleration).all()
 
 
 def test_with_on_loss_stop_a_follower_without_leader_stops():
