@@ -146,11 +146,11 @@ def _cells(ride: Ride | None, ratio: str, own: bool) -> Iterator[str]:
 def _print_stands(pair: Pair) -> None:
     from platoontraffic.prove.rides import reasons
 
-    for who, ride in (("members", pair.platoons), ("SUMO's own", pair.sumo)):
+    for side, ride in (("members", pair.platoons), ("SUMO's own", pair.sumo)):
         if ride and ride.stands:
             longest, counts = ride.longest_stand, sorted(reasons(ride.stands).items())
             out.print(
-                f"seed {pair.seed}, {who}: {longest.vehicle} stood for {longest.lasts:.0f} s ({longest.why}); "
+                f"seed {pair.seed}, {side}: {longest.vehicle} stood for {longest.lasts:.0f} s ({longest.why}); "
                 f"standstills over 10 s: {', '.join(f'{count} {word}' for word, count in counts)}",
                 soft_wrap=True,
                 markup=False,
@@ -177,7 +177,7 @@ def _number(value: float, form: str) -> str:
 def check_vehicle(name: str) -> None:
     """raises: InputError if it is not steered by its front wheels"""
     if name not in CARS:
-        raise InputError(f"--vehicle: {name!r}: must be {', '.join(CARS)}{did_you_mean(name, CARS)}")
+        raise InputError(f"--vehicle: no such vehicle {name!r}{did_you_mean(name, CARS)}")
 
 
 def prove_alone(road: Road, routes: int, seed: int, vehicle: str, as_json: bool) -> bool:

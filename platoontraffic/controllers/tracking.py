@@ -216,7 +216,7 @@ class TrackingFollower(Law):
         acceleration = self._comfort(now, demand)
 
         never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
-        if sensed.route is not None:  # others may have come in between: who is ahead is met anew
+        if sensed.route is not None:  # another vehicle may have come in between, so the next one is found anew
             never_lost &= limit.reason != LINE
         commands = acceleration, curvature, achieved
         memory = Memory(

@@ -1,4 +1,4 @@
-"""Creeping past what has not moved for long: who does, how fast, how near, and who does not."""
+"""Creeping past what has not moved for long: which vehicles do, how fast, how near, and which do not."""
 
 from __future__ import annotations
 
