@@ -30,7 +30,7 @@ SAME = 0.25  # greatest difference of the free distance from its prediction, for
 STEERING_LAG = 0.15  # from a command to the curvature driven, by which the curvature of the route is fed forward [s]
 SHARPEST = 0.1  # least radius of a turn, for a vehicle that turns on the spot [vehicle lengths]
 STEERED = 0.85  # share of its steering rate that the changes of curvature may take
-RESERVE = 1.3  # lateral acceleration that steering may use, above that of the planned speed
+RESERVE = 1.2  # lateral acceleration that steering may use, above that of the planned speed
 ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
 
 
@@ -90,9 +90,9 @@ class PathLeader(Law):
     )
     time_headway: Annotated[NotNegative, Field(alias="time_headway_s")] = 1.5
     acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5
-    braking: Annotated[Positive, Field(alias="braking_mps2")] = 2.5  # comfortable
+    braking: Annotated[Positive, Field(alias="braking_mps2")] = 3.0  # comfortable
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 8.0
-    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 3.0
+    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 3.5
 
     def __post_init__(self) -> None:
         if self.trace is not None:

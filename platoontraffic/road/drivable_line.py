@@ -45,9 +45,9 @@ def drivable(
     spacing   : of the points in between [m]
     returns   : points (m, 2) [m]; the station of each along the given line (m,) [m]. Ends of an open line stay
     """
-    stations = _stations(points)
+    stations = stations_of(points)
     line = np.column_stack([points, stations, np.zeros((len(points), 2))])  # x, y, station, displacement, half turn
-    line = _spread(_without_spikes(line, 2 / lock), spacing)
+    line = spread(_without_spikes(line, 2 / lock), spacing)
     line[:, 4] = _half_turns(line[:, :2], np.pi / 2 / lock, closed)
     for _ in range(BATCHES):
         here = comfort[np.clip(np.searchsorted(stations, line[:, 2], side="right") - 1, 0, len(comfort) - 1)]
@@ -56,17 +56,18 @@ def drivable(
         moved = _flow(line, np.minimum(here, lock), lock, tolerance, held, closed, ROUNDS)
         if not moved:
             break
-        line = _spread(line, spacing)  # not at the end: it changes the curvature a little
+        line = spread(line, spacing)  # not at the end: it changes the curvature a little
     return line[:, :2], line[:, 2]
 
 
-def _stations(points: np.ndarray) -> np.ndarray:
+def stations_of(points: np.ndarray) -> np.ndarray:
+    """Distance of each point (k, 2) along their line [m], (k,)."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))])
 
 
-def _spread(line: np.ndarray, spacing: float) -> np.ndarray:
+def spread(line: np.ndarray, spacing: float) -> np.ndarray:
     """The line with points at equal distances."""
-    along = _stations(line)
+    along = stations_of(line)
     even = np.linspace(0.0, along[-1], max(math.ceil(along[-1] / spacing), 2) + 1)
     return np.column_stack([np.interp(even, along, column) for column in line.T])
 
