@@ -18,7 +18,7 @@ from platoontraffic.geometry import polyline
 from platoontraffic.geometry.polyline import Polyline, project
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.lidar.pose import wrap
-from platoontraffic.road.drivable_line import COMFORT, LOCK, SPACING, TOLERANCE, drivable, turns
+from platoontraffic.road.drivable_line import LOCK, SPACING, drivable, turns
 from platoontraffic.road.eased_line import EASING, WIDEST, eased
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.vehicles.motion import VehicleModel
@@ -71,10 +71,9 @@ class Route:
         count = np.searchsorted(self.line.stations, self.length * (1 + 1e-12), side="right")
         points, limit = self.line.points[:count], self.limit[:count]
         given = self.line.stations[:count]
-        comfort = COMFORT / np.maximum(limit, 0.1) ** 2
         lock = 1 / max(LOCK * model.turning_radius, SPACING * model.length)
         spacing = SPACING * model.length
-        rounded, stations = drivable(points, comfort, lock, TOLERANCE * model.width, spacing, self.closed)
+        rounded, stations = drivable(points, lock, spacing, self.closed)
         if np.isfinite(model.curvature_rate):
             sizes = EASING * model.width, WIDEST * model.length, spacing
             rounded, stations = eased(rounded, stations, points, lock, *sizes, closed=self.closed)
