@@ -86,6 +86,11 @@ class Car:
         return self.max_steering_rate / self.wheelbase
 
     @property
+    def drive_lag(self) -> float:
+        """First order, of the drive's acceleration [s]."""
+        return self.lag
+
+    @property
     def hardest_braking(self) -> float:
         """[m/s2]."""
         return self.max_braking
