@@ -191,7 +191,7 @@ class PathLeader(Law):
         return np.maximum(base + np.where(t >= 0, more, 0.0), 0.0)
 
     def _for_bends(self, sensed: Sensed, fastest: np.ndarray) -> np.ndarray:
-        """For lower speeds ahead; where one is so near that it is about to hold, it is approached as a wanted speed is."""
+        """For lower speeds ahead; one that is about to hold is approached as a wanted speed is."""
         speed = sensed.speed[:, None]
         distance = sensed.route.distance - REACTION * speed
         near = distance < SETTLING / 2 * speed

@@ -49,9 +49,6 @@ SHOWN = 32  # points of the trail that are recorded
 
 ASIDE = 5.0  # distance from the route beyond which a predecessor that was never lost is dropped [m]
 ASIDE_ANEW = 2.0  # the same for one that was met on the route [m]
-# Share of the trail in the steering where it leads so far aside of the route [m]: it is trusted, then taken for wrong,
-# since the route is the middle of the lane, and in the end for a lane change or a swerve.
-BY_TRAIL = (0.25, 0.5, 0.8, 1.3), (1.0, 0.0, 0.0, 1.0)
 ROUNDED = 0.4  # distance each way over which corners of the route are rounded [vehicle lengths]
 RUN_UP = 8.0  # distance before a predecessor at which the trail leaves the route, by an arc [m]
 
@@ -305,9 +302,7 @@ class TrackingFollower(Law):
         curvature = ahead.curvature + back
         if now.sensed.route is None:
             return curvature
-        aside = np.abs(errors_on(now.sensed.route).offset - ahead.offset)  # of the trail from the route
-        by_trail = np.where(estimate.on_route | np.isnan(aside), 0.0, np.interp(aside, *BY_TRAIL))
-        return by_trail * np.nan_to_num(curvature) + (1 - by_trail) * self.alone.curvature_on(now.sensed)
+        return np.where(estimate.on_route, self.alone.curvature_on(now.sensed), curvature)
 
     # ---- 3. follow
 

@@ -7,9 +7,9 @@ to its legs, and a spike has gone. It acts on curves as in M. Gage, R. S. Hamilt
 plane curves, J. Differential Geometry 23 (1986), here only on the part of the curvature that is too much.
 
 A place is too sharp if its curvature is above that at full steering lock. For comfort the line is eased afterwards
-(`eased_line`). A half turn that is too tight has no such arc between its legs, and would shrink for ever. There the flow keeps the area
-(M. Gage, On an area-preserving evolution equation for plane curves, Contemporary Mathematics 51, 1986): what sharp
-places take away is added evenly outside, and the half turn becomes a bulb.
+(`eased_line`). A half turn that is too tight has no such arc between its legs, and would shrink for ever. There the
+flow keeps the area (M. Gage, On an area-preserving evolution equation for plane curves, Contemporary Mathematics 51,
+1986): what sharp places take away is added evenly outside, and the half turn becomes a bulb.
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ def _off(displacement: np.ndarray, line: np.ndarray) -> np.ndarray:
 
 @compiled
 def _graduated(points, weight):
-    """The minimum of the sum above for points (m, 2): solves (1 + w D^T D) q = p, by L d L^T with three subdiagonals."""
+    """The q of the sum above for points (m, 2): (1 + w D^T D) q = p, by L d L^T with three subdiagonals."""
     n = len(points)
     solution, pivot, below = points.copy(), np.zeros(n), np.zeros((n, 4))
     third = (-1.0, 3.0, -3.0, 1.0)
