@@ -9,6 +9,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.frame import centre_of, front_of, heading_of, sumo_angle
+from platoontraffic.sumo.shadows import Mover, Shadows
 from platoontraffic.world.fleet import Fleet, Member
 
 # Arguments of moveToXY: edge and lane, before the position; keepRoute and matchThreshold [m], behind the angle.
@@ -35,6 +36,7 @@ class Placement:
 
     def __init__(self, sumo: Client, network: Network, step: float) -> None:
         self._sumo, self._network, self._step = sumo, network, step
+        self._shadows = Shadows(sumo, step, network.left_hand)
         self.where: dict[str, tuple[str, str]] = {}  # edge and lane of each member that the run has had
         self._entries: list[Entry] = []  # since `entries` was last called
         self._leg: dict[str, int] = {}  # index, among its route's edges, of the edge that each member is on
@@ -63,7 +65,7 @@ class Placement:
             self._sumo.vehicle.moveToXY(member.id, *ANY_LANE, x, y, sumo_angle(heading), *EXACTLY)
 
     def _add(self, member: Member, native: bool) -> None:
-        types, kind, model = self._sumo.vehicletype, f"platoontraffic.{member.id}", member.model
+        types, kind, model = self._sumo.vehicletype, kind_of(member.id), member.model
         make_type(self._sumo, kind, model.length, model.width)
         if native:
             types.setSpeedFactor(kind, member.law.speed_factor)
@@ -105,6 +107,7 @@ class Placement:
         angle = sumo_angle(motion.heading)
         if not (np.isfinite(x).all() and np.isfinite(y).all() and np.isfinite(angle).all()):
             raise RunError("a member's pose is not finite")
+        self._shadows.cast(_moved(fleet))
         poses = zip(fleet.members, fleet.native.tolist(), x.tolist(), y.tolist(), angle.tolist(), strict=True)
         for member, native, *pose in poses:
             if not native:
@@ -133,6 +136,7 @@ class Placement:
             if lane[:1] == ":" and (before := self.where.get(name, ("", ""))[1]) and before[0] != ":":
                 self._entries.append((name, before, lane))
         self.where.update(zip(names, zip(roads, lanes, strict=True), strict=True))
+        self._shadows.observe(_moved(fleet), self.where)
 
     def put_in_order(self, fleet: Fleet) -> None:
         """Repair SUMO's order of vehicles on lanes where a member has passed another vehicle.
@@ -157,6 +161,7 @@ class Placement:
                 vehicle.moveTo(name, other, 0.0)
             for name in away:
                 vehicle.moveTo(name, lane, position[name])
+            self._shadows.lost(away)
 
     def _another_lane(self, name: str, lane: str) -> str:
         """Another lane of a vehicle's edge, or of the next or previous edge of its route; "" if there is none."""
@@ -208,6 +213,17 @@ class Placement:
         heading = heading_of(np.array([vehicle.getAngle(name) for name in names]))
         speed = np.array([vehicle.getSpeed(name) for name in names])
         return fleet.driven(rows, *centre_of(*front.T, heading, fleet.model.length[rows]), heading, speed, self._step)
+
+
+def kind_of(name: str) -> str:
+    """The vehicle type of a member or an obstacle; each has its own."""
+    return f"platoontraffic.{name}"
+
+
+def _moved(fleet: Fleet) -> list[Mover]:
+    """The members that SUMO does not drive."""
+    members = zip(fleet.members, fleet.native.tolist(), strict=True)
+    return [Mover(m.id, kind_of(m.id), m.model.width) for m, native in members if not native]
 
 
 def make_type(sumo: Client, kind: str, length: float, width: float) -> None:
