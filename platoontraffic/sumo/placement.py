@@ -10,6 +10,7 @@ from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.frame import centre_of, front_of, heading_of, sumo_angle
 from platoontraffic.sumo.shadows import Mover, Shadows
+from platoontraffic.sumo.vehicle_types import kind_of, limit_acceleration, make_type_of, release
 from platoontraffic.world.fleet import Fleet, Member
 
 # Arguments of moveToXY: edge and lane, before the position; keepRoute and matchThreshold [m], behind the angle.
@@ -18,11 +19,6 @@ from platoontraffic.world.fleet import Fleet, Member
 ANY_LANE = ("", -1)
 EXACTLY = (2, 5.0)
 
-ALL_CHECKS_OFF = 32  # speed mode: SUMO believes the speed that follows from the displacement
-NO_LANE_CHANGE = 0  # lane change mode
-ANY_SPEED = 10.0  # speed factor: SUMO clips the speed that it believes to this times the lane's limit
-TOP_SPEED_MARGIN = 1.5  # and to the maximum of the type: this times the vehicle's top speed
-LARGEST_MIN_GAP = 2.5  # minGap of a type is half its length, at most this [m]
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
 
 Entry = tuple[str, str, str]  # a member enters a junction: its id, the lane it leaves, the lane inside
@@ -66,14 +62,13 @@ class Placement:
 
     def _add(self, member: Member, native: bool) -> None:
         types, kind, model = self._sumo.vehicletype, kind_of(member.id), member.model
-        make_type(self._sumo, kind, model.length, model.width)
+        make_type_of(self._sumo, kind, model)
         if native:
             types.setSpeedFactor(kind, member.law.speed_factor)
             types.setMaxSpeed(kind, min(member.law.max_speed, model.top_speed))
+            types.setImperfection(kind, member.law.imperfection)
             self._sumo.route.add(kind, self._edges_ahead(member, member.edge))
         else:
-            types.setSpeedFactor(kind, ANY_SPEED)
-            types.setMaxSpeed(kind, TOP_SPEED_MARGIN * model.top_speed)
             self._sumo.route.add(kind, [member.edge])
         self._sumo.vehicle.add(
             member.id, kind, typeID=kind, depart="now", departLane=str(member.lane),
@@ -112,6 +107,10 @@ class Placement:
         for member, native, *pose in poses:
             if not native:
                 move(member.id, *ANY_LANE, *pose, *EXACTLY)
+        if fleet.native.any():
+            strongest = fleet.model.strongest_acceleration(motion.speed)
+            for i in np.flatnonzero(fleet.native):
+                limit_acceleration(self._sumo, kind_of(fleet.members[i].id), float(strongest[i]))
         self._slow(fleet, brakes)
 
     def _slow(self, fleet: Fleet, brakes: np.ndarray | None) -> None:
@@ -215,29 +214,7 @@ class Placement:
         return fleet.driven(rows, *centre_of(*front.T, heading, fleet.model.length[rows]), heading, speed, self._step)
 
 
-def kind_of(name: str) -> str:
-    """The vehicle type of a member or an obstacle; each has its own."""
-    return f"platoontraffic.{name}"
-
-
 def _moved(fleet: Fleet) -> list[Mover]:
     """The members that SUMO does not drive."""
     members = zip(fleet.members, fleet.native.tolist(), strict=True)
     return [Mover(m.id, kind_of(m.id), m.model.width) for m, native in members if not native]
-
-
-def make_type(sumo: Client, kind: str, length: float, width: float) -> None:
-    """A vehicle type `kind` of this size [m], otherwise SUMO's default passenger car."""
-    types = sumo.vehicletype
-    types.copy("DEFAULT_VEHTYPE", kind)
-    types.setVehicleClass(kind, "passenger")  # a scenario may have changed the default
-    types.setLength(kind, length)
-    types.setWidth(kind, width)
-    types.setMinGap(kind, min(LARGEST_MIN_GAP, length / 2))
-    types.setSpeedDeviation(kind, 0)
-
-
-def release(sumo: Client, name: str) -> None:
-    """Take a vehicle from SUMO's driver: it moves only as it is moved."""
-    sumo.vehicle.setSpeedMode(name, ALL_CHECKS_OFF)
-    sumo.vehicle.setLaneChangeMode(name, NO_LANE_CHANGE)
