@@ -78,7 +78,7 @@ class Placement:
     def take_over(self, platoon: Fleet) -> Fleet:
         """A platoon that SUMO has just inserted: from now on the fleet moves it, or SUMO drives it and it is read."""
         vehicle = self._sumo.vehicle
-        followed = np.isin(np.arange(len(platoon)), platoon.predecessor)
+        followed = np.isin(np.arange(len(platoon)), platoon.predecessor[~platoon.native])
         for i, (member, native) in enumerate(zip(platoon.members, platoon.native, strict=True)):
             if not native:
                 release(self._sumo, member.id)
