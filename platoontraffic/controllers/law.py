@@ -28,6 +28,7 @@ class Law:
     needs: frozenset[str] = frozenset()  # of NEEDS or sensors: what it is given beside scan, own motion and body
     lidar: str | None = None  # the lidar preset, where a scenario names none; None: the paper's
     native: bool = False  # SUMO's own driver model drives, by the law's gains max_speed [m/s] and speed_factor alone
+    imperfection: float = 0.5  # of that driver: SUMO's sigma, 0 to 1
     hardest_braking: float = math.inf  # it never brakes harder [m/s2]
     drives_alone: bool = False  # it drives its route when it has no predecessor, so it can be given manoeuvres
 

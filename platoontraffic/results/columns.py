@@ -83,7 +83,8 @@ TRAJECTORIES = (
     number(
         "gap_m",
         "m",
-        "distance from the front bumper to the predecessor's rear bumper, along the path that the predecessor drove",
+        "distance from the front bumper to the predecessor's rear bumper, along the path that the predecessor drove; "
+        "of a follower that SUMO drives, while it is behind its predecessor on that path",
         lambda now: now.measures.gap,
     ),
     number(

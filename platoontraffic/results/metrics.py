@@ -247,6 +247,13 @@ OF_FOLLOWERS = (
     ),
 )
 
+# Those of them that a follower without a laser, which SUMO drives, does not have.
+BY_LASER = frozenset({
+    "splits", "rejoin_time_mean", "rejoin_time_longest", "in_platoon_share", "in_platoon_distance", "steal_share",
+    "lock_on_seen", "gap_error_rms", "lock_on_ratio", "lock_losses", "lock_loss_longest", "lost_for_good",
+    "occluded_share_mean", "beams_share5",
+})  # fmt: skip
+
 # ---- of members with a place behind another
 
 OF_PLACES_BEHIND = (
@@ -503,7 +510,8 @@ def column(scope: str, name: str, unit: str) -> str:
 def _of_member(member: Own) -> Iterator[tuple[str, float, str]]:
     """(name, value, unit) of each metric that a member has."""
     rows = OF_MEMBERS
-    rows += OF_FOLLOWERS if member.is_follower else ()
+    by_laser = member.rows.beams_on_predecessor.notna().any()
+    rows += tuple(m for m in OF_FOLLOWERS if by_laser or m.name not in BY_LASER) if member.is_follower else ()
     rows += OF_PLACES_BEHIND if member.place > 0 else ()
     return ((metric.name, metric.value(member), metric.unit) for metric in rows)
 

@@ -116,7 +116,12 @@ def _member(network: Network, platoon: Platoon, place: int, route: Route | None,
         raise InputError(
             f"speed_mps {start.speed_mps:g}: the {equipment.role} cannot be so fast there; must be up to {fastest:g}"
         )
-    position = start.position_m - platoon.behind_leader(place)
+    behind = platoon.behind_leader(place)
+    position = start.position_m - behind
+    if law.native and position < 0:
+        raise InputError(
+            f"position_m {start.position_m:g}: SUMO inserts the {equipment.role} on this edge; must be from {behind:g}"
+        )
     front = max(position, 0.0)
     facing = _facing(network, platoon, front, model.length / 2 - model.axle)
     return Member(
