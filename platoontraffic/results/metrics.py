@@ -19,6 +19,7 @@ from platoontraffic.results.excerpts import EXPOSED, MOVING, STEADY, Group, Own,
 from platoontraffic.world.events import STANDSTILL_AFTER, WALL
 
 ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognise it
+CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes")  # kinds of contact of which the other is the cause
 LAST_CORNER = 10.0  # a quarter turn counts when this much of it is missing [deg]
 
 
@@ -113,8 +114,9 @@ OF_MEMBERS = (
     Metric(
         "collisions_caused",
         "",
-        "episodes of contact, except those in which it was struck from behind or the other vehicle changed lanes into "
-        "its path",
+        "episodes of contact of which it is the cause: it changed lanes into the other's path just before, or else "
+        "struck the other from behind, a wall, or the other side by side or head on; not those in which the other "
+        "changed lanes or struck it from behind",
         lambda m: _caused(m.collisions, m.vehicle),
         "sum",
     ),
@@ -523,8 +525,8 @@ def _contacts(collisions: pd.DataFrame, vehicles: Collection[str]) -> float:
 
 def _caused(collisions: pd.DataFrame, vehicle: str) -> float:
     own = collisions[collisions.vehicle_id == vehicle]
-    struck = collisions[(collisions.other_id == vehicle) & (collisions.what == "struck_from_behind")]
-    return float((~own.what.isin(["struck_from_behind", "other_changed_lanes"])).sum() + len(struck))
+    by_other = collisions[(collisions.other_id == vehicle) & collisions.what.isin(CAUSED_BY_OTHER)]
+    return float((~own.what.isin(CAUSED_BY_OTHER)).sum() + len(by_other))
 
 
 def _steal_share(member: Own) -> float:

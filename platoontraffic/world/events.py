@@ -22,7 +22,8 @@ STANDSTILL_AFTER = 10.0  # shortest standstill that is an event [s]
 NEAR_MISS_GAP = 0.5  # gap below which there is a near miss [m]
 EMERGENCY_BRAKING = 4.5  # braking above which it is an emergency brake [m/s2]
 OFF_ROAD_DISTANCE = 0.3  # distance outside the drivable area from which a member is off the road [m]
-LANE_CHANGE_BLAME = 2.0  # a collision this soon after the other vehicle's lane change is put down to that [s]
+LANE_CHANGE_BLAME = 2.0  # a collision this soon after one vehicle came into the other's lane is put down to it [s]
+LANE_CHANGE_TIME = 3.0  # time before that from which on the moves of both across the road are compared [s]
 ENCOUNTER_TIME = 10.0  # time for which the consequences of a cut-in or crossing are measured [s]
 
 
@@ -100,8 +101,9 @@ EVENT_KINDS = {
             f"is split off from its platoon: for {SPLIT_AFTER:g} s its law has not taken the predecessor (other_id) as "
             f"target, or its gap has been more than {SPLIT_GAP_FACTOR:g} times the gap that the law wants and also "
             f"more than {SPLIT_GAP_MARGIN:g} m ({_SCALED}) longer than that. Causes: a closed stop line held it, "
-            "another body in its way blocked it, vehicles came between, it fell behind, or a cause of lock_lost",
-            ("held", "blocked", "between", "fell_behind", "taken", "not_recognised", "out_of_sight", "broken"),
+            "there was no room beside it to repeat its predecessor's lane change, another body in its way blocked it, "
+            "vehicles came between, it fell behind, or a cause of lock_lost",
+            ("held", "beside", "blocked", "between", "fell_behind", "taken", "not_recognised", "out_of_sight", "broken"),
         ),
         Kind("rejoined", "is in its platoon again, duration_s after it was split off"),
         Kind(
@@ -147,10 +149,11 @@ EVENT_KINDS = {
         ),
         Kind(
             "collision",
-            "touches a vehicle or a wall (other_id); once per episode. It was struck from behind, struck the other "
-            f"from behind, the other had changed lanes less than {LANE_CHANGE_BLAME:g} s before, or they met side by "
-            "side or head on; empty for a wall",
-            ("struck_from_behind", "struck_other_from_behind", "other_changed_lanes", "beside"),
+            "touches a vehicle or a wall (other_id); once per episode. If the two came in line less than "
+            f"{LANE_CHANGE_BLAME:g} s before, the one of them that moved towards the other across the road had changed "
+            f"lanes: of the moves since {LANE_CHANGE_TIME:g} s before that, the larger one counts. Else it was struck "
+            "from behind, struck the other from behind, or they met side by side or head on; empty for a wall",
+            ("struck_from_behind", "struck_other_from_behind", "changed_lanes", "other_changed_lanes", "beside"),
         ),
         Kind(
             "near_miss",
