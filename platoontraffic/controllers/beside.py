@@ -244,7 +244,13 @@ def _decide(beside: Beside, trail: Trail, scene: Scene) -> tuple[Beside, Trail]:
     straight = np.isinf(beside.gap) & (bent > FLATTEST)
     tells = (mean_slope * speed > SLOWEST_ASIDE) & (gone > BUDGET) & (straight | beside.nears(gone))
     tells |= parallel & (side * goes_to > LEAST)
-    stays = going & (beside.blocked(~room, scene.body.length) | returns) & (gone < COMMITTED) & tells & (side * goes_to < WIDEST)
+    stays = (
+        going
+        & (beside.blocked(~room, scene.body.length) | returns)
+        & (gone < COMMITTED)
+        & tells
+        & (side * goes_to < WIDEST)
+    )
     over = (np.abs(laid - own) < ARRIVED) & (gone > ARRIVED) | (np.abs(laid) < ASIDE / 2)
     over = going & ~stays & (over | (beside.time > LONGEST))
     steeper = slope > STEEPER * beside.held_slope

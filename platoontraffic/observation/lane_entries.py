@@ -71,9 +71,7 @@ class LaneEntries:
         poses = [
             Poses(*np.array([(t.x[row[n]], t.y[row[n]], t.heading[row[n]]) for t, *row in both]).T) for n in (0, 1)
         ]
-        return entry(
-            time, poses, (one, other), (now.length[[i, k]], now.width[[i, k]]), lambda p: self._moves(time, p)
-        )
+        return entry(time, poses, (one, other), (now.length[[i, k]], now.width[[i, k]]), lambda p: self._moves(time, p))
 
     def _moves(self, time: np.ndarray, poses: Poses) -> np.ndarray:
         """Moves of a vehicle to its left from each instant to the next, across the road [m], (k - 1,)."""

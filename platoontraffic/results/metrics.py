@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.results.excerpts import EXPOSED, MOVING, STEADY, Group, Own, platoons, rms, span
+from platoontraffic.results.excerpts import EXPOSED, MOVING, STEADY, Group, Own, all_of, platoons, rms, span
 from platoontraffic.world.events import STANDSTILL_AFTER, WALL
 
 ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognise it
@@ -119,6 +119,14 @@ OF_MEMBERS = (
         "changed lanes or struck it from behind",
         lambda m: _caused(m.collisions, m.vehicle),
         "sum",
+    ),
+    Metric("clearance_min", "m", "minimum of clearance_m", lambda m: m.rows.clearance_m.min(), "min"),
+    Metric("contact_in_min", "s", "minimum of contact_in_s", lambda m: m.rows.contact_in_s.min(), "min"),
+    Metric(
+        "near_misses_other",
+        "",
+        "number of events near_miss_other of which it is one of the two",
+        lambda m: _contacts(m.near_misses, {m.vehicle}),
     ),
 )
 
@@ -258,6 +266,12 @@ OF_GROUPS = (
         lambda group: _contacts(group.collisions, {m.vehicle for m in group.members}),
     ),
     Metric(
+        "near_misses_other",
+        "",
+        "number of events near_miss_other of which a member is one of the two",
+        lambda group: _contacts(group.near_misses, {m.vehicle for m in group.members}),
+    ),
+    Metric(
         "leader_right_lane_share",
         "",
         "right_lane_share of the leaders, all instants together",
@@ -283,7 +297,7 @@ ORDER = (
     "lost_for_good_first", "occluded_share_mean", "beams_share5_min", "ttc_min", "tet", "tit", "drac_max",
     "near_misses", "hard_brakings", "accel_rms_max", "jerk_rms_max", "jerk_max", "speed_gain_l2_max",
     "speed_gain_linf_max", "standstill_share_mean", "off_road_share_max", "leader_right_lane_share",
-    "right_lane_share_min",
+    "right_lane_share_min", "clearance_min", "contact_in_min", "near_misses_other",
 )  # fmt: skip
 
 # ---- of a run with obstacles: functions of its `Meetings`
@@ -422,7 +436,7 @@ def compute(trajectories: pd.DataFrame, events: pd.DataFrame) -> list[Value]:
         of_platoons.append(Value("platoon", platoon, "", HEAD_TO_TAIL.name, HEAD_TO_TAIL.value(group), ""))
         members += mine
         everybody += group.members
-    run = [*_of_group(Group(everybody, trajectories, events[events.kind == "collision"]), members)]
+    run = [*_of_group(all_of(everybody, trajectories, events), members)]
     run.append((HEAD_TO_TAIL.name, aggregate(of_platoons, HEAD_TO_TAIL.name, HEAD_TO_TAIL.over), ""))
     run.append((DURATION[0], end - start, "s"))
     return [*members, *of_platoons, *(Value("run", "", "", *value) for value in run)]
