@@ -19,7 +19,6 @@ from platoontraffic.world.contact import Contacts
 from platoontraffic.world.events import NEAR_MISS_GAP, Event
 from platoontraffic.world.traffic import TrafficSnapshot
 
-
 DETAILS = {
     "": "",
     "struck_from_behind": "struck from behind",

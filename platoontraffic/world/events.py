@@ -176,8 +176,8 @@ EVENT_KINDS = {
         Kind(
             "near_miss_other",
             f"its outline comes within {NEAR_MISS_GAP:g} m ({_SCALED}) of that of other_id, which is neither its "
-            f"predecessor nor its follower, while their velocities differ by more than {NEAR_MISS_SPEED:g} m/s, without "
-            "contact; once per episode and pair",
+            f"predecessor nor its follower, while their velocities differ by more than {NEAR_MISS_SPEED:g} m/s, "
+            "without contact; once per episode and pair",
         ),
         Kind(
             "emergency_brake",
