@@ -1,14 +1,17 @@
-"""Looking beside and behind before a follower leaves its lane behind its predecessor, by its own laser.
+"""Looking beside and behind before a follower leaves its lane after its predecessor, by its own laser.
 
-A follower drives in the trail of its predecessor. Where that goes aside from the lane that the follower drives in (the
-parabola through the last BEHIND of its path), it may be a bend or a lane change. The follower goes on along the trail
-until it has moved BUDGET aside. If the trail then does not look like a bend, and there is no room on that side, it stays:
-its trail is laid on along its lane, and beside that of the predecessor once that drives parallel again. It follows
-the predecessor from there, a little more slowly if something is abreast, and goes over when there is room.
+A follower drives in the trail of its predecessor. The lane that it drives in is the parabola through the last piece of
+its path. Where the trail goes aside from that, it is a bend or a lane change; a bend cannot be told at once. So the
+follower goes along until it has moved BUDGET aside. If the trail is straight by then, or what is abreast does not go
+aside as well, and there is no room on that side, it stays: its trail is laid on along its lane, and beside that of the
+predecessor once that drives parallel again. It follows the predecessor from there, more slowly if it must open a gap,
+and goes over, by a cosine, when there is room. If the predecessor's path goes on turning, it was a bend, and the trail
+is laid anew from where the follower is.
 
 Room is judged by the first return ahead and behind in the strip that it would go over to, and by the rates at which
-they come nearer, which are known from the second scan on (`lane_room`). What a body hides, and what is out of range, is
-not seen. A laser that looks to the front alone sees nobody behind.
+they come nearer, known from the second scan on (`lane_room`). What a body hides and what is out of range is not seen. A
+laser that looks to the front alone sees nobody behind. Below SLOWEST, and where the path driven last is no parabola, a
+follower repeats what its predecessor does.
 """
 
 from __future__ import annotations

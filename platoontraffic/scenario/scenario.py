@@ -154,7 +154,7 @@ class Scenario:
     def _resolved_extras(self, role: Role, folder: Path | None) -> dict[str, Any]:
         """The tables of further lasers and of sensors, where there are any."""
         lidars = {name: one.model_dump(exclude_none=True) for name, one in self.further_lidars(role).items()}
-        sensors = {}
+        driver, sensors = getattr(self.spec.platoon[role[0]], role[1]), {}
         for (name, sensor), file in self.sensors[role]:
             written = driver.sensors[name].sensor
             if file:
