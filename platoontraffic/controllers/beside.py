@@ -38,6 +38,7 @@ ARRIVED = 0.3  # lateral distance from the predecessor's path within which a lan
 WIDEST = 5.5  # offset beyond which the predecessor is in a bend, if it does not yet drive parallel [m]
 PARALLEL = 0.45  # share of its steepest slope below which a predecessor drives parallel again
 STEEPEST = 0.3  # slope of a lane change [1]
+PAST_PEAK = 0.92  # share of its steepest slope below which its lane change is about to end [1]
 FLATTEST = 0.9  # least mean slope of a lane change from the follower on, over that at its end; in a bend it is less
 LONGEST = 6.0  # time after which a trail that goes aside is a bend [s]
 SLOWEST_ASIDE = 0.7  # lateral speed of a lane change, at its steepest [m/s]
@@ -225,7 +226,8 @@ def _decide(beside: Beside, trail: Trail, scene: Scene) -> tuple[Beside, Trail]:
     _, laid = beside.lane.place(scene.aside.mean[:, 0], scene.aside.mean[:, 1])
     far, laid = np.nan_to_num(far), np.nan_to_num(laid)
     # Beside the predecessor it is judged by where its own trail goes.
-    goes_to = np.where((beside.shift != 0) & np.isnan(crosses) & (beside.mode != HELD), laid, far)
+    parted = (beside.shift != 0) & np.isnan(crosses) & (beside.mode != HELD)
+    goes_to = np.where(parted, laid, far)
     side = np.where(goes_to < 0, -1.0, 1.0)
     slope = scene.track.mean[:, HEADING] - beside.lane.heading - beside.lane.curvature * far_along
     now = side * np.nan_to_num(np.sin(slope))
@@ -237,7 +239,9 @@ def _decide(beside: Beside, trail: Trail, scene: Scene) -> tuple[Beside, Trail]:
     parallel = (steepest * speed > SLOWEST_ASIDE) & (slope < PARALLEL * steepest)
 
     cares = (beside.mode != STEADY) | (beside.shift != 0)
-    beside = _seen(beside._replace(slope=slope, steepest=steepest, bent=bent), scene, cares, along, own, far)
+    beside = beside._replace(slope=slope, steepest=steepest, bent=bent)
+    target = np.where(parted, own + beside.shift, far)
+    beside = _seen(beside, scene, cares, along, own, target)
     room = beside.room_ahead(scene.body.length, speed) & beside.room_behind(scene.body.length, speed)
     room_for = np.where(room, beside.room_for + scene.dt, 0.0)
 
@@ -245,8 +249,9 @@ def _decide(beside: Beside, trail: Trail, scene: Scene) -> tuple[Beside, Trail]:
     gone = side * own
     returns = (beside.shift != 0) & np.isnan(crosses) & (side * beside.shift < 0)
     straight = np.isinf(beside.gap) & (bent > FLATTEST)
-    tells = (mean_slope * speed > SLOWEST_ASIDE) & (gone > BUDGET) & (straight | beside.nears(gone))
-    tells |= parallel & (side * goes_to > LEAST)
+    nears = beside.nears(gone) & (gone > BUDGET / 2)
+    tells = (mean_slope * speed > SLOWEST_ASIDE) & (straight & (gone > BUDGET) | nears)
+    tells |= (steepest * speed > SLOWEST_ASIDE) & (slope < PAST_PEAK * steepest) & (side * goes_to > LEAST)
     stays = (
         going
         & (beside.blocked(~room, scene.body.length) | returns)
@@ -258,7 +263,8 @@ def _decide(beside: Beside, trail: Trail, scene: Scene) -> tuple[Beside, Trail]:
     over = going & ~stays & (over | (beside.time > LONGEST))
     steeper = slope > STEEPER * beside.held_slope
     bend = held & ~parallel & ((np.abs(far) > WIDEST) | steeper)
-    past = held & ~bend & (parallel | (np.abs(far) < ARRIVED) | (beside.time > LONGEST))
+    settled = (np.abs(own - beside.kept) < ARRIVED) & (beside.time * speed > DRIVEN)
+    past = held & ~bend & (parallel & settled | (np.abs(far) < ARRIVED) | (beside.time > LONGEST))
 
     mode = np.where(stays, HELD, np.where(over | past | bend, STEADY, beside.mode))
     kept = np.where(stays, KEPT * own, beside.kept)
@@ -269,7 +275,7 @@ def _decide(beside: Beside, trail: Trail, scene: Scene) -> tuple[Beside, Trail]:
     length = np.maximum(SHORTEST, CROSSING_TIME * speed)
     done = ~np.isnan(crosses) & (end > crosses + length)
     shift, crosses = np.where(done, 0.0, shift), np.where(done, np.nan, crosses)
-    goes = (mode == STEADY) & (shift != 0) & np.isnan(crosses) & (room_for >= SURE - 1e-6)
+    goes = ((mode == STEADY) | held & parallel & ~bend) & (shift != 0) & np.isnan(crosses) & (room_for >= SURE - 1e-6)
     here = _here(trail, odometry)
     crosses, mode = np.where(goes, here, crosses), np.where(goes, GOING, mode)
     if (stays | goes | bend).any():
