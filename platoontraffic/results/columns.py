@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.observation.instant import Instant
+from platoontraffic.world.events import CLEARANCE_REACH, CONTACT_HORIZON
 from platoontraffic.world.traffic import TrafficSnapshot
 
 Source = Callable[[Instant], Sequence]  # one value a row
@@ -156,6 +157,21 @@ TRAJECTORIES = (
     ),
     text("edge_id", "SUMO's edge or junction", lambda now: [edge for edge, _ in now.roads]),
     text("lane_id", "SUMO's lane; empty off the road", lambda now: [lane for _, lane in now.roads]),
+    number(
+        "clearance_m",
+        "m",
+        "least distance between its outline and that of another vehicle, person or obstacle, walls not counted; 0 in "
+        f"contact, empty beyond {CLEARANCE_REACH:g} m",
+        lambda now: now.measures.clearance,
+    ),
+    text("closest_id", "the body at that distance", lambda now: now.measures.closest),
+    number(
+        "contact_in_s",
+        "s",
+        "time to collision with any body, in two dimensions: until the outlines touch if both keep speed and heading; "
+        f"empty if none does within {CONTACT_HORIZON:g} s",
+        lambda now: now.measures.contact_in,
+    ),
 )
 
 TRAFFIC = (

@@ -31,6 +31,7 @@ class Own:
     until: float  # ... to `arrived` or `stranded`, or to the end of the run [s]
     follows: Sequence[Stretch]
     collisions: pd.DataFrame  # events of the whole run
+    near_misses: pd.DataFrame  # the same of near misses with others than the predecessor
     vehicles: frozenset[str]  # all members of the run
     speed_ahead: pd.Series | None  # speed of the member at the place ahead [m/s], by time
 
@@ -126,6 +127,7 @@ class Group:
     members: Sequence[Own]
     rows: pd.DataFrame  # of trajectories.csv
     collisions: pd.DataFrame  # events of the whole run
+    near_misses: pd.DataFrame  # the same of near misses with others than the predecessor
 
     @property
     def head_to_tail(self) -> float:
@@ -139,7 +141,7 @@ def platoons(trajectories: pd.DataFrame, events: pd.DataFrame) -> Iterator[tuple
     """Each platoon of a run, by the tables of the files of those names."""
     start, end = span(trajectories, events)
     events_of = dict(tuple(events.groupby("vehicle_id")))
-    collisions = events[events.kind == "collision"]
+    collisions, near_misses = _pairs(events)
     places = trajectories.drop_duplicates("vehicle_id").set_index("vehicle_id")
     places = dict(zip(places.index, zip(places.platoon_id, places.place, strict=True), strict=True))
     follows, vehicles = stretches(places, events, end), frozenset(places)
@@ -150,10 +152,21 @@ def platoons(trajectories: pd.DataFrame, events: pd.DataFrame) -> Iterator[tuple
             own = events_of.get(vehicle, events[:0])
             since, until = _first(own, ("departed",), start), _first(own, GONE, end)
             ahead = speeds.get(place - 1)
-            member = Own(vehicle, place, rows, own, since, until, follows[vehicle], collisions, vehicles, ahead)
+            member = Own(vehicle, place, rows, own, since, until, follows[vehicle], collisions,
+                         near_misses, vehicles, ahead)  # fmt: skip
             speeds[place] = member.speed
             members.append(member)
-        yield platoon, Group(members, of_platoon, collisions)
+        yield platoon, Group(members, of_platoon, collisions, near_misses)
+
+
+def all_of(members: list[Own], trajectories: pd.DataFrame, events: pd.DataFrame) -> Group:
+    """All members of a run as one group."""
+    return Group(members, trajectories, *_pairs(events))
+
+
+def _pairs(events: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The events of pairs: contacts, and near misses with others than the predecessor."""
+    return events[events.kind == "collision"], events[events.kind == "near_miss_other"]
 
 
 def span(trajectories: pd.DataFrame, events: pd.DataFrame) -> tuple[float, float]:

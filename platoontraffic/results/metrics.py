@@ -15,11 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.results.excerpts import EXPOSED, MOVING, STEADY, Group, Own, platoons, rms, span
+from platoontraffic.results.excerpts import EXPOSED, MOVING, STEADY, Group, Own, all_of, platoons, rms, span
 from platoontraffic.vehicles.bicycle import VALID_LATERAL
 from platoontraffic.world.events import STANDSTILL_AFTER, WALL
 
 ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognise it
+CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes")  # kinds of contact of which the other is the cause
 LAST_CORNER = 10.0  # a quarter turn counts when this much of it is missing [deg]
 
 
@@ -129,10 +130,19 @@ OF_MEMBERS = (
     Metric(
         "collisions_caused",
         "",
-        "episodes of contact, except those in which it was struck from behind or the other vehicle changed lanes into "
-        "its path",
+        "episodes of contact of which it is the cause: it changed lanes into the other's path just before, or else "
+        "struck the other from behind, a wall, or the other side by side or head on; not those in which the other "
+        "changed lanes or struck it from behind",
         lambda m: _caused(m.collisions, m.vehicle),
         "sum",
+    ),
+    Metric("clearance_min", "m", "minimum of clearance_m", lambda m: m.rows.clearance_m.min(), "min"),
+    Metric("contact_in_min", "s", "minimum of contact_in_s", lambda m: m.rows.contact_in_s.min(), "min"),
+    Metric(
+        "near_misses_other",
+        "",
+        "number of events near_miss_other of which it is one of the two",
+        lambda m: _contacts(m.near_misses, {m.vehicle}),
     ),
 )
 
@@ -279,6 +289,12 @@ OF_GROUPS = (
         lambda group: _contacts(group.collisions, {m.vehicle for m in group.members}),
     ),
     Metric(
+        "near_misses_other",
+        "",
+        "number of events near_miss_other of which a member is one of the two",
+        lambda group: _contacts(group.near_misses, {m.vehicle for m in group.members}),
+    ),
+    Metric(
         "leader_right_lane_share",
         "",
         "right_lane_share of the leaders, all instants together",
@@ -305,7 +321,7 @@ ORDER = (
     "near_misses", "hard_brakings", "accel_rms_max", "jerk_rms_max", "jerk_max", "lateral_accel_max",
     "lateral_accel_beyond_share_max", "speed_gain_l2_max",
     "speed_gain_linf_max", "standstill_share_mean", "off_road_share_max", "leader_right_lane_share",
-    "right_lane_share_min",
+    "right_lane_share_min", "clearance_min", "contact_in_min", "near_misses_other",
 )  # fmt: skip
 
 # ---- of a run with obstacles: functions of its `Meetings`
@@ -444,7 +460,7 @@ def compute(trajectories: pd.DataFrame, events: pd.DataFrame) -> list[Value]:
         of_platoons.append(Value("platoon", platoon, "", HEAD_TO_TAIL.name, HEAD_TO_TAIL.value(group), ""))
         members += mine
         everybody += group.members
-    run = [*_of_group(Group(everybody, trajectories, events[events.kind == "collision"]), members)]
+    run = [*_of_group(all_of(everybody, trajectories, events), members)]
     run.append((HEAD_TO_TAIL.name, aggregate(of_platoons, HEAD_TO_TAIL.name, HEAD_TO_TAIL.over), ""))
     run.append((DURATION[0], end - start, "s"))
     return [*members, *of_platoons, *(Value("run", "", "", *value) for value in run)]
@@ -548,8 +564,8 @@ def _contacts(collisions: pd.DataFrame, vehicles: Collection[str]) -> float:
 
 def _caused(collisions: pd.DataFrame, vehicle: str) -> float:
     own = collisions[collisions.vehicle_id == vehicle]
-    struck = collisions[(collisions.other_id == vehicle) & (collisions.what == "struck_from_behind")]
-    return float((~own.what.isin(["struck_from_behind", "other_changed_lanes"])).sum() + len(struck))
+    by_other = collisions[(collisions.other_id == vehicle) & collisions.what.isin(CAUSED_BY_OTHER)]
+    return float((~own.what.isin(CAUSED_BY_OTHER)).sum() + len(by_other))
 
 
 def _steal_share(member: Own) -> float:

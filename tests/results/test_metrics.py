@@ -161,13 +161,13 @@ def test_the_run_takes_the_worst_or_the_sum_over_its_members():
     assert (of["near_misses"], of["hard_brakings"]) == (1, 2)
 
 
-def test_a_collision_is_caused_by_the_vehicle_behind_and_not_by_the_one_that_is_struck():
+def test_every_contact_of_two_members_has_one_cause():
     rows = [(1.0, "collision", "p.1", "p.0", 0.0, what) for what in ("struck_other_from_behind", "struck_from_behind",
-            "other_changed_lanes", "beside")]  # fmt: skip
+            "other_changed_lanes", "changed_lanes", "beside")]  # fmt: skip
     table = trajectories(gap_m=[1.0])
-    assert values(table, *rows)["collisions_caused"] == 2  # it struck the other, or they met side by side
-    assert values(table, *rows, vehicle="p.0")["collisions_caused"] == 1  # it struck p.1 from behind
-    assert values(table, *rows, scope="run", vehicle="")["collisions_caused"] == 3
+    assert values(table, *rows)["collisions_caused"] == 3  # it struck the other, cut in, or met it
+    assert values(table, *rows, vehicle="p.0")["collisions_caused"] == 2  # it struck p.1 from behind, or cut in
+    assert values(table, *rows, scope="run", vehicle="")["collisions_caused"] == 5
 
 
 def test_collisions_with_obstacles_are_counted_by_the_kind_of_obstacle():
