@@ -26,7 +26,7 @@ FIRST = (
     "cross_track_max_m",
     "near_misses",
     "ttc_min_s",
-    "traffic_delay_mean_s",
+    "traffic_delay_mean_finished_s",
 )
 DRAWN = 2
 

@@ -373,19 +373,25 @@ OF_TRAFFIC = (
         "trips_waiting", "", "trips that waited for room to depart until the end", lambda trips: trips.count("waiting")
     ),
     Metric(
-        "travel_time_mean", "s", "mean time on the road, finished trips", lambda trips: trips.finished.duration_s.mean()
+        "travel_time_mean_finished",
+        "s",
+        "mean time on the road, finished trips",
+        lambda trips: trips.finished.duration_s.mean(),
     ),
     Metric(
-        "waiting_mean", "s", "mean time at a standstill, finished trips", lambda trips: trips.finished.waiting_s.mean()
+        "waiting_mean_finished",
+        "s",
+        "mean time at a standstill, finished trips",
+        lambda trips: trips.finished.waiting_s.mean(),
     ),
     Metric(
-        "delay_mean",
+        "delay_mean_finished",
         "s",
         "mean time lost by driving slower than possible, finished trips",
         lambda trips: trips.finished.time_loss_s.mean(),
     ),
     Metric(
-        "depart_delay_mean",
+        "depart_delay_mean_finished",
         "s",
         "mean delay of departure, finished trips",
         lambda trips: trips.finished.depart_delay_s.mean(),
@@ -400,6 +406,16 @@ OF_TRAFFIC = (
         "fuel of all trips over their distance",
         lambda trips: trips.per_kilometre("fuel_kg"),
     ),
+)
+
+# Columns of summary.csv that count events: rare ones are distributed as Poisson's law says, so their means have exact
+# limits. Numbers of trips or members are none.
+COUNTS = frozenset(
+    (
+        *(m.name for m in (*OF_MEMBERS, *OF_FOLLOWERS) if m.over == "sum" and not m.unit and m.name != "arrived"),
+        *(m.name for m in OF_OBSTACLES if not m.unit),
+        "collisions",
+    )
 )
 
 
@@ -476,7 +492,7 @@ def summary(name: str, seed: int, varied: dict[str, Any], values: Sequence[Value
 
 
 def column(scope: str, name: str, unit: str) -> str:
-    """Column of summary.csv for a metric: `gap_mean_m`, or `traffic_delay_mean_s` for one of the traffic."""
+    """Column of summary.csv for a metric: `gap_mean_m`, or `traffic_delay_mean_finished_s` for one of the traffic."""
     parts = ["traffic" if scope == "traffic" else "", name, unit.replace("/", "p")]
     return "_".join(filter(None, parts))
 
