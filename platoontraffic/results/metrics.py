@@ -46,7 +46,7 @@ class Value(NamedTuple):
 
 AGGREGATES: Mapping[str, tuple[Callable, str]] = {
     "sum": (sum, "sum"),
-    "mean": (np.mean, "mean"),
+    "mean": (np.mean, "mean (each member has the same weight, whatever its time on the road)"),
     "max": (max, "largest value"),
     "min": (min, "least value"),
     "first": (min, "earliest time"),

@@ -158,3 +158,44 @@ def test_ten_cars_on_the_highway_damp_what_their_leader_does(tmp_path):
     assert len(of) == 9 * 2 + 2 * 4
     assert max(of) < 1
     assert min(of) > 0.85
+
+
+@pytest.mark.sumo
+def test_gap_and_cross_track_follow_from_the_tables_by_the_words_of_the_dictionary(tmp_path):
+    """Along the path of the predecessor's axle, straight from the follower's axle before its start."""
+    folder = run(tmp_path / "run", "corridor_tracking", "run.duration_s=45")
+    axle: dict[str, list[complex]] = {}
+    told: dict[str, list[tuple[float, float]]] = {}
+    vehicles = {row["vehicle_id"]: {k: float(v or "nan") for k, v in row.items() if k.endswith("_m")}
+                for row in read(folder / "vehicles.csv")}  # fmt: skip
+    for row in read(folder / "trajectories.csv"):
+        own = vehicles[row["vehicle_id"]]
+        x, y, heading = (float(row[name]) for name in ("x_m", "y_m", "heading_rad"))
+        axle.setdefault(row["vehicle_id"], []).append(
+            complex(x, y) + own["axle_x_m"] * complex(math.cos(heading), math.sin(heading))
+        )
+        told.setdefault(row["vehicle_id"], []).append(tuple(float(row[n] or "nan") for n in ("gap_m", "cross_track_m")))
+    assert all(own["wheelbase_m"] == pytest.approx(2.7) for own in vehicles.values())
+    for ahead, own in pairwise(sorted(axle)):
+        for i in range(0, len(axle[own]), 15):
+            path, foot = [axle[own][0], *axle[ahead][: i + 1]], axle[own][i]
+            left, aside = along(path, foot)
+            offsets = vehicles[own]["length_m"] / 2 - vehicles[own]["axle_x_m"]
+            offsets += vehicles[ahead]["length_m"] / 2 + vehicles[ahead]["axle_x_m"]
+            gap, cross_track = told[own][i]
+            assert gap == pytest.approx(left - offsets, abs=0.005)
+            assert cross_track == pytest.approx(aside, abs=0.005)
+
+
+def along(path: list[complex], point: complex) -> tuple[float, float]:
+    """Length of a path from the foot of a point to the path's end, and the point's offset to the left."""
+    best = (math.inf, 0.0, 0.0)
+    left = math.fsum(abs(b - a) for a, b in pairwise(path))
+    for a, b in pairwise(path):
+        if a != b:
+            t = min(max(((point - a) * (b - a).conjugate()).real / abs(b - a) ** 2, 0.0), 1.0)
+            off = point - a - t * (b - a)
+            side = math.copysign(abs(off), ((b - a).conjugate() * off).imag)
+            best = min(best, (abs(off), left - t * abs(b - a), side))
+        left -= abs(b - a)
+    return best[1:]
