@@ -74,6 +74,9 @@ class Body(NamedTuple):
     axle: np.ndarray  # the driven one, ahead of the centre [m]; negative: behind it
     turning_radius: np.ndarray  # of the driven axle's path at full lock [m]; 0: it turns on the spot
     curvature_rate: np.ndarray  # greatest rate at which steering changes the curvature [1/(m s)]; inf: at once
+    steering_lag: np.ndarray  # of that, first order [s]; 0: none
+    drive_lag: np.ndarray  # of the drive's acceleration, first order [s]
+    brake_lag: np.ndarray  # of the brakes [s]
 
 
 class RouteAhead(NamedTuple):

@@ -75,6 +75,12 @@ TRAJECTORIES = (
     number("jerk_mps3", "m/s3", "change of accel_mps2 over the last step", lambda now: now.measures.jerk),
     number("yaw_rate_radps", "rad/s", "yaw rate, positive to the left", lambda now: now.fleet.motion.yaw_rate),
     number(
+        "lateral_accel_mps2",
+        "m/s2",
+        "lateral acceleration of the midpoint of the driven axle, speed times yaw rate, positive to the left",
+        lambda now: now.fleet.motion.speed * now.fleet.motion.yaw_rate,
+    ),
+    number(
         "gap_m",
         "m",
         "distance from the front bumper to the predecessor's rear bumper, along the path that the predecessor's driven "

@@ -17,6 +17,7 @@ import pandas as pd
 
 from platoontraffic.results import strings
 from platoontraffic.results.excerpts import EXPOSED, MOVING, Group, Own, platoons, rms, span
+from platoontraffic.vehicles.bicycle import VALID_LATERAL
 from platoontraffic.world.events import STANDSTILL_AFTER, WALL
 
 ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognise it
@@ -73,6 +74,21 @@ OF_MEMBERS = (
     Metric("accel_rms", "m/s2", "root mean square of accel_mps2", lambda m: rms(m.rows.accel_mps2), "max"),
     Metric("jerk_rms", "m/s3", "root mean square of jerk_mps3", lambda m: rms(m.rows.jerk_mps3), "max"),
     Metric("jerk_max", "m/s3", "maximum of |jerk_mps3|", lambda m: m.rows.jerk_mps3.abs().max(), "max"),
+    Metric(
+        "lateral_accel_max",
+        "m/s2",
+        "maximum of |lateral_accel_mps2|",
+        lambda m: m.rows.lateral_accel_mps2.abs().max(),
+        "max",
+    ),
+    Metric(
+        "lateral_accel_beyond_share",
+        "",
+        f"share of the recorded instants with |lateral_accel_mps2| above {VALID_LATERAL:g} m/s2, to which the "
+        "model of a car is valid",
+        lambda m: (m.rows.lateral_accel_mps2.abs() > VALID_LATERAL).mean(),
+        "max",
+    ),
     Metric("hard_brakings", "", "number of events emergency_brake", lambda m: m.count("emergency_brake"), "sum"),
     Metric(
         "right_lane_share",
@@ -277,7 +293,8 @@ ORDER = (
     "steal_share_mean", "lock_on_seen_min", "laps_min", "corners_min", "gap_min", "gap_max", "gap_mean",
     "gap_error_rms_max", "time_gap_mean", "time_gap_min", "cross_track_max", "lock_on_ratio_min", "lock_losses",
     "lost_for_good_first", "occluded_share_mean", "beams_share5_min", "ttc_min", "tet", "tit", "drac_max",
-    "near_misses", "hard_brakings", "accel_rms_max", "jerk_rms_max", "jerk_max", "accel_gain_l2_max",
+    "near_misses", "hard_brakings", "accel_rms_max", "jerk_rms_max", "jerk_max", "lateral_accel_max",
+    "lateral_accel_beyond_share_max", "accel_gain_l2_max",
     "accel_gain_linf_max", "standstill_share_mean", "off_road_share_max", "leader_right_lane_share",
     "right_lane_share_min",
 )  # fmt: skip

@@ -97,14 +97,14 @@ class Scenario:
 
     def default_preset(self, role: Role) -> str:
         """The lidar of a driver that names none."""
-        return default_preset(role[1], self.laws[role], self.spec.platoon[role[0]].vehicle.model())
+        return default_preset(role[1], self.laws[role], self.spec.platoon[role[0]].model(0))
 
     def _beams(self) -> int:
         """Beams of all members' lidars in one scan each."""
         beams = 0
         for (i, role), driver in drivers_of(self.spec):
             platoon = self.spec.platoon[i]
-            lidar = driver.lidar.model(self.default_preset((i, role)), platoon.vehicle.model().length)
+            lidar = driver.lidar.model(self.default_preset((i, role)), platoon.model(0).length)
             beams += lidar.samples * (1 if role == "leader" else platoon.size - 1)
         return beams
 
@@ -116,6 +116,9 @@ class Scenario:
                 del table[key]
         table["sumo"] |= self._resolved_files(folder)
         table["record"]["metrics"] = self.metrics.names(lambda file: _relative(file, folder))
+        for platoon in table["platoon"]:
+            if "vehicles" in platoon:
+                del platoon["vehicle"]
         for (i, role), _ in drivers_of(self.spec):
             table["platoon"][i][role] = self._resolved_driver((i, role), folder)
         return table

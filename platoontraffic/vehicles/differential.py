@@ -46,6 +46,13 @@ class DifferentialDrive:
         """Inf: both wheels have their speeds at once, but for their lag."""
         return np.inf
 
+    @property
+    def steering_lag(self) -> float:
+        """First order [s]: it steers, drives and brakes by its wheels."""
+        return self.lag
+
+    drive_lag = brake_lag = steering_lag
+
     def braking_delay(self, scan: float, braking: float) -> float:
         """The delay of the scan [s], since the wheels obey at once."""
         return scan

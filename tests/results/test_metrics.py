@@ -98,6 +98,11 @@ def test_acceleration_and_jerk_metrics_have_their_closed_forms():
     assert (of["jerk_rms"], of["jerk_max"], of["hard_brakings"]) == (pytest.approx(math.sqrt(2)), 2, 1)
 
 
+def test_lateral_acceleration_beyond_what_the_model_is_valid_for():
+    of = values(trajectories(lateral_accel_mps2=[3.0, -5.0, 4.0, 1.0]))
+    assert (of["lateral_accel_max"], of["lateral_accel_beyond_share"]) == (5, 0.25)
+
+
 def test_time_off_the_road_that_lasts_to_the_end_counts_in_full():
     rows = [(1.0, "off_road", "p.1"), (3.0, "on_road", "p.1", "", 2.0), (7.0, "off_road", "p.1")]
     assert values(trajectories(gap_m=[1.0]), *rows)["off_road_share"] == pytest.approx((2 + 3) / 10)
