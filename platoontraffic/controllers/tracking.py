@@ -340,8 +340,8 @@ class TrackingFollower(Law):
         sensed, memory = now.sensed, now.memory
         beyond_end = np.maximum(ahead.length, 0) + sensed.scan.model.range_max / 2
         reach = np.where(estimate.track.known, ahead.length - OVERHANG - PAST_PREDECESSOR, beyond_end)
-        half_width = sensed.body.width / 2 + KEPT_FREE if self.half_width is None else np.full(len(reach), self.half_width)
-        strip = Strip(half_width, reach)
+        half_width = sensed.body.width / 2 + KEPT_FREE if self.half_width is None else self.half_width
+        strip = Strip(np.broadcast_to(half_width, len(reach)), reach)
         free, beam = trail.free_distance(now.odometry, sensed.scan, sensed.body, strip, estimate.sighting.beams)
         closing = closing_speed(
             free, memory.free, memory.closing, now.speed, now.dt, same=SAME, time_constant=FILTER
