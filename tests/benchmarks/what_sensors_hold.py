@@ -30,7 +30,7 @@ from tests.support.bench import BLIND, NO_WALLS, Log, Prescribed, drive, platoon
 
 CAR, LAW = VEHICLES["car"], TrackingFollower()
 EYE = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03))
-RATES, LOST, BIASES = (2.5, 5.0, 10.0, 20.0), (0.002, 0.1, 0.2, 0.3, 0.4), (0.0, 1.0)  # [Hz], shares, [deg/s]
+RATES, LOST, BIASES = (2.5, 5.0, 10.0, 20.0), (0.002, 0.2, 0.3, 0.4), (0.0, 1.0)  # [Hz], shares, [deg/s]
 TURNS = ((6.0, 4.2), (12.0, 6.0))  # radius [m] and speed [m/s]
 LOCK, GAIN, OFF_PATH = 0.99, 1.02, 0.3
 WAVE = 5.0, 35.0  # begin and end of the wave [s]
