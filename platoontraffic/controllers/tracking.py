@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
+from platoontraffic.controllers import beside
+from platoontraffic.controllers.beside import Beside
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BrakingFor, Decision, Law, Sensed, Target
 from platoontraffic.controllers.path import (
+    BESIDE,
     LINE,
     LOST,
     OBSTACLE,
@@ -44,7 +49,8 @@ RECOVERY = 2.5  # lateral acceleration of the return to the trail [m/s2]
 STEEPEST = 0.35  # sine of the greatest angle of that return
 ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed [m]
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
-BESIDE = 0.22  # that is kept free on each side of the vehicle, on its path [m]
+KEPT_FREE = 0.22  # on each side of the vehicle, on its path [m]
+AROUND = "around"  # name of the laser that looks beside and behind
 SHOWN = 32  # points of the trail that are recorded
 
 ASIDE = 5.0  # distance from the route beyond which a predecessor that was never lost is dropped [m]
@@ -68,15 +74,15 @@ class Memory(NamedTuple):
     never_lost: np.ndarray  # it has had the same predecessor from the start, bool
     creeping: Creeping
     braking_for: BrakingFor
+    beside: Beside
 
     @classmethod
     def begin(cls, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
         n = len(speed)
         records = Odometry.begin(speed, yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
-        none = np.full(n, np.inf), np.full(n, np.nan)
-        return cls(
-            *records, *np.zeros((2, n)), DriveLine.at_rest(n), *none, np.ones(n, bool), Creeping.none(n), nothing(n)
-        )
+        none = np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool)
+        return cls(*records, *np.zeros((2, n)), DriveLine.at_rest(n), *none, Creeping.none(n), nothing(n),
+                   Beside.none(n))  # fmt: skip
 
 
 class Now(NamedTuple):
@@ -173,6 +179,7 @@ class TrackingFollower(Law):
     """
 
     lidar: ClassVar[str] = "car-tracker"  # the preset, where a scenario names none
+    further_lidars: ClassVar[Mapping[str, str]] = MappingProxyType({AROUND: "car-around"})
 
     stand_off: Annotated[Positive, Field(alias="stand_off_m")] = 3.0  # laser to rear at rest
     time_headway: Annotated[Positive, Field(alias="time_headway_s")] = 1.0
@@ -185,7 +192,7 @@ class TrackingFollower(Law):
     margin: Annotated[Positive, Field(alias="margin_m")] = 2.7  # laser to rear after hard braking
     lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 4.0
     patience: Annotated[Positive, Field(alias="patience_s")] = 1.5
-    # Of the strip that must be free; default: half of the vehicle's width, and BESIDE.
+    # Of the strip that must be free; default: half of the vehicle's width, and KEPT_FREE.
     half_width: Annotated[Positive | None, Field(alias="half_width_m")] = None
     policy: Literal["convoy", "obey"] = "convoy"  # at closed stop lines behind a predecessor
     on_loss: Literal["stop", "drive"] = "stop"
@@ -218,15 +225,16 @@ class TrackingFollower(Law):
         now = Now(sensed, memory, odometry, fitted(sensed.body, odometry.speed, dt, RECOVERY), dt)
         estimate = self._estimate(now)
 
-        trail = self._remember(now, estimate)
+        trail, lanes = self._remember(now, estimate)
         ahead = self._look_ahead(now, estimate, trail)
         curvature = self._steer(now, estimate, ahead)
 
         drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
-        demand = self._follow(now, estimate.track, ahead, drive_line)
+        demand = self._follow(now, estimate.track, ahead, drive_line, lanes)
         obstacle = self._obstacle(now, estimate, trail, ahead)
         demand = self._avoid(now, ahead, curvature, obstacle, demand)
         demand, creeps, limit = self._by_road(now, estimate.track, obstacle, demand)
+        limit = limit._replace(reason=np.where((limit.reason == PREDECESSOR) & lanes.held, BESIDE, limit.reason))
         acceleration = self._comfort(now, demand)
         curvature = self._held(now, curvature)
 
@@ -234,18 +242,8 @@ class TrackingFollower(Law):
         if sensed.route is not None:  # another vehicle may have come in between, so the next one is found anew
             never_lost &= limit.reason != LINE
         commands = acceleration, curvature, drive_line
-        memory = Memory(
-            now.odometry,
-            bias,
-            estimate.track,
-            trail,
-            *commands,
-            obstacle.free,
-            obstacle.closing,
-            never_lost,
-            creeps,
-            limit,
-        )
+        memory = Memory(now.odometry, bias, estimate.track, trail, *commands, obstacle.free, obstacle.closing,
+                        never_lost, creeps, limit, lanes)  # fmt: skip
         return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
@@ -281,7 +279,7 @@ class TrackingFollower(Law):
 
     # ---- 2. steer
 
-    def _remember(self, now: Now, estimate: Estimate) -> Trail:
+    def _remember(self, now: Now, estimate: Estimate) -> tuple[Trail, Beside]:
         track, odometry, route = estimate.track, now.odometry, now.sensed.route
         gap, section = estimate.predicted.blind > 1.5 * now.dt, None
         if route is not None:
@@ -289,7 +287,12 @@ class TrackingFollower(Law):
             length = np.where(track.known, near, now.sensed.scan.model.range_max)
             rounding = ROUNDED * now.sensed.body.length
             section = RouteSection(estimate.on_route, route.points, route.distance, length, rounding)
-        return now.memory.trail.extended(track, odometry, gap | estimate.on_route, section)
+        lanes, aside = now.memory.beside.aside(track, now.memory.trail, now.speed)
+        trail = now.memory.trail.extended(aside, odometry, gap | estimate.on_route, section)
+        scan = now.sensed.scans.get(AROUND, now.sensed.scan)
+        active = track.known & ~estimate.on_route
+        scene = beside.Scene(odometry, track, aside, now.sensed.body, scan, active, now.dt)
+        return beside.look(lanes, trail, scene)[::-1]
 
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
         fit = now.fitted
@@ -306,11 +309,13 @@ class TrackingFollower(Law):
 
     # ---- 3. follow
 
-    def _follow(self, now: Now, track: Track, ahead: Ahead, drive_line: DriveLine) -> Demand:
+    def _follow(self, now: Now, track: Track, ahead: Ahead, drive_line: DriveLine, lanes: Beside) -> Demand:
         """To keep the headway; without a predecessor, to stop."""
         distance = ahead.length - OVERHANG - now.laser
         speed_ahead, acceleration_ahead = track.mean[:, SPEED], track.mean[:, ACCELERATION]
         wanted = self._headway(now, distance, track, drive_line)
+        error = distance - self.desired_distance(now.speed)
+        wanted = beside.slowed(lanes, now.sensed.body, track, now.speed, error, wanted)
         stop = np.where(now.speed < STANDING, -FIRM, -self.braking / 2)
         needed = self._brake_for(now, distance, speed_ahead, np.minimum(acceleration_ahead, 0.0))
         return Demand(np.where(track.known, wanted, stop), np.where(track.known, needed, np.inf))
@@ -335,8 +340,8 @@ class TrackingFollower(Law):
         sensed, memory = now.sensed, now.memory
         beyond_end = np.maximum(ahead.length, 0) + sensed.scan.model.range_max / 2
         reach = np.where(estimate.track.known, ahead.length - OVERHANG - PAST_PREDECESSOR, beyond_end)
-        half_width = sensed.body.width / 2 + BESIDE if self.half_width is None else np.full(len(reach), self.half_width)
-        strip = Strip(half_width, reach)
+        half_width = sensed.body.width / 2 + KEPT_FREE if self.half_width is None else self.half_width
+        strip = Strip(np.broadcast_to(half_width, len(reach)), reach)
         free, beam = trail.free_distance(now.odometry, sensed.scan, sensed.body, strip, estimate.sighting.beams)
         closing = closing_speed(
             free, memory.free, memory.closing, now.speed, now.dt, same=SAME, time_constant=FILTER

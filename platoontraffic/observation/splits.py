@@ -42,7 +42,8 @@ class Splits:
         self._begin_joins(step)
         number, predecessor = step.number, step.fleet.predecessor
         longest = np.maximum(SPLIT_GAP_FACTOR * desired_gap, desired_gap + SPLIT_GAP_MARGIN * self._scale[number])
-        apart = (predecessor >= 0) & (~self._locks.locked[number] | (gap - longest > 0))
+        follows = (predecessor >= 0) & ~step.fleet.native  # SUMO's drivers do not follow a vehicle, but a road
+        apart = follows & (~self._locks.locked[number] | (gap - longest > 0))
         since = np.where(apart, np.fmin(self._apart_since[number], step.time), np.nan)
         self._apart_since[number] = since
         for i in np.flatnonzero(apart & ~self.split[number] & (step.time - since > SPLIT_AFTER - 1e-6)):
@@ -70,6 +71,8 @@ class Splits:
         number, ahead = step.number[row], step.fleet.predecessor[row]
         if cause := self._hindrances.lately(number, step.time):
             return cause
+        if self._limits.reason(number) == "beside":
+            return Cause("beside", "no room beside it to go over to the lane of its predecessor")
         body = self._limits.body(number) if self._limits.reason(number) == "obstacle" else ""
         if body and body != step.traffic.ids[ahead]:
             return Cause("blocked", f"blocked by {body}")

@@ -142,8 +142,6 @@ def _drivers(spec: Spec, laws: Mapping[Role, Found]) -> Iterator[Fault]:
         if not found.kind.native:
             preset = default_preset(role[1], found.kind, platoon.model(0))
             yield from _lidars(at, driver, preset, platoon, spec.run.step_s)
-        elif role[1] == "follower":
-            yield Fault((*at, "law"), f"{driver.law!r} cannot follow; must be a law that drives by its scan")
 
 
 def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon) -> Iterator[Fault]:

@@ -50,6 +50,11 @@ class FleetModel:
         """The middle of the driven axle, x and y [m]. Arrays (n,)."""
         return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
 
+    def strongest_acceleration(self, speed: np.ndarray) -> np.ndarray:
+        """Greatest acceleration of each member at its speed [m/s2], (n,); inf: any."""
+        strongest = [model.strongest_acceleration(speed[rows]) for rows, model in self.kinds]
+        return put(np.zeros(len(speed)), [kind.rows for kind in self.kinds], strongest)
+
     def moved(self, motion: Motion, command: Command | Drive | Twist, dt: float) -> Motion:
         """Motion after dt [s] under one command, each member by its own model."""
         command = command if isinstance(command, Command) else Command.of(command)

@@ -53,6 +53,10 @@ class DifferentialDrive:
 
     drive_lag = brake_lag = steering_lag
 
+    def strongest_acceleration(self, speed: np.ndarray) -> np.ndarray:
+        """Inf: both wheels obey at once, but for their lag."""
+        return np.full(np.shape(speed), np.inf)
+
     def braking_delay(self, scan: float, braking: float) -> float:
         """The delay of the scan [s], since the wheels obey at once."""
         return scan

@@ -130,6 +130,9 @@ class VehicleModel(Protocol):
     def hardest_braking(self) -> float:
         """[m/s2]; inf: it stops at once."""
 
+    def strongest_acceleration(self, speed: np.ndarray) -> np.ndarray:
+        """Greatest acceleration at a speed [m/s2]; inf: any."""
+
     def braking_delay(self, scan: float, braking: float) -> float:
         """Time from what the laser could see to full braking, `scan` [s] after which the brakes are applied [s].
 

@@ -100,7 +100,7 @@ class Equipment(NamedTuple):
         platoon, law = scenario.spec.platoon[i], scenario.laws[i, role]
         driver, preset = getattr(platoon, role), scenario.default_preset((i, role))
         length = model.length
-        further = (table.model(preset, length, name) for name, table in driver.lidars.items())
+        further = (table.model(preset, length, name) for name, table in scenario.further_lidars((i, role)).items())
         sensors = tuple(found.sensor for found in scenario.sensors[i, role])
         return cls(role, model, law, (driver.lidar.model(preset, length), *further), driver.odometry.model(), sensors)
 
@@ -116,7 +116,12 @@ def _member(network: Network, platoon: Platoon, place: int, route: Route | None,
         raise InputError(
             f"speed_mps {start.speed_mps:g}: the {equipment.role} cannot be so fast there; must be up to {fastest:g}"
         )
-    position = start.position_m - platoon.behind_leader(place)
+    behind = platoon.behind_leader(place)
+    position = start.position_m - behind
+    if law.native and position < 0:
+        raise InputError(
+            f"position_m {start.position_m:g}: SUMO inserts the {equipment.role} on this edge; must be from {behind:g}"
+        )
     front = max(position, 0.0)
     facing = _facing(network, platoon, front, model.length / 2 - model.axle)
     return Member(
