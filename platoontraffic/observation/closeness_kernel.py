@@ -9,6 +9,8 @@ import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
 
+EQUAL = 1e-9  # distances that differ by less are equal [m]
+
 compiled = compiler(__file__)
 
 
@@ -56,8 +58,10 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
             apart, closing = math.hypot(dx, dy) - radius[i] - radius[k], math.hypot(wx, wy)
             if apart < max(least, near[i]):
                 away = _distance(bodies, i, k)
+                if away < least - EQUAL or away < least + EQUAL and _is_ahead(bodies, i, k, closest[i]):
+                    closest[i] = k
                 if away < least:
-                    least, clearance[i], closest[i] = away, away, k
+                    least, clearance[i] = away, away
                 if away < near[i] and closing > moving and (k >= n or i < k) and count < len(pairs):
                     pairs[count] = i, k
                     count += 1
@@ -66,6 +70,13 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
                 if time < soonest:
                     soonest, contact_in[i] = time, time
     return count
+
+
+@compiled
+def _is_ahead(bodies, i, k, other):
+    """Whether body k is farther ahead of body i than another one: of bodies equally far, that is the closest."""
+    cos, sin = bodies.cos[i], bodies.sin[i]
+    return other >= 0 and (bodies.x[k] - bodies.x[other]) * cos + (bodies.y[k] - bodies.y[other]) * sin > 0.0
 
 
 @compiled

@@ -75,7 +75,9 @@ def fleet() -> Fleet:
 
 def instant(fleet: Fleet, traffic, step: int = 0, events=()) -> Instant:
     n = len(fleet)
-    empty = {f.name: np.full(n, np.nan) for f in fields(Measures)} | {"target": np.full(n, "", dtype=object)}
+    empty = {f.name: np.full(n, np.nan) for f in fields(Measures)} | dict.fromkeys(
+        ("target", "closest"), np.full(n, "", dtype=object)
+    )
     roads = [("edge", "edge_0")] * n
     return Instant(step, traffic, fleet, [None] * len(fleet.groups), roads, events, lambda fleet: Measures(**empty))
 
