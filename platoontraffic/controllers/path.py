@@ -29,12 +29,12 @@ FILTER = 0.3  # time constant of the filter of the closing speed [s]
 SAME = 0.25  # greatest difference of the free distance from its prediction, for one obstacle [vehicle lengths]
 STEERING_LAG = 0.15  # from a command to the curvature driven, by which the curvature of the route is fed forward [s]
 SHARPEST = 0.1  # least radius of a turn, for a vehicle that turns on the spot [vehicle lengths]
-STEERED = 0.85  # share of its steering rate that the changes of curvature may take
-RESERVE = 1.3  # lateral acceleration that steering may use, above that of the planned speed
+STEERED = 0.95  # share of its steering rate that the changes of curvature may take
+RESERVE = 1.2  # lateral acceleration that steering may use, above that of the planned speed
 ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
 
 
-PREDECESSOR, OBSTACLE, LINE, LOST = range(1, len(BRAKES_FOR))
+PREDECESSOR, OBSTACLE, LINE, LOST, BESIDE = range(1, len(BRAKES_FOR))
 
 
 class Memory(NamedTuple):
@@ -90,9 +90,9 @@ class PathLeader(Law):
     )
     time_headway: Annotated[NotNegative, Field(alias="time_headway_s")] = 1.5
     acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5
-    braking: Annotated[Positive, Field(alias="braking_mps2")] = 2.5  # comfortable
+    braking: Annotated[Positive, Field(alias="braking_mps2")] = 3.0  # comfortable
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 8.0
-    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 3.0
+    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 3.8
 
     def __post_init__(self) -> None:
         if self.trace is not None:
@@ -191,10 +191,13 @@ class PathLeader(Law):
         return np.maximum(base + np.where(t >= 0, more, 0.0), 0.0)
 
     def _for_bends(self, sensed: Sensed, fastest: np.ndarray) -> np.ndarray:
-        """For lower speeds ahead."""
-        reaction = REACTION * sensed.speed[:, None]
-        distance = np.maximum(sensed.route.distance - reaction, SETTLING / 2 * sensed.speed[:, None])
-        return self._slowed_to(fastest, distance, sensed.speed[:, None])[:, 1:].min(axis=1)
+        """For lower speeds ahead; one that is about to hold is approached as a wanted speed is."""
+        speed = sensed.speed[:, None]
+        distance = sensed.route.distance - REACTION * speed
+        near = distance < SETTLING / 2 * speed
+        soon = np.where(near, (fastest - speed) / SETTLING, np.inf)
+        ahead = self._slowed_to(fastest, np.maximum(distance, SETTLING / 2 * speed), speed)
+        return np.minimum(soon, np.where(near, np.inf, ahead))[:, 1:].min(axis=1)
 
     def braking_for(self, memory: Memory) -> BrakingFor:
         return memory.braking_for

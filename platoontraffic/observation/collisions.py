@@ -1,4 +1,9 @@
-"""Contacts between members and other vehicles or walls, and gaps that come close to one."""
+"""Contacts between members and other vehicles or walls, and gaps that come close to one.
+
+A contact is caused by one of the two, whichever of them is a member. The one that entered the other's lane less than
+LANE_CHANGE_BLAME before is the cause (`lane_entries`), whoever struck whom. If nobody did, the one behind is the cause;
+and if none is behind, side by side or head on, it is put down to the member.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +11,18 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+import shapely
 
+from platoontraffic.observation.lane_entries import SAME_DIRECTION, LaneEntries
 from platoontraffic.observation.step import Step
 from platoontraffic.world.contact import Contacts
-from platoontraffic.world.events import LANE_CHANGE_BLAME, NEAR_MISS_GAP, Event
+from platoontraffic.world.events import NEAR_MISS_GAP, Event
 from platoontraffic.world.traffic import TrafficSnapshot
-
-LANE_CHANGE = 1.0  # sideways motion in one step that is a lane change [m]: SUMO's vehicles change lanes at once
-SAME_DIRECTION = 0.5  # least cosine between two headings for one vehicle to strike the other from behind
 
 DETAILS = {
     "": "",
     "struck_from_behind": "struck from behind",
     "struck_other_from_behind": "struck it from behind",
-    "other_changed_lanes": "the other one changed lanes into its path",
     "beside": "side by side or head on",
 }
 
@@ -27,48 +30,26 @@ DETAILS = {
 class Collisions:
     """Episodes of contact; `touching` are the pairs of this step, as in `Contacts.of`."""
 
-    def __init__(self, contacts: Contacts) -> None:
+    def __init__(self, contacts: Contacts, drivable: shapely.Geometry) -> None:
         self._contacts = contacts
-        self._lane_changes = LaneChanges()
+        self._entries = LaneEntries(drivable)
         self.touching: set[tuple[str, str]] = set()
 
     def observe(self, step: Step) -> Iterator[Event]:
         """collision"""
         traffic = step.traffic
-        self._lane_changes.observe(traffic, len(step.fleet))
+        self._entries.observe(traffic)
         before, self.touching = self.touching, self._contacts.of(traffic)
         for vehicle, other in sorted(self.touching - before):
             i = traffic.ids.index(vehicle)
-            what = "other_changed_lanes" if self._lane_changes.lately(other, step.time) else _impact(traffic, i, other)
-            yield step.event("collision", i, other, what=what, detail=DETAILS[what])
-
-
-class LaneChanges:
-    """When background vehicles last changed lanes."""
-
-    def __init__(self) -> None:
-        self._before: TrafficSnapshot | None = None
-        self._times: dict[str, float] = {}  # by vehicle [s]
-
-    def observe(self, traffic: TrafficSnapshot, n: int) -> None:
-        """The vehicles behind the first n of the snapshot, which are members."""
-        before, self._before = self._before, traffic
-        if before is not None and before.ids == traffic.ids:
-            was = np.arange(n, len(traffic.ids))
-        else:
-            row = {name: k for k, name in enumerate(before.ids)} if before else {}
-            was = np.array([row.get(name, -1) for name in traffic.ids[n:]], dtype=int)
-        here = np.arange(n, len(traffic.ids))[was >= 0]
-        was = was[was >= 0]
-        if not len(here):
-            return
-        dx, dy = traffic.x[here] - before.x[was], traffic.y[here] - before.y[was]
-        aside = np.abs(dy * np.cos(traffic.heading[here]) - dx * np.sin(traffic.heading[here]))
-        for k in here[aside > LANE_CHANGE]:
-            self._times[traffic.ids[k]] = traffic.time
-
-    def lately(self, vehicle: str, time: float) -> bool:
-        return time - self._times.get(vehicle, -np.inf) < LANE_CHANGE_BLAME
+            entry = self._entries.of(vehicle, other)
+            what = _impact(traffic, i, other)
+            detail = DETAILS[what]
+            if entry:
+                what = "changed_lanes" if entry.vehicle == vehicle else "other_changed_lanes"
+                before = f"{step.time - entry.time:.1f} s before, gap {entry.gap:.1f} m"
+                detail = f"{entry.vehicle} changed lanes into the path of the other {before}"
+            yield step.event("collision", i, other, what=what, detail=detail)
 
 
 class NearMisses:

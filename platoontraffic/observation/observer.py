@@ -10,6 +10,7 @@ import numpy as np
 from platoontraffic.controllers import Signals
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.braking import Braking
+from platoontraffic.observation.closeness import Closeness
 from platoontraffic.observation.collisions import Collisions, NearMisses
 from platoontraffic.observation.gaps import DesiredGaps, Gaps
 from platoontraffic.observation.hindrances import Hindrances
@@ -49,6 +50,9 @@ class Measures:
     off_road: np.ndarray  # distance of the driven axle from the drivable area [m]; 0 in it
     jerk: np.ndarray  # change of the acceleration over the last step [m/s3]
     target: np.ndarray  # what the law's target lies on: a vehicle's id, WALL, or ""
+    clearance: np.ndarray  # least distance between the own outline and that of another body [m]
+    closest: np.ndarray  # id of that body, or ""
+    contact_in: np.ndarray  # least time until the outline touches that of a body, if all go straight on [s]
 
 
 class Observer:
@@ -72,8 +76,9 @@ class Observer:
         self._splits = Splits(size, self._locks, self._hindrances, self._limits)
         self._standstills = Standstills(len(members), self._locks, self._hindrances, self._limits)
         self._braking = Braking(length)
-        self._collisions = Collisions(contacts)
+        self._collisions = Collisions(contacts, network.drivable)
         self._near_misses = NearMisses(size)
+        self._closeness = Closeness(size)
         self._off_road = OffRoad(network.drivable, size)
 
     def observe(
@@ -107,6 +112,7 @@ class Observer:
         events += self._braking.observe(step)
         events += self._collisions.observe(step)
         events += self._near_misses.observe(step, gap, self._collisions.touching)
+        events += self._closeness.observe(step, self._collisions.touching)
         events += self._off_road.observe(step)
         return events
 
@@ -136,4 +142,7 @@ class Observer:
             off_road=self._off_road.distance[number],
             jerk=self._braking.jerk[number],
             target=self._locks.target[number],
+            clearance=self._closeness.clearance[number],
+            closest=self._closeness.closest[number],
+            contact_in=self._closeness.contact_in[number],
         )

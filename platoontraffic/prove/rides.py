@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from platoontraffic.analysis.results import load
+from platoontraffic.results.metrics import CAUSED_BY_OTHER
 from platoontraffic.world.events import STANDSTILL_AFTER
 
 NO_REASON = "no reason"
@@ -95,8 +96,8 @@ def _incidents(events: pd.DataFrame, members: set[str]) -> Iterator[Incident]:
     texts = ["other_id", "edge_id", "what", "detail"]
     found = events[events.kind.isin(["collision", "red_light", "failed_to_yield"])]
     for row in found.assign(**found[texts].fillna("").astype(str)).itertuples():
-        struck = row.what == "struck_from_behind" and row.other_id not in members
-        if row.kind != "collision" or not (struck or row.what == "other_changed_lanes"):
+        by_other = row.what in CAUSED_BY_OTHER and row.other_id not in members
+        if row.kind != "collision" or not by_other:
             detail = row.detail if row.kind != "collision" else row.what.replace("_", " ")
             yield Incident(float(row.time_s), row.kind, row.vehicle_id, row.other_id, row.edge_id, detail)
 

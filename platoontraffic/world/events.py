@@ -20,9 +20,13 @@ SPLIT_GAP_FACTOR, SPLIT_GAP_MARGIN = 2.0, 15.0  # a gap above both is too long: 
 HELD_DISTANCE, HELD_SPEED = 8.0, 1.0  # a closed stop line holds a member this near [m] and slower than this [m/s]
 STANDSTILL_AFTER = 10.0  # shortest standstill that is an event [s]
 NEAR_MISS_GAP = 0.5  # gap below which there is a near miss [m]
+NEAR_MISS_SPEED = 1.0  # least relative speed of a near miss with another body than the predecessor [m/s]
+CLEARANCE_REACH = 30.0  # distance up to which the closest body is looked for [m]
+CONTACT_HORIZON = 5.0  # time up to which contacts with any body are foreseen [s]
 EMERGENCY_BRAKING = 4.5  # braking above which it is an emergency brake [m/s2]
 OFF_ROAD_DISTANCE = 0.3  # distance outside the drivable area from which a member is off the road [m]
-LANE_CHANGE_BLAME = 2.0  # a collision this soon after the other vehicle's lane change is put down to that [s]
+LANE_CHANGE_BLAME = 2.0  # a collision this soon after one vehicle came into the other's lane is put down to it [s]
+LANE_CHANGE_TIME = 3.0  # time before that from which on the moves of both across the road are compared [s]
 ENCOUNTER_TIME = 10.0  # time for which the consequences of a cut-in or crossing are measured [s]
 
 
@@ -100,8 +104,19 @@ EVENT_KINDS = {
             f"is split off from its platoon: for {SPLIT_AFTER:g} s its law has not taken the predecessor (other_id) as "
             f"target, or its gap has been more than {SPLIT_GAP_FACTOR:g} times the gap that the law wants and also "
             f"more than {SPLIT_GAP_MARGIN:g} m ({_SCALED}) longer than that. Causes: a closed stop line held it, "
-            "another body in its way blocked it, vehicles came between, it fell behind, or a cause of lock_lost",
-            ("held", "blocked", "between", "fell_behind", "taken", "not_recognised", "out_of_sight", "broken"),
+            "there was no room beside it to repeat its predecessor's lane change, another body in its way blocked it, "
+            "vehicles came between, it fell behind, or a cause of lock_lost",
+            (
+                "held",
+                "beside",
+                "blocked",
+                "between",
+                "fell_behind",
+                "taken",
+                "not_recognised",
+                "out_of_sight",
+                "broken",
+            ),
         ),
         Kind("rejoined", "is in its platoon again, duration_s after it was split off"),
         Kind(
@@ -147,15 +162,22 @@ EVENT_KINDS = {
         ),
         Kind(
             "collision",
-            "touches a vehicle or a wall (other_id); once per episode. It was struck from behind, struck the other "
-            f"from behind, the other had changed lanes less than {LANE_CHANGE_BLAME:g} s before, or they met side by "
-            "side or head on; empty for a wall",
-            ("struck_from_behind", "struck_other_from_behind", "other_changed_lanes", "beside"),
+            "touches a vehicle or a wall (other_id); once per episode. If the two came in line less than "
+            f"{LANE_CHANGE_BLAME:g} s before, the one of them that moved towards the other across the road had changed "
+            f"lanes: of the moves since {LANE_CHANGE_TIME:g} s before that, the larger one counts. Else it was struck "
+            "from behind, struck the other from behind, or they met side by side or head on; empty for a wall",
+            ("struck_from_behind", "struck_other_from_behind", "changed_lanes", "other_changed_lanes", "beside"),
         ),
         Kind(
             "near_miss",
             f"its gap to the predecessor (other_id) falls below {NEAR_MISS_GAP:g} m ({_SCALED}), without contact; once "
             "per episode",
+        ),
+        Kind(
+            "near_miss_other",
+            f"its outline comes within {NEAR_MISS_GAP:g} m ({_SCALED}) of that of other_id, which is neither its "
+            f"predecessor nor its follower, while their velocities differ by more than {NEAR_MISS_SPEED:g} m/s, "
+            "without contact; once per episode and pair",
         ),
         Kind(
             "emergency_brake",

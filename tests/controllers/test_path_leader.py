@@ -270,7 +270,7 @@ def test_it_stops_at_a_closed_line_and_goes_when_it_opens():
     waits = (time > 18) & (time < 25)
     assert speed[waits].max() < 0.3
     assert 98.0 < front[waits].max() <= 100.0
-    assert np.diff(speed).min() / 0.1 > -3
+    assert np.diff(speed).min() / 0.1 > -1.2 * PathLeader().braking
     assert front[-1] > 150
 
 

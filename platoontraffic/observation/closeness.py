@@ -1,0 +1,76 @@
+"""How close members come to all other bodies: distances between outlines, times to collision, near misses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from platoontraffic.observation.step import Step
+from platoontraffic.world.events import (
+    CLEARANCE_REACH,
+    CONTACT_HORIZON,
+    NEAR_MISS_GAP,
+    NEAR_MISS_SPEED,
+    Event,
+)
+from platoontraffic.world.traffic import TrafficSnapshot
+
+PAIRS = 4  # pairs a member that can begin to be near in one step
+
+
+class Closeness:
+    """Arrays (N,) of all members of the run, by their number, as of the last step; NaN where there is nothing."""
+
+    def __init__(self, scale: np.ndarray) -> None:
+        """scale: size of each member beside a car, (N,); NEAR_MISS_GAP shrinks with it"""
+        n, self._scale = len(scale), scale
+        self.clearance, self.contact_in = np.full((2, n), np.nan)
+        self.closest = np.full(n, "", dtype=object)
+        self._near: set[tuple[str, str]] = set()  # one step before
+
+    def observe(self, step: Step, touching: set[tuple[str, str]]) -> Iterator[Event]:
+        """near_miss_other
+
+        touching: pairs in contact, as in `Contacts.of`
+        """
+        number, traffic, n = step.number, step.traffic, len(step.fleet)
+        near = NEAR_MISS_GAP * self._scale[number]
+        clearance, closest, contact_in, pairs = look_around(traffic, n, near)
+        self.clearance[number], self.contact_in[number] = clearance, contact_in
+        ids = np.array([*traffic.ids, ""], dtype=object)
+        self.closest[number] = ids[closest]
+        predecessor, before = step.fleet.predecessor, self._near
+        self._near = set()
+        for i, k in pairs.tolist():
+            if predecessor[i] == k or (k < n and predecessor[k] == i):
+                continue
+            pair = traffic.ids[i], traffic.ids[k]
+            self._near.add(pair)
+            if pair not in before and not touching & {pair, pair[::-1]}:
+                speed = np.hypot(*(_velocity(traffic, k) - _velocity(traffic, i)))
+                detail = f"within {near[i]:.2f} m at {speed:.1f} m/s against each other"
+                yield step.event("near_miss_other", i, pair[1], detail=detail)
+
+
+def look_around(traffic: TrafficSnapshot, n: int, near: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Of the first n bodies: clearance [m], row of the closest body, time to contact [s], (n,), and the pairs that are
+    nearer than `near` (n,) [m] and move against each other, (m, 2). As in `closeness_kernel.look_around`."""
+    # Imported here: importing numba takes half a second.
+    from platoontraffic.observation import closeness_kernel as kernel
+
+    cos, sin = np.cos(traffic.heading), np.sin(traffic.heading)
+    size = traffic.length / 2, traffic.width / 2
+    bodies = kernel.Bodies(traffic.x, traffic.y, cos, sin, *size, traffic.speed)
+    clearance, closest, contact_in = np.empty(n), np.empty(n, dtype=np.intp), np.empty(n)
+    pairs = np.empty((PAIRS * n, 2), dtype=np.intp)
+    if not n:
+        return clearance, closest, contact_in, pairs
+    count = kernel.look_around(
+        bodies, n, CLEARANCE_REACH, CONTACT_HORIZON, near, NEAR_MISS_SPEED, clearance, closest, contact_in, pairs
+    )
+    return clearance, closest, contact_in, pairs[:count]
+
+
+def _velocity(traffic: TrafficSnapshot, row: int) -> np.ndarray:
+    return traffic.speed[row] * np.array([np.cos(traffic.heading[row]), np.sin(traffic.heading[row])])

@@ -1,0 +1,123 @@
+"""Distances between the outlines of bodies, which are boxes, and times until these touch. Compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.lidar.compiled import compiler
+
+compiled = compiler(__file__)
+
+
+class Bodies(NamedTuple):
+    """Of N bodies, arrays (N,)."""
+
+    x: np.ndarray  # centre [m]
+    y: np.ndarray
+    cos: np.ndarray  # of the heading
+    sin: np.ndarray
+    half_length: np.ndarray  # [m]
+    half_width: np.ndarray
+    speed: np.ndarray  # forward [m/s]
+
+
+@compiled
+def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, contact_in, pairs):
+    """Fill in what is closest to each of the first n bodies, (n,); returns the number of pairs that are near.
+
+    reach      : distance between outlines up to which bodies are looked for [m]
+    horizon    : time up to which touching is looked for [s]
+    near       : distance below which a pair is near [m], (n,)
+    moving     : least relative speed of a pair that is near [m/s]
+    clearance  : distance to the closest body [m]; NaN: none within reach
+    closest    : its row; -1: none
+    contact_in : least time until it touches a body if all go straight on [s]; NaN: none within the horizon
+    pairs      : the rows of pairs that are near, the lower first, (capacity, 2); those beyond it are left out
+    """
+    fastest = 0.0
+    for k in range(len(bodies.x)):
+        fastest = max(fastest, abs(bodies.speed[k]))
+    radius = np.hypot(bodies.half_length, bodies.half_width)
+    largest, count = radius.max(), 0
+    for i in range(n):
+        clearance[i], closest[i], contact_in[i] = math.nan, -1, math.nan
+        least, soonest = reach, horizon
+        widest = radius[i] + largest + max(reach, (abs(bodies.speed[i]) + fastest) * horizon)
+        vx, vy = bodies.speed[i] * bodies.cos[i], bodies.speed[i] * bodies.sin[i]
+        for k in range(len(bodies.x)):
+            dx = bodies.x[k] - bodies.x[i]
+            if abs(dx) > widest or k == i:
+                continue
+            dy = bodies.y[k] - bodies.y[i]
+            wx, wy = bodies.speed[k] * bodies.cos[k] - vx, bodies.speed[k] * bodies.sin[k] - vy
+            apart, closing = math.hypot(dx, dy) - radius[i] - radius[k], math.hypot(wx, wy)
+            if apart < max(least, near[i]):
+                away = _distance(bodies, i, k)
+                if away < least:
+                    least, clearance[i], closest[i] = away, away, k
+                if away < near[i] and closing > moving and (k >= n or i < k) and count < len(pairs):
+                    pairs[count] = i, k
+                    count += 1
+            if apart < closing * soonest and dx * wx + dy * wy < 0:
+                time = _touches_in(bodies, i, k, wx, wy)
+                if time < soonest:
+                    soonest, contact_in[i] = time, time
+    return count
+
+
+@compiled
+def _distance(bodies, i, k):
+    """Between two outlines [m]; 0 if they overlap."""
+    if _touches_in(bodies, i, k, 0.0, 0.0) == 0.0:
+        return 0.0
+    # Of two convex shapes apart, the least distance is from a corner of one.
+    return math.sqrt(min(_from_corners(bodies, i, k), _from_corners(bodies, k, i)))
+
+
+@compiled
+def _from_corners(bodies, i, k):
+    """Least squared distance of the corners of body i from body k [m2]."""
+    least = math.inf
+    for a in (-1.0, 1.0):
+        for b in (-1.0, 1.0):
+            along, aside = a * bodies.half_length[i], b * bodies.half_width[i]
+            x = bodies.x[i] + along * bodies.cos[i] - aside * bodies.sin[i] - bodies.x[k]
+            y = bodies.y[i] + along * bodies.sin[i] + aside * bodies.cos[i] - bodies.y[k]
+            ahead, left = x * bodies.cos[k] + y * bodies.sin[k], y * bodies.cos[k] - x * bodies.sin[k]
+            out_x = max(abs(ahead) - bodies.half_length[k], 0.0)
+            out_y = max(abs(left) - bodies.half_width[k], 0.0)
+            least = min(least, out_x * out_x + out_y * out_y)
+    return least
+
+
+@compiled
+def _touches_in(bodies, i, k, wx, wy):
+    """Time until body k, which moves by (wx, wy) against body i, touches it [s]; inf: never, 0: they overlap.
+
+    Two boxes overlap while their shadows on the axes of both do.
+    """
+    dx, dy = bodies.x[k] - bodies.x[i], bodies.y[k] - bodies.y[i]
+    cross = abs(bodies.cos[i] * bodies.sin[k] - bodies.sin[i] * bodies.cos[k])
+    along = abs(bodies.cos[i] * bodies.cos[k] + bodies.sin[i] * bodies.sin[k])
+    begin, end = 0.0, math.inf
+    for axis in range(4):
+        own, other = (i, k) if axis < 2 else (k, i)
+        if axis % 2 == 0:
+            ax, ay = bodies.cos[own], bodies.sin[own]
+            reach = bodies.half_length[own] + along * bodies.half_length[other] + cross * bodies.half_width[other]
+        else:
+            ax, ay = -bodies.sin[own], bodies.cos[own]
+            reach = bodies.half_width[own] + cross * bodies.half_length[other] + along * bodies.half_width[other]
+        apart, rate = dx * ax + dy * ay, wx * ax + wy * ay
+        if rate == 0.0:
+            if abs(apart) > reach:
+                return math.inf
+            continue
+        first, last = (-reach - apart) / rate, (reach - apart) / rate
+        if first > last:
+            first, last = last, first
+        begin, end = max(begin, first), min(end, last)
+    return begin if begin <= end else math.inf

@@ -1,0 +1,111 @@
+"""Which of two vehicles entered the other's lane: measured across the road, from the poses of both alone.
+
+Two vehicles are in line while the offset between them, across the mean of their headings, is less than the mean of
+their widths. The move of a vehicle across the road is the change of its distance from the border of the drivable area,
+along its right normal (or its left one, where that to the right is not continuous), so that a bend moves nobody; a
+vehicle that SUMO puts sideways at once moves by that. The one that moved more towards the other, from LANE_CHANGE_TIME
+before they came in line on, entered the other's lane.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from platoontraffic.world.events import LANE_CHANGE_BLAME, LANE_CHANGE_TIME
+from platoontraffic.world.traffic import TrafficSnapshot
+
+AT_ONCE = 1.0  # sideways motion in one step that is a lane change at once [m]
+FASTEST = 3.0  # lateral speed; the border that changes faster has an opening there [m/s]
+MOVED = 0.5  # least move of a vehicle that entered the other's lane [m]
+BORDER = 50.0  # distance up to which the border is looked for [m]
+SAME_DIRECTION = 0.5  # least cosine between two headings in one direction
+
+
+class Entry(NamedTuple):
+    """One of two vehicles has come into the other's lane."""
+
+    vehicle: str
+    time: float  # at which they came in line [s]
+    gap: float  # between their bumpers then, along the road [m]; negative: abreast
+
+
+class Poses(NamedTuple):
+    """Of one vehicle at k instants, (k,)."""
+
+    x: np.ndarray
+    y: np.ndarray
+    heading: np.ndarray
+
+
+class LaneEntries:
+    """Remembers where all vehicles were."""
+
+    def __init__(self, drivable: shapely.Geometry) -> None:
+        self._border = drivable.boundary
+        self._past: deque[TrafficSnapshot] = deque()
+
+    def observe(self, traffic: TrafficSnapshot) -> None:
+        self._past.append(traffic)
+        while self._past[0].time < traffic.time - LANE_CHANGE_BLAME - LANE_CHANGE_TIME - 1e-6:
+            self._past.popleft()
+
+    def of(self, one: str, other: str) -> Entry | None:
+        """The last one of two vehicles that are in line now; None if they have been so for LANE_CHANGE_BLAME, are not
+        now, do not head in one direction, or if neither moved."""
+        both = []
+        for traffic in reversed(self._past):  # the instants of both without a break, the last one first
+            if one not in traffic.ids or other not in traffic.ids:
+                break
+            both.append((traffic, traffic.ids.index(one), traffic.ids.index(other)))
+        both.reverse()
+        if len(both) < 2:
+            return None
+        now, i, k = both[-1]
+        time = np.array([traffic.time for traffic, *_ in both])
+        poses = [
+            Poses(*np.array([(t.x[row[n]], t.y[row[n]], t.heading[row[n]]) for t, *row in both]).T) for n in (0, 1)
+        ]
+        return entry(time, poses, (one, other), (now.length[[i, k]], now.width[[i, k]]), lambda p: self._moves(time, p))
+
+    def _moves(self, time: np.ndarray, poses: Poses) -> np.ndarray:
+        """Moves of a vehicle to its left from each instant to the next, across the road [m], (k - 1,)."""
+        right, left = (self._to_border(poses, side) for side in (-1, 1))
+        limit = FASTEST * np.diff(time)
+        by_right, by_left = np.diff(right), -np.diff(left)
+        dx, dy, heading = np.diff(poses.x), np.diff(poses.y), poses.heading[1:]
+        aside = dy * np.cos(heading) - dx * np.sin(heading)
+        with np.errstate(invalid="ignore"):
+            moves = np.where(np.abs(by_right) < limit, by_right, np.where(np.abs(by_left) < limit, by_left, 0.0))
+        return np.where(np.abs(aside) > AT_ONCE, aside, moves)
+
+    def _to_border(self, poses: Poses, side: int) -> np.ndarray:
+        """Distance of the border to the left (1) or right (-1) [m], (k,); NaN beyond BORDER."""
+        dx, dy = -side * np.sin(poses.heading) * BORDER, side * np.cos(poses.heading) * BORDER
+        ends = np.stack([[poses.x, poses.y], [poses.x + dx, poses.y + dy]]).transpose(2, 0, 1)
+        met = shapely.intersection(shapely.linestrings(ends), self._border)
+        return shapely.distance(shapely.points(poses.x, poses.y), met)
+
+
+def entry(time: np.ndarray, poses: Sequence[Poses], names: Sequence[str], size, moves) -> Entry | None:
+    """As `LaneEntries.of`; time (k,) and the poses of both up to now, size: lengths and widths, moves: of one [m]."""
+    (a, b), (length, width) = poses, size
+    dx, dy = b.x - a.x, b.y - a.y
+    mean = np.arctan2(np.sin(a.heading) + np.sin(b.heading), np.cos(a.heading) + np.cos(b.heading))
+    along, aside = dx * np.cos(mean) + dy * np.sin(mean), dy * np.cos(mean) - dx * np.sin(mean)
+    apart = np.flatnonzero((np.abs(aside) >= width.mean()) | (np.cos(b.heading - a.heading) < SAME_DIRECTION))
+    if not len(apart) or apart[-1] == len(time) - 1 or time[-1] - time[apart[-1] + 1] > LANE_CHANGE_BLAME - 1e-6:
+        return None
+    came = apart[-1] + 1
+    first = np.searchsorted(time, time[came] - LANE_CHANGE_TIME - 1e-6)
+    towards = math.copysign(1.0, aside[apart[-1]])  # the second vehicle was to the left of the first one
+    moved = [towards * moves(a)[first:].sum(), -towards * moves(b)[first:].sum()]
+    which = int(np.argmax(moved))
+    if moved[which] < MOVED:
+        return None
+    return Entry(names[which], float(time[came]), float(abs(along[came]) - length.mean()))

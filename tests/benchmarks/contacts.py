@@ -1,0 +1,69 @@
+"""Contacts of members in `highway_traffic` over several seeds, with exact Poisson limits of their rate.
+
+    .venv/bin/python tests/benchmarks/contacts.py [--seeds 1 2 3 ...] [--seconds 420] [KEY=VALUE ...]
+
+Prints a line a seed: contacts of members, those that a member caused (as the metric collisions_caused counts them), and
+member hours; then both with the rates an hour that 95 % limits allow.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+
+from platoontraffic.results.metrics import CAUSED_BY_OTHER
+from platoontraffic.simulation import Simulation
+
+
+def contacts(seed: int, seconds: float, changes: Sequence[str]) -> tuple[list, list, float]:
+    """The events of contact, those of which a member is the cause, and the hours that members were on the road."""
+    found, hours = [], 0.0
+    with Simulation.load("highway_traffic", f"run.duration_s={seconds:g}", *changes, seed=seed) as simulation:
+        for now in simulation:
+            found += [event for event in now.events if event.kind == "collision"]
+            hours += len(now.fleet) * simulation.setting.dt / 3600
+        members = {member.id for member in simulation.setting.members}
+    caused = [event for event in found if event.what not in CAUSED_BY_OTHER or event.other in members]
+    return found, caused, hours
+
+
+def limits(count: int, hours: float) -> str:
+    """The rate and its exact 95 % limits (Garwood 1936)."""
+    low = mean_with(count - 1, 0.975) if count else 0.0
+    high = mean_with(count, 0.025)
+    return (
+        f"{count} in {hours:.2f} h: {count / hours:.2f} per hour, 95 % limits {low / hours:.2f} to {high / hours:.2f}"
+    )
+
+
+def mean_with(count: int, probability: float) -> float:
+    """The mean of a Poisson distribution in which no more than `count` events have this probability."""
+    low, high = 0.0, 10.0 * count + 20.0
+    for _ in range(100):
+        mean = (low + high) / 2
+        no_more = math.exp(-mean) * sum(mean**k / math.factorial(k) for k in range(count + 1))
+        low, high = (mean, high) if no_more > probability else (low, mean)
+    return low
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1, 11)))
+    parser.add_argument("--seconds", type=float, default=420.0)
+    parser.add_argument("changes", nargs="*", metavar="KEY=VALUE")
+    options = parser.parse_args()
+    of_all = of_members = 0
+    hours = 0.0
+    for seed in options.seeds:
+        found, caused, driven = contacts(seed, options.seconds, options.changes)
+        of_all, of_members, hours = of_all + len(found), of_members + len(caused), hours + driven
+        print(f"seed {seed}: {len(found)} contacts, {len(caused)} caused by members, {driven:.2f} member hours")
+        for event in found:
+            print(f"  {event.time:.1f} s {event.vehicle} {event.other} {event.what}: {event.detail}", flush=True)
+    print("contacts:", limits(of_all, hours))
+    print("caused by members:", limits(of_members, hours))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""Closeness of bodies against shapely, and against the recorded tables of a run alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity
+
+from platoontraffic.lidar import Boxes
+from platoontraffic.observation.closeness import look_around
+from platoontraffic.vehicles.bicycle import CARS
+from platoontraffic.world.events import CLEARANCE_REACH, CONTACT_HORIZON
+from platoontraffic.world.traffic import TrafficSnapshot
+from tests.support.bench import constant, platoon
+from tests.support.observed import Observed
+
+CAR = CARS["car"]
+
+
+def random_scene(rng, bodies: int = 12, spread: float = 25.0) -> TrafficSnapshot:
+    x, y = rng.uniform(-spread, spread, (2, bodies))
+    heading, speed = rng.uniform(-np.pi, np.pi, bodies), rng.choice([0.0, 1.0, 8.0, 15.0], bodies)
+    length, width = rng.uniform(0.5, 12.0, bodies), rng.uniform(0.4, 2.6, bodies)
+    return TrafficSnapshot(0.0, tuple(f"b{k}" for k in range(bodies)), x, y, heading, speed, length, width)
+
+
+def outlines(traffic: TrafficSnapshot) -> np.ndarray:
+    return shapely.polygons(traffic.boxes().corners())
+
+
+def swept(traffic: TrafficSnapshot, shapes: np.ndarray, i: int, k: int, time: float) -> shapely.Geometry:
+    """What body k sweeps as seen from body i: the hull of its first and last outline, since it does not turn."""
+    vx, vy = (traffic.speed * f(traffic.heading) for f in (np.cos, np.sin))
+    moved = affinity.translate(shapes[k], (vx[k] - vx[i]) * time, (vy[k] - vy[i]) * time)
+    return shapely.union_all([shapes[k], moved]).convex_hull
+
+
+def test_clearance_is_the_least_distance_between_outlines():
+    rng, overlaps = np.random.default_rng(1), 0
+    for _ in range(300):
+        traffic = random_scene(rng)
+        shapes = outlines(traffic)
+        apart = shapely.distance(shapes[:, None], shapes)
+        np.fill_diagonal(apart, np.inf)
+        n = 5
+        clearance, closest, _, _ = look_around(traffic, n, np.full(n, 0.5))
+        least = apart[:n].min(axis=1)
+        np.testing.assert_allclose(clearance, np.where(least < CLEARANCE_REACH, least, np.nan), atol=1e-9)
+        met = np.isfinite(clearance) & (clearance > 0)
+        assert (closest[met] == apart[:n].argmin(axis=1)[met]).all()
+        overlaps += (clearance == 0).sum()
+    assert overlaps > 20
+
+
+def test_contact_comes_when_the_swept_outlines_meet():
+    rng, contacts = np.random.default_rng(2), 0
+    for _ in range(200):
+        traffic = random_scene(rng, bodies=5)
+        shapes = outlines(traffic)
+        _, _, contact_in, _ = look_around(traffic, 1, np.full(1, 0.5))
+        others = range(1, 5)
+        if any(shapely.intersects(shapes[0], shapes[k]) for k in others):
+            continue
+        time = contact_in[0]
+        reached = CONTACT_HORIZON if np.isnan(time) else time
+        for k in others:  # not a millisecond before
+            assert not shapely.intersects(shapes[0], swept(traffic, shapes, 0, k, reached - 1e-3))
+        if np.isfinite(time):
+            contacts += 1
+            assert any(shapely.intersects(shapes[0], swept(traffic, shapes, 0, k, time + 1e-3)) for k in others)
+    assert contacts > 20
+
+
+def test_what_is_near_does_not_depend_on_the_order_or_on_the_frame():
+    rng = np.random.default_rng(3)
+    traffic = random_scene(rng, bodies=10, spread=12.0)
+    n = len(traffic.ids)
+    clearance, _, contact_in, pairs = look_around(traffic, n, np.full(n, 2.0))
+    turn, order = 0.7, rng.permutation(n)
+    x = np.cos(turn) * traffic.x - np.sin(turn) * traffic.y + 1000
+    y = np.sin(turn) * traffic.x + np.cos(turn) * traffic.y - 500
+    other = TrafficSnapshot(
+        0.0, tuple(np.array(traffic.ids)[order]), x[order], y[order], traffic.heading[order] + turn,
+        traffic.speed[order], traffic.length[order], traffic.width[order],
+    )  # fmt: skip
+    again = look_around(other, n, np.full(n, 2.0))
+    np.testing.assert_allclose(again[0], clearance[order], atol=1e-9)
+    np.testing.assert_allclose(again[2], contact_in[order], atol=1e-9)
+
+    def names(ids, found):
+        return {frozenset((ids[i], ids[k])) for i, k in found}
+
+    assert names(other.ids, again[3]) == names(traffic.ids, pairs)
+
+
+@pytest.mark.parametrize(("apart", "kinds"), [(0.17, ["near_miss_other"]), (0.6, [])])
+def test_a_car_that_is_passed_within_arms_length_leaves_an_event(apart, kinds):
+    """The cars of the bench stand; the member drives by at 6 m/s."""
+    observed = Observed(platoon(constant(0.0), model=CAR))
+    y = apart + (CAR.width + 1.8) / 2
+    observed.at(0.0, x=0.0, speed=6.0, others=[(30.0, y)])
+    found = [observed.at(k + 1.0, x=6.0 * (k + 1), speed=6.0, others=[(30.0, y)]) for k in range(8)]
+    assert [kind for seen in found for kind, _ in seen.kinds] == kinds
+    assert min(seen.measures.clearance[0] for seen in found) == pytest.approx(apart)
+    assert {seen.measures.closest[0] for seen in found[1:]} == {"other.0"}
+
+
+def test_contact_is_foreseen_by_closing_speed():
+    observed = Observed(platoon(constant(0.0), model=CAR))
+    seen = observed.at(0.0, x=0.0, speed=10.0, others=[(30.0 + CAR.length, 0.0)])
+    assert seen.measures.contact_in[0] == pytest.approx(3.0)
+    assert seen.measures.clearance[0] != seen.measures.clearance[0]  # 30 m is not within reach
+
+
+def test_boxes_of_the_oracle_are_those_of_lasers():
+    traffic = random_scene(np.random.default_rng(4))
+    boxes = Boxes(traffic.x, traffic.y, traffic.heading, traffic.length, traffic.width, owner=np.arange(12))
+    assert shapely.area(shapely.polygons(boxes.corners())) == pytest.approx(traffic.length * traffic.width)
