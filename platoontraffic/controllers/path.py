@@ -14,7 +14,7 @@ from platoontraffic.controllers import creeping, idm
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BRAKES_FOR, BrakingFor, Decision, Law, RouteAhead, Sensed
-from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
+from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid, through_lags
 from platoontraffic.controllers.steering import Errors, curvature_along, curvature_back
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.motion import Drive, Positive
@@ -28,6 +28,7 @@ STOP_BEFORE = 0.2  # distance before a line at which it stops [vehicle lengths]
 FILTER = 0.3  # time constant of the filter of the closing speed [s]
 SAME = 0.25  # greatest difference of the free distance from its prediction, for one obstacle [vehicle lengths]
 STEERING_LAG = 0.15  # from a command to the curvature driven, by which the curvature of the route is fed forward [s]
+SMOOTH = ("sinusoid", "chirp")  # profiles that are fed forward through the vehicle's lag
 SHARPEST = 0.1  # least radius of a turn, for a vehicle that turns on the spot [vehicle lengths]
 STEERED = 0.95  # share of its steering rate that the changes of curvature may take
 RESERVE = 1.2  # lateral acceleration that steering may use, above that of the planned speed
@@ -167,6 +168,9 @@ class PathLeader(Law):
         wanted = self._profile(time, sensed.route.limit[:, 0])
         # A step has no rate: it is driven in comfort.
         change = 0.0 if self.profile == "step" else (self._profile(time + dt, sensed.route.limit[:, 0]) - wanted) / dt
+        if self.profile in SMOOTH:
+            lags = sensed.body.drive_lag, sensed.body.brake_lag
+            change = through_lags(lambda at: self._profile(at, sensed.route.limit[:, 0]), time, dt, lags)
         wanted, change = np.minimum(wanted, fastest), np.where(wanted <= fastest, change, 0.0)
         # The rate of a profile is driven; a constant speed is approached in comfort.
         least, most = np.minimum(change, -self.braking), np.maximum(change, self.acceleration)

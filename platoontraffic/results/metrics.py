@@ -256,18 +256,6 @@ OF_FOLLOWERS = (
         lambda m: _seen_share(m.rows.beams_on_predecessor.dropna()),
         "min",
     ),
-)
-
-# Those of them that a follower without a laser, which SUMO drives, does not have.
-BY_LASER = frozenset({
-    "splits", "rejoin_time_mean", "rejoin_time_longest", "in_platoon_share", "in_platoon_distance", "steal_share",
-    "lock_on_seen", "gap_error_rms", "lock_on_ratio", "lock_losses", "lock_loss_longest", "lost_for_good",
-    "occluded_share_mean", "beams_share5",
-})  # fmt: skip
-
-# ---- of members with a place behind another
-
-OF_PLACES_BEHIND = (
     Metric("accel_gain_l2", "", strings.MEANING, lambda m: m.accel_gains.l2, "max"),
     Metric(
         "accel_gain_linf",
@@ -277,6 +265,13 @@ OF_PLACES_BEHIND = (
         "max",
     ),
 )
+
+# Those of them that a follower without a laser, which SUMO drives, does not have.
+BY_LASER = frozenset({
+    "splits", "rejoin_time_mean", "rejoin_time_longest", "in_platoon_share", "in_platoon_distance", "steal_share",
+    "lock_on_seen", "gap_error_rms", "lock_on_ratio", "lock_losses", "lock_loss_longest", "lost_for_good",
+    "occluded_share_mean", "beams_share5",
+})  # fmt: skip
 
 # ---- of a platoon and of all members of the run: functions of its `Group`
 
@@ -547,7 +542,6 @@ def _of_member(member: Own) -> Iterator[tuple[str, float, str]]:
     rows = OF_MEMBERS
     by_laser = member.rows.beams_on_predecessor.notna().any()
     rows += tuple(m for m in OF_FOLLOWERS if by_laser or m.name not in BY_LASER) if member.is_follower else ()
-    rows += OF_PLACES_BEHIND if member.place > 0 else ()
     return ((metric.name, metric.value(member), metric.unit) for metric in rows)
 
 

@@ -35,6 +35,12 @@ def test_lost_returns_make_no_string_brake_without_cause(share, seed):
     assert log.locked().mean(axis=0).min() > 0.99
 
 
+def test_a_fast_laser_sees_no_bends_in_its_noise():
+    """At twenty scans a second a car has half as much way between two of them."""
+    log = mixed(["car"] * 4, lambda time: (0.0, 0.0), 25.0, 15.0, laser=replace(TRACKER, rate=20.0), step=0.05)
+    assert np.abs(log.acceleration[:, 1:]).max() < 0.5
+
+
 @pytest.mark.parametrize(("radius", "speed"), [(6.0, 4.2), (15.0, 6.0)])
 def test_turns_are_held_with_a_laser_of_five_scans_a_second(radius, speed):
     log = mixed(["car"] * 5, turn(radius, math.pi / 2, speed), speed, 30.0, laser=replace(TRACKER, rate=5.0))

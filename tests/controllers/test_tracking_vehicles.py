@@ -31,6 +31,7 @@ def mixed(
     seconds: float,
     laser: LidarModel = TRACKER,
     odometry: OdometryErrors = ODOMETRY["car"],
+    step: float = DT,
 ) -> Log:
     """A platoon of these vehicles, each laser at a bumper; at: the leader's command as a function of time."""
     members, x, gap = [], 0.0, LAW.desired_distance(speed) - 0.03
@@ -47,7 +48,7 @@ def mixed(
             )
         )  # fmt: skip
         x -= model.length / 2 + gap
-    return drive(members, NO_WALLS, seconds, DT)
+    return drive(members, NO_WALLS, seconds, step)
 
 
 def lateral(log: Log) -> np.ndarray:

@@ -13,6 +13,7 @@ LENGTHS = 0.5  # least distance for that [vehicle lengths]
 OFFSET = 0.5  # offset that the steering, at its rate, still corrects in that distance [m]
 WINDOW = 0.3  # least distance each way over which the trail is smoothed [vehicle lengths]
 POINTS = 4  # least number of scans over which it is smoothed each way
+WINDOW_TIME = 0.4  # least time of that [s]: noise of the curvature grows with its inverse square
 BEND_WINDOW = 0.5  # least distance each way for its curvature, which the steering has to follow [vehicle lengths]
 STEERED = 1.6  # change of a trail's curvature [steering rates] that is still followed: feedback takes the rest
 
@@ -40,6 +41,6 @@ def fitted(body: Body, speed: np.ndarray, dt: float, recovery: float) -> Fitted:
     """
     lag, rate = body.steering_lag + dt / 2, np.minimum(body.curvature_rate, 1e3)
     catch_up = np.maximum(LENGTHS * body.length, np.maximum(np.cbrt(speed * OFFSET / rate), LAGS * lag * speed))
-    window = np.maximum(WINDOW * body.length, POINTS * dt * speed)
+    window = np.maximum(WINDOW * body.length, max(POINTS * dt, WINDOW_TIME) * speed)
     gentle = np.minimum(recovery / np.maximum(speed, 2.0) ** 2, rate * catch_up / np.maximum(speed, 2.0))
     return Fitted(catch_up, window, np.maximum(BEND_WINDOW * body.length, window), lag, gentle, STEERED * rate)
