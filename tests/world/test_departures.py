@@ -269,7 +269,7 @@ def test_a_departure_faster_than_the_vehicle_or_the_limit_is_refused(written, le
 def test_a_sumo_driven_follower_must_start_on_the_edge_of_its_leader(written):
     """SUMO inserts it there; a moved one may start anywhere."""
     (fault,) = faults(written(platoon("a", 'edge = "west_in", position_m = 7', size=2, follower=SUMO)))
-    assert "platoon.0.start: position_m 7: SUMO inserts the follower on this edge; must be from 7.24" in fault
+    assert "platoon.0.start: position_m 7: SUMO inserts the follower on this edge; must be from 10.74" in fault
 
 
 # ---- arrivals
