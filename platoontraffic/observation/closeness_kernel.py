@@ -58,7 +58,7 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
             apart, closing = math.hypot(dx, dy) - radius[i] - radius[k], math.hypot(wx, wy)
             if apart < max(least, near[i]):
                 away = _distance(bodies, i, k)
-                if away < least - EQUAL or away < least + EQUAL and _is_ahead(bodies, i, k, closest[i]):
+                if away < least - EQUAL or (away < least + EQUAL and _is_ahead(bodies, i, k, closest[i])):
                     closest[i] = k
                 if away < least:
                     least, clearance[i] = away, away
