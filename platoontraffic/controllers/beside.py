@@ -38,8 +38,9 @@ ARRIVED = 0.3  # lateral distance from the predecessor's path within which a lan
 WIDEST = 5.5  # offset beyond which the predecessor is in a bend, if it does not yet drive parallel [m]
 PARALLEL = 0.45  # share of its steepest slope below which a predecessor drives parallel again
 STEEPEST = 0.3  # slope of a lane change [1]
-PAST_PEAK = 0.92  # share of its steepest slope below which its lane change is about to end [1]
 FLATTEST = 0.9  # least mean slope of a lane change from the follower on, over that at its end; in a bend it is less
+LONGEST_MOVE = 3.5  # time for which a predecessor changes lanes [s]
+SETTLED = 60.0  # time in a lane after which it has certainly driven DRIVEN [s]
 LONGEST = 6.0  # time after which a trail that goes aside is a bend [s]
 SLOWEST_ASIDE = 0.7  # lateral speed of a lane change, at its steepest [m/s]
 STEEPER = 1.3  # growth of the predecessor's slope by which a bend is told from a lane change while it stays [1]
@@ -101,6 +102,7 @@ class Beside(NamedTuple):
     steepest: np.ndarray  # the greatest one, to the side to which it goes
     bent: np.ndarray  # mean slope of the trail over that at its end, filtered
     held_slope: np.ndarray  # that slope, when it began to stay
+    held_gap: np.ndarray  # `gap` then [m]
     kept: np.ndarray  # offset from the lane at which it stays [m]
     gap: np.ndarray  # distance from the own centre line to what is abreast [m]; inf: nothing is
     first_gap: np.ndarray  # the same less the own offset to that side, when it was first seen; NaN: not yet
@@ -114,7 +116,7 @@ class Beside(NamedTuple):
     def none(cls, n: int) -> Beside:
         zero, inf, nan = np.zeros(n), np.full(n, np.inf), np.full(n, np.nan)
         lane = Lane(zero, zero, zero, zero, zero, np.zeros(n, bool))
-        numbers = zero, nan, zero, nan, zero, zero, zero, zero, zero, inf, nan, zero, inf, nan, inf, nan
+        numbers = zero, nan, zero, nan, zero, zero, zero, zero, inf, zero, inf, nan, zero, inf, nan, inf, nan
         return cls(np.zeros(n, int), lane, *numbers)
 
     @property
@@ -240,8 +242,7 @@ def _decide(beside: Beside, trail: Trail, scene: Scene) -> tuple[Beside, Trail]:
 
     cares = (beside.mode != STEADY) | (beside.shift != 0)
     beside = beside._replace(slope=slope, steepest=steepest, bent=bent)
-    target = np.where(parted, own + beside.shift, far)
-    beside = _seen(beside, scene, cares, along, own, target)
+    beside = _seen(beside, scene, cares, along, own, np.where(parted, own + beside.shift, far))
     room = beside.room_ahead(scene.body.length, speed) & beside.room_behind(scene.body.length, speed)
     room_for = np.where(room, beside.room_for + scene.dt, 0.0)
 
@@ -249,9 +250,8 @@ def _decide(beside: Beside, trail: Trail, scene: Scene) -> tuple[Beside, Trail]:
     gone = side * own
     returns = (beside.shift != 0) & np.isnan(crosses) & (side * beside.shift < 0)
     straight = np.isinf(beside.gap) & (bent > FLATTEST)
-    nears = beside.nears(gone) & (gone > BUDGET / 2)
-    tells = (mean_slope * speed > SLOWEST_ASIDE) & (straight & (gone > BUDGET) | nears)
-    tells |= (steepest * speed > SLOWEST_ASIDE) & (slope < PAST_PEAK * steepest) & (side * goes_to > LEAST)
+    tells = (mean_slope * speed > SLOWEST_ASIDE) & (gone > BUDGET) & (straight | beside.nears(gone))
+    tells |= parallel & (side * goes_to > LEAST)
     stays = (
         going
         & (beside.blocked(~room, scene.body.length) | returns)
@@ -260,11 +260,12 @@ def _decide(beside: Beside, trail: Trail, scene: Scene) -> tuple[Beside, Trail]:
         & (side * goes_to < WIDEST)
     )
     over = (np.abs(laid - own) < ARRIVED) & (gone > ARRIVED) | (np.abs(laid) < ASIDE / 2)
-    over = going & ~stays & (over | (beside.time > LONGEST))
+    drifted = going & ~stays & ~over & (beside.time > LONGEST_MOVE)  # by errors of the own odometry, or in a bend
+    over = going & ~stays & (over | drifted)
     steeper = slope > STEEPER * beside.held_slope
-    bend = held & ~parallel & ((np.abs(far) > WIDEST) | steeper)
-    settled = (np.abs(own - beside.kept) < ARRIVED) & (beside.time * speed > DRIVEN)
-    past = held & ~bend & (parallel & settled | (np.abs(far) < ARRIVED) | (beside.time > LONGEST))
+    turns_away = np.isinf(beside.gap) | (beside.gap > beside.held_gap + BUDGET)
+    bend = held & ~parallel & turns_away & ((np.abs(far) > WIDEST) | steeper)
+    past = held & ~bend & (parallel | (np.abs(far) < ARRIVED) | (beside.time > LONGEST))
 
     mode = np.where(stays, HELD, np.where(over | past | bend, STEADY, beside.mode))
     kept = np.where(stays, KEPT * own, beside.kept)
@@ -275,7 +276,7 @@ def _decide(beside: Beside, trail: Trail, scene: Scene) -> tuple[Beside, Trail]:
     length = np.maximum(SHORTEST, CROSSING_TIME * speed)
     done = ~np.isnan(crosses) & (end > crosses + length)
     shift, crosses = np.where(done, 0.0, shift), np.where(done, np.nan, crosses)
-    goes = ((mode == STEADY) | held & parallel & ~bend) & (shift != 0) & np.isnan(crosses) & (room_for >= SURE - 1e-6)
+    goes = (mode == STEADY) & (shift != 0) & np.isnan(crosses) & (room_for >= SURE - 1e-6)
     here = _here(trail, odometry)
     crosses, mode = np.where(goes, here, crosses), np.where(goes, GOING, mode)
     if (stays | goes | bend).any():
@@ -284,9 +285,10 @@ def _decide(beside: Beside, trail: Trail, scene: Scene) -> tuple[Beside, Trail]:
         mode=mode,
         shift=shift,
         crosses=crosses,
-        time=np.where(mode != beside.mode, 0.0, beside.time),
+        time=np.where(drifted, SETTLED, np.where(mode != beside.mode, 0.0, beside.time)),
         room_for=room_for,
         held_slope=np.where(stays, slope, beside.held_slope),
+        held_gap=np.where(stays, beside.gap, beside.held_gap),
         kept=kept,
     ), trail
 
