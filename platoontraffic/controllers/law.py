@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import wraps
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +27,6 @@ class Law:
 
     needs: frozenset[str] = frozenset()  # of NEEDS or sensors: what it is given beside scan, own motion and body
     lidar: str | None = None  # the lidar preset, where a scenario names none; None: the paper's
-    further_lidars: Mapping[str, str] = MappingProxyType({})  # presets of more lasers, by their names, as `lidar`
     native: bool = False  # SUMO's own driver model drives, by the law's gains max_speed [m/s] and speed_factor alone
     hardest_braking: float = math.inf  # it never brakes harder [m/s2]
     drives_alone: bool = False  # it drives its route when it has no predecessor, so it can be given manoeuvres
@@ -65,7 +63,7 @@ class BrakingFor(NamedTuple):
     creeps: np.ndarray  # past something that has not moved for long, bool
 
 
-BRAKES_FOR = ("", "predecessor", "obstacle", "line", "lost", "beside")
+BRAKES_FOR = ("", "predecessor", "obstacle", "line", "lost")
 
 
 class Body(NamedTuple):

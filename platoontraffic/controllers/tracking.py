@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers import beside
-from platoontraffic.controllers.beside import Beside
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BrakingFor, Decision, Law, Sensed, Target
 from platoontraffic.controllers.path import (
-    BESIDE,
     LINE,
     LOST,
     OBSTACLE,
@@ -47,7 +42,6 @@ RECOVERY = 2.5  # lateral acceleration of the return to the trail [m/s2]
 STEEPEST = 0.35  # sine of the greatest angle of that return
 ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed [m]
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
-AROUND = "around"  # name of the laser that looks beside and behind
 SHOWN = 32  # points of the trail that are recorded
 
 ASIDE = 5.0  # distance from the route beyond which a predecessor that was never lost is dropped [m]
@@ -70,14 +64,13 @@ class Memory(NamedTuple):
     never_lost: np.ndarray  # it has had the same predecessor from the start, bool
     creeping: Creeping
     braking_for: BrakingFor
-    beside: Beside
 
     @classmethod
     def begin(cls, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
         n = len(speed)
         records = Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n)
         return cls(*records, *np.zeros((3, n)), np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool),
-                   Creeping.none(n), nothing(n), Beside.none(n))  # fmt: skip
+                   Creeping.none(n), nothing(n))  # fmt: skip
 
 
 class Now(NamedTuple):
@@ -158,7 +151,6 @@ class TrackingFollower(Law):
     """
 
     lidar: ClassVar[str] = "car-tracker"  # the preset, where a scenario names none
-    further_lidars: ClassVar[Mapping[str, str]] = MappingProxyType({AROUND: "car-around"})
 
     stand_off: Annotated[Positive, Field(alias="stand_off_m")] = 3.0  # laser to rear at rest
     time_headway: Annotated[Positive, Field(alias="time_headway_s")] = 1.0
@@ -209,18 +201,17 @@ class TrackingFollower(Law):
         now = Now(sensed, memory, memory.odometry.moved(*self._own_motion(sensed, memory), dt), dt)
         estimate = self._estimate(now)
 
-        trail, lanes = self._remember(now, estimate)
+        trail = self._remember(now, estimate)
         ahead = self._look_ahead(now, estimate, trail)
         curvature = self._steer(now, estimate, ahead)
 
         achieved = memory.achieved + (memory.acceleration - memory.achieved) * -np.expm1(
             -dt / max(self.drive_lag, 1e-9)
         )
-        demand = self._follow(now, estimate.track, ahead, achieved, lanes)
+        demand = self._follow(now, estimate.track, ahead, achieved)
         obstacle = self._obstacle(now, estimate, trail, ahead)
         demand = self._avoid(now, ahead, obstacle, demand)
         demand, creeps, limit = self._by_road(now, estimate.track, obstacle, demand)
-        limit = limit._replace(reason=np.where((limit.reason == PREDECESSOR) & lanes.held, BESIDE, limit.reason))
         demand = self._gently_back(now, ahead, curvature, demand)
         acceleration = self._comfort(now, demand)
 
@@ -228,8 +219,9 @@ class TrackingFollower(Law):
         if sensed.route is not None:  # another vehicle may have come in between, so the next one is found anew
             never_lost &= limit.reason != LINE
         commands = acceleration, curvature, achieved
-        memory = Memory(now.odometry, estimate.track, trail, *commands, obstacle.free, obstacle.closing, never_lost,
-                        creeps, limit, lanes)  # fmt: skip
+        memory = Memory(
+            now.odometry, estimate.track, trail, *commands, obstacle.free, obstacle.closing, never_lost, creeps, limit
+        )
         return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
@@ -273,7 +265,7 @@ class TrackingFollower(Law):
 
     # ---- 2. steer
 
-    def _remember(self, now: Now, estimate: Estimate) -> tuple[Trail, Beside]:
+    def _remember(self, now: Now, estimate: Estimate) -> Trail:
         track, odometry, route = estimate.track, now.odometry, now.sensed.route
         gap, section = estimate.predicted.blind > 1.5 * now.dt, None
         if route is not None:
@@ -281,12 +273,7 @@ class TrackingFollower(Law):
             length = np.where(track.known, near, now.sensed.scan.model.range_max)
             rounding = ROUNDED * now.sensed.body.length
             section = RouteSection(estimate.on_route, route.points, route.distance, length, rounding)
-        lanes, aside = now.memory.beside.aside(track, now.memory.trail, now.speed)
-        trail = now.memory.trail.extended(aside, odometry, gap | estimate.on_route, section)
-        scan = now.sensed.scans.get(AROUND, now.sensed.scan)
-        active = track.known & ~estimate.on_route
-        scene = beside.Scene(odometry, track, aside, now.sensed.body, scan, active, now.dt)
-        return beside.look(lanes, trail, scene)[::-1]
+        return now.memory.trail.extended(track, odometry, gap | estimate.on_route, section)
 
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
         window = np.maximum(self.window, self.window_time * now.speed)
@@ -305,13 +292,11 @@ class TrackingFollower(Law):
 
     # ---- 3. follow
 
-    def _follow(self, now: Now, track: Track, ahead: Ahead, achieved: np.ndarray, lanes: Beside) -> Demand:
+    def _follow(self, now: Now, track: Track, ahead: Ahead, achieved: np.ndarray) -> Demand:
         """To keep the headway; without a predecessor, to stop."""
         distance = ahead.length - OVERHANG - now.laser
         speed_ahead, acceleration_ahead = track.mean[:, SPEED], track.mean[:, ACCELERATION]
         wanted = self._headway(now, distance, track, achieved)
-        error = distance - self.desired_distance(now.speed)
-        wanted = beside.slowed(lanes, now.sensed.body, track, now.speed, error, wanted)
         stop = np.where(now.speed < STANDING, -FIRM, -self.braking / 2)
         needed = self._brake_for(distance, now.speed, speed_ahead, np.minimum(acceleration_ahead, 0.0))
         return Demand(np.where(track.known, wanted, stop), np.where(track.known, needed, np.inf))
