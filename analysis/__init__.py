@@ -15,9 +15,11 @@ from platoontraffic.analysis.figures import (
     states,
     time_space,
 )
+from platoontraffic.analysis.limits import binomial_limits, detectable, holm, interval, poisson_limits, runs_needed
 from platoontraffic.analysis.pictures import picture
 from platoontraffic.analysis.results import Batch, Results, ResultsError, Scans, load
-from platoontraffic.analysis.tables import amplification, interval, paired, summarise
+from platoontraffic.analysis.swings import amplification, peak
+from platoontraffic.analysis.tables import paired, summarise
 
 __all__ = [
     "Batch",
@@ -25,9 +27,12 @@ __all__ = [
     "ResultsError",
     "Scans",
     "amplification",
+    "binomial_limits",
+    "detectable",
     "estimates",
     "growth",
     "heat_map",
+    "holm",
     "interval",
     "label",
     "load",
@@ -35,8 +40,11 @@ __all__ = [
     "over_time",
     "paired",
     "paths",
+    "peak",
     "picture",
+    "poisson_limits",
     "road",
+    "runs_needed",
     "states",
     "summarise",
     "time_space",

@@ -180,11 +180,14 @@ def _along(rows: pd.DataFrame, road: shapely.LineString) -> np.ndarray:
 def growth(
     table: pd.DataFrame, axes: Axes, by: str | None = None, name: str = "speed swing over that of the leader"
 ) -> Axes:
-    """String amplification by place, from a table of `tables.amplification`; with intervals over several runs.
+    """String amplification by place, from a table of `tables.amplification`; geometric means with intervals
+    over several runs.
 
     by: a column; a line for each of its values
     """
-    points = summarise(table, "amplification", [*([by] if by else []), "place"])
+    followers = summarise(table[table.place > 0], "amplification", [*([by] if by else []), "place"], geometric=True)
+    leaders = followers.drop_duplicates(by or "metric").assign(place=0, mean=1.0, low=math.nan, high=math.nan)
+    points = pd.concat([leaders, followers])
     points.attrs = table.attrs
     estimates(points, "place", axes, by)
     axes.axhline(1, color=WALL, linewidth=0.8, dashes=(4, 3), zorder=1)
@@ -233,8 +236,8 @@ def heat_map(
     limits : of the colour scale; default: the least and the largest mean
     bar    : whether to draw the colour bar
     """
-    columns_of(table, [x, y])
-    means = summarise(table, metric, [y, x]).pivot(index=y, columns=x, values="mean")
+    columns_of(table, [x, y, metric])
+    means = table.groupby([y, x])[metric].mean().unstack()
     values = means.to_numpy(dtype=float)
     if np.isnan(values).all():
         raise ResultsError(f"{metric!r}: has no values")

@@ -124,7 +124,11 @@ class Results:
 
 @dataclass(frozen=True)
 class Batch:
-    """The runs of a study. Tables carry the units of their columns, as `table.attrs["units"]`."""
+    """The runs of a study.
+
+    Tables carry the units of their columns, as `table.attrs["units"]`, and the summary the names of those that count
+    events, as `table.attrs["counts"]`.
+    """
 
     folder: Path
     runs: pd.DataFrame  # a row a run: id, status, seed, varied values, error, wall_s
@@ -181,6 +185,8 @@ def load_batch(folder: Path) -> Batch:
     summary = _read(folder / "summary.csv", needed)
     units = _units(folder)
     runs.attrs["units"], summary.attrs["units"] = units.get("runs", {}), units.get("summary", {})
+    fields = resources(folder).get("summary", [])
+    summary.attrs["counts"] = [field["name"] for field in fields if field.get("statistic") == "count"]
     varied = [name for name in runs.columns if name not in ("id", "status", "seed", "error", "wall_s")]
     batch = Batch(folder, runs, summary, varied)
     if len(batch.missing):

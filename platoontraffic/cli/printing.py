@@ -56,11 +56,11 @@ def result_faults(hint: str = "") -> Iterator[None]:
 
 
 def print_remarks(prepared: Prepared) -> None:
-    from platoontraffic.observation.sight import warnings  # here, because it takes long to import
+    from platoontraffic.observation import sight, tested  # here, because it takes long to import
 
     for remark in prepared.scenario.remarks():
         print(remark, file=sys.stderr)
-    for warning in warnings(prepared):
+    for warning in (*sight.warnings(prepared), *tested.warnings(prepared)):
         print(f"warning: {warning}", file=sys.stderr)
 
 

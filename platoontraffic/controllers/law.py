@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import wraps
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +28,9 @@ class Law:
 
     needs: frozenset[str] = frozenset()  # of NEEDS or sensors: what it is given beside scan, own motion and body
     lidar: str | None = None  # the lidar preset, where a scenario names none; None: the paper's
+    further_lidars: Mapping[str, str] = MappingProxyType({})  # presets of more lasers, by their names, as `lidar`
     native: bool = False  # SUMO's own driver model drives, by the law's gains max_speed [m/s] and speed_factor alone
+    imperfection: float = 0.5  # of that driver: SUMO's sigma, 0 to 1
     hardest_braking: float = math.inf  # it never brakes harder [m/s2]
     drives_alone: bool = False  # it drives its route when it has no predecessor, so it can be given manoeuvres
 
@@ -74,6 +77,9 @@ class Body(NamedTuple):
     axle: np.ndarray  # the driven one, ahead of the centre [m]; negative: behind it
     turning_radius: np.ndarray  # of the driven axle's path at full lock [m]; 0: it turns on the spot
     curvature_rate: np.ndarray  # greatest rate at which steering changes the curvature [1/(m s)]; inf: at once
+    steering_lag: np.ndarray  # of that, first order [s]; 0: none
+    drive_lag: np.ndarray  # of the drive's acceleration, first order [s]
+    brake_lag: np.ndarray  # of the brakes [s]
 
 
 class RouteAhead(NamedTuple):

@@ -14,7 +14,7 @@ from platoontraffic.controllers import creeping, idm
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BRAKES_FOR, BrakingFor, Decision, Law, RouteAhead, Sensed
-from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid
+from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid, through_lags
 from platoontraffic.controllers.steering import Errors, curvature_along, curvature_back
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.motion import Drive, Positive
@@ -28,9 +28,10 @@ STOP_BEFORE = 0.2  # distance before a line at which it stops [vehicle lengths]
 FILTER = 0.3  # time constant of the filter of the closing speed [s]
 SAME = 0.25  # greatest difference of the free distance from its prediction, for one obstacle [vehicle lengths]
 STEERING_LAG = 0.15  # from a command to the curvature driven, by which the curvature of the route is fed forward [s]
+SMOOTH = ("sinusoid", "chirp")  # profiles that are fed forward through the vehicle's lag
 SHARPEST = 0.1  # least radius of a turn, for a vehicle that turns on the spot [vehicle lengths]
-STEERED = 0.85  # share of its steering rate that the changes of curvature may take
-RESERVE = 1.3  # lateral acceleration that steering may use, above that of the planned speed
+STEERED = 0.95  # share of its steering rate that the changes of curvature may take
+RESERVE = 1.2  # lateral acceleration that steering may use, above that of the planned speed
 ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
 
 
@@ -90,9 +91,9 @@ class PathLeader(Law):
     )
     time_headway: Annotated[NotNegative, Field(alias="time_headway_s")] = 1.5
     acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5
-    braking: Annotated[Positive, Field(alias="braking_mps2")] = 2.5  # comfortable
+    braking: Annotated[Positive, Field(alias="braking_mps2")] = 3.0  # comfortable
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 8.0
-    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 3.0
+    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 3.8
 
     def __post_init__(self) -> None:
         if self.trace is not None:
@@ -167,6 +168,9 @@ class PathLeader(Law):
         wanted = self._profile(time, sensed.route.limit[:, 0])
         # A step has no rate: it is driven in comfort.
         change = 0.0 if self.profile == "step" else (self._profile(time + dt, sensed.route.limit[:, 0]) - wanted) / dt
+        if self.profile in SMOOTH:
+            lags = sensed.body.drive_lag, sensed.body.brake_lag
+            change = through_lags(lambda at: self._profile(at, sensed.route.limit[:, 0]), time, dt, lags)
         wanted, change = np.minimum(wanted, fastest), np.where(wanted <= fastest, change, 0.0)
         # The rate of a profile is driven; a constant speed is approached in comfort.
         least, most = np.minimum(change, -self.braking), np.maximum(change, self.acceleration)
@@ -191,10 +195,13 @@ class PathLeader(Law):
         return np.maximum(base + np.where(t >= 0, more, 0.0), 0.0)
 
     def _for_bends(self, sensed: Sensed, fastest: np.ndarray) -> np.ndarray:
-        """For lower speeds ahead."""
-        reaction = REACTION * sensed.speed[:, None]
-        distance = np.maximum(sensed.route.distance - reaction, SETTLING / 2 * sensed.speed[:, None])
-        return self._slowed_to(fastest, distance, sensed.speed[:, None])[:, 1:].min(axis=1)
+        """For lower speeds ahead; one that is about to hold is approached as a wanted speed is."""
+        speed = sensed.speed[:, None]
+        distance = sensed.route.distance - REACTION * speed
+        near = distance < SETTLING / 2 * speed
+        soon = np.where(near, (fastest - speed) / SETTLING, np.inf)
+        ahead = self._slowed_to(fastest, np.maximum(distance, SETTLING / 2 * speed), speed)
+        return np.minimum(soon, np.where(near, np.inf, ahead))[:, 1:].min(axis=1)
 
     def braking_for(self, memory: Memory) -> BrakingFor:
         return memory.braking_for

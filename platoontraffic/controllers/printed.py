@@ -49,16 +49,28 @@ def edges(model: LidarModel, ranges: np.ndarray, rule: str = "absolute") -> tupl
     return s[wide], i[wide]
 
 
-def first_two(scans: np.ndarray, beams: np.ndarray, n: int) -> np.ndarray:
-    """The first two edges of each of n scans, (2, n); -1 where a scan has fewer.
+def first_edges(scans: np.ndarray, beams: np.ndarray, n: int, most: int) -> np.ndarray:
+    """The first edges of each of n scans, (most, n); -1 where a scan has fewer.
 
     scans, beams : of all edges, in order, (m,)
     """
     place = np.arange(len(scans)) - np.searchsorted(scans, scans)  # of an edge among those of its scan
-    counts = place < 2
-    two = np.full((2, n), -1)
-    two[place[counts], scans[counts]] = beams[counts]
-    return two
+    counts = place < most
+    first = np.full((most, n), -1)
+    first[place[counts], scans[counts]] = beams[counts]
+    return first
+
+
+def first_two(scans: np.ndarray, beams: np.ndarray, n: int) -> np.ndarray:
+    """The first two edges of each of n scans, (2, n); see `first_edges`."""
+    return first_edges(scans, beams, n, 2)
+
+
+def last_edge(scans: np.ndarray, beams: np.ndarray, n: int) -> np.ndarray:
+    """The last edge of each of n scans, (n,); -1 where a scan has none."""
+    last = np.full(n, -1)
+    last[scans] = beams  # of several the last one stays
+    return last
 
 
 def middle(model: LidarModel, ranges: np.ndarray, ends: np.ndarray) -> Middle:
@@ -83,34 +95,54 @@ class PrintedFollower(Law):
     """Follows the middle between the first two edges of the scan (Algorithm 2).
 
     Straight ahead this is a constant-time-headway law: v = 1.1107 D, headway 0.900 s, no stand-off.
+
+    The middle is one of two points; `between` says which:
+        first_two  the second point of the first edge, and the first point of the second: the ends of the first body
+        last_edge  both points of the last edge: lines 13 and 14 overwrite x1 and x2 in each turn of the loop
+        offsets    x1[i + 1] and x2[i + 2] with i = 0: the first point of the second edge, the second of the third
+    The frame of theta:
+        x_right    straight ahead is 90 degrees
+        x_forward  straight ahead is 0, as in the laser's own frame (REP 103): theta - 90 then turns to the right
     """
 
     edge: Literal["absolute", "signed"] = "absolute"  # signed, as printed: range[i+1] - range[i] > 0.5
     no_return: Literal["range_max", "infinity"] = "range_max"  # the range of a beam without a return
     yaw_unit: Literal["rad", "deg"] = "rad"  # deg: theta - 90 in degrees taken as rad/s
     angle_in_speed: Literal["polar", "bearing"] = "polar"  # theta in lines 23-24
-    on_loss: Literal["stop", "hold"] = "stop"  # with fewer than two edges
+    between: Literal["first_two", "last_edge", "offsets"] = "first_two"  # lines 13 to 18: see above
+    frame: Literal["x_right", "x_forward"] = "x_right"  # of theta: see above
+    on_loss: Literal["stop", "hold"] = "stop"  # with too few edges; hold: line 20 has no "else"
     heading_gain: Annotated[Positive, Field(alias="heading_gain_per_s")] = 1.0
     sufficient_distance: Annotated[float, Field(ge=0, alias="sufficient_distance_m")] = SUFFICIENT_DISTANCE
 
     def __call__(self, sensed: Sensed, memory: Twist | None, dt: float) -> Decision:
-        distance, theta = self.find(sensed.scan)
-        bearing = theta - np.pi / 2
+        distance, polar = self.find(sensed.scan)
+        bearing = polar - np.pi / 2
+        theta = polar if self.frame == "x_right" else bearing
         not_zero = np.where(np.abs(bearing) > NEARLY_ZERO, bearing, NEARLY_ZERO)
         speed = arc_speed(distance, theta if self.angle_in_speed == "polar" else not_zero)
         gain = self.heading_gain * (np.degrees(1) if self.yaw_unit == "deg" else 1)
-        twist = np.where(distance > self.sufficient_distance, (speed, gain * bearing), 0.0)
+        twist = np.where(distance > self.sufficient_distance, (speed, gain * (theta - np.pi / 2)), 0.0)
         if self.on_loss == "hold" and memory is not None:
             twist = np.where(np.isnan(distance), memory, twist)
         twist = Twist(*twist)
         return Decision(twist, twist, Target(distance, bearing))
 
     def find(self, scan: ScanBatch) -> Middle:
-        """Lines 1-19: the middle between the second point of the first edge and the first point of the second."""
+        """Lines 1-19: the middle between two points; the polar angle is pi/2 straight ahead, whatever the frame."""
         ranges = scan.filled(no_return=FAR if self.no_return == "infinity" else None)
-        first, second = first_two(*edges(scan.model, ranges, self.edge), len(scan))
-        return middle(scan.model, ranges, np.where(second < 0, -1, (first + 1, second)))
+        found = edges(scan.model, ranges, self.edge)
+        if self.between == "last_edge":
+            last = last_edge(*found, len(scan))
+            ends = np.where(last < 0, -1, (last, last + 1))
+        elif self.between == "offsets":
+            _, second, third = first_edges(*found, len(scan), 3)
+            ends = np.where(third < 0, -1, (second, third + 1))
+        else:
+            first, second = first_two(*found, len(scan))
+            ends = np.where(second < 0, -1, (first + 1, second))
+        return middle(scan.model, ranges, ends)
 
     def desired_distance(self, speed):
         """Distance from laser to rear that holds a steady speed straight ahead [m]."""
-        return speed / (SPEED_GAIN if self.angle_in_speed == "polar" else 1.0)
+        return speed / (SPEED_GAIN if self.angle_in_speed == "polar" and self.frame == "x_right" else 1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +27,19 @@ def chirp(t: np.ndarray, amplitude: float, first: float, last: float, duration: 
 def braking(t: np.ndarray, change: np.ndarray, rate: float) -> np.ndarray:
     """A ramp from 0 to a change of speed, of either sign [m/s], at a constant rate [m/s2]; t [s], (n,)."""
     return np.sign(change) * np.minimum(rate * t, np.abs(change))
+
+
+def through_lags(speed: Callable, time: np.ndarray, dt: float, lags: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Command that makes a drive line drive a profile [m/s2], (n,): a + T a', with its acceleration a.
+
+    speed : of the profile at times (n,) [m/s]
+    dt    : for which the command holds [s]
+    lags  : T of the drive, where that is positive, and of the brakes, where it is not [s], (n,)
+    """
+    before, now, next_, after = (speed(time + k * dt) for k in (-1, 0, 1, 2))
+    acceleration, jerk = (next_ - now) / dt, ((after - next_) - (now - before)) / (2 * dt * dt)
+    by_drive, by_brakes = (acceleration + lag * jerk for lag in lags)
+    return np.where(by_drive > 0, by_drive, np.minimum(by_brakes, 0.0))
 
 
 @dataclass(frozen=True, eq=False)

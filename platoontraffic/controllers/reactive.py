@@ -13,7 +13,7 @@ from platoontraffic.vehicles.motion import Positive, Twist
 
 
 def rule(front: np.ndarray, front_left: np.ndarray, front_right: np.ndarray) -> np.ndarray:
-    """Number of the rule of Algorithm 1 that applies, by the smallest range [m] in three of the five sectors, (n,).
+    """Number of the rule of Algorithm 1 that applies, by the ranges [m] of three of the five sectors, (n,).
 
     The rules are in the paper's order. Rule 5 never applies, since rule 1 takes all its cases; rule 7 can apply for
     ever, for example with front > 2 and front_left < 1.
@@ -32,6 +32,13 @@ def rule(front: np.ndarray, front_left: np.ndarray, front_right: np.ndarray) -> 
 # (drive, angular) of rules 1 to 7 as printed, in units of `speed` and `turn_rate`.
 ACTIONS = np.array([(1, 0), (1, 0), (0, -1), (0, -1), (0, +1), (0, -1), (0, 0)])
 
+# Range of a sector from those of its beams, (n, k) -> (n,).
+SECTORS = {
+    "smallest": lambda ranges: ranges.min(axis=1),
+    "mean": lambda ranges: ranges.mean(axis=1),
+    "middle": lambda ranges: ranges[:, ranges.shape[1] // 2],
+}
+
 
 @dataclass(frozen=True)
 class ReactiveLeader(Law):
@@ -45,11 +52,13 @@ class ReactiveLeader(Law):
     speed: Annotated[Positive, Field(alias="speed_mps")] = 0.1
     turn_rate: Annotated[Positive, Field(alias="turn_rate_radps")] = 0.1
     positive_turn: Literal["clockwise", "counterclockwise"] = "clockwise"
+    sector: Literal["smallest", "mean", "middle"] = "smallest"  # range of a sector; the text does not say which
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
         ranges = sensed.scan.filled()
         k = sensed.scan.model.samples
-        front_right, front, front_left = (ranges[:, k * i // 5 : k * (i + 1) // 5].min(axis=1) for i in (1, 2, 3))
+        value = SECTORS[self.sector]
+        front_right, front, front_left = (value(ranges[:, k * i // 5 : k * (i + 1) // 5]) for i in (1, 2, 3))
         drive, angular = ACTIONS[rule(front, front_left, front_right) - 1].T
         to_the_left = -angular if self.positive_turn == "clockwise" else angular
         return Decision(Twist(drive * self.speed, to_the_left * self.turn_rate))

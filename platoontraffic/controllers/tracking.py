@@ -22,6 +22,10 @@ from platoontraffic.controllers.path import (
     nothing,
 )
 from platoontraffic.controllers.steering import Errors, curvature_back
+from platoontraffic.controllers.tracker.bends import BRAKING, acceleration_along
+from platoontraffic.controllers.tracker.drive_line import DriveLine
+from platoontraffic.controllers.tracker.fitted import Fitted, fitted
+from platoontraffic.controllers.tracker.own_motion import STILL, YawBias, own_motion
 from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED, PathAhead, Sighting
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracker.trail import Ahead, RouteSection, Strip, Trail
@@ -34,14 +38,13 @@ FILTER = 0.2  # time constant of the filter of the closing speed of obstacles [s
 SAME = 1.0  # greatest difference of the free distance from its prediction, for one obstacle [m]
 FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
 STANDING = 0.05  # speed below which it is held [m/s]
-STILL = 0.1  # speed below which it stands, if it does not accelerate [m/s]
-CREEPING = 0.5  # speed below which the yaw rate follows better from steering than from measurement [m/s]
 CLOSE_ENOUGH, MOVE_UP = 0.1, 0.4  # excess of distance at which it stops, and at which it moves up again [m]
 APPROACH = 1.5  # deceleration of the approach to a standing car [m/s2]
 RECOVERY = 2.5  # lateral acceleration of the return to the trail [m/s2]
 STEEPEST = 0.35  # sine of the greatest angle of that return
 ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed [m]
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
+KEPT_FREE = 0.22  # on each side of the vehicle, on its path [m]
 SHOWN = 32  # points of the trail that are recorded
 
 ASIDE = 5.0  # distance from the route beyond which a predecessor that was never lost is dropped [m]
@@ -54,11 +57,12 @@ class Memory(NamedTuple):
     """Arrays (n,), or records of arrays."""
 
     odometry: Odometry
+    yaw_bias: YawBias
     track: Track
     trail: Trail
     acceleration: np.ndarray  # last command [m/s2]
     curvature: np.ndarray  # last command [1/m]
-    achieved: np.ndarray  # acceleration that the drive line has by now, modelled [m/s2]
+    drive_line: DriveLine
     free: np.ndarray  # distance from the bumper to the first obstacle but the predecessor [m]; inf: none
     closing: np.ndarray  # rate at which that shrinks [m/s]; NaN: not known yet
     never_lost: np.ndarray  # it has had the same predecessor from the start, bool
@@ -68,9 +72,10 @@ class Memory(NamedTuple):
     @classmethod
     def begin(cls, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
         n = len(speed)
-        records = Odometry.begin(speed, yaw_rate), Track.none(n), Trail.begin(n)
-        return cls(*records, *np.zeros((3, n)), np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool),
-                   Creeping.none(n), nothing(n))  # fmt: skip
+        records = Odometry.begin(speed, yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
+        none = np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool)
+        return cls(*records, *np.zeros((2, n)), DriveLine.at_rest(n), *none, Creeping.none(n), nothing(n),
+                   )  # fmt: skip
 
 
 class Now(NamedTuple):
@@ -79,6 +84,7 @@ class Now(NamedTuple):
     sensed: Sensed
     memory: Memory
     odometry: Odometry
+    fitted: Fitted
     dt: float
 
     @property
@@ -89,6 +95,11 @@ class Now(NamedTuple):
     def leads(self) -> np.ndarray:
         """Ordered to follow nothing, bool (n,)."""
         return np.zeros(len(self.speed), bool) if self.sensed.leads is None else self.sensed.leads
+
+    @property
+    def reaction(self) -> np.ndarray:
+        """Time from a scan to the effect of the brakes [s], (n,)."""
+        return self.sensed.body.brake_lag + self.dt / 2
 
     @property
     def laser(self) -> np.ndarray:
@@ -124,20 +135,30 @@ class Demand(NamedTuple):
 class TrackingFollower(Law):
     """Tracks its predecessor by laser, drives in its trail, and keeps a time headway.
 
+    Its gains follow from the vehicle's length, steering and lags, and from the interval of scans (`tracker.fitted`).
+
     1. Estimate. The groups of returns in the scan correct an extended Kalman filter of the predecessor's motion, in the
-       frame of the own odometry (`tracker.track`).
+       frame of the own odometry (`tracker.track`). The bias of the measured yaw rate is estimated while the vehicle
+       drives straight ahead (`tracker.own_motion`).
     2. Steer. The path of its rear axle is remembered (`tracker.trail`), and steered along: the trail's curvature, as
        far ahead as the steering lags, corrected by offset and direction,
 
-           curvature = trail's - offset / l^2 - 2 sin(off_heading) / l,      l = max(catch_up, catch_up_time v)
+           curvature = trail's - offset / l^2 - 2 sin(off_heading) / l,
 
        which is critically damped: e'' + 2 e' / l + e / l^2 = 0 along the trail. From a large offset the vehicle returns
-       at a fixed angle, at a speed that its own bend allows.
+       at a fixed angle. Bends ahead, their changes and the curvature that is steered now limit the speed
+       (`tracker.bends`), and no curvature is steered that would exceed the lateral acceleration.
     3. Follow. The distance from laser to rear shall be stand_off + time_headway v. With its error e and the gap's rate
        r the acceleration (r + distance_gain e) / time_headway makes the speed follow the predecessor's by a first-order
        lag of time_headway at every frequency, so no disturbance grows (Ioannou & Chien, "Autonomous intelligent cruise
        control", IEEE Trans. Vehicular Technology 42, 1993). The drive line's own lag is compensated by the rate of that
-       acceleration, which contains the predecessor's estimated acceleration.
+       acceleration (`tracker.drive_line`), which contains the predecessor's acceleration. That is estimated some
+       T' = 0.2 s late, so with h = time_headway, k = distance_gain and T the mean lag of drive and brakes, with half a
+       scan, a predecessor's speed is followed by
+
+           G(s) = (1 - T T' s^2 / ((1 + T s) (1 + T' s) (1 + k / s))) / (1 + h s),
+
+       for the shipped car 0.99, 0.87, 0.68, 0.54 at 0.02, 0.1, 0.2, 0.3 Hz. Above, the filter is later: 0.40 at 0.5 Hz.
     4. Avoid. It brakes harder than in comfort if that is needed: by the braking that just suffices, if both vehicles go
        on as they do now (constant-acceleration heuristic: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 2010),
        for the predecessor and for any obstacle on the strip ahead.
@@ -156,22 +177,15 @@ class TrackingFollower(Law):
     time_headway: Annotated[Positive, Field(alias="time_headway_s")] = 1.0
     distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s")] = 0.4
     catching_up: Annotated[Positive, Field(alias="catching_up_mps")] = 3.0  # greatest speed above the predecessor's
-    drive_lag: Annotated[NotNegative, Field(alias="drive_lag_s")] = 0.2  # of the own drive line, with half a scan
     acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5  # comfortable
     braking: Annotated[Positive, Field(alias="braking_mps2")] = 3.5  # comfortable; ISO 15622 allows it at any speed
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 9.0
     jerk: Annotated[Positive, Field(alias="jerk_mps3")] = 5.0  # comfortable; ISO 15622 at low speed
     margin: Annotated[Positive, Field(alias="margin_m")] = 2.7  # laser to rear after hard braking
     lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 4.0
-    # About three times the steering's lag and half a scan. Shorter distances make it swing, longer ones cut corners.
-    catch_up: Annotated[Positive, Field(alias="catch_up_m")] = 2.5
-    catch_up_time: Annotated[Positive, Field(alias="catch_up_time_s")] = 0.6
-    # The trail is smoothed over this distance each way: 8 points at any speed.
-    window: Annotated[Positive, Field(alias="window_m")] = 1.5
-    window_time: Annotated[Positive, Field(alias="window_time_s")] = 0.4
-    steering_lag: Annotated[NotNegative, Field(alias="steering_lag_s")] = 0.15  # of the own car, with half a scan
     patience: Annotated[Positive, Field(alias="patience_s")] = 1.5
-    half_width: Annotated[Positive, Field(alias="half_width_m")] = 1.1  # of the strip that must be free
+    # Of the strip that must be free; default: half of the vehicle's width, and KEPT_FREE.
+    half_width: Annotated[Positive | None, Field(alias="half_width_m")] = None
     policy: Literal["convoy", "obey"] = "convoy"  # at closed stop lines behind a predecessor
     on_loss: Literal["stop", "drive"] = "stop"
     alone: PathLeader = field(default_factory=PathLeader)  # drives along the route, and stops at lines
@@ -198,30 +212,29 @@ class TrackingFollower(Law):
     def __call__(self, sensed: Sensed, memory: Memory | None, dt: float) -> Decision:
         if memory is None:
             memory = Memory.begin(sensed.speed, sensed.yaw_rate)
-        now = Now(sensed, memory, memory.odometry.moved(*self._own_motion(sensed, memory), dt), dt)
+        bias = memory.yaw_bias.after(sensed, memory.curvature, dt)
+        odometry = memory.odometry.moved(*own_motion(sensed, bias, memory.curvature, memory.acceleration), dt)
+        now = Now(sensed, memory, odometry, fitted(sensed.body, odometry.speed, dt, RECOVERY), dt)
         estimate = self._estimate(now)
 
         trail = self._remember(now, estimate)
         ahead = self._look_ahead(now, estimate, trail)
         curvature = self._steer(now, estimate, ahead)
 
-        achieved = memory.achieved + (memory.acceleration - memory.achieved) * -np.expm1(
-            -dt / max(self.drive_lag, 1e-9)
-        )
-        demand = self._follow(now, estimate.track, ahead, achieved)
+        drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
+        demand = self._follow(now, estimate.track, ahead, drive_line)
         obstacle = self._obstacle(now, estimate, trail, ahead)
-        demand = self._avoid(now, ahead, obstacle, demand)
+        demand = self._avoid(now, ahead, curvature, obstacle, demand)
         demand, creeps, limit = self._by_road(now, estimate.track, obstacle, demand)
-        demand = self._gently_back(now, ahead, curvature, demand)
         acceleration = self._comfort(now, demand)
+        curvature = self._held(now, curvature)
 
         never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
         if sensed.route is not None:  # another vehicle may have come in between, so the next one is found anew
             never_lost &= limit.reason != LINE
-        commands = acceleration, curvature, achieved
-        memory = Memory(
-            now.odometry, estimate.track, trail, *commands, obstacle.free, obstacle.closing, never_lost, creeps, limit
-        )
+        commands = acceleration, curvature, drive_line
+        memory = Memory(now.odometry, bias, estimate.track, trail, *commands, obstacle.free, obstacle.closing,
+                        never_lost, creeps, limit)  # fmt: skip
         return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
@@ -230,14 +243,6 @@ class TrackingFollower(Law):
 
     def braking_for(self, memory: Memory) -> BrakingFor:
         return memory.braking_for
-
-    def _own_motion(self, sensed: Sensed, memory: Memory) -> tuple[np.ndarray, np.ndarray]:
-        """Speed and yaw rate, (n,): as measured; at walking pace and below, modelled, since noise would dominate."""
-        still = (np.abs(sensed.speed) < STILL) & (memory.acceleration <= 0)
-        speed = np.where(still, 0.0, sensed.speed)
-        lock = 1 / sensed.body.length  # greatest curvature of a car, roughly [1/m]
-        steered = np.clip(memory.curvature, -lock, lock)
-        return speed, np.where(speed < CREEPING, speed * steered, sensed.yaw_rate)
 
     # ---- 1. estimate
 
@@ -276,40 +281,39 @@ class TrackingFollower(Law):
         return now.memory.trail.extended(track, odometry, gap | estimate.on_route, section)
 
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
-        window = np.maximum(self.window, self.window_time * now.speed)
-        return trail.ahead(now.odometry, estimate.track, window, self.steering_lag * now.speed)
+        fit = now.fitted
+        return trail.ahead(now.odometry, estimate.track, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
 
     def _steer(self, now: Now, estimate: Estimate, ahead: Ahead) -> np.ndarray:
         """Curvature to drive [1/m], (n,)."""
-        speed = now.speed
-        catch_up = np.maximum(self.catch_up, self.catch_up_time * speed)
-        gentle = RECOVERY / np.maximum(speed, 2.0) ** 2  # steering is too slow for more, and would swing
         errors = Errors(ahead.offset, ahead.off_heading)
-        curvature = ahead.curvature + curvature_back(errors, catch_up, gentle, STEEPEST)
+        back = curvature_back(errors, now.fitted.catch_up, now.fitted.gentle, STEEPEST)
+        curvature = ahead.curvature + back
         if now.sensed.route is None:
             return curvature
         return np.where(estimate.on_route, self.alone.curvature_on(now.sensed), curvature)
 
     # ---- 3. follow
 
-    def _follow(self, now: Now, track: Track, ahead: Ahead, achieved: np.ndarray) -> Demand:
+    def _follow(self, now: Now, track: Track, ahead: Ahead, drive_line: DriveLine) -> Demand:
         """To keep the headway; without a predecessor, to stop."""
         distance = ahead.length - OVERHANG - now.laser
         speed_ahead, acceleration_ahead = track.mean[:, SPEED], track.mean[:, ACCELERATION]
-        wanted = self._headway(now, distance, track, achieved)
+        wanted = self._headway(now, distance, track, drive_line)
         stop = np.where(now.speed < STANDING, -FIRM, -self.braking / 2)
-        needed = self._brake_for(distance, now.speed, speed_ahead, np.minimum(acceleration_ahead, 0.0))
+        needed = self._brake_for(now, distance, speed_ahead, np.minimum(acceleration_ahead, 0.0))
         return Demand(np.where(track.known, wanted, stop), np.where(track.known, needed, np.inf))
 
-    def _headway(self, now: Now, distance: np.ndarray, track: Track, achieved: np.ndarray) -> np.ndarray:
+    def _headway(self, now: Now, distance: np.ndarray, track: Track, drive_line: DriveLine) -> np.ndarray:
         speed, speed_ahead, acceleration_ahead = now.speed, track.mean[:, SPEED], track.mean[:, ACCELERATION]
         error, rate = distance - self.desired_distance(speed), speed_ahead - speed
         fast = np.sqrt(2 * APPROACH * np.maximum(error, 0.0)) - speed_ahead  # to a vehicle that nearly stands
         wanted = rate + np.minimum(self.distance_gain * error, np.maximum(self.catching_up, fast))
         wanted = wanted / self.time_headway
+        achieved = drive_line.acceleration
         closing = rate - self.time_headway * achieved
         change = (acceleration_ahead - achieved + self.distance_gain * closing) / self.time_headway
-        wanted = wanted + self.drive_lag * change
+        wanted = drive_line.command(wanted, change, now.sensed.body, now.dt)
         near = error < np.where(now.memory.acceleration <= -FIRM, MOVE_UP, CLOSE_ENOUGH)
         stands = (speed < STANDING) & (speed_ahead < 2 * STANDING) & near
         return np.where(stands, -FIRM, wanted)
@@ -320,36 +324,34 @@ class TrackingFollower(Law):
         sensed, memory = now.sensed, now.memory
         beyond_end = np.maximum(ahead.length, 0) + sensed.scan.model.range_max / 2
         reach = np.where(estimate.track.known, ahead.length - OVERHANG - PAST_PREDECESSOR, beyond_end)
-        strip = Strip(np.full(len(now.speed), self.half_width), reach)
+        half_width = sensed.body.width / 2 + KEPT_FREE if self.half_width is None else self.half_width
+        strip = Strip(np.broadcast_to(half_width, len(reach)), reach)
         free, beam = trail.free_distance(now.odometry, sensed.scan, sensed.body, strip, estimate.sighting.beams)
         closing = closing_speed(
             free, memory.free, memory.closing, now.speed, now.dt, same=SAME, time_constant=FILTER
         )  # fmt: skip
         return Obstacle(free, closing, bearing_of(beam, sensed.scan.model))
 
-    def _avoid(self, now: Now, ahead: Ahead, obstacle: Obstacle, demand: Demand) -> Demand:
+    def _avoid(self, now: Now, ahead: Ahead, curvature: np.ndarray, obstacle: Obstacle, demand: Demand) -> Demand:
         """Limited by bends of the trail and by the obstacle."""
         blind_spot = now.sensed.body.length / 2 - now.sensed.scan.model.mount.x  # from laser to front bumper
-        brake = self._brake_for(obstacle.free + blind_spot, now.speed, now.speed - obstacle.closing, 0.0)
-        return Demand(np.minimum(demand.wanted, self._bends(ahead, now.speed)), np.minimum(demand.needed, brake))
+        brake = self._brake_for(now, obstacle.free + blind_spot, now.speed - obstacle.closing, 0.0)
+        reaction = now.reaction + BRAKING * self.braking / (2 * self.jerk)
+        limits = self.lateral_acceleration, self.braking, reaction, now.fitted.steepest_bend
+        bends = acceleration_along(ahead, curvature, now.speed, limits)
+        return Demand(np.minimum(demand.wanted, bends), np.minimum(demand.needed, brake))
 
-    def _brake_for(self, distance, speed, speed_ahead, acceleration_ahead) -> np.ndarray:
+    def _brake_for(self, now: Now, distance, speed_ahead, acceleration_ahead) -> np.ndarray:
         """Acceleration that just keeps the margin to what is ahead [m/s2], (n,); inf where that is not known."""
+        speed = now.speed
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = np.maximum(speed - speed_ahead, 0.0)
-            left = np.maximum(distance - self.margin - rate * self.drive_lag, 0.01)
+            left = np.maximum(distance - self.margin - rate * now.reaction, 0.01)
             stops_first = speed_ahead * rate <= -2 * left * acceleration_ahead
             until_both_stand = speed**2 * acceleration_ahead / (speed_ahead**2 - 2 * left * acceleration_ahead)
             while_both_drive = acceleration_ahead - rate**2 / (2 * left)
             needed = np.where(stops_first & (speed_ahead > 0), until_both_stand, while_both_drive)
         return np.where(np.isnan(needed) | (distance == np.inf), np.inf, needed)
-
-    def _bends(self, ahead: Ahead, speed: np.ndarray) -> np.ndarray:
-        """Greatest acceleration that keeps to the lateral acceleration in bends ahead [m/s2], (n,)."""
-        fastest2 = self.lateral_acceleration / np.maximum(np.abs(ahead.bend), 1e-6)
-        distance = np.maximum(ahead.distance, self.drive_lag * speed[:, None] + 0.5)
-        share = np.maximum(speed[:, None] ** 2 - fastest2, 0.0) / (2 * distance) / self.braking
-        return (self.acceleration - (self.acceleration + self.braking) * share).min(axis=1)
 
     # ---- 5. and 6. alone, stop lines
 
@@ -388,12 +390,10 @@ class TrackingFollower(Law):
 
     # ---- limits
 
-    def _gently_back(self, now: Now, ahead: Ahead, curvature: np.ndarray, demand: Demand) -> Demand:
-        """Braking where the vehicle is astray and too fast for the bend back to the trail."""
-        astray = (np.abs(ahead.offset) > ASTRAY) | (np.abs(ahead.off_heading) > STEEPEST)
-        too_fast = now.speed**2 * np.abs(curvature) > self.lateral_acceleration
-        slower = np.minimum(demand.wanted, -self.braking)
-        return demand._replace(wanted=np.where(astray & too_fast, slower, demand.wanted))
+    def _held(self, now: Now, curvature: np.ndarray) -> np.ndarray:
+        """The part of a curvature that keeps to the lateral acceleration [1/m], (n,)."""
+        most = self.lateral_acceleration / np.maximum(now.speed, 1e-3) ** 2
+        return np.clip(curvature, -most, most)
 
     def _comfort(self, now: Now, demand: Demand) -> np.ndarray:
         """The wanted acceleration within comfort; the needed one where it is harder braking [m/s2], (n,)."""

@@ -19,7 +19,8 @@ POINTS_PER_LENGTH = 24  # most points of a driven path within one vehicle length
 class Gaps:
     """Gap and cross-track error of every follower, from the paths of all members' driven axles.
 
-    Arrays (N,) of all members of the run, by their number; NaN without a predecessor.
+    Arrays (N,) of all members of the run, by their number; NaN without a predecessor, and for a follower that SUMO
+    drives while it is not behind its predecessor on that path.
     """
 
     def __init__(self, members: Sequence[Member]) -> None:
@@ -68,7 +69,11 @@ class Gaps:
         front = station + length[rows] / 2 - axle[rows]
         rear = self._paths.end(number_ahead) - length[ahead] / 2 - axle[ahead]
         self.gap[step.number] = self.cross_track[step.number] = np.nan
-        self.gap[number], self.cross_track[number] = rear - front, offset
+        gap, width = rear - front, fleet.model.width
+        # SUMO's cars change lanes as they like, and pass each other.
+        elsewhere = fleet.native[rows] & ((np.abs(offset) > (width[rows] + width[ahead]) / 2) | (gap < 0))
+        self.gap[number] = np.where(elsewhere, np.nan, gap)
+        self.cross_track[number] = np.where(elsewhere, np.nan, offset)
         forgotten = np.isnan(station)
         self._station[number] = np.where(forgotten, self._station[number] + driven, station)
         self._end[step.number] = self._paths.end(step.number)

@@ -42,7 +42,8 @@ class Splits:
         self._begin_joins(step)
         number, predecessor = step.number, step.fleet.predecessor
         longest = np.maximum(SPLIT_GAP_FACTOR * desired_gap, desired_gap + SPLIT_GAP_MARGIN * self._scale[number])
-        apart = (predecessor >= 0) & (~self._locks.locked[number] | (gap - longest > 0))
+        follows = (predecessor >= 0) & ~step.fleet.native  # SUMO's drivers do not follow a vehicle, but a road
+        apart = follows & (~self._locks.locked[number] | (gap - longest > 0))
         since = np.where(apart, np.fmin(self._apart_since[number], step.time), np.nan)
         self._apart_since[number] = since
         for i in np.flatnonzero(apart & ~self.split[number] & (step.time - since > SPLIT_AFTER - 1e-6)):

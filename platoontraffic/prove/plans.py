@@ -30,6 +30,15 @@ SIZES = (5, 3, 1)  # of the platoons: the first for which lanes are long enough
 DRAWN = 12  # trips of which the platoons' are the first ones that can be started
 NAME = "proved"  # of the platoons, before their number; a flow p1 of the traffic would have vehicles p1.0, p1.1 …
 LASER, SUMO = "platoons", "sumo"  # the two runs of a seed
+DRIVERS: Mapping[str, dict[str, Any]] = {
+    LASER: {
+        "leader": {"law": "path", "lidar": "car-leader", "odometry": "car"},
+        "follower": {
+            "law": "tracking", "policy": "obey", "on_loss": "drive", "lidar": "car-tracker", "odometry": "car",
+        },
+    },
+    SUMO: {"leader": "sumo", "follower": "sumo"},
+}  # fmt: skip
 
 
 class Road(NamedTuple):
@@ -49,11 +58,11 @@ class Plan(NamedTuple):
     trips: tuple[Trip, ...]
     files: Mapping[str, Path]  # by LASER and SUMO
 
-    def free_times(self, which: str) -> dict[str, float]:
+    @property
+    def free_times(self) -> dict[str, float]:
         """Time that each vehicle's route takes at the speed limits [s], by id."""
-        ids = {LASER: f"{NAME}{{}}.{{}}", SUMO: f"{NAME}{{}}-{{}}.0"}[which]
         times = [trip.free_time(math.inf) for trip in self.trips]
-        return {ids.format(k, i): time for k, time in enumerate(times) for i in range(self.size)}
+        return {f"{NAME}{k}.{i}": time for k, time in enumerate(times) for i in range(self.size)}
 
 
 def planned(
@@ -86,11 +95,8 @@ def planned(
     else:
         raise InputError(f"{network.path}: no place to start a {vehicle} from; must have one on the road")
     files = {}
-    tables = {
-        LASER: [_platoon(f"{NAME}{k}", trip, size, vehicle) for k, trip in enumerate(trips)],
-        SUMO: [_alone(f"{NAME}{k}-{i}", trip, i, vehicle) for k, trip in enumerate(trips) for i in range(size)],
-    }
-    for which, platoons in tables.items():
+    for which, drivers in DRIVERS.items():
+        platoons = [_platoon(f"{NAME}{k}", trip, size, vehicle) | drivers for k, trip in enumerate(trips)]
         files[which] = folder / f"{which}.toml"
         more = {"lane_change_s": 0.0} if which == SUMO and not _sets_lane_changes(sumo) else {}
         table = common | {"sumo": common["sumo"] | more, "platoon": platoons}
@@ -130,7 +136,6 @@ def _startable(
 
 
 def _platoon(name: str, trip: Trip, size: int, vehicle: str) -> dict[str, Any]:
-    follower = {"law": "tracking", "policy": "obey", "on_loss": "drive", "lidar": "car-tracker", "odometry": "car"}
     return {
         "id": name,
         "size": size,
@@ -138,17 +143,4 @@ def _platoon(name: str, trip: Trip, size: int, vehicle: str) -> dict[str, Any]:
         "vehicle": vehicle,
         "start": {"edge": trip.edges[0], "lane": trip.lane, "position_m": trip.position},
         "route": list(trip.edges),
-        "leader": {"law": "path", "lidar": "car-leader", "odometry": "car"},
-    } | ({"follower": follower} if size > 1 else {})
-
-
-def _alone(name: str, trip: Trip, place: int, vehicle: str) -> dict[str, Any]:
-    """A car that SUMO drives, from the place of a platoon's member."""
-    position = round(trip.position - place * (VEHICLES[vehicle].length + GAP), 6)
-    return {
-        "id": name,
-        "vehicle": vehicle,
-        "start": {"edge": trip.edges[0], "lane": trip.lane, "position_m": position},
-        "route": list(trip.edges),
-        "leader": "sumo",
-    }
+    } | DRIVERS[LASER]

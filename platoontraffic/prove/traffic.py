@@ -68,7 +68,7 @@ def pairs(plans: Sequence[Plan], folder: Path) -> Iterator[Pair]:
         for future in as_completed(futures):
             plan, which, runs = futures[future]
             outcome = future.result()
-            outcomes[plan.seed, which] = outcome.get("error") or ride(runs, plan.free_times(which))
+            outcomes[plan.seed, which] = outcome.get("error") or ride(runs, plan.free_times)
             if len([key for key in outcomes if key[0] == plan.seed]) == len(plan.files):
                 yield _pair(plan, outcomes[plan.seed, LASER], outcomes[plan.seed, SUMO])
 

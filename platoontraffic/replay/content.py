@@ -47,7 +47,7 @@ KEY_METRICS = {
     "lock_on_ratio": "locked on",
     "lock_losses": "losses",
     "accel_rms": "acceleration, RMS",
-    "speed_gain_l2": "speed gain",
+    "accel_gain_l2": "acceleration gain",
     "near_misses": "near misses",
     "collisions": "contacts",
 }

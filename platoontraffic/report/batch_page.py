@@ -22,11 +22,11 @@ FIRST = (
     "gap_mean_m",
     "gap_min_m",
     "gap_error_rms_max_m",
-    "speed_gain_l2_max",
+    "accel_gain_l2_max",
     "cross_track_max_m",
     "near_misses",
     "ttc_min_s",
-    "traffic_delay_mean_s",
+    "traffic_delay_mean_finished_s",
 )
 DRAWN = 2
 

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from platoontraffic.results.following import Stretch, lengths, split_off, stretches, within
+from platoontraffic.results.strings import Gains, Motion, gains_behind, head_to_tail, overlaps, together
 from platoontraffic.world.events import GONE
 
 MOVING = 0.1  # slower than this share of its mean speed a member hardly moves [1]
 EXPOSED = 3.0  # a shorter time to collision counts as exposure [s]
-STEADY = 0.05  # a speed with a smaller deviation says nothing about string stability, RMS [m/s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +33,7 @@ class Own:
     follows: Sequence[Stretch]
     collisions: pd.DataFrame  # events of the whole run
     near_misses: pd.DataFrame  # the same of near misses with others than the predecessor
-    vehicles: frozenset[str]  # all members of the run
-    speed_ahead: pd.Series | None  # speed of the member at the place ahead [m/s], by time
-
-    @property
-    def speed(self) -> pd.Series:
-        """Speed [m/s], by time."""
-        return self.rows.set_index("time_s").speed_mps
+    motions: Mapping[str, Motion]  # of all members of the run
 
     @property
     def is_follower(self) -> bool:
@@ -101,8 +96,13 @@ class Own:
         return Following(rows, within(rows.time_s, off), ahead, 1 - share(lost, whole))
 
     @cached_property
-    def speed_gains(self) -> tuple[float, float]:
-        return speed_gains(self.speed, self.speed_ahead)
+    def together(self) -> list[Stretch]:
+        """Periods in which it follows, has been locked on, and is not split off."""
+        return together(self.events, self.follows, split_off(self.events, self.follows))
+
+    @cached_property
+    def accel_gains(self) -> Gains:
+        return gains_behind(self.motions[self.vehicle], self.motions, self.together)
 
 
 class Following(NamedTuple):
@@ -129,12 +129,14 @@ class Group:
     collisions: pd.DataFrame  # events of the whole run
     near_misses: pd.DataFrame  # the same of near misses with others than the predecessor
 
-    @property
-    def head_to_tail(self) -> float:
-        """L2 gain of speed from the first member of a platoon to its last; NaN for one member."""
-        of_place = {m.place: m for m in self.members}
-        tail = max(of_place)
-        return speed_gains(of_place[tail].speed, of_place[0].speed if tail and 0 in of_place else None)[0]
+    @cached_property
+    def head_to_tail(self) -> Gains:
+        """Gains from the first member of a platoon to its last, while each follows the one at the place ahead."""
+        string = sorted(self.members, key=lambda m: m.place)
+        periods = [(-math.inf, math.inf)]
+        for ahead, own in pairwise(string):
+            periods = overlaps(periods, [(one.begin, one.end) for one in own.together if one.ahead == ahead.vehicle])
+        return head_to_tail([m.motions[m.vehicle] for m in string], periods)
 
 
 def platoons(trajectories: pd.DataFrame, events: pd.DataFrame) -> Iterator[tuple[str, Group]]:
@@ -144,18 +146,16 @@ def platoons(trajectories: pd.DataFrame, events: pd.DataFrame) -> Iterator[tuple
     collisions, near_misses = _pairs(events)
     places = trajectories.drop_duplicates("vehicle_id").set_index("vehicle_id")
     places = dict(zip(places.index, zip(places.platoon_id, places.place, strict=True), strict=True))
-    follows, vehicles = stretches(places, events, end), frozenset(places)
+    follows = stretches(places, events, end)
+    motions = {vehicle: Motion.of(rows) for vehicle, rows in trajectories.groupby("vehicle_id")}
     for platoon, of_platoon in trajectories.groupby("platoon_id"):
         members: list[Own] = []
-        speeds: dict[int, pd.Series] = {}  # by place
         for (place, vehicle), rows in of_platoon.groupby(["place", "vehicle_id"]):
             own = events_of.get(vehicle, events[:0])
             since, until = _first(own, ("departed",), start), _first(own, GONE, end)
-            ahead = speeds.get(place - 1)
-            member = Own(vehicle, place, rows, own, since, until, follows[vehicle], collisions,
-                         near_misses, vehicles, ahead)  # fmt: skip
-            speeds[place] = member.speed
-            members.append(member)
+            members.append(
+                Own(vehicle, place, rows, own, since, until, follows[vehicle], collisions, near_misses, motions)
+            )
         yield platoon, Group(members, of_platoon, collisions, near_misses)
 
 
@@ -172,20 +172,6 @@ def _pairs(events: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
 def span(trajectories: pd.DataFrame, events: pd.DataFrame) -> tuple[float, float]:
     """First recorded instant and end of a run [s]."""
     return float(trajectories.time_s.min()), float(events.loc[events.kind == "end", "time_s"].iloc[0])
-
-
-def speed_gains(speed: pd.Series, ahead: pd.Series | None) -> tuple[float, float]:
-    """L2 and L-infinity norm of a speed's deviation from its mean, each divided by that of the speed ahead.
-
-    Both are indexed by time. NaN without a speed ahead, or where that deviates by less than STEADY.
-    """
-    if ahead is None:
-        return math.nan, math.nan
-    _, here, there = np.intersect1d(speed.index, ahead.index, assume_unique=True, return_indices=True)
-    own, other = (v.to_numpy()[at] - v.iloc[at].mean() for v, at in ((speed, here), (ahead, there)))
-    if not len(other) or _root_mean_square(other) < STEADY:
-        return math.nan, math.nan
-    return _root_mean_square(own) / _root_mean_square(other), np.abs(own).max() / np.abs(other).max()
 
 
 def rms(values: pd.Series) -> float:

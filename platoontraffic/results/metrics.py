@@ -15,7 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.results.excerpts import EXPOSED, MOVING, STEADY, Group, Own, all_of, platoons, rms, span
+from platoontraffic.results import strings
+from platoontraffic.results.excerpts import EXPOSED, MOVING, Group, Own, all_of, platoons, rms, span
+from platoontraffic.vehicles.bicycle import VALID_LATERAL
 from platoontraffic.world.events import STANDSTILL_AFTER, WALL
 
 ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognise it
@@ -46,7 +48,7 @@ class Value(NamedTuple):
 
 AGGREGATES: Mapping[str, tuple[Callable, str]] = {
     "sum": (sum, "sum"),
-    "mean": (np.mean, "mean"),
+    "mean": (np.mean, "mean (each member has the same weight, whatever its time on the road)"),
     "max": (max, "largest value"),
     "min": (min, "least value"),
     "first": (min, "earliest time"),
@@ -73,6 +75,21 @@ OF_MEMBERS = (
     Metric("accel_rms", "m/s2", "root mean square of accel_mps2", lambda m: rms(m.rows.accel_mps2), "max"),
     Metric("jerk_rms", "m/s3", "root mean square of jerk_mps3", lambda m: rms(m.rows.jerk_mps3), "max"),
     Metric("jerk_max", "m/s3", "maximum of |jerk_mps3|", lambda m: m.rows.jerk_mps3.abs().max(), "max"),
+    Metric(
+        "lateral_accel_max",
+        "m/s2",
+        "maximum of |lateral_accel_mps2|",
+        lambda m: m.rows.lateral_accel_mps2.abs().max(),
+        "max",
+    ),
+    Metric(
+        "lateral_accel_beyond_share",
+        "",
+        f"share of the recorded instants with |lateral_accel_mps2| above {VALID_LATERAL:g} m/s2, to which the "
+        "model of a car is valid",
+        lambda m: (m.rows.lateral_accel_mps2.abs() > VALID_LATERAL).mean(),
+        "max",
+    ),
     Metric("hard_brakings", "", "number of events emergency_brake", lambda m: m.count("emergency_brake"), "sum"),
     Metric(
         "right_lane_share",
@@ -239,21 +256,22 @@ OF_FOLLOWERS = (
         lambda m: _seen_share(m.rows.beams_on_predecessor.dropna()),
         "min",
     ),
-)
-
-# ---- of members with a place behind another
-
-OF_PLACES_BEHIND = (
+    Metric("accel_gain_l2", "", strings.MEANING, lambda m: m.accel_gains.l2, "max"),
     Metric(
-        "speed_gain_l2",
+        "accel_gain_linf",
         "",
-        "root mean square of its speed's deviation from the mean, divided by that of the member at the place ahead, "
-        f"over the instants of both; empty where the latter is below {STEADY:g} m/s. Above 1 the string amplifies",
-        lambda m: m.speed_gains[0],
+        "the same with the largest absolute values in place of the root of the sum of squares",
+        lambda m: m.accel_gains.linf,
         "max",
     ),
-    Metric("speed_gain_linf", "", "the same with the largest deviations", lambda m: m.speed_gains[1], "max"),
 )
+
+# Those of them that a follower without a laser, which SUMO drives, does not have.
+BY_LASER = frozenset({
+    "splits", "rejoin_time_mean", "rejoin_time_longest", "in_platoon_share", "in_platoon_distance", "steal_share",
+    "lock_on_seen", "gap_error_rms", "lock_on_ratio", "lock_losses", "lock_loss_longest", "lost_for_good",
+    "occluded_share_mean", "beams_share5",
+})  # fmt: skip
 
 # ---- of a platoon and of all members of the run: functions of its `Group`
 
@@ -278,12 +296,15 @@ OF_GROUPS = (
         lambda group: _right_lane_share(group.rows.loc[group.rows.place == 0, "right_of_middle_m"]),
     ),
 )
-HEAD_TO_TAIL = Metric(
-    "head_to_tail_l2",
-    "",
-    "platoon: speed_gain_l2 of the last member over the first; run: the largest over the platoons",
-    lambda group: group.head_to_tail,
-    "max",
+OF_STRINGS = (  # the run has the largest value over the platoons
+    Metric("head_to_tail_accel_gain_l2", "", strings.MEANING_HEAD_TO_TAIL, lambda group: group.head_to_tail.l2, "max"),
+    Metric(
+        "head_to_tail_accel_gain_linf",
+        "",
+        "the same with the largest absolute values in place of the root of the sum of squares",
+        lambda group: group.head_to_tail.linf,
+        "max",
+    ),
 )
 DURATION = "duration", "from the first recorded instant to the end"
 
@@ -295,8 +316,9 @@ ORDER = (
     "steal_share_mean", "lock_on_seen_min", "laps_min", "corners_min", "gap_min", "gap_max", "gap_mean",
     "gap_error_rms_max", "time_gap_mean", "time_gap_min", "cross_track_max", "lock_on_ratio_min", "lock_losses",
     "lost_for_good_first", "occluded_share_mean", "beams_share5_min", "ttc_min", "tet", "tit", "drac_max",
-    "near_misses", "hard_brakings", "accel_rms_max", "jerk_rms_max", "jerk_max", "speed_gain_l2_max",
-    "speed_gain_linf_max", "standstill_share_mean", "off_road_share_max", "leader_right_lane_share",
+    "near_misses", "hard_brakings", "accel_rms_max", "jerk_rms_max", "jerk_max", "lateral_accel_max",
+    "lateral_accel_beyond_share_max", "accel_gain_l2_max",
+    "accel_gain_linf_max", "standstill_share_mean", "off_road_share_max", "leader_right_lane_share",
     "right_lane_share_min", "clearance_min", "contact_in_min", "near_misses_other",
 )  # fmt: skip
 
@@ -391,19 +413,25 @@ OF_TRAFFIC = (
         "trips_waiting", "", "trips that waited for room to depart until the end", lambda trips: trips.count("waiting")
     ),
     Metric(
-        "travel_time_mean", "s", "mean time on the road, finished trips", lambda trips: trips.finished.duration_s.mean()
+        "travel_time_mean_finished",
+        "s",
+        "mean time on the road, finished trips",
+        lambda trips: trips.finished.duration_s.mean(),
     ),
     Metric(
-        "waiting_mean", "s", "mean time at a standstill, finished trips", lambda trips: trips.finished.waiting_s.mean()
+        "waiting_mean_finished",
+        "s",
+        "mean time at a standstill, finished trips",
+        lambda trips: trips.finished.waiting_s.mean(),
     ),
     Metric(
-        "delay_mean",
+        "delay_mean_finished",
         "s",
         "mean time lost by driving slower than possible, finished trips",
         lambda trips: trips.finished.time_loss_s.mean(),
     ),
     Metric(
-        "depart_delay_mean",
+        "depart_delay_mean_finished",
         "s",
         "mean delay of departure, finished trips",
         lambda trips: trips.finished.depart_delay_s.mean(),
@@ -420,6 +448,16 @@ OF_TRAFFIC = (
     ),
 )
 
+# Columns of summary.csv that count events: rare ones are distributed as Poisson's law says, so their means have exact
+# limits. Numbers of trips or members are none.
+COUNTS = frozenset(
+    (
+        *(m.name for m in (*OF_MEMBERS, *OF_FOLLOWERS) if m.over == "sum" and not m.unit and m.name != "arrived"),
+        *(m.name for m in OF_OBSTACLES if not m.unit),
+        "collisions",
+    )
+)
+
 
 # ---- computing
 
@@ -433,11 +471,11 @@ def compute(trajectories: pd.DataFrame, events: pd.DataFrame) -> list[Value]:
     for platoon, group in platoons(trajectories, events):
         mine = [Value("vehicle", platoon, m.vehicle, *value) for m in group.members for value in _of_member(m)]
         of_platoons += [Value("platoon", platoon, "", *value) for value in _of_group(group, mine)]
-        of_platoons.append(Value("platoon", platoon, "", HEAD_TO_TAIL.name, HEAD_TO_TAIL.value(group), ""))
+        of_platoons += [Value("platoon", platoon, "", one.name, one.value(group), one.unit) for one in OF_STRINGS]
         members += mine
         everybody += group.members
     run = [*_of_group(all_of(everybody, trajectories, events), members)]
-    run.append((HEAD_TO_TAIL.name, aggregate(of_platoons, HEAD_TO_TAIL.name, HEAD_TO_TAIL.over), ""))
+    run += [(one.name, aggregate(of_platoons, one.name, one.over), one.unit) for one in OF_STRINGS]
     run.append((DURATION[0], end - start, "s"))
     return [*members, *of_platoons, *(Value("run", "", "", *value) for value in run)]
 
@@ -477,9 +515,9 @@ def name_over(name: str, over: str) -> str:
 
 def meanings() -> dict[str, dict[str, str]]:
     """Scope -> metric -> meaning."""
-    of_members = {m.name: m.meaning for m in (*OF_MEMBERS, *OF_FOLLOWERS, *OF_PLACES_BEHIND)}
+    of_members = {m.name: m.meaning for m in (*OF_MEMBERS, *OF_FOLLOWERS)}
     group = {name: f"{AGGREGATES[m.over][1]} over the members of {m.name}: {m.meaning}" for name, m in _aggregated()}
-    group |= {m.name: m.meaning for m in (*OF_GROUPS, HEAD_TO_TAIL)}
+    group |= {m.name: m.meaning for m in (*OF_GROUPS, *OF_STRINGS)}
     run = group | {m.name: m.meaning for m in OF_OBSTACLES} | {DURATION[0]: DURATION[1]}
     return {"vehicle": of_members, "platoon": group, "run": run, "traffic": {m.name: m.meaning for m in OF_TRAFFIC}}
 
@@ -494,7 +532,7 @@ def summary(name: str, seed: int, varied: dict[str, Any], values: Sequence[Value
 
 
 def column(scope: str, name: str, unit: str) -> str:
-    """Column of summary.csv for a metric: `gap_mean_m`, or `traffic_delay_mean_s` for one of the traffic."""
+    """Column of summary.csv for a metric: `gap_mean_m`, or `traffic_delay_mean_finished_s` for one of the traffic."""
     parts = ["traffic" if scope == "traffic" else "", name, unit.replace("/", "p")]
     return "_".join(filter(None, parts))
 
@@ -502,8 +540,8 @@ def column(scope: str, name: str, unit: str) -> str:
 def _of_member(member: Own) -> Iterator[tuple[str, float, str]]:
     """(name, value, unit) of each metric that a member has."""
     rows = OF_MEMBERS
-    rows += OF_FOLLOWERS if member.is_follower else ()
-    rows += OF_PLACES_BEHIND if member.place > 0 else ()
+    by_laser = member.rows.beams_on_predecessor.notna().any()
+    rows += tuple(m for m in OF_FOLLOWERS if by_laser or m.name not in BY_LASER) if member.is_follower else ()
     return ((metric.name, metric.value(member), metric.unit) for metric in rows)
 
 
@@ -516,7 +554,7 @@ def _of_group(group: Group, values: Sequence[Value]) -> list[tuple[str, float, s
 
 def _aggregated() -> Iterator[tuple[str, Metric]]:
     """The metrics of members that platoons and the run have too, by the name that they have there."""
-    for metric in (*OF_MEMBERS, *OF_FOLLOWERS, *OF_PLACES_BEHIND):
+    for metric in (*OF_MEMBERS, *OF_FOLLOWERS):
         if metric.over:
             yield name_over(metric.name, metric.over), metric
 
@@ -545,7 +583,7 @@ def _caused(collisions: pd.DataFrame, vehicle: str) -> float:
 
 def _steal_share(member: Own) -> float:
     target = member.following.rows.target_id
-    stolen = target.notna() & ~target.isin({"", WALL, *member.vehicles})
+    stolen = target.notna() & ~target.isin({"", WALL, *member.motions})
     return stolen.mean() if len(stolen) else math.nan
 
 

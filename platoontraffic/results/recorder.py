@@ -113,8 +113,9 @@ class Recorder:
         for m in sorted(members, key=lambda m: (m.platoon, m.place)):
             mount = m.lidar.mount
             laser = (None,) * 3 if m.law.native else (mount.x, mount.y, mount.yaw)
-            rows.append((m.id, m.platoon, m.place, m.model.length, m.model.width, *laser))
-        rows += [(vehicle, "", None, *size, None, None, None) for vehicle, size in self._background.items()]
+            axles = m.model.axle, getattr(m.model, "wheelbase", None)
+            rows.append((m.id, m.platoon, m.place, m.model.length, m.model.width, *laser, *axles))
+        rows += [(vehicle, "", None, *size, *(None,) * 5) for vehicle, size in self._background.items()]
         self.write_table("vehicles.csv", rows, VEHICLES)
 
     def read_table(self, name: str) -> pd.DataFrame:

@@ -197,8 +197,12 @@ TABLES = {
             _number("flow", "flow_perh", "1/h", "vehicles per hour"),
             _count("departed", "departed", "vehicles that departed on it"),
             _count("arrived", "arrived", "vehicles that arrived on it"),
-            _count("entered", "entered", "vehicles that came from another edge"),
-            _count("left", "left", "vehicles that went on to another edge"),
+            _count(
+                "entered",
+                "entered",
+                "vehicles that came from another edge; also members that change lanes, up to five times",
+            ),
+            _count("left", "left", "vehicles that went on to another edge; members as in `entered`"),
         ),
     ),
 }

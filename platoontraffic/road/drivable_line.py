@@ -6,11 +6,10 @@ stay. The flow ends where no place bends too sharply: a corner has then become a
 to its legs, and a spike has gone. It acts on curves as in M. Gage, R. S. Hamilton, The heat equation shrinking convex
 plane curves, J. Differential Geometry 23 (1986), here only on the part of the curvature that is too much.
 
-A place is too sharp for a vehicle if its curvature is above that at full steering lock. It is too sharp for comfort if
-it cannot be driven at the speed limit; for comfort points move by no more than a tolerance, so they stay in their lane.
-A half turn that is too tight has no such arc between its legs, and would shrink for ever. There the flow keeps the area
-(M. Gage, On an area-preserving evolution equation for plane curves, Contemporary Mathematics 51, 1986): what sharp
-places take away is added evenly outside, and the half turn becomes a bulb.
+A place is too sharp if its curvature is above that at full steering lock. For comfort the line is eased afterwards
+(`eased_line`). A half turn that is too tight has no such arc between its legs, and would shrink for ever. There the
+flow keeps the area (M. Gage, On an area-preserving evolution equation for plane curves, Contemporary Mathematics 51,
+1986): what sharp places take away is added evenly outside, and the half turn becomes a bulb.
 """
 
 from __future__ import annotations
@@ -21,9 +20,7 @@ import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
 
-COMFORT = 2.0  # lateral acceleration at the speed limit up to which a line needs no rounding [m/s2]
 LOCK = 1.08  # least radius of the line [turning radii]: steering keeps a reserve to correct errors
-TOLERANCE = 0.15  # greatest displacement for comfort [vehicle widths]: 0.26 m for a car
 SPACING = 0.1  # distance of points [vehicle lengths]
 ROUNDS, BATCHES = 50, 200  # of the flow between two times that points are spread evenly; at the most
 FARTHEST = 3.0  # greatest displacement [radii of greatest curvature]: a loop too tight to drive is not shrunk away
@@ -33,40 +30,36 @@ STRAIGHT = 1e-4  # change of heading at a point that may be left out again [rad]
 compiled = compiler(__file__)
 
 
-def drivable(
-    points: np.ndarray, comfort: np.ndarray, lock: float, tolerance: float, spacing: float, closed: bool = False
-) -> tuple[np.ndarray, np.ndarray]:
-    """A line rounded to no more than a curvature of `lock`, within 1 %, and where possible of `comfort`.
+def drivable(points: np.ndarray, lock: float, spacing: float, closed: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """A line rounded to no more than a curvature of `lock`, within 1 %.
 
-    points    : (k, 2) [m]; a closed line ends where it begins
-    comfort   : wanted curvature from each point on (k,) [1/m]
-    lock      : greatest curvature [1/m]
-    tolerance : greatest displacement for comfort [m]
-    spacing   : of the points in between [m]
-    returns   : points (m, 2) [m]; the station of each along the given line (m,) [m]. Ends of an open line stay
+    points  : (k, 2) [m]; a closed line ends where it begins
+    lock    : greatest curvature [1/m]
+    spacing : of the points in between [m]
+    returns : points (m, 2) [m]; the station of each along the given line (m,) [m]. Ends of an open line stay
     """
-    stations = _stations(points)
-    line = np.column_stack([points, stations, np.zeros((len(points), 2))])  # x, y, station, displacement, half turn
-    line = _spread(_without_spikes(line, 2 / lock), spacing)
-    line[:, 4] = _half_turns(line[:, :2], np.pi / 2 / lock, closed)
+    stations = stations_of(points)
+    line = np.column_stack([points, stations, np.zeros(len(points))])  # x, y, station, half turn
+    line = spread(_without_spikes(line, 2 / lock), spacing)
+    line[:, 3] = _half_turns(line[:, :2], np.pi / 2 / lock, closed)
     for _ in range(BATCHES):
-        here = comfort[np.clip(np.searchsorted(stations, line[:, 2], side="right") - 1, 0, len(comfort) - 1)]
         there = np.column_stack([np.interp(line[:, 2], stations, column) for column in points.T])
         held = np.hypot(*(line[:, :2] - there).T) > FARTHEST / lock
-        moved = _flow(line, np.minimum(here, lock), lock, tolerance, held, closed, ROUNDS)
+        moved = _flow(line, lock, held, closed, ROUNDS)
         if not moved:
             break
-        line = _spread(line, spacing)  # not at the end: it changes the curvature a little
+        line = spread(line, spacing)  # not at the end: it changes the curvature a little
     return line[:, :2], line[:, 2]
 
 
-def _stations(points: np.ndarray) -> np.ndarray:
+def stations_of(points: np.ndarray) -> np.ndarray:
+    """Distance of each point (k, 2) along their line [m], (k,)."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))])
 
 
-def _spread(line: np.ndarray, spacing: float) -> np.ndarray:
+def spread(line: np.ndarray, spacing: float) -> np.ndarray:
     """The line with points at equal distances."""
-    along = _stations(line)
+    along = stations_of(line)
     even = np.linspace(0.0, along[-1], max(math.ceil(along[-1] / spacing), 2) + 1)
     return np.column_stack([np.interp(even, along, column) for column in line.T])
 
@@ -120,12 +113,8 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def _flow(line, comfort, lock, tolerance, held, closed, rounds):
-    """Move points (m, 5) of `drivable` in place, but those held; whether any still moved in the last round.
-
-    The wanted curvature rises with the displacement, from comfort to lock at the tolerance, so the tip of a corner
-    is no sharper than the places beside it.
-    """
+def _flow(line, lock, held, closed, rounds):
+    """Move points (m, 4) of `drivable` in place, but those held; whether any still moved in the last round."""
     last = len(line) - 1
     awake, wakes = np.ones(last + 1, np.bool_), np.ones(last + 1, np.bool_)
     step = np.zeros((last + 1, 2))
@@ -142,18 +131,15 @@ def _flow(line, comfort, lock, tolerance, held, closed, rounds):
             turn = abs(math.atan2(from_x * to_y - from_y * to_x, from_x * to_x + from_y * to_y))
             size = 0.5 * (math.sqrt(from_x * from_x + from_y * from_y) + math.sqrt(to_x * to_x + to_y * to_y))
             curvature = turn / max(size, 1e-9)
-            used = min(line[i, 3] / tolerance, 1.0)
-            most = comfort[i] * (lock / comfort[i]) ** used
-            if curvature > most and not held[i]:
-                share = 0.25 * (1.0 - 0.98 * most / curvature)
+            if curvature > lock and not held[i]:
+                share = 0.25 * (1.0 - 0.98 * lock / curvature)
                 step[i, 0], step[i, 1] = share * (to_x - from_x), share * (to_y - from_y)
-                line[i, 3] += math.sqrt(step[i, 0] ** 2 + step[i, 1] ** 2)
                 wakes[before], wakes[i], wakes[behind] = True, True, True
                 any_moved = True
         _widen(line, step, wakes)
         line[:last, :2] += step[:last]
         if closed:
-            line[last, :2], line[last, 3] = line[0, :2], line[0, 3]
+            line[last, :2] = line[0, :2]
             wakes[0] |= wakes[last]
         if not any_moved:
             return False
@@ -166,19 +152,19 @@ def _widen(line, step, wakes):
     """Move the points of each half turn outwards by as much area as the steps of its points take, in place."""
     i = 1
     while i < len(line) - 1:
-        if line[i, 4] == 0.0:
+        if line[i, 3] == 0.0:
             i += 1
             continue
         first, moved, weight = i, 0.0, 0.0
-        while i < len(line) - 1 and line[i, 4] * line[first, 4] > 0.0:
+        while i < len(line) - 1 and line[i, 3] * line[first, 3] > 0.0:
             moved += math.sqrt(step[i, 0] ** 2 + step[i, 1] ** 2)
-            weight += abs(line[i, 4])
+            weight += abs(line[i, 3])
             i += 1
         if moved == 0.0:
             continue
         for k in range(first, i):
             along_x, along_y = line[k + 1, 0] - line[k - 1, 0], line[k + 1, 1] - line[k - 1, 1]
-            outwards = moved / weight * line[k, 4] / max(math.sqrt(along_x * along_x + along_y * along_y), 1e-9)
+            outwards = moved / weight * line[k, 3] / max(math.sqrt(along_x * along_x + along_y * along_y), 1e-9)
             step[k, 0] += along_y * outwards
             step[k, 1] -= along_x * outwards
             wakes[k] = True

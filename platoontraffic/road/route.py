@@ -18,7 +18,8 @@ from platoontraffic.geometry import polyline
 from platoontraffic.geometry.polyline import Polyline, project
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.lidar.pose import wrap
-from platoontraffic.road.drivable_line import COMFORT, LOCK, SPACING, TOLERANCE, drivable, turns
+from platoontraffic.road.drivable_line import LOCK, SPACING, drivable, turns
+from platoontraffic.road.eased_line import EASING, WIDEST, eased
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.vehicles.motion import VehicleModel
 
@@ -66,14 +67,16 @@ class Route:
         return cls(tuple(edges), Polyline(np.vstack([points, onward])), length, limit, tuple(lines), walled)
 
     def drivable_by(self, model: VehicleModel) -> Route:
-        """The route on a line that a vehicle can drive: rounded by `drivable_line`."""
+        """The route on a line that a vehicle can drive: rounded by `drivable_line`, and eased for its steering rate."""
         count = np.searchsorted(self.line.stations, self.length * (1 + 1e-12), side="right")
         points, limit = self.line.points[:count], self.limit[:count]
         given = self.line.stations[:count]
-        comfort = COMFORT / np.maximum(limit, 0.1) ** 2
         lock = 1 / max(LOCK * model.turning_radius, SPACING * model.length)
-        sizes = TOLERANCE * model.width, SPACING * model.length
-        rounded, stations = drivable(points, comfort, lock, *sizes, closed=self.closed)
+        spacing = SPACING * model.length
+        rounded, stations = drivable(points, lock, spacing, self.closed)
+        if np.isfinite(model.curvature_rate):
+            sizes = EASING * model.width, WIDEST * model.length, spacing
+            rounded, stations = eased(rounded, stations, points, lock, *sizes, closed=self.closed)
         limit = limit[np.clip(np.searchsorted(given, stations, side="right") - 1, 0, count - 1)]
         kept = turns(rounded) | (np.diff(limit, prepend=limit[0]) != 0)
         rounded, stations, limit = rounded[kept], stations[kept], limit[kept]

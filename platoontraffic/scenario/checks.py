@@ -140,10 +140,8 @@ def _drivers(spec: Spec, laws: Mapping[Role, Found]) -> Iterator[Fault]:
         if found.kind is None:
             continue
         if not found.kind.native:
-            preset = default_preset(role[1], found.kind, platoon.vehicle.model())
+            preset = default_preset(role[1], found.kind, platoon.model(0))
             yield from _lidars(at, driver, preset, platoon, spec.run.step_s)
-        elif role[1] == "follower":
-            yield Fault((*at, "law"), f"{driver.law!r} cannot follow; must be a law that drives by its scan")
 
 
 def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon) -> Iterator[Fault]:
@@ -187,7 +185,7 @@ def _lidars(at: KeyPath, driver: Driver, preset: str, platoon: Platoon, step: fl
 
 def _lidar(at: KeyPath, table: Lidar, preset: str, platoon: Platoon) -> LidarModel | Fault:
     try:
-        return table.model(preset, platoon.vehicle.model().length)
+        return table.model(preset, platoon.model(0).length)
     except ValueError as error:
         return Fault(at, str(error))
 

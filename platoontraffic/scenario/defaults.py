@@ -44,11 +44,16 @@ def usual(model: VehicleModel) -> Usual:
 
 
 def with_drivers(platoon: Any) -> Any:
-    """The table of a platoon, as it is written, with the drivers that it leaves out where its vehicle has a default."""
+    """The table of a platoon, as it is written, with the drivers that it leaves out where its vehicle has a default.
+
+    Also with its size, where it lists its vehicles.
+    """
     model = _model_in(platoon)
     if model is None:
         return platoon
-    given = {}
+    listed = platoon.get("vehicles")
+    given = {"size": len(listed)} if isinstance(listed, list) and "size" not in platoon else {}
+    platoon = {**platoon, **given}
     for role, driver in usual(model).drivers.items():
         named = platoon.get(role)
         if isinstance(named, dict) and "law" not in named:
@@ -85,7 +90,10 @@ def _rate_in(driver: Any) -> float | None:
 
 
 def _model_in(platoon: Any) -> VehicleModel | None:
-    """The vehicle that the table of a platoon names; None if the table is not sound."""
+    """The vehicle that the table of a platoon names, the leader's; None if the table is not sound."""
     vehicle = platoon.get("vehicle", VEHICLE) if isinstance(platoon, dict) else None
+    if isinstance(platoon, dict) and "vehicles" in platoon:
+        listed = platoon["vehicles"]
+        vehicle = listed[0] if isinstance(listed, list) and listed else None
     name = vehicle.get("type", VEHICLE) if isinstance(vehicle, dict) else vehicle
     return VEHICLES.get(name) if isinstance(name, str) else None

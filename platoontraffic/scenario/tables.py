@@ -25,6 +25,7 @@ from platoontraffic.scenario.base import (
 from platoontraffic.scenario.defaults import usual, usual_step, with_drivers
 from platoontraffic.scenario.obstacle_tables import Obstacle
 from platoontraffic.scenario.vehicle_tables import Lidar, NoiseTable, OdometryTable, Vehicle
+from platoontraffic.vehicles.catalogue import VehicleModel
 
 
 class Sumo(Table):
@@ -137,7 +138,7 @@ class Driver(Named):
     """Laser scanner, by name or as a table."""
     lidars: dict[Identifier, Lidar] = Field({})
     """Further laser scanners, each with a name of its own. Their interval must be a multiple of that of `lidar`.
-    Default: none."""
+    Default: those that the law declares."""
     sensors: dict[Identifier, SensorTable] = Field({})
     """Sensors from plug-ins, each with the name by which the law asks for it in `needs`. Default: none."""
     odometry: OdometryTable = OdometryTable()
@@ -181,9 +182,12 @@ class Platoon(Table):
     id: Identifier = "platoon"
     """Id of the platoon; its members are ID.0 (the leader), ID.1 and so on."""
     size: Annotated[int, Field(ge=1, le=10_000)] = 1
-    """Number of members, the leader included."""
+    """Number of members, the leader included. Default: the number of `vehicles`, or else 1."""
     vehicle: Vehicle = Vehicle()
     """Vehicle of all members, by name or as a table."""
+    vehicles: Annotated[list[Vehicle], Field(min_length=1)] | None = None
+    """Vehicle of each member, the leader's first, by name or as a table; all of them cars, vans and trucks, or all
+    robots. Default: `vehicle` for all members. `size` may then be left out."""
     start: Start
     """Where, when and how fast the platoon starts."""
     gap_m: Positive | None = None
@@ -212,9 +216,36 @@ class Platoon(Table):
             raise ValueError("'person': its members would have the ids of SUMO's pedestrians; must be another id")
         return name
 
+    @model_validator(mode="before")
+    @classmethod
+    def one_or_all(cls, table: Any) -> Any:
+        if isinstance(table, dict) and "vehicle" in table and "vehicles" in table:
+            raise ValueError("has `vehicle` beside `vehicles`; must have one or the other")
+        return table
+
+    @model_validator(mode="after")
+    def one_vehicle_each(self) -> Platoon:
+        if self.vehicles is None:
+            return self
+        if len(self.vehicles) != self.size:
+            raise ValueError(f"has {len(self.vehicles)} `vehicles` for a size of {self.size}; must have as many")
+        if len({type(vehicle.model()) for vehicle in self.vehicles}) > 1:
+            raise ValueError("`vehicles` has robots beside cars; must have vehicles of one class")
+        return self
+
+    def model(self, place: int) -> VehicleModel:
+        """The vehicle at a place, 0 the leader's."""
+        return (self.vehicles[place] if self.vehicles else self.vehicle).model()
+
+    def behind_leader(self, place: int) -> float:
+        """Distance of a member's front bumper from the leader's at the start [m]."""
+        if self.vehicles is None:
+            return place * (self.vehicle.model().length + self.gap_m)
+        return sum(vehicle.model().length + self.gap_m for vehicle in self.vehicles[:place])
+
     @model_validator(mode="after")
     def gap_by_vehicle(self) -> Platoon:
-        gap = usual(self.vehicle.model()).gap if self.gap_m is None else self.gap_m
+        gap = usual(self.model(0)).gap if self.gap_m is None else self.gap_m
         return self.model_copy(update={"gap_m": gap})
 
     @model_validator(mode="after")

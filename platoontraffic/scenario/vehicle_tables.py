@@ -183,7 +183,8 @@ class Lidar(Named):
     rate_hz: Positive | None = None
     """Scans per second [Hz]; the interval must be a multiple of run.step_s. Default: that of the preset."""
     mount_x_m: Offset | None = None
-    """Position of the lidar, forward of the vehicle's centre [m]. Default: 0.03 m behind the front bumper."""
+    """Position of the lidar, forward of the vehicle's centre [m]. Default: 0.03 m behind the front bumper; of presets
+    that look all around, 0: on the roof."""
     mount_y_m: Offset = 0.0
     """Position of the lidar, to the left of the vehicle's centre line [m]."""
     mount_yaw_deg: Angle = 0.0
@@ -210,7 +211,8 @@ class Lidar(Named):
         """The scanner on a vehicle of this length [m]. raises: ValueError where keys contradict each other"""
         base = PRESETS[self.preset or default_preset]
         half = math.radians(self.fov_deg) / 2 if self.fov_deg is not None else None
-        mount_x = vehicle_length / 2 - LASER_BEHIND_BUMPER if self.mount_x_m is None else self.mount_x_m
+        usual = 0.0 if base.angle_max >= math.pi else vehicle_length / 2 - LASER_BEHIND_BUMPER
+        mount_x = _or(self.mount_x_m, usual)
         return LidarModel(
             samples=_or(self.samples, base.samples),
             angle_min=base.angle_min if half is None else -half,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from platoontraffic.errors import InputError
-from platoontraffic.results.metrics import column
+from platoontraffic.results.metrics import COUNTS, column
 from platoontraffic.results.recorder import as_json
 from platoontraffic.scenario import Spec
 from platoontraffic.study.batch_folder import DONE, FAILED, WAITING, failure, read_json, replacing, state
@@ -94,8 +94,9 @@ def _data_package(study: Study, metrics: Sequence[str], units: dict[str, str]) -
     status = field("status", "string", f"{DONE}, {FAILED} or {WAITING}")
     error = field("error", "string", "cause of the failure; empty otherwise")
     wall = field("wall_s", "number", "wall time of the run", "s")
+    meaning = "metric; its meaning is in the runs' datapackage.json"
     values = [
-        field(name, "number", "metric; its meaning is in the runs' datapackage.json", units.get(name, ""))
+        field(name, "number", meaning, units.get(name, "")) | ({"statistic": "count"} if name in COUNTS else {})
         for name in metrics
     ]
     tables = {"runs": [run, status, seed, *varied, error, wall], "summary": [run, seed, *varied, *values]}

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
+from platoontraffic.controllers.lane_room import COMFORTABLE_BRAKING, REACTION
 from platoontraffic.sumo.client import Client
-from platoontraffic.sumo.stoplines import COMFORTABLE_BRAKING, REACTION
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.world.ground import members_at
 from platoontraffic.world.traffic import TrafficSnapshot

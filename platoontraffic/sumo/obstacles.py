@@ -11,7 +11,8 @@ import shapely
 from platoontraffic.sumo.background import Background
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.frame import front_of, sumo_angle
-from platoontraffic.sumo.placement import ANY_LANE, ANY_SPEED, EXACTLY, make_type, release
+from platoontraffic.sumo.placement import ANY_LANE, EXACTLY
+from platoontraffic.sumo.vehicle_types import ANY_SPEED, kind_of, make_type, release
 from platoontraffic.world.traffic import TrafficSnapshot
 
 MAX_SPEED = 150.0  # of their vehicle types [m/s]
@@ -75,7 +76,7 @@ class HeldObstacles:
     def _insert(self, i: int) -> None:
         """Add a vehicle of the obstacle's size, on the edge to which it is then moved."""
         name = self.bodies.ids[i]
-        kind = f"platoontraffic.{name}"
+        kind = kind_of(name)
         if kind not in self._sumo.vehicletype.getIDList():
             make_type(self._sumo, kind, float(self.bodies.length[i]), float(self.bodies.width[i]))
             self._sumo.vehicletype.setSpeedFactor(kind, ANY_SPEED)

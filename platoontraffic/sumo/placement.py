@@ -9,6 +9,8 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.frame import centre_of, front_of, heading_of, sumo_angle
+from platoontraffic.sumo.shadows import Mover, Shadows
+from platoontraffic.sumo.vehicle_types import kind_of, limit_acceleration, make_type_of, release
 from platoontraffic.world.fleet import Fleet, Member
 
 # Arguments of moveToXY: edge and lane, before the position; keepRoute and matchThreshold [m], behind the angle.
@@ -17,11 +19,6 @@ from platoontraffic.world.fleet import Fleet, Member
 ANY_LANE = ("", -1)
 EXACTLY = (2, 5.0)
 
-ALL_CHECKS_OFF = 32  # speed mode: SUMO believes the speed that follows from the displacement
-NO_LANE_CHANGE = 0  # lane change mode
-ANY_SPEED = 10.0  # speed factor: SUMO clips the speed that it believes to this times the lane's limit
-TOP_SPEED_MARGIN = 1.5  # and to the maximum of the type: this times the vehicle's top speed
-LARGEST_MIN_GAP = 2.5  # minGap of a type is half its length, at most this [m]
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
 
 Entry = tuple[str, str, str]  # a member enters a junction: its id, the lane it leaves, the lane inside
@@ -35,6 +32,7 @@ class Placement:
 
     def __init__(self, sumo: Client, network: Network, step: float) -> None:
         self._sumo, self._network, self._step = sumo, network, step
+        self._shadows = Shadows(sumo, step, network.left_hand)
         self.where: dict[str, tuple[str, str]] = {}  # edge and lane of each member that the run has had
         self._entries: list[Entry] = []  # since `entries` was last called
         self._leg: dict[str, int] = {}  # index, among its route's edges, of the edge that each member is on
@@ -63,15 +61,14 @@ class Placement:
             self._sumo.vehicle.moveToXY(member.id, *ANY_LANE, x, y, sumo_angle(heading), *EXACTLY)
 
     def _add(self, member: Member, native: bool) -> None:
-        types, kind, model = self._sumo.vehicletype, f"platoontraffic.{member.id}", member.model
-        make_type(self._sumo, kind, model.length, model.width)
+        types, kind, model = self._sumo.vehicletype, kind_of(member.id), member.model
+        make_type_of(self._sumo, kind, model)
         if native:
             types.setSpeedFactor(kind, member.law.speed_factor)
             types.setMaxSpeed(kind, min(member.law.max_speed, model.top_speed))
+            types.setImperfection(kind, member.law.imperfection)
             self._sumo.route.add(kind, self._edges_ahead(member, member.edge))
         else:
-            types.setSpeedFactor(kind, ANY_SPEED)
-            types.setMaxSpeed(kind, TOP_SPEED_MARGIN * model.top_speed)
             self._sumo.route.add(kind, [member.edge])
         self._sumo.vehicle.add(
             member.id, kind, typeID=kind, depart="now", departLane=str(member.lane),
@@ -81,7 +78,7 @@ class Placement:
     def take_over(self, platoon: Fleet) -> Fleet:
         """A platoon that SUMO has just inserted: from now on the fleet moves it, or SUMO drives it and it is read."""
         vehicle = self._sumo.vehicle
-        followed = np.isin(np.arange(len(platoon)), platoon.predecessor)
+        followed = np.isin(np.arange(len(platoon)), platoon.predecessor[~platoon.native])
         for i, (member, native) in enumerate(zip(platoon.members, platoon.native, strict=True)):
             if not native:
                 release(self._sumo, member.id)
@@ -105,10 +102,15 @@ class Placement:
         angle = sumo_angle(motion.heading)
         if not (np.isfinite(x).all() and np.isfinite(y).all() and np.isfinite(angle).all()):
             raise RunError("a member's pose is not finite")
+        self._shadows.cast(_moved(fleet))
         poses = zip(fleet.members, fleet.native.tolist(), x.tolist(), y.tolist(), angle.tolist(), strict=True)
         for member, native, *pose in poses:
             if not native:
                 move(member.id, *ANY_LANE, *pose, *EXACTLY)
+        if fleet.native.any():
+            strongest = fleet.model.strongest_acceleration(motion.speed)
+            for i in np.flatnonzero(fleet.native):
+                limit_acceleration(self._sumo, kind_of(fleet.members[i].id), float(strongest[i]))
         self._slow(fleet, brakes)
 
     def _slow(self, fleet: Fleet, brakes: np.ndarray | None) -> None:
@@ -133,6 +135,7 @@ class Placement:
             if lane[:1] == ":" and (before := self.where.get(name, ("", ""))[1]) and before[0] != ":":
                 self._entries.append((name, before, lane))
         self.where.update(zip(names, zip(roads, lanes, strict=True), strict=True))
+        self._shadows.observe(_moved(fleet), self.where)
 
     def put_in_order(self, fleet: Fleet) -> None:
         """Repair SUMO's order of vehicles on lanes where a member has passed another vehicle.
@@ -157,6 +160,7 @@ class Placement:
                 vehicle.moveTo(name, other, 0.0)
             for name in away:
                 vehicle.moveTo(name, lane, position[name])
+            self._shadows.lost(away)
 
     def _another_lane(self, name: str, lane: str) -> str:
         """Another lane of a vehicle's edge, or of the next or previous edge of its route; "" if there is none."""
@@ -210,18 +214,7 @@ class Placement:
         return fleet.driven(rows, *centre_of(*front.T, heading, fleet.model.length[rows]), heading, speed, self._step)
 
 
-def make_type(sumo: Client, kind: str, length: float, width: float) -> None:
-    """A vehicle type `kind` of this size [m], otherwise SUMO's default passenger car."""
-    types = sumo.vehicletype
-    types.copy("DEFAULT_VEHTYPE", kind)
-    types.setVehicleClass(kind, "passenger")  # a scenario may have changed the default
-    types.setLength(kind, length)
-    types.setWidth(kind, width)
-    types.setMinGap(kind, min(LARGEST_MIN_GAP, length / 2))
-    types.setSpeedDeviation(kind, 0)
-
-
-def release(sumo: Client, name: str) -> None:
-    """Take a vehicle from SUMO's driver: it moves only as it is moved."""
-    sumo.vehicle.setSpeedMode(name, ALL_CHECKS_OFF)
-    sumo.vehicle.setLaneChangeMode(name, NO_LANE_CHANGE)
+def _moved(fleet: Fleet) -> list[Mover]:
+    """The members that SUMO does not drive."""
+    members = zip(fleet.members, fleet.native.tolist(), strict=True)
+    return [Mover(m.id, kind_of(m.id), m.model.width) for m, native in members if not native]

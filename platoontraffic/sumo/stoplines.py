@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.controllers import CLOSED_BY, Law, Signals
+from platoontraffic.controllers.lane_room import room_needed
 from platoontraffic.road.gap_acceptance import STANDING, Foe, Pace, margin_after, may_cross
 from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.road.network import Network
@@ -36,7 +37,6 @@ from platoontraffic.world.ground import Entry
 
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE = range(1, len(CLOSED_BY))
 
-CHANGE_HEADWAY = 0.5  # time gap that a lane change leaves on the adjacent lane [s]
 CHANGING_PACE = 1.5, 6.0  # acceleration of a slow vehicle that changes lanes [m/s2], up to [m/s]
 COMMITTED = 0.25  # share of a lane change after which it is not interrupted
 EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
@@ -49,7 +49,6 @@ QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/
 QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
 QUEUE_GAP, OWN_GAP = 2.5, 4.0  # between cars that stand in a queue; that a member of a car's length leaves [m]
-REACTION, COMFORTABLE_BRAKING = 1.0, 4.5  # of SUMO's drivers: tau [s], decel [m/s2]
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
 WALKING = 0.3  # speed below which a person on a crossing stands [m/s]
 
@@ -284,8 +283,7 @@ class StopLines:
             else:
                 gap = -ahead - ego.length - foe_speed * time + half
                 closing, rear_speed = max(foe_speed - later, 0.0), foe_speed
-            room = max(ego.length / 2, CHANGE_HEADWAY * rear_speed)
-            if gap < room + closing * REACTION + closing**2 / (2 * COMFORTABLE_BRAKING):
+            if gap < room_needed(ego.length, rear_speed, closing):
                 return False
         return True
 

@@ -20,6 +20,7 @@ from platoontraffic.sumo.departures import in_the_way
 from platoontraffic.sumo.obstacles import HeldObstacles
 from platoontraffic.sumo.placement import Placement
 from platoontraffic.sumo.process import Process, start_options
+from platoontraffic.sumo.shadows import shadow_options
 from platoontraffic.sumo.stoplines import StopLines
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.world.ground import Entry, departs_by, members_at, with_their_followers
@@ -47,6 +48,7 @@ class World:
         client: Client | None = None,
     ) -> None:
         self._sumo: Client = client or libsumo
+        options = {**options, **shadow_options(network, options)}
         self._options = start_options(network.path, step, seed, options)
         self._step, self._warm_up = step, warm_up
         self._process = Process(self._sumo, network.path, words)

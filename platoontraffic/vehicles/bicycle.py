@@ -38,6 +38,7 @@ from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles import bicycle_formulas
 from platoontraffic.vehicles.motion import Command, Drive, Motion, NotNegative, Positive, Twist
 
+VALID_LATERAL = 4.0  # greatest lateral acceleration for which the kinematic bicycle is valid [Polack] [m/s2]
 SUBSTEP = 0.025  # longest step of the integration [s]; of second order: 2 mm after 8 s of hard driving
 
 
@@ -84,6 +85,11 @@ class Car:
     def curvature_rate(self) -> float:
         """Greatest rate at which the curvature of the rear axle's path changes, straight ahead [1/(m s)]."""
         return self.max_steering_rate / self.wheelbase
+
+    @property
+    def drive_lag(self) -> float:
+        """First order, of the drive's acceleration [s]."""
+        return self.lag
 
     @property
     def hardest_braking(self) -> float:
@@ -135,7 +141,7 @@ class Car:
 def lateral_acceleration(motion: Motion) -> np.ndarray:
     """v^2 times curvature, at the rear axle, to the left [m/s2]. Arrays (n,).
 
-    The bicycle is valid up to half of what the tyres hold [Polack], about 4 m/s2 on a dry road.
+    The bicycle is valid up to half of what the tyres hold [Polack], `VALID_LATERAL` on a dry road.
     """
     return motion.speed * motion.yaw_rate
 

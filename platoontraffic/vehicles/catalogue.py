@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +32,9 @@ class FleetModel:
     axle: np.ndarray  # the driven one, ahead of the centre [m]; negative: behind it
     turning_radius: np.ndarray  # at full lock [m]; 0: it turns on the spot
     curvature_rate: np.ndarray  # of steering [1/(m s)]; inf: at once
+    steering_lag: np.ndarray  # first order [s]; 0: none
+    drive_lag: np.ndarray
+    brake_lag: np.ndarray
     kinds: tuple[Kind, ...]
 
     @classmethod
@@ -40,12 +43,17 @@ class FleetModel:
         for i, model in enumerate(models):
             rows.setdefault(type(model), []).append(i)
         kinds = tuple(Kind(np.array(of_kind), stack([models[i] for i in of_kind])) for of_kind in rows.values())
-        names = "length", "width", "axle", "turning_radius", "curvature_rate"
+        names = [field.name for field in fields(cls) if field.name != "kinds"]
         return cls(*(np.array([getattr(m, name) for m in models], dtype=float) for name in names), kinds)
 
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """The middle of the driven axle, x and y [m]. Arrays (n,)."""
         return motion.x + self.axle * np.cos(motion.heading), motion.y + self.axle * np.sin(motion.heading)
+
+    def strongest_acceleration(self, speed: np.ndarray) -> np.ndarray:
+        """Greatest acceleration of each member at its speed [m/s2], (n,); inf: any."""
+        strongest = [model.strongest_acceleration(speed[rows]) for rows, model in self.kinds]
+        return put(np.zeros(len(speed)), [kind.rows for kind in self.kinds], strongest)
 
     def moved(self, motion: Motion, command: Command | Drive | Twist, dt: float) -> Motion:
         """Motion after dt [s] under one command, each member by its own model."""

@@ -46,6 +46,17 @@ class DifferentialDrive:
         """Inf: both wheels have their speeds at once, but for their lag."""
         return np.inf
 
+    @property
+    def steering_lag(self) -> float:
+        """First order [s]: it steers, drives and brakes by its wheels."""
+        return self.lag
+
+    drive_lag = brake_lag = steering_lag
+
+    def strongest_acceleration(self, speed: np.ndarray) -> np.ndarray:
+        """Inf: both wheels obey at once, but for their lag."""
+        return np.full(np.shape(speed), np.inf)
+
     def braking_delay(self, scan: float, braking: float) -> float:
         """The delay of the scan [s], since the wheels obey at once."""
         return scan

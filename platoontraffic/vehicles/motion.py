@@ -115,8 +115,23 @@ class VehicleModel(Protocol):
         """Greatest rate at which the curvature of its path changes, straight ahead [1/(m s)]; inf: at once."""
 
     @property
+    def steering_lag(self) -> float:
+        """Of the curvature behind its command, first order [s]."""
+
+    @property
+    def drive_lag(self) -> float:
+        """Of the drive's acceleration behind its command, first order [s]."""
+
+    @property
+    def brake_lag(self) -> float:
+        """The same of the brakes [s]."""
+
+    @property
     def hardest_braking(self) -> float:
         """[m/s2]; inf: it stops at once."""
+
+    def strongest_acceleration(self, speed: np.ndarray) -> np.ndarray:
+        """Greatest acceleration at a speed [m/s2]; inf: any."""
 
     def braking_delay(self, scan: float, braking: float) -> float:
         """Time from what the laser could see to full braking, `scan` [s] after which the brakes are applied [s].

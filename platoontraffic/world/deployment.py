@@ -17,6 +17,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.road.sumo_files import read_polygons
 from platoontraffic.scenario import Platoon, Scenario
+from platoontraffic.vehicles.catalogue import VehicleModel
 from platoontraffic.vehicles.odometry import OdometryErrors
 from platoontraffic.vehicles.sensor import NamedSensor
 from platoontraffic.world.fleet import Member
@@ -64,11 +65,13 @@ def deploy_platoon(scenario: Scenario, network: Network, i: int) -> list[Member]
         network.lane_pose(platoon.start.edge, platoon.start.lane, platoon.start.position_m)
     with _placed(scenario, ("platoon", i, "to" if platoon.to else "route")):
         edges = network.fastest_route(platoon.start.edge, platoon.to) if platoon.to else platoon.route
-        route = _route(network, platoon, edges, scenario.spec.scene.walls == "outline") if edges else None
+        walls, models = scenario.spec.scene.walls == "outline", [platoon.model(k) for k in range(platoon.size)]
+        routes = {model: _route(network, platoon, edges, walls, model) if edges else None for model in set(models)}
     with _placed(scenario, ("platoon", i, "start")):
         roles = ["leader", *(["follower"] * (platoon.size - 1))]
         return [
-            _member(network, platoon, place, route, Equipment.of(scenario, i, role)) for place, role in enumerate(roles)
+            _member(network, platoon, place, routes[models[place]], Equipment.of(scenario, i, role, models[place]))
+            for place, role in enumerate(roles)
         ]
 
 
@@ -85,25 +88,26 @@ class Equipment(NamedTuple):
     """What drives a member, and by which sensors."""
 
     role: str  # "leader" or "follower"
+    model: VehicleModel
     law: Law
     lidars: tuple[LidarModel, ...]
     odometry: OdometryErrors
     sensors: tuple[NamedSensor, ...]
 
     @classmethod
-    def of(cls, scenario: Scenario, i: int, role: str) -> Equipment:
-        """Of the i-th platoon's leader or followers."""
+    def of(cls, scenario: Scenario, i: int, role: str, model: VehicleModel) -> Equipment:
+        """Of the i-th platoon's leader, or of a follower with this vehicle."""
         platoon, law = scenario.spec.platoon[i], scenario.laws[i, role]
         driver, preset = getattr(platoon, role), scenario.default_preset((i, role))
-        length = platoon.vehicle.model().length
-        further = (table.model(preset, length, name) for name, table in driver.lidars.items())
+        length = model.length
+        further = (table.model(preset, length, name) for name, table in scenario.further_lidars((i, role)).items())
         sensors = tuple(found.sensor for found in scenario.sensors[i, role])
-        return cls(role, law, (driver.lidar.model(preset, length), *further), driver.odometry.model(), sensors)
+        return cls(role, model, law, (driver.lidar.model(preset, length), *further), driver.odometry.model(), sensors)
 
 
 def _member(network: Network, platoon: Platoon, place: int, route: Route | None, equipment: Equipment) -> Member:
     """The member at a place of a platoon, 0 the leader."""
-    start, model = platoon.start, platoon.vehicle.model()
+    start, model = platoon.start, equipment.model
     law, lidars = equipment.law, equipment.lidars
     fastest = model.top_speed
     if law.native:  # SUMO refuses to insert a vehicle that is faster than its own driver would be
@@ -112,7 +116,12 @@ def _member(network: Network, platoon: Platoon, place: int, route: Route | None,
         raise InputError(
             f"speed_mps {start.speed_mps:g}: the {equipment.role} cannot be so fast there; must be up to {fastest:g}"
         )
-    position = start.position_m - place * (model.length + platoon.gap_m)
+    behind = platoon.behind_leader(place)
+    position = start.position_m - behind
+    if law.native and position < 0:
+        raise InputError(
+            f"position_m {start.position_m:g}: SUMO inserts the {equipment.role} on this edge; must be from {behind:g}"
+        )
     front = max(position, 0.0)
     facing = _facing(network, platoon, front, model.length / 2 - model.axle)
     return Member(
@@ -167,18 +176,21 @@ def _pose(
     return x, y, heading
 
 
-def _route(network: Network, platoon: Platoon, edges: list[str], walls: bool) -> Route:
-    """The route from the edge on where the platoon starts. walls: walls stand along the outline of the road"""
+def _route(network: Network, platoon: Platoon, edges: list[str], walls: bool, model: VehicleModel) -> Route:
+    """The route from the edge on where the platoon starts, as a vehicle can drive it.
+
+    walls: walls stand along the outline of the road
+    """
     if platoon.start.edge not in edges:
         raise InputError(f"{edges}: does not contain the start edge {platoon.start.edge!r}")
     here = edges.index(platoon.start.edge)
     onward = [*edges[here:], *(edges[:here] if platoon.loop else [])]
     points, limit, lines = network.route_lanes(onward, platoon.start.lane, platoon.loop, platoon.start.position_m)
-    model = platoon.vehicle.model()
-    rear = platoon.start.position_m - platoon.size * model.length - (platoon.size - 1) * platoon.gap_m
+    last = platoon.size - 1
+    rear = platoon.start.position_m - platoon.behind_leader(last) - platoon.model(last).length
     if rear < 0 and not platoon.loop:  # members before the lane's start drive its prolongation first
         step = points[1] - points[0]
-        more = model.length - rear
+        more = platoon.model(last).length - rear
         points = np.vstack([points[0] - more * step / np.hypot(*step), points])
         limit = np.append(limit[0], limit)
         lines = [line._replace(station=line.station + more) for line in lines]

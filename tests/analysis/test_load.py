@@ -42,6 +42,8 @@ def test_a_batch_is_tidy_tables_with_units(small):
     assert results.varied == [KEY]
     assert results.runs[["seed", KEY]].to_numpy().tolist() == [[1, 1.0], [2, 1.0], [1, 2.0], [2, 2.0]]
     assert results.summary.attrs["units"]["gap_mean_m"] == "m"
+    assert {"collisions", "splits", "lock_losses"} <= {*results.summary.attrs["counts"]}
+    assert not {"arrived", "members", "gap_mean_m", "lock_on_ratio_min"} & {*results.summary.attrs["counts"]}
     assert results.runs.attrs["units"]["wall_s"] == "s"
     assert len(results.missing) == 0
 

@@ -1,4 +1,4 @@
-"""Means with intervals, differences on common seeds, growth along a platoon: against closed forms and theory."""
+"""Means with intervals, differences on common seeds: against closed forms and theory."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from platoontraffic.analysis import Batch, ResultsError, amplification, interval, paired, summarise
+from platoontraffic.analysis import Batch, interval, paired, summarise
 
 SIZE = "platoon.size"
 
@@ -29,7 +29,7 @@ def summary() -> pd.DataFrame:
 
 def test_a_row_a_combination(summary):
     table = summarise(summary, "delay_s", [SIZE, "sumo.demand"])
-    assert table.columns.to_list() == [SIZE, "sumo.demand", "metric", "mean", "low", "high", "n"]
+    assert table.columns.to_list() == [SIZE, "sumo.demand", "metric", "mean", "low", "high", "n", "method"]
     assert table[[SIZE, "sumo.demand"]].to_numpy().tolist() == [[1, 0.5], [1, 1.0], [5, 0.5], [5, 1.0]]
     own = summary[(summary[SIZE] == 5) & (summary["sumo.demand"] == 1.0)].delay_s
     assert table["mean"].iloc[3] == pytest.approx(own.mean())
@@ -69,9 +69,10 @@ def test_an_interval_narrows_as_the_root_of_n():
     assert widths[0] / widths[1] == pytest.approx(2, rel=0.1)
 
 
-def test_of_one_value_nothing_is_said_and_equal_ones_have_no_spread():
+def test_of_one_value_or_equal_ones_nothing_is_said():
+    """Equal values do not say that another run would give the same: an interval without width would."""
     assert np.isnan(interval([3.0])).all()
-    assert interval([3.0] * 4) == (3.0, 3.0)
+    assert np.isnan(interval([3.0] * 4)).all()
 
 
 @pytest.mark.parametrize("n", [10, 20])
@@ -84,13 +85,15 @@ def test_a_95_percent_interval_covers_the_mean_in_95_percent(n):
 
 
 def test_pairing_removes_what_a_seed_does_to_both(summary):
-    """The effect of the size is 2 a vehicle, exactly; seeds differ by thousands."""
+    """The effect of the size is 2 a vehicle, and hardly a hundredth more or less; seeds differ by thousands."""
+    summary.loc[summary[SIZE] == 5, "delay_s"] += 0.01 * np.sin(summary.seed)
     table = paired(summary, "delay_s", SIZE, (1, 5), "sumo.demand")
-    assert table[["mean", "low", "high"]].to_numpy().tolist() == [[8.0] * 3] * 2
+    assert (table[["mean", "low", "high"]] - 8.0).abs().max(axis=None) < 0.02
+    assert (table.high > table.low).all()
     assert (table.n == 5).all()
     assert (table.left_out == "").all()
     backwards = paired(summary, "delay_s", SIZE, (5, 1), "sumo.demand")
-    assert (backwards["mean"] == -8.0).all()
+    assert backwards["mean"].to_list() == pytest.approx((-table["mean"]).to_list())
     apart = summarise(summary, "delay_s", SIZE)
     assert (apart.high - apart.low).min() > 500
 
@@ -129,75 +132,3 @@ def test_what_is_wrong_is_said_in_a_line(summary, call, said):
     with pytest.raises(ValueError, match=said) as raised:
         call(summary)
     assert "\n" not in str(raised.value)
-
-
-FREQUENCY = 0.13
-
-
-def string(gains: list[float], *, trend: float = 0.0, seconds: float = 61.7, **before) -> pd.DataFrame:
-    """A platoon whose member i swings gains[i] m/s, ever later, about speeds that drift."""
-    time = np.arange(0, seconds, 0.1)
-    parts = [
-        pd.DataFrame(
-            {
-                **before,
-                "time_s": time,
-                "platoon_id": "p",
-                "vehicle_id": f"p.{place}",
-                "place": place,
-                "speed_mps": 20 + place + trend * time + gain * np.sin(2 * np.pi * FREQUENCY * time - 0.4 * place),
-            }
-        )
-        for place, gain in enumerate(gains)
-    ]
-    return pd.concat(parts).sort_values(["time_s", "place"], kind="stable", ignore_index=True)
-
-
-def test_amplification_of_sinusoids_is_that_of_their_amplitudes():
-    """However long, whatever the drift and the delay."""
-    table = amplification(string([0.5, 0.6, 0.45], trend=0.07), FREQUENCY)
-    assert table.columns.to_list() == ["platoon_id", "vehicle_id", "place", "amplification"]
-    assert table.amplification.to_list() == pytest.approx([1, 1.2, 0.9], abs=1e-9)
-
-
-@pytest.mark.parametrize("norm", ["l2", "linf"])
-def test_over_whole_periods_norms_say_the_same(norm):
-    periods = string([0.5, 1.0, 0.25], seconds=50 / FREQUENCY)
-    assert amplification(periods, norm=norm).amplification.to_list() == pytest.approx([1, 2, 0.5], rel=0.01)
-
-
-def test_what_is_outside_the_window_does_not_count():
-    table = string([0.5, 0.6])
-    table.loc[(table.place == 1) & (table.time_s > 40), "speed_mps"] = 0.0
-    assert amplification(table, FREQUENCY, window=(0, 40)).amplification.iloc[1] == pytest.approx(1.2)
-
-
-def test_runs_of_a_batch_are_kept_apart():
-    both = [string(gains, id=name, seed=1) for name, gains in (("a", [0.5, 0.6]), ("b", [0.5, 0.4]))]
-    table = amplification(pd.concat(both), FREQUENCY)
-    assert table.columns.to_list()[:2] == ["id", "seed"]
-    assert table.amplification.to_list() == pytest.approx([1, 1.2, 1, 0.8])
-    assert summarise(table, "amplification", "place")["mean"].to_list() == pytest.approx([1, 1])
-
-
-def test_behind_a_leader_that_hardly_swings_there_is_nothing_to_compare_with():
-    assert amplification(string([0.0, 0.6]), FREQUENCY).amplification.isna().all()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({"norm": "l1"}, "norm = 'l1': must be 'l2' or 'linf'"),
-        ({"frequency": -1.0}, "frequency = -1.0: must be positive"),
-        ({"window": (90, 100)}, r"no rows within \(90, 100\) s"),
-    ],
-)
-def test_amplification_says_what_is_wrong(arguments, said):
-    with pytest.raises(ResultsError, match=said):
-        amplification(string([0.5, 0.6]), **arguments)
-
-
-def test_amplification_needs_the_leader():
-    table = string([0.5, 0.6])
-    with pytest.raises(ResultsError, match="platoon p: its leader is not in the table"):
-        amplification(table[table.place > 0])

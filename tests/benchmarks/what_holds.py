@@ -439,12 +439,6 @@ def string(follower: Follower, lag: float | None, grid: Grid) -> String:
     )  # fmt: skip
 
 
-def knowing(lag: float | None) -> Follower:
-    """The tracker that knows its car's lag, with half a scan."""
-    lag = CAR.lag if lag is None else lag
-    return TRACKING._replace(law=TrackingFollower(drive_lag=lag + TRACKING.step / 2))
-
-
 STRINGS = {
     **FOLLOWERS,
     "printed, with noise": FOLLOWERS["printed"].seeing(noise=NOISE),
@@ -465,8 +459,6 @@ def cells(grid: Grid) -> dict[tuple, tuple]:
             continue
         for lag in grid.lags if name in FOLLOWERS else (None,):
             found["string", name, lag] = string, follower, lag, grid
-    for lag in grid.lags:
-        found["string", "tracking, lag known", lag] = string, knowing(lag), lag, grid
     for name, follower in followers.items():
         if name != "tracking, no noise":
             found["noise", name, True] = noisy, follower, grid, True
@@ -599,12 +591,11 @@ def print_strings(found: dict[tuple, Any], grid: Grid) -> None:
         frequency = max(of, key=of.get)
         return f"{of[frequency]:.2f} at {frequency:g}"
 
-    names = [name for name in (*STRINGS, "tracking, lag known") if ("string", name, None) in found]
+    names = [name for name in STRINGS if ("string", name, None) in found]
     own = f"{CAR.lag:g} and {CAR.brake_lag:g}; printed and repaired {QUICK.lag:g} and {QUICK.brake_lag:g}"
     table(
         f"String, {grid.followers + 2} cars about 20 m/s: greatest amplitude of a follower's speed by the leader's, "
-        f"and at which frequency, Hz, by lag of drive line and brakes, s (the cars' own {own}). "
-        "Lag known: its `drive_lag` is that, with half a scan.",
+        f"and at which frequency, Hz, by lag of drive line and brakes, s (the cars' own {own}).",
         ["law", *("as the car" if lag is None else f"{lag:g} s" for lag in grid.lags)],
         [
             [name, *(worst(found["string", name, lag].most) for lag in grid.lags)]
@@ -693,9 +684,6 @@ def draw_strings(axes: Any, found: dict[tuple, Any], grid: Grid) -> None:
             continue
         worst = [max(found["string", name, lag].most.values()) for lag in lags]
         axes.plot(lags, worst, "-", lw=2.2, color=colour, marker=MARKS[name], ms=6, label=name)
-    if lags:
-        worst = [max(found["string", "tracking, lag known", lag].most.values()) for lag in lags]
-        axes.plot(lags, worst, ":", lw=1.5, color=BLUE, marker="o", mfc="white", ms=6, label="tracking, lag known")
     axes.axhline(1.0, color=BLACK, lw=1)
     axes.set_xlabel("lag of drive line and brakes [s]")
     axes.set_ylabel("a follower's amplitude by the leader's")

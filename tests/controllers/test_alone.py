@@ -146,7 +146,9 @@ def test_a_follower_takes_a_tight_turn_no_faster_than_its_leader():
     station = np.array([route.line.project(x, y, 0.0, np.inf)[0] for x, y in zip(course.x, course.y, strict=True)])
     middle = np.abs(station - bend) < 2.0
     assert middle.any()
-    assert (course.speed[middle] ** 2 / 6.0 < 4.0).all()
+    before, here, after = route.line.at(bend + np.array([-2.0, 0.0, 2.0]))
+    turn = np.arctan2(*(after - here)[::-1]) - np.arctan2(*(here - before)[::-1])
+    assert (course.speed[middle] ** 2 * turn / 2.0 < 1.1 * TrackingFollower().alone.lateral_acceleration).all()
 
 
 @pytest.mark.parametrize("held", [False, True])

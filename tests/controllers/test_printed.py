@@ -71,6 +71,52 @@ def test_two_edges_are_found_exactly_as_printed():
     assert theta == pytest.approx(np.pi / 2 + np.angle(middle), rel=1e-12)
 
 
+def three_bodies() -> np.ndarray:
+    """Two bodies in the view, and the background: four edges, at 99, 200, 299 and 400."""
+    ranges = np.full(720, 0.95)
+    ranges[100:201] = 0.40
+    ranges[300:401] = 0.30
+    return ranges
+
+
+@pytest.mark.parametrize(
+    ("between", "ranges", "beams"),
+    [
+        ("first_two", (0.40, 0.40), (100, 200)),
+        ("last_edge", (0.30, 0.95), (400, 401)),
+        ("offsets", (0.40, 0.30), (200, 300)),
+    ],
+)
+def test_readings_of_lines_13_to_18_take_the_points_that_they_name(between, ranges, beams):
+    """`offsets`: the first point of the second edge, and the second point of the third."""
+    distance, theta = replace(PRINTED, between=between).find(batch_of([three_bodies()]))
+    middle = (np.array(ranges) * np.exp(1j * EYE.angles[list(beams)])).mean()
+    assert distance[0] == pytest.approx(abs(middle), rel=1e-12)
+    assert theta[0] == pytest.approx(np.pi / 2 + np.angle(middle), rel=1e-12)
+
+
+@pytest.mark.parametrize(("between", "edges_needed"), [("first_two", 2), ("last_edge", 1), ("offsets", 3)])
+def test_each_reading_needs_its_number_of_edges(between, edges_needed):
+    ranges = np.full(720, 0.95)
+    law = replace(PRINTED, between=between)
+    for i in range(4):
+        assert np.isnan(law.find(batch_of([ranges])).distance[0]) == (i < edges_needed)
+        ranges[100 * (i + 1) :] = 0.35 if i % 2 == 0 else 0.95
+
+
+def test_with_theta_from_the_lasers_own_frame_it_turns_right_of_what_is_straight_ahead():
+    """theta = 0 straight ahead: v = D, and theta - 90 is a quarter turn a second to the right."""
+    law = replace(PRINTED, frame="x_forward")
+    speed, yaw_rate = command(law, rear_at(0.42, 0.15))
+    assert speed == pytest.approx(0.42, rel=1e-6)
+    assert yaw_rate == pytest.approx(-np.pi / 2)
+    assert law.desired_distance(0.3) == 0.3
+    bearing = 0.04
+    decision = asked(law, [rear_at(0.42, 0.12, bearing)])
+    assert decision.target.bearing[0] == pytest.approx(bearing, abs=STEP)
+    assert decision.command.yaw_rate[0] == pytest.approx(decision.target.bearing[0] - np.pi / 2, rel=1e-12)
+
+
 def test_signed_step_finds_only_one_of_the_two_edges():
     law = replace(PRINTED, edge="signed")
     ranges = rear_at(0.42, 0.15)

@@ -69,6 +69,19 @@ def test_sectors_are_144_beams_from_the_right(beams, twist):
         assert turn_with_return_in(beam) == twist
 
 
+@pytest.mark.parametrize(
+    ("sector", "beam", "turns"),
+    [("smallest", 144, True), ("mean", 144, False), ("middle", 144, False), ("middle", 216, True)],
+)
+def test_the_range_of_a_sector_is_its_smallest_or_its_mean_or_that_of_its_middle_beam(sector, beam, turns):
+    """One return of 0.4 m in front-right, rule 6: the mean of 144 beams is hardly changed by it."""
+    ranges = np.full((1, 720), np.inf)
+    ranges[0, beam] = 0.4
+    assert (asked(ReactiveLeader(sector=sector), ranges, EYE).command.yaw_rate[0] > 0) == turns
+    ranges[0, 144:288] = 0.4
+    assert asked(ReactiveLeader(sector=sector), ranges, EYE).command.yaw_rate[0] > 0
+
+
 def test_each_vehicle_decides_by_its_own_scan():
     rng = np.random.default_rng(6)
     sectors = rng.choice([0.4, 0.6, 0.9, 1.5, np.inf, -np.inf, np.nan], (500, 5))

@@ -42,7 +42,7 @@ def test_sumos_own_cars_start_in_the_places_of_the_members(plan, network):
         members = deploy(scenarios.load(file), network, Scene.from_shapely())
         poses[which] = np.array([member.pose for member in members])
         assert [member.route.edges for member in members] == [t.edges for t in plan.trips for _ in range(plan.size)]
-        assert [member.id for member in members] == list(plan.free_times(which))
+        assert [member.id for member in members] == list(plan.free_times)
         assert {member.law.native for member in members} == {which == SUMO}
     assert len(poses[LASER]) == 10
     np.testing.assert_allclose(poses[LASER], poses[SUMO], atol=1e-6)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -99,6 +98,11 @@ def test_acceleration_and_jerk_metrics_have_their_closed_forms():
     assert (of["jerk_rms"], of["jerk_max"], of["hard_brakings"]) == (pytest.approx(math.sqrt(2)), 2, 1)
 
 
+def test_lateral_acceleration_beyond_what_the_model_is_valid_for():
+    of = values(trajectories(lateral_accel_mps2=[3.0, -5.0, 4.0, 1.0]))
+    assert (of["lateral_accel_max"], of["lateral_accel_beyond_share"]) == (5, 0.25)
+
+
 def test_time_off_the_road_that_lasts_to_the_end_counts_in_full():
     rows = [(1.0, "off_road", "p.1"), (3.0, "on_road", "p.1", "", 2.0), (7.0, "off_road", "p.1")]
     assert values(trajectories(gap_m=[1.0]), *rows)["off_road_share"] == pytest.approx((2 + 3) / 10)
@@ -113,38 +117,6 @@ def test_beams_and_occlusion_skip_instants_without_a_value():
 def test_mean_and_least_time_gap_skip_instants_at_walking_pace():
     of = values(trajectories(time_gap_s=[500.0, 1.0, 2.0], speed_mps=[0.1, 10.0, 10.0]))
     assert (of["time_gap_min"], of["time_gap_mean"], of["time_gap_median"]) == (1, 1.5, 2)
-
-
-def string(*amplitudes: float) -> dict[str, dict[str, float]]:
-    """Metrics of a platoon whose members' speeds swing by these amplitudes: by scope or vehicle."""
-    time = np.arange(0, 20, 0.1)
-    rows = [
-        trajectories(time_s=time, speed_mps=10 + a * np.sin(np.pi * time - i)).query("place == 1").assign(
-            vehicle_id=f"p.{i}", place=i
-        )
-        for i, a in enumerate(amplitudes)
-    ]  # fmt: skip
-    found: dict[str, dict[str, float]] = {}
-    for metric in compute(pd.concat(rows), events((20.0, "end"))):
-        found.setdefault(metric.vehicle or metric.scope, {})[metric.name] = metric.value
-    return found
-
-
-def test_speed_gains_are_ratios_of_the_speed_swings():
-    of = string(1.0, 1.2, 0.6)
-    assert of["p.1"]["speed_gain_l2"] == pytest.approx(1.2)
-    assert of["p.2"]["speed_gain_l2"] == pytest.approx(0.5)
-    assert of["p.2"]["speed_gain_linf"] == pytest.approx(0.5, rel=0.02)
-    assert of["platoon"]["head_to_tail_l2"] == of["run"]["head_to_tail_l2"] == pytest.approx(0.6)
-    assert of["run"]["speed_gain_l2_max"] == pytest.approx(1.2)
-    assert "speed_gain_l2" not in of["p.0"]
-
-
-def test_speed_gain_is_undefined_behind_a_steady_leader():
-    of = string(0.01, 1.0, 1.0)
-    assert math.isnan(of["p.1"]["speed_gain_l2"])
-    assert math.isnan(of["platoon"]["head_to_tail_l2"])
-    assert of["p.2"]["speed_gain_l2"] == pytest.approx(1)
 
 
 def test_the_run_takes_the_worst_or_the_sum_over_its_members():
@@ -179,4 +151,8 @@ def test_every_metric_has_a_meaning_and_an_order_names_metrics_that_exist():
     assert set(metrics.ORDER) <= set(meanings["run"])
     found = compute(trajectories(gap_m=[1.0, 2.0]), events((10.0, "end")))
     assert {(one.scope, one.name) for one in found} <= {(s, name) for s, names in meanings.items() for name in names}
-    assert [one.name for one in found if one.scope == "run"] == [*metrics.ORDER, "head_to_tail_l2", "duration"]
+    assert [one.name for one in found if one.scope == "run"] == [
+        *metrics.ORDER,
+        *(metric.name for metric in metrics.OF_STRINGS),
+        "duration",
+    ]

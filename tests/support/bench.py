@@ -181,10 +181,12 @@ def drive(
 
 
 def targets(now: Instant) -> np.ndarray:
-    """What the beam nearest to each law's target met, (n,): a row of `now.traffic`, -1 a wall, -2 nothing."""
+    """What the beam nearest to each law's target met, (n,): a row of `now.traffic`, -1 a wall, -2 none or no scan."""
     fleet = now.fleet
     on = np.full(len(fleet), -2)
     for group, scan in zip(fleet.groups, now.scans, strict=True):
+        if scan is None:
+            continue
         bearing = fleet.target.bearing[group.rows]
         seen = ~np.isnan(bearing)
         beam = np.rint((np.where(seen, bearing, 0.0) - scan.model.angle_min) / scan.model.angle_increment).astype(int)

@@ -88,6 +88,7 @@ def _trajectories(folder: Path, ids: list[str], seconds: float, every: float) ->
             "speed_mps": SPEED + 0.5 * np.sin(time + place),
             "accel_mps2": 0.5 * np.cos(time + place),
             "yaw_rate_radps": SPEED / RADIUS,
+            "lateral_accel_mps2": SPEED**2 / RADIUS,
             "gap_m": np.where(follows, GAP + 0.2 * np.sin(time / 3 + place), np.nan),
             "gap_error_m": np.where(follows, 0.2 * np.sin(time / 3 + place), np.nan),
             "seen_gap_m": np.where(follows, GAP, np.nan),

@@ -91,6 +91,7 @@ class Observed:
             members=members,
             number=number,
             groups=(),
+            native=np.zeros(n, dtype=bool),
             model=FleetModel.of([m.model for m in members]),
             predecessor=np.array([row_of.get((m.platoon, m.place - 1), -1) for m in members], dtype=int),
             motion=Motion(**values),

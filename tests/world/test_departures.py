@@ -266,10 +266,10 @@ def test_a_departure_faster_than_the_vehicle_or_the_limit_is_refused(written, le
     assert f"{speed:g}" in fault
 
 
-def test_a_sumo_driven_follower_is_refused(written):
-    """It would overtake, and arrive before its leader."""
-    (fault,) = faults(written(platoon("a", 'edge = "west_in", position_m = 100', size=2, follower=SUMO)))
-    assert "platoon.0.follower.law: 'sumo' cannot follow" in fault
+def test_a_sumo_driven_follower_must_start_on_the_edge_of_its_leader(written):
+    """SUMO inserts it there; a moved one may start anywhere."""
+    (fault,) = faults(written(platoon("a", 'edge = "west_in", position_m = 7', size=2, follower=SUMO)))
+    assert "platoon.0.start: position_m 7: SUMO inserts the follower on this edge; must be from 7.24" in fault
 
 
 # ---- arrivals

@@ -21,6 +21,7 @@ FLOOR_HEADING = 0.004  # the same of a measured heading [rad]
 BENT = 0.003  # rms distance of returns from a line beyond noise, from which on a corner explains them better [m]
 WIDTH, WIDTH_SPREAD = 1.8, 0.15  # mean and standard deviation of the width of a vehicle not seen whole [m]
 NARROWEST, WIDEST = 1.3, 2.7  # widths that a rear may have [m]
+STEP = 0.2  # least depth behind an end at which the next return shows that the surface ends there [m]
 ASKEW = math.radians(50)  # greatest difference of a face from the expected heading
 
 
@@ -153,7 +154,7 @@ def _edge(ranges, beam, step, here):
         unknown += 1
     if not 0 <= beam < len(ranges):
         return False, unknown
-    return ranges[beam] > here, unknown
+    return ranges[beam] > here + STEP, unknown
 
 
 @compiled
@@ -200,7 +201,10 @@ def _line_variances(group, error2):
 
 @compiled
 def _rear_face(group, right, left, width, error2):
-    """A rear face alone. Its centre is half a width from an end that is free, or between the ends."""
+    """A rear face alone. Its centre is half a width from an end that is free, or between the ends.
+
+    Away from the group's middle, an error of the heading moves the centre along the heading, too.
+    """
     length = math.hypot(group.x2 - group.x1, group.y2 - group.y1)
     whole = length + right.gap / 2 + left.gap / 2
     if length > WIDEST or (right.free and left.free and whole < NARROWEST):
@@ -218,7 +222,8 @@ def _rear_face(group, right, left, width, error2):
     else:
         across = max(width - length, 0.3) ** 2 / 12
     depth, turned = _line_variances(group, error2)
-    return Rear(x, y, group.line_heading - REAR * math.pi, depth, across, turned, seen)
+    out2 = (x - (right.x + left.x) / 2) ** 2 + (y - (right.y + left.y) / 2) ** 2
+    return Rear(x, y, group.line_heading - REAR * math.pi, depth + out2 * turned, across, turned, seen)
 
 
 @compiled
@@ -231,7 +236,8 @@ def _rear_beside(group, side, end, width, error2):
     half = width / 2 if side == LEFT else -width / 2
     depth, turned = _line_variances(group, error2)
     across = depth + WIDTH_SPREAD**2 / 4
-    return Rear(end.x + half * sin, end.y - half * cos, heading, end.variance, across, turned, math.nan)
+    along = end.variance + half * half * turned
+    return Rear(end.x + half * sin, end.y - half * cos, heading, along, across, turned, math.nan)
 
 
 @compiled

@@ -11,7 +11,7 @@ from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.lidar import ScanBatch
 
 POINTS = 256  # greatest number of points of a trail
-BENDS = 6  # number of places ahead at which the curvature is given
+BENDS = 10  # number of places ahead at which the curvature is given
 
 
 class Ahead(NamedTuple):
@@ -78,17 +78,18 @@ class Trail(NamedTuple):
         extend(trail, odometry, track.mean[:, :2], track.seen, gap)
         return trail
 
-    def ahead(self, odometry: Odometry, track: Track, window: np.ndarray, preview: np.ndarray) -> Ahead:
+    def ahead(self, odometry: Odometry, track: Track, windows: tuple, preview: np.ndarray) -> Ahead:
         """What to steer by, and the distance along the trail to the predecessor.
 
-        window  : parabolas are fitted to the trail over this distance each way [m], (n,)
+        windows : parabolas are fitted to the trail over these distances each way, for offset and direction, and for
+                  the curvature [m], (n,) each
         preview : distance ahead at which the curvature is wanted [m], (n,)
         """
         from platoontraffic.controllers.tracker.trail_kernel import look_ahead
 
         n = len(self.size)
         ahead = Ahead(*np.empty((4, n)), *np.empty((2, n, BENDS)))
-        look_ahead(self, odometry, track.mean[:, :2], window, preview, ahead)
+        look_ahead(self, odometry, track.mean[:, :2], windows, preview, ahead)
         return ahead
 
     def seen_from_axle(self, odometry: Odometry, most: int) -> np.ndarray:

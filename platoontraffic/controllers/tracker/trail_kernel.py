@@ -188,13 +188,15 @@ def _station(points, piece, share):
 
 
 @compiled
-def look_ahead(trail, odometry, axle, window, preview, ahead):
+def look_ahead(trail, odometry, axle, windows, preview, ahead):
     """Fill in `trail.Ahead`.
 
-    axle : of the predecessors [m], (n, 2); NaN without one
+    axle    : of the predecessors [m], (n, 2); NaN without one
+    windows : of the fits of place and direction, and of the curvature [m], (n,) each
     """
     fit = np.empty((3, 2))
     places = ahead.bend.shape[1]
+    window, bend_window = windows
     for i in range(len(trail.size)):
         points, size = trail.points[i], trail.size[i]
         x, y = odometry.x[i], odometry.y[i]
@@ -205,18 +207,16 @@ def look_ahead(trail, odometry, axle, window, preview, ahead):
             ahead.length[i] += _past_end(points, size, axle[i, 0], axle[i, 1])
 
         _fit(points, size, here, window[i], fit)
-        ahead.bend[i, 0] = _curvature(fit)
         along = math.atan2(fit[1, 1], fit[1, 0])
         cos, sin = math.cos(along), math.sin(along)
         ahead.offset[i] = (y - fit[0, 1]) * cos - (x - fit[0, 0]) * sin
         ahead.off_heading[i] = _remainder(odometry.heading[i] - along, 2 * math.pi)
 
-        _fit(points, size, here + preview[i], window[i], fit)
+        _fit(points, size, here + preview[i], bend_window[i], fit)
         ahead.curvature[i] = _curvature(fit)
-        ahead.distance[i, 0] = 0.0
-        for j in range(1, places):
+        for j in range(places):
             ahead.distance[i, j] = max(end, 0.0) * j / (places - 1)
-            _fit(points, size, here + ahead.distance[i, j], window[i], fit)
+            _fit(points, size, here + ahead.distance[i, j], bend_window[i], fit)
             ahead.bend[i, j] = _curvature(fit)
 
 

@@ -1,0 +1,58 @@
+"""What a scenario asks for beyond what holds: sensors of `tracking`, speed profiles of leaders."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from platoontraffic.controllers.path import SMOOTH, PathLeader
+from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.vehicles.bicycle import Car
+from platoontraffic.world.fleet import Member
+from platoontraffic.world.prepared import Prepared
+
+# Sensors with which `tracking` holds: `tests/benchmarks/what_sensors_hold.py`.
+SLOWEST = 5.0  # laser [Hz]
+MOST_LOST = 0.3  # share of the returns
+GREATEST_BIAS = 1.0  # standard deviation of the yaw rate's bias [deg/s]
+
+
+def warnings(prepared: Prepared) -> list[str]:
+    """One line for every leader whose vehicle cannot drive its profile, and every limit of `tracking` passed."""
+    texts: list[str] = []
+    number = {platoon.id: i for i, platoon in enumerate(prepared.scenario.spec.platoon)}
+    for member in prepared.members:
+        role, beyond = ("leader", _profile) if member.place == 0 else ("follower", _sensors)
+        lines = (prepared.scenario.fault(("platoon", number[member.platoon], role), text) for text in beyond(member))
+        texts += [line for line in lines if line not in texts]
+    return texts
+
+
+def _sensors(member: Member) -> Iterator[str]:
+    if not isinstance(member.law, TrackingFollower):
+        return
+    lidar, bias = member.lidar, math.degrees(member.odometry.yaw_rate_bias)
+    if lidar.rate < SLOWEST:
+        yield f"a laser of {lidar.rate:g} Hz: `tracking` leaves the path in turns; it holds from {SLOWEST:g} Hz on"
+    if lidar.noise.dropout > MOST_LOST:
+        lost = f"{lidar.noise.dropout:.0%} of the returns lost"
+        yield f"{lost}: beyond {MOST_LOST:.0%} `tracking` may lose its predecessor"
+    if bias > GREATEST_BIAS:
+        yield f"a yaw rate with a bias of {bias:.3g} deg/s: `tracking` was tested up to {GREATEST_BIAS:g} deg/s"
+
+
+def _profile(member: Member) -> Iterator[str]:
+    law, car = member.law, member.model
+    if not isinstance(law, PathLeader) or law.profile not in SMOOTH or not isinstance(car, Car):
+        return
+    if law.speed == "road":
+        yield f"a {law.profile} about the speed limit: its upper half is cut off; speed_mps must be below the limit"
+        return
+    frequency = max(law.frequency, law.last_frequency) if law.profile == "chirp" else law.frequency
+    needed, fastest = 2 * math.pi * frequency * law.amplitude, law.speed + law.amplitude
+    can = float(car.strongest_acceleration(law.speed))
+    what = f"a {law.profile} of {law.amplitude:g} m/s at {frequency:g} Hz"
+    if needed > can:
+        yield f"{what} needs {needed:.2g} m/s2, and the vehicle has {can:.2g} m/s2 at {law.speed:g} m/s"
+    if law.amplitude > law.speed or fastest > car.max_speed:
+        yield f"{what} about {law.speed:g} m/s: the vehicle drives from 0 to {car.max_speed:.3g} m/s"

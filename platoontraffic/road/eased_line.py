@@ -1,0 +1,129 @@
+"""A line whose curvature changes gradually, as steering can.
+
+A line of arcs and straights cannot be driven fast: where its curvature jumps, a vehicle must be slow enough to steer.
+Drivers begin to steer before a bend, and cut it a little. So the line p is replaced by the q that minimises
+
+    sum |q - p|^2 + w sum |third differences of q|^2
+
+(E. T. Whittaker, On a new method of graduation, Proc. Edinburgh Mathematical Society 41, 1922): the third differences
+are the rate of the curvature. Each place gets the greatest weight w with which it stays near the line.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from platoontraffic.lidar.compiled import compiler
+from platoontraffic.road.drivable_line import spread, stations_of
+
+EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car, which has 0.7 m beside it in its lane
+WIDEST = 1.0  # greatest width of the average that easing amounts to [vehicle lengths]: w is its 6th power, in points
+LEVELS = 10  # widths that are tried
+TAIL = 4.0  # beyond so many widths a point has no influence
+ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]: averages make tight arcs a little tighter
+TOTAL = 1.25  # greatest distance from the given line [tolerances]; easing itself uses no more than one
+
+compiled = compiler(__file__)
+
+
+def eased(
+    points: np.ndarray,
+    stations: np.ndarray,
+    given: np.ndarray,
+    lock: float,
+    tolerance: float,
+    widest: float,
+    spacing: float,
+    closed: bool = False,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The eased line, as `drivable` returns it.
+
+    points, stations : of the line as `drivable` returns it, (m, 2), (m,) [m]
+    given            : points of the lane line that `stations` are along (k, 2) [m]
+    lock             : curvature that is not exceeded where the line does not [1/m]
+    tolerance        : greatest displacement [m]
+    widest           : greatest width of the average [m]
+    spacing          : of the points [m]
+    """
+    even = spread(np.column_stack([points, stations]), spacing)
+    line, stations = even[:, :2], even[:, 2]
+    given = np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T])
+    reach = min(math.ceil(TAIL * widest / spacing), len(line) - 1)
+    onward = _onward(line, reach, closed)
+    sharpest = ABOVE_LOCK * np.maximum(lock, _curvature(_onward(line, 1, closed)))
+    off_before = _off(line - given, line)
+    smooth, level = [line], np.zeros(len(line))
+    for k in range(1, LEVELS + 1):
+        smooth.append(_graduated(onward, (k / LEVELS * widest / spacing) ** 6)[reach : len(onward) - reach])
+        off = _off(smooth[k] - given, smooth[k])
+        near = (off <= TOTAL * tolerance) & (_off(smooth[k] - line, smooth[k]) <= tolerance)
+        fits = (near | (off <= off_before)) & (_curvature(_onward(smooth[k], 1, closed)) <= sharpest)
+        level[fits] = k
+    # Nowhere wider than the places around allow, and without steps between one width and the next.
+    around = min(math.ceil(widest / spacing), (len(line) - 1) // 2)
+    level = sliding_window_view(_onward(level, 2 * around, closed), 2 * around + 1).min(axis=1)
+    bell = np.hanning(2 * around + 3)[1:-1]
+    level = np.convolve(level, bell / bell.sum(), mode="valid")
+    below, place = np.minimum(level.astype(int), LEVELS - 1), np.arange(len(line))
+    share, smooth = (level - below)[:, None], np.stack(smooth)
+    found = smooth[below, place] * (1 - share) + smooth[below + 1, place] * share
+    found[[0, -1]] = found[0] if closed else line[[0, -1]]
+    return found, stations
+
+
+def _onward(values: np.ndarray, count: int, closed: bool) -> np.ndarray:
+    """Values (m,) or points (m, 2) with `count` more at each end.
+
+    Those of a closed line are the next lap's; an open one is turned half about its end, so that this stays in place.
+    """
+    if closed:
+        return np.concatenate([values[-1 - count : -1], values, values[1 : count + 1]])
+    before, after = values[count:0:-1], values[-2 : -2 - count : -1]
+    if values.ndim > 1:
+        before, after = 2 * values[0] - before, 2 * values[-1] - after
+    return np.concatenate([before, values, after])
+
+
+def _curvature(points: np.ndarray) -> np.ndarray:
+    """At the inner ones of points (m, 2), without sign [1/m]."""
+    one, two = points[1:-1] - points[:-2], points[2:] - points[1:-1]
+    turn = np.arctan2(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0], (one * two).sum(axis=1))
+    return np.abs(turn) / np.maximum((np.hypot(*one.T) + np.hypot(*two.T)) / 2, 1e-9)
+
+
+def _off(displacement: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """The part of displacements (m, 2) across a line (m, 2), without sign [m]."""
+    along = np.gradient(line, axis=0)
+    across = along[:, 0] * displacement[:, 1] - along[:, 1] * displacement[:, 0]
+    return np.abs(across) / np.maximum(np.hypot(*along.T), 1e-12)
+
+
+@compiled
+def _graduated(points, weight):
+    """The q of the sum above for points (m, 2): (1 + w D^T D) q = p, by L d L^T with three subdiagonals."""
+    n = len(points)
+    solution, pivot, below = points.copy(), np.zeros(n), np.zeros((n, 4))
+    third = (-1.0, 3.0, -3.0, 1.0)
+    for i in range(n):
+        for k in range(min(3, i), -1, -1):  # element (i, i - k)
+            element = 1.0 if k == 0 else 0.0
+            for first in range(max(i - 3, 0), min(i - k, n - 4) + 1):  # third differences that both take part in
+                element += weight * third[i - first] * third[i - k - first]
+            for j in range(max(i - 3, 0), i - k):
+                element -= below[i, i - j] * below[i - k, i - k - j] * pivot[j]
+            if k == 0:
+                pivot[i] = element
+            else:
+                below[i, k] = element / pivot[i - k]
+    for i in range(n):
+        for k in range(1, min(3, i) + 1):
+            solution[i] -= below[i, k] * solution[i - k]
+    for i in range(n):
+        solution[i] /= pivot[i]
+    for i in range(n - 2, -1, -1):
+        for k in range(1, min(3, n - 1 - i) + 1):
+            solution[i] -= below[i + k, k] * solution[i + k]
+    return solution

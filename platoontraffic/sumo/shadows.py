@@ -1,0 +1,151 @@
+"""Members between two lanes, which SUMO's drivers on both lanes must see.
+
+A vehicle of SUMO's that changes lanes has a shadow on the other lane, for which drivers there brake: on its target lane
+from the moment at which it begins, on the lane that it leaves until its body has left it. SUMO looks for a moved
+vehicle's shadow only when it inserts the vehicle on a lane: it is then on the lane that the body overlaps, to the left
+of a vehicle in the middle of its lane. So a member whose shadow is missing is inserted anew, wider than its lane:
+
+- for a shadow to the left, on another lane and back on its own, in the middle;
+- for a shadow to the right, on the right lane, where it has a shadow on its own lane for the coming step, at whose end
+  `moveToXY` inserts it on its own lane, to the right of the middle (in left-hand traffic it then has the wrong shadow,
+  and this is done again before each step);
+- to remove a shadow, as for one to the left, with its true width.
+
+All of this happens between two steps, so that no driver sees it elsewhere. Left is towards the lanes with the higher
+index, also in left-hand traffic.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from platoontraffic.road.network import Network
+from platoontraffic.sumo.client import Client
+
+LEFT, NONE, RIGHT = 1, 0, -1
+AHEAD = 1.5  # a shadow is on the lane that the body will reach within this time at its present lateral speed [s]
+TOUCH = 1e-6  # a vehicle as near to the middle of its lane as this was not on the other side of it [m]
+WIDER = 1.01  # width of a vehicle that is to have a shadow wherever it is on its lane [lane widths]
+DURATION = "lanechange.duration"
+SHORTEST = "0.001"  # [s]; SUMO has shadows if a lane change takes any time, and its own cars still change at once
+
+
+class Mover(NamedTuple):
+    """A vehicle that is moved."""
+
+    id: str
+    kind: str  # its vehicle type, which no other vehicle has
+    width: float  # [m]
+
+
+class _Seen(NamedTuple):
+    lane: str
+    lateral: float  # of the front bumper's middle, left of the lane's centre line [m]
+    speed: float  # lateral [m/s]
+
+
+def shadow_options(network: Network, options: Mapping[str, str]) -> dict[str, str]:
+    """Options that SUMO must have besides `options` so that vehicles have shadows."""
+    if all(len(lanes) < 2 for lanes in network.edges.values()) or "lateral-resolution" in options:
+        return {}
+    with contextlib.suppress(ValueError):  # other notations of a time
+        return {DURATION: SHORTEST} if float(options.get(DURATION, 0)) == 0 else {}
+    return {}
+
+
+class Shadows:
+    """The shadows of moved vehicles.
+
+    step      : of SUMO's [s]
+    left_hand : traffic keeps to the left: SUMO then mirrors lanes and lateral positions, but not those of `moveToXY`
+    """
+
+    def __init__(self, sumo: Client, step: float, left_hand: bool = False) -> None:
+        self._sumo, self._step, self._mirror = sumo, step, -1 if left_hand else 1
+        self._seen: dict[str, _Seen] = {}
+        self._side: dict[str, int] = {}  # of the shadow that each vehicle has in SUMO
+        self._widened: list[Mover] = []  # in the step that SUMO makes
+        self._lanes: dict[str, int] = {}  # number, by edge
+        self._widths: dict[str, float] = {}  # [m], by lane
+
+    def observe(self, movers: Iterable[Mover], where: Mapping[str, tuple[str, str]]) -> None:
+        """After a step: where vehicles are on their lanes.
+
+        where: edge and lane by vehicle; the lane is "" off the road
+        """
+        for mover in self._widened:
+            self._sumo.vehicletype.setWidth(mover.kind, mover.width)
+        widened, self._widened = {mover.id for mover in self._widened}, []
+        for mover in movers:
+            edge, lane = where[mover.id]
+            if not lane or self._lane_number(edge) < 2:
+                self._seen.pop(mover.id, None)
+                continue
+            placed, before = self._sumo.vehicle.getLateralLanePosition(mover.id), self._seen.get(mover.id)
+            lateral = self._mirror * placed
+            same = before is not None and before.lane == lane
+            speed = (lateral - before.lateral) / self._step if same else before.speed if before else 0.0
+            self._seen[mover.id] = _Seen(lane, lateral, speed)
+            if same and mover.id in widened:
+                self._side[mover.id] = _towards(placed)
+            elif not same:  # SUMO has inserted it there
+                self._side[mover.id] = _towards(placed) if abs(placed) > self._room(mover, lane) else NONE
+
+    def lost(self, names: Iterable[str]) -> None:
+        """Vehicles that have been inserted anew in the middle of their lanes, by others."""
+        self._side.update(dict.fromkeys(names, NONE))
+
+    def cast(self, movers: Iterable[Mover]) -> None:
+        """Before a step, and before vehicles are moved: give them the shadows that they must have in it."""
+        for mover in movers:
+            seen = self._seen.get(mover.id)
+            if seen and (side := self._wanted(mover, seen)) != self._side[mover.id]:
+                self._insert(mover, seen, side)
+                self._side[mover.id] = side
+
+    def _wanted(self, mover: Mover, seen: _Seen) -> int:
+        """The side of the lane that its body overlaps, or will soon overlap as it moves away from the middle."""
+        side, room = _towards(seen.lateral), self._room(mover, seen.lane)
+        outwards = side * seen.speed if side * (seen.lateral - seen.speed * self._step) > -TOUCH else 0.0
+        if abs(seen.lateral) + max(outwards, 0.0) * AHEAD <= room:
+            return NONE
+        edge, _, index = seen.lane.rpartition("_")
+        return side if 0 <= int(index) + side < self._lane_number(edge) else NONE
+
+    def _insert(self, mover: Mover, seen: _Seen, side: int) -> None:
+        """Insert a vehicle anew, so that its shadow is on this side."""
+        vehicle, types = self._sumo.vehicle, self._sumo.vehicletype
+        edge, _, index = seen.lane.rpartition("_")
+        position, own = vehicle.getLanePosition(mover.id), int(index)
+        if side:
+            types.setWidth(mover.kind, WIDER * self._width(seen.lane))
+        if side == RIGHT:
+            right = f"{edge}_{own - 1}"
+            vehicle.moveTo(mover.id, right, position)
+            vehicle.setLateralLanePosition(mover.id, seen.lateral + (self._width(seen.lane) + self._width(right)) / 2)
+            self._widened.append(mover)
+            return
+        vehicle.moveTo(mover.id, f"{edge}_{own - 1 if own else 1}", position)
+        vehicle.moveTo(mover.id, seen.lane, position)
+        vehicle.setLateralLanePosition(mover.id, seen.lateral)
+        types.setWidth(mover.kind, mover.width)
+
+    def _room(self, mover: Mover, lane: str) -> float:
+        """Lateral distance from the middle of its lane at which the body touches the border [m]."""
+        return (self._width(lane) - mover.width) / 2
+
+    def _width(self, lane: str) -> float:
+        if lane not in self._widths:
+            self._widths[lane] = self._sumo.lane.getWidth(lane)
+        return self._widths[lane]
+
+    def _lane_number(self, edge: str) -> int:
+        if edge not in self._lanes:
+            self._lanes[edge] = self._sumo.edge.getLaneNumber(edge)
+        return self._lanes[edge]
+
+
+def _towards(lateral: float) -> int:
+    return RIGHT if lateral < 0 else LEFT  # as SUMO decides

@@ -1,0 +1,64 @@
+"""The vehicle types of members and obstacles in SUMO: what its drivers take them for, and how it drives them.
+
+Of SUMO's classes they are all passenger cars, which may drive on every road that routes are checked for.
+"""
+
+from __future__ import annotations
+
+import math
+
+from platoontraffic.sumo.client import Client
+from platoontraffic.vehicles.catalogue import VehicleModel
+
+ANY_SPEED = 10.0  # speed factor: SUMO clips the speed that it believes to this times the lane's limit
+TOP_SPEED_MARGIN = 1.5  # and to the maximum of the type: this times the vehicle's top speed
+LARGEST_MIN_GAP = 2.5  # minGap of a type is half its length, at most this [m]
+
+# What a driver uses of a vehicle. They give the catalogue's car SUMO's values for a passenger car, 2.6 and 4.5 m/s2,
+# and its truck SUMO's acceleration for a truck, 1.3 m/s2; SUMO's truck brakes with 4.0, this one with 3.5 m/s2.
+OF_ACCELERATION = 0.65
+OF_BRAKING = 0.5
+SLOWEST = 0.1  # acceleration that SUMO is given at least, near the top speed [m/s2]
+
+ALL_CHECKS_OFF = 32  # speed mode: SUMO believes the speed that follows from the displacement
+NO_LANE_CHANGE = 0  # lane change mode
+
+
+def kind_of(name: str) -> str:
+    """The vehicle type of a member or an obstacle; each has its own."""
+    return f"platoontraffic.{name}"
+
+
+def make_type(sumo: Client, kind: str, length: float, width: float) -> None:
+    """A vehicle type `kind` of this size [m], otherwise SUMO's default passenger car."""
+    types = sumo.vehicletype
+    types.copy("DEFAULT_VEHTYPE", kind)
+    types.setVehicleClass(kind, "passenger")  # a scenario may have changed the default
+    types.setLength(kind, length)
+    types.setWidth(kind, width)
+    types.setMinGap(kind, min(LARGEST_MIN_GAP, length / 2))
+    types.setSpeedDeviation(kind, 0)
+
+
+def make_type_of(sumo: Client, kind: str, model: VehicleModel) -> None:
+    """A vehicle type `kind` with the size and the brakes of a vehicle, which may be moved at any speed."""
+    types, hardest = sumo.vehicletype, float(model.hardest_braking)
+    make_type(sumo, kind, model.length, model.width)
+    if math.isfinite(hardest):
+        types.setEmergencyDecel(kind, hardest)
+        types.setDecel(kind, OF_BRAKING * hardest)
+        types.setApparentDecel(kind, OF_BRAKING * hardest)
+    types.setSpeedFactor(kind, ANY_SPEED)
+    types.setMaxSpeed(kind, TOP_SPEED_MARGIN * model.top_speed)
+
+
+def limit_acceleration(sumo: Client, kind: str, strongest: float) -> None:
+    """What SUMO's driver may use of the strongest acceleration of the vehicle at its present speed [m/s2]; inf: any."""
+    if math.isfinite(strongest):
+        sumo.vehicletype.setAccel(kind, max(OF_ACCELERATION * strongest, SLOWEST))
+
+
+def release(sumo: Client, name: str) -> None:
+    """Take a vehicle from SUMO's driver: it moves only as it is moved."""
+    sumo.vehicle.setSpeedMode(name, ALL_CHECKS_OFF)
+    sumo.vehicle.setLaneChangeMode(name, NO_LANE_CHANGE)

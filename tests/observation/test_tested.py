@@ -1,0 +1,38 @@
+"""Warnings of what a scenario asks for beyond what holds."""
+
+from __future__ import annotations
+
+import pytest
+
+from platoontraffic import scenario, simulation
+from platoontraffic.observation.tested import warnings
+
+pytestmark = pytest.mark.sumo
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("platoon.0.follower.lidar.rate_hz=2.5", "a laser of 2.5 Hz"),
+        ('platoon.0.follower.lidar={preset="car-tracker", noise={dropout=0.45}}', "45% of the returns lost"),
+        ("platoon.0.follower.odometry.yaw_rate_bias_degps=2.0", "a yaw rate with a bias of 2 deg/s"),
+        ('platoon.0.leader={law="path", profile="sinusoid", amplitude_mps=1.0}', "its upper half is cut off"),
+        (
+            'platoon.0.leader={law="path", speed_mps=10.0, profile="sinusoid", amplitude_mps=2.0, frequency_hz=0.5}',
+            "needs 6.3 m/s2, and the vehicle has 4 m/s2 at 10 m/s",
+        ),
+        (
+            'platoon.0.leader={law="path", speed_mps=1.0, profile="sinusoid", amplitude_mps=2.0, frequency_hz=0.02}',
+            "the vehicle drives from 0 to 55.6 m/s",
+        ),
+    ],
+)
+def test_what_does_not_hold_is_said_once(change, said):
+    texts = warnings(simulation.prepare(scenario.load("corridor_tracking", [change])))
+    assert len(texts) == 1
+    assert said in texts[0]
+
+
+def test_shipped_scenarios_ask_for_nothing_that_does_not_hold():
+    for name in ("corridor_tracking", "highway_tracking"):
+        assert not warnings(simulation.prepare(scenario.load(name)))
