@@ -66,7 +66,7 @@ class BrakingFor(NamedTuple):
     creeps: np.ndarray  # past something that has not moved for long, bool
 
 
-BRAKES_FOR = ("", "predecessor", "obstacle", "line", "lost", "beside")
+BRAKES_FOR = ("", "predecessor", "obstacle", "line", "lost")
 
 
 class Body(NamedTuple):

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers import beside
-from platoontraffic.controllers.beside import Beside
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BrakingFor, Decision, Law, Sensed, Target
 from platoontraffic.controllers.path import (
-    BESIDE,
     LINE,
     LOST,
     OBSTACLE,
@@ -50,7 +45,6 @@ STEEPEST = 0.35  # sine of the greatest angle of that return
 ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed [m]
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
 KEPT_FREE = 0.22  # on each side of the vehicle, on its path [m]
-AROUND = "around"  # name of the laser that looks beside and behind
 SHOWN = 32  # points of the trail that are recorded
 
 ASIDE = 5.0  # distance from the route beyond which a predecessor that was never lost is dropped [m]
@@ -74,7 +68,6 @@ class Memory(NamedTuple):
     never_lost: np.ndarray  # it has had the same predecessor from the start, bool
     creeping: Creeping
     braking_for: BrakingFor
-    beside: Beside
 
     @classmethod
     def begin(cls, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
@@ -82,7 +75,7 @@ class Memory(NamedTuple):
         records = Odometry.begin(speed, yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
         none = np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool)
         return cls(*records, *np.zeros((2, n)), DriveLine.at_rest(n), *none, Creeping.none(n), nothing(n),
-                   Beside.none(n))  # fmt: skip
+                   )  # fmt: skip
 
 
 class Now(NamedTuple):
@@ -179,7 +172,6 @@ class TrackingFollower(Law):
     """
 
     lidar: ClassVar[str] = "car-tracker"  # the preset, where a scenario names none
-    further_lidars: ClassVar[Mapping[str, str]] = MappingProxyType({AROUND: "car-around"})
 
     stand_off: Annotated[Positive, Field(alias="stand_off_m")] = 3.0  # laser to rear at rest
     time_headway: Annotated[Positive, Field(alias="time_headway_s")] = 1.0
@@ -225,16 +217,15 @@ class TrackingFollower(Law):
         now = Now(sensed, memory, odometry, fitted(sensed.body, odometry.speed, dt, RECOVERY), dt)
         estimate = self._estimate(now)
 
-        trail, lanes = self._remember(now, estimate)
+        trail = self._remember(now, estimate)
         ahead = self._look_ahead(now, estimate, trail)
         curvature = self._steer(now, estimate, ahead)
 
         drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
-        demand = self._follow(now, estimate.track, ahead, drive_line, lanes)
+        demand = self._follow(now, estimate.track, ahead, drive_line)
         obstacle = self._obstacle(now, estimate, trail, ahead)
         demand = self._avoid(now, ahead, curvature, obstacle, demand)
         demand, creeps, limit = self._by_road(now, estimate.track, obstacle, demand)
-        limit = limit._replace(reason=np.where((limit.reason == PREDECESSOR) & lanes.held, BESIDE, limit.reason))
         acceleration = self._comfort(now, demand)
         curvature = self._held(now, curvature)
 
@@ -243,7 +234,7 @@ class TrackingFollower(Law):
             never_lost &= limit.reason != LINE
         commands = acceleration, curvature, drive_line
         memory = Memory(now.odometry, bias, estimate.track, trail, *commands, obstacle.free, obstacle.closing,
-                        never_lost, creeps, limit, lanes)  # fmt: skip
+                        never_lost, creeps, limit)  # fmt: skip
         return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
@@ -279,7 +270,7 @@ class TrackingFollower(Law):
 
     # ---- 2. steer
 
-    def _remember(self, now: Now, estimate: Estimate) -> tuple[Trail, Beside]:
+    def _remember(self, now: Now, estimate: Estimate) -> Trail:
         track, odometry, route = estimate.track, now.odometry, now.sensed.route
         gap, section = estimate.predicted.blind > 1.5 * now.dt, None
         if route is not None:
@@ -287,12 +278,7 @@ class TrackingFollower(Law):
             length = np.where(track.known, near, now.sensed.scan.model.range_max)
             rounding = ROUNDED * now.sensed.body.length
             section = RouteSection(estimate.on_route, route.points, route.distance, length, rounding)
-        lanes, aside = now.memory.beside.aside(track, now.memory.trail, now.speed)
-        trail = now.memory.trail.extended(aside, odometry, gap | estimate.on_route, section)
-        scan = now.sensed.scans.get(AROUND, now.sensed.scan)
-        active = track.known & ~estimate.on_route
-        scene = beside.Scene(odometry, track, aside, now.sensed.body, scan, active, now.dt)
-        return beside.look(lanes, trail, scene)[::-1]
+        return now.memory.trail.extended(track, odometry, gap | estimate.on_route, section)
 
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
         fit = now.fitted
@@ -309,13 +295,11 @@ class TrackingFollower(Law):
 
     # ---- 3. follow
 
-    def _follow(self, now: Now, track: Track, ahead: Ahead, drive_line: DriveLine, lanes: Beside) -> Demand:
+    def _follow(self, now: Now, track: Track, ahead: Ahead, drive_line: DriveLine) -> Demand:
         """To keep the headway; without a predecessor, to stop."""
         distance = ahead.length - OVERHANG - now.laser
         speed_ahead, acceleration_ahead = track.mean[:, SPEED], track.mean[:, ACCELERATION]
         wanted = self._headway(now, distance, track, drive_line)
-        error = distance - self.desired_distance(now.speed)
-        wanted = beside.slowed(lanes, now.sensed.body, track, now.speed, error, wanted)
         stop = np.where(now.speed < STANDING, -FIRM, -self.braking / 2)
         needed = self._brake_for(now, distance, speed_ahead, np.minimum(acceleration_ahead, 0.0))
         return Demand(np.where(track.known, wanted, stop), np.where(track.known, needed, np.inf))

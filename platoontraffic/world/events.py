@@ -104,19 +104,8 @@ EVENT_KINDS = {
             f"is split off from its platoon: for {SPLIT_AFTER:g} s its law has not taken the predecessor (other_id) as "
             f"target, or its gap has been more than {SPLIT_GAP_FACTOR:g} times the gap that the law wants and also "
             f"more than {SPLIT_GAP_MARGIN:g} m ({_SCALED}) longer than that. Causes: a closed stop line held it, "
-            "there was no room beside it to repeat its predecessor's lane change, another body in its way blocked it, "
-            "vehicles came between, it fell behind, or a cause of lock_lost",
-            (
-                "held",
-                "beside",
-                "blocked",
-                "between",
-                "fell_behind",
-                "taken",
-                "not_recognised",
-                "out_of_sight",
-                "broken",
-            ),
+            "another body in its way blocked it, vehicles came between, it fell behind, or a cause of lock_lost",
+            ("held", "blocked", "between", "fell_behind", "taken", "not_recognised", "out_of_sight", "broken"),
         ),
         Kind("rejoined", "is in its platoon again, duration_s after it was split off"),
         Kind(

@@ -107,7 +107,10 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
         ("nets", ["bends", "corridor", "grid", "highway", "lab_curves", "lab_loop", "lab_world", "ring"]),
         ("laws", ["path", "printed", "reactive", "repaired", "sumo", "tracking"]),
         ("vehicles", ["paper-robot", "car", "van", "truck"]),
-        ("lidars", ["paper-leader", "paper-follower", "utm30lx", "car-leader", "car-follower", "car-tracker"]),
+        (
+            "lidars",
+            ["paper-leader", "paper-follower", "utm30lx", "car-leader", "car-follower", "car-tracker", "car-around"],
+        ),
     ],
 )
 def test_list_names_what_is_shipped(what, names):

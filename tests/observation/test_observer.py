@@ -190,3 +190,20 @@ def test_a_collision_soon_after_the_others_lane_change_is_put_down_to_that(wait,
     observed.at(1.0, x=0.0, others=[(10.0, 0.0)])
     (collision,) = observed.at(1.0 + wait, x=6.0, others=[(10.0, 0.0)]).events
     assert (collision.kind, collision.what) == ("collision", what)
+
+
+def cut_in(goes: str) -> str:
+    """What is said of a contact of a member with the car ahead, one of which has just changed lanes in 2 s."""
+    observed, what = Observed(platoon(constant(0.0), model=CAR)), ""
+    for k in range(40):
+        share = min(max((k - 10) / 20, 0.0), 1.0)
+        own, its = (-1.6, 1.6 - 3.2 * share) if goes == "other" else (1.6 - 3.2 * share, -1.6)
+        gap = 8.0 - max(k - 20, 0) * 0.3
+        seen = observed.at(k / 10, x=2.0 * k, y=own, speed=20.0, others=[(2.0 * k + gap, its)])
+        what = next((event.what for event in seen.events if event.kind == "collision"), what)
+    return what
+
+
+def test_whoever_has_just_changed_lanes_is_named():
+    assert cut_in("other") == "other_changed_lanes"
+    assert cut_in("own") == "changed_lanes"

@@ -1,0 +1,135 @@
+"""Closeness and blame, computed a second time from the recorded tables of a run alone."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+import shapely
+
+from platoontraffic.world.events import CLEARANCE_REACH, LANE_CHANGE_BLAME, LANE_CHANGE_TIME
+from tests.support.runs import run
+
+# Followers repeat lane changes blindly in the first one, so there are contacts to be put down to somebody.
+RUNS = {
+    "highway_traffic": ("run.duration_s=310", "seed=3"),
+    "grid_platoons": ("run.duration_s=25",),
+    "corridor_cut_in": ("run.duration_s=25",),
+}
+
+
+@pytest.fixture(scope="module", params=RUNS)
+def tables(request, tmp_path_factory):
+    """Trajectories and background traffic of each step with sizes, events and the drivable area."""
+    folder = tmp_path_factory.mktemp(request.param)
+    changes = [*RUNS[request.param], "record.every_s=0.1", "record.traffic_every_s=0.1"]
+    run(folder / "run", request.param, *changes)
+    names = "trajectories", "traffic", "vehicles", "events"
+    found = {name: pd.read_csv(folder / "run" / f"{name}.csv") for name in names}
+    members = found["trajectories"]
+    columns = ["time_s", "vehicle_id", "x_m", "y_m", "heading_rad", "speed_mps"]
+    bodies = pd.concat([members[columns], found["traffic"][columns]])
+    bodies = bodies.merge(found["vehicles"][["vehicle_id", "length_m", "width_m"]], on="vehicle_id")
+    scene = json.loads((folder / "run" / "scene.geojson").read_text())
+    return members, bodies, found["events"], scene
+
+
+def outline(row) -> shapely.Geometry:
+    along = np.array([np.cos(row.heading_rad), np.sin(row.heading_rad)]) * row.length_m / 2
+    left = np.array([-np.sin(row.heading_rad), np.cos(row.heading_rad)]) * row.width_m / 2
+    middle = np.array([row.x_m, row.y_m])
+    return shapely.Polygon([middle + a * along + b * left for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))])
+
+
+@pytest.mark.slow
+@pytest.mark.sumo
+def test_clearance_is_that_of_the_recorded_outlines(tables):
+    members, bodies, _, _ = tables
+    checked = 0
+    for time, here in bodies.groupby("time_s"):
+        if round(time * 10) % 20:
+            continue
+        shapes = np.array([outline(row) for row in here.itertuples()])
+        ids = here.vehicle_id.to_numpy()
+        for row in members[members.time_s == time].itertuples():
+            away = shapely.distance(shapes[ids == row.vehicle_id][0], shapes[ids != row.vehicle_id])
+            least = away.min(initial=np.inf)
+            if least < CLEARANCE_REACH - 1e-3:
+                assert row.clearance_m == pytest.approx(least, abs=1e-5)
+                checked += 1
+            elif least > CLEARANCE_REACH + 1e-3:
+                assert np.isnan(row.clearance_m)
+    assert checked > 20
+
+
+def to_border(border: shapely.Geometry, row, side: int) -> float:
+    """Distance of the border to the left (1) or right (-1) of a vehicle [m]; NaN where there is none within 50 m."""
+    away = row.heading_rad + side * math.pi / 2
+    end = row.x_m + 50 * math.cos(away), row.y_m + 50 * math.sin(away)
+    met = shapely.LineString([(row.x_m, row.y_m), end]).intersection(border)
+    return math.nan if met.is_empty else shapely.Point(row.x_m, row.y_m).distance(met)
+
+
+def moved(border: shapely.Geometry, rows: list) -> float:
+    """How far a vehicle has moved to its left across the road [m]."""
+    total = 0.0
+    for before, after in itertools.pairwise(rows):
+        aside = (after.y_m - before.y_m) * math.cos(after.heading_rad) - (after.x_m - before.x_m) * math.sin(
+            after.heading_rad
+        )
+        limit = 3.0 * (after.time_s - before.time_s)
+        steps = [-side * (to_border(border, after, side) - to_border(border, before, side)) for side in (-1, 1)]
+        total += aside if abs(aside) > 1.0 else next((step for step in steps if abs(step) < limit), 0.0)
+    return total
+
+
+def blamed(one: list, other: list, border: shapely.Geometry) -> str:
+    """The vehicle that came into the other's lane, by the rows of both up to the contact, or ""."""
+
+    def offset(a, b) -> float:
+        mean = math.atan2(
+            math.sin(a.heading_rad) + math.sin(b.heading_rad), math.cos(a.heading_rad) + math.cos(b.heading_rad)
+        )
+        return (b.y_m - a.y_m) * math.cos(mean) - (b.x_m - a.x_m) * math.sin(mean)
+
+    def in_line(a, b) -> bool:
+        narrow = abs(offset(a, b)) < (a.width_m + b.width_m) / 2
+        return narrow and math.cos(a.heading_rad - b.heading_rad) >= 0.5
+
+    k = len(one) - 1
+    if not in_line(one[k], other[k]):
+        return ""
+    while k > 0 and in_line(one[k - 1], other[k - 1]):
+        k -= 1
+    if k == 0 or one[-1].time_s - one[k].time_s > LANE_CHANGE_BLAME - 1e-6:
+        return ""
+    first = next(i for i, row in enumerate(one) if row.time_s >= one[k].time_s - LANE_CHANGE_TIME - 1e-6)
+    left = math.copysign(1.0, offset(one[k - 1], other[k - 1]))
+    moves = [left * moved(border, one[first:]), -left * moved(border, other[first:])]
+    if max(moves) < 0.5:
+        return ""
+    return (one if moves[0] >= moves[1] else other)[0].vehicle_id
+
+
+@pytest.mark.slow
+@pytest.mark.sumo
+def test_blame_is_that_of_the_recorded_poses(tables):
+    _, bodies, events, scene = tables
+    area = shapely.union_all(
+        [shapely.geometry.shape(f["geometry"]) for f in scene["features"] if f["properties"]["kind"] == "road"]
+    )
+    of = {name: {round(row.time_s, 3): row for row in rows.itertuples()} for name, rows in bodies.groupby("vehicle_id")}
+    for event in events[(events.kind == "collision") & (events.other_id != "wall")].itertuples():
+        one, other = of[event.vehicle_id], of[event.other_id]
+        window = LANE_CHANGE_BLAME + LANE_CHANGE_TIME + 1e-6
+        times = [t for t in sorted(one.keys() & other.keys()) if event.time_s - window <= t <= event.time_s + 1e-6]
+        cause = blamed([one[t] for t in times], [other[t] for t in times], area.boundary)
+        words = {event.vehicle_id: "changed_lanes", event.other_id: "other_changed_lanes"}
+        if cause:
+            assert event.what == words[cause], event
+        else:
+            assert event.what not in words.values(), event
