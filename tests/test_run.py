@@ -80,8 +80,10 @@ def test_errors_of_lidars_follow_the_seed_and_the_vehicle_alone(tmp_path):
     assert not equal_tables(one, run(tmp_path / "other", "paper_loop", *noisy, seed=2), TABLES[:1])
     # Errors of the first three robots, and so their paths, do not depend on the robots behind them.
     fewer = run(tmp_path / "fewer", "paper_loop", *noisy, "platoon.size=3")
+    closeness = ["clearance_m", "closest_id", "contact_in_s"]  # to those behind, too
     paths = [pd.read_csv(folder / "trajectories.csv").query("place < 3") for folder in (one, fewer)]
-    assert paths[0].reset_index(drop=True).equals(paths[1].reset_index(drop=True))
+    paths = [table.drop(columns=closeness).reset_index(drop=True) for table in paths]
+    assert paths[0].equals(paths[1])
 
 
 @pytest.mark.slow

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import wraps
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +27,6 @@ class Law:
 
     needs: frozenset[str] = frozenset()  # of NEEDS or sensors: what it is given beside scan, own motion and body
     lidar: str | None = None  # the lidar preset, where a scenario names none; None: the paper's
-    further_lidars: Mapping[str, str] = MappingProxyType({})  # presets of more lasers, by their names, as `lidar`
     native: bool = False  # SUMO's own driver model drives, by the law's gains max_speed [m/s] and speed_factor alone
     imperfection: float = 0.5  # of that driver: SUMO's sigma, 0 to 1
     hardest_braking: float = math.inf  # it never brakes harder [m/s2]

@@ -22,7 +22,7 @@ from platoontraffic.road.drivable_line import spread, stations_of
 EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car, which has 0.7 m beside it in its lane
 WIDEST = 1.0  # greatest width of the average that easing amounts to [vehicle lengths]: w is its 6th power, in points
 LEVELS = 10  # widths that are tried
-TAIL = 4.0  # beyond so many widths a point has no influence
+TAIL = 16.0  # beyond so many widths a point has no influence
 ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]: averages make tight arcs a little tighter
 TOTAL = 1.25  # greatest distance from the given line [tolerances]; easing itself uses no more than one
 
@@ -51,7 +51,7 @@ def eased(
     even = spread(np.column_stack([points, stations]), spacing)
     line, stations = even[:, :2], even[:, 2]
     given = np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T])
-    reach = min(math.ceil(TAIL * widest / spacing), len(line) - 1)
+    reach = math.ceil(TAIL * widest / spacing)
     onward = _onward(line, reach, closed)
     sharpest = ABOVE_LOCK * np.maximum(lock, _curvature(_onward(line, 1, closed)))
     off_before = _off(line - given, line)
@@ -62,16 +62,24 @@ def eased(
         near = (off <= TOTAL * tolerance) & (_off(smooth[k] - line, smooth[k]) <= tolerance)
         fits = (near | (off <= off_before)) & (_curvature(_onward(smooth[k], 1, closed)) <= sharpest)
         level[fits] = k
-    # Nowhere wider than the places around allow, and without steps between one width and the next.
-    around = min(math.ceil(widest / spacing), (len(line) - 1) // 2)
+    for _ in range(LEVELS):
+        found = _blended(smooth, level, math.ceil(widest / spacing), closed)
+        sharp = _curvature(_onward(found, 1, closed)) > sharpest
+        if not (sharp & (level > 0)).any():
+            break
+        level[sharp] = np.maximum(level[sharp] - 1, 0)
+    found[[0, -1]] = found[0] if closed else line[[0, -1]]
+    return found, stations
+
+
+def _blended(smooth: list[np.ndarray], level: np.ndarray, around: int, closed: bool) -> np.ndarray:
+    """At each place a mean of two of the lines: nowhere a higher level than the places around allow, without steps."""
     level = sliding_window_view(_onward(level, 2 * around, closed), 2 * around + 1).min(axis=1)
     bell = np.hanning(2 * around + 3)[1:-1]
     level = np.convolve(level, bell / bell.sum(), mode="valid")
-    below, place = np.minimum(level.astype(int), LEVELS - 1), np.arange(len(line))
-    share, smooth = (level - below)[:, None], np.stack(smooth)
-    found = smooth[below, place] * (1 - share) + smooth[below + 1, place] * share
-    found[[0, -1]] = found[0] if closed else line[[0, -1]]
-    return found, stations
+    below, place = np.minimum(level.astype(int), LEVELS - 1), np.arange(len(level))
+    share, lines = (level - below)[:, None], np.stack(smooth)
+    return lines[below, place] * (1 - share) + lines[below + 1, place] * share
 
 
 def _onward(values: np.ndarray, count: int, closed: bool) -> np.ndarray:
@@ -79,12 +87,10 @@ def _onward(values: np.ndarray, count: int, closed: bool) -> np.ndarray:
 
     Those of a closed line are the next lap's; an open one is turned half about its end, so that this stays in place.
     """
+    sides = [(count, count)] + [(0, 0)] * (values.ndim - 1)
     if closed:
-        return np.concatenate([values[-1 - count : -1], values, values[1 : count + 1]])
-    before, after = values[count:0:-1], values[-2 : -2 - count : -1]
-    if values.ndim > 1:
-        before, after = 2 * values[0] - before, 2 * values[-1] - after
-    return np.concatenate([before, values, after])
+        return np.pad(values[:-1], [(count, count + 1), *sides[1:]], mode="wrap")
+    return np.pad(values, sides, mode="reflect", reflect_type="odd" if values.ndim > 1 else "even")
 
 
 def _curvature(points: np.ndarray) -> np.ndarray:

@@ -8,18 +8,16 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from platoontraffic.road.drivable_line import COMFORT, LOCK, drivable
+from platoontraffic.road.drivable_line import LOCK, drivable
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.bicycle import CARS
 
-RADIUS, TOLERANCE, SPACING = 5.0, 0.25, 0.5
+RADIUS, SPACING = 5.0, 0.5
 
 
-def rounded(points, speed=8.0, closed=False):
-    points = np.asarray(points, dtype=float)
-    comfort = np.full(len(points), COMFORT / speed**2)
-    return drivable(points, comfort, 1 / RADIUS, TOLERANCE, SPACING, closed)
+def rounded(points, closed=False):
+    return drivable(np.asarray(points, dtype=float), 1 / RADIUS, SPACING, closed)
 
 
 def curvature(points):
@@ -52,16 +50,12 @@ def test_a_straight_line_stays():
     assert stations == pytest.approx(np.hypot(*points.T))
 
 
-def test_a_kink_is_rounded_for_its_speed_and_stays_within_the_tolerance():
-    points, _ = rounded([(-60, 0), (0, 0), (60, 6)])
-    off = shapely.distance(shapely.points(points), shapely.LineString([(-60, 0), (0, 0), (60, 6)]))
-    assert 0.01 < off.max() < TOLERANCE
-    # Beside the tip the displacement is nearly 0, and there the curvature is that for comfort.
-    assert np.sort(curvature(points))[-5:] == pytest.approx(COMFORT / 64, rel=0.35)
-    sharp, _ = rounded([(-60, 0), (0, 0), (60, 30)])
-    off = shapely.distance(shapely.points(sharp), shapely.LineString([(-60, 0), (0, 0), (60, 30)]))
-    assert off.max() < 1.5 * TOLERANCE
-    assert curvature(sharp).max() < 1 / RADIUS
+def test_what_a_vehicle_can_drive_stays():
+    angle = np.linspace(0, np.pi / 2, 30)
+    arc = 1.1 * RADIUS * np.column_stack([np.sin(angle), 1 - np.cos(angle)])
+    points, _ = rounded(np.vstack([(-40, 0), arc, arc[-1] + (0, 40)]))
+    off = shapely.distance(shapely.points(points), shapely.LineString(np.vstack([(-40, 0), arc, arc[-1] + (0, 40)])))
+    assert off.max() < 0.02
 
 
 def test_a_spike_vanishes():
@@ -94,7 +88,7 @@ def test_a_half_turn_that_is_too_tight_becomes_a_bulb(radius, side):
     angle = np.linspace(-np.pi / 2, np.pi / 2, 20)
     turn = np.column_stack([60 + radius * np.cos(angle), side * radius * (1 + np.sin(angle))])
     points, _ = rounded(np.vstack([(0, 0), turn, (0, 2 * side * radius)]))
-    assert curvature(points).max() <= 1.1 / RADIUS
+    assert curvature(points).max() <= 1.12 / RADIUS
     beside = side * points[:, 1]
     assert 2 * RADIUS - 0.7 < np.ptp(beside) < 2 * RADIUS + 0.5
     assert beside.max() - 2 * radius == pytest.approx(-beside.min(), abs=0.05)
@@ -132,6 +126,6 @@ def test_stop_lines_and_limits_of_a_route_move_with_its_line():
     assert there == pytest.approx((60.0, 30.0), abs=0.2)
     assert route.length < given_route.length - 0.5
     radius = LOCK * CARS["car"].turning_radius
-    assert curvature(route.line.points[:-1]).max() <= 1.01 / radius
+    assert curvature(route.line.points[:-1]).max() <= 1.03 / radius  # easing may add 2 %
     drop = route.line.points[np.flatnonzero(np.diff(route.limit) < 0) + 1][0]
     assert np.hypot(*(drop - (60.0, 0.0))) < radius

@@ -229,7 +229,7 @@ def test_a_member_stops_at_red_and_starts_at_green(scene):
 
 
 @pytest.mark.sumo
-@pytest.mark.parametrize(("before", "stops"), [(15.0, False), (70.0, True)])
+@pytest.mark.parametrize(("before", "stops"), [(10.0, False), (70.0, True)])
 def test_a_member_stops_at_yellow_where_it_can(scene, before, stops):
     def yellow():
         libsumo.trafficlight.setPhase("middle", 1)

@@ -1,0 +1,110 @@
+"""Lines whose curvature changes gradually."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from platoontraffic.road.drivable_line import drivable
+from platoontraffic.road.eased_line import ABOVE_LOCK, TOTAL, _graduated, eased
+
+LOCK, TOLERANCE, WIDEST, SPACING = 1 / 4.65, 0.5, 4.7, 0.47  # of a car
+
+
+def corner(radius, leg=60.0, turn=np.pi / 2):
+    angle = np.linspace(0, turn, 40)
+    arc = radius * np.column_stack([np.sin(angle), 1 - np.cos(angle)])
+    return np.vstack([(-leg, 0), arc, arc[-1] + leg * np.array([np.cos(turn), np.sin(turn)])])
+
+
+def easy(points, closed=False, tolerance=TOLERANCE):
+    points = np.asarray(points, dtype=float)
+    line, stations = drivable(points, LOCK, SPACING, closed)
+    return eased(line, stations, points, LOCK, tolerance, WIDEST, SPACING, closed)
+
+
+def curvature(points):
+    """At the inner points, without sign."""
+    steps = np.diff(points, axis=0)
+    turn = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
+    size = np.hypot(*steps.T)
+    return np.abs(turn) / ((size[1:] + size[:-1]) / 2)
+
+
+def over_a_length(points):
+    """Curvature over one vehicle length, at places 0.5 m apart."""
+    line = shapely.LineString(points)
+    stations = np.arange(5.0, line.length - 5.0, 0.5)
+    behind, here, ahead = (shapely.get_coordinates(line.interpolate(stations + s)) for s in (-2.37, 0.0, 2.37))
+    one, two = np.arctan2(*(here - behind).T[::-1]), np.arctan2(*(ahead - here).T[::-1])
+    return (np.unwrap(two) - np.unwrap(one)) / 2.37
+
+
+@pytest.mark.parametrize("weight", [0.0, 1.0, 1e3, 1e6])
+def test_the_sum_is_least(weight):
+    points = np.random.default_rng(1).normal(size=(40, 2))
+    third = np.diff(np.eye(40), 3, axis=0)
+    expected = np.linalg.solve(np.eye(40) + weight * third.T @ third, points)
+    assert _graduated(points, weight) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("radius", [5.7, 8.0, 12.0])
+def test_the_curvature_of_an_arc_rises_gradually_within_the_tolerance(radius):
+    given_line = corner(radius)
+    points, _ = easy(given_line)
+    off = shapely.distance(shapely.points(points), shapely.LineString(given_line))
+    assert 0.2 < off.max() <= TOTAL * TOLERANCE
+    assert curvature(points).max() < 1.08 / radius
+    steepest = [np.abs(np.diff(over_a_length(line))).max() / 0.5 for line in (points, given_line)]
+    assert steepest[0] < 0.65 * steepest[1]
+    assert steepest[0] < 0.035  # what a car can steer at 4 m/s: 0.4 rad/s at a wheelbase of 2.7 m
+
+
+def test_a_corner_is_cut_and_entered_from_its_outside():
+    points, _ = easy(corner(8.0))
+    apex = np.hypot(points[:, 0], points[:, 1] - 8.0).min()
+    assert 7.4 < apex < 7.8
+    assert -0.4 < points[:, 1].min() < 0.0
+
+
+def test_a_straight_line_and_the_ends_stay():
+    points, stations = easy([(0, 0), (30, 40), (60, 80)])
+    assert points[:, 1] == pytest.approx(points[:, 0] * 4 / 3, abs=1e-9)
+    assert stations == pytest.approx(np.hypot(*points.T), abs=1e-6)
+    ends, _ = easy(corner(6.0, leg=3.0))
+    assert ends[[0, -1]] == pytest.approx(corner(6.0, leg=3.0)[[0, -1]])
+
+
+def test_without_tolerance_a_line_that_a_vehicle_can_drive_stays():
+    given_line = corner(12.0)
+    points, _ = easy(given_line, tolerance=1e-3)
+    assert shapely.distance(shapely.points(points), shapely.LineString(given_line)).max() < 0.03
+
+
+def test_a_circle_stays_a_circle():
+    angle = np.linspace(0, 2 * np.pi, 400)
+    points, _ = easy(15.0 * np.column_stack([np.cos(angle), np.sin(angle)]), closed=True)
+    radius = np.hypot(*points.T)
+    assert points[0] == pytest.approx(points[-1])
+    assert np.ptp(radius) < 0.01
+    assert radius.mean() == pytest.approx(15.0, abs=0.15)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    steps=st.lists(st.floats(4.0, 25.0), min_size=3, max_size=25),
+    aside=st.lists(st.floats(-3.0, 3.0), min_size=26, max_size=26),
+)
+def test_any_line_stays_drivable_and_near_and_its_mirror_image_is_eased_alike(steps, aside):
+    x = np.concatenate([[0.0], np.cumsum(steps)])
+    given_line = np.column_stack([x, aside[: len(x)]])
+    before, stations = drivable(given_line, LOCK, SPACING)
+    points, _ = eased(before, stations, given_line, LOCK, TOLERANCE, WIDEST, SPACING)
+    assert curvature(points).max(initial=0.0) <= 1.05 * ABOVE_LOCK * LOCK
+    off = shapely.distance(shapely.points(points), shapely.LineString(before))
+    assert off.max() <= 1.1 * TOLERANCE
+    mirrored, _ = easy(given_line * (1, -1))
+    assert mirrored == pytest.approx(points * (1, -1), abs=1e-6)
