@@ -31,7 +31,7 @@ STEERING_LAG = 0.15  # from a command to the curvature driven, by which the curv
 SMOOTH = ("sinusoid", "chirp")  # profiles that are fed forward through the vehicle's lag
 SHARPEST = 0.1  # least radius of a turn, for a vehicle that turns on the spot [vehicle lengths]
 STEERED = 0.95  # share of its steering rate that the changes of curvature may take
-RESERVE = 1.2  # lateral acceleration that steering may use, above that of the planned speed
+RESERVE = 1.15  # lateral acceleration that steering may use, above that of the planned speed
 ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
 
 
@@ -93,7 +93,7 @@ class PathLeader(Law):
     acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5
     braking: Annotated[Positive, Field(alias="braking_mps2")] = 3.0  # comfortable
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 8.0
-    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 3.8
+    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 3.6
 
     def __post_init__(self) -> None:
         if self.trace is not None:
@@ -201,7 +201,7 @@ class PathLeader(Law):
         near = distance < SETTLING / 2 * speed
         soon = np.where(near, (fastest - speed) / SETTLING, np.inf)
         ahead = self._slowed_to(fastest, np.maximum(distance, SETTLING / 2 * speed), speed)
-        return np.minimum(soon, np.where(near, np.inf, ahead))[:, 1:].min(axis=1)
+        return np.minimum(soon, ahead)[:, 1:].min(axis=1)
 
     def braking_for(self, memory: Memory) -> BrakingFor:
         return memory.braking_for
