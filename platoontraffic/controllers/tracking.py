@@ -74,8 +74,7 @@ class Memory(NamedTuple):
         n = len(speed)
         records = Odometry.begin(speed, yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
         none = np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool)
-        return cls(*records, *np.zeros((2, n)), DriveLine.at_rest(n), *none, Creeping.none(n), nothing(n),
-                   )  # fmt: skip
+        return cls(*records, *np.zeros((2, n)), DriveLine.at_rest(n), *none, Creeping.none(n), nothing(n))
 
 
 class Now(NamedTuple):
