@@ -60,9 +60,8 @@ def eased(
         smooth.append(_graduated(onward, (k / LEVELS * widest / spacing) ** 6)[reach : len(onward) - reach])
         off = _off(smooth[k] - given, smooth[k])
         near = (off <= TOTAL * tolerance) & (_off(smooth[k] - line, smooth[k]) <= tolerance)
-        fits = (near | (off <= off_before)) & (_curvature(_onward(smooth[k], 1, closed)) <= sharpest)
-        level[fits] = k
-    for _ in range(LEVELS):
+        level[(near | (off <= off_before)) & (level == k - 1)] = k
+    for _ in range(5 * LEVELS):  # a place may become sharp as its neighbours are eased less
         found = _blended(smooth, level, math.ceil(widest / spacing), closed)
         sharp = _curvature(_onward(found, 1, closed)) > sharpest
         if not (sharp & (level > 0)).any():
