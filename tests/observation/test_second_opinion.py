@@ -17,7 +17,7 @@ from tests.support.runs import run
 # Followers repeat lane changes blindly in the first one, so there are contacts to be put down to somebody.
 RUNS = {
     "highway_traffic": ("run.duration_s=310", "seed=3"),
-    "grid_platoons": ("run.duration_s=25",),
+    "corridor_two_platoons": ("run.duration_s=40",),
     "corridor_cut_in": ("run.duration_s=25",),
 }
 

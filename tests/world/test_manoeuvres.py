@@ -185,9 +185,9 @@ def test_one_car_leaves_one_splits_off_and_joins_again_and_a_platoon_joins_the_e
     for joined, behind in (("platoon.3", "platoon.2"), ("late.0", "platoon.4"), ("platoon.2", "platoon.0")):
         back = events[(events.kind == "rejoined") & (events.vehicle_id == joined) & (events.other_id == behind)]
         assert len(back) >= 1
-        own = rows[(rows.vehicle_id == joined) & (rows.time_s > 150) & (rows.time_s < 175)]
+        own = rows[(rows.vehicle_id == joined) & (rows.time_s > 130) & (rows.time_s < 150)]
         assert (own.target_id == behind).mean() > 0.98
-        assert own.gap_error_m.abs().median() < 2.0
+        assert own.gap_error_m.abs().median() < 0.5
     apart = rows[(rows.vehicle_id == "platoon.3") & rows.time_s.between(20.1, 109.9)]
     assert apart.gap_m.isna().all()
     assert (apart.target_id.fillna("") == "").all()
