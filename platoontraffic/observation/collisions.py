@@ -1,8 +1,8 @@
 """Contacts between members and other vehicles or walls, and gaps that come close to one.
 
 A contact is caused by one of the two, whichever of them is a member. The one that entered the other's lane less than
-LANE_CHANGE_BLAME before is the cause (`lane_entries`), whoever struck whom. If nobody did, the one behind is the cause;
-and if none is behind, side by side or head on, it is put down to the member.
+LANE_CHANGE_BLAME before is the cause (`lane_entries`), whichever struck the other. If neither did, the one behind is
+the cause; and if neither is behind, side by side or head on, the contact counts as caused by the member.
 """
 
 from __future__ import annotations

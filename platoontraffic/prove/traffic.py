@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic import scenario as scenarios
+from platoontraffic.analysis.limits import poisson_limits
 from platoontraffic.prove.plans import LASER, SUMO, Plan
 from platoontraffic.prove.rides import NO_REASON, Ride, ride
 from platoontraffic.results.provenance import run_id
@@ -145,20 +146,3 @@ def _stuck(made: Sequence[Pair]) -> Iterator[str]:
             yield f"seed {pair.seed}: {longest.vehicle} stands for {longest.lasts:.0f} s ({longest.why})"
         if unknown := sum(stand.why == NO_REASON for stand in pair.platoons.stands):
             yield f"seed {pair.seed}: {unknown} standstills without a reason"
-
-
-def poisson_limits(count: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Exact limits of the mean of a Poisson variable of which `count` was seen (F. Garwood, Biometrika 28, 1936)."""
-    tail = (1 - confidence) / 2
-
-    def at_most(k: int, mean: float) -> float:
-        return sum(math.exp(i * math.log(mean) - mean - math.lgamma(i + 1)) for i in range(k + 1))
-
-    def solved(k: int, wanted: float) -> float:
-        low, high = 1e-12, 10.0 * (k + 5)
-        for _ in range(200):  # `at_most` falls with the mean
-            middle = (low + high) / 2
-            low, high = (middle, high) if at_most(k, middle) > wanted else (low, middle)
-        return low
-
-    return (solved(count - 1, 1 - tail) if count else 0.0), solved(count, tail)

@@ -9,9 +9,9 @@ member hours; then both with the rates an hour that 95 % limits allow.
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Sequence
 
+from platoontraffic.analysis.limits import poisson_limits
 from platoontraffic.results.metrics import CAUSED_BY_OTHER
 from platoontraffic.simulation import Simulation
 
@@ -29,22 +29,9 @@ def contacts(seed: int, seconds: float, changes: Sequence[str]) -> tuple[list, l
 
 
 def limits(count: int, hours: float) -> str:
-    """The rate and its exact 95 % limits (Garwood 1936)."""
-    low = mean_with(count - 1, 0.975) if count else 0.0
-    high = mean_with(count, 0.025)
-    return (
-        f"{count} in {hours:.2f} h: {count / hours:.2f} per hour, 95 % limits {low / hours:.2f} to {high / hours:.2f}"
-    )
-
-
-def mean_with(count: int, probability: float) -> float:
-    """The mean of a Poisson distribution in which no more than `count` events have this probability."""
-    low, high = 0.0, 10.0 * count + 20.0
-    for _ in range(100):
-        mean = (low + high) / 2
-        no_more = math.exp(-mean) * sum(mean**k / math.factorial(k) for k in range(count + 1))
-        low, high = (mean, high) if no_more > probability else (low, mean)
-    return low
+    """The rate and its exact 95 % limits."""
+    low, high = (limit / hours for limit in poisson_limits(count))
+    return f"{count} in {hours:.2f} h: {count / hours:.2f} per hour, 95 % limits {low:.2f} to {high:.2f}"
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ from platoontraffic.lidar import Scene
 from platoontraffic.prove.demand import write_demand
 from platoontraffic.prove.plans import LASER, SUMO, Road, planned
 from platoontraffic.prove.rides import NO_REASON, Ride, Stand, _incidents, _stands
-from platoontraffic.prove.traffic import Pair, Verdict, poisson_limits
+from platoontraffic.prove.traffic import Pair, Verdict
 from platoontraffic.road.network import Network
 from platoontraffic.world.deployment import deploy
 from tests.support.generated import generated
@@ -94,14 +94,6 @@ def test_a_contact_is_an_incident_unless_another_vehicle_made_it():
         (6.0, "red_light", "p0.0", "", "e", "", "lane", np.nan),
     )
     assert [one.time for one in _incidents(found, {"p0.0", "p0.1"})] == [2.0, 4.0, 5.0, 6.0]
-
-
-@pytest.mark.parametrize(
-    ("count", "low", "high"), [(0, 0.0, 3.6889), (1, 0.02532, 5.5716), (10, 4.7954, 18.3904), (100, 81.364, 121.627)]
-)
-def test_limits_of_a_count_are_those_of_the_tables(count, low, high):
-    """E. S. Pearson, H. O. Hartley, Biometrika Tables for Statisticians, vol. 1, table 40."""
-    assert poisson_limits(count) == pytest.approx((low, high), rel=1e-4)
 
 
 def ride(**changes) -> Ride:
