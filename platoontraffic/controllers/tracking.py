@@ -93,6 +93,7 @@ class Now(NamedTuple):
     fitted: Fitted
     dt: float
     given: RouteAhead | None  # the route, where `sensed` has the one that is driven: shifted to a lane beside it
+    wrong_lane: np.ndarray  # it would come to the next stop line on another lane than its route, bool (n,)
 
     @property
     def speed(self) -> np.ndarray:
@@ -119,6 +120,7 @@ class Estimate(NamedTuple):
 
     predicted: Track  # before the scan
     track: Track
+    aligned: Track  # where it would be on the own lane, if the own vehicle stays there
     sighting: Sighting
     on_route: np.ndarray  # the path is the given route, not the predecessor's trail, bool (n,)
 
@@ -226,8 +228,12 @@ class TrackingFollower(Law):
             memory = Memory.begin(sensed.speed, sensed.yaw_rate)
         bias = memory.yaw_bias.after(sensed, memory.curvature, dt)
         odometry = memory.odometry.moved(*own_motion(sensed, bias, memory.curvature, memory.acceleration), dt)
-        given, sensed = sensed.route, replace(sensed, route=memory.beside.drives(sensed.route))
-        now = Now(sensed, memory, odometry, fitted(sensed.body, odometry.speed, dt, RECOVERY), dt, given)
+        given, wrong_lane = sensed.route, np.zeros(len(sensed.speed), bool)
+        if given is not None and memory.beside.active.any():
+            wrong_lane = memory.beside.closes(given, sensed.signals.distance)
+            signals = sensed.signals._replace(open=sensed.signals.open & ~wrong_lane)
+            sensed = replace(sensed, route=memory.beside.drives(given), signals=signals)
+        now = Now(sensed, memory, odometry, fitted(sensed.body, odometry.speed, dt, RECOVERY), dt, given, wrong_lane)
         estimate = self._estimate(now)
 
         trail = self._remember(now, estimate)
@@ -273,7 +279,8 @@ class TrackingFollower(Law):
             track, sighting = track.forgotten(now.leads), sighting.without(now.leads)
         # A predecessor that was met on the route is followed along the route.
         on_route = (~predicted.known | ~now.memory.never_lost | now.memory.beside.active) & (route is not None)
-        return Estimate(predicted, track, sighting, on_route)
+        aligned = track if now.given is None else now.memory.beside.aligned(track, now.given, now.odometry)
+        return Estimate(predicted, track, aligned, sighting, on_route)
 
     def _predict(self, now: Now) -> Track:
         """The track at the time of this scan, without predecessors that are lost, off the route, or not wanted."""
@@ -287,14 +294,13 @@ class TrackingFollower(Law):
     # ---- 2. steer
 
     def _remember(self, now: Now, estimate: Estimate) -> Trail:
-        track, odometry, route = estimate.track, now.odometry, now.sensed.route
+        track, odometry, route = estimate.aligned, now.odometry, now.sensed.route
         gap, section = estimate.predicted.blind > 1.5 * now.dt, None
         if route is not None:
             near = np.hypot(track.mean[:, 0] - odometry.x, track.mean[:, 1] - odometry.y) - RUN_UP
             length = np.where(track.known, near, now.sensed.scan.model.range_max)
             rounding = ROUNDED * now.sensed.body.length
             section = RouteSection(estimate.on_route, route.points, route.distance, length, rounding)
-            track = now.memory.beside.aligned(track, now.given, odometry)
         return now.memory.trail.extended(track, odometry, gap | estimate.on_route, section)
 
     def _look_beside(self, now: Now, estimate: Estimate) -> Beside:
@@ -306,10 +312,8 @@ class TrackingFollower(Law):
         return beside.look(now.memory.beside, scene)
 
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
-        fit, track = now.fitted, estimate.track
-        if now.given is not None:
-            track = now.memory.beside.aligned(track, now.given, now.odometry)
-        return trail.ahead(now.odometry, track, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
+        fit = now.fitted
+        return trail.ahead(now.odometry, estimate.aligned, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
 
     def _steer(self, now: Now, estimate: Estimate, ahead: Ahead) -> np.ndarray:
         """Curvature to drive [1/m], (n,)."""
@@ -395,7 +399,7 @@ class TrackingFollower(Law):
         free, closing, bearing = obstacle
         n = len(now.speed)
         stop = np.full(n, np.inf) if sensed.signals is None else self.alone.acceleration_for_lines(sensed)
-        stop = np.where(track.known & (self.policy == "convoy"), np.inf, stop)
+        stop = np.where(track.known & (self.policy == "convoy") & ~now.wrong_lane, np.inf, stop)
         creeps, limit = memory.creeping, nothing(n)
         if sensed.route is not None:
             alone = self.alone.acceleration_on(sensed, np.zeros(n), free, closing, now.dt)
