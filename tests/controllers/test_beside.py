@@ -69,8 +69,8 @@ def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: flo
         ahead, faster = other
         x, speed = members[1].pose[0] + ahead, SPEED + faster
         members.append(
-            Member("other.0", "other", 0, CAR, UNSEEING, PathLeader(speed=speed), "", 0, 0.0, (x, LANE, 0.0), speed=speed,
-                   route=road(bend, begin, LANE + over(x + speed * LEAVES)))
+            Member("other.0", "other", 0, CAR, UNSEEING, PathLeader(speed=speed), "", 0, 0.0, (x, LANE, 0.0),
+                   speed=speed, route=road(bend, begin, LANE + over(x + speed * LEAVES)))
         )  # fmt: skip
     return drive(members, NO_WALLS, 24.0, DT, seed=seed, ground=lambda: StopLine(DT))
 
