@@ -13,7 +13,8 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import csv, parquet
 
-from platoontraffic.analysis.results import ResultsError, load, resources
+from platoontraffic.analysis.files import ResultsError, inside
+from platoontraffic.analysis.results import load, resources
 
 TYPES = {"number": pa.float64(), "integer": pa.int64(), "string": pa.string()}  # others are guessed
 
@@ -28,7 +29,7 @@ def export(folder: Path | str) -> list[Path]:
     try:
         files = [_write(folder / f"{name}.parquet", [_table(folder, name)]) for name in resources(folder)]
         if (folder / "study.toml").is_file() and len(results.summary):
-            names = resources(folder / results.summary.id.iloc[0])
+            names = resources(inside(folder, results.summary.id.iloc[0]))
             files += [_write(folder / f"{n}.parquet", _of_all_runs(folder, n)) for n in names if n != "summary"]
     except OSError as error:
         raise ResultsError(f"{error.filename or folder}: {error.strerror or error}") from error
@@ -43,7 +44,7 @@ def _of_all_runs(folder: Path, name: str) -> Iterator[pa.Table]:
     points = runs.drop_columns(["status", "error", "wall_s"])
     for i in range(runs.num_rows):
         if runs["status"][i].as_py() == "done":
-            table = _table(folder / points["id"][i].as_py(), name)
+            table = _table(inside(folder, points["id"][i].as_py()), name)
             same = [pa.repeat(column[i], table.num_rows) for column in points.columns]
             yield pa.table([*same, *table.columns], schema=pa.schema([*points.schema, *table.schema]))
 
@@ -52,7 +53,8 @@ def _table(folder: Path, name: str) -> pa.Table:
     fields = resources(folder)[name]
     types = {f["name"]: TYPES[f["type"]] for f in fields if f["type"] in TYPES}
     options = csv.ConvertOptions(column_types=types, null_values=[""], strings_can_be_null=False)
-    table = csv.read_csv(folder / f"{name}.csv", convert_options=options)
+    parsing = csv.ParseOptions(newlines_in_values=True)
+    table = csv.read_csv(inside(folder, f"{name}.csv"), parse_options=parsing, convert_options=options)
     units = {f["name"]: f["unit"] for f in fields}
     described = [f.with_metadata({"unit": units.get(f.name, "")}) for f in table.schema]
     return table.cast(pa.schema(described))

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from platoontraffic.analysis.results import ResultsError
+from platoontraffic.analysis.files import ResultsError, inside
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,7 +88,7 @@ def text(value: object) -> str:
 def read_json(folder: Path, name: str) -> dict[str, Any]:
     """A JSON file of results; empty if it cannot be read, since the rest can still be reported."""
     try:
-        return json.loads((folder / name).read_text(encoding="utf-8"))
+        return json.loads(inside(folder, name).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
 

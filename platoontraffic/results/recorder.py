@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, TextIO
 
 import pandas as pd
 
+from platoontraffic.analysis.files import read_table
 from platoontraffic.errors import RunError
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import csv_text
@@ -120,7 +121,7 @@ class Recorder:
 
     def read_table(self, name: str) -> pd.DataFrame:
         """A table of this run that is complete; see `close_tables`."""
-        return pd.read_csv(self.folder / f"{name}.csv")
+        return read_table(self.folder / f"{name}.csv")
 
     def close_tables(self) -> None:
         for file in self._files():
