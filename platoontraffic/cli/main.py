@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import signal
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from importlib import import_module
@@ -31,6 +30,7 @@ from platoontraffic.cli.printing import (
     title,
 )
 from platoontraffic.cli.progress import batch_progress, err, run_progress, show_stage
+from platoontraffic.cli.signals import end_as_at_control_c
 from platoontraffic.errors import InputError, MissingError, RunError, did_you_mean
 
 app = typer.Typer(
@@ -79,8 +79,7 @@ def run(
     from platoontraffic import scenario as scenarios
 
     runs = _runs()
-    # Clusters end jobs by SIGTERM: the recorded part of the run is then kept, as at Ctrl-C.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    end_as_at_control_c()
     checked = scenarios.load(scenario, changes or (), seed, platoons)
     if replay:
         checked = checked.for_replay()
@@ -143,7 +142,7 @@ def batch(
     from platoontraffic.study import batch as batches
     from platoontraffic.study import study as studies
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    end_as_at_control_c()
     if executor not in ("processes", "serial", "dask") and not executor.startswith("dask:"):
         hint = did_you_mean(executor, ["processes", "serial", "dask"])
         raise InputError(f"--executor: {executor!r}: no such executor{hint}; or dask:ADDRESS")
@@ -321,7 +320,7 @@ def prove(
     """Drive random routes of a network, and report where that goes wrong; exit code 1 if it does."""
     from platoontraffic.cli.prove import check_vehicle, prove_alone, prove_traffic, road_of
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    end_as_at_control_c()
     check_vehicle(vehicle)
     road = road_of(net)
     if traffic:
@@ -399,11 +398,6 @@ def bench(
     finally:
         show_stage("")
     print(measured.json() if json else benchmark.text(measured))
-
-
-def main() -> None:
-    """Entry point."""
-    app()
 
 
 def _runs() -> ModuleType:
