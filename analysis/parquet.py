@@ -6,15 +6,15 @@ Not for a process that has imported libsumo: both bring their own copy of Arrow.
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow as pa
 from pyarrow import csv, parquet
 
-from platoontraffic.analysis.files import ResultsError, inside
+from platoontraffic.analysis.reading import ResultsError, inside
 from platoontraffic.analysis.results import load, resources
+from platoontraffic.analysis.writing import replacing
 
 TYPES = {"number": pa.float64(), "integer": pa.int64(), "string": pa.string()}  # others are guessed
 
@@ -22,7 +22,7 @@ TYPES = {"number": pa.float64(), "integer": pa.int64(), "string": pa.string()}  
 def export(folder: Path | str) -> list[Path]:
     """Write every table of a run; for a batch, each table of all its runs as one file. Returns the files.
 
-    raises: ResultsError
+    raises: ResultsError, OSError (a file cannot be written)
     """
     folder = Path(folder)
     results = load(folder)
@@ -31,8 +31,6 @@ def export(folder: Path | str) -> list[Path]:
         if (folder / "study.toml").is_file() and len(results.summary):
             names = resources(inside(folder, results.summary.id.iloc[0]))
             files += [_write(folder / f"{n}.parquet", _of_all_runs(folder, n)) for n in names if n != "summary"]
-    except OSError as error:
-        raise ResultsError(f"{error.filename or folder}: {error.strerror or error}") from error
     except pa.ArrowException as error:
         raise ResultsError(f"{folder}: {' '.join(str(error).split())}") from error
     return files
@@ -54,21 +52,20 @@ def _table(folder: Path, name: str) -> pa.Table:
     types = {f["name"]: TYPES[f["type"]] for f in fields if f["type"] in TYPES}
     options = csv.ConvertOptions(column_types=types, null_values=[""], strings_can_be_null=False)
     parsing = csv.ParseOptions(newlines_in_values=True)
-    table = csv.read_csv(inside(folder, f"{name}.csv"), parse_options=parsing, convert_options=options)
+    file = inside(folder, f"{name}.csv")
+    try:
+        table = csv.read_csv(file, parse_options=parsing, convert_options=options)
+    except OSError as error:
+        raise ResultsError(f"{file}: cannot be read: {error.strerror or error}") from error
     units = {f["name"]: f["unit"] for f in fields}
     described = [f.with_metadata({"unit": units.get(f.name, "")}) for f in table.schema]
     return table.cast(pa.schema(described))
 
 
 def _write(file: Path, tables: Iterator[pa.Table] | list[pa.Table]) -> Path:
-    new = file.with_name(f".{file.name}.{os.getpid()}")
-    try:
-        with contextlib.ExitStack() as stack:
-            writer = None
-            for table in tables:
-                writer = writer or stack.enter_context(parquet.ParquetWriter(new, table.schema))
-                writer.write_table(table)
-        new.replace(file)
-    finally:
-        new.unlink(missing_ok=True)
+    with replacing(file) as new, contextlib.ExitStack() as stack:
+        writer = None
+        for table in tables:
+            writer = writer or stack.enter_context(parquet.ParquetWriter(new, table.schema))
+            writer.write_table(table)
     return file

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from platoontraffic.analysis.files import ResultsError, inside, read_table
+from platoontraffic.analysis.reading import ResultsError, inside, read_table
 
 # The tables that every run has, and the columns that figures and tables need.
 NEEDED = {

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
-from platoontraffic.errors import InputError
+from platoontraffic.errors import InputError, not_written
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,13 +45,15 @@ def print_json(document: Any) -> None:
 
 @contextmanager
 def result_faults(hint: str = "") -> Iterator[None]:
-    """Report a missing or damaged file of results as bad input."""
-    from platoontraffic.analysis.results import ResultsError
+    """Report a missing or damaged file of results as bad input, and one that cannot be written by its cause."""
+    from platoontraffic.analysis.reading import ResultsError
 
     try:
         yield
     except ResultsError as error:
         raise InputError(f"{error}{hint}") from error
+    except OSError as error:
+        raise not_written(error) from error
 
 
 def print_remarks(prepared: Prepared) -> None:
@@ -98,7 +100,7 @@ def _members(metrics: pd.DataFrame) -> Table:
 
 def summary(folder: Path) -> dict[str, str | float | None]:
     """The row of a run's summary.csv; empty cells are None."""
-    from platoontraffic.analysis.files import read_table
+    from platoontraffic.analysis.reading import read_table
     from platoontraffic.analysis.results import resources
 
     with result_faults("; --force repeats the run"):

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from platoontraffic.analysis.files import ResultsError, inside
+from platoontraffic.analysis.reading import ResultsError, inside
 from platoontraffic.analysis.results import Results, Scans
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import LidarModel, ScanBatch

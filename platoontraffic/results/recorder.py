@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TextIO
 
 import pandas as pd
 
-from platoontraffic.analysis.files import read_table
+from platoontraffic.analysis.reading import read_table
 from platoontraffic.errors import RunError
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import csv_text

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from platoontraffic import analysis
-from platoontraffic.analysis.files import TEXTS, read_table
+from platoontraffic.analysis.reading import TEXTS, read_table
 from platoontraffic.cli.printing import summary
 from platoontraffic.export import fcd, rosbag
 from platoontraffic.replay import page as replay_page

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from platoontraffic import scenario
-from platoontraffic.analysis.files import read_table
+from platoontraffic.analysis.reading import read_table
 from platoontraffic.results.metrics import of_traffic
 from platoontraffic.results.sumo_tables import TABLES, sumo_options
 from tests.support.runs import run
