@@ -29,7 +29,7 @@ from platoontraffic.cli.printing import (
     summary,
     title,
 )
-from platoontraffic.cli.progress import batch_progress, err, run_progress, show_stage
+from platoontraffic.cli.progress import batch_progress, err, run_progress, say, show_stage
 from platoontraffic.cli.signals import end_as_at_control_c
 from platoontraffic.errors import InputError, MissingError, RunError, did_you_mean
 
@@ -98,8 +98,16 @@ def run(
         if not quiet and not json:
             err.print(f"results of an equal run exist; it is not repeated without --force: {folder}")
     else:
-        with run_progress(checked.spec.run.duration_s, checked.spec.name, quiet) as watchers:
-            runs.run(prepared, folder, watchers, replace=force, window=window)
+        from platoontraffic.cli.alone import alone
+
+        def waits() -> None:
+            if not quiet:
+                err.print("another process executes this run; this one waits for it", soft_wrap=True)
+
+        progress = run_progress(checked.spec.run.duration_s, checked.spec.name, quiet)
+        with alone(folder, waits, say), progress as watchers:
+            if force or not runs.is_done(folder):
+                runs.run(prepared, folder, watchers, replace=force, window=window, say=say)
     if json:
         print_json({"folder": str(folder), "summary": summary(folder), "sumo_options_replaced": checked.replaced()})
         return
