@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import stat
 from types import FrameType
-
-# A cluster ends jobs by SIGTERM, a terminal that is closed by SIGHUP. Windows has no SIGHUP.
-OF_THE_SYSTEM = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def end_at_once() -> None:
@@ -24,9 +22,21 @@ def command_begins() -> None:
 
 def end_as_at_control_c() -> None:
     """Raise KeyboardInterrupt at the system's signals too: what was recorded is then kept."""
-    for number in OF_THE_SYSTEM:
-        if signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, signal.default_int_handler)
+    # A cluster ends jobs by SIGTERM, a terminal that is closed by SIGHUP. Windows has no SIGHUP.
+    for name, handler in (("SIGTERM", signal.default_int_handler), ("SIGHUP", _hung_up)):
+        number = getattr(signal, name, None)
+        if number and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, handler)
+
+
+def _hung_up(number: int, frame: FrameType | None) -> None:
+    """KeyboardInterrupt; what is still said to a terminal that is gone goes nowhere, instead of being an error."""
+    null = os.open(os.devnull, os.O_RDWR)
+    for stream in range(3):
+        if stat.S_ISCHR(os.fstat(stream).st_mode) and not os.isatty(stream):
+            os.dup2(null, stream)
+    os.close(null)
+    raise KeyboardInterrupt
 
 
 def _end(number: int, frame: FrameType | None) -> None:

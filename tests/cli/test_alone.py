@@ -150,3 +150,20 @@ def test_a_file_or_a_link_in_the_place_of_the_run_is_kept_beside_it(place, tmp_p
     kept = tmp_path / f"{place}.earlier"
     assert kept.read_text() == "mine" if what == "file" else kept.readlink() == tmp_path / "elsewhere"
     assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_terminal_that_is_closed_ends_a_run_as_control_c_does(tmp_path):
+    import pty
+
+    process, terminal = pty.fork()
+    if not process:
+        os.execv(sys.executable, command(tmp_path, *LONG[:1], "run.duration_s=600"))
+    until = time.monotonic() + 120
+    while not any(table.stat().st_size > 10_000 for table in tmp_path.glob("*/*.partial/trajectories.csv")):
+        assert time.monotonic() < until
+        time.sleep(0.1)
+    os.close(terminal)
+    _, status = os.waitpid(process, 0)
+    assert os.waitstatus_to_exitcode(status) == 130
+    assert [f.suffix for f in (tmp_path / "paper_loop").iterdir()] == [".unfinished"]
