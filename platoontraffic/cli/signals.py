@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
-import stat
 from types import FrameType
 
 
@@ -31,10 +31,15 @@ def end_as_at_control_c() -> None:
 
 def _hung_up(number: int, frame: FrameType | None) -> None:
     """KeyboardInterrupt; what is still said to a terminal that is gone goes nowhere, instead of being an error."""
+    import termios  # not on Windows
+
     null = os.open(os.devnull, os.O_RDWR)
-    for stream in range(3):
-        if stat.S_ISCHR(os.fstat(stream).st_mode) and not os.isatty(stream):
-            os.dup2(null, stream)
+    for name in os.listdir("/dev/fd"):  # stderr may have another number while SUMO's messages go to its log
+        try:
+            termios.tcgetattr(int(name))
+        except termios.error as error:
+            if error.args[0] == errno.EIO:
+                os.dup2(null, int(name))
     os.close(null)
     raise KeyboardInterrupt
 
