@@ -19,6 +19,10 @@ from platoontraffic.results.scans import FIELDS, NAME
 from platoontraffic.results.sumo_tables import TABLES
 from platoontraffic.world.events import KINDS
 
+TEXTS = (
+    "Fields of type string are text, whatever it looks like, and are missing only where the cell is empty. An id of "
+    "SUMO may begin with =, +, - or @: in a spreadsheet, import such fields as text, or they are formulas."
+)
 SUMMARY = "one row: the run, its varied values, and every metric of the run as <metric>_<unit>"
 
 
@@ -52,7 +56,7 @@ def data_package(
         *([_scans()] if scans else []),
         *(_table(f"sumo_{table}", TABLES[table].written) for table in dict.fromkeys(sumo)),
     ]
-    return {"name": name.lower(), "title": title or name, "resources": resources}
+    return {"name": name.lower(), "title": title or name, "description": TEXTS, "resources": resources}
 
 
 def _table(name: str, columns: Sequence[Column], **more: Any) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from platoontraffic.results import csv_text
 from platoontraffic.results.columns import ENCOUNTERS, EVENTS, METRICS, TRAFFIC, TRAJECTORIES, VEHICLES
 from platoontraffic.results.sumo_tables import TABLES
 from platoontraffic.study import batch, study
+from tests.support import ROOT
 from tests.support.made_runs import made_run
 from tests.support.runs import run
 
@@ -139,3 +140,8 @@ def test_a_batch_over_ids_has_them_as_they_are(tmp_path):
     assert loaded.summary["platoon.id"].tolist() == loaded.runs["platoon.id"].tolist() == IDS[:3]
     assert loaded.table("vehicles").platoon_id.unique().tolist() == IDS[:3]
     assert analysis.summarise(loaded, "gap_mean_m", "platoon.id")["platoon.id"].tolist() == sorted(IDS[:3])
+
+
+def test_one_function_reads_tables():
+    files = [file for folder in ("platoontraffic", "analysis") for file in (ROOT / folder).rglob("*.py")]
+    assert [file.name for file in files if "pd.read_csv" in file.read_text(encoding="utf-8")] == ["reading.py"]
