@@ -6,14 +6,15 @@ Not for a process that has imported libsumo: both bring their own copy of Arrow.
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow as pa
 from pyarrow import csv, parquet
 
-from platoontraffic.analysis.results import ResultsError, load, resources
+from platoontraffic.analysis.reading import ResultsError, inside
+from platoontraffic.analysis.results import load, resources
+from platoontraffic.analysis.writing import replacing
 
 TYPES = {"number": pa.float64(), "integer": pa.int64(), "string": pa.string()}  # others are guessed
 
@@ -21,17 +22,15 @@ TYPES = {"number": pa.float64(), "integer": pa.int64(), "string": pa.string()}  
 def export(folder: Path | str) -> list[Path]:
     """Write every table of a run; for a batch, each table of all its runs as one file. Returns the files.
 
-    raises: ResultsError
+    raises: ResultsError, OSError (a file cannot be written)
     """
     folder = Path(folder)
     results = load(folder)
     try:
         files = [_write(folder / f"{name}.parquet", [_table(folder, name)]) for name in resources(folder)]
         if (folder / "study.toml").is_file() and len(results.summary):
-            names = resources(folder / results.summary.id.iloc[0])
+            names = resources(inside(folder, results.summary.id.iloc[0]))
             files += [_write(folder / f"{n}.parquet", _of_all_runs(folder, n)) for n in names if n != "summary"]
-    except OSError as error:
-        raise ResultsError(f"{error.filename or folder}: {error.strerror or error}") from error
     except pa.ArrowException as error:
         raise ResultsError(f"{folder}: {' '.join(str(error).split())}") from error
     return files
@@ -43,7 +42,7 @@ def _of_all_runs(folder: Path, name: str) -> Iterator[pa.Table]:
     points = runs.drop_columns(["status", "error", "wall_s"])
     for i in range(runs.num_rows):
         if runs["status"][i].as_py() == "done":
-            table = _table(folder / points["id"][i].as_py(), name)
+            table = _table(inside(folder, points["id"][i].as_py()), name)
             same = [pa.repeat(column[i], table.num_rows) for column in points.columns]
             yield pa.table([*same, *table.columns], schema=pa.schema([*points.schema, *table.schema]))
 
@@ -52,21 +51,21 @@ def _table(folder: Path, name: str) -> pa.Table:
     fields = resources(folder)[name]
     types = {f["name"]: TYPES[f["type"]] for f in fields if f["type"] in TYPES}
     options = csv.ConvertOptions(column_types=types, null_values=[""], strings_can_be_null=False)
-    table = csv.read_csv(folder / f"{name}.csv", convert_options=options)
+    parsing = csv.ParseOptions(newlines_in_values=True)
+    file = inside(folder, f"{name}.csv")
+    try:
+        table = csv.read_csv(file, parse_options=parsing, convert_options=options)
+    except OSError as error:
+        raise ResultsError(f"{file}: cannot be read: {error.strerror or error}") from error
     units = {f["name"]: f["unit"] for f in fields}
     described = [f.with_metadata({"unit": units.get(f.name, "")}) for f in table.schema]
     return table.cast(pa.schema(described))
 
 
 def _write(file: Path, tables: Iterator[pa.Table] | list[pa.Table]) -> Path:
-    new = file.with_name(f".{file.name}.{os.getpid()}")
-    try:
-        with contextlib.ExitStack() as stack:
-            writer = None
-            for table in tables:
-                writer = writer or stack.enter_context(parquet.ParquetWriter(new, table.schema))
-                writer.write_table(table)
-        new.replace(file)
-    finally:
-        new.unlink(missing_ok=True)
+    with replacing(file) as new, contextlib.ExitStack() as stack:
+        writer = None
+        for table in tables:
+            writer = writer or stack.enter_context(parquet.ParquetWriter(new, table.schema))
+            writer.write_table(table)
     return file

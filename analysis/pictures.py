@@ -10,12 +10,13 @@ from matplotlib.figure import Figure
 
 from platoontraffic.analysis import figures
 from platoontraffic.analysis.results import Results, ResultsError, load_run
+from platoontraffic.analysis.writing import replacing
 
 
 def picture(folder: Path | str, to: Path | str) -> Path:
     """Draw a finished run into a file (.png, .svg or .pdf), its largest platoon in colours.
 
-    raises: ResultsError
+    raises: ResultsError, OSError (it cannot be written)
     """
     results = load_run(Path(folder))
     follows = bool(results.trajectories.gap_m.notna().any())
@@ -40,8 +41,9 @@ def picture(folder: Path | str, to: Path | str) -> Path:
     if to.is_dir():
         raise ResultsError(f"{to}: is a folder; must be a picture file: .png, .svg or .pdf")
     try:
-        figure.savefig(to, dpi=150, metadata={"Software": None} if to.suffix == ".png" else None)
-    except (OSError, ValueError) as error:
+        with replacing(to) as new:
+            figure.savefig(new, dpi=150, metadata={"Software": None} if to.suffix == ".png" else None)
+    except ValueError as error:  # no such kind of picture
         raise ResultsError(f"{to}: cannot be written: {error}") from error
     return to
 

@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from platoontraffic.analysis.reading import ResultsError, inside, read_table
+
 # The tables that every run has, and the columns that figures and tables need.
 NEEDED = {
     "trajectories": ("time_s", "platoon_id", "vehicle_id", "place", "x_m", "y_m", "heading_rad", "gap_m"),
@@ -25,18 +27,7 @@ OPTIONAL = {
     "traffic": ("time_s", "vehicle_id", "x_m", "y_m", "heading_rad", "speed_mps"),
     "vehicles": ("vehicle_id", "length_m", "width_m", "laser_x_m", "laser_y_m", "laser_yaw_rad"),
 }
-# Read as text: the id of a vehicle may be 12, or NA.
-TEXTS = (
-    "platoon_id", "vehicle_id", "other_id", "target_id", "edge_id", "lane_id", "kind", "detail", "what", "scope",
-    "metric",
-)  # fmt: skip
-
-
 TOGETHER = 50_000_000  # text of small files that is parsed at once [characters]
-
-
-class ResultsError(ValueError):
-    """A folder is no finished run, or a file in it is missing or damaged; the message is one line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +98,7 @@ class Results:
 
     @cached_property
     def scans(self) -> Scans | None:
-        file = self.folder / "scans.npz"
+        file = inside(self.folder, "scans.npz")
         if not file.is_file():
             return None
         try:
@@ -118,8 +109,8 @@ class Results:
             raise ResultsError(f"{file}: cannot be read: {' '.join(str(error).split())}") from error
 
     def _optional(self, name: str) -> pd.DataFrame | None:
-        file = self.folder / f"{name}.csv"
-        return _read(file, OPTIONAL[name]) if file.is_file() else None
+        file = inside(self.folder, f"{name}.csv")
+        return read_table(file, OPTIONAL[name]) if file.is_file() else None
 
 
 @dataclass(frozen=True)
@@ -153,11 +144,11 @@ class Batch:
         points = self.summary[["id", "seed", *self.varied]]
         points = points.loc[points.index.repeat(rows)].reset_index(drop=True)
         joined = pd.concat([points, table], axis=1)
-        joined.attrs["units"] = _units(self.folder / self.summary.id.iloc[0]).get(name, {})
+        joined.attrs["units"] = _units(resources(inside(self.folder, self.summary.id.iloc[0]))).get(name, {})
         return joined
 
     def _file(self, run_id: str, name: str) -> Path:
-        file = self.folder / run_id / f"{name}.csv"
+        file = inside(self.folder, f"{run_id}/{name}.csv")
         if file.is_file():
             return file
         if not file.parent.is_dir():
@@ -181,12 +172,15 @@ def load_batch(folder: Path) -> Batch:
         if not (folder / name).is_file():
             raise ResultsError(f"{folder}: {name} is missing; `platoontraffic batch` with its study writes it")
     needed = ("id", "seed")
-    runs = _read(folder / "runs.csv", (*needed, "status", "error")).astype({"error": "str"})
-    summary = _read(folder / "summary.csv", needed)
-    units = _units(folder)
+    tables = resources(folder)
+    texts = {name: [f["name"] for f in fields if f.get("type") == "string"] for name, fields in tables.items()}
+    runs = read_table(inside(folder, "runs.csv"), (*needed, "status", "error"), texts.get("runs", ()))
+    runs = runs.astype({"error": "str"})
+    summary = read_table(inside(folder, "summary.csv"), needed, texts.get("summary", ()))
+    units = _units(tables)
     runs.attrs["units"], summary.attrs["units"] = units.get("runs", {}), units.get("summary", {})
-    fields = resources(folder).get("summary", [])
-    summary.attrs["counts"] = [field["name"] for field in fields if field.get("statistic") == "count"]
+    of_summary = tables.get("summary", [])
+    summary.attrs["counts"] = [field["name"] for field in of_summary if field.get("statistic") == "count"]
     varied = [name for name in runs.columns if name not in ("id", "status", "seed", "error", "wall_s")]
     batch = Batch(folder, runs, summary, varied)
     if len(batch.missing):
@@ -202,26 +196,27 @@ def load_run(folder: Path) -> Results:
     if not (folder / "DONE").is_file():
         what = "an unfinished run" if (folder / "trajectories.csv").is_file() else "not the folder of a run"
         raise ResultsError(f"{folder}: {what}: there is no DONE")
-    files = {name: folder / f"{name}.csv" for name in NEEDED}
-    for file in (*files.values(), folder / "scene.geojson", folder / "datapackage.json"):
+    files = {name: inside(folder, f"{name}.csv") for name in NEEDED}
+    drawn = inside(folder, "scene.geojson")
+    for file in (*files.values(), drawn, folder / "datapackage.json"):
         if not file.is_file():
             raise ResultsError(f"{folder}: {file.name} is missing")
-    units = _units(folder)
+    units = _units(resources(folder))
     tables = {}
     for name, file in files.items():
-        tables[name] = _read(file, NEEDED[name])
+        tables[name] = read_table(file, NEEDED[name])
         tables[name].attrs["units"] = units.get(name, {})
     try:
-        scene = json.loads((folder / "scene.geojson").read_text(encoding="utf-8"))
+        scene = json.loads(drawn.read_text(encoding="utf-8"))
         shapes = {f["properties"]["kind"]: _lines(f["geometry"]) for f in scene["features"]}
     except (ValueError, TypeError, KeyError) as error:
-        raise ResultsError(f"{folder / 'scene.geojson'}: is not the scene of a run: {error}") from error
+        raise ResultsError(f"{drawn}: is not the scene of a run: {error}") from error
     return Results(folder, **tables, scene=shapes)
 
 
 def resources(folder: Path) -> dict[str, list[dict[str, str]]]:
     """Table -> its columns (name, type, unit, description), from datapackage.json. raises: ResultsError"""
-    file = folder / "datapackage.json"
+    file = inside(folder, "datapackage.json")
     try:
         package = json.loads(file.read_text(encoding="utf-8"))
         return {r["name"]: r.get("schema", {}).get("fields", []) for r in package["resources"] if "format" in r}
@@ -231,8 +226,9 @@ def resources(folder: Path) -> dict[str, list[dict[str, str]]]:
         raise ResultsError(f"{file}: is not the data package of results: {error}") from error
 
 
-def _units(folder: Path) -> dict[str, dict[str, str]]:
-    return {name: {f["name"]: f["unit"] for f in fields} for name, fields in resources(folder).items()}
+def _units(tables: dict[str, list[dict[str, str]]]) -> dict[str, dict[str, str]]:
+    """tables: of `resources`"""
+    return {name: {f["name"]: f["unit"] for f in fields} for name, fields in tables.items()}
 
 
 def _read_all(files: Sequence[Path]) -> tuple[pd.DataFrame, list[int]]:
@@ -245,7 +241,7 @@ def _read_all(files: Sequence[Path]) -> tuple[pd.DataFrame, list[int]]:
     def parse() -> None:
         nonlocal size
         if texts:
-            parts.append(_read(io.StringIO(header + "".join(texts)), ()))
+            parts.append(read_table(io.StringIO(header + "".join(texts))))
             texts.clear()
             size = 0
 
@@ -260,7 +256,7 @@ def _read_all(files: Sequence[Path]) -> tuple[pd.DataFrame, list[int]]:
             header = first + "\n"
         if '"' in body or not body.endswith("\n"):  # perhaps a line feed in a cell
             parse()
-            parts.append(_read(file, ()))
+            parts.append(read_table(file))
             rows.append(len(parts[-1]))
         else:
             texts.append(body)
@@ -268,16 +264,6 @@ def _read_all(files: Sequence[Path]) -> tuple[pd.DataFrame, list[int]]:
             size += len(body)
     parse()
     return pd.concat(parts, ignore_index=True), rows
-
-
-def _read(file: Path | io.StringIO, needed: Sequence[str]) -> pd.DataFrame:
-    try:
-        table = pd.read_csv(file, dtype=dict.fromkeys(TEXTS, str), keep_default_na=False, na_values=[""])
-    except (OSError, ValueError) as error:  # pandas' errors of parsing and of decoding are ValueErrors
-        raise ResultsError(f"{file}: cannot be read: {' '.join(str(error).split())}") from error
-    if missing := set(needed) - set(table.columns):
-        raise ResultsError(f"{file}: columns are missing: {', '.join(sorted(missing))}")
-    return table
 
 
 def _lines(geometry: dict) -> list[list[list[float]]]:

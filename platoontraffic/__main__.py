@@ -1,3 +1,3 @@
-from platoontraffic.cli.main import main
+from platoontraffic.cli.entry import main
 
 main()

@@ -1,6 +1,7 @@
 """Errors that the command line tells apart by exit code, and hints for unknown names."""
 
 import difflib
+import errno
 from collections.abc import Iterable
 
 
@@ -21,6 +22,19 @@ class RunError(RuntimeError):
 
 class MissingError(RuntimeError):
     """The machine lacks something that is needed: an extra, a display. Exit code 3."""
+
+
+_OF_NAMES = {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL}
+
+
+def kind_of(error: OSError) -> type[InputError | RunError]:
+    """InputError if a name that was given cannot be that of a file, else RunError: the disk is full, or read-only."""
+    return InputError if error.errno in _OF_NAMES else RunError
+
+
+def not_written(error: OSError, file: object = None) -> InputError | RunError:
+    """The error to raise for a file that cannot be written; file: if the error does not name it."""
+    return kind_of(error)(f"{error.filename or file}: cannot be written: {error.strerror or error}")
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -53,11 +53,13 @@ def run(
     *,
     replace: bool = False,
     window: Window | None = None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> Path:
     """Simulate, and leave everything in `folder`; returns it.
 
     replace : replace the results of an equal run, which stay in place until these are complete
     window  : SUMO with a window, in place of the SUMO in this process
+    say     : called with a line if something else was in `folder`, which is kept beside it
 
     raises: RunError (SUMO or the disk failed), KeyboardInterrupt: what was recorded is kept in `<folder>.unfinished`;
             MetricError (a metric of a plug-in failed): likewise, with all other files;
@@ -67,7 +69,10 @@ def run(
     recorder = Recorder(folder, Clocks.of(spec.record, spec.run.step_s))
     try:
         _record(prepared, recorder, watchers, window)
-        return recorder.finish(replace)
+        finished = recorder.finish(replace)
+        if recorder.moved:
+            say(f"{recorder.moved}: was in the place of the results, with files that are not of the run; it is kept")
+        return finished
     except MetricError as error:
         kept = recorder.keep_unfinished()
         raise MetricError(*error.faults, f"{kept}: all tables of the run are kept there") from error

@@ -8,6 +8,7 @@ from functools import wraps
 
 import typer
 
+from platoontraffic.cli.signals import command_begins
 from platoontraffic.errors import InputError, MissingError, RunError
 
 
@@ -21,6 +22,7 @@ def commands_of(app: typer.Typer) -> Callable[[Callable[..., None]], Callable[..
         @wraps(function)
         def guarded(*args: object, **kwargs: object) -> None:
             try:
+                command_begins()
                 function(*args, **kwargs)
             except InputError as error:
                 raise _ended(2, *error.faults) from None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import signal
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from importlib import import_module
@@ -30,7 +29,8 @@ from platoontraffic.cli.printing import (
     summary,
     title,
 )
-from platoontraffic.cli.progress import batch_progress, err, run_progress, show_stage
+from platoontraffic.cli.progress import batch_progress, err, run_progress, say, show_stage
+from platoontraffic.cli.signals import end_as_at_control_c
 from platoontraffic.errors import InputError, MissingError, RunError, did_you_mean
 
 app = typer.Typer(
@@ -79,8 +79,7 @@ def run(
     from platoontraffic import scenario as scenarios
 
     runs = _runs()
-    # Clusters end jobs by SIGTERM: the recorded part of the run is then kept, as at Ctrl-C.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    end_as_at_control_c()
     checked = scenarios.load(scenario, changes or (), seed, platoons)
     if replay:
         checked = checked.for_replay()
@@ -99,8 +98,16 @@ def run(
         if not quiet and not json:
             err.print(f"results of an equal run exist; it is not repeated without --force: {folder}")
     else:
-        with run_progress(checked.spec.run.duration_s, checked.spec.name, quiet) as watchers:
-            runs.run(prepared, folder, watchers, replace=force, window=window)
+        from platoontraffic.cli.alone import alone
+
+        def waits() -> None:
+            if not quiet:
+                err.print("another process executes this run; this one waits for it", soft_wrap=True)
+
+        progress = run_progress(checked.spec.run.duration_s, checked.spec.name, quiet)
+        with alone(folder, waits, say), progress as watchers:
+            if force or not runs.is_done(folder):
+                runs.run(prepared, folder, watchers, replace=force, window=window, say=say)
     if json:
         print_json({"folder": str(folder), "summary": summary(folder), "sumo_options_replaced": checked.replaced()})
         return
@@ -143,7 +150,7 @@ def batch(
     from platoontraffic.study import batch as batches
     from platoontraffic.study import study as studies
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    end_as_at_control_c()
     if executor not in ("processes", "serial", "dask") and not executor.startswith("dask:"):
         hint = did_you_mean(executor, ["processes", "serial", "dask"])
         raise InputError(f"--executor: {executor!r}: no such executor{hint}; or dask:ADDRESS")
@@ -321,7 +328,7 @@ def prove(
     """Drive random routes of a network, and report where that goes wrong; exit code 1 if it does."""
     from platoontraffic.cli.prove import check_vehicle, prove_alone, prove_traffic, road_of
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    end_as_at_control_c()
     check_vehicle(vehicle)
     road = road_of(net)
     if traffic:
@@ -399,11 +406,6 @@ def bench(
     finally:
         show_stage("")
     print(measured.json() if json else benchmark.text(measured))
-
-
-def main() -> None:
-    """Entry point."""
-    app()
 
 
 def _runs() -> ModuleType:

@@ -9,14 +9,15 @@ import matplotlib
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from platoontraffic.analysis.writing import replacing
 from platoontraffic.cli.net_findings import Findings
-from platoontraffic.errors import InputError
+from platoontraffic.errors import InputError, not_written
 
 LONGER_SIDE, SHORTER_SIDE = 10.0, 4.0  # of the map; the shorter one is at least so long [in]
 
 
 def draw(found: Findings, title: str, file: Path) -> None:
-    """Draw a network and its findings into a picture file. raises: InputError if it cannot be written"""
+    """Draw a network and its findings into a picture file. raises: InputError, RunError if it cannot be written"""
     lanes = [lane for edge in found.content.roads().values() for lane in edge.lanes]
     x, y = zip(*(point for lane in lanes for point in lane.shape), strict=True)
     width, height = max(max(x) - min(x), 1.0), max(max(y) - min(y), 1.0)
@@ -41,6 +42,9 @@ def draw(found: Findings, title: str, file: Path) -> None:
     if axes.get_legend_handles_labels()[0]:
         figure.legend(loc="outside lower center", ncols=4, frameon=False)
     try:
-        figure.savefig(file, dpi=150)
-    except (OSError, ValueError) as error:
+        with replacing(file) as new:
+            figure.savefig(new, dpi=150)
+    except ValueError as error:
         raise InputError(f"--plot: {file}: cannot be written: {error}") from None
+    except OSError as error:
+        raise not_written(error) from error

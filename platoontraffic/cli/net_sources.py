@@ -10,7 +10,7 @@ from pathlib import Path
 
 from platoontraffic.cli.net_content import Content, Lane, Points, read, stem
 from platoontraffic.cli.net_findings import some
-from platoontraffic.errors import InputError
+from platoontraffic.errors import InputError, not_written
 from platoontraffic.road.netconvert import HEADER, build_net, errors_in
 from platoontraffic.road.sumo_files import check_net_file
 from platoontraffic.sumo.programs import home_of, program
@@ -42,7 +42,7 @@ def build(config: Path, output: Path | None = None) -> Path:
             check_net_file(built)
             built.replace(output)
     except OSError as error:
-        raise InputError(f"{output}: cannot be written: {error.strerror}") from error
+        raise not_written(error, output) from error
     return output
 
 
@@ -72,6 +72,8 @@ def import_net(net: Path, folder: Path, force: bool = False) -> list[Path]:
     force  : replace files that exist
     raises : InputError; MissingError without eclipse-sumo
     """
+    from platoontraffic.analysis.writing import write  # here, because it takes long to import
+
     content = read(net)
     netconvert = program("netconvert")
     with tempfile.TemporaryDirectory(prefix="platoontraffic-") as temporary:
@@ -83,9 +85,9 @@ def import_net(net: Path, folder: Path, force: bool = False) -> list[Path]:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             for file, target in targets.items():
-                target.write_bytes(file.read_bytes())
+                write(target, file.read_bytes())
         except OSError as error:
-            raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+            raise not_written(error, folder) from error
     return list(targets.values())
 
 

@@ -7,14 +7,13 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from csv import DictReader
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
 
-from platoontraffic.errors import InputError
+from platoontraffic.errors import InputError, not_written
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,13 +45,15 @@ def print_json(document: Any) -> None:
 
 @contextmanager
 def result_faults(hint: str = "") -> Iterator[None]:
-    """Report a missing or damaged file of results as bad input."""
-    from platoontraffic.analysis.results import ResultsError
+    """Report a missing or damaged file of results as bad input, and one that cannot be written by its cause."""
+    from platoontraffic.analysis.reading import ResultsError
 
     try:
         yield
     except ResultsError as error:
         raise InputError(f"{error}{hint}") from error
+    except OSError as error:
+        raise not_written(error) from error
 
 
 def print_remarks(prepared: Prepared) -> None:
@@ -99,16 +100,13 @@ def _members(metrics: pd.DataFrame) -> Table:
 
 def summary(folder: Path) -> dict[str, str | float | None]:
     """The row of a run's summary.csv; empty cells are None."""
-    with (folder / "summary.csv").open(encoding="utf-8", newline="") as file:
-        row = next(DictReader(file))
-    return {name: _number(text) for name, text in row.items()}
+    from platoontraffic.analysis.reading import read_table
+    from platoontraffic.analysis.results import resources
 
-
-def _number(text: str) -> str | float | None:
-    try:
-        return float(text) if text else None
-    except ValueError:
-        return text
+    with result_faults("; --force repeats the run"):
+        texts = [field["name"] for field in resources(folder).get("summary", []) if field["type"] == "string"]
+        table = read_table(folder / "summary.csv", texts=texts).astype(object)
+    return table.where(table.notna(), None).to_dict("records")[0]
 
 
 def print_runs(study: Study, folder: Path, slots: int, as_json: bool) -> None:

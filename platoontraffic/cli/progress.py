@@ -74,6 +74,11 @@ def batch_progress(name: str, quiet: bool) -> Iterator[Callable[[batch.Progress]
         yield show
 
 
+def say(line: str) -> None:
+    """A line on stderr, also under --quiet."""
+    err.print(line, soft_wrap=True, markup=False)
+
+
 def show_stage(stage: str) -> None:
     """Show the stage that a benchmark has reached, in place of the previous one."""
     if err.is_terminal:

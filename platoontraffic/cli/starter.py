@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
-from platoontraffic.errors import InputError
+from platoontraffic.errors import InputError, not_written
 
 SCENARIO = """\
 title = "My follower behind the paper's leader"
@@ -65,7 +66,7 @@ class MyFollower(Law):
 def write_starter(folder: Path) -> Path:
     """Make a folder with a scenario and a law in it.
 
-    raises: InputError if its name cannot be that of a scenario, or if it exists or cannot be written
+    raises: InputError if its name cannot be that of a scenario, or if it exists; RunError if the disk is full
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", folder.name):
         raise InputError(f"argument 1: {folder.name!r}: must begin with a letter, then letters, digits, _ or -")
@@ -76,5 +77,6 @@ def write_starter(folder: Path) -> Path:
     except FileExistsError:
         raise InputError(f"argument 1: {folder} exists; nothing was changed") from None
     except OSError as error:
-        raise InputError(f"argument 1: {folder}: {error.strerror}") from error
+        shutil.rmtree(folder, ignore_errors=True)
+        raise not_written(error, folder) from error
     return folder

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from platoontraffic.analysis.results import Results, ResultsError, load_run
+from platoontraffic.analysis.writing import replacing
 from platoontraffic.sumo.frame import front_of, sumo_angle
 
 NAME = "fcd.xml"
@@ -25,21 +26,18 @@ xsi:noNamespaceSchemaLocation="http://sumo.dlr.de/xsd/fcd_file.xsd">
 def export(folder: Path) -> list[Path]:
     """Write the file of a finished run; returns it.
 
-    raises: ResultsError
+    raises: ResultsError, OSError (it cannot be written)
     """
     results = load_run(Path(folder))
     file = results.folder / NAME
     rows = _rows(results)
-    try:
-        with file.open("w", encoding="utf-8", newline="\n") as xml:
-            xml.write(HEAD)
-            for time, vehicles in rows.groupby("time_s"):
-                xml.write(f'    <timestep time="{time:.3f}">\n')
-                xml.writelines(vehicles.line)
-                xml.write("    </timestep>\n")
-            xml.write("</fcd-export>\n")
-    except OSError as error:
-        raise ResultsError(f"{file}: cannot be written: {error.strerror}") from error
+    with replacing(file) as new, new.open("w", encoding="utf-8", newline="\n") as xml:
+        xml.write(HEAD)
+        for time, vehicles in rows.groupby("time_s"):
+            xml.write(f'    <timestep time="{time:.3f}">\n')
+            xml.writelines(vehicles.line)
+            xml.write("    </timestep>\n")
+        xml.write("</fcd-export>\n")
     return [file]
 
 

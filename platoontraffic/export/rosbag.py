@@ -14,6 +14,7 @@ are those of the run.
 
 from __future__ import annotations
 
+import secrets
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -59,19 +60,18 @@ class Stamped(NamedTuple):
 def export(folder: Path) -> list[Path]:
     """Write the bag of a finished run; returns its files.
 
-    raises: ResultsError
+    raises: ResultsError, OSError (it cannot be written)
     """
     results = load_run(Path(folder))
     if results.scans is None:
         raise ResultsError(f"{folder}: has no scans; record them with: platoontraffic run … record.scans_every_s=0.1")
-    bag, new = results.folder / NAME, results.folder / f".{NAME}"
+    bag, new = results.folder / NAME, results.folder / f".{secrets.token_hex(8)}"
     try:
-        shutil.rmtree(new, ignore_errors=True)
         _write(new / NAME, sorted(_messages(results), key=lambda one: one[:2]))
+        if bag.is_symlink() or bag.is_file():
+            bag.unlink()
         shutil.rmtree(bag, ignore_errors=True)
         (new / NAME).rename(bag)
-    except OSError as error:
-        raise ResultsError(f"{bag}: cannot be written: {error.strerror}") from error
     finally:
         shutil.rmtree(new, ignore_errors=True)
     return sorted(bag.iterdir())

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from platoontraffic.analysis.results import Results, ResultsError, Scans
+from platoontraffic.analysis.reading import ResultsError, inside
+from platoontraffic.analysis.results import Results, Scans
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.lidar.segments import find_segments
@@ -104,7 +105,7 @@ def _facts(results: Results) -> dict[str, Any]:
 
 def _json(results: Results, name: str) -> dict[str, Any]:
     try:
-        return json.loads((results.folder / name).read_text(encoding="utf-8"))
+        return json.loads(inside(results.folder, name).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
 

@@ -7,7 +7,8 @@ import html
 import re
 from pathlib import Path
 
-from platoontraffic.analysis.results import ResultsError, load
+from platoontraffic.analysis.results import load
+from platoontraffic.analysis.writing import write
 from platoontraffic.replay.content import packed
 
 HERE = Path(__file__).parent
@@ -19,7 +20,7 @@ def page(folder: Path, to: Path, vehicle: str | None = None) -> Path:
 
     vehicle: the member that is selected at first; default: the first follower
 
-    raises: ResultsError, InputError if there is no such member
+    raises: ResultsError, OSError (it cannot be written), InputError if there is no such member
     """
     results = load(folder)
     data = base64.b64encode(packed(results, vehicle)).decode()
@@ -31,13 +32,4 @@ def page(folder: Path, to: Path, vehicle: str | None = None) -> Path:
         "DATA": data,
     }
     text = (HERE / "page.html").read_text(encoding="utf-8")
-    return write(to, re.sub(r"\{\{(\w+)\}\}", lambda place: parts[place[1]], text))
-
-
-def write(to: Path, text: str) -> Path:
-    """raises: ResultsError"""
-    try:
-        Path(to).write_text(text, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise ResultsError(f"{to}: cannot be written: {error.strerror}") from error
-    return Path(to)
+    return write(to, re.sub(r"\{\{(\w+)\}\}", lambda place: parts[place[1]], text).encode())

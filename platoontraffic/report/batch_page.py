@@ -9,9 +9,10 @@ from pathlib import Path
 import pandas as pd
 
 from platoontraffic.analysis.results import Batch, load_batch
+from platoontraffic.analysis.writing import write
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.report.figures import heat_map, over_values
-from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text, write
+from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text
 
 MOST_ROWS = 500  # rows of a table in the page; runs.csv and summary.csv have all
 MOST_VALUES = 12  # values of a key that are listed
@@ -36,7 +37,7 @@ def page(folder: Path, to: Path, metric: str | None = None) -> Path:
 
     metric: the column of summary.csv that is drawn; default: two that differ between runs
 
-    raises: ResultsError, InputError if there is no such metric
+    raises: ResultsError, OSError (a file cannot be written), InputError if there is no such metric
     """
     with warnings.catch_warnings(action="ignore"):  # about missing runs, which the page lists
         batch = load_batch(Path(folder))

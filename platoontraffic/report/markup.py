@@ -10,7 +10,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from platoontraffic.analysis.results import ResultsError
+from platoontraffic.analysis.reading import inside
+from platoontraffic.analysis.writing import write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,7 +60,7 @@ def details(summary: str, inside: str, opened: bool = False) -> str:
 
 
 def figure_files(figure: Figure, to: Path, name: str, caption: str) -> str:
-    """A picture as a part of the page `to`; also written beside it as PNG and SVG. raises: ResultsError"""
+    """A picture as a part of the page `to`; also written beside it as PNG and SVG. raises: OSError"""
     import matplotlib as mpl
 
     png, svg = io.BytesIO(), io.BytesIO()
@@ -88,15 +89,6 @@ def text(value: object) -> str:
 def read_json(folder: Path, name: str) -> dict[str, Any]:
     """A JSON file of results; empty if it cannot be read, since the rest can still be reported."""
     try:
-        return json.loads((folder / name).read_text(encoding="utf-8"))
+        return json.loads(inside(folder, name).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-
-
-def write(to: Path, content: bytes) -> Path:
-    """raises: ResultsError"""
-    try:
-        to.write_bytes(content)
-    except OSError as error:
-        raise ResultsError(f"{to}: cannot be written: {error.strerror}") from error
-    return to

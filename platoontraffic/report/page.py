@@ -9,7 +9,8 @@ from typing import Any
 import pandas as pd
 
 from platoontraffic.analysis.results import Results, ResultsError, load_run
-from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text, write
+from platoontraffic.analysis.writing import write
+from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text
 
 MOST_EVENTS = 1000  # listed in the page; events.csv has all
 PICTURES = {
@@ -24,7 +25,7 @@ FIRST = ("duration", "members", "collisions", "near_misses", "lock_on_ratio_min"
 def page(folder: Path, to: Path) -> Path:
     """Make the page of a finished run, and beside it its pictures as PNG and SVG.
 
-    raises: ResultsError
+    raises: ResultsError, OSError (a file cannot be written)
     """
     results = load_run(Path(folder))
     if results.trajectories.empty:
@@ -142,6 +143,6 @@ def _files(results: Results, resources: dict[str, dict]) -> str:
         described = next((r for r in resources.values() if r.get("path") == file.name), {})
         fields = described.get("schema", {}).get("fields", [])
         what = described.get("description") or ", ".join(field["name"] for field in fields)
-        if described:
+        if described and file.is_file():
             lines.append((file.name, f"{file.stat().st_size / 1e6:.2f} MB", what))
     return table("Columns with unit and meaning are in datapackage.json", ("file", "size", "content"), lines)

@@ -11,13 +11,15 @@ from platoontraffic.errors import InputError
 from platoontraffic.lidar import Scene
 from platoontraffic.observation.encounters import Encounters
 from platoontraffic.results import metrics, plug_in_metrics, sumo_tables
-from platoontraffic.results.columns import ENCOUNTERS, METRICS
+from platoontraffic.results.columns import ENCOUNTERS, METRICS, Column, integer, number, text
 from platoontraffic.results.data_package import data_package
 from platoontraffic.results.metrics import Value
 from platoontraffic.results.recorder import Recorder
 from platoontraffic.road.network import Network
 from platoontraffic.scenario import Scenario
 from platoontraffic.world.fleet import Member
+
+TYPES = {str: "string", int: "integer", float: "number", bool: "boolean"}  # of varied values, in datapackage.json
 
 
 class MetricError(InputError):
@@ -51,6 +53,7 @@ def conclude(
         encounters=bool(obstacles),
         sumo=spec.record.sumo,
         metrics=_meanings(values, scenario),
+        summary=_summary_columns(values, scenario),
     )
     recorder.write_json("datapackage.json", package)
     if faults:
@@ -81,7 +84,7 @@ def _values(recorder: Recorder, scenario: Scenario, ours: set[str], obstacles: b
     """The tool's own metrics; ours: ids of members and obstacles."""
     values = metrics.compute(recorder.read_table("trajectories"), recorder.read_table("events"))
     if "trips" in scenario.spec.record.sumo:
-        values += metrics.of_traffic(sumo_tables.read_trips(recorder.folder), ours)
+        values += metrics.of_traffic(recorder.read_table("sumo_trips"), ours)
     if obstacles:
         values += metrics.of_obstacles(recorder.read_table("encounters"), recorder.read_table("events"))
     return values
@@ -99,6 +102,23 @@ def _of_plug_ins(recorder: Recorder, scenario: Scenario) -> tuple[list[Value], l
         except InputError as error:
             faults += error.faults
     return values, faults
+
+
+def _summary_columns(values: Sequence[Value], scenario: Scenario) -> list[Column]:
+    """The columns of summary.csv; a varied value is what it is in the scenario: a platoon may be called 007."""
+    return [
+        text("scenario", "name of the scenario"),
+        integer("seed", "seed of the run"),
+        *(
+            Column(key, TYPES.get(type(value), "any"), "", "key of the scenario")
+            for key, value in scenario.varied.items()
+        ),
+        *(
+            number(metrics.column(one.scope, one.name, one.unit), one.unit, f"metric {one.name} of scope {one.scope}")
+            for one in values
+            if one.scope in ("run", "traffic")
+        ),
+    ]
 
 
 def _meanings(values: Sequence[Value], scenario: Scenario) -> dict[str, dict[str, str]]:

@@ -60,4 +60,4 @@ def _quoted(value: str) -> str:
 
 
 def _needs_quotes(value: str) -> bool:
-    return "," in value or '"' in value or "\n" in value
+    return "," in value or '"' in value or "\n" in value or "\r" in value

@@ -19,6 +19,12 @@ from platoontraffic.results.scans import FIELDS, NAME
 from platoontraffic.results.sumo_tables import TABLES
 from platoontraffic.world.events import KINDS
 
+TEXTS = (
+    "Fields of type string are text, whatever it looks like, and are missing only where the cell is empty. An id of "
+    "SUMO may begin with =, +, - or @: in a spreadsheet, import such fields as text, or they are formulas."
+)
+SUMMARY = "one row: the run, its varied values, and every metric of the run as <metric>_<unit>"
+
 
 def data_package(
     name: str,
@@ -29,12 +35,14 @@ def data_package(
     encounters: bool = False,
     sumo: Sequence[str] = (),
     metrics: Mapping[str, Mapping[str, str]] | None = None,
+    summary: Sequence[Column] = (),
 ) -> dict[str, Any]:
     """The package of a run.
 
     traffic, scans, encounters : whether the run has these
     sumo                       : names of SUMO's tables that it has
     metrics                    : scope -> metric -> meaning, of the metrics that it has
+    summary                    : columns of summary.csv
     """
     resources = [
         _table("trajectories", TRAJECTORIES),
@@ -43,17 +51,12 @@ def data_package(
         _table("vehicles", VEHICLES),
         *([_table("traffic", TRAFFIC)] if traffic else []),
         *([_table("encounters", ENCOUNTERS)] if encounters else []),
-        {
-            "name": "summary",
-            "path": "summary.csv",
-            "format": "csv",
-            "description": "one row: the run, its varied values, and every metric of the run as <metric>_<unit>",
-        },
+        _table("summary", summary, description=SUMMARY),
         {"name": "scene", "path": "scene.geojson", "description": SCENE},
         *([_scans()] if scans else []),
         *(_table(f"sumo_{table}", TABLES[table].written) for table in dict.fromkeys(sumo)),
     ]
-    return {"name": name.lower(), "title": title or name, "resources": resources}
+    return {"name": name.lower(), "title": title or name, "description": TEXTS, "resources": resources}
 
 
 def _table(name: str, columns: Sequence[Column], **more: Any) -> dict[str, Any]:

@@ -7,8 +7,12 @@ interrupted or fails keeps its rows, in a folder with a name that ends in `.unfi
 from __future__ import annotations
 
 import contextlib
+import fnmatch
+import glob
+import itertools
 import json
 import os
+import secrets
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -16,6 +20,7 @@ from typing import Any, NamedTuple, TextIO
 
 import pandas as pd
 
+from platoontraffic.analysis.reading import read_table
 from platoontraffic.errors import RunError
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import csv_text
@@ -27,6 +32,10 @@ from platoontraffic.world.fleet import Member
 
 DONE = "DONE"
 UNFINISHED = ".unfinished"
+# Files that commands make of results, beside them.
+MADE_OF_RESULTS = (
+    "report.html", "report-*.png", "report-*.svg", "replay.html", "plot.png", "fcd.xml", "rosbag", "*.parquet",
+)  # fmt: skip
 SAFE_EVERY = 10.0  # interval of simulated time at which rows are flushed to disk [s]
 
 
@@ -53,7 +62,9 @@ class Recorder:
     def __init__(self, folder: Path, clocks: Clocks = EVERY_STEP) -> None:
         """folder: the final one; it must not exist yet"""
         self._final = folder
-        self.folder = folder.with_name(f"{folder.name}.{os.getpid()}.partial")
+        # No process id: in a container it is the same each time, and a folder may be left by a process that was killed.
+        self.folder = folder.with_name(f"{folder.name}.{secrets.token_hex(4)}.partial")
+        self.moved: Path | None = None  # what was in the place of the results, and was not of a run
         missing = (parent for parent in self.folder.parents if not parent.exists())
         self._made = list(missing)  # innermost first
         self._clocks = clocks
@@ -120,7 +131,7 @@ class Recorder:
 
     def read_table(self, name: str) -> pd.DataFrame:
         """A table of this run that is complete; see `close_tables`."""
-        return pd.read_csv(self.folder / f"{name}.csv")
+        return read_table(self.folder / f"{name}.csv")
 
     def close_tables(self) -> None:
         for file in self._files():
@@ -131,11 +142,12 @@ class Recorder:
     def finish(self, replace: bool) -> Path:
         """Mark the folder as complete and rename it to the final one, which is returned.
 
-        Where an equal run has finished in the meantime, one of the two stays; replace: this one.
+        Where an equal run has finished in the meantime, one of the two stays; replace: this one. Anything else in its
+        place that is not of a run is moved: see `moved`.
         """
         self.write(DONE, "")
-        if self._final.exists() and (replace or not is_done(self._final)):
-            shutil.rmtree(self._final, ignore_errors=True)
+        if os.path.lexists(self._final) and (replace or not is_done(self._final)):
+            self._clear_place()
         try:
             self.folder.rename(self._final)
         except OSError:
@@ -159,6 +171,21 @@ class Recorder:
         for made in self._made:
             with contextlib.suppress(OSError):  # another run has put something there
                 made.rmdir()
+
+    def _clear_place(self) -> None:
+        """Remove what is in the place of the results if all of it is of an equal run; else move it."""
+        own = [*map(glob.escape, os.listdir(self.folder)), *MADE_OF_RESULTS]
+        if not self._final.is_symlink() and self._final.is_dir():
+            there = os.listdir(self._final)
+            if all(any(fnmatch.fnmatchcase(name, pattern) for pattern in own) for name in there):
+                old = self.folder.with_name(f"{self._final.name}.{secrets.token_hex(4)}.partial")
+                shutil.rmtree(self._final.rename(old), ignore_errors=True)
+                return
+        numbers = itertools.count(2)
+        self.moved = self._final.with_name(f"{self._final.name}.earlier")
+        while os.path.lexists(self.moved):
+            self.moved = self._final.with_name(f"{self._final.name}.earlier-{next(numbers)}")
+        self._final.rename(self.moved)
 
     def _rows_in_order(self, now: Instant) -> list[int]:
         """Rows of the fleet by platoon and place, whatever their order in the fleet."""

@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
-import pandas as pd
-
 from platoontraffic.results.columns import Column
 from platoontraffic.results.recorder import Recorder
 from platoontraffic.road.network import file_named_in, names_files
@@ -266,7 +264,3 @@ def _value(text: str, scale: float, column: Column) -> Any:
         return text
     number = float(text) if text else -1.0
     return None if number == -1 else int(number) if column.type == "integer" else number * scale
-
-
-def read_trips(folder: Path) -> pd.DataFrame:
-    return pd.read_csv(folder / "sumo_trips.csv", dtype={name: str for name in ("vehicle_id", "type", "status")})

@@ -17,7 +17,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from platoontraffic.errors import InputError, RunError
+from platoontraffic.errors import InputError, RunError, kind_of
 from platoontraffic.results.recorder import UNFINISHED, is_done
 from platoontraffic.study.batch_folder import (
     DONE,
@@ -138,7 +138,7 @@ def _ended(to_do: Sequence[Run], folder: Path, submit: Submit, window: int) -> I
         for future in wait(running, timeout=1.0, return_when=FIRST_COMPLETED).done:
             run, outcome = running.pop(future), _outcome(future)
             if outcome.get("stop"):
-                raise InputError(outcome["error"])
+                raise (RunError if outcome["disk"] else InputError)(outcome["error"])
             if "error" in outcome:
                 note_failure(folder, run.id, outcome)
             yield FAILED if "error" in outcome else DONE
@@ -207,4 +207,4 @@ def _one_line(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(f"{error.filename or folder}: {error.strerror or error}") from error
+        raise kind_of(error)(f"{error.filename or folder}: {error.strerror or error}") from error

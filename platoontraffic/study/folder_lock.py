@@ -56,5 +56,12 @@ class Lock:
 
             fcntl.lockf(self._file, fcntl.LOCK_UN, length, start)
 
+    def is_on(self, file: Path) -> bool:
+        """Whether this is the file of that name still."""
+        try:
+            return os.path.samestat(os.fstat(self._file), file.stat())
+        except FileNotFoundError:
+            return False
+
     def close(self) -> None:
         os.close(self._file)

@@ -90,7 +90,8 @@ def _data_package(study: Study, metrics: Sequence[str], units: dict[str, str]) -
 
     run = field("id", "string", "id of the run, and name of its folder")
     seed = field("seed", "integer", "seed of the run")
-    varied = [field(key, "any", "key of the scenario") for key in study.keys]
+    texts = {key for run in study.runs for key, value in run.values.items() if isinstance(value, str)}
+    varied = [field(key, "string" if key in texts else "any", "key of the scenario") for key in study.keys]
     status = field("status", "string", f"{DONE}, {FAILED} or {WAITING}")
     error = field("error", "string", "cause of the failure; empty otherwise")
     wall = field("wall_s", "number", "wall time of the run", "s")

@@ -35,7 +35,8 @@ def attempt(job: dict[str, Any]) -> dict[str, Any]:
     """Execute one run; returns its outcome.
 
     job     : base, changes (fields of `scenario.Change`), seed, id (of the run), folder, command_line
-    returns : wall_s and, if it failed, error (one line), traceback, stop (whether every other run would fail as well)
+    returns : wall_s and, if it failed, error (one line), traceback, stop (whether every other run would fail as well),
+              disk (whether because of the disk)
     """
     began = time.perf_counter()
     sys.argv[1:] = job["command_line"]  # for the run's provenance
@@ -46,19 +47,21 @@ def attempt(job: dict[str, Any]) -> dict[str, Any]:
         folder = Path(job["folder"])
         if provenance.run_id(checked) != job["id"]:
             what = "a file of the scenario, or the program, is not what it was when the batch was started"
-            outcome = {"error": f"{job['base']}: {what}; start it again", "traceback": "", "stop": True}
+            outcome = {"error": f"{job['base']}: {what}; start it again", "traceback": "", "stop": True, "disk": False}
         elif not recording.is_done(folder):
             run(prepare(checked), folder)
     except Exception as error:
         cause = error.__cause__ if isinstance(error, RunError) else error
         stop = isinstance(cause, OSError) and cause.errno in OF_THE_DISK
-        outcome = {"error": _one_line(error), "traceback": traceback.format_exc(), "stop": stop}
+        outcome = {"error": _one_line(error), "traceback": traceback.format_exc(), "stop": stop, "disk": stop}
     return outcome | {"wall_s": round(time.perf_counter() - began, 3)}
 
 
 def main(stdout: int) -> None:
     """stdout: a descriptor for answers; descriptor 1 is stderr here, so that prints of SUMO or a law are no answers"""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes of a terminal; the parent decides
+    for name in ("SIGINT", "SIGHUP"):  # they reach all processes of a terminal; the parent decides
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     answers = os.fdopen(stdout, "w", encoding="utf-8")
     jobs: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(jobs,), daemon=True).start()

@@ -95,11 +95,15 @@ class Process:
     @contextlib.contextmanager
     def _logged(self) -> Iterator[None]:
         """Messages go to the log: SUMO prints them from C++ to file descriptor 2, past Python's sys.stderr."""
-        sys.stderr.flush()
-        kept = os.dup(2)
-        os.dup2(self._file.fileno(), 2)
-        try:
+        if sys.stderr:  # None in a process without a console
+            sys.stderr.flush()
+        with contextlib.ExitStack() as after:
+            try:
+                kept = os.dup(2)
+            except OSError:  # it is closed
+                after.callback(os.close, 2)
+            else:
+                after.callback(os.close, kept)
+                after.callback(os.dup2, kept, 2)
+            os.dup2(self._file.fileno(), 2)
             yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)

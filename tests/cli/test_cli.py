@@ -174,8 +174,10 @@ def _started(folder: Path, deadline: float = 60) -> Path:
 
 @pytest.mark.sumo
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path, number):
+@pytest.mark.parametrize(
+    "name", ["SIGINT", pytest.param("SIGTERM", marks=pytest.mark.slow), pytest.param("SIGHUP", marks=pytest.mark.slow)]
+)
+def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path, name):
     run = subprocess.Popen(
         [*COMMAND, "run", "paper_loop", "--out", str(tmp_path)],
         stdout=subprocess.PIPE,
@@ -184,7 +186,7 @@ def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path, number):
     )
     try:
         _started(tmp_path)
-        run.send_signal(number)
+        run.send_signal(getattr(signal, name))
         out, err = run.communicate(timeout=60)
     finally:
         run.kill()

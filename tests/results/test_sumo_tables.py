@@ -11,8 +11,9 @@ import pandas as pd
 import pytest
 
 from platoontraffic import scenario
+from platoontraffic.analysis.reading import read_table
 from platoontraffic.results.metrics import of_traffic
-from platoontraffic.results.sumo_tables import TABLES, read_trips, sumo_options
+from platoontraffic.results.sumo_tables import TABLES, sumo_options
 from tests.support.runs import run
 
 SCENARIO = """
@@ -94,7 +95,7 @@ def with_outputs(tmp_path_factory) -> Path:
 
 @pytest.mark.sumo
 def test_trips_have_a_status_each(with_outputs):
-    trips = read_trips(with_outputs).set_index("vehicle_id")
+    trips = read_table(with_outputs / "sumo_trips.csv").set_index("vehicle_id")
     assert "gone" not in trips.index
     assert trips.status["arriving"] == "arrived"
     assert trips.status["driving"] == "running"

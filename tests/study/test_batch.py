@@ -362,7 +362,7 @@ def test_a_full_disk_stops_the_batch_in_one_line(tiny, tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (2500, 2500))
 
     ended = call(tiny(), "-j", 1, "--out", tmp_path / "out", preexec_fn=little)
-    assert ended.returncode == 2
+    assert ended.returncode == 1
     assert "File too large" in ended.stderr.splitlines()[0]
     assert not list((tmp_path / "out").glob("*/*/DONE"))
     assert batch.run(study.load(tiny()), tmp_path / "out" / "tiny", "serial").progress.done == 4

@@ -39,18 +39,22 @@ def made_run(
     every: float = 0.1,
     traffic_every: float | None = 0.5,
     scans_every: float | None = 0.5,
+    platoon: str = "platoon",
+    other: str = EVIL,
 ) -> Path:
     """A run on one lane of the ring, with background traffic on the lanes beside.
 
-    The target of the second member is EVIL instead of its predecessor from 10 s to 12 s.
+    platoon : its id
+    other   : id of the first background vehicle; the target of the second member from 10 s to 12 s, instead of its
+              predecessor
     """
     folder.mkdir(parents=True)
-    ids = [f"platoon.{place}" for place in range(members)]
-    strangers = [EVIL, *(f"car.{i}" for i in range(1, others))][:others]
-    _trajectories(folder, ids, seconds, every)
-    _events(folder, ids, seconds)
-    _metrics(folder, ids)
-    _vehicles(folder, ids, strangers if traffic_every else [])
+    ids = [f"{platoon}.{place}" for place in range(members)]
+    strangers = [other, *(f"car.{i}" for i in range(1, others))][:others]
+    _trajectories(folder, platoon, ids, other, seconds, every)
+    _events(folder, ids, other, seconds)
+    _metrics(folder, platoon, ids)
+    _vehicles(folder, platoon, ids, strangers if traffic_every else [])
     if traffic_every:
         _traffic(folder, strangers, seconds, traffic_every)
     if scans_every:
@@ -69,7 +73,7 @@ def _times(seconds: float, every: float) -> np.ndarray:
     return np.round(np.arange(round(seconds / every) + 1) * every, 6)
 
 
-def _trajectories(folder: Path, ids: list[str], seconds: float, every: float) -> None:
+def _trajectories(folder: Path, platoon: str, ids: list[str], other: str, seconds: float, every: float) -> None:
     times = _times(seconds, every)
     time, place = (grid.ravel() for grid in np.meshgrid(times, np.arange(len(ids)), indexing="ij"))
     x, y, heading = pose(angle(place, time))
@@ -79,7 +83,7 @@ def _trajectories(folder: Path, ids: list[str], seconds: float, every: float) ->
     pd.DataFrame(
         {
             "time_s": time,
-            "platoon_id": "platoon",
+            "platoon_id": platoon,
             "vehicle_id": names[place],
             "place": place,
             "x_m": x,
@@ -93,17 +97,17 @@ def _trajectories(folder: Path, ids: list[str], seconds: float, every: float) ->
             "gap_error_m": np.where(follows, 0.2 * np.sin(time / 3 + place), np.nan),
             "seen_gap_m": np.where(follows, GAP, np.nan),
             "seen_bearing_rad": np.where(follows, SPACING / 2, np.nan),
-            "target_id": np.where(lost, EVIL, np.where(follows, names[np.maximum(place - 1, 0)], "")),
+            "target_id": np.where(lost, other, np.where(follows, names[np.maximum(place - 1, 0)], "")),
         }
     ).to_csv(folder / "trajectories.csv", index=False, float_format="%.6f")
 
 
-def _events(folder: Path, ids: list[str], seconds: float) -> None:
+def _events(folder: Path, ids: list[str], other: str, seconds: float) -> None:
     rows = [(0.0, "departed", name, "", np.nan, "") for name in ids]
     if seconds > 12 and len(ids) > 1:
         rows += [
             (10.0, "lock_lost", ids[1], "", np.nan, "out of sight"),
-            (10.0, "wrong_target", ids[1], EVIL, np.nan, ""),
+            (10.0, "wrong_target", ids[1], other, np.nan, ""),
             (12.0, "lock_regained", ids[1], ids[0], 2.0, ""),
             (13.5, "collision", ids[-1], "wall", np.nan, ""),
         ]
@@ -114,19 +118,19 @@ def _events(folder: Path, ids: list[str], seconds: float) -> None:
     table.to_csv(folder / "events.csv", index=False)
 
 
-def _metrics(folder: Path, ids: list[str]) -> None:
-    rows = [("vehicle", "platoon", name, "gap_mean", GAP, "m") for name in ids[1:]]
+def _metrics(folder: Path, platoon: str, ids: list[str]) -> None:
+    rows = [("vehicle", platoon, name, "gap_mean", GAP, "m") for name in ids[1:]]
     rows += [("run", "", "", "collisions", 1.0, ""), ("run", "", "", "duration", 20.0, "s")]
     columns = ["scope", "platoon_id", "vehicle_id", "metric", "value", "unit"]
     pd.DataFrame(rows, columns=columns).to_csv(folder / "metrics.csv", index=False)
 
 
-def _vehicles(folder: Path, ids: list[str], strangers: list[str]) -> None:
+def _vehicles(folder: Path, platoon: str, ids: list[str], strangers: list[str]) -> None:
     n, m = len(ids), len(strangers)
     pd.DataFrame(
         {
             "vehicle_id": [*ids, *strangers],
-            "platoon_id": ["platoon"] * n + [""] * m,
+            "platoon_id": [platoon] * n + [""] * m,
             "place": [*range(n), *[None] * m],
             "length_m": LENGTH,
             "width_m": WIDTH,
