@@ -1,4 +1,4 @@
-"""Events of a run, the rows of events.csv: their record, their kinds, and the thresholds that define them.
+"""Events of a run, the rows of events.csv: their record, their kinds, and the thresholds of events and metrics.
 
 Each threshold is one constant, from which the text of the data dictionary is formatted. A new kind of event is a row of
 `EVENT_KINDS` and the place that emits it.
@@ -27,6 +27,8 @@ EMERGENCY_BRAKING = 4.5  # braking above which it is an emergency brake [m/s2]
 OFF_ROAD_DISTANCE = 0.3  # distance outside the drivable area from which a member is off the road [m]
 LANE_CHANGE_BLAME = 2.0  # a collision this soon after one vehicle came into the other's lane is put down to it [s]
 LANE_CHANGE_TIME = 3.0  # time before that from which on the moves of both across the road are compared [s]
+EXPOSED = 3.0  # a shorter time to collision counts as exposure [s]
+ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognise it
 ENCOUNTER_TIME = 10.0  # time for which the consequences of a cut-in or crossing are measured [s]
 
 

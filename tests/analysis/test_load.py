@@ -97,7 +97,7 @@ def test_a_batch_that_is_not_whole_is_refused(copy, name, content):
 def test_a_table_that_is_not_there_is_refused(copy):
     results = load(copy)
     with pytest.raises(
-        ResultsError, match=r"traffic.csv: is missing; there are events, metrics, summary, trajectories"
+        ResultsError, match=r"traffic.csv: is missing; there are events, metrics, statistics, summary, trajectories"
     ):
         results.table("traffic")
     shutil.rmtree(copy / results.summary.id[0])

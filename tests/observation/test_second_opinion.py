@@ -1,4 +1,4 @@
-"""Closeness and blame, computed a second time from the recorded tables of a run alone."""
+"""Closeness, exposure and blame, computed a second time from the recorded tables of a run alone."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ RUNS = {
 
 @pytest.fixture(scope="module", params=RUNS)
 def tables(request, tmp_path_factory):
-    """Trajectories and background traffic of each step with sizes, events and the drivable area."""
+    """Trajectories and background traffic of each step with sizes, events, the drivable area, and metrics."""
     folder = tmp_path_factory.mktemp(request.param)
     changes = [*RUNS[request.param], "record.every_s=0.1", "record.traffic_every_s=0.1"]
     run(folder / "run", request.param, *changes)
-    names = "trajectories", "traffic", "vehicles", "events"
+    names = "trajectories", "traffic", "vehicles", "events", "metrics"
     found = {name: pd.read_csv(folder / "run" / f"{name}.csv") for name in names}
     members = found["trajectories"]
     columns = ["time_s", "vehicle_id", "x_m", "y_m", "heading_rad", "speed_mps"]
     bodies = pd.concat([members[columns], found["traffic"][columns]])
     bodies = bodies.merge(found["vehicles"][["vehicle_id", "length_m", "width_m"]], on="vehicle_id")
     scene = json.loads((folder / "run" / "scene.geojson").read_text())
-    return members, bodies, found["events"], scene
+    return members, bodies, found["events"], scene, found["metrics"]
 
 
 def outline(row) -> shapely.Geometry:
@@ -48,7 +48,7 @@ def outline(row) -> shapely.Geometry:
 @pytest.mark.slow
 @pytest.mark.sumo
 def test_clearance_is_that_of_the_recorded_outlines(tables):
-    members, bodies, _, _ = tables
+    members, bodies, *_ = tables
     checked = 0
     for time, here in bodies.groupby("time_s"):
         if round(time * 10) % 20:
@@ -64,6 +64,44 @@ def test_clearance_is_that_of_the_recorded_outlines(tables):
             elif least > CLEARANCE_REACH + 1e-3:
                 assert np.isnan(row.clearance_m)
     assert checked > 20
+
+
+@pytest.mark.slow
+@pytest.mark.sumo
+def test_exposure_and_extremes_are_those_of_the_recorded_motion(tables):
+    """Gaps are taken from the table; no order changes who follows whom."""
+    members, *_, metrics = tables
+    found = metrics[metrics.scope == "vehicle"].set_index(["vehicle_id", "metric"]).value
+    speed_of = members.set_index(["vehicle_id", "time_s"]).speed_mps
+    checked = 0
+    for vehicle, rows in members.groupby("vehicle_id"):
+        ahead = f"{rows.platoon_id.iloc[0]}.{rows.place.iloc[0] - 1}"
+        ttc, drac, before = [], [], None
+        path, jerks = 0.0, [0.0]
+        for row in rows.itertuples():
+            if before is not None:
+                path += math.hypot(row.x_m - before.x_m, row.y_m - before.y_m)
+                jerks.append((row.accel_mps2 - before.accel_mps2) / 0.1)
+            before = row
+            nearing = row.speed_mps - speed_of.get((ahead, row.time_s), math.inf)
+            if nearing > 1e-3 and row.gap_m > 0:
+                ttc.append(row.gap_m / nearing)
+                drac.append(nearing**2 / (2 * row.gap_m))
+        exposed = [time for time in ttc if time < 3.0]
+        own = {
+            "distance": path,
+            "jerk_max": max(map(abs, jerks)),
+            "jerk_rms": math.sqrt(sum(jerk**2 for jerk in jerks) / len(jerks)),
+            "lateral_accel_max": (rows.speed_mps * rows.yaw_rate_radps).abs().max(),
+            "speed_mean": rows.speed_mps.mean(),
+        }
+        if ttc:
+            own |= {"ttc_min": min(ttc), "drac_max": max(drac)}
+            own |= {"tet": 0.1 * len(exposed), "tit": 0.1 * sum(3.0 - time for time in exposed)}
+        checked += len(own)
+        for name, value in own.items():
+            assert found[vehicle, name] == pytest.approx(value, rel=1e-3, abs=1e-3), (vehicle, name)
+    assert checked > 30
 
 
 def to_border(border: shapely.Geometry, row, side: int) -> float:
@@ -118,7 +156,7 @@ def blamed(one: list, other: list, border: shapely.Geometry) -> str:
 @pytest.mark.slow
 @pytest.mark.sumo
 def test_blame_is_that_of_the_recorded_poses(tables):
-    _, bodies, events, scene = tables
+    _, bodies, events, scene, _ = tables
     area = shapely.union_all(
         [shapely.geometry.shape(f["geometry"]) for f in scene["features"] if f["properties"]["kind"] == "road"]
     )

@@ -83,12 +83,12 @@ def test_shares_are_over_the_time_between_departure_and_arrival():
 
 
 def test_exposure_to_short_times_to_collision():
-    """2 s and 1 s are below 3 s, each for the half second up to the next instant; the last instant has none."""
+    """2 s, 1 s and 0.5 s are below 3 s; each instant stands for a step of half a second."""
     table = trajectories(
         time_s=[0.0, 0.5, 1.0, 1.5, 2.0], ttc_s=[math.nan, 2.0, 1.0, 4.0, 0.5], drac_mps2=[0, 1, 3, 1, 9]
     )
     of = values(table, (1.0, "near_miss", "p.1"), (2.0, "near_miss", "p.0"))
-    assert (of["ttc_min"], of["tet"], of["tit"], of["drac_max"]) == (0.5, 1.0, 0.5 + 1.0, 9)
+    assert (of["ttc_min"], of["tet"], of["tit"], of["drac_max"]) == (0.5, 1.5, 0.5 + 1.0 + 1.25, 9)
     assert of["near_misses"] == 1
 
 

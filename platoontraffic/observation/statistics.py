@@ -1,0 +1,55 @@
+"""Statistics of measured values over all steps of a run, whatever is recorded of it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.observation.step import Step
+
+
+class Statistic(NamedTuple):
+    """One member's values of one quantity over all steps at which it had a value."""
+
+    steps: float  # number of these steps
+    mean: float
+    rms: float  # root mean square
+    least: float
+    most: float
+
+
+class Statistics:
+    """State of all members of the run, by their number: arrays (N, ...)."""
+
+    def __init__(self, n: int) -> None:
+        # Imported here: importing numba takes half a second.
+        from platoontraffic.observation import statistics_kernel as kernel
+
+        self._kernel = kernel
+        self._count = len(kernel.QUANTITIES)
+        self._tallies = np.zeros((n, self._count, 5))
+        self._tallies[..., kernel.LEAST], self._tallies[..., kernel.MOST] = np.inf, -np.inf
+        self._before = np.full((n, 3), np.nan)  # x, y [m], turned [rad] one step before
+        self._time = np.nan  # then [s]
+        self.values = np.empty(0, kernel.VALUES)  # of the last step, records (n,) in the fleet's order
+
+    def observe(self, step: Step, **measured: np.ndarray) -> None:
+        """measured: the fields of `statistics_kernel.Seen` that are not the fleet's"""
+        fleet, motion = step.fleet, step.fleet.motion
+        own = motion.x, motion.y, motion.turned, motion.speed, motion.acceleration, motion.yaw_rate
+        seen = self._kernel.Seen(step.number, fleet.predecessor, *own, **measured)
+        self.values = np.empty(len(fleet), self._kernel.VALUES)
+        self._kernel.evaluate(seen, self._before, step.time - self._time, self.values)
+        self._kernel.add(step.number, self.values.view(float).reshape(len(fleet), self._count), self._tallies)
+        self._time = step.time
+
+    def of(self, number: int) -> dict[str, Statistic]:
+        """Statistics of a member, by name in QUANTITIES; without those of which it never had a value."""
+        found: dict[str, Statistic] = {}
+        for name, (count, total, squares, least, most) in zip(
+            self._kernel.QUANTITIES, self._tallies[number].tolist(), strict=True
+        ):
+            if count:
+                found[name] = Statistic(count, total / count, (squares / count) ** 0.5, least, most)
+        return found
