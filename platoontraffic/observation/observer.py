@@ -12,6 +12,7 @@ from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.braking import Braking
 from platoontraffic.observation.closeness import Closeness
 from platoontraffic.observation.collisions import Collisions, NearMisses
+from platoontraffic.observation.encroachments import Encroachments
 from platoontraffic.observation.gaps import DesiredGaps, Gaps
 from platoontraffic.observation.hindrances import Hindrances
 from platoontraffic.observation.limits import Limits
@@ -78,6 +79,7 @@ class Observer:
         self._collisions = Collisions(contacts, network.drivable)
         self._near_misses = NearMisses(size)
         self._closeness = Closeness(size)
+        self._encroachments = Encroachments(members)
         self._off_road = OffRoad(network.drivable, size)
         self.statistics = Statistics(len(members))
 
@@ -113,6 +115,7 @@ class Observer:
         events += self._collisions.observe(step)
         events += self._near_misses.observe(step, gap, self._collisions.touching)
         events += self._closeness.observe(step, self._collisions.touching)
+        events += self._encroachments.observe(step)
         events += self._off_road.observe(step)
         self.statistics.observe(
             step,

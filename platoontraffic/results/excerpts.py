@@ -34,6 +34,7 @@ class Own:
     follows: Sequence[Stretch]
     collisions: pd.DataFrame  # events of the whole run
     near_misses: pd.DataFrame  # the same of near misses with others than the predecessor
+    encroachments: pd.DataFrame  # the same of encroachments
     motions: Mapping[str, Motion]  # of all members of the run
 
     @property
@@ -127,6 +128,7 @@ class Group:
     rows: pd.DataFrame  # of trajectories.csv
     collisions: pd.DataFrame  # events of the whole run
     near_misses: pd.DataFrame  # the same of near misses with others than the predecessor
+    encroachments: pd.DataFrame  # the same of encroachments
 
     @cached_property
     def head_to_tail(self) -> Gains:
@@ -143,7 +145,7 @@ def platoons(trajectories: pd.DataFrame, events: pd.DataFrame, statistics: pd.Da
     start, end = span(trajectories, events)
     rows_of, events_of = (dict(tuple(table.groupby("vehicle_id"))) for table in (trajectories, events))
     statistics_of = by_vehicle(statistics)
-    collisions, near_misses = _pairs(events)
+    pairs = _pairs(events)
     everybody = statistics.drop_duplicates("vehicle_id").sort_values(["platoon_id", "place"])
     places = {m.vehicle_id: (m.platoon_id, m.place) for m in everybody.itertuples()}
     follows = stretches(places, events, end)
@@ -155,8 +157,8 @@ def platoons(trajectories: pd.DataFrame, events: pd.DataFrame, statistics: pd.Da
             since, until = _first(own, ("departed",), start), _first(own, GONE, end)
             period = since, until, follows[vehicle]
             tables = rows, statistics_of[vehicle], own
-            members.append(Own(vehicle, place, *tables, *period, collisions, near_misses, motions))
-        yield platoon, Group(members, trajectories[trajectories.platoon_id == platoon], collisions, near_misses)
+            members.append(Own(vehicle, place, *tables, *period, *pairs, motions))
+        yield platoon, Group(members, trajectories[trajectories.platoon_id == platoon], *pairs)
 
 
 def all_of(members: list[Own], trajectories: pd.DataFrame, events: pd.DataFrame) -> Group:
@@ -164,9 +166,9 @@ def all_of(members: list[Own], trajectories: pd.DataFrame, events: pd.DataFrame)
     return Group(members, trajectories, *_pairs(events))
 
 
-def _pairs(events: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The events of pairs: contacts, and near misses with others than the predecessor."""
-    return events[events.kind == "collision"], events[events.kind == "near_miss_other"]
+def _pairs(events: pd.DataFrame) -> list[pd.DataFrame]:
+    """The events of pairs: contacts, near misses with others than the predecessor, encroachments."""
+    return [events[events.kind == kind] for kind in ("collision", "near_miss_other", "encroachment")]
 
 
 def span(trajectories: pd.DataFrame, events: pd.DataFrame) -> tuple[float, float]:

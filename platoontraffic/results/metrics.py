@@ -21,7 +21,7 @@ from platoontraffic.results import strings
 from platoontraffic.results.excerpts import MOVING, Group, Own, all_of, platoons, span
 from platoontraffic.results.statistics import from_trajectories
 from platoontraffic.vehicles.bicycle import VALID_LATERAL
-from platoontraffic.world.events import ENOUGH_BEAMS, EXPOSED, STANDSTILL_AFTER, WALL
+from platoontraffic.world.events import ENOUGH_BEAMS, EXPOSED, SHORT_ENCROACHMENT, STANDSTILL_AFTER, WALL
 
 CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes")  # kinds of contact of which the other is the cause
 LAST_CORNER = 10.0  # a quarter turn counts when this much of it is missing [deg]
@@ -152,6 +152,19 @@ OF_MEMBERS = (
         "",
         "number of events near_miss_other of which it is one of the two",
         lambda m: _contacts(m.near_misses, {m.vehicle}),
+    ),
+    Metric(
+        "pet_min",
+        "s",
+        "least post-encroachment time, of the events encroachment of which it is one of the two",
+        lambda m: _of_pairs(m.encroachments, {m.vehicle}).duration_s.min(),
+        "min",
+    ),
+    Metric(
+        "short_encroachments",
+        "",
+        f"number of those events with less than {SHORT_ENCROACHMENT:g} s",
+        lambda m: _short(m.encroachments, {m.vehicle}),
     ),
 )
 
@@ -327,6 +340,12 @@ OF_GROUPS = (
         lambda group: _contacts(group.near_misses, {m.vehicle for m in group.members}),
     ),
     Metric(
+        "short_encroachments",
+        "",
+        f"number of events encroachment with less than {SHORT_ENCROACHMENT:g} s of which a member is one of the two",
+        lambda group: _short(group.encroachments, {m.vehicle for m in group.members}),
+    ),
+    Metric(
         "leader_right_lane_share",
         "",
         "right_lane_share of the leaders, all recorded instants together",
@@ -357,6 +376,7 @@ ORDER = (
     "lateral_accel_beyond_share_max", "accel_gain_l2_max",
     "accel_gain_linf_max", "standstill_share_mean", "off_road_share_max", "leader_right_lane_share",
     "right_lane_share_min", "clearance_min", "contact_in_min", "near_misses_other",
+    "pet_min", "short_encroachments",
 )  # fmt: skip
 
 # ---- of a run with obstacles: functions of its `Meetings`
@@ -492,6 +512,8 @@ COUNTS = frozenset(
         *(m.name for m in (*OF_MEMBERS, *OF_FOLLOWERS) if m.over == "sum" and not m.unit and m.name != "arrived"),
         *(m.name for m in OF_OBSTACLES if not m.unit),
         "collisions",
+        "near_misses_other",
+        "short_encroachments",
     )
 )
 
@@ -613,8 +635,17 @@ def _right_lane_share(right_of_middle: pd.Series) -> float:
     return (there > 0).mean() if len(there) else math.nan
 
 
+def _of_pairs(events: pd.DataFrame, vehicles: Collection[str]) -> pd.DataFrame:
+    """The events of which a vehicle is one of the two."""
+    return events[events.vehicle_id.isin(vehicles) | events.other_id.isin(vehicles)]
+
+
 def _contacts(collisions: pd.DataFrame, vehicles: Collection[str]) -> float:
-    return float((collisions.vehicle_id.isin(vehicles) | collisions.other_id.isin(vehicles)).sum())
+    return float(len(_of_pairs(collisions, vehicles)))
+
+
+def _short(encroachments: pd.DataFrame, vehicles: Collection[str]) -> float:
+    return float((_of_pairs(encroachments, vehicles).duration_s < SHORT_ENCROACHMENT).sum())
 
 
 def _caused(collisions: pd.DataFrame, vehicle: str) -> float:

@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 import shapely
 
-from platoontraffic.world.events import CLEARANCE_REACH, LANE_CHANGE_BLAME, LANE_CHANGE_TIME
+from platoontraffic.observation.encroachments import TRAIL
+from platoontraffic.world.events import CLEARANCE_REACH, ENCROACHED, LANE_CHANGE_BLAME, LANE_CHANGE_TIME
 from tests.support.runs import run
 
 # Followers repeat lane changes blindly in the first one, so there are contacts to be put down to somebody.
@@ -102,6 +103,76 @@ def test_exposure_and_extremes_are_those_of_the_recorded_motion(tables):
         for name, value in own.items():
             assert found[vehicle, name] == pytest.approx(value, rel=1e-3, abs=1e-3), (vehicle, name)
     assert checked > 30
+
+
+def trail_ages(bodies, members) -> dict[tuple[str, str], dict[int, list[int]]]:
+    """(second, first) -> step -> how many steps before the first's outline was where the second's is, up to TRAIL.
+
+    Pairs of a member and a body that is not of its platoon; steps are of 0.1 s.
+    """
+    rows = bodies.assign(step=(bodies.time_s * 10).round().astype(int)).query("step >= 1").reset_index(drop=True)
+    shapes = np.array([outline(row) for row in rows.itertuples()])
+    platoon = dict(zip(members.vehicle_id, members.platoon_id, strict=True))
+    own = np.flatnonzero(rows.vehicle_id.isin(platoon.keys()))
+    of_members, others = shapely.STRtree(shapes).query(shapes[own], predicate="intersects")
+    found: dict[tuple[str, str], dict[int, list[int]]] = {}
+    ids, steps = rows.vehicle_id.to_numpy(), rows.step.to_numpy()
+    for i, k in zip(own[of_members], others, strict=True):
+        for second, first in ((i, k), (k, i)) if ids[k] not in platoon else ((i, k),):
+            age = steps[second] - steps[first]
+            if 0 <= age <= round(TRAIL * 10) and platoon.get(ids[i]) != platoon.get(ids[k]):
+                found.setdefault((ids[second], ids[first]), {}).setdefault(steps[second], []).append(age)
+    return found
+
+
+def post_encroachment(ages: dict[int, list[int]], arc: dict[int, float], width: float, since: int) -> list[float]:
+    """Post-encroachment times of one pair, in whole steps [s]; each is up to two steps too long.
+
+    ages  : as from `trail_ages`
+    arc   : length of the second's path, by step [m]
+    since : first step of the first's trail
+    """
+    times, least, entered = [], math.inf, None
+    for step in sorted(ages):
+        if step - 1 not in ages:
+            oldest = min(round(TRAIL * 10), step - since)
+            times.append(least)
+            least, entered = math.inf, None if oldest in ages[step] else arc[step]
+        if 0 in ages[step]:
+            least, entered = math.inf, None
+        if entered is not None and (step - 1 not in ages or arc[step] - entered <= width):
+            least = min(least, min(ages[step]) / 10)
+    return [time for time in (*times, least) if time < math.inf]
+
+
+@pytest.mark.slow
+@pytest.mark.sumo
+def test_post_encroachment_times_are_those_of_the_recorded_outlines(tables):
+    members, bodies, events, *_ = tables
+    width = dict(zip(bodies.vehicle_id, bodies.width_m, strict=True))
+    arc, since = {}, {}
+    for vehicle, rows in bodies.groupby("vehicle_id"):
+        steps = (rows.time_s * 10).round().astype(int)
+        way = np.hypot(rows.x_m.diff(), rows.y_m.diff()).fillna(0.0).cumsum()
+        arc[vehicle], since[vehicle] = dict(zip(steps, way, strict=True)), max(steps.min(), 1)
+    again: dict[tuple[str, str], list[float]] = {}
+    for (second, first), ages in trail_ages(bodies, members).items():
+        again[second, first] = post_encroachment(ages, arc[second], width[second], since[first])
+    end = events.time_s.max()
+    noted: dict[tuple[str, str], list[float]] = {}
+    for event in events[events.kind == "encroachment"].itertuples():
+        pair = event.vehicle_id, event.other_id
+        noted.setdefault(pair[::-1] if event.what == "first" else pair, []).append(event.duration_s)
+    for pair in again.keys() | noted.keys():
+        here, there = sorted(noted.get(pair, [])), sorted(again.get(pair, []))
+        there = [time for time in there if time <= ENCROACHED + 0.2]
+        if len(here) != len(there):  # at the threshold, or it lasts at the end of the run
+            there = [time for time in there if time <= ENCROACHED - 0.2]
+            here = [time for time in here if time <= ENCROACHED - 0.2]
+        assert len(here) == len(there), (pair, here, there, end)
+        for time, whole in zip(here, there, strict=True):
+            assert whole - 0.2 - 1e-3 <= time <= whole + 1e-3, (pair, time, whole)
+    print(len(noted), "pairs")
 
 
 def to_border(border: shapely.Geometry, row, side: int) -> float:
