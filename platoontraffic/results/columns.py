@@ -226,7 +226,8 @@ EVENTS = (
     number(
         "duration_s",
         "s",
-        "duration of the state that this event ends: lock loss, split, standstill, hold, breakdown, time off the road",
+        "duration of the state that this event ends: lock loss, split, standstill, hold, breakdown, time off the road; "
+        "of an encroachment, the post-encroachment time",
         format="%.3f",
     ),
     text("detail", "explanation in prose; nothing is computed from it"),

@@ -137,6 +137,18 @@ def test_every_contact_of_two_members_has_one_cause():
     assert values(table, *rows, scope="run", vehicle="")["collisions_caused"] == 5
 
 
+def test_encroachments_count_for_both_and_once_for_the_run():
+    rows = [(1.0, "encroachment", "p.1", "car", 2.5, "first"), (2.0, "encroachment", "p.0", "p.1", 1.4, "second"),
+            (3.0, "encroachment", "p.0", "car", 1.9, "first")]  # fmt: skip
+    table = trajectories(gap_m=[1.0])
+    for vehicle, least, short in [("p.1", 1.4, 1), ("p.0", 1.4, 2)]:
+        of = values(table, *rows, vehicle=vehicle)
+        assert (of["pet_min"], of["short_encroachments"]) == (least, short)
+    of = values(table, *rows, scope="run", vehicle="")
+    assert (of["pet_min"], of["short_encroachments"]) == (1.4, 2)
+    assert math.isnan(values(table)["pet_min"])
+
+
 def test_collisions_with_obstacles_are_counted_by_the_kind_of_obstacle():
     came = [(0.0, "obstacle", "ball", "", 0.0, "robot"), (0.0, "obstacle", "van", "", 0.0, "car")]
     hits = [(1.0, "collision", "p.1", other) for other in ("ball", "ball", "wall", "person.3")]
