@@ -13,6 +13,7 @@ follows it: it does not encroach, as long as it stays on that trail.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,8 +21,12 @@ from platoontraffic.observation.step import Step
 from platoontraffic.world.events import ENCROACHED, Event
 from platoontraffic.world.fleet import Member
 
+if TYPE_CHECKING:
+    from platoontraffic.observation.encroachments_kernel import Trails
+
 TRAIL = ENCROACHED + 1.0  # time for which it is known where bodies were [s]
 BODIES = 64  # for which there is room at first
+NEVER = -2  # step at which a pair met that has not
 AT_ONCE = 8  # encroachments a member that can end in one step
 
 
@@ -30,14 +35,10 @@ class Encroachments:
 
     def __init__(self, members: Sequence[Member]) -> None:
         """members: all of the run, by their number"""
-        # Imported here: importing numba takes half a second.
-        from platoontraffic.observation import encroachments_kernel as kernel
-
-        self._kernel = kernel
         _, self._platoon = np.unique([m.platoon for m in members], return_inverse=True)
         self._time: float | None = None  # one step before [s]
         self._step = 0
-        self._trails: kernel.Trails | None = None  # from the second step on
+        self._trails: Trails | None = None  # from the second step on, with `_meetings`
         self._column: dict[str, int] = {}  # of each body in the trails
         self._ids: tuple[str, ...] = ()  # of the bodies of the last step ...
         self._columns = np.empty(0, dtype=np.intp)  # ... and their columns
@@ -45,6 +46,9 @@ class Encroachments:
 
     def observe(self, step: Step) -> Iterator[Event]:
         """encroachment"""
+        # Imported here and below: importing numba takes half a second.
+        from platoontraffic.observation.encroachments_kernel import extend, meet
+
         before, self._time = self._time, step.time
         if before is None:
             return
@@ -59,19 +63,21 @@ class Encroachments:
         head = self._step % len(trails.x)
         cos, sin = np.cos(traffic.heading), np.sin(traffic.heading)
         position = traffic.x, traffic.y
-        self._kernel.extend(trails, head, slot, *position, cos, sin)
+        extend(trails, head, slot, *position, cos, sin)
         found = np.empty((AT_ONCE * n, 4))
         own = step.number, self._platoon[step.number]
-        count = self._kernel.meet(trails, self._meetings, head, self._step, dt, slot, *position, *own, found)
+        count = meet(trails, self._meetings, head, self._step, dt, slot, *position, *own, found)
         for i, k, is_first, time in found[:count].tolist():
             if time < ENCROACHED:
                 what = "first" if is_first else "second"
                 yield step.event("encroachment", int(i), traffic.ids[int(k)], time, what=what)
 
     def _begin(self, steps: int) -> None:
+        from platoontraffic.observation.encroachments_kernel import Meetings, Trails
+
         nothing, m = np.zeros((steps, 0)), len(self._platoon)
-        self._trails = self._kernel.Trails(*[nothing] * 5, np.zeros(0, dtype=np.intp), *np.zeros((3, 0)))
-        self._meetings = self._kernel.Meetings(np.zeros((2, m, 0), dtype=np.intp), *np.zeros((2, 2, m, 0)))
+        self._trails = Trails(*[nothing] * 5, np.zeros(0, dtype=np.intp), *np.zeros((3, 0)))
+        self._meetings = Meetings(np.zeros((2, m, 0), dtype=np.intp), *np.zeros((2, 2, m, 0)))
         self._make_room()
 
     def _make_room(self) -> None:
@@ -95,5 +101,5 @@ class Encroachments:
                 self._make_room()
             column[name] = one = self._free.pop()
             self._trails.count[one] = 0
-            self._meetings.last[..., one] = self._kernel.NEVER
+            self._meetings.last[..., one] = NEVER
         self._ids, self._columns = ids, np.fromiter(map(column.__getitem__, ids), np.intp, len(ids))

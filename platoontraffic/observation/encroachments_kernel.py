@@ -14,7 +14,6 @@ import numpy as np
 from platoontraffic.lidar.compiled import compiler
 
 HALVINGS = 12  # of a step, to find the instant within it
-NEVER = -2  # step at which two bodies that have not met were last seen to overlap
 CLOSED = -1.0  # in place of a time: nothing is looked for any more while the second stays in the trail
 
 compiled = compiler(__file__)
