@@ -7,7 +7,7 @@ The least time over its places counts.
 
 Where paths merge there is no end to the area: places count until the second has driven on by its own width from where
 it entered the path of the first. One that comes from behind, over the end of the trail of TRAIL that the first draws,
-follows it: it does not encroach, as long as it stays on that trail.
+follows it: it does not encroach, as long as it stays on that trail. Nor does one that enters the road on the trail.
 """
 
 from __future__ import annotations

@@ -6,14 +6,22 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from platoontraffic.observation.encroachments import Encroachments
 from platoontraffic.observation.step import Step
+from platoontraffic.world.events import Event
 from platoontraffic.world.traffic import TrafficSnapshot
+from tests.observation.test_second_opinion import agree
 
 DT = 0.1
 LENGTH, WIDTH = 4.74, 1.8
+
+
+class Fleet(SimpleNamespace):
+    def __len__(self) -> int:
+        return len(self.number)
 
 
 def line(x, y, heading, speed):
@@ -38,10 +46,6 @@ def met(member, other, seconds=20.0, *, dt=DT, turn=0.0, both=False, appears=0.0
         sizes = np.array(lengths)[:there], np.full(there, WIDTH)
         traffic = TrafficSnapshot(t, ("m", "o")[:there], x, y, heading + turn, 0 * x, *sizes)
         n = 1 + both
-
-        class Fleet(SimpleNamespace):
-            def __len__(self, n=n):
-                return n
 
         fleet = Fleet(number=np.arange(n))
         seen = observer.observe(Step(traffic, fleet, [("", "")] * n, None, x, y))
@@ -156,3 +160,45 @@ def test_paths_that_merge():
 
 def test_bodies_that_touch_do_not_encroach():
     assert met(*crossing(10.0, 8.0, 0.1)) == []
+
+
+def somewhere(rng):
+    """A straight line or an arc of random curvature through a square of 60 m, driven at constant speed."""
+    x, y = rng.uniform(-30, 30, 2)
+    heading, speed, bend = rng.choice([0.0, 0.5, 1.0, 1.5]) * np.pi, rng.uniform(2, 12), rng.choice([0.0, 0.0, 0.06])
+    when = rng.uniform(3, 12)  # at which it is at (x, y)
+
+    def pose(t):
+        way = speed * (t - when)
+        turned = bend * way
+        chord = way * np.sinc(turned / 2 / np.pi)
+        along = heading + turned / 2
+        return x + chord * np.cos(along), y + chord * np.sin(along), heading + turned
+
+    return pose
+
+
+def random_tables(rng):
+    """Members, bodies and events of twelve bodies in a small square, four in two platoons; others come when they like."""
+    poses, since = [somewhere(rng) for _ in range(12)], [0, 0, 0, 0, *rng.integers(0, 60, 8)]
+    ids = np.array([f"{p}.{i}" for p in "ab" for i in range(2)] + [f"car{i}" for i in range(8)])
+    platoons = ["a", "a", "b", "b"]
+    observer, rows, events = Encroachments([SimpleNamespace(platoon=p) for p in platoons]), [], []
+    for step in range(150):
+        here = [i for i in range(12) if step >= since[i]]
+        x, y, heading = np.array([poses[i](step * DT) for i in here]).T
+        sizes = np.full(len(here), LENGTH), np.full(len(here), WIDTH)
+        traffic = TrafficSnapshot(step * DT, tuple(ids[here]), x, y, heading, 0 * x, *sizes)
+        events += observer.observe(Step(traffic, Fleet(number=np.arange(4)), [("", "")] * 4, None, x, y))
+        rows += zip([step * DT] * len(here), ids[here], x, y, heading, *sizes, strict=True)
+    columns = ["time_s", "vehicle_id", "x_m", "y_m", "heading_rad", "length_m", "width_m"]
+    members = pd.DataFrame({"vehicle_id": ids[:4], "platoon_id": platoons})
+    named = pd.DataFrame(events, columns=Event._fields).rename(
+        columns={"vehicle": "vehicle_id", "other": "other_id", "duration": "duration_s"}
+    )
+    return members, pd.DataFrame(rows, columns=columns), named
+
+
+def test_a_slow_second_implementation_agrees_on_random_scenes():
+    rng = np.random.default_rng(1)
+    assert sum(agree(*random_tables(rng)) for _ in range(10)) > 20

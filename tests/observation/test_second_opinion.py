@@ -18,7 +18,7 @@ from tests.support.runs import run
 # Followers repeat lane changes blindly in the first one, so there are contacts to be put down to somebody.
 RUNS = {
     "highway_traffic": ("run.duration_s=310", "seed=3"),
-    "corridor_two_platoons": ("run.duration_s=40",),
+    "corridor_two_platoons": ("run.duration_s=70",),  # a car crosses before a platoon at 63 s
     "corridor_cut_in": ("run.duration_s=25",),
 }
 
@@ -126,12 +126,13 @@ def trail_ages(bodies, members) -> dict[tuple[str, str], dict[int, list[int]]]:
 
 
 def post_encroachment(
-    ages: dict[int, list[int]], arc: dict[int, float], width: float, there: tuple[int, int]
+    ages: dict[int, list[int]], arc: dict[int, float], width: float, came: int, there: tuple[int, int]
 ) -> list[float]:
     """Post-encroachment times of one pair, in whole steps [s]; each is up to two steps too long.
 
     ages  : as from `trail_ages`
     arc   : length of the second's path, by step [m]
+    came  : first step of the second
     there : first step of the first's trail, and last step with both of them
     """
     times, least, entered = [], math.inf, None
@@ -139,7 +140,7 @@ def post_encroachment(
         within = step in ages
         if within and step - 1 not in ages:
             oldest = min(round(TRAIL * 10), step - there[0])
-            entered = None if oldest in ages[step] else arc[step]
+            entered = None if oldest in ages[step] or step == came else arc[step]
         elif entered is not None and not (within and arc[step] - entered <= width):
             times.append(least)
             least, entered = math.inf, None
@@ -150,10 +151,8 @@ def post_encroachment(
     return times
 
 
-@pytest.mark.slow
-@pytest.mark.sumo
-def test_post_encroachment_times_are_those_of_the_recorded_outlines(tables):
-    members, bodies, events, *_ = tables
+def agree(members, bodies, events) -> int:
+    """Number of events encroachment, which are those of the outlines; each table has a row for every step of 0.1 s."""
     width = dict(zip(bodies.vehicle_id, bodies.width_m, strict=True))
     arc, there = {}, {}
     for vehicle, rows in bodies.groupby("vehicle_id"):
@@ -163,7 +162,7 @@ def test_post_encroachment_times_are_those_of_the_recorded_outlines(tables):
     again: dict[tuple[str, str], list[float]] = {}
     for (second, first), ages in trail_ages(bodies, members).items():
         both = there[first][0], min(there[first][1], there[second][1])
-        again[second, first] = post_encroachment(ages, arc[second], width[second], both)
+        again[second, first] = post_encroachment(ages, arc[second], width[second], there[second][0], both)
     noted: dict[tuple[str, str], list[float]] = {}
     for event in events[events.kind == "encroachment"].itertuples():
         pair = event.vehicle_id, event.other_id
@@ -175,7 +174,14 @@ def test_post_encroachment_times_are_those_of_the_recorded_outlines(tables):
             assert same, (pair, noted[pair], again.get(pair))
             left.remove(same[0])
         assert all(whole > ENCROACHED - 1e-3 for whole in left), (pair, noted.get(pair), again[pair])
-    assert len(noted) > 5
+    return sum(map(len, noted.values()))
+
+
+@pytest.mark.slow
+@pytest.mark.sumo
+def test_post_encroachment_times_are_those_of_the_recorded_outlines(tables):
+    members, bodies, events, *_ = tables
+    assert agree(members, bodies, events) > 0
 
 
 def to_border(border: shapely.Geometry, row, side: int) -> float:
