@@ -179,7 +179,7 @@ def somewhere(rng):
 
 
 def random_tables(rng):
-    """Members, bodies and events of twelve bodies in a small square, four in two platoons; others come when they like."""
+    """Members, poses and events of twelve bodies in a small square, four of them in two platoons."""
     poses, since = [somewhere(rng) for _ in range(12)], [0, 0, 0, 0, *rng.integers(0, 60, 8)]
     ids = np.array([f"{p}.{i}" for p in "ab" for i in range(2)] + [f"car{i}" for i in range(8)])
     platoons = ["a", "a", "b", "b"]
