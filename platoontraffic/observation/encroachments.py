@@ -1,6 +1,6 @@
 """Post-encroachment times of members with bodies of no platoon, or of another one.
 
-The post-encroachment time (Allen, Shin, Cooper, "Analysis of traffic collisions and conflicts", Transportation Research
+The post-encroachment time (Allen, Shin, Cooper, "Analysis of traffic conflicts and collisions", Transportation Research
 Record 667, 1978) is that between one vehicle's leaving a conflict area and another's entering it. The area is where the
 bodies of both come: a place of it is left with the last part of the one, and entered with the first part of the other.
 The least time over its places counts.
@@ -67,9 +67,11 @@ class Encroachments:
         found = np.empty((AT_ONCE * n, 4))
         own = step.number, self._platoon[step.number]
         count = meet(trails, self._meetings, head, self._step, dt, slot, *position, *own, found)
-        for i, k, is_first, time in found[:count].tolist():
+        for i, k, was_first, time in found[:count].tolist():
+            if k < n and not was_first:  # whatever their order in the fleet
+                i, k, was_first = k, i, True
             if time < ENCROACHED:
-                what = "first" if is_first else "second"
+                what = "first" if was_first else "second"
                 yield step.event("encroachment", int(i), traffic.ids[int(k)], time, what=what)
 
     def _begin(self, steps: int) -> None:

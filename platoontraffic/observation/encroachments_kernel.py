@@ -28,7 +28,7 @@ class Trails(NamedTuple):
     sin: np.ndarray
     arc: np.ndarray  # length of the path so far [m]
     count: np.ndarray  # steps for which the body has been there, (S,) int
-    longest: np.ndarray  # way in one step [m], (S,)
+    longest: np.ndarray  # longest way in one step [m], (S,)
     half_length: np.ndarray  # (S,) [m]
     half_width: np.ndarray
 

@@ -179,7 +179,7 @@ EVENT_KINDS = {
             "the first leaves that place to when the second enters it, the least over the places where both bodies "
             "come. Where paths merge, places count until the second has driven by its own width into the path of the "
             "first; one that comes from behind follows, and does not encroach. Noted when the second is across, or has "
-            "driven that far; what: whether it was the first or the second",
+            "driven that far; what: whether it was the first or the second (of two members, it is the first)",
             ("first", "second"),
         ),
         Kind(

@@ -88,7 +88,7 @@ def test_the_step_does_not_matter():
 
 def test_two_members_of_two_platoons_have_one_event():
     member, other = crossing(10.0, 8.0, 2.0)
-    assert met(member, other, both=True) == met(member, other)
+    assert met(member, other, both=True) == met(other, member, both=True) == met(member, other)
 
 
 def test_a_long_time_apart_is_no_encroachment():
