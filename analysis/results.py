@@ -25,6 +25,7 @@ NEEDED = {
 # The tables that a run may lack.
 OPTIONAL = {
     "traffic": ("time_s", "vehicle_id", "x_m", "y_m", "heading_rad", "speed_mps"),
+    "statistics": ("vehicle_id", "quantity", "time_s", "mean", "rms", "min", "max"),
     "vehicles": ("vehicle_id", "length_m", "width_m", "laser_x_m", "laser_y_m", "laser_yaw_rad"),
 }
 TOGETHER = 50_000_000  # text of small files that is parsed at once [characters]
@@ -77,9 +78,10 @@ class Results:
 
     Read on first access, and None if the run has no such file:
 
-    traffic  : background vehicles
-    vehicles : sizes, and positions of lasers
-    scans    : measurements of the lasers
+    traffic    : background vehicles
+    statistics : of each member's measured values over all steps
+    vehicles   : sizes, and positions of lasers
+    scans      : measurements of the lasers
     """
 
     folder: Path
@@ -91,6 +93,10 @@ class Results:
     @cached_property
     def traffic(self) -> pd.DataFrame | None:
         return self._optional("traffic")
+
+    @cached_property
+    def statistics(self) -> pd.DataFrame | None:
+        return self._optional("statistics")
 
     @cached_property
     def vehicles(self) -> pd.DataFrame | None:

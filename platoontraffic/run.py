@@ -13,6 +13,7 @@ import tomli_w
 from platoontraffic.errors import InputError, MissingError, RunError
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import provenance
+from platoontraffic.results.columns import STATISTICS
 from platoontraffic.results.conclusion import MetricError, conclude, scene
 from platoontraffic.results.recorder import Clocks, Recorder, is_done
 from platoontraffic.scenario import Scenario
@@ -100,10 +101,13 @@ def _record(prepared: Prepared, recorder: Recorder, watchers: Sequence[Watcher],
     began = time.perf_counter()
     with Simulation(setting) as simulation:
         timed = simulation.stopwatch.call
-        for instant in simulation:
-            timed("record", recorder.record, instant)
-            for watcher in watchers:
-                timed("show", watcher.show, instant)
+        try:
+            for instant in simulation:
+                timed("record", recorder.record, instant)
+                for watcher in watchers:
+                    timed("show", watcher.show, instant)
+        finally:  # of a run that is interrupted, too
+            recorder.write_table("statistics.csv", simulation.statistics(), STATISTICS)
         wall, outcome = time.perf_counter() - began, simulation.outcome
     _note_end(recorder, outcome)
     conclude(recorder, scenario, prepared.members, [plan.id for plan in prepared.obstacles], simulation.encounters)

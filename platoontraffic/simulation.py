@@ -17,8 +17,9 @@ from platoontraffic.lidar import Scene
 from platoontraffic.observation.encounters import Encounters
 from platoontraffic.observation.instant import Instant
 from platoontraffic.observation.observer import Measures, Observer
+from platoontraffic.observation.statistics import Statistics
 from platoontraffic.observation.violations import violations
-from platoontraffic.results import plug_in_metrics
+from platoontraffic.results import plug_in_metrics, statistics
 from platoontraffic.results.provenance import Stopwatch
 from platoontraffic.results.sumo_tables import sumo_options
 from platoontraffic.scenario import Breakdown, Scenario
@@ -53,6 +54,10 @@ class Unobserved:
 
     def measure(self, fleet: Fleet) -> Measures:
         raise RuntimeError("this simulation has no observer, so it has no measures")
+
+    @property
+    def statistics(self) -> Statistics:
+        raise RuntimeError("this simulation has no observer, so it has no statistics")
 
 
 @dataclass(frozen=True)
@@ -183,6 +188,15 @@ class Simulation:
             raise RuntimeError("the simulation has not ended")
         waiting = [member for platoon in self.world.waiting for member in platoon.members]
         return Outcome(self.now.time, self.now.ended, waiting)
+
+    def statistics(self) -> list[statistics.Row]:
+        """Statistics of every member's measured values over all steps until now, the rows of statistics.csv.
+
+        raises: RuntimeError if it has no observer
+        """
+        if self.now is None:
+            return []
+        return list(statistics.rows(self.observer.statistics, self.setting.members, self.setting.dt))
 
     def _reach(self, step: int, fleet: Fleet) -> float:
         """How far from every member background vehicles are wanted [m]."""

@@ -18,7 +18,7 @@ from platoontraffic.results.provenance import run_id
 from platoontraffic.run import run as run_into
 from tests.support.runs import ONE_CORNER, run
 
-TABLES = ["trajectories.csv", "events.csv", "metrics.csv", "summary.csv"]
+TABLES = ["trajectories.csv", "events.csv", "metrics.csv", "statistics.csv", "summary.csv"]
 
 pytestmark = pytest.mark.sumo
 

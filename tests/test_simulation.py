@@ -179,8 +179,11 @@ def test_measures_must_be_looked_at_before_the_next_step():
 
 
 def test_a_simulation_without_observer_has_no_measures():
-    with of_robots() as simulation, pytest.raises(RuntimeError, match="no observer"):
-        _ = simulation.reset().measures
+    with of_robots() as simulation:
+        with pytest.raises(RuntimeError, match="no observer"):
+            _ = simulation.reset().measures
+        with pytest.raises(RuntimeError, match="no observer"):
+            simulation.statistics()
 
 
 # ---- again

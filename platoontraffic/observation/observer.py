@@ -12,6 +12,7 @@ from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.braking import Braking
 from platoontraffic.observation.closeness import Closeness
 from platoontraffic.observation.collisions import Collisions, NearMisses
+from platoontraffic.observation.encroachments import Encroachments
 from platoontraffic.observation.gaps import DesiredGaps, Gaps
 from platoontraffic.observation.hindrances import Hindrances
 from platoontraffic.observation.limits import Limits
@@ -20,6 +21,7 @@ from platoontraffic.observation.off_road import OffRoad
 from platoontraffic.observation.presence import Presence
 from platoontraffic.observation.splits import Splits
 from platoontraffic.observation.standstills import Standstills
+from platoontraffic.observation.statistics import Statistics
 from platoontraffic.observation.step import Step
 from platoontraffic.road.network import Network
 from platoontraffic.vehicles.motion import scale
@@ -27,8 +29,6 @@ from platoontraffic.world.contact import Contacts
 from platoontraffic.world.events import Event, Noted
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
-
-LEAST_SPEED = 1e-3  # own or closing speed up to which there is no time gap, or no time to collision [m/s]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Measures:
     cross_track: np.ndarray  # offset of the driven axle to the left of the path of the predecessor's [m]
     right_of_middle: np.ndarray  # offset of the centre to the right of the road's middle line [m]
     off_road: np.ndarray  # distance of the driven axle from the drivable area [m]; 0 in it
-    jerk: np.ndarray  # change of the acceleration over the last step [m/s3]
+    jerk: np.ndarray  # change of the acceleration over the last step, over its length [m/s3]
     target: np.ndarray  # what the law's target lies on: a vehicle's id, WALL, or ""
     clearance: np.ndarray  # least distance between the own outline and that of another body [m]
     closest: np.ndarray  # id of that body, or ""
@@ -56,7 +56,7 @@ class Measures:
 
 
 class Observer:
-    """Follows a fleet: `observe` in every step, `measure` in those that are recorded.
+    """Follows a fleet: `observe` in every step, `measure` in those that are recorded; `statistics` are over all steps.
 
     Members come and go. Memory of them stands in arrays (N,) of all members of the run, at the member's number; arrays
     (n,) have a row for each member that is on the road.
@@ -79,7 +79,9 @@ class Observer:
         self._collisions = Collisions(contacts, network.drivable)
         self._near_misses = NearMisses(size)
         self._closeness = Closeness(size)
+        self._encroachments = Encroachments(members)
         self._off_road = OffRoad(network.drivable, size)
+        self.statistics = Statistics(len(members))
 
     def observe(
         self,
@@ -103,46 +105,51 @@ class Observer:
             self._braking.begin(step, new)
         self._hindrances.note_breakdowns(noted, fleet)
         self._gaps.observe(step)
-        gap = self._gaps.gap[fleet.number]
+        gap, desired_gap = self._gaps.gap[fleet.number], self._desired_gaps.of(fleet)
         events += self._locks.observe(step, scans, self._splits.split)
         events += self._limits.observe(step, scans)
         events += self._hindrances.observe(step)
-        events += self._splits.observe(step, gap, self._desired_gaps.of(fleet))
+        events += self._splits.observe(step, gap, desired_gap)
         events += self._standstills.observe(step)
         events += self._braking.observe(step)
         events += self._collisions.observe(step)
         events += self._near_misses.observe(step, gap, self._collisions.touching)
         events += self._closeness.observe(step, self._collisions.touching)
+        events += self._encroachments.observe(step)
         events += self._off_road.observe(step)
+        self.statistics.observe(
+            step,
+            gap=gap,
+            desired_gap=desired_gap,
+            jerk=self._braking.jerk,
+            cross_track=self._gaps.cross_track,
+            beams=self._locks.beams,
+            occluded=self._locks.occluded,
+            clearance=self._closeness.clearance,
+            contact_in=self._closeness.contact_in,
+        )
         return events
 
     def measure(self, fleet: Fleet) -> Measures:
         """Measured values at the step that was observed last; fleet: as then."""
-        number, motion = fleet.number, fleet.motion
-        gap, follows = self._gaps.gap[number], fleet.predecessor >= 0
-        closing = np.where(follows, motion.speed - motion.speed[fleet.predecessor], np.nan)
-        nearing, ahead = closing > LEAST_SPEED, np.where(gap > 0, gap, np.nan)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            time_gap = np.where(motion.speed > LEAST_SPEED, gap / motion.speed, np.nan)
-            time_to_collision = np.where(nearing, ahead / closing, np.nan)
-            needed_braking = np.where(nearing, closing**2 / (2 * ahead), 0 * closing)
+        number, motion, values = fleet.number, fleet.motion, self.statistics.values
         return Measures(
-            gap=gap,
-            gap_error=gap - self._desired_gaps.of(fleet),
-            time_gap=time_gap,
-            closing=closing,
-            time_to_collision=time_to_collision,
-            needed_braking=needed_braking,
-            beams=np.where(follows, self._locks.beams[number], np.nan),
-            occluded=np.where(follows, self._locks.occluded[number], np.nan),
+            gap=values["gap"],
+            gap_error=values["gap_error"],
+            time_gap=values["time_gap"],
+            closing=values["closing"],
+            time_to_collision=values["time_to_collision"],
+            needed_braking=values["needed_braking"],
+            beams=np.where(fleet.predecessor >= 0, self._locks.beams[number], np.nan),
+            occluded=values["occluded"],
             seen_gap=fleet.target.distance - self._desired_gaps.laser_to_bumper[number],
             seen_bearing=fleet.target.bearing,
-            cross_track=self._gaps.cross_track[number],
+            cross_track=values["cross_track"],
             right_of_middle=self._network.right_of_middle(motion.x, motion.y, motion.heading),
             off_road=self._off_road.distance[number],
-            jerk=self._braking.jerk[number],
+            jerk=values["jerk"],
             target=self._locks.target[number],
-            clearance=self._closeness.clearance[number],
+            clearance=values["clearance"],
             closest=self._closeness.closest[number],
-            contact_in=self._closeness.contact_in[number],
+            contact_in=values["contact_in"],
         )

@@ -73,7 +73,13 @@ TRAJECTORIES = (
         "forward acceleration; robots: mean over the last step, cars: at this instant",
         lambda now: now.fleet.motion.acceleration,
     ),
-    number("jerk_mps3", "m/s3", "change of accel_mps2 over the last step", lambda now: now.measures.jerk),
+    number(
+        "jerk_mps3",
+        "m/s3",
+        "change of accel_mps2 over the last step of the simulation, divided by that step; 0 at departure. A car that "
+        "comes to rest loses its deceleration in one step",
+        lambda now: now.measures.jerk,
+    ),
     number("yaw_rate_radps", "rad/s", "yaw rate, positive to the left", lambda now: now.fleet.motion.yaw_rate),
     number(
         "lateral_accel_mps2",
@@ -220,7 +226,8 @@ EVENTS = (
     number(
         "duration_s",
         "s",
-        "duration of the state that this event ends: lock loss, split, standstill, hold, breakdown, time off the road",
+        "duration of the state that this event ends: lock loss, split, standstill, hold, breakdown, time off the road; "
+        "of an encroachment, the post-encroachment time",
         format="%.3f",
     ),
     text("detail", "explanation in prose; nothing is computed from it"),
@@ -254,6 +261,18 @@ ENCOUNTERS = (
         "least time to collision within the next 10 s while the obstacle is in the path; empty if never closing",
     ),
     integer("contact", "1: the two bodies touched within the next 10 s"),
+)
+
+STATISTICS = (
+    text("platoon_id", "platoon"),
+    integer("place", "place in the platoon"),
+    text("vehicle_id", "member"),
+    text("quantity", "what the row is of; the list of quantities is below"),
+    number("time_s", "s", "time at which it had a value: number of these steps, times the step", format="%.12g"),
+    number("mean", "", "mean over these steps", format="%.12g"),
+    number("rms", "", "root mean square", format="%.12g"),
+    number("min", "", "least value", format="%.12g"),
+    number("max", "", "greatest value", format="%.12g"),
 )
 
 METRICS = (

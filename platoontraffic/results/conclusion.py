@@ -82,7 +82,7 @@ def scene(static: Scene, network: Network) -> dict[str, Any]:
 
 def _values(recorder: Recorder, scenario: Scenario, ours: set[str], obstacles: bool) -> list[Value]:
     """The tool's own metrics; ours: ids of members and obstacles."""
-    values = metrics.compute(recorder.read_table("trajectories"), recorder.read_table("events"))
+    values = metrics.compute(*map(recorder.read_table, ("trajectories", "events", "statistics")))
     if "trips" in scenario.spec.record.sumo:
         values += metrics.of_traffic(recorder.read_table("sumo_trips"), ours)
     if obstacles:

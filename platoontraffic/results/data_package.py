@@ -10,12 +10,14 @@ from platoontraffic.results.columns import (
     EVENTS,
     METRICS,
     SCENE,
+    STATISTICS,
     TRAFFIC,
     TRAJECTORIES,
     VEHICLES,
     Column,
 )
 from platoontraffic.results.scans import FIELDS, NAME
+from platoontraffic.results.statistics import QUANTITIES
 from platoontraffic.results.sumo_tables import TABLES
 from platoontraffic.world.events import KINDS
 
@@ -48,6 +50,7 @@ def data_package(
         _table("trajectories", TRAJECTORIES),
         _table("events", EVENTS, kinds=KINDS),
         _table("metrics", METRICS, metrics=metrics or {}),
+        _table("statistics", STATISTICS, quantities=_quantities()),
         _table("vehicles", VEHICLES),
         *([_table("traffic", TRAFFIC)] if traffic else []),
         *([_table("encounters", ENCOUNTERS)] if encounters else []),
@@ -63,6 +66,11 @@ def _table(name: str, columns: Sequence[Column], **more: Any) -> dict[str, Any]:
     fields = [{"name": c.name, "type": c.type, "unit": c.unit, "description": c.meaning} for c in columns]
     schema = {"fields": fields, "missingValues": [""]}
     return {"name": name, "path": f"{name}.csv", "format": "csv", "schema": schema, **more}
+
+
+def _quantities() -> dict[str, dict[str, str]]:
+    meanings = {column.name: column.meaning for column in TRAJECTORIES}
+    return {one.name: {"unit": one.unit, "description": one.meaning or meanings[one.name]} for one in QUANTITIES}
 
 
 def _scans() -> dict[str, Any]:

@@ -13,11 +13,11 @@ import numpy as np
 import pandas as pd
 
 from platoontraffic.results.following import Stretch, lengths, split_off, stretches, within
+from platoontraffic.results.statistics import NOTHING, Row, by_vehicle
 from platoontraffic.results.strings import Gains, Motion, gains_behind, head_to_tail, overlaps, together
 from platoontraffic.world.events import GONE
 
 MOVING = 0.1  # slower than this share of its mean speed a member hardly moves [1]
-EXPOSED = 3.0  # a shorter time to collision counts as exposure [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,19 +26,25 @@ class Own:
 
     vehicle: str
     place: int
-    rows: pd.DataFrame  # of trajectories.csv
+    rows: pd.DataFrame  # of trajectories.csv; none if it came and went between two recorded instants
+    statistics: Mapping[str, Row]  # of statistics.csv, by quantity
     events: pd.DataFrame  # that happen to it
     since: float  # time on the road: from its event `departed` [s] ...
     until: float  # ... to `arrived` or `stranded`, or to the end of the run [s]
     follows: Sequence[Stretch]
     collisions: pd.DataFrame  # events of the whole run
     near_misses: pd.DataFrame  # the same of near misses with others than the predecessor
+    encroachments: pd.DataFrame  # the same of encroachments
     motions: Mapping[str, Motion]  # of all members of the run
 
     @property
     def is_follower(self) -> bool:
         """Whether the member has followed at some time."""
         return self.place > 0 or bool(self.follows)
+
+    def steps(self, quantity: str) -> Row:
+        """Statistics of a quantity over all steps."""
+        return self.statistics.get(quantity, NOTHING)
 
     def count(self, kind: str) -> float:
         """Number of its events of a kind."""
@@ -57,12 +63,6 @@ class Own:
     @cached_property
     def moving_time_gaps(self) -> pd.Series:
         return self.rows.time_gap_s[self.rows.speed_mps > MOVING * self.rows.speed_mps.mean()]
-
-    @cached_property
-    def exposure(self) -> tuple[pd.Series, pd.Series]:
-        """Times to collision below EXPOSED, and the time up to the next recorded instant for each [s]."""
-        exposed = self.rows.ttc_s < EXPOSED
-        return self.rows.ttc_s[exposed], -self.rows.time_s.diff(-1)[exposed]
 
     @cached_property
     def lock_losses(self) -> tuple[list[float], float]:
@@ -128,6 +128,7 @@ class Group:
     rows: pd.DataFrame  # of trajectories.csv
     collisions: pd.DataFrame  # events of the whole run
     near_misses: pd.DataFrame  # the same of near misses with others than the predecessor
+    encroachments: pd.DataFrame  # the same of encroachments
 
     @cached_property
     def head_to_tail(self) -> Gains:
@@ -139,24 +140,25 @@ class Group:
         return head_to_tail([m.motions[m.vehicle] for m in string], periods)
 
 
-def platoons(trajectories: pd.DataFrame, events: pd.DataFrame) -> Iterator[tuple[str, Group]]:
+def platoons(trajectories: pd.DataFrame, events: pd.DataFrame, statistics: pd.DataFrame) -> Iterator[tuple[str, Group]]:
     """Each platoon of a run, by the tables of the files of those names."""
     start, end = span(trajectories, events)
-    events_of = dict(tuple(events.groupby("vehicle_id")))
-    collisions, near_misses = _pairs(events)
-    places = trajectories.drop_duplicates("vehicle_id").set_index("vehicle_id")
-    places = dict(zip(places.index, zip(places.platoon_id, places.place, strict=True), strict=True))
+    rows_of, events_of = (dict(tuple(table.groupby("vehicle_id"))) for table in (trajectories, events))
+    statistics_of = by_vehicle(statistics)
+    pairs = _pairs(events)
+    everybody = statistics.drop_duplicates("vehicle_id").sort_values(["platoon_id", "place"])
+    places = {m.vehicle_id: (m.platoon_id, m.place) for m in everybody.itertuples()}
     follows = stretches(places, events, end)
-    motions = {vehicle: Motion.of(rows) for vehicle, rows in trajectories.groupby("vehicle_id")}
-    for platoon, of_platoon in trajectories.groupby("platoon_id"):
+    motions = {vehicle: Motion.of(rows_of.get(vehicle, trajectories[:0])) for vehicle in places}
+    for platoon, of_platoon in everybody.groupby("platoon_id"):
         members: list[Own] = []
-        for (place, vehicle), rows in of_platoon.groupby(["place", "vehicle_id"]):
-            own = events_of.get(vehicle, events[:0])
+        for vehicle, place in zip(of_platoon.vehicle_id, of_platoon.place, strict=True):
+            rows, own = rows_of.get(vehicle, trajectories[:0]), events_of.get(vehicle, events[:0])
             since, until = _first(own, ("departed",), start), _first(own, GONE, end)
-            members.append(
-                Own(vehicle, place, rows, own, since, until, follows[vehicle], collisions, near_misses, motions)
-            )
-        yield platoon, Group(members, of_platoon, collisions, near_misses)
+            period = since, until, follows[vehicle]
+            tables = rows, statistics_of[vehicle], own
+            members.append(Own(vehicle, place, *tables, *period, *pairs, motions))
+        yield platoon, Group(members, trajectories[trajectories.platoon_id == platoon], *pairs)
 
 
 def all_of(members: list[Own], trajectories: pd.DataFrame, events: pd.DataFrame) -> Group:
@@ -164,28 +166,19 @@ def all_of(members: list[Own], trajectories: pd.DataFrame, events: pd.DataFrame)
     return Group(members, trajectories, *_pairs(events))
 
 
-def _pairs(events: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The events of pairs: contacts, and near misses with others than the predecessor."""
-    return events[events.kind == "collision"], events[events.kind == "near_miss_other"]
+def _pairs(events: pd.DataFrame) -> list[pd.DataFrame]:
+    """The events of pairs: contacts, near misses with others than the predecessor, encroachments."""
+    return [events[events.kind == kind] for kind in ("collision", "near_miss_other", "encroachment")]
 
 
 def span(trajectories: pd.DataFrame, events: pd.DataFrame) -> tuple[float, float]:
-    """First recorded instant and end of a run [s]."""
-    return float(trajectories.time_s.min()), float(events.loc[events.kind == "end", "time_s"].iloc[0])
-
-
-def rms(values: pd.Series) -> float:
-    """Root mean square of the values that are there; NaN of none."""
-    values = values.dropna()
-    return _root_mean_square(values) if len(values) else math.nan
+    """First departure, or recorded instant where that is not known, and end of a run [s]."""
+    start = _first(events, ("departed",), trajectories.time_s.min())
+    return float(start), float(events.loc[events.kind == "end", "time_s"].iloc[0])
 
 
 def share(part: float, whole: float) -> float:
     return part / whole if whole else math.nan
-
-
-def _root_mean_square(values: pd.Series | np.ndarray) -> float:
-    return float(np.sqrt((values**2).mean()))
 
 
 def _first(own: pd.DataFrame, kinds: Sequence[str], otherwise: float) -> float:

@@ -2,8 +2,10 @@
 
 A metric is one row of a table in this file: its name, unit and meaning, the function that computes it, and how platoons
 and the run aggregate it over their members. A member's time is that from its event `departed` to `arrived` or
-`stranded`, or to the end of the run. A recorded instant stands for the time up to the member's next one where a
-duration is asked for.
+`stranded`, or to the end of the run.
+
+Metrics of measured values are over all steps, whatever `record.every_s` is: they follow from statistics.csv. The
+meaning of those that need trajectories.csv says "over the recorded instants".
 """
 
 from __future__ import annotations
@@ -16,11 +18,11 @@ import numpy as np
 import pandas as pd
 
 from platoontraffic.results import strings
-from platoontraffic.results.excerpts import EXPOSED, MOVING, Group, Own, all_of, platoons, rms, span
+from platoontraffic.results.excerpts import MOVING, Group, Own, all_of, platoons, span
+from platoontraffic.results.statistics import from_trajectories
 from platoontraffic.vehicles.bicycle import VALID_LATERAL
-from platoontraffic.world.events import STANDSTILL_AFTER, WALL
+from platoontraffic.world.events import ENOUGH_BEAMS, EXPOSED, SHORT_ENCROACHMENT, STANDSTILL_AFTER, WALL
 
-ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognise it
 CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes")  # kinds of contact of which the other is the cause
 LAST_CORNER = 10.0  # a quarter turn counts when this much of it is missing [deg]
 
@@ -68,26 +70,30 @@ OF_MEMBERS = (
     Metric(
         "distance",
         "m",
-        "length of the path of the centre",
-        lambda m: float(np.hypot(m.rows.x_m.diff(), m.rows.y_m.diff()).sum()),
+        "length of the path of the centre, over all steps",
+        lambda m: m.steps("centre_speed_mps").integral,
     ),
-    Metric("speed_mean", "m/s", "mean of speed_mps", lambda m: m.rows.speed_mps.mean()),
-    Metric("accel_rms", "m/s2", "root mean square of accel_mps2", lambda m: rms(m.rows.accel_mps2), "max"),
-    Metric("jerk_rms", "m/s3", "root mean square of jerk_mps3", lambda m: rms(m.rows.jerk_mps3), "max"),
-    Metric("jerk_max", "m/s3", "maximum of |jerk_mps3|", lambda m: m.rows.jerk_mps3.abs().max(), "max"),
+    Metric("speed_mean", "m/s", "mean of speed_mps over all steps", lambda m: m.steps("speed_mps").mean),
+    Metric(
+        "accel_rms", "m/s2", "root mean square of accel_mps2 over all steps", lambda m: m.steps("accel_mps2").rms, "max"
+    ),
+    Metric(
+        "jerk_rms", "m/s3", "root mean square of jerk_mps3 over all steps", lambda m: m.steps("jerk_mps3").rms, "max"
+    ),
+    Metric("jerk_max", "m/s3", "maximum of |jerk_mps3| over all steps", lambda m: m.steps("jerk_mps3").largest, "max"),
     Metric(
         "lateral_accel_max",
         "m/s2",
-        "maximum of |lateral_accel_mps2|",
-        lambda m: m.rows.lateral_accel_mps2.abs().max(),
+        "maximum of |lateral_accel_mps2| over all steps",
+        lambda m: m.steps("lateral_accel_mps2").largest,
         "max",
     ),
     Metric(
         "lateral_accel_beyond_share",
         "",
-        f"share of the recorded instants with |lateral_accel_mps2| above {VALID_LATERAL:g} m/s2, to which the "
-        "model of a car is valid",
-        lambda m: (m.rows.lateral_accel_mps2.abs() > VALID_LATERAL).mean(),
+        f"share of all steps with |lateral_accel_mps2| above {VALID_LATERAL:g} m/s2, to which the model of a car is "
+        "valid",
+        lambda m: m.steps("lateral_accel_beyond").mean,
         "max",
     ),
     Metric("hard_brakings", "", "number of events emergency_brake", lambda m: m.count("emergency_brake"), "sum"),
@@ -137,13 +143,28 @@ OF_MEMBERS = (
         lambda m: _caused(m.collisions, m.vehicle),
         "sum",
     ),
-    Metric("clearance_min", "m", "minimum of clearance_m", lambda m: m.rows.clearance_m.min(), "min"),
-    Metric("contact_in_min", "s", "minimum of contact_in_s", lambda m: m.rows.contact_in_s.min(), "min"),
+    Metric("clearance_min", "m", "minimum of clearance_m over all steps", lambda m: m.steps("clearance_m").min, "min"),
+    Metric(
+        "contact_in_min", "s", "minimum of contact_in_s over all steps", lambda m: m.steps("contact_in_s").min, "min"
+    ),
     Metric(
         "near_misses_other",
         "",
         "number of events near_miss_other of which it is one of the two",
         lambda m: _contacts(m.near_misses, {m.vehicle}),
+    ),
+    Metric(
+        "pet_min",
+        "s",
+        "least post-encroachment time, of the events encroachment of which it is one of the two",
+        lambda m: _of_pairs(m.encroachments, {m.vehicle}).duration_s.min(),
+        "min",
+    ),
+    Metric(
+        "short_encroachments",
+        "",
+        f"number of those events with less than {SHORT_ENCROACHMENT:g} s",
+        lambda m: _short(m.encroachments, {m.vehicle}),
     ),
 )
 
@@ -173,7 +194,13 @@ OF_FOLLOWERS = (
         lambda m: m.following.share,
         "mean",
     ),
-    Metric("in_platoon_distance", "m", "distance driven in that time", lambda m: m.following.distance, "mean"),
+    Metric(
+        "in_platoon_distance",
+        "m",
+        "distance driven in that time, over the recorded instants",
+        lambda m: m.following.distance,
+        "mean",
+    ),
     Metric(
         "steal_share",
         "",
@@ -189,32 +216,43 @@ OF_FOLLOWERS = (
         lambda m: _lock_on_seen(m),
         "min",
     ),
-    Metric("gap_mean", "m", "mean of gap_m", lambda m: m.rows.gap_m.mean(), "mean"),
-    Metric("gap_min", "m", "minimum of gap_m", lambda m: m.rows.gap_m.min(), "min"),
-    Metric("gap_max", "m", "maximum of gap_m", lambda m: m.rows.gap_m.max(), "max"),
-    Metric("gap_error_rms", "m", "root mean square of gap_error_m", lambda m: rms(m.rows.gap_error_m), "max"),
+    Metric("gap_mean", "m", "mean of gap_m over all steps", lambda m: m.steps("gap_m").mean, "mean"),
+    Metric("gap_min", "m", "minimum of gap_m over all steps", lambda m: m.steps("gap_m").min, "min"),
+    Metric("gap_max", "m", "maximum of gap_m over all steps", lambda m: m.steps("gap_m").max, "max"),
+    Metric(
+        "gap_error_rms",
+        "m",
+        "root mean square of gap_error_m over all steps",
+        lambda m: m.steps("gap_error_m").rms,
+        "max",
+    ),
     Metric(
         "time_gap_median",
         "s",
-        "median of time_gap_s; the slowest instants would dominate a mean over all of them",
+        "median of time_gap_s over the recorded instants; the slowest instants would dominate a mean over all of them",
         lambda m: m.rows.time_gap_s.median(),
     ),
     Metric(
         "time_gap_mean",
         "s",
-        f"mean of time_gap_s where its speed is above {MOVING:g} of its mean speed",
+        f"mean of time_gap_s over the recorded instants at which its speed is above {MOVING:g} of its mean speed",
         lambda m: m.moving_time_gaps.mean(),
         "mean",
     ),
+    Metric("time_gap_min", "s", "minimum of time_gap_s over all steps", lambda m: m.steps("time_gap_s").min, "min"),
     Metric(
-        "time_gap_min",
-        "s",
-        f"minimum of time_gap_s where its speed is above {MOVING:g} of its mean speed",
-        lambda m: m.moving_time_gaps.min(),
-        "min",
+        "cross_track_rms",
+        "m",
+        "root mean square of cross_track_m over all steps",
+        lambda m: m.steps("cross_track_m").rms,
     ),
-    Metric("cross_track_rms", "m", "root mean square of cross_track_m", lambda m: rms(m.rows.cross_track_m)),
-    Metric("cross_track_max", "m", "maximum of |cross_track_m|", lambda m: m.rows.cross_track_m.abs().max(), "max"),
+    Metric(
+        "cross_track_max",
+        "m",
+        "maximum of |cross_track_m| over all steps",
+        lambda m: m.steps("cross_track_m").largest,
+        "max",
+    ),
     Metric(
         "lock_on_ratio",
         "",
@@ -237,23 +275,35 @@ OF_FOLLOWERS = (
         lambda m: m.lock_losses[1],
         "first",
     ),
-    Metric("ttc_min", "s", "minimum of ttc_s", lambda m: m.rows.ttc_s.min(), "min"),
-    Metric("tet", "s", f"time exposed to a ttc_s below {EXPOSED:g} s", lambda m: m.exposure[1].sum(), "sum"),
+    Metric("ttc_min", "s", "minimum of ttc_s over all steps", lambda m: m.steps("ttc_s").min, "min"),
+    Metric(
+        "tet",
+        "s",
+        f"time exposed: number of steps with a ttc_s below {EXPOSED:g} s, times the step (Minderhoud and Bovy 2001)",
+        lambda m: m.steps("ttc_shortfall_s").time_s,
+        "sum",
+    ),
     Metric(
         "tit",
         "s2",
         f"integral of {EXPOSED:g} s - ttc_s over that time",
-        lambda m: ((EXPOSED - m.exposure[0]) * m.exposure[1]).sum(),
+        lambda m: m.steps("ttc_shortfall_s").integral,
         "sum",
     ),
-    Metric("drac_max", "m/s2", "maximum of drac_mps2", lambda m: m.rows.drac_mps2.max(), "max"),
+    Metric("drac_max", "m/s2", "maximum of drac_mps2 over all steps", lambda m: m.steps("drac_mps2").max, "max"),
     Metric("near_misses", "", "number of events near_miss", lambda m: m.count("near_miss"), "sum"),
-    Metric("occluded_share_mean", "", "mean of occluded_share", lambda m: m.rows.occluded_share.mean(), "mean"),
+    Metric(
+        "occluded_share_mean",
+        "",
+        "mean of occluded_share over all steps",
+        lambda m: m.steps("occluded_share").mean,
+        "mean",
+    ),
     Metric(
         "beams_share5",
         "",
-        f"share of the recorded instants with a value of beams_on_predecessor at which that is {ENOUGH_BEAMS} or more",
-        lambda m: _seen_share(m.rows.beams_on_predecessor.dropna()),
+        f"share of all steps with a value of beams_on_predecessor at which that is {ENOUGH_BEAMS} or more",
+        lambda m: m.steps("beams_enough").mean,
         "min",
     ),
     Metric("accel_gain_l2", "", strings.MEANING, lambda m: m.accel_gains.l2, "max"),
@@ -290,9 +340,15 @@ OF_GROUPS = (
         lambda group: _contacts(group.near_misses, {m.vehicle for m in group.members}),
     ),
     Metric(
+        "short_encroachments",
+        "",
+        f"number of events encroachment with less than {SHORT_ENCROACHMENT:g} s of which a member is one of the two",
+        lambda group: _short(group.encroachments, {m.vehicle for m in group.members}),
+    ),
+    Metric(
         "leader_right_lane_share",
         "",
-        "right_lane_share of the leaders, all instants together",
+        "right_lane_share of the leaders, all recorded instants together",
         lambda group: _right_lane_share(group.rows.loc[group.rows.place == 0, "right_of_middle_m"]),
     ),
 )
@@ -306,7 +362,7 @@ OF_STRINGS = (  # the run has the largest value over the platoons
         "max",
     ),
 )
-DURATION = "duration", "from the first recorded instant to the end"
+DURATION = "duration", "from the first departure to the end"
 
 # Order of the rows of a platoon and of the run. A metric that is not named here comes behind these.
 ORDER = (
@@ -320,6 +376,7 @@ ORDER = (
     "lateral_accel_beyond_share_max", "accel_gain_l2_max",
     "accel_gain_linf_max", "standstill_share_mean", "off_road_share_max", "leader_right_lane_share",
     "right_lane_share_min", "clearance_min", "contact_in_min", "near_misses_other",
+    "pet_min", "short_encroachments",
 )  # fmt: skip
 
 # ---- of a run with obstacles: functions of its `Meetings`
@@ -455,6 +512,8 @@ COUNTS = frozenset(
         *(m.name for m in (*OF_MEMBERS, *OF_FOLLOWERS) if m.over == "sum" and not m.unit and m.name != "arrived"),
         *(m.name for m in OF_OBSTACLES if not m.unit),
         "collisions",
+        "near_misses_other",
+        "short_encroachments",
     )
 )
 
@@ -462,13 +521,18 @@ COUNTS = frozenset(
 # ---- computing
 
 
-def compute(trajectories: pd.DataFrame, events: pd.DataFrame) -> list[Value]:
-    """Metrics of members, platoons and the run; trajectories, events: the tables of the files of those names."""
+def compute(trajectories: pd.DataFrame, events: pd.DataFrame, statistics: pd.DataFrame | None = None) -> list[Value]:
+    """Metrics of members, platoons and the run.
+
+    trajectories, events, statistics: the tables of the files of those names; without statistics, metrics over all steps
+    are over the recorded instants
+    """
+    statistics = from_trajectories(trajectories) if statistics is None else statistics
     start, end = span(trajectories, events)
     members: list[Value] = []
     of_platoons: list[Value] = []
     everybody: list[Own] = []
-    for platoon, group in platoons(trajectories, events):
+    for platoon, group in platoons(trajectories, events, statistics):
         mine = [Value("vehicle", platoon, m.vehicle, *value) for m in group.members for value in _of_member(m)]
         of_platoons += [Value("platoon", platoon, "", *value) for value in _of_group(group, mine)]
         of_platoons += [Value("platoon", platoon, "", one.name, one.value(group), one.unit) for one in OF_STRINGS]
@@ -540,7 +604,7 @@ def column(scope: str, name: str, unit: str) -> str:
 def _of_member(member: Own) -> Iterator[tuple[str, float, str]]:
     """(name, value, unit) of each metric that a member has."""
     rows = OF_MEMBERS
-    by_laser = member.rows.beams_on_predecessor.notna().any()
+    by_laser = "beams_enough" in member.statistics
     rows += tuple(m for m in OF_FOLLOWERS if by_laser or m.name not in BY_LASER) if member.is_follower else ()
     return ((metric.name, metric.value(member), metric.unit) for metric in rows)
 
@@ -563,7 +627,7 @@ def _aggregated() -> Iterator[tuple[str, Metric]]:
 
 
 def _laps(member: Own) -> float:
-    return abs(member.rows.turned_rad.iloc[-1]) / (2 * math.pi)
+    return abs(member.steps("turning_radps").integral) / (2 * math.pi)
 
 
 def _right_lane_share(right_of_middle: pd.Series) -> float:
@@ -571,8 +635,17 @@ def _right_lane_share(right_of_middle: pd.Series) -> float:
     return (there > 0).mean() if len(there) else math.nan
 
 
+def _of_pairs(events: pd.DataFrame, vehicles: Collection[str]) -> pd.DataFrame:
+    """The events of which a vehicle is one of the two."""
+    return events[events.vehicle_id.isin(vehicles) | events.other_id.isin(vehicles)]
+
+
 def _contacts(collisions: pd.DataFrame, vehicles: Collection[str]) -> float:
-    return float((collisions.vehicle_id.isin(vehicles) | collisions.other_id.isin(vehicles)).sum())
+    return float(len(_of_pairs(collisions, vehicles)))
+
+
+def _short(encroachments: pd.DataFrame, vehicles: Collection[str]) -> float:
+    return float((_of_pairs(encroachments, vehicles).duration_s < SHORT_ENCROACHMENT).sum())
 
 
 def _caused(collisions: pd.DataFrame, vehicle: str) -> float:
@@ -591,7 +664,3 @@ def _lock_on_seen(member: Own) -> float:
     rows, split, ahead, _ = member.following
     seen = (rows.beams_on_predecessor >= ENOUGH_BEAMS) & ~split
     return (rows.target_id[seen] == ahead[seen]).mean() if seen.any() else math.nan
-
-
-def _seen_share(beams: pd.Series) -> float:
-    return (beams >= ENOUGH_BEAMS).mean() if len(beams) else math.nan

@@ -94,7 +94,7 @@ class Record(Table):
     """Which tables a run leaves, and their sampling intervals."""
 
     every_s: Positive = 0.1
-    """Interval between the rows of a member in trajectories.csv [s]."""
+    """Interval between the rows of a member in trajectories.csv [s]. statistics.csv sees every step."""
     traffic_every_s: Positive | None = None
     """Interval between the rows of a background vehicle in traffic.csv [s]. Default: the table is not written."""
     scans_every_s: Positive | None = None

@@ -1,4 +1,4 @@
-"""Events of a run, the rows of events.csv: their record, their kinds, and the thresholds that define them.
+"""Events of a run, the rows of events.csv: their record, their kinds, and the thresholds of events and metrics.
 
 Each threshold is one constant, from which the text of the data dictionary is formatted. A new kind of event is a row of
 `EVENT_KINDS` and the place that emits it.
@@ -23,10 +23,14 @@ NEAR_MISS_GAP = 0.5  # gap below which there is a near miss [m]
 NEAR_MISS_SPEED = 1.0  # least relative speed of a near miss with another body than the predecessor [m/s]
 CLEARANCE_REACH = 30.0  # distance up to which the closest body is looked for [m]
 CONTACT_HORIZON = 5.0  # time up to which contacts with any body are foreseen [s]
+ENCROACHED = 5.0  # post-encroachment time below which there is an encroachment [s]
+SHORT_ENCROACHMENT = 2.0  # ... and below which it is a short one, as by SUMO's SSM device [s]
 EMERGENCY_BRAKING = 4.5  # braking above which it is an emergency brake [m/s2]
 OFF_ROAD_DISTANCE = 0.3  # distance outside the drivable area from which a member is off the road [m]
 LANE_CHANGE_BLAME = 2.0  # a collision this soon after one vehicle came into the other's lane is put down to it [s]
 LANE_CHANGE_TIME = 3.0  # time before that from which on the moves of both across the road are compared [s]
+EXPOSED = 3.0  # a shorter time to collision counts as exposure [s]
+ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognise it
 ENCOUNTER_TIME = 10.0  # time for which the consequences of a cut-in or crossing are measured [s]
 
 
@@ -167,6 +171,16 @@ EVENT_KINDS = {
             f"its outline comes within {NEAR_MISS_GAP:g} m ({_SCALED}) of that of other_id, which is neither its "
             f"predecessor nor its follower, while their velocities differ by more than {NEAR_MISS_SPEED:g} m/s, "
             "without contact; once per episode and pair",
+        ),
+        Kind(
+            "encroachment",
+            f"it and other_id, which is not of its platoon, use the same place less than {ENCROACHED:g} s after each "
+            "other, without contact; duration_s is the post-encroachment time (Allen, Shin, Cooper 1978): from when "
+            "the first leaves that place to when the second enters it, the least over the places where both bodies "
+            "come. Where paths merge, places count until the second has driven by its own width into the path of the "
+            "first; one that comes from behind follows, and does not encroach. Noted when the second is across, or has "
+            "driven that far; what: whether it was the first or the second (of two members, it is the first)",
+            ("first", "second"),
         ),
         Kind(
             "emergency_brake",

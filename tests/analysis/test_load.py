@@ -97,7 +97,7 @@ def test_a_batch_that_is_not_whole_is_refused(copy, name, content):
 def test_a_table_that_is_not_there_is_refused(copy):
     results = load(copy)
     with pytest.raises(
-        ResultsError, match=r"traffic.csv: is missing; there are events, metrics, summary, trajectories"
+        ResultsError, match=r"traffic.csv: is missing; there are events, metrics, statistics, summary, trajectories"
     ):
         results.table("traffic")
     shutil.rmtree(copy / results.summary.id[0])
@@ -118,12 +118,13 @@ print(len(load(sys.argv[1]).table("metrics")))
 
 
 def test_parquet_is_what_the_csv_is(copy):
+    tables = "runs", "summary", "trajectories", "events", "metrics", "statistics", "vehicles"
     pytest.importorskip("pyarrow")
     command = [sys.executable, "-m", "platoontraffic", "export", "--to", "parquet"]
     done = subprocess.run([*command, str(copy)], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     names = {Path(line).name for line in done.stdout.splitlines()}
-    assert names == {f"{name}.parquet" for name in ("runs", "summary", "trajectories", "events", "metrics", "vehicles")}
+    assert names == {f"{name}.parquet" for name in tables}
     # In a process of its own: this one has libsumo.
     code = """
 import sys, json, pandas as pd, pyarrow.parquet as parquet

@@ -1,4 +1,4 @@
-"""Closeness and blame, computed a second time from the recorded tables of a run alone."""
+"""Closeness, exposure and blame, computed a second time from the recorded tables of a run alone."""
 
 from __future__ import annotations
 
@@ -11,31 +11,32 @@ import pandas as pd
 import pytest
 import shapely
 
-from platoontraffic.world.events import CLEARANCE_REACH, LANE_CHANGE_BLAME, LANE_CHANGE_TIME
+from platoontraffic.observation.encroachments import TRAIL
+from platoontraffic.world.events import CLEARANCE_REACH, ENCROACHED, LANE_CHANGE_BLAME, LANE_CHANGE_TIME
 from tests.support.runs import run
 
 # Followers repeat lane changes blindly in the first one, so there are contacts to be put down to somebody.
 RUNS = {
     "highway_traffic": ("run.duration_s=310", "seed=3"),
-    "corridor_two_platoons": ("run.duration_s=40",),
+    "corridor_two_platoons": ("run.duration_s=70",),  # a car crosses before a platoon at 63 s
     "corridor_cut_in": ("run.duration_s=25",),
 }
 
 
 @pytest.fixture(scope="module", params=RUNS)
 def tables(request, tmp_path_factory):
-    """Trajectories and background traffic of each step with sizes, events and the drivable area."""
+    """Trajectories and background traffic of each step with sizes, events, the drivable area, and metrics."""
     folder = tmp_path_factory.mktemp(request.param)
     changes = [*RUNS[request.param], "record.every_s=0.1", "record.traffic_every_s=0.1"]
     run(folder / "run", request.param, *changes)
-    names = "trajectories", "traffic", "vehicles", "events"
+    names = "trajectories", "traffic", "vehicles", "events", "metrics"
     found = {name: pd.read_csv(folder / "run" / f"{name}.csv") for name in names}
     members = found["trajectories"]
     columns = ["time_s", "vehicle_id", "x_m", "y_m", "heading_rad", "speed_mps"]
     bodies = pd.concat([members[columns], found["traffic"][columns]])
     bodies = bodies.merge(found["vehicles"][["vehicle_id", "length_m", "width_m"]], on="vehicle_id")
     scene = json.loads((folder / "run" / "scene.geojson").read_text())
-    return members, bodies, found["events"], scene
+    return members, bodies, found["events"], scene, found["metrics"]
 
 
 def outline(row) -> shapely.Geometry:
@@ -48,7 +49,7 @@ def outline(row) -> shapely.Geometry:
 @pytest.mark.slow
 @pytest.mark.sumo
 def test_clearance_is_that_of_the_recorded_outlines(tables):
-    members, bodies, _, _ = tables
+    members, bodies, *_ = tables
     checked = 0
     for time, here in bodies.groupby("time_s"):
         if round(time * 10) % 20:
@@ -64,6 +65,123 @@ def test_clearance_is_that_of_the_recorded_outlines(tables):
             elif least > CLEARANCE_REACH + 1e-3:
                 assert np.isnan(row.clearance_m)
     assert checked > 20
+
+
+@pytest.mark.slow
+@pytest.mark.sumo
+def test_exposure_and_extremes_are_those_of_the_recorded_motion(tables):
+    """Gaps are taken from the table; no order changes who follows whom."""
+    members, *_, metrics = tables
+    found = metrics[metrics.scope == "vehicle"].set_index(["vehicle_id", "metric"]).value
+    speed_of = members.set_index(["vehicle_id", "time_s"]).speed_mps
+    checked = 0
+    for vehicle, rows in members.groupby("vehicle_id"):
+        ahead = f"{rows.platoon_id.iloc[0]}.{rows.place.iloc[0] - 1}"
+        ttc, drac, before = [], [], None
+        path, jerks = 0.0, [0.0]
+        for row in rows.itertuples():
+            if before is not None:
+                path += math.hypot(row.x_m - before.x_m, row.y_m - before.y_m)
+                jerks.append((row.accel_mps2 - before.accel_mps2) / 0.1)
+            before = row
+            nearing = row.speed_mps - speed_of.get((ahead, row.time_s), math.inf)
+            if nearing > 1e-3 and row.gap_m > 0:
+                ttc.append(row.gap_m / nearing)
+                drac.append(nearing**2 / (2 * row.gap_m))
+        exposed = [time for time in ttc if time < 3.0]
+        own = {
+            "distance": path,
+            "jerk_max": max(map(abs, jerks)),
+            "jerk_rms": math.sqrt(sum(jerk**2 for jerk in jerks) / len(jerks)),
+            "lateral_accel_max": (rows.speed_mps * rows.yaw_rate_radps).abs().max(),
+            "speed_mean": rows.speed_mps.mean(),
+        }
+        if ttc:
+            own |= {"ttc_min": min(ttc), "drac_max": max(drac)}
+            own |= {"tet": 0.1 * len(exposed), "tit": 0.1 * sum(3.0 - time for time in exposed)}
+        checked += len(own)
+        for name, value in own.items():
+            assert found[vehicle, name] == pytest.approx(value, rel=1e-3, abs=1e-3), (vehicle, name)
+    assert checked > 30
+
+
+def trail_ages(bodies, members) -> dict[tuple[str, str], dict[int, list[int]]]:
+    """(second, first) -> step -> how many steps before the first's outline was where the second's is, up to TRAIL.
+
+    Pairs of a member and a body that is not of its platoon; steps are of 0.1 s.
+    """
+    rows = bodies.assign(step=(bodies.time_s * 10).round().astype(int)).query("step >= 1").reset_index(drop=True)
+    shapes = np.array([outline(row) for row in rows.itertuples()])
+    platoon = dict(zip(members.vehicle_id, members.platoon_id, strict=True))
+    own = np.flatnonzero(rows.vehicle_id.isin(platoon.keys()))
+    of_members, others = shapely.STRtree(shapes).query(shapes[own], predicate="intersects")
+    found: dict[tuple[str, str], dict[int, list[int]]] = {}
+    ids, steps = rows.vehicle_id.to_numpy(), rows.step.to_numpy()
+    for i, k in zip(own[of_members], others, strict=True):
+        for second, first in ((i, k), (k, i)) if ids[k] not in platoon else ((i, k),):
+            age = steps[second] - steps[first]
+            if 0 <= age <= round(TRAIL * 10) and platoon.get(ids[i]) != platoon.get(ids[k]):
+                found.setdefault((ids[second], ids[first]), {}).setdefault(steps[second], []).append(age)
+    return found
+
+
+def post_encroachment(
+    ages: dict[int, list[int]], arc: dict[int, float], width: float, came: int, there: tuple[int, int]
+) -> list[float]:
+    """Post-encroachment times of one pair, in whole steps [s]; each is up to two steps too long.
+
+    ages  : as from `trail_ages`
+    arc   : length of the second's path, by step [m]
+    came  : first step of the second
+    there : first step of the first's trail, and last step with both of them
+    """
+    times, least, entered = [], math.inf, None
+    for step in range(min(ages), there[1] + 1):
+        within = step in ages
+        if within and step - 1 not in ages:
+            oldest = min(round(TRAIL * 10), step - there[0])
+            entered = None if oldest in ages[step] or step == came else arc[step]
+        elif entered is not None and not (within and arc[step] - entered <= width):
+            times.append(least)
+            least, entered = math.inf, None
+        if within and 0 in ages[step]:
+            least, entered = math.inf, None
+        if entered is not None:
+            least = min(least, min(ages[step]) / 10)
+    return times
+
+
+def agree(members, bodies, events) -> int:
+    """Number of events encroachment, which are those of the outlines; each table has a row for every step of 0.1 s."""
+    width = dict(zip(bodies.vehicle_id, bodies.width_m, strict=True))
+    arc, there = {}, {}
+    for vehicle, rows in bodies.groupby("vehicle_id"):
+        steps = (rows.time_s * 10).round().astype(int)
+        way = np.hypot(rows.x_m.diff(), rows.y_m.diff()).fillna(0.0).cumsum()
+        arc[vehicle], there[vehicle] = dict(zip(steps, way, strict=True)), (max(steps.min(), 1), steps.max())
+    again: dict[tuple[str, str], list[float]] = {}
+    for (second, first), ages in trail_ages(bodies, members).items():
+        both = there[first][0], min(there[first][1], there[second][1])
+        again[second, first] = post_encroachment(ages, arc[second], width[second], there[second][0], both)
+    noted: dict[tuple[str, str], list[float]] = {}
+    for event in events[events.kind == "encroachment"].itertuples():
+        pair = event.vehicle_id, event.other_id
+        noted.setdefault(pair[::-1] if event.what == "first" else pair, []).append(event.duration_s)
+    for pair in again.keys() | noted.keys():
+        left = sorted(again.get(pair, []))
+        for time in sorted(noted.get(pair, [])):
+            same = [whole for whole in left if whole - 0.2 - 1e-3 <= time <= whole + 1e-3]
+            assert same, (pair, noted[pair], again.get(pair))
+            left.remove(same[0])
+        assert all(whole > ENCROACHED - 1e-3 for whole in left), (pair, noted.get(pair), again[pair])
+    return sum(map(len, noted.values()))
+
+
+@pytest.mark.slow
+@pytest.mark.sumo
+def test_post_encroachment_times_are_those_of_the_recorded_outlines(tables):
+    members, bodies, events, *_ = tables
+    assert agree(members, bodies, events) > 0
 
 
 def to_border(border: shapely.Geometry, row, side: int) -> float:
@@ -118,7 +236,7 @@ def blamed(one: list, other: list, border: shapely.Geometry) -> str:
 @pytest.mark.slow
 @pytest.mark.sumo
 def test_blame_is_that_of_the_recorded_poses(tables):
-    _, bodies, events, scene = tables
+    _, bodies, events, scene, _ = tables
     area = shapely.union_all(
         [shapely.geometry.shape(f["geometry"]) for f in scene["features"] if f["properties"]["kind"] == "road"]
     )

@@ -83,12 +83,12 @@ def test_shares_are_over_the_time_between_departure_and_arrival():
 
 
 def test_exposure_to_short_times_to_collision():
-    """2 s and 1 s are below 3 s, each for the half second up to the next instant; the last instant has none."""
+    """2 s, 1 s and 0.5 s are below 3 s; each instant stands for a step of half a second."""
     table = trajectories(
         time_s=[0.0, 0.5, 1.0, 1.5, 2.0], ttc_s=[math.nan, 2.0, 1.0, 4.0, 0.5], drac_mps2=[0, 1, 3, 1, 9]
     )
     of = values(table, (1.0, "near_miss", "p.1"), (2.0, "near_miss", "p.0"))
-    assert (of["ttc_min"], of["tet"], of["tit"], of["drac_max"]) == (0.5, 1.0, 0.5 + 1.0, 9)
+    assert (of["ttc_min"], of["tet"], of["tit"], of["drac_max"]) == (0.5, 1.5, 0.5 + 1.0 + 1.25, 9)
     assert of["near_misses"] == 1
 
 
@@ -135,6 +135,18 @@ def test_every_contact_of_two_members_has_one_cause():
     assert values(table, *rows)["collisions_caused"] == 3  # it struck the other, cut in, or met it
     assert values(table, *rows, vehicle="p.0")["collisions_caused"] == 2  # it struck p.1 from behind, or cut in
     assert values(table, *rows, scope="run", vehicle="")["collisions_caused"] == 5
+
+
+def test_encroachments_count_for_both_and_once_for_the_run():
+    rows = [(1.0, "encroachment", "p.1", "car", 2.5, "first"), (2.0, "encroachment", "p.0", "p.1", 1.4, "second"),
+            (3.0, "encroachment", "p.0", "car", 1.9, "first")]  # fmt: skip
+    table = trajectories(gap_m=[1.0])
+    for vehicle, least, short in [("p.1", 1.4, 1), ("p.0", 1.4, 2)]:
+        of = values(table, *rows, vehicle=vehicle)
+        assert (of["pet_min"], of["short_encroachments"]) == (least, short)
+    of = values(table, *rows, scope="run", vehicle="")
+    assert (of["pet_min"], of["short_encroachments"]) == (1.4, 2)
+    assert math.isnan(values(table)["pet_min"])
 
 
 def test_collisions_with_obstacles_are_counted_by_the_kind_of_obstacle():

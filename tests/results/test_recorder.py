@@ -14,6 +14,7 @@ from platoontraffic.results.columns import (
     ENCOUNTERS,
     EVENTS,
     METRICS,
+    STATISTICS,
     TRAFFIC,
     TRAJECTORIES,
     VEHICLES,
@@ -135,6 +136,7 @@ def test_each_table_has_rows_by_its_own_clock(tmp_path, fleet):
 def test_the_data_package_describes_every_column_of_the_tables_that_there_are(traffic):
     tables = {r["name"]: r for r in data_package("name", "", traffic=traffic, encounters=traffic)["resources"]}
     columns = {"trajectories": TRAJECTORIES, "events": EVENTS, "metrics": METRICS, "vehicles": VEHICLES}
+    columns |= {"statistics": STATISTICS}
     columns |= {"traffic": TRAFFIC, "encounters": ENCOUNTERS} if traffic else {}
     assert set(tables) == {*columns, "summary", "scene"}
     assert tables["events"]["kinds"]

@@ -1,0 +1,107 @@
+"""Post-encroachment times of members with bodies of no platoon, or of another one.
+
+The post-encroachment time (Allen, Shin, Cooper, "Analysis of traffic conflicts and collisions", Transportation Research
+Record 667, 1978) is that between one vehicle's leaving a conflict area and another's entering it. The area is where the
+bodies of both come: a place of it is left with the last part of the one, and entered with the first part of the other.
+The least time over its places counts.
+
+Where paths merge there is no end to the area: places count until the second has driven on by its own width from where
+it entered the path of the first. One that comes from behind, over the end of the trail of TRAIL that the first draws,
+follows it: it does not encroach, as long as it stays on that trail. Nor does one that enters the road on the trail.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from platoontraffic.observation.step import Step
+from platoontraffic.world.events import ENCROACHED, Event
+from platoontraffic.world.fleet import Member
+
+if TYPE_CHECKING:
+    from platoontraffic.observation.encroachments_kernel import Trails
+
+TRAIL = ENCROACHED + 1.0  # time for which it is known where bodies were [s]
+BODIES = 64  # for which there is room at first
+NEVER = -2  # step at which a pair met that has not
+AT_ONCE = 8  # encroachments a member that can end in one step
+
+
+class Encroachments:
+    """Where all bodies were lately."""
+
+    def __init__(self, members: Sequence[Member]) -> None:
+        """members: all of the run, by their number"""
+        _, self._platoon = np.unique([m.platoon for m in members], return_inverse=True)
+        self._time: float | None = None  # one step before [s]
+        self._step = 0
+        self._trails: Trails | None = None  # from the second step on, with `_meetings`
+        self._column: dict[str, int] = {}  # of each body in the trails
+        self._ids: tuple[str, ...] = ()  # of the bodies of the last step ...
+        self._columns = np.empty(0, dtype=np.intp)  # ... and their columns
+        self._free: list[int] = []
+
+    def observe(self, step: Step) -> Iterator[Event]:
+        """encroachment"""
+        # Imported here and below: importing numba takes half a second.
+        from platoontraffic.observation.encroachments_kernel import extend, meet
+
+        before, self._time = self._time, step.time
+        if before is None:
+            return
+        self._step += 1
+        traffic, n, dt = step.traffic, len(step.fleet), step.time - before
+        if self._trails is None:
+            self._begin(round(TRAIL / dt) + 1)
+        if traffic.ids != self._ids:
+            self._find_columns(traffic.ids)
+        slot, trails = self._columns, self._trails
+        trails.half_length[slot], trails.half_width[slot] = traffic.length / 2, traffic.width / 2
+        head = self._step % len(trails.x)
+        cos, sin = np.cos(traffic.heading), np.sin(traffic.heading)
+        position = traffic.x, traffic.y
+        extend(trails, head, slot, *position, cos, sin)
+        found = np.empty((AT_ONCE * n, 4))
+        own = step.number, self._platoon[step.number]
+        count = meet(trails, self._meetings, head, self._step, dt, slot, *position, *own, found)
+        for i, k, was_first, time in found[:count].tolist():
+            if k < n and not was_first:  # whatever their order in the fleet
+                i, k, was_first = k, i, True
+            if time < ENCROACHED:
+                what = "first" if was_first else "second"
+                yield step.event("encroachment", int(i), traffic.ids[int(k)], time, what=what)
+
+    def _begin(self, steps: int) -> None:
+        from platoontraffic.observation.encroachments_kernel import Meetings, Trails
+
+        nothing, m = np.zeros((steps, 0)), len(self._platoon)
+        self._trails = Trails(*[nothing] * 5, np.zeros(0, dtype=np.intp), *np.zeros((3, 0)))
+        self._meetings = Meetings(np.zeros((2, m, 0), dtype=np.intp), *np.zeros((2, 2, m, 0)))
+        self._make_room()
+
+    def _make_room(self) -> None:
+        """Twice as many columns as before."""
+        there = self._trails.count.size
+        more = there or BODIES
+        self._trails, self._meetings = (
+            type(record)(*(np.concatenate([a, np.zeros((*a.shape[:-1], more), a.dtype)], axis=-1) for a in record))
+            for record in (self._trails, self._meetings)
+        )
+        self._free += range(there + more - 1, there - 1, -1)
+
+    def _find_columns(self, ids: tuple[str, ...]) -> None:
+        """Give a column to every body that was not there one step before."""
+        column = self._column
+        new = [name for name in ids if name not in column]
+        if len(column) + len(new) > len(ids):
+            self._free += [column.pop(name) for name in column.keys() - set(ids)]
+        for name in new:
+            if not self._free:
+                self._make_room()
+            column[name] = one = self._free.pop()
+            self._trails.count[one] = 0
+            self._meetings.last[..., one] = NEVER
+        self._ids, self._columns = ids, np.fromiter(map(column.__getitem__, ids), np.intp, len(ids))

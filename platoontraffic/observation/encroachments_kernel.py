@@ -1,0 +1,226 @@
+"""Post-encroachment times, from where bodies were lately. Compiled.
+
+A trail is where a body was in the last steps. The second of two bodies enters the trail of the first; at any place of
+both the post-encroachment time is that at which the second comes minus that at which the first left.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.lidar.compiled import compiler
+
+HALVINGS = 12  # of a step, to find the instant within it
+CLOSED = -1.0  # in place of a time: nothing is looked for any more while the second stays in the trail
+
+compiled = compiler(__file__)
+
+
+class Trails(NamedTuple):
+    """Of S bodies. Rings of K steps, (K, S), in which the row `head` is now and the row before it one step ago."""
+
+    x: np.ndarray  # centre [m]
+    y: np.ndarray
+    cos: np.ndarray  # of the heading
+    sin: np.ndarray
+    arc: np.ndarray  # length of the path so far [m]
+    count: np.ndarray  # steps for which the body has been there, (S,) int
+    longest: np.ndarray  # longest way in one step [m], (S,)
+    half_length: np.ndarray  # (S,) [m]
+    half_width: np.ndarray
+
+
+class Meetings(NamedTuple):
+    """Of M members with S bodies, (2, M, S): [0] the member is the second of the two, [1] it is the first."""
+
+    last: np.ndarray  # step at which the second was last in the first's trail, int
+    entered: np.ndarray  # length of the second's path when it entered that [m]
+    least: np.ndarray  # post-encroachment time until now [s], inf, or CLOSED
+
+
+@compiled
+def extend(trails, head, slot, x, y, cos, sin):
+    """Add where bodies are now; slot: column of each, (N,)."""
+    rows = len(trails.x)
+    for i in range(len(slot)):
+        s = slot[i]
+        way = 0.0
+        if trails.count[s] > 0:
+            before = (head - 1) % rows
+            way = math.hypot(x[i] - trails.x[before, s], y[i] - trails.y[before, s])
+            trails.longest[s] = max(trails.longest[s], way)
+            trails.arc[head, s] = trails.arc[before, s] + way
+        else:
+            trails.longest[s] = trails.arc[head, s] = 0.0
+        trails.x[head, s], trails.y[head, s], trails.cos[head, s], trails.sin[head, s] = x[i], y[i], cos[i], sin[i]
+        trails.count[s] += 1
+
+
+@compiled
+def meet(trails, meetings, head, step, dt, slot, x, y, number, platoon, found):
+    """Look at every pair of a member and another body, which is of no platoon or of another one.
+
+    slot    : column of each body in trails, members first, (N,); x, y: where they are now [m], (N,)
+    number  : of each member, (n,); platoon: of each, (n,)
+    found   : rows of member and body, 1 where the member was first, and post-encroachment time, (capacity, 4)
+    returns : how many were found
+    """
+    n, count, bodies = len(number), 0, len(slot)
+    length, radius = np.empty(bodies), np.empty(bodies)
+    for k in range(bodies):
+        s = slot[k]
+        length[k] = trails.arc[head, s] - trails.arc[_oldest(trails, head, s), s]
+        radius[k] = math.hypot(trails.half_length[s], trails.half_width[s])
+    for i in range(n):
+        a = slot[i]
+        for k in range(bodies):
+            reach = radius[i] + radius[k] + max(length[i], length[k])
+            if abs(x[k] - x[i]) > reach or abs(y[k] - y[i]) > reach:
+                continue
+            if k < n and (k <= i or platoon[k] == platoon[i]):
+                continue
+            b = slot[k]
+            for is_first in range(2):
+                second, first, longest = (b, a, length[i]) if is_first else (a, b, length[k])
+                pair = is_first, number[i], b
+                was_in = meetings.last[pair] == step - 1
+                if not was_in and _beside(trails, head, second, first, longest + 2 * (radius[i] + radius[k])):
+                    continue
+                time = _met(trails, meetings, head, step, dt, second, first, pair)
+                if time >= 0.0 and count < len(found):
+                    found[count, 0], found[count, 1], found[count, 2], found[count, 3] = i, k, is_first, time
+                    count += 1
+    return count
+
+
+@compiled
+def _beside(trails, head, second, first, length):
+    """Whether a body is beside every place of a trail, by an ellipse about that: the way from one end of a path over
+    any place of it to the other end is no longer than the path."""
+    x, y, row = trails.x[head, second], trails.y[head, second], _oldest(trails, head, first)
+    to_new = math.hypot(trails.x[head, first] - x, trails.y[head, first] - y)
+    return to_new + math.hypot(trails.x[row, first] - x, trails.y[row, first] - y) > length
+
+
+@compiled
+def _met(trails, meetings, head, step, dt, second, first, pair):
+    """The post-encroachment time of a pair, once the second has entered the first's trail by its own width; or else
+    CLOSED."""
+    was_in = meetings.last[pair] == step - 1
+    least = meetings.least[pair] if was_in else CLOSED
+    body = _pose(trails, head, second)
+    age = _newest(trails, head, body, first)
+    if age < 0:
+        return _finished(meetings, pair, least)
+    meetings.last[pair] = step
+    if not was_in:
+        meetings.entered[pair] = trails.arc[head, second]
+        # From behind, over the trail's end: it follows, or where the first comes from is not known.
+        behind = _overlap(body, _pose(trails, _oldest(trails, head, first), first))
+        meetings.least[pair] = least = CLOSED if behind or trails.count[second] < 2 else math.inf
+    if age == 0:  # a contact is no encroachment
+        meetings.least[pair] = least = CLOSED
+    if least == CLOSED:
+        return CLOSED
+    if was_in and trails.arc[head, second] - meetings.entered[pair] > 2.0 * trails.half_width[second]:
+        return _finished(meetings, pair, least)
+    meetings.least[pair] = min(least, _time_between(trails, head, dt, second, first, age))
+    return CLOSED
+
+
+@compiled
+def _finished(meetings, pair, least):
+    meetings.least[pair] = CLOSED
+    return least if least < math.inf else CLOSED
+
+
+@compiled
+def _time_between(trails, head, dt, second, first, age):
+    """From when the first left the last place that the second has now, to when the second came there [s].
+
+    age: of the first's newest pose that overlaps the second [steps], 1 or more
+    """
+    rows = len(trails.x)
+    now, before = _pose(trails, head, second), _pose(trails, (head - 1) % rows, second)
+    old, new = _pose(trails, (head - age) % rows, first), _pose(trails, (head - age + 1) % rows, first)
+    left, gone = 0.0, 1.0  # shares of the step from old to new: it overlaps, it does not
+    for _ in range(HALVINGS):
+        middle = (left + gone) / 2
+        if _overlap(now, _between(old, new, middle)):
+            left = middle
+        else:
+            gone = middle
+    leaving = _between(old, new, left)
+    came, apart = 1.0, 0.0  # shares of the step from before to now
+    for _ in range(HALVINGS):
+        middle = (came + apart) / 2
+        if _overlap(_between(before, now, middle), leaving):
+            came = middle
+        else:
+            apart = middle
+    return dt * max(age - left - (1.0 - came), 0.0)
+
+
+@compiled
+def _newest(trails, head, body, first):
+    """Age of the newest pose of a trail that overlaps a body [steps]; -1: none does."""
+    rows = len(trails.x)
+    touching = math.hypot(body[4], body[5]) + math.hypot(trails.half_length[first], trails.half_width[first])
+    age, ages = 0, min(trails.count[first], rows)
+    while age < ages:
+        row = (head - age) % rows
+        away = math.hypot(trails.x[row, first] - body[0], trails.y[row, first] - body[1]) - touching
+        if away <= 0.0:
+            if _overlap(body, _pose(trails, row, first)):
+                return age
+            age += 1
+        elif trails.longest[first] * ages < away:  # the whole trail is farther away
+            return -1
+        else:  # the poses until it may be near
+            age += max(int(away / trails.longest[first]), 1)
+    return -1
+
+
+@compiled
+def _oldest(trails, head, s):
+    """Row of the oldest pose of a trail."""
+    rows = len(trails.x)
+    return (head - min(trails.count[s], rows) + 1) % rows
+
+
+@compiled
+def _pose(trails, row, s):
+    """x, y, cos, sin of the heading, half of length and width."""
+    return (
+        trails.x[row, s],
+        trails.y[row, s],
+        trails.cos[row, s],
+        trails.sin[row, s],
+        trails.half_length[s],
+        trails.half_width[s],
+    )
+
+
+@compiled
+def _between(old, new, share):
+    """A pose between two of one body."""
+    cos, sin = old[2] + share * (new[2] - old[2]), old[3] + share * (new[3] - old[3])
+    size = math.hypot(cos, sin)
+    x, y = old[0] + share * (new[0] - old[0]), old[1] + share * (new[1] - old[1])
+    return x, y, cos / size, sin / size, old[4], old[5]
+
+
+@compiled
+def _overlap(a, b):
+    """Whether two boxes have a place in common: their shadows on the axes of both do."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    along, cross = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
+    return (
+        abs(dx * a[2] + dy * a[3]) < a[4] + along * b[4] + cross * b[5]
+        and abs(dy * a[2] - dx * a[3]) < a[5] + cross * b[4] + along * b[5]
+        and abs(dx * b[2] + dy * b[3]) < b[4] + along * a[4] + cross * a[5]
+        and abs(dy * b[2] - dx * b[3]) < b[5] + cross * a[4] + along * a[5]
+    )

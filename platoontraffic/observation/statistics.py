@@ -1,0 +1,56 @@
+"""Statistics of measured values over all steps of a run, whatever is recorded of it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.observation.step import Step
+
+
+class Statistic(NamedTuple):
+    """One member's values of one quantity over all steps at which it had a value."""
+
+    steps: float  # number of these steps
+    mean: float
+    rms: float  # root mean square
+    least: float
+    most: float
+
+
+class Statistics:
+    """State of all members of the run, by their number: arrays (N, ...)."""
+
+    def __init__(self, n: int) -> None:
+        # Imported here and below: importing numba takes half a second.
+        from platoontraffic.observation.statistics_kernel import LEAST, MOST, QUANTITIES, VALUES
+
+        self._tallies = np.zeros((n, len(QUANTITIES), 5))
+        self._tallies[..., LEAST], self._tallies[..., MOST] = np.inf, -np.inf
+        self._before = np.full((n, 3), np.nan)  # x, y [m], turned [rad] one step before
+        self._time = np.nan  # then [s]
+        self.values = np.empty(0, VALUES)  # of the last step, records (n,) in the fleet's order
+
+    def observe(self, step: Step, **measured: np.ndarray) -> None:
+        """measured: the fields of `statistics_kernel.Seen` that are not the fleet's"""
+        from platoontraffic.observation import statistics_kernel as kernel
+
+        fleet, motion = step.fleet, step.fleet.motion
+        own = motion.x, motion.y, motion.turned, motion.speed, motion.acceleration, motion.yaw_rate
+        seen = kernel.Seen(step.number, fleet.predecessor, *own, **measured)
+        self.values = np.empty(len(fleet), kernel.VALUES)
+        kernel.evaluate(seen, self._before, step.time - self._time, self.values)
+        kernel.add(step.number, self.values.view(float).reshape(len(fleet), len(kernel.QUANTITIES)), self._tallies)
+        self._time = step.time
+
+    def of(self, number: int) -> dict[str, Statistic]:
+        """Statistics of a member, by name in QUANTITIES; without those of which it never had a value."""
+        from platoontraffic.observation.statistics_kernel import QUANTITIES
+
+        found: dict[str, Statistic] = {}
+        for name, tally in zip(QUANTITIES, self._tallies[number].tolist(), strict=True):
+            count, total, squares, least, most = tally
+            if count:
+                found[name] = Statistic(count, total / count, (squares / count) ** 0.5, least, most)
+        return found

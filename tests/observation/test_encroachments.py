@@ -1,0 +1,204 @@
+"""Post-encroachment times: closed forms, symmetries, and a slow second implementation on a junction."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from platoontraffic.observation.encroachments import Encroachments
+from platoontraffic.observation.step import Step
+from platoontraffic.world.events import Event
+from platoontraffic.world.traffic import TrafficSnapshot
+from tests.observation.test_second_opinion import agree
+
+DT = 0.1
+LENGTH, WIDTH = 4.74, 1.8
+
+
+class Fleet(SimpleNamespace):
+    def __len__(self) -> int:
+        return len(self.number)
+
+
+def line(x, y, heading, speed):
+    """Pose over time of a body that drives straight on."""
+    return lambda t: (x + speed * t * math.cos(heading), y + speed * t * math.sin(heading), heading)
+
+
+def met(member, other, seconds=20.0, *, dt=DT, turn=0.0, both=False, appears=0.0, lengths=(LENGTH, LENGTH)):
+    """(what, post-encroachment time) of each event, of a member and another body whose poses are functions of time.
+
+    turn    : the whole scene is turned by that, and moved
+    both    : the other is a member of another platoon
+    appears : from then on the other is there
+    """
+    members = [SimpleNamespace(platoon="a"), SimpleNamespace(platoon="b")][: 1 + both]
+    observer, found = Encroachments(members), []
+    for step in range(round(seconds / dt) + 1):
+        t = step * dt
+        there = 2 if t >= appears else 1
+        x, y, heading = np.array([member(t), other(t)][:there]).T
+        x, y = x * np.cos(turn) - y * np.sin(turn) + 500 * turn, x * np.sin(turn) + y * np.cos(turn)
+        sizes = np.array(lengths)[:there], np.full(there, WIDTH)
+        traffic = TrafficSnapshot(t, ("m", "o")[:there], x, y, heading + turn, 0 * x, *sizes)
+        n = 1 + both
+
+        fleet = Fleet(number=np.arange(n))
+        seen = observer.observe(Step(traffic, fleet, [("", "")] * n, None, x, y))
+        found += [(event.what, event.duration) for event in seen]
+    return found
+
+
+def crossing(first_speed, second_speed, late):
+    """The member drives east over the origin, the other north; it is there at 6 s, the other `late` s later."""
+    south = -(6.0 + late) * second_speed
+    return line(-6.0 * first_speed, 0.0, 0.0, first_speed), line(0.0, south, math.pi / 2, second_speed)
+
+
+@pytest.mark.parametrize(("v", "w", "late"), [(10.0, 8.0, 2.0), (5.0, 12.0, 3.1), (13.0, 13.0, 1.03)])
+def test_two_that_cross_at_right_angles(v, w, late):
+    """The rear of the first leaves the other's strip half of a length and of a width behind the origin, and the front
+    of the second comes to its strip as far before it."""
+    (what, time), = met(*crossing(v, w, late))  # fmt: skip
+    assert what == "first"
+    assert time == pytest.approx(late - (LENGTH + WIDTH) / 2 * (1 / v + 1 / w), abs=2e-3)
+
+
+def test_who_is_first_is_said_and_does_not_matter():
+    member, other = crossing(10.0, 8.0, 2.0)
+    (_, time), = met(member, other)  # fmt: skip
+    assert met(other, member) == [("second", pytest.approx(time))]
+
+
+@pytest.mark.parametrize("turn", [0.3, 2.0, -1.2])
+def test_a_turned_scene_has_the_same_times(turn):
+    member, other = crossing(10.0, 8.0, 2.0)
+    (_, time), = met(member, other)  # fmt: skip
+    assert met(member, other, turn=turn) == [("first", pytest.approx(time, abs=2e-3))]
+
+
+def test_the_step_does_not_matter():
+    member, other = crossing(10.0, 8.0, 2.0)
+    assert met(member, other, dt=0.025) == [("first", pytest.approx(met(member, other)[0][1], abs=2e-3))]
+
+
+def test_two_members_of_two_platoons_have_one_event():
+    member, other = crossing(10.0, 8.0, 2.0)
+    assert met(member, other, both=True) == met(other, member, both=True) == met(member, other)
+
+
+def test_a_long_time_apart_is_no_encroachment():
+    member, other = crossing(10.0, 8.0, 6.5)
+    assert met(member, other, seconds=30) == []
+
+
+@pytest.mark.parametrize("headway", [0.8, 2.0, 4.5, 7.0])
+def test_one_that_follows_does_not_encroach(headway):
+    ahead, behind = line(10.0 * headway, 0.0, 0.0, 10.0), line(0.0, 0.0, 0.0, 10.0)
+    assert met(behind, ahead) == met(ahead, behind) == []
+
+
+def test_one_that_catches_up_does_not_encroach():
+    ahead, behind = line(100.0, 0.0, 0.0, 5.0), line(0.0, 0.0, 0.0, 10.0)
+    assert met(behind, ahead, 18.0) == met(ahead, behind, 18.0) == []
+
+
+def test_a_body_that_appears_ahead_is_followed():
+    """As one that SUMO inserts on the lane, or that comes within sight."""
+    ahead, behind = line(30.0, 0.0, 0.0, 10.0), line(0.0, 0.0, 0.0, 10.0)
+    assert met(behind, ahead, appears=5.0) == []
+
+
+def round_a_circle(radius, speed, late=0.0):
+    def pose(t):
+        angle = speed * (t - late) / radius
+        return radius * math.cos(angle), radius * math.sin(angle), angle + math.pi / 2
+
+    return pose
+
+
+def test_one_that_follows_in_a_tight_bend_does_not_encroach():
+    ahead, behind = round_a_circle(8.0, 4.0), round_a_circle(8.0, 4.0, 2.5)
+    assert met(behind, ahead, 9.0) == met(ahead, behind, 9.0) == []  # less than a lap
+
+
+def test_they_meet_head_on_in_two_lanes():
+    assert met(line(-50.0, 0.0, 0.0, 10.0), line(50.0, 2.5, math.pi, 10.0)) == []
+
+
+def merging(radius, speed, late):
+    """The member drives east along y = 0; the other comes from the south on an arc to the left ... into that line."""
+    bend = math.pi / 2 * radius
+
+    def other(t):
+        way = speed * (t - late) + bend - 60.0
+        if way < 0:
+            return 0.0, -radius + way, math.pi / 2
+        if way < bend:
+            angle = way / radius
+            return radius * (1 - math.cos(angle)), -radius + radius * math.sin(angle), math.pi / 2 - angle
+        return radius + way - bend, 0.0, 0.0
+
+    return line(radius - 60.0, 0.0, 0.0, speed), other
+
+
+def test_paths_that_merge():
+    """At equal speeds, both come to the end of the arc at 6 s and `late` s after: the second enters the strip of the
+    first before that, with its left front corner, and the least time over the first 1.8 m is near the time gap."""
+    late = 2.5
+    (what, time), = met(*merging(12.0, 10.0, late))  # fmt: skip
+    assert what == "first"
+    headway = late - LENGTH / 10.0
+    assert headway - 0.35 < time < headway + 0.2
+    member, other = merging(12.0, 10.0, -late)  # the other comes first
+    assert [what for what, _ in met(member, other)] == ["second"]
+
+
+def test_bodies_that_touch_do_not_encroach():
+    assert met(*crossing(10.0, 8.0, 0.1)) == []
+
+
+def somewhere(rng):
+    """A straight line or an arc of random curvature through a square of 60 m, driven at constant speed."""
+    x, y = rng.uniform(-30, 30, 2)
+    heading, speed, bend = rng.choice([0.0, 0.5, 1.0, 1.5]) * np.pi, rng.uniform(2, 12), rng.choice([0.0, 0.0, 0.06])
+    when = rng.uniform(3, 12)  # at which it is at (x, y)
+
+    def pose(t):
+        way = speed * (t - when)
+        turned = bend * way
+        chord = way * np.sinc(turned / 2 / np.pi)
+        along = heading + turned / 2
+        return x + chord * np.cos(along), y + chord * np.sin(along), heading + turned
+
+    return pose
+
+
+def random_tables(rng):
+    """Members, poses and events of twelve bodies in a small square, four of them in two platoons."""
+    poses, since = [somewhere(rng) for _ in range(12)], [0, 0, 0, 0, *rng.integers(0, 60, 8)]
+    ids = np.array([f"{p}.{i}" for p in "ab" for i in range(2)] + [f"car{i}" for i in range(8)])
+    platoons = ["a", "a", "b", "b"]
+    observer, rows, events = Encroachments([SimpleNamespace(platoon=p) for p in platoons]), [], []
+    for step in range(150):
+        here = [i for i in range(12) if step >= since[i]]
+        x, y, heading = np.array([poses[i](step * DT) for i in here]).T
+        sizes = np.full(len(here), LENGTH), np.full(len(here), WIDTH)
+        traffic = TrafficSnapshot(step * DT, tuple(ids[here]), x, y, heading, 0 * x, *sizes)
+        events += observer.observe(Step(traffic, Fleet(number=np.arange(4)), [("", "")] * 4, None, x, y))
+        rows += zip([step * DT] * len(here), ids[here], x, y, heading, *sizes, strict=True)
+    columns = ["time_s", "vehicle_id", "x_m", "y_m", "heading_rad", "length_m", "width_m"]
+    members = pd.DataFrame({"vehicle_id": ids[:4], "platoon_id": platoons})
+    named = pd.DataFrame(events, columns=Event._fields).rename(
+        columns={"vehicle": "vehicle_id", "other": "other_id", "duration": "duration_s"}
+    )
+    return members, pd.DataFrame(rows, columns=columns), named
+
+
+def test_a_slow_second_implementation_agrees_on_random_scenes():
+    rng = np.random.default_rng(1)
+    assert sum(agree(*random_tables(rng)) for _ in range(10)) > 20
