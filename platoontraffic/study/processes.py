@@ -58,7 +58,7 @@ class Workers:
     def close(self) -> None:
         with self._lock:
             self._closed.set()
-            for process in self._all:
+            for process in list(self._all):  # threads that notice change it
                 process.close()
 
     def _started(self, new: bool) -> WorkerProcess:
