@@ -88,6 +88,8 @@ def main(jobs: int, answers: int, parent: int) -> None:
     if os.name != "nt":
         faulthandler.register(signal.SIGUSR2)  # the parent asks where a run hangs
     _die_with(parent)
+    if os.name != "nt":
+        os.register_at_fork(after_in_child=lambda: _die_with(os.getppid()))  # what a law forks dies with this process
     out = os.fdopen(answers, "w", encoding="utf-8")
 
     def tell(**answer: Any) -> None:
