@@ -25,7 +25,6 @@ ERRORS = {
     "hangs in compiled code": "timeout after 15 s",
     "stops itself": "timeout after 15 s",
     "closes all descriptors": "the process of the run closed its connection to the batch",
-    "closes stdin": r".*bad_laws.py:\d+: law Bad failed at 0.025 s: OSError: .* Bad file descriptor",
     "leaves a child and hangs": "timeout after 15 s",
     "leaves a child and dies": "the process of the run died of SIGSEGV",
     "leaves a child of its own session and hangs": "timeout after 15 s",
