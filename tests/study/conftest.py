@@ -10,6 +10,7 @@ import pytest
 from platoontraffic import shipped
 from tests.support import bad_laws
 from tests.support.batches import LAW, TINY
+from tests.support.runs import run
 
 
 @pytest.fixture
@@ -31,8 +32,14 @@ def tiny(tmp_path) -> Callable[..., Path]:
     return write
 
 
+@pytest.fixture(scope="session")
+def compiled(tmp_path_factory) -> None:
+    """A run has compiled what runs of batches need, which would take long within their limits of time."""
+    run(tmp_path_factory.mktemp("compiled") / "run", "paper_loop", "run.duration_s=0.5", "platoon.size=2")
+
+
 @pytest.fixture
-def bad(tmp_path) -> Callable[..., Path]:
+def bad(tmp_path, compiled) -> Callable[..., Path]:
     """Writes a study of short runs, each with one of these laws of `support.bad_laws`."""
 
     def write(*kinds: str, replications: int = 1) -> Path:
