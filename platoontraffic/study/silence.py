@@ -6,8 +6,9 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-# A run that has made no step for so long is named, and again whenever this time has doubled [s].
-SILENCE = 60.0
+# A run that has made no step for so long is named, and again whenever this time has doubled [s]. The first step of a
+# new installation compiles for a minute, or more where many processes do so.
+SILENCE = 120.0
 
 Job = dict[str, Any]  # argument of `worker.attempt`
 Outcome = dict[str, Any]  # result of `worker.attempt`

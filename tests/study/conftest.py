@@ -14,7 +14,7 @@ from tests.support.runs import run
 
 
 @pytest.fixture
-def tiny(tmp_path) -> Callable[..., Path]:
+def tiny(tmp_path, compiled) -> Callable[..., Path]:
     """Writes a study of short runs; its base has followers with a law if one is given."""
 
     def write(gains: int = 2, replications: int = 2, how: str = "") -> Path:
@@ -34,7 +34,7 @@ def tiny(tmp_path) -> Callable[..., Path]:
 
 @pytest.fixture(scope="session")
 def compiled(tmp_path_factory) -> None:
-    """A run has compiled what runs of batches need, which would take long within their limits of time."""
+    """A run has compiled what runs of batches need; that would take long within limits of time, and run by run."""
     run(tmp_path_factory.mktemp("compiled") / "run", "paper_loop", "run.duration_s=0.5", "platoon.size=2")
 
 
