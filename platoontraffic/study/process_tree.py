@@ -44,17 +44,17 @@ class Census:
 def end(pid: int) -> None:
     """Kill a process, which leads a session, and all that it has started, as far as they can be found."""
     for _ in range(ROUNDS):
+        try:
+            tree = _tree(pid, _living())  # before any ends: the system gives its children to another
+        except OSError:  # no /proc
+            tree = set()
         with contextlib.suppress(OSError):
             os.killpg(pid, signal.SIGKILL)
-        try:
-            tree = _tree(pid, _living())
-        except OSError:  # no /proc
-            return
-        if not tree:
-            return
         for member in tree:
             with contextlib.suppress(OSError):
                 os.kill(member, signal.SIGKILL)
+        if not tree:
+            return
 
 
 def _tree(pid: int, kin: dict[int, _Kin]) -> set[int]:
