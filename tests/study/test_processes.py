@@ -83,7 +83,7 @@ def test_memory_is_that_of_a_process_and_its_children():
             assert process.stdout.readline() == b"held\n"
         assert 200 < process_tree.Census().memory(process.pid) < 300
         process_tree.end(process.pid)
-    assert process_tree.Census().memory(process.pid) == 0
+    until(lambda: process_tree.Census().memory(process.pid) == 0, deadline=10)
 
 
 @needs_proc
