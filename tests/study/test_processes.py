@@ -73,9 +73,7 @@ def test_a_system_that_starts_no_process_ends_the_batch_in_one_line(tiny, tmp_pa
 
 @needs_proc
 def test_memory_is_that_of_a_process_and_its_children():
-    code = (
-        "import os; os.fork(); held = bytearray(b'x') * 100_000_000; os.write(1, b'held\\n'); input()"
-    )
+    code = "import os; os.fork(); held = bytearray(b'x') * 100_000_000; os.write(1, b'held\\n'); input()"
     with subprocess.Popen(
         [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
     ) as process:
