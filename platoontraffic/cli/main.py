@@ -139,6 +139,14 @@ def batch(
         str, typer.Option(metavar="I/N", help="run part I of N, counted from 1; parts may run at the same time")
     ] = "1/1",
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="repeat failed runs")] = False,
+    timeout: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", help="stop a run, which then failed, after this time; default: never"),
+    ] = None,
+    memory: Annotated[
+        float | None,
+        typer.Option(metavar="MB", help="stop a run, which then failed, that takes more memory; default: none"),
+    ] = None,
     results: ResultsFolder = Path("results"),
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="list the runs and estimate their time, run nothing")
@@ -160,8 +168,9 @@ def batch(
     if dry_run:
         print_runs(loaded, folder, 1 if executor == "serial" else slots, json)
         return
-    with batch_progress(loaded.name, quiet or json) as progress:
-        report = batches.run(loaded, folder, executor, slots, part, retry_failed, progress)
+    limits = batches.Limits(timeout, memory)
+    with batch_progress(loaded.name, quiet or json) as watcher:
+        report = batches.run(loaded, folder, executor, slots, part, retry_failed, limits, watcher)
     if json:
         print_json({"folder": str(folder), **report.progress._asdict(), "failures": report.failures})
     elif not quiet:

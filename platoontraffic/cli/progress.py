@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from platoontraffic.run import Watcher
     from platoontraffic.simulation import Instant
     from platoontraffic.study import batch
+    from platoontraffic.study.silence import Silence
 
 REFRESH = 0.1  # shortest time between two updates of a bar [s]
 
@@ -53,25 +54,60 @@ def run_progress(duration: float, name: str, quiet: bool) -> Iterator[Sequence[W
         yield (RunBar(bar, bar.add_task(name, total=duration)),)
 
 
+class BatchLines:
+    """A watcher of a batch that names runs without progress on stderr."""
+
+    def __init__(self) -> None:
+        self._silent: dict[str, float] = {}  # runs without progress, and for how long [s]
+
+    def progress(self, at: batch.Progress) -> None:
+        pass
+
+    def silent(self, silence: Silence, laws: Sequence[str]) -> None:
+        self._silent.pop(silence.id, None)
+        if silence.seconds:
+            self._silent[silence.id] = silence.seconds
+            at = "its first step" if silence.simulated is None else f"a step after {silence.simulated:.1f} s simulated"
+            what = f"no progress for {duration_text(silence.seconds)}: has not made {at}; laws: {', '.join(laws)}"
+            err.print(f"{silence.id}: {what}", soft_wrap=True, markup=False)
+
+
+class BatchBar(BatchLines):
+    """The same with a bar; the time left is estimated from the runs that ended in this batch."""
+
+    def __init__(self, bar: Progress, task: TaskID) -> None:
+        super().__init__()
+        self._bar, self._task, self._began = bar, task, time.monotonic()
+        self._status = "the first runs have started"
+        self._show()
+
+    def progress(self, at: batch.Progress) -> None:
+        ended = at.done + at.failed
+        left = (time.monotonic() - self._began) / at.ended_now * (at.runs - ended)
+        failed = f", {at.failed} failed" if at.failed else ""
+        self._status = f"{ended} of {at.runs}{failed}, {duration_text(left)} left"
+        self._bar.update(self._task, total=at.runs, completed=ended)
+        self._show()
+
+    def silent(self, silence: Silence, laws: Sequence[str]) -> None:
+        super().silent(silence, laws)
+        self._show()
+
+    def _show(self) -> None:
+        silent = [f"{run} ({duration_text(seconds)})" for run, seconds in self._silent.copy().items()]
+        stuck = f"; no progress: {', '.join(silent)}" if silent else ""
+        self._bar.update(self._task, status=self._status + stuck)
+
+
 @contextmanager
-def batch_progress(name: str, quiet: bool) -> Iterator[Callable[[batch.Progress], None]]:
-    """A function that shows the progress of a batch; the time left is estimated from the runs that ended in it."""
+def batch_progress(name: str, quiet: bool) -> Iterator[BatchLines]:
+    """The watcher of a batch; with a bar unless stderr is no terminal, or quiet."""
     if quiet or not err.is_terminal:
-        yield lambda progress: None
+        yield BatchLines()
         return
     columns = [TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[status]}"), TimeElapsedColumn()]
     with Progress(*columns, console=err, transient=True) as bar:
-        task = bar.add_task(name, total=None, status="the first runs have started")
-        began = time.monotonic()
-
-        def show(at: batch.Progress) -> None:
-            ended = at.done + at.failed
-            left = (time.monotonic() - began) / at.ended_now * (at.runs - ended)
-            failed = f", {at.failed} failed" if at.failed else ""
-            status = f"{ended} of {at.runs}{failed}, {duration_text(left)} left"
-            bar.update(task, total=at.runs, completed=ended, status=status)
-
-        yield show
+        yield BatchBar(bar, bar.add_task(name, total=None, status=""))
 
 
 def say(line: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from platoontraffic.controllers.law import Decision, Law, Sensed, Target
 from platoontraffic.errors import InputError
-from platoontraffic.plug_ins import is_shipped, place_of
+from platoontraffic.plug_ins import end_copy, is_shipped, place_of
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.records import take
 
@@ -61,12 +62,15 @@ def memory_of(law: Law, memory: Any, rows: np.ndarray) -> Any:
 
 def _call(law: Law, when: str, function: Callable, *arguments: Any) -> Any:
     """function(*arguments); an error of a plug-in becomes an InputError that says when and where it failed."""
+    process = os.getpid()
     try:
         return function(*arguments)
     except (Exception, SystemExit) as error:  # whatever a user's code may raise
         if is_shipped(type(law)):
             raise
         raise _fault(law, f"failed {when}: {type(error).__name__}: {error}", error) from error
+    finally:
+        end_copy(process)
 
 
 def _check_finite(law: Law, decision: Decision, at: Occasion) -> None:

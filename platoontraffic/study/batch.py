@@ -7,15 +7,16 @@ started again: the folder of a run is complete or absent, and a worker process t
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from platoontraffic.errors import InputError, RunError, kind_of
 from platoontraffic.results.recorder import UNFINISHED, is_done
@@ -34,7 +35,8 @@ from platoontraffic.study.batch_folder import (
 )
 from platoontraffic.study.executors import Submit, executor_of, undisturbed
 from platoontraffic.study.folder_lock import Lock
-from platoontraffic.study.processes import Job, Outcome
+from platoontraffic.study.process_tree import PROC
+from platoontraffic.study.silence import Job, Outcome, Silence
 from platoontraffic.study.study import Run, Study
 from platoontraffic.study.tables import write_tables
 
@@ -63,6 +65,23 @@ class Progress(NamedTuple):
     ended_now: int  # done or failed since the batch began
 
 
+class Limits(NamedTuple):
+    """What a run may take; None: anything. A run that takes more is stopped, and fails."""
+
+    timeout: float | None = None  # wall time [s]
+    memory: float | None = None  # of the run's process and all that it has started [MB]
+
+
+class Watcher(Protocol):
+    """Something that shows a batch while it lasts."""
+
+    def progress(self, at: Progress) -> None:
+        """Called after each run."""
+
+    def silent(self, silence: Silence, laws: Sequence[str]) -> None:
+        """Called from any thread when a run makes no progress, and when it does so again or has ended."""
+
+
 @dataclass(frozen=True)
 class Report:
     """The outcome of a batch."""
@@ -78,7 +97,8 @@ def run(
     slots: int = 1,
     shard: Shard | None = None,
     retry_failed: bool = False,
-    tell: Callable[[Progress], None] = lambda progress: None,
+    limits: Limits | None = None,
+    watcher: Watcher | None = None,
 ) -> Report:
     """Run the missing runs of a study; all runs and their tables are then in `folder`.
 
@@ -86,10 +106,18 @@ def run(
                    cluster
     slots        : runs at a time; a running cluster decides itself
     retry_failed : repeat failed runs
-    tell         : called after each run
+    limits       : of each run; not for "serial", which cannot stop a run
 
     raises: InputError, MissingError, RunError, KeyboardInterrupt; finished runs are kept in all cases
     """
+    limits = limits or Limits()
+    _check_limits(limits, executor)
+    laws = {run.id: run.laws for run in study.runs}
+
+    def say(silence: Silence) -> None:
+        if watcher and silence.id in laws:
+            watcher.silent(silence, laws[silence.id])
+
     block = study.block(*(shard or Shard(1, 1)))
     chosen = {run.id for run in study.shuffled()[block.start : block.stop]}
     mine = [run for run in study.runs if run.id in chosen]
@@ -103,12 +131,16 @@ def run(
         earlier, ended = counts[DONE], 0
         tidy(folder, lock, chosen, ".partial")
         tidy(folder, lock, {run.id for run in to_do}, UNFINISHED)
-        with _left_in_order(study, folder, lock, mine), executor_of(executor if to_do else "serial", slots) as where:
+        with (
+            _left_in_order(study, folder, lock, mine),
+            executor_of(executor if to_do else "serial", slots, say) as where,
+        ):
             write = _now_and_then(study, folder, lock)
-            for new in _ended(to_do, folder, *where):
+            for new in _ended((_job(run, folder, limits) for run in to_do), folder, *where):
                 counts[new] += 1
                 ended += 1
-                tell(Progress(len(mine), earlier, counts[DONE], counts[FAILED], ended))
+                if watcher:
+                    watcher.progress(Progress(len(mine), earlier, counts[DONE], counts[FAILED], ended))
                 write()
         failures = {run.id: failure(folder, run.id)["error"] for run in mine if state(folder, run.id) == FAILED}
     return Report(Progress(len(mine), earlier, counts[DONE], len(failures), ended), failures)
@@ -125,26 +157,37 @@ def estimate(study: Study, folder: Path, runs: Sequence[Run]) -> tuple[float, st
     return cost, "rough, without background traffic"
 
 
-def _ended(to_do: Sequence[Run], folder: Path, submit: Submit, window: int) -> Iterator[str]:
-    """Run the runs; yields DONE or FAILED when one ends. window: number of runs that are submitted at a time"""
+def _check_limits(limits: Limits, executor: str) -> None:
+    """raises: InputError if they cannot be kept"""
+    for name, limit in zip(("--timeout", "--memory"), limits, strict=True):
+        if limit is not None and not 0 < limit < math.inf:
+            raise InputError(f"{name}: {limit:g}: must be positive and finite")
+        if limit is not None and executor == "serial":
+            raise InputError(f"{name}: not with the executor serial, which cannot stop a run; -j 1 runs one at a time")
+    if limits.memory is not None and not (PROC / "self" / "status").is_file():
+        raise InputError("--memory: not on this system: memory is read from /proc, as Linux has it")
+
+
+def _ended(to_do: Iterable[Job], folder: Path, submit: Submit, window: int) -> Iterator[str]:
+    """Execute jobs; yields DONE or FAILED when one ends. window: number of runs that are submitted at a time"""
     to_come = iter(to_do)
-    running: dict[Future[Outcome], Run] = {}
+    running: dict[Future[Outcome], str] = {}
     while True:
-        for run in islice(to_come, window - len(running)):
-            running[submit(_job(run, folder))] = run
+        for job in islice(to_come, window - len(running)):
+            running[submit(job)] = job["id"]
         if not running:
             return
         # Without a timeout Ctrl-C has no effect on Windows until a run ends.
         for future in wait(running, timeout=1.0, return_when=FIRST_COMPLETED).done:
-            run, outcome = running.pop(future), _outcome(future)
+            run_id, outcome = running.pop(future), _outcome(future)
             if outcome.get("stop"):
                 raise (RunError if outcome["disk"] else InputError)(outcome["error"])
             if "error" in outcome:
-                note_failure(folder, run.id, outcome)
+                note_failure(folder, run_id, outcome)
             yield FAILED if "error" in outcome else DONE
 
 
-def _job(run: Run, folder: Path) -> Job:
+def _job(run: Run, folder: Path, limits: Limits) -> Job:
     return {
         "base": run.base,
         "changes": [list(change) for change in run.changes],
@@ -153,6 +196,8 @@ def _job(run: Run, folder: Path) -> Job:
         "folder": str((folder / run.id).resolve()),
         "lock": str((folder / LOCK).resolve()),
         "command_line": sys.argv[1:],
+        "timeout_s": limits.timeout,
+        "memory_mb": limits.memory,
     }
 
 

@@ -15,7 +15,7 @@ from typing import Any, TextIO
 from platoontraffic.errors import InputError
 from platoontraffic.results.recorder import UNFINISHED, as_json, is_done
 from platoontraffic.study.folder_lock import SHARES, Lock, share_of
-from platoontraffic.study.processes import Outcome
+from platoontraffic.study.silence import Outcome
 from platoontraffic.study.study import Study
 
 STUDY, LOCK = "study.toml", ".lock"

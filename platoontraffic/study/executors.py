@@ -11,7 +11,9 @@ from functools import partial
 from typing import Any
 
 from platoontraffic.errors import InputError, MissingError
-from platoontraffic.study.processes import Job, Outcome, Workers, run_in_a_process
+from platoontraffic.study.processes import SILENT, Workers, run_in_a_process
+from platoontraffic.study.silence import Job, Outcome, Pulse, Say, Silence
+from platoontraffic.study.worker_process import WATCH
 
 DASK_QUEUE = 256  # number of runs that are submitted to a dask scheduler at a time
 
@@ -19,21 +21,25 @@ Submit = Callable[[Job], "Future[Outcome]"]
 
 
 @contextlib.contextmanager
-def executor_of(name: str, slots: int) -> Iterator[tuple[Submit, int]]:
-    """A function that submits a run, and the number of runs to submit at a time; `name` as in `batch.run`."""
+def executor_of(name: str, slots: int, say: Say) -> Iterator[tuple[Submit, int]]:
+    """A function that submits a run, and the number of runs to submit at a time.
+
+    name : as in `batch.run`
+    say  : called when a run makes no progress
+    """
     if name == "serial":
-        yield _at_once, 1
+        yield partial(_at_once, say=say), 1
     elif name == "processes":
         workers, threads = Workers(), ThreadPoolExecutor(slots)
         try:
-            yield partial(threads.submit, workers.run), 2 * slots
+            yield partial(threads.submit, workers.run, say=say), 2 * slots
         finally:
             with undisturbed():
                 workers.close()
                 threads.shutdown(cancel_futures=True)
     else:
-        with _dask(name.partition(":")[2], slots) as client:
-            yield partial(client.submit, run_in_a_process), DASK_QUEUE
+        with _dask(name.partition(":")[2], slots, say) as cluster:
+            yield partial(cluster.submit, run_in_a_process), DASK_QUEUE
 
 
 @contextlib.contextmanager
@@ -51,16 +57,29 @@ def undisturbed() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _at_once(job: Job) -> Future[Outcome]:
+def _at_once(job: Job, say: Say) -> Future[Outcome]:
     from platoontraffic.study.worker import attempt  # imports libsumo, which other batches do not need
 
+    pulse, ended = Pulse(job["id"], say), threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(WATCH):
+            pulse.check()
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
     future: Future[Outcome] = Future()
-    future.set_result(attempt(job))
+    try:
+        future.set_result(attempt(job, pulse.beat))
+    finally:
+        ended.set()
+        watcher.join()
+        pulse.end()
     return future
 
 
 @contextlib.contextmanager
-def _dask(address: str, slots: int) -> Iterator[Any]:
+def _dask(address: str, slots: int, say: Say) -> Iterator[Any]:
     """An executor on the cluster at an address; without an address, on a new cluster of `slots` processes."""
     try:
         from distributed import Client, LocalCluster
@@ -76,6 +95,7 @@ def _dask(address: str, slots: int) -> Iterator[Any]:
         else:
             cluster = LocalCluster(n_workers=slots, threads_per_worker=1, dashboard_address=None)
             client = stack.enter_context(Client(stack.enter_context(cluster)))
+        client.subscribe_topic(SILENT, lambda event: say(Silence(*event[1])))
         executor = client.get_executor(pure=False)
         try:
             yield executor

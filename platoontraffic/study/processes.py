@@ -1,135 +1,105 @@
-"""Worker processes, seen from their parent: one run after another in each; a death costs only one run."""
+"""Worker processes: one run after another in each; whatever happens to a process costs only its present run."""
 
 from __future__ import annotations
 
-import contextlib
-import json
-import os
-import signal
-import subprocess
-import sys
-import tempfile
 import threading
 import time
-from typing import Any
 
 from platoontraffic.errors import RunError
+from platoontraffic.study.process_tree import Census
+from platoontraffic.study.silence import Job, Outcome, Pulse, Say
+from platoontraffic.study.worker_process import Stopped, WorkerProcess
 
-# A simulation has one thread; further threads of its libraries would only compete with the processes beside it.
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-LAST_WORDS = 20_000  # length of the end of a dead process's stderr that is kept [bytes]
+# Processes that may end in a row before they have started; the batch ends with the last one. A machine that is short of
+# memory kills some. Where all end by themselves, the installation is broken.
+STARTS, BROKEN_STARTS = 6, 2
+PAUSE = 0.25  # pause after the first of these, doubled after each further one [s]
 
-Job = dict[str, Any]  # argument of `worker.attempt`
-Outcome = dict[str, Any]  # result of `worker.attempt`
-
-
-class Died(Exception):
-    """A worker process ended in the middle of a run."""
-
-    def __init__(self, code: int, words: str, started: bool) -> None:
-        """code: exit code, or minus the number of a signal; words: end of its stderr; started: it had answered"""
-        super().__init__(words)
-        self.started = started
-        name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        self.how = f"the process of the run died of {name}"
+SILENT = "platoontraffic-silent"  # topic of dask: runs that make no progress, as `Silence`
 
 
 class Workers:
     """Processes of `worker`, reused for further runs. Several threads may call `run` at a time."""
 
     def __init__(self) -> None:
-        self._idle: list[_Process] = []
-        self._all: set[_Process] = set()
-        self._closed = False
+        self._idle: list[WorkerProcess] = []
+        self._all: set[WorkerProcess] = set()
+        self._closed = threading.Event()
+        self._one_has_started = False
         self._lock = threading.Lock()
+        self._census = Census()
 
-    def run(self, job: Job) -> Outcome:
-        """The outcome of a run. If the process dies, the run is tried once more in a new process.
+    def run(self, job: Job, say: Say) -> Outcome:
+        """The outcome of a run. It is tried once more, in a new process, if its process died, or if it failed in a
+        process that an earlier run may have damaged.
 
-        An earlier run may have damaged the old process, or something else may have killed it.
+        say: called when the run makes no progress
 
         raises: RunError if no process can be started
         """
         began = time.monotonic()
         for attempt in range(2):
-            process = self._process(new=attempt > 0)
+            process = self._started(new=attempt > 0)
+            pulse, used = Pulse(job["id"], say), process.used
             try:
-                outcome = process.run(job)
-            except Died as error:
-                process.close()
-                self._all.discard(process)
-                if not error.started and attempt > 0:
-                    last = str(error).strip().rpartition("\n")[2]
-                    raise RunError(f"{error.how} before it had started: {last}") from None
-                died = error
+                outcome = process.run(job, pulse)
+                again = used and "error" in outcome and not outcome["stop"]
+            except Stopped as stopped:
+                outcome, again = {"error": stopped.why, "traceback": stopped.words, "stop": False}, stopped.again
+                self._end(process)
             else:
-                self._idle.append(process)
-                return outcome
-        wall = round(time.monotonic() - began, 3)
-        return {"error": died.how, "traceback": str(died), "stop": False, "wall_s": wall}
+                self._end(process) if again else self._idle.append(process)
+            finally:
+                pulse.end()
+            if not again:
+                break
+        return outcome | {"wall_s": round(time.monotonic() - began, 3)}
 
     def close(self) -> None:
         with self._lock:
-            self._closed = True
-            for process in list(self._all):
+            self._closed.set()
+            for process in list(self._all):  # threads that notice change it
                 process.close()
 
-    def _process(self, new: bool) -> _Process:
+    def _started(self, new: bool) -> WorkerProcess:
+        """A process that waits for a job. raises: RunError if none can be started"""
+        starts = 0
+        while True:
+            try:
+                process = self._start(new)
+            except Stopped as stopped:
+                starts += 1
+                broken = not (stopped.from_outside or self._one_has_started)
+                if starts >= (BROKEN_STARTS if broken else STARTS):
+                    last = stopped.words.strip().rpartition("\n")[2]
+                    raise RunError(f"{stopped.why}{f': {last}' if last else ''} ({starts} times in a row)") from None
+                self._closed.wait(PAUSE * 2**starts)
+            else:
+                self._one_has_started = True
+                return process
+
+    def _start(self, new: bool) -> WorkerProcess:
+        """An idle process, or a new one if none is idle or a new one is wanted. raises: Stopped"""
         with self._lock:
-            if self._closed:
+            if self._closed.is_set():
                 raise RunError("stopped")
-            if self._idle and not new:
-                return self._idle.pop()
-            process = _Process()
+            while self._idle and not new:
+                process = self._idle.pop()
+                if process.alive:
+                    return process
+                self._end(process)
+            process = WorkerProcess(self._census)
             self._all.add(process)
-            return process
+        try:
+            process.wait_until_started()
+        except Stopped:
+            self._end(process)
+            raise
+        return process
 
-
-class _Process:
-    """A process of `worker`. A subprocess, because dask's workers may not have children by multiprocessing."""
-
-    def __init__(self) -> None:
-        self._words = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the process)
-        # stdout is kept for answers before libsumo, which may print, is imported; modules are found as in this process.
-        code = (
-            "import os, sys; stdout = os.dup(1); os.dup2(2, 1)\n"
-            f"sys.path[:] = {sys.path!r}\n"
-            "from platoontraffic.study.worker import main; main(stdout)"
-        )
-        self._process = subprocess.Popen(
-            [sys.executable, "-X", "faulthandler", "-c", code],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._words,
-            encoding="utf-8",
-            env=ONE_THREAD | os.environ,
-        )
-        self._started = False
-
-    def run(self, job: Job) -> Outcome:
-        """raises: Died"""
-        answer = ""
-        with contextlib.suppress(OSError, ValueError):  # the process has died or was closed
-            if not self._started:
-                self._started = self._process.stdout.readline() != ""
-            self._words.seek(0)
-            self._words.truncate()
-            self._process.stdin.write(json.dumps(job) + "\n")
-            self._process.stdin.flush()
-            answer = self._process.stdout.readline()
-        if not answer.endswith("\n"):
-            raise Died(self._process.wait(), self._last_words(), self._started)
-        return json.loads(answer)
-
-    def close(self) -> None:
-        self._process.kill()
-        self._process.wait()
-
-    def _last_words(self) -> str:
-        """The end of its stderr."""
-        self._words.seek(0, os.SEEK_END)
-        self._words.seek(max(0, self._words.tell() - LAST_WORDS))
-        return self._words.read().decode("utf-8", errors="replace")
+    def _end(self, process: WorkerProcess) -> None:
+        process.close()
+        self._all.discard(process)
 
 
 _of_this_process = Workers()  # shared by the threads of a dask worker
@@ -137,4 +107,7 @@ _of_this_process = Workers()  # shared by the threads of a dask worker
 
 def run_in_a_process(job: Job) -> Outcome:
     """Run in a process of this dask worker: libsumo holds one simulation per process, and may kill the process."""
-    return _of_this_process.run(job)
+    from distributed import get_worker
+
+    worker = get_worker()
+    return _of_this_process.run(job, lambda silence: worker.log_event(SILENT, tuple(silence)))

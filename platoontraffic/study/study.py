@@ -71,6 +71,7 @@ class Run:
     changes: tuple[Change, ...]  # of the base, these values included
     steps: int
     members: int
+    laws: tuple[str, ...]  # their names
 
 
 @dataclass(frozen=True)
@@ -342,8 +343,9 @@ def _runs(
             continue
         spec, values = checked.spec, {change.key: change.value for change in point}
         steps, members = round(spec.run.duration_s / spec.run.step_s), sum(p.size for p in spec.platoon)
+        laws = tuple(dict.fromkeys(getattr(spec.platoon[i], role).law for i, role in checked.laws))
         for seed in seeds or [checked.seed]:
-            yield Run(f"{point_id}-s{seed}", base, seed, values, changes, steps, members)
+            yield Run(f"{point_id}-s{seed}", base, seed, values, changes, steps, members, laws)
     if faults:
         raise InputError(*faults.values())
 

@@ -5,7 +5,9 @@ It ends as soon as the process that gives the jobs has ended, in the middle of a
 
 from __future__ import annotations
 
+import ctypes
 import errno
+import faulthandler
 import json
 import os
 import queue
@@ -14,27 +16,47 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from platoontraffic import scenario
 from platoontraffic.errors import InputError, RunError
+from platoontraffic.observation.instant import Instant
 from platoontraffic.results import provenance
 from platoontraffic.results import recorder as recording
 from platoontraffic.run import run
 from platoontraffic.simulation import prepare
 from platoontraffic.study.folder_lock import Lock, share_of
+from platoontraffic.study.silence import Job, Outcome
 
 # Errors of the disk stop the batch: every other run would fail in the same way.
 OF_THE_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.ENOTDIR, errno.EFBIG, errno.EIO}
+PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 
 
-def attempt(job: dict[str, Any]) -> dict[str, Any]:
+BEAT = 1.0  # least interval at which a run says what time it has reached [s]
+
+
+class Heartbeat:
+    """A watcher of a run that says now and then what time it has reached."""
+
+    def __init__(self, say: Callable[[float], None]) -> None:
+        self._say, self._due = say, 0.0
+
+    def show(self, instant: Instant) -> None:
+        now = time.monotonic()
+        if now >= self._due:
+            self._due = now + BEAT
+            self._say(instant.time)
+
+
+def attempt(job: Job, say: Callable[[float], None]) -> Outcome:
     """Execute one run; returns its outcome.
 
     job     : base, changes (fields of `scenario.Change`), seed, id (of the run), folder, command_line
+    say     : called now and then with the simulated time [s]
     returns : wall_s and, if it failed, error (one line), traceback, stop (whether every other run would fail as well),
               disk (whether because of the disk)
     """
@@ -49,7 +71,7 @@ def attempt(job: dict[str, Any]) -> dict[str, Any]:
             what = "a file of the scenario, or the program, is not what it was when the batch was started"
             outcome = {"error": f"{job['base']}: {what}; start it again", "traceback": "", "stop": True, "disk": False}
         elif not recording.is_done(folder):
-            run(prepare(checked), folder)
+            run(prepare(checked), folder, [Heartbeat(say)])
     except Exception as error:
         cause = error.__cause__ if isinstance(error, RunError) else error
         stop = isinstance(cause, OSError) and cause.errno in OF_THE_DISK
@@ -57,20 +79,51 @@ def attempt(job: dict[str, Any]) -> dict[str, Any]:
     return outcome | {"wall_s": round(time.perf_counter() - began, 3)}
 
 
-def main(stdout: int) -> None:
-    """stdout: a descriptor for answers; descriptor 1 is stderr here, so that prints of SUMO or a law are no answers"""
+def main(jobs: int, answers: int, parent: int) -> None:
+    """
+    jobs    : descriptor that jobs are read from; stdin is empty here
+    answers : descriptor for answers; descriptor 1 is stderr here, so that prints of SUMO or a law are no answers
+    parent  : process that gives the jobs
+    """
     for name in ("SIGINT", "SIGHUP"):  # they reach all processes of a terminal; the parent decides
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    answers = os.fdopen(stdout, "w", encoding="utf-8")
-    jobs: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
-    print("{}", file=answers, flush=True)  # the process has started
+    if os.name != "nt":
+        faulthandler.register(signal.SIGUSR2)  # the parent asks where a run hangs
+    _die_with(parent)
+    if os.name != "nt":
+        os.register_at_fork(after_in_child=lambda: _die_with(os.getppid()))  # what a law forks dies with this process
+    out = os.fdopen(answers, "w", encoding="utf-8")
+
+    def tell(**answer: Any) -> None:
+        print(json.dumps(answer), file=out, flush=True)
+
+    def beat(simulated: float) -> None:
+        with suppress(OSError):  # a law may have closed it; the parent then ends this process
+            tell(simulated=simulated)
+
+    waiting: queue.SimpleQueue[Job] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(jobs, waiting), daemon=True).start()
+    tell(started=True)
     while True:
-        job = jobs.get()
+        job = waiting.get()
         with _alone(Path(job["lock"]), job["id"]):
-            outcome = attempt(job)
-        print(json.dumps(outcome), file=answers, flush=True)
+            outcome = attempt(job, beat)
+        try:
+            tell(outcome=outcome)
+        except OSError:
+            threading.Event().wait()  # likewise
+
+
+def _die_with(parent: int) -> None:
+    """Have the system kill this process when the thread that started it has ended.
+
+    The thread that reads jobs notices that, too, unless a law's compiled code keeps all other threads waiting.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(0)
 
 
 @contextmanager
@@ -82,10 +135,13 @@ def _alone(file: Path, run_id: str) -> Iterator[None]:
         yield
 
 
-def _listen(jobs: queue.SimpleQueue) -> None:
-    for line in sys.stdin:
-        jobs.put(json.loads(line))
-    os._exit(0)
+def _listen(jobs: int, waiting: queue.SimpleQueue[Job]) -> None:
+    try:
+        with os.fdopen(jobs, encoding="utf-8") as lines:
+            for line in lines:
+                waiting.put(json.loads(line))
+    finally:  # also if a law has closed or replaced the descriptor
+        os._exit(0)
 
 
 def _one_line(error: Exception) -> str:

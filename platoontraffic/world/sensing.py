@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ import numpy as np
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import Boxes, Carriers, LidarModel, Occasion, ScanBatch, Scene, scan
 from platoontraffic.lidar.noise import GOLDEN, gauss, mixed, scan_keys, sensor_keys
-from platoontraffic.plug_ins import place_of
+from platoontraffic.plug_ins import end_copy, place_of
 from platoontraffic.vehicles.motion import Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, measured
 from platoontraffic.vehicles.records import take
@@ -128,12 +129,15 @@ class Sensing:
         """raises: InputError if the sensor fails, or what it gives has not one row for each vehicle"""
         name, sensor = named
         surroundings = Surroundings(traffic, fleet, self.scene, step, self.seed, name)
+        process = os.getpid()
         try:
             reading = sensor(surroundings, group.rows)
             take(reading, np.ones(len(group.rows), bool))  # one row each
         except (Exception, SystemExit) as error:  # whatever a user's code may raise
             what = f"sensor {type(sensor).__qualname__} failed at {traffic.time:.3f} s"
             raise InputError(f"{place_of(sensor, error)}: {what}: {type(error).__name__}: {error}") from error
+        finally:
+            end_copy(process)
         return reading
 
 

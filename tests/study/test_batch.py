@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import csv
 import json
 import os
 import random
@@ -13,131 +12,29 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from platoontraffic import shipped
 from platoontraffic.errors import InputError
 from platoontraffic.study import batch, batch_folder, study
 from platoontraffic.study.folder_lock import Lock
-
-COMMAND = [sys.executable, "-m", "platoontraffic", "batch"]
-
-TINY = """
-base = "{base}"
-replications = {replications}
-[set]
-run.duration_s = 0.5
-platoon.size = 2
-[grid]
-platoon.follower.{key} = {values}
-"""
-
-# A law that executes the line `how` at one of its gains.
-LAW = """
-import os
-import signal
-import time
-from dataclasses import dataclass
-
-from platoontraffic import Decision, Twist, per_vehicle
-
-@dataclass(frozen=True)
-class Law:
-    gain: float = 1.0
-
-    @per_vehicle
-    def __call__(self, sensed, memory, dt):
-        if self.gain == 3.0:
-            {how}
-        return Decision(Twist(0.0, 0.0))
-"""
-DIES = "os.kill(os.getpid(), signal.SIGSEGV)"
+from tests.support.batches import (
+    DIES,
+    LAW,
+    alive,
+    call,
+    children,
+    done,
+    started,
+    statuses,
+    tables,
+    until,
+    workers_below,
+)
 
 needs_signals = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 pytestmark = pytest.mark.sumo
-
-
-@pytest.fixture
-def tiny(tmp_path) -> Callable[..., Path]:
-    """Writes a study of short runs; its base has followers with a law if one is given."""
-
-    def write(gains: int = 2, replications: int = 2, how: str = "") -> Path:
-        base, key = "paper_loop", "heading_gain_per_s"
-        values = [float(gain) for gain in range(1, gains + 1)]
-        if how:
-            base, key = "base.toml", "gain"
-            (tmp_path / "law.py").write_text(LAW.format(how=how))
-            text = shipped.scenarios()["paper_loop"].read_text()
-            (tmp_path / base).write_text(text.replace('law = "repaired"', 'law = "law:Law"'))
-        text = TINY.format(base=base, replications=replications, key=key, values=values)
-        (tmp_path / "tiny.toml").write_text(text)
-        return tmp_path / "tiny.toml"
-
-    return write
-
-
-def call(*arguments: object, **options) -> subprocess.CompletedProcess:
-    return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=600, **options)
-
-
-def started(*arguments: object) -> subprocess.Popen:
-    words = [*COMMAND, *map(str, arguments)]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def tables(folder: Path) -> tuple[list[list[str]], bytes, bytes]:
-    """Rows of runs.csv without their wall times; bytes of the other two tables."""
-    with (folder / "runs.csv").open(newline="") as file:
-        runs = [row[:-1] for row in csv.reader(file)]
-    return runs, (folder / "summary.csv").read_bytes(), (folder / "datapackage.json").read_bytes()
-
-
-def statuses(folder: Path) -> list[str]:
-    return [row[1] for row in tables(folder)[0][1:]]
-
-
-def done(folder: Path) -> dict[str, int]:
-    return {file.parent.name: file.stat().st_mtime_ns for file in folder.glob("*/DONE")}
-
-
-def until(true: Callable[[], object], deadline: float = 60) -> None:
-    end = time.monotonic() + deadline
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def children(pid: int) -> list[int]:
-    listed = subprocess.run(["ps", "-o", "pid=", "--ppid", str(pid)], capture_output=True, text=True).stdout
-    own = [int(word) for word in listed.split()]
-    return [child for child in own if alive(child) and "platoontraffic.study.worker" in words_of(child)]
-
-
-def words_of(pid: int) -> str:
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_text()
-    except OSError:
-        return ""
-
-
-def alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-@pytest.fixture
-def killed() -> Iterator[list[subprocess.Popen]]:
-    """Processes that are killed at the end of the test."""
-    processes: list[subprocess.Popen] = []
-    yield processes
-    for process in processes:
-        process.kill()
-        process.communicate()
 
 
 def test_a_batch_leaves_tables_and_is_not_repeated(tiny, tmp_path):
@@ -444,7 +341,7 @@ def test_200_runs_are_the_same_however_often_they_are_killed(tiny, tmp_path, kil
         more = rng.randint(3, 35)
         until(lambda had=had, more=more: len(done(folder)) >= had + more, deadline=300)
         time.sleep(rng.random())
-        workers = _workers(killed[-1].pid)
+        workers = workers_below(killed[-1].pid)
         if victim == "parent":
             killed[-1].kill()
             killed[-1].communicate()
@@ -458,17 +355,6 @@ def test_200_runs_are_the_same_however_often_they_are_killed(tiny, tmp_path, kil
     assert before.items() <= done(folder).items()
     assert tables(folder) == tables(tmp_path / "undisturbed")
     assert not [*folder.glob("*.partial"), *folder.glob("*.unfinished")]
-
-
-def _workers(pid: int) -> list[int]:
-    """Those below a process, at whatever depth."""
-    listed = subprocess.run(["ps", "-eo", "pid=,ppid="], capture_output=True, text=True).stdout
-    parents = dict(tuple(map(int, line.split())) for line in listed.splitlines())
-    below, found = {pid}, []
-    while new := {child for child, parent in parents.items() if parent in below} - below:
-        below |= new
-        found += [child for child in new if "platoontraffic.study.worker" in words_of(child)]
-    return found
 
 
 @pytest.mark.soak
