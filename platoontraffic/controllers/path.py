@@ -16,6 +16,8 @@ from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BRAKES_FOR, BrakingFor, Decision, Law, RouteAhead, Sensed
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid, through_lags
 from platoontraffic.controllers.steering import Errors, curvature_along, curvature_back
+from platoontraffic.controllers.tracker.own_motion import seen_from
+from platoontraffic.controllers.tracker.track import Odometry
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.motion import Drive, Positive
 
@@ -301,8 +303,12 @@ def first_return(sensed: Sensed, half_width: np.ndarray) -> tuple[np.ndarray, np
     angle = model.angles + model.mount.yaw
     beams = np.stack([np.cos(angle), np.sin(angle)])
     laser, front = model.mount.x - body.axle, body.length / 2 - body.axle
-    points = np.searchsorted(route.distance.min(axis=0), model.range_max + 2 * body.length.max()) + 1
-    strip = route.points[:, :points], route.distance[:, :points], half_width
+    count = np.searchsorted(route.distance.min(axis=0), model.range_max + 2 * body.length.max()) + 1
+    points = route.points[:, :count]
+    if sensed.age:  # as seen from where the scan was taken, so that the distance is that from where the vehicle is now
+        then = Odometry.begin(sensed.speed, sensed.yaw_rate)
+        points = seen_from(points, then.moved(sensed.speed, sensed.yaw_rate, sensed.age), then)
+    strip = points, route.distance[:, :count], half_width
     first_on_strip(np.maximum(scan.ranges, model.range_min), beams, laser, model.mount.y, strip, front, free, beam)
     return free, bearing_of(beam, model)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -25,8 +25,8 @@ from platoontraffic.controllers.steering import Errors, curvature_back
 from platoontraffic.controllers.tracker.bends import BRAKING, acceleration_along
 from platoontraffic.controllers.tracker.drive_line import DriveLine
 from platoontraffic.controllers.tracker.fitted import Fitted, fitted
-from platoontraffic.controllers.tracker.own_motion import STILL, YawBias, own_motion
-from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED, PathAhead, Sighting
+from platoontraffic.controllers.tracker.own_motion import STILL, Past, YawBias, own_motion, seen_from
+from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED, PathAhead, Sighting, X, Y
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracker.trail import Ahead, RouteSection, Strip, Trail
 from platoontraffic.lidar.segments import find_segments
@@ -63,26 +63,29 @@ class Memory(NamedTuple):
     acceleration: np.ndarray  # last command [m/s2]
     curvature: np.ndarray  # last command [1/m]
     drive_line: DriveLine
-    free: np.ndarray  # distance from the bumper to the first obstacle but the predecessor [m]; inf: none
+    past: Past
+    free: np.ndarray  # distance from the bumper to the first obstacle but the predecessor, in the scan [m]; inf: none
     closing: np.ndarray  # rate at which that shrinks [m/s]; NaN: not known yet
     never_lost: np.ndarray  # it has had the same predecessor from the start, bool
     creeping: Creeping
     braking_for: BrakingFor
 
     @classmethod
-    def begin(cls, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
-        n = len(speed)
-        records = Odometry.begin(speed, yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
+    def begin(cls, sensed: Sensed, dt: float) -> Memory:
+        n = len(sensed.speed)
+        records = Odometry.begin(sensed.speed, sensed.yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
+        driven = *np.zeros((2, n)), DriveLine.at_rest(n), Past.begin(sensed, dt)
         none = np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool)
-        return cls(*records, *np.zeros((2, n)), DriveLine.at_rest(n), *none, Creeping.none(n), nothing(n))
+        return cls(*records, *driven, *none, Creeping.none(n), nothing(n))
 
 
 class Now(NamedTuple):
-    """Inputs of a decision; odometry is that after the step."""
+    """Inputs of a decision; what is sensed may be old, the speed in it is that of now."""
 
     sensed: Sensed
     memory: Memory
     odometry: Odometry
+    scanned: Odometry  # at the instant of the scan
     fitted: Fitted
     dt: float
 
@@ -101,6 +104,11 @@ class Now(NamedTuple):
         return self.sensed.body.brake_lag + self.dt / 2
 
     @property
+    def driven(self) -> np.ndarray:
+        """Distance since the scan [m], (n,)."""
+        return np.hypot(self.odometry.x - self.scanned.x, self.odometry.y - self.scanned.y)
+
+    @property
     def laser(self) -> np.ndarray:
         """Distance from the own driven axle to the laser [m], (n,)."""
         return self.sensed.scan.model.mount.x - self.sensed.body.axle
@@ -109,8 +117,9 @@ class Now(NamedTuple):
 class Estimate(NamedTuple):
     """The predecessor, by the laser."""
 
-    predicted: Track  # before the scan
-    track: Track
+    predicted: Track  # at the instant of the scan, before it
+    track: Track  # after it
+    now: Track
     sighting: Sighting
     on_route: np.ndarray  # the path is the given route, not the predecessor's trail, bool (n,)
 
@@ -210,29 +219,30 @@ class TrackingFollower(Law):
 
     def __call__(self, sensed: Sensed, memory: Memory | None, dt: float) -> Decision:
         if memory is None:
-            memory = Memory.begin(sensed.speed, sensed.yaw_rate)
-        bias = memory.yaw_bias.after(sensed, memory.curvature, dt)
-        odometry = memory.odometry.moved(*own_motion(sensed, bias, memory.curvature, memory.acceleration), dt)
-        now = Now(sensed, memory, odometry, fitted(sensed.body, odometry.speed, dt, RECOVERY), dt)
+            memory = Memory.begin(sensed, dt)
+        drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
+        now, bias, past = self._own_motion(sensed, memory, drive_line, dt)
         estimate = self._estimate(now)
 
         trail = self._remember(now, estimate)
         ahead = self._look_ahead(now, estimate, trail)
         curvature = self._steer(now, estimate, ahead)
 
-        drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
-        demand = self._follow(now, estimate.track, ahead, drive_line)
-        obstacle = self._obstacle(now, estimate, trail, ahead)
+        demand = self._follow(now, estimate.now, ahead, drive_line)
+        scanned = self._obstacle(now, estimate, trail, ahead)
+        obstacle = self._obstacle_now(now, scanned)
         demand = self._avoid(now, ahead, curvature, obstacle, demand)
-        demand, creeps, limit = self._by_road(now, estimate.track, obstacle, demand)
+        blocked = np.isfinite(scanned.free)
+        before = memory.free + np.where(blocked, obstacle.free, 0.0) - np.where(blocked, scanned.free, 0.0)
+        demand, creeps, limit = self._by_road(now, estimate.now, obstacle, before, demand)
         acceleration = self._comfort(now, demand)
         curvature = self._held(now, curvature)
 
         never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
         if sensed.route is not None:  # another vehicle may have come in between, so the next one is found anew
             never_lost &= limit.reason != LINE
-        commands = acceleration, curvature, drive_line
-        memory = Memory(now.odometry, bias, estimate.track, trail, *commands, obstacle.free, obstacle.closing,
+        commands = acceleration, curvature, drive_line, past
+        memory = Memory(now.odometry, bias, estimate.track, trail, *commands, scanned.free, scanned.closing,
                         never_lost, creeps, limit)  # fmt: skip
         return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
 
@@ -245,22 +255,43 @@ class TrackingFollower(Law):
 
     # ---- 1. estimate
 
+    def _own_motion(
+        self, sensed: Sensed, memory: Memory, drive_line: DriveLine, dt: float
+    ) -> tuple[Now, YawBias, Past]:
+        late, past, driven, last = sensed.odometry_age, memory.past, memory.curvature, memory.odometry
+        if past.x.shape[1]:
+            gained = (memory.drive_line.acceleration + drive_line.acceleration) / 2 * dt
+            past = past.driven(gained, memory.curvature, sensed.body, dt)
+            driven, last = past.curvature_at(late, dt) if late else driven, past.at_reading()
+        bias = memory.yaw_bias.after(sensed, driven, dt)
+        odometry = last.moved(*own_motion(sensed, bias, driven, memory.acceleration), dt)
+        scanned = odometry
+        if past.x.shape[1]:
+            past = past.read(odometry)
+            odometry, scanned = past.at(0.0, late, dt), past.at(sensed.age, late, dt)
+            sensed = replace(sensed, speed=odometry.speed)
+        fit = fitted(sensed.body, odometry.speed, dt, RECOVERY)
+        return Now(sensed, memory, odometry, scanned, fit, dt), bias, past
+
     def _estimate(self, now: Now) -> Estimate:
-        route, speed = now.sensed.route, now.speed
+        sensed, route, scanned = now.sensed, now.sensed.route, now.scanned
         predicted = self._predict(now)
-        turning = np.where(speed > 1.0, now.odometry.yaw_rate / np.maximum(speed, 1.0), 0.0)
-        path = PathAhead(turning, np.empty((len(speed), 0, 2)) if route is None else route.points)
-        segments = find_segments(now.sensed.scan, jump=0.3, bridge=5)
-        track, sighting = predicted.corrected(now.sensed.scan, segments, now.odometry, now.laser, path, now.dt)
+        turning = np.where(scanned.speed > 1.0, scanned.yaw_rate / np.maximum(scanned.speed, 1.0), 0.0)
+        points = np.empty((len(turning), 0, 2)) if route is None else route.points
+        if sensed.age and route is not None:
+            points = seen_from(points, now.odometry, scanned)
+        path, segments = PathAhead(turning, points), find_segments(sensed.scan, jump=0.3, bridge=5)
+        track, sighting = predicted.corrected(sensed.scan, segments, scanned, now.laser, path, now.dt)
         if now.leads.any():
             track, sighting = track.forgotten(now.leads), sighting.without(now.leads)
         # A predecessor that was met on the route is followed along the route.
         on_route = (~predicted.known | ~now.memory.never_lost) & (route is not None)
-        return Estimate(predicted, track, sighting, on_route)
+        at_use = track.predicted(now.odometry, sensed.age) if sensed.age else track
+        return Estimate(predicted, track, at_use, sighting, on_route)
 
     def _predict(self, now: Now) -> Track:
         """The track at the time of this scan, without predecessors that are lost, off the route, or not wanted."""
-        track = now.memory.track.predicted(now.odometry, now.dt)
+        track = now.memory.track.predicted(now.scanned, now.dt)
         track = track.forgotten(track.blind > self.patience)
         if now.sensed.route is not None:
             limit = np.where(now.memory.never_lost, ASIDE, ASIDE_ANEW)
@@ -281,7 +312,7 @@ class TrackingFollower(Law):
 
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
         fit = now.fitted
-        return trail.ahead(now.odometry, estimate.track, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
+        return trail.ahead(now.odometry, estimate.now, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
 
     def _steer(self, now: Now, estimate: Estimate, ahead: Ahead) -> np.ndarray:
         """Curvature to drive [1/m], (n,)."""
@@ -320,16 +351,29 @@ class TrackingFollower(Law):
     # ---- 4. avoid
 
     def _obstacle(self, now: Now, estimate: Estimate, trail: Trail, ahead: Ahead) -> Obstacle:
+        """In the scan."""
         sensed, memory = now.sensed, now.memory
         beyond_end = np.maximum(ahead.length, 0) + sensed.scan.model.range_max / 2
         reach = np.where(estimate.track.known, ahead.length - OVERHANG - PAST_PREDECESSOR, beyond_end)
+        if sensed.age:
+            there, then = estimate.now.mean, estimate.track.mean
+            driven = np.nan_to_num(np.hypot(there[:, X] - then[:, X], there[:, Y] - then[:, Y]))
+            reach = reach + now.driven - driven
         half_width = sensed.body.width / 2 + KEPT_FREE if self.half_width is None else self.half_width
         strip = Strip(np.broadcast_to(half_width, len(reach)), reach)
-        free, beam = trail.free_distance(now.odometry, sensed.scan, sensed.body, strip, estimate.sighting.beams)
+        free, beam = trail.free_distance(now.scanned, sensed.scan, sensed.body, strip, estimate.sighting.beams)
         closing = closing_speed(
-            free, memory.free, memory.closing, now.speed, now.dt, same=SAME, time_constant=FILTER
+            free, memory.free, memory.closing, now.scanned.speed, now.dt, same=SAME, time_constant=FILTER
         )  # fmt: skip
         return Obstacle(free, closing, bearing_of(beam, sensed.scan.model))
+
+    def _obstacle_now(self, now: Now, scanned: Obstacle) -> Obstacle:
+        """It goes on as in the scan; it stands, if its speed is not known yet."""
+        if not now.sensed.age:
+            return scanned
+        moved = np.nan_to_num(now.scanned.speed - scanned.closing) * now.sensed.age
+        closing = scanned.closing + now.speed - now.scanned.speed
+        return scanned._replace(free=np.maximum(scanned.free - now.driven + moved, 0.0), closing=closing)
 
     def _avoid(self, now: Now, ahead: Ahead, curvature: np.ndarray, obstacle: Obstacle, demand: Demand) -> Demand:
         """Limited by bends of the trail and by the obstacle."""
@@ -355,11 +399,13 @@ class TrackingFollower(Law):
     # ---- 5. and 6. alone, stop lines
 
     def _by_road(
-        self, now: Now, track: Track, obstacle: Obstacle, demand: Demand
+        self, now: Now, track: Track, obstacle: Obstacle, before: np.ndarray, demand: Demand
     ) -> tuple[Demand, Creeping, BrakingFor]:
         """Limited by route and stop lines, where they are given; without a predecessor, as `alone` drives.
 
         Where it drives alone it creeps as `alone` does. Also: what limits it.
+
+        before: distance to the obstacle at the last decision [m], (n,)
         """
         sensed, (wanted, needed), memory = now.sensed, demand, now.memory
         free, closing, bearing = obstacle
@@ -373,7 +419,7 @@ class TrackingFollower(Law):
             # through a turn accelerates.
             bends = self.alone.acceleration_for_bends(sensed)
             alone, creeps, limit = self.alone.acceleration_among_others(
-                sensed, alone, free, bearing, closing, memory.free, creeps, now.dt
+                sensed, alone, free, bearing, closing, before, creeps, now.dt
             )
             wanted = np.where(track.known & ~creeps.active, wanted, alone)
             strays = np.abs(errors_on(sensed.route).offset) > ASTRAY
