@@ -2,9 +2,10 @@
 
     python tests/benchmarks/what_sensors_hold.py [--picture docs/what_sensors_hold.png] [--quick]
 
-The delay is that of the scans and of the odometry. Six cars on bare ground: on a straight at 25 m/s a wave of speed, then braking at 9 m/s2 to a stand; and quarter turns.
-It holds if no two cars touch, each is locked on in 0.99 of the scans that it uses, no string amplifies (norm of the acceleration
-during the wave, from car to car), and no rear axle leaves its predecessor's path by more than 0.3 m.
+The delay is that of the scans and of the odometry. Six cars on bare ground: on a straight at 25 m/s a wave of speed,
+then braking at 9 m/s2 to a stand; and quarter turns. It holds if no two cars touch, each is locked on in 0.99 of the
+scans that it uses, no string amplifies (norm of the acceleration during the wave, from car to car), and no rear axle
+leaves its predecessor's path by more than 0.3 m.
 """
 
 from __future__ import annotations
