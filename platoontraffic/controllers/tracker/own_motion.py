@@ -13,7 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.controllers.law import Body, Sensed
+from platoontraffic.controllers.tracker.drive_line import DriveLine
 from platoontraffic.controllers.tracker.track import Odometry
+from platoontraffic.vehicles.motion import Drive
 
 STILL = 0.1  # speed below which a vehicle stands, if it does not accelerate [m/s]
 CREEPING = 0.5  # speed below which the yaw rate follows better from steering than from measurement [m/s]
@@ -124,6 +126,27 @@ class Past(NamedTuple):
         newer, older = (Odometry(*(column[:, j].copy() for column in self[:5])) for j in (k, k + 1))
         speed, yaw_rate = (share * b + (1 - share) * a for a, b in zip(newer[3:], older[3:], strict=True))
         return older.moved(speed, yaw_rate, (1 - share) * dt)
+
+
+class Driven(NamedTuple):
+    """Own motion by late readings and by the commands since."""
+
+    command: Drive  # the last one
+    drive_line: DriveLine
+    past: Past
+
+    @classmethod
+    def begin(cls, sensed: Sensed, dt: float) -> Driven:
+        n = len(sensed.speed)
+        return cls(Drive(*np.zeros((2, n))), DriveLine.at_rest(n), Past.begin(sensed, dt))
+
+    def until_now(self, sensed: Sensed, dt: float) -> tuple[Driven, Odometry]:
+        """dt later, and own motion then."""
+        drive_line = self.drive_line.after(self.command.acceleration, sensed.body, dt)
+        gained = (self.drive_line.acceleration + drive_line.acceleration) / 2 * dt
+        past = self.past.driven(gained, self.command.curvature, sensed.body, dt)
+        past = past.read(past.at_reading().moved(sensed.speed, sensed.yaw_rate, dt))
+        return Driven(self.command, drive_line, past), past.at(0.0, sensed.odometry_age, dt)
 
 
 def seen_from(points: np.ndarray, here: Odometry, there: Odometry) -> np.ndarray:
