@@ -35,7 +35,7 @@ def led(delay: float, seconds: float, begins: float, standing: float, **gains):
 
 @pytest.mark.parametrize("delay", [0.1, 0.3])
 def test_it_stops_behind_a_standing_car_as_without_a_delay(delay):
-    """It first sees that car nearer by what it drives in the delay and a scan; the IDM's braking has the gap squared."""
+    """It first sees that car nearer, by the way in the delay and a scan; the IDM brakes by the gap squared."""
     speed, seen = 15.0, EYE.range_max
     at_once, log = (led(one, 20.0, speed, 100.0, speed=speed) for one in (0.0, delay))
     assert log.speed[-1, 0] < 1e-3
