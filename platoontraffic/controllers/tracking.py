@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
+from platoontraffic.controllers import beside
+from platoontraffic.controllers.beside import Beside
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
-from platoontraffic.controllers.law import BrakingFor, Decision, Law, Sensed, Target
+from platoontraffic.controllers.law import BrakingFor, Decision, Law, RouteAhead, Sensed, Target
 from platoontraffic.controllers.path import (
+    BESIDE,
     LINE,
     LOST,
     OBSTACLE,
@@ -47,6 +51,7 @@ ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
 KEPT_FREE = 0.22  # on each side of the vehicle, on its path [m]
 SHOWN = 32  # points of the trail that are recorded
+AROUND = "around"  # name of the laser that looks beside and behind
 
 ASIDE = 5.0  # distance from the route beyond which a predecessor that was never lost is dropped [m]
 ASIDE_ANEW = 2.0  # the same for one that was met on the route [m]
@@ -70,6 +75,7 @@ class Memory(NamedTuple):
     never_lost: np.ndarray  # it has had the same predecessor from the start, bool
     creeping: Creeping
     braking_for: BrakingFor
+    beside: Beside
 
     @classmethod
     def begin(cls, sensed: Sensed, dt: float) -> Memory:
@@ -77,7 +83,7 @@ class Memory(NamedTuple):
         records = Odometry.begin(sensed.speed, sensed.yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
         driven = *np.zeros((2, n)), DriveLine.at_rest(n), Past.begin(sensed, dt)
         none = np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool)
-        return cls(*records, *driven, *none, Creeping.none(n), nothing(n))
+        return cls(*records, *driven, *none, Creeping.none(n), nothing(n), Beside.none(n))
 
 
 class Now(NamedTuple):
@@ -89,6 +95,8 @@ class Now(NamedTuple):
     scanned: Odometry  # at the instant of the scan
     fitted: Fitted
     dt: float
+    given: RouteAhead | None  # the route, where `sensed` has the one that is driven: shifted to a lane beside it
+    wrong_lane: np.ndarray  # it would come to the next stop line on another lane than its route, bool (n,)
 
     @property
     def speed(self) -> np.ndarray:
@@ -121,6 +129,8 @@ class Estimate(NamedTuple):
     predicted: Track  # at the instant of the scan, before it
     track: Track  # after it
     now: Track
+    aligned: Track  # `track` where it would be on the own lane, if the own vehicle stays there
+    aligned_now: Track  # `now` likewise
     sighting: Sighting
     on_route: np.ndarray  # the path is the given route, not the predecessor's trail, bool (n,)
 
@@ -219,6 +229,11 @@ class TrackingFollower(Law):
         return frozenset({"signals"} if self.policy == "obey" else ())
 
     @property
+    def further_lidars(self) -> Mapping[str, str]:
+        """To look beside, where its route tells it how the lanes lie."""
+        return {AROUND: "car-around"} if self.drives_alone else {}
+
+    @property
     def drives_alone(self) -> bool:
         """It drives on without a predecessor."""
         return self.on_loss == "drive"
@@ -232,6 +247,7 @@ class TrackingFollower(Law):
             memory = Memory.begin(sensed, dt)
         drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
         now, bias, past = self._own_motion(sensed, memory, drive_line, dt)
+        sensed = now.sensed
         estimate = self._estimate(now)
 
         trail = self._remember(now, estimate)
@@ -248,12 +264,15 @@ class TrackingFollower(Law):
         acceleration = self._comfort(now, demand)
         curvature = self._held(now, curvature)
 
+        limit = limit._replace(
+            reason=np.where((limit.reason == PREDECESSOR) & memory.beside.held, BESIDE, limit.reason)
+        )
         never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
         if sensed.route is not None:  # another vehicle may have come in between, so the next one is found anew
             never_lost &= limit.reason != LINE
         commands = acceleration, curvature, drive_line, past
         memory = Memory(now.odometry, bias, estimate.track, trail, *commands, scanned.free, scanned.closing,
-                        never_lost, creeps, limit)  # fmt: skip
+                        never_lost, creeps, limit, self._look_beside(now, estimate, past))  # fmt: skip
         return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
@@ -280,8 +299,13 @@ class TrackingFollower(Law):
             past = past.read(odometry)
             odometry, scanned = past.at(0.0, late, dt), past.at(sensed.age, late, dt)
             sensed = replace(sensed, speed=odometry.speed)
+        given, wrong_lane = sensed.route, np.zeros(len(sensed.speed), bool)
+        if given is not None and memory.beside.active.any():
+            wrong_lane = memory.beside.closes(given, sensed.signals.distance)
+            signals = sensed.signals._replace(open=sensed.signals.open & ~wrong_lane)
+            sensed = replace(sensed, route=memory.beside.drives(given), signals=signals)
         fit = fitted(sensed.body, odometry.speed, dt, RECOVERY)
-        return Now(sensed, memory, odometry, scanned, fit, dt), bias, past
+        return Now(sensed, memory, odometry, scanned, fit, dt, given, wrong_lane), bias, past
 
     def _estimate(self, now: Now) -> Estimate:
         sensed, route, scanned = now.sensed, now.sensed.route, now.scanned
@@ -295,9 +319,12 @@ class TrackingFollower(Law):
         if now.leads.any():
             track, sighting = track.forgotten(now.leads), sighting.without(now.leads)
         # A predecessor that was met on the route is followed along the route.
-        on_route = (~predicted.known | ~now.memory.never_lost) & (route is not None)
+        on_route = (~predicted.known | ~now.memory.never_lost | now.memory.beside.active) & (route is not None)
         at_use = track.predicted(now.odometry, sensed.age) if sensed.age else track
-        return Estimate(predicted, track, at_use, sighting, on_route)
+        aligned, aligned_now = track, at_use
+        if now.given is not None and now.memory.beside.active.any():
+            aligned, aligned_now = (now.memory.beside.aligned(one, now.given, now.odometry) for one in (track, at_use))
+        return Estimate(predicted, track, at_use, aligned, aligned_now, sighting, on_route)
 
     def _predict(self, now: Now) -> Track:
         """The track at the time of this scan, without predecessors that are lost, off the route, or not wanted."""
@@ -311,7 +338,7 @@ class TrackingFollower(Law):
     # ---- 2. steer
 
     def _remember(self, now: Now, estimate: Estimate) -> Trail:
-        track, odometry, route = estimate.track, now.odometry, now.sensed.route
+        track, odometry, route = estimate.aligned, now.odometry, now.sensed.route
         gap, section = estimate.predicted.blind > 1.5 * now.dt, None
         if route is not None:
             near = np.hypot(track.mean[:, 0] - odometry.x, track.mean[:, 1] - odometry.y) - RUN_UP
@@ -320,9 +347,21 @@ class TrackingFollower(Law):
             section = RouteSection(estimate.on_route, route.points, route.distance, length, rounding)
         return now.memory.trail.extended(track, odometry, gap | estimate.on_route, section)
 
+    def _look_beside(self, now: Now, estimate: Estimate, past: Past) -> Beside:
+        if now.given is None:
+            return now.memory.beside
+        scan = now.sensed.scans.get(AROUND)
+        follows = estimate.track.known & now.memory.never_lost
+        age, scanned = now.sensed.ages.get(AROUND, 0.0), now.odometry
+        if age:
+            scanned = past.at(age, now.sensed.odometry_age, now.dt)
+        scene = beside.Scene(now.given, now.odometry, estimate.now, follows, now.sensed, scan, age, scanned, now.dt)
+        return beside.look(now.memory.beside, scene)
+
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
         fit = now.fitted
-        return trail.ahead(now.odometry, estimate.now, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
+        ahead = estimate.aligned_now
+        return trail.ahead(now.odometry, ahead, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
 
     def _steer(self, now: Now, estimate: Estimate, ahead: Ahead) -> np.ndarray:
         """Curvature to drive [1/m], (n,)."""
@@ -340,6 +379,9 @@ class TrackingFollower(Law):
         distance = ahead.length - OVERHANG - now.laser
         speed_ahead, acceleration_ahead = track.mean[:, SPEED], track.mean[:, ACCELERATION]
         wanted = self._headway(now, distance, track, drive_line)
+        error = distance - self.desired_distance(now.speed)
+        length, age = now.sensed.body.length, now.sensed.ages.get(AROUND, 0.0)
+        wanted = beside.slowed(now.memory.beside, length, now.speed, speed_ahead, error, age, wanted)
         stop = np.where(now.speed < STANDING, -FIRM, -self.braking / 2)
         needed = self._brake_for(now, distance, speed_ahead, np.minimum(acceleration_ahead, 0.0))
         return Demand(np.where(track.known, wanted, stop), np.where(track.known, needed, np.inf))
@@ -421,7 +463,7 @@ class TrackingFollower(Law):
         free, closing, bearing = obstacle
         n = len(now.speed)
         stop = np.full(n, np.inf) if sensed.signals is None else self.alone.acceleration_for_lines(sensed)
-        stop = np.where(track.known & (self.policy == "convoy"), np.inf, stop)
+        stop = np.where(track.known & (self.policy == "convoy") & ~now.wrong_lane, np.inf, stop)
         creeps, limit = memory.creeping, nothing(n)
         if sensed.route is not None:
             alone = self.alone.acceleration_on(sensed, np.zeros(n), free, closing, now.dt)

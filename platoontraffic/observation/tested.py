@@ -33,7 +33,7 @@ def _sensors(member: Member) -> Iterator[str]:
     if not isinstance(member.law, TrackingFollower):
         return
     lidar, bias = member.lidar, math.degrees(member.odometry.yaw_rate_bias)
-    delay, headway = max(lidar.delay, member.odometry.delay), member.law.time_headway
+    delay, headway = max(member.odometry.delay, *(one.delay for one in member.lidars)), member.law.time_headway
     needed = LEAST_HEADWAY + HEADWAY_PER_DELAY * delay
     if lidar.rate < SLOWEST:
         yield f"a laser of {lidar.rate:g} Hz: `tracking` leaves the path in turns; it holds from {SLOWEST:g} Hz on"

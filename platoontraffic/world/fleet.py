@@ -391,7 +391,7 @@ class Fleet(MemberState):
             more.sensors,
             group.delay * dt,
             group.odometry_delay * dt,
-            {one.sensor.name: one.delay * dt for one in group.further_lidars if one.sensor.name in more.scans},
+            {one.sensor.name: one.delay * dt for one in group.further_lidars},
         )
 
 
@@ -411,7 +411,7 @@ def _groups(members: Sequence[Member], dt: float) -> list[Group]:
             np.array(rows),
             _steps(lidar.rate, dt),
             further_lidars=tuple(
-                Clocked(model, _steps(model.rate, dt), _steps_after(model.delay, dt)) for model in further
+                Clocked(model, _steps(model.rate, dt), _steps_with(lidar, model, dt)) for model in further
             ),
             sensors=tuple(Clocked(one, _steps(one.sensor.rate, dt)) for one in sensors),
             delay=_steps_after(lidar.delay, dt),
@@ -424,6 +424,12 @@ def _groups(members: Sequence[Member], dt: float) -> list[Group]:
 def _steps(rate: float, dt: float) -> int:
     """From one measurement to the next, at a rate [Hz]."""
     return max(round(1 / (rate * dt)), 1)
+
+
+def _steps_with(lidar: LidarModel, further: LidarModel, dt: float) -> int:
+    """From a scan of a further laser to its use, which is with a scan of `lidar`."""
+    first = _steps_after(further.delay, dt)
+    return first + (_steps_after(lidar.delay, dt) - first) % _steps(lidar.rate, dt)
 
 
 def _steps_after(delay: float, dt: float) -> int:

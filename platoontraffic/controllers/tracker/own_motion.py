@@ -79,7 +79,8 @@ class Past(NamedTuple):
     @classmethod
     def begin(cls, sensed: Sensed, dt: float) -> Past:
         """Straight ahead at the first speed, up to the origin of the odometry frame."""
-        late, back = sensed.odometry_age, max(sensed.age - sensed.odometry_age, 0.0)
+        late = sensed.odometry_age
+        back = max(sensed.age, *sensed.ages.values(), late) - late
         size = math.ceil(max(late, back) / dt) + 2 if late or back else 0
         speed = np.repeat(sensed.speed[:, None], size, axis=1)
         zero = np.zeros_like(speed)
