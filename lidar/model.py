@@ -67,6 +67,7 @@ class LidarModel:
                            measured at one instant. The incidence, for the noise, is estimated within a part
     name                 : of this scanner among those of its vehicle. Scanners of different names have independent
                            errors; those of one name on one vehicle have the same errors
+    delay                : from the end of a scan to its use; it changes no measurement [s]
 
     The default of `merging` follows from the length of the laser's pulse. The echoes of two surfaces a distance d apart
     reach the receiver 2 d / c after one another; where this is less than the length τ of the pulse, they overlap and
@@ -91,9 +92,11 @@ class LidarModel:
     merging: float = MERGING
     sweeps: int = 1
     name: str = DEFAULT_NAME
+    delay: float = 0.0
 
     def __post_init__(self):
         _convert_to_floats(self, "angle_min", "angle_max", "range_min", "range_max", "rate", "divergence", "merging")
+        _convert_to_floats(self, "delay")
         for name in ("samples", "subbeams", "sweeps"):
             value = getattr(self, name)
             if not isinstance(value, numbers.Real) or value != value // 1:
@@ -132,8 +135,9 @@ class LidarModel:
             raise ValueError(f"range_max = {self.range_max}; must be {LARGEST_RANGE:g} m or less")
         if self.rate <= 0:
             raise ValueError(f"rate = {self.rate}; must be positive")
-        if self.merging < 0:
-            raise ValueError(f"merging = {self.merging}; must not be negative")
+        for name in ("merging", "delay"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} = {getattr(self, name)}; must not be negative")
 
     def __reduce__(self):  # copies and pickles keep the tables below read-only
         return type(self), tuple(getattr(self, field.name) for field in fields(self))

@@ -35,7 +35,7 @@ from platoontraffic.world.ground import BareGround, Ground
 from platoontraffic.world.manoeuvres import Manoeuvres, Order
 from platoontraffic.world.obstacles import Obstacles, Plan
 from platoontraffic.world.prepared import Prepared, departures
-from platoontraffic.world.sensing import Sensing
+from platoontraffic.world.sensing import Sensing, arriving
 
 __all__ = ["Instant", "Outcome", "Prepared", "Setting", "Simulation", "prepare", "setting_of"]
 
@@ -171,14 +171,17 @@ class Simulation:
         traffic = self.world.snapshot(fleet, self._reach(step, fleet))
         failed = self.breakdowns.due(fleet, traffic.time)
         fleet, ordered = self.manoeuvres.applied(fleet, traffic.time)
-        sensed = self.sensors.sense(traffic, fleet, step, self.breakdowns.blind(fleet))
+        measured = self.sensors.sense(traffic, fleet, step, self.breakdowns.blind(fleet))
+        sensed, fleet = arriving(measured, fleet, step)
         signals = self.world.signals(fleet)
         fleet = timed("decide", fleet.decided, sensed.scans, dt, signals, sensed.odometry, sensed.readings)
         roads, noted = self.world.roads(fleet), [*ordered, *failed, *violations(self.world.entries(fleet))]
-        events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted)
+        events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted, sensed.seen)
         events = [*events, *self.encounters.observe(traffic, fleet, events)]
         ended = self._ended(step, fleet)
-        self.now = Instant(step, traffic, fleet, sensed.scans, roads, events, self._measured, ended, sensed.readings)
+        self.now = Instant(
+            step, traffic, fleet, sensed.scans, roads, events, self._measured, ended, sensed.readings, sensed.seen
+        )
         return self.now
 
     @property

@@ -17,6 +17,7 @@ import numpy as np
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.lane_room import room_needed
 from platoontraffic.controllers.law import RouteAhead, Sensed
+from platoontraffic.controllers.tracker.own_motion import seen_from
 from platoontraffic.controllers.tracker.records import X, Y
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.lidar import ScanBatch
@@ -54,17 +55,19 @@ class Side(NamedTuple):
         inf, nan = np.full(n, np.inf), np.full(n, np.nan)
         return cls(np.zeros(n), inf, nan, inf, nan)
 
-    def room_ahead(self, length: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Room before what is ahead, bool (n,); length, speed: own [m], [m/s]."""
+    def room_ahead(self, length: np.ndarray, speed: np.ndarray, age: float) -> np.ndarray:
+        """Room before what is ahead, bool (n,); length, speed: own [m], [m/s]; age: of the scan [s]."""
         with np.errstate(invalid="ignore"):
-            return (self.ahead == np.inf) | (self.ahead > room_needed(length, speed, self.ahead_closing))
+            ahead = self.ahead - self.ahead_closing * age if age else self.ahead
+            return (self.ahead == np.inf) | (ahead > room_needed(length, speed, self.ahead_closing))
 
-    def room_behind(self, length: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    def room_behind(self, length: np.ndarray, speed: np.ndarray, age: float) -> np.ndarray:
         """Room for what is behind, as `room_ahead`."""
         theirs = speed + self.behind_closing
         with np.errstate(invalid="ignore"):
-            stands = (self.behind > 0) & (theirs < STANDS)
-            return (self.behind == np.inf) | (self.behind > room_needed(length, theirs, self.behind_closing)) | stands
+            behind = self.behind - self.behind_closing * age if age else self.behind
+            stands = (behind > 0) & (theirs < STANDS)
+            return (self.behind == np.inf) | (behind > room_needed(length, theirs, self.behind_closing)) | stands
 
 
 class Beside(NamedTuple):
@@ -148,6 +151,8 @@ class Scene(NamedTuple):
     follows: np.ndarray  # its goal is its predecessor, bool (n,); else it is the route
     sensed: Sensed
     scan: ScanBatch | None  # of the laser that looks beside; None: not due
+    age: float  # of that scan [s]
+    scanned: Odometry  # at its instant
     dt: float
 
 
@@ -173,7 +178,8 @@ def look(beside: Beside, scene: Scene) -> Beside:
     base = np.where(beside.active, beside.stays, lane)
     away = there - base
     side = _looked(beside.side, scene, base, away, np.where(follows, station - BEFORE_PREDECESSOR, np.inf))
-    room = side.room_ahead(length, speed) & side.room_behind(length, speed) & (side.side != 0)
+    age = scene.age
+    room = side.room_ahead(length, speed, age) & side.room_behind(length, speed, age) & (side.side != 0)
     room_for = np.where(room, beside.room_for + dt, 0.0)
 
     left = np.abs(own - base) > COMMITTED  # its lane
@@ -200,17 +206,21 @@ def look(beside: Beside, scene: Scene) -> Beside:
     )
 
 
-def slowed(beside: Beside, length: np.ndarray, speed: np.ndarray, target: np.ndarray, error: np.ndarray, wanted):
+def slowed(
+    beside: Beside, length: np.ndarray, speed: np.ndarray, target: np.ndarray, error: np.ndarray, age: float, wanted
+):
     """The wanted acceleration, less where a gap must be opened beside what keeps pace [m/s2], (n,).
 
     length, speed : own [m], [m/s]
     target        : speed of the predecessor [m/s]; NaN without one
     error         : distance to it less the desired one [m]
+    age           : of the scan that looks beside [s]
     """
     side = beside.side
     with np.errstate(invalid="ignore"):
-        paced = ~side.room_behind(length, speed) & ~(side.behind_closing > SLOWER)
-    opens = beside.held & (beside.waits > PATIENCE) & (paced | ~side.room_ahead(length, speed)) & (error < FALLS_BACK)
+        paced = ~side.room_behind(length, speed, age) & ~(side.behind_closing > SLOWER)
+    opens = paced | ~side.room_ahead(length, speed, age)
+    opens &= beside.held & (beside.waits > PATIENCE) & (error < FALLS_BACK)
     slower = np.maximum(target - SLOWER - speed, -GENTLE)
     return np.where(opens & np.isfinite(slower), np.minimum(wanted, slower), wanted)
 
@@ -254,11 +264,16 @@ def _looked(before: Side, scene: Scene, base: np.ndarray, away: np.ndarray, reac
     directions = np.array([[cos, -sin], [sin, cos]]) @ scan.model.directions
     laser = np.column_stack([mount.x - body.axle, np.full(n, mount.y)])
     ahead, behind = np.full((2, n), np.inf)
-    route = scene.given
+    route, points, driven = scene.given, scene.given.points, 0.0
+    if scene.age:  # the route as seen from there, then distances as there
+        points = seen_from(points, scene.odometry, scene.scanned)
+        driven = np.hypot(scene.odometry.x - scene.scanned.x, scene.odometry.y - scene.scanned.y)
+        ends = ends[0] - driven, ends[1] - driven
+        strip = side, base, inner, outer, reach, *ends
     first_returns(
-        route.points, route.distance, route.aside, route.curvature, strip, laser, scan.ranges, directions, ahead, behind
+        points, route.distance, route.aside, route.curvature, strip, laser, scan.ranges, directions, ahead, behind
     )
-    speed = scene.odometry.speed
+    speed = scene.scanned.speed
     closings = [
         closing_speed(now, last, closing, speed, scene.dt, same=SAME, time_constant=FILTER)
         for now, last, closing in (

@@ -63,7 +63,7 @@ class Creeping(NamedTuple):
 def acceleration(sensed: Sensed, rows: np.ndarray, braking: float) -> np.ndarray:
     """Of vehicles that creep along their routes, for some rows (m,) [m/s2], (m,)."""
     length, speed = sensed.body.length[rows], sensed.speed[rows]
-    free = np.array([swept(sensed, int(i)) for i in rows])
+    free = np.array([swept(sensed, int(i)) for i in rows]) - sensed.speed[rows] * sensed.age
     allowed = np.sqrt(braking * np.maximum(free - STOP * length, 0.0))  # half of the braking: it stops early
     return np.where(speed > allowed, -braking, np.minimum(GAIN * (SPEED * length - speed), braking / 2))
 

@@ -135,6 +135,9 @@ class Sensed:
     readings: Mapping[str, Any] = field(
         default_factory=dict
     )  # of the scenario's own sensors that are due, by their names; records (n, ...)
+    age: float = 0.0  # of the scan: time since its last beam was measured [s]
+    odometry_age: float = 0.0  # of speed and yaw rate [s]
+    ages: Mapping[str, float] = field(default_factory=dict)  # of the scans of all further lasers, by their names [s]
 
     def row(self, i: int) -> Sensed:
         """What one vehicle senses: a `LaserScan` and floats."""
@@ -148,6 +151,9 @@ class Sensed:
             None if self.leads is None else bool(self.leads[i]),
             {name: scan[i] for name, scan in self.scans.items()},
             {name: row(reading, i) for name, reading in self.readings.items()},
+            self.age,
+            self.odometry_age,
+            self.ages,
         )
 
 

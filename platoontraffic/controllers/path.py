@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, NamedTuple
@@ -16,6 +16,8 @@ from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BRAKES_FOR, BrakingFor, Decision, Law, RouteAhead, Sensed
 from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid, through_lags
 from platoontraffic.controllers.steering import Errors, curvature_along, curvature_back
+from platoontraffic.controllers.tracker.own_motion import Driven, seen_from
+from platoontraffic.controllers.tracker.track import Odometry
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.motion import Drive, Positive
 
@@ -46,6 +48,13 @@ class Memory(NamedTuple):
     closing: np.ndarray  # rate at which it shrinks [m/s]; NaN: not known yet
     creeping: Creeping
     braking_for: BrakingFor
+    driven: Driven
+
+    @classmethod
+    def begin(cls, sensed: Sensed, dt: float) -> Memory:
+        n = len(sensed.speed)
+        driven = Driven.begin(sensed, dt)
+        return cls(np.zeros(n), np.full(n, np.inf), np.full(n, np.nan), Creeping.none(n), nothing(n), driven)
 
 
 @dataclass(frozen=True)
@@ -104,9 +113,12 @@ class PathLeader(Law):
         return Trace.read(self.trace)
 
     def __call__(self, sensed: Sensed, memory: Memory | None, dt: float) -> Decision:
-        n = len(sensed.speed)
         if memory is None:
-            memory = Memory(np.zeros(n), np.full(n, np.inf), np.full(n, np.nan), Creeping.none(n), nothing(n))
+            memory = Memory.begin(sensed, dt)
+        driven = memory.driven
+        if sensed.odometry_age:
+            driven, own = driven.until_now(sensed, dt)
+            sensed = replace(sensed, speed=own.speed, yaw_rate=own.yaw_rate)
         free, bearing = first_return(sensed, _or(self.half_width, 0.6 * sensed.body.width))
         same = SAME * sensed.body.length
         closing = closing_speed(free, memory.free, memory.closing, sensed.speed, dt, same=same, time_constant=FILTER)
@@ -116,9 +128,9 @@ class PathLeader(Law):
         )
         acceleration = np.maximum(acceleration, -self.hardest_braking)
         acceleration = np.maximum(acceleration, -sensed.speed / dt)  # braking ends at a stand
-        return Decision(
-            Drive(acceleration, self.curvature_on(sensed)), Memory(memory.time + dt, free, closing, creeps, limit)
-        )
+        command = Drive(acceleration, self.curvature_on(sensed))
+        driven = driven._replace(command=command)
+        return Decision(command, Memory(memory.time + dt, free, closing, creeps, limit, driven))
 
     def acceleration_for_bends(self, sensed: Sensed) -> np.ndarray:
         """For bends and lower limits ahead on the route, (n,) [m/s2]; inf where there are none."""
@@ -301,8 +313,12 @@ def first_return(sensed: Sensed, half_width: np.ndarray) -> tuple[np.ndarray, np
     angle = model.angles + model.mount.yaw
     beams = np.stack([np.cos(angle), np.sin(angle)])
     laser, front = model.mount.x - body.axle, body.length / 2 - body.axle
-    points = np.searchsorted(route.distance.min(axis=0), model.range_max + 2 * body.length.max()) + 1
-    strip = route.points[:, :points], route.distance[:, :points], half_width
+    count = np.searchsorted(route.distance.min(axis=0), model.range_max + 2 * body.length.max()) + 1
+    points = route.points[:, :count]
+    if sensed.age:  # as seen from where the scan was taken, so that the distance is that from where the vehicle is now
+        then = Odometry.begin(sensed.speed, sensed.yaw_rate)
+        points = seen_from(points, then.moved(sensed.speed, sensed.yaw_rate, sensed.age), then)
+    strip = points, route.distance[:, :count], half_width
     first_on_strip(np.maximum(scan.ranges, model.range_min), beams, laser, model.mount.y, strip, front, free, beam)
     return free, bearing_of(beam, model)
 

@@ -29,8 +29,8 @@ from platoontraffic.controllers.steering import Errors, curvature_back
 from platoontraffic.controllers.tracker.bends import BRAKING, acceleration_along
 from platoontraffic.controllers.tracker.drive_line import DriveLine
 from platoontraffic.controllers.tracker.fitted import Fitted, fitted
-from platoontraffic.controllers.tracker.own_motion import STILL, YawBias, own_motion
-from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED, PathAhead, Sighting
+from platoontraffic.controllers.tracker.own_motion import STILL, Past, YawBias, own_motion, seen_from
+from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED, PathAhead, Sighting, X, Y
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracker.trail import Ahead, RouteSection, Strip, Trail
 from platoontraffic.lidar.segments import find_segments
@@ -38,6 +38,7 @@ from platoontraffic.vehicles.motion import Drive, Positive
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
+LEAST_HEADWAY, HEADWAY_PER_DELAY = 0.5, 1.1  # time headway with which no string of cars amplifies [s], [s/s]
 FILTER = 0.2  # time constant of the filter of the closing speed of obstacles [s]
 SAME = 1.0  # greatest difference of the free distance from its prediction, for one obstacle [m]
 FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
@@ -68,7 +69,8 @@ class Memory(NamedTuple):
     acceleration: np.ndarray  # last command [m/s2]
     curvature: np.ndarray  # last command [1/m]
     drive_line: DriveLine
-    free: np.ndarray  # distance from the bumper to the first obstacle but the predecessor [m]; inf: none
+    past: Past
+    free: np.ndarray  # distance from the bumper to the first obstacle but the predecessor, in the scan [m]; inf: none
     closing: np.ndarray  # rate at which that shrinks [m/s]; NaN: not known yet
     never_lost: np.ndarray  # it has had the same predecessor from the start, bool
     creeping: Creeping
@@ -76,20 +78,21 @@ class Memory(NamedTuple):
     beside: Beside
 
     @classmethod
-    def begin(cls, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
-        n = len(speed)
-        records = Odometry.begin(speed, yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
+    def begin(cls, sensed: Sensed, dt: float) -> Memory:
+        n = len(sensed.speed)
+        records = Odometry.begin(sensed.speed, sensed.yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
+        driven = *np.zeros((2, n)), DriveLine.at_rest(n), Past.begin(sensed, dt)
         none = np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool)
-        return cls(*records, *np.zeros((2, n)), DriveLine.at_rest(n), *none, Creeping.none(n), nothing(n),
-                   Beside.none(n))  # fmt: skip
+        return cls(*records, *driven, *none, Creeping.none(n), nothing(n), Beside.none(n))
 
 
 class Now(NamedTuple):
-    """Inputs of a decision; odometry is that after the step."""
+    """Inputs of a decision; what is sensed may be old, the speed in it is that of now."""
 
     sensed: Sensed
     memory: Memory
     odometry: Odometry
+    scanned: Odometry  # at the instant of the scan
     fitted: Fitted
     dt: float
     given: RouteAhead | None  # the route, where `sensed` has the one that is driven: shifted to a lane beside it
@@ -110,6 +113,11 @@ class Now(NamedTuple):
         return self.sensed.body.brake_lag + self.dt / 2
 
     @property
+    def driven(self) -> np.ndarray:
+        """Distance since the scan [m], (n,)."""
+        return np.hypot(self.odometry.x - self.scanned.x, self.odometry.y - self.scanned.y)
+
+    @property
     def laser(self) -> np.ndarray:
         """Distance from the own driven axle to the laser [m], (n,)."""
         return self.sensed.scan.model.mount.x - self.sensed.body.axle
@@ -118,9 +126,11 @@ class Now(NamedTuple):
 class Estimate(NamedTuple):
     """The predecessor, by the laser."""
 
-    predicted: Track  # before the scan
-    track: Track
-    aligned: Track  # where it would be on the own lane, if the own vehicle stays there
+    predicted: Track  # at the instant of the scan, before it
+    track: Track  # after it
+    now: Track
+    aligned: Track  # `track` where it would be on the own lane, if the own vehicle stays there
+    aligned_now: Track  # `now` likewise
     sighting: Sighting
     on_route: np.ndarray  # the path is the given route, not the predecessor's trail, bool (n,)
 
@@ -168,6 +178,15 @@ class TrackingFollower(Law):
            G(s) = (1 - T T' s^2 / ((1 + T s) (1 + T' s) (1 + k / s))) / (1 + h s),
 
        for the shipped car 0.99, 0.87, 0.68, 0.54 at 0.02, 0.1, 0.2, 0.3 Hz. Above, the filter is later: 0.40 at 0.5 Hz.
+
+       Scans that are used a delay d late are predicted to the instant of use: own motion by the commands, exactly, the
+       predecessor's by its acceleration a, which fades (`tracker.prediction_kernel`) to e(d) a and adds a speed c(d) a
+       and a distance g(d) a. With A = s / (1 + T' s), the estimate of a predecessor's speed 1, that is
+
+           G(s) = exp(-d s) ((1 + T k) (1 + c A) + k (1 / s + d + g A) + T e A) / ((1 + T s) (1 + h s) (1 + k / s)),
+
+       0.98, 0.93, 0.82, 0.71 at 0.05, 0.1, 0.2, 0.3 Hz for d = 0.3 s. No frequency grows if
+       time_headway >= LEAST_HEADWAY + HEADWAY_PER_DELAY d.
     4. Avoid. It brakes harder than in comfort if that is needed: by the braking that just suffices, if both vehicles go
        on as they do now (constant-acceleration heuristic: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 2010),
        for the predecessor and for any obstacle on the strip ahead.
@@ -225,26 +244,23 @@ class TrackingFollower(Law):
 
     def __call__(self, sensed: Sensed, memory: Memory | None, dt: float) -> Decision:
         if memory is None:
-            memory = Memory.begin(sensed.speed, sensed.yaw_rate)
-        bias = memory.yaw_bias.after(sensed, memory.curvature, dt)
-        odometry = memory.odometry.moved(*own_motion(sensed, bias, memory.curvature, memory.acceleration), dt)
-        given, wrong_lane = sensed.route, np.zeros(len(sensed.speed), bool)
-        if given is not None and memory.beside.active.any():
-            wrong_lane = memory.beside.closes(given, sensed.signals.distance)
-            signals = sensed.signals._replace(open=sensed.signals.open & ~wrong_lane)
-            sensed = replace(sensed, route=memory.beside.drives(given), signals=signals)
-        now = Now(sensed, memory, odometry, fitted(sensed.body, odometry.speed, dt, RECOVERY), dt, given, wrong_lane)
+            memory = Memory.begin(sensed, dt)
+        drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
+        now, bias, past = self._own_motion(sensed, memory, drive_line, dt)
+        sensed = now.sensed
         estimate = self._estimate(now)
 
         trail = self._remember(now, estimate)
         ahead = self._look_ahead(now, estimate, trail)
         curvature = self._steer(now, estimate, ahead)
 
-        drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
-        demand = self._follow(now, estimate.track, ahead, drive_line)
-        obstacle = self._obstacle(now, estimate, trail, ahead)
+        demand = self._follow(now, estimate.now, ahead, drive_line)
+        scanned = self._obstacle(now, estimate, trail, ahead)
+        obstacle = self._obstacle_now(now, scanned)
         demand = self._avoid(now, ahead, curvature, obstacle, demand)
-        demand, creeps, limit = self._by_road(now, estimate.track, obstacle, demand)
+        blocked = np.isfinite(scanned.free)
+        before = memory.free + np.where(blocked, obstacle.free, 0.0) - np.where(blocked, scanned.free, 0.0)
+        demand, creeps, limit = self._by_road(now, estimate.now, obstacle, before, demand)
         acceleration = self._comfort(now, demand)
         curvature = self._held(now, curvature)
 
@@ -254,9 +270,9 @@ class TrackingFollower(Law):
         never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
         if sensed.route is not None:  # another vehicle may have come in between, so the next one is found anew
             never_lost &= limit.reason != LINE
-        commands = acceleration, curvature, drive_line
-        memory = Memory(now.odometry, bias, estimate.track, trail, *commands, obstacle.free, obstacle.closing,
-                        never_lost, creeps, limit, self._look_beside(now, estimate))  # fmt: skip
+        commands = acceleration, curvature, drive_line, past
+        memory = Memory(now.odometry, bias, estimate.track, trail, *commands, scanned.free, scanned.closing,
+                        never_lost, creeps, limit, self._look_beside(now, estimate, past))  # fmt: skip
         return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
@@ -268,23 +284,51 @@ class TrackingFollower(Law):
 
     # ---- 1. estimate
 
+    def _own_motion(
+        self, sensed: Sensed, memory: Memory, drive_line: DriveLine, dt: float
+    ) -> tuple[Now, YawBias, Past]:
+        late, past, driven, last = sensed.odometry_age, memory.past, memory.curvature, memory.odometry
+        if past.x.shape[1]:
+            gained = (memory.drive_line.acceleration + drive_line.acceleration) / 2 * dt
+            past = past.driven(gained, memory.curvature, sensed.body, dt)
+            driven, last = past.curvature_at(late, dt) if late else driven, past.at_reading()
+        bias = memory.yaw_bias.after(sensed, driven, dt)
+        odometry = last.moved(*own_motion(sensed, bias, driven, memory.acceleration), dt)
+        scanned = odometry
+        if past.x.shape[1]:
+            past = past.read(odometry)
+            odometry, scanned = past.at(0.0, late, dt), past.at(sensed.age, late, dt)
+            sensed = replace(sensed, speed=odometry.speed)
+        given, wrong_lane = sensed.route, np.zeros(len(sensed.speed), bool)
+        if given is not None and memory.beside.active.any():
+            wrong_lane = memory.beside.closes(given, sensed.signals.distance)
+            signals = sensed.signals._replace(open=sensed.signals.open & ~wrong_lane)
+            sensed = replace(sensed, route=memory.beside.drives(given), signals=signals)
+        fit = fitted(sensed.body, odometry.speed, dt, RECOVERY)
+        return Now(sensed, memory, odometry, scanned, fit, dt, given, wrong_lane), bias, past
+
     def _estimate(self, now: Now) -> Estimate:
-        route, speed = now.sensed.route, now.speed
+        sensed, route, scanned = now.sensed, now.sensed.route, now.scanned
         predicted = self._predict(now)
-        turning = np.where(speed > 1.0, now.odometry.yaw_rate / np.maximum(speed, 1.0), 0.0)
-        path = PathAhead(turning, np.empty((len(speed), 0, 2)) if route is None else route.points)
-        segments = find_segments(now.sensed.scan, jump=0.3, bridge=5)
-        track, sighting = predicted.corrected(now.sensed.scan, segments, now.odometry, now.laser, path, now.dt)
+        turning = np.where(scanned.speed > 1.0, scanned.yaw_rate / np.maximum(scanned.speed, 1.0), 0.0)
+        points = np.empty((len(turning), 0, 2)) if route is None else route.points
+        if sensed.age and route is not None:
+            points = seen_from(points, now.odometry, scanned)
+        path, segments = PathAhead(turning, points), find_segments(sensed.scan, jump=0.3, bridge=5)
+        track, sighting = predicted.corrected(sensed.scan, segments, scanned, now.laser, path, now.dt)
         if now.leads.any():
             track, sighting = track.forgotten(now.leads), sighting.without(now.leads)
         # A predecessor that was met on the route is followed along the route.
         on_route = (~predicted.known | ~now.memory.never_lost | now.memory.beside.active) & (route is not None)
-        aligned = track if now.given is None else now.memory.beside.aligned(track, now.given, now.odometry)
-        return Estimate(predicted, track, aligned, sighting, on_route)
+        at_use = track.predicted(now.odometry, sensed.age) if sensed.age else track
+        aligned, aligned_now = track, at_use
+        if now.given is not None and now.memory.beside.active.any():
+            aligned, aligned_now = (now.memory.beside.aligned(one, now.given, now.odometry) for one in (track, at_use))
+        return Estimate(predicted, track, at_use, aligned, aligned_now, sighting, on_route)
 
     def _predict(self, now: Now) -> Track:
         """The track at the time of this scan, without predecessors that are lost, off the route, or not wanted."""
-        track = now.memory.track.predicted(now.odometry, now.dt)
+        track = now.memory.track.predicted(now.scanned, now.dt)
         track = track.forgotten(track.blind > self.patience)
         if now.sensed.route is not None:
             limit = np.where(now.memory.never_lost, ASIDE, ASIDE_ANEW)
@@ -303,17 +347,21 @@ class TrackingFollower(Law):
             section = RouteSection(estimate.on_route, route.points, route.distance, length, rounding)
         return now.memory.trail.extended(track, odometry, gap | estimate.on_route, section)
 
-    def _look_beside(self, now: Now, estimate: Estimate) -> Beside:
+    def _look_beside(self, now: Now, estimate: Estimate, past: Past) -> Beside:
         if now.given is None:
             return now.memory.beside
         scan = now.sensed.scans.get(AROUND)
         follows = estimate.track.known & now.memory.never_lost
-        scene = beside.Scene(now.given, now.odometry, estimate.track, follows, now.sensed, scan, now.dt)
+        age, scanned = now.sensed.ages.get(AROUND, 0.0), now.odometry
+        if age:
+            scanned = past.at(age, now.sensed.odometry_age, now.dt)
+        scene = beside.Scene(now.given, now.odometry, estimate.now, follows, now.sensed, scan, age, scanned, now.dt)
         return beside.look(now.memory.beside, scene)
 
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
         fit = now.fitted
-        return trail.ahead(now.odometry, estimate.aligned, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
+        ahead = estimate.aligned_now
+        return trail.ahead(now.odometry, ahead, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
 
     def _steer(self, now: Now, estimate: Estimate, ahead: Ahead) -> np.ndarray:
         """Curvature to drive [1/m], (n,)."""
@@ -332,7 +380,8 @@ class TrackingFollower(Law):
         speed_ahead, acceleration_ahead = track.mean[:, SPEED], track.mean[:, ACCELERATION]
         wanted = self._headway(now, distance, track, drive_line)
         error = distance - self.desired_distance(now.speed)
-        wanted = beside.slowed(now.memory.beside, now.sensed.body.length, now.speed, speed_ahead, error, wanted)
+        length, age = now.sensed.body.length, now.sensed.ages.get(AROUND, 0.0)
+        wanted = beside.slowed(now.memory.beside, length, now.speed, speed_ahead, error, age, wanted)
         stop = np.where(now.speed < STANDING, -FIRM, -self.braking / 2)
         needed = self._brake_for(now, distance, speed_ahead, np.minimum(acceleration_ahead, 0.0))
         return Demand(np.where(track.known, wanted, stop), np.where(track.known, needed, np.inf))
@@ -354,16 +403,29 @@ class TrackingFollower(Law):
     # ---- 4. avoid
 
     def _obstacle(self, now: Now, estimate: Estimate, trail: Trail, ahead: Ahead) -> Obstacle:
+        """In the scan."""
         sensed, memory = now.sensed, now.memory
         beyond_end = np.maximum(ahead.length, 0) + sensed.scan.model.range_max / 2
         reach = np.where(estimate.track.known, ahead.length - OVERHANG - PAST_PREDECESSOR, beyond_end)
+        if sensed.age:
+            there, then = estimate.now.mean, estimate.track.mean
+            driven = np.nan_to_num(np.hypot(there[:, X] - then[:, X], there[:, Y] - then[:, Y]))
+            reach = reach + now.driven - driven
         half_width = sensed.body.width / 2 + KEPT_FREE if self.half_width is None else self.half_width
         strip = Strip(np.broadcast_to(half_width, len(reach)), reach)
-        free, beam = trail.free_distance(now.odometry, sensed.scan, sensed.body, strip, estimate.sighting.beams)
+        free, beam = trail.free_distance(now.scanned, sensed.scan, sensed.body, strip, estimate.sighting.beams)
         closing = closing_speed(
-            free, memory.free, memory.closing, now.speed, now.dt, same=SAME, time_constant=FILTER
+            free, memory.free, memory.closing, now.scanned.speed, now.dt, same=SAME, time_constant=FILTER
         )  # fmt: skip
         return Obstacle(free, closing, bearing_of(beam, sensed.scan.model))
+
+    def _obstacle_now(self, now: Now, scanned: Obstacle) -> Obstacle:
+        """It goes on as in the scan; it stands, if its speed is not known yet."""
+        if not now.sensed.age:
+            return scanned
+        moved = np.nan_to_num(now.scanned.speed - scanned.closing) * now.sensed.age
+        closing = scanned.closing + now.speed - now.scanned.speed
+        return scanned._replace(free=np.maximum(scanned.free - now.driven + moved, 0.0), closing=closing)
 
     def _avoid(self, now: Now, ahead: Ahead, curvature: np.ndarray, obstacle: Obstacle, demand: Demand) -> Demand:
         """Limited by bends of the trail and by the obstacle."""
@@ -389,11 +451,13 @@ class TrackingFollower(Law):
     # ---- 5. and 6. alone, stop lines
 
     def _by_road(
-        self, now: Now, track: Track, obstacle: Obstacle, demand: Demand
+        self, now: Now, track: Track, obstacle: Obstacle, before: np.ndarray, demand: Demand
     ) -> tuple[Demand, Creeping, BrakingFor]:
         """Limited by route and stop lines, where they are given; without a predecessor, as `alone` drives.
 
         Where it drives alone it creeps as `alone` does. Also: what limits it.
+
+        before: distance to the obstacle at the last decision [m], (n,)
         """
         sensed, (wanted, needed), memory = now.sensed, demand, now.memory
         free, closing, bearing = obstacle
@@ -407,7 +471,7 @@ class TrackingFollower(Law):
             # through a turn accelerates.
             bends = self.alone.acceleration_for_bends(sensed)
             alone, creeps, limit = self.alone.acceleration_among_others(
-                sensed, alone, free, bearing, closing, memory.free, creeps, now.dt
+                sensed, alone, free, bearing, closing, before, creeps, now.dt
             )
             wanted = np.where(track.known & ~creeps.active, wanted, alone)
             strays = np.abs(errors_on(sensed.route).offset) > ASTRAY

@@ -14,8 +14,8 @@ HALVINGS = 50  # of that interval's logarithm
 
 
 def reaction(member: Member) -> float:
-    """Time from what the laser could see to full braking [s]: one scan, and the delay of the vehicle's brakes."""
-    return member.model.braking_delay(1 / member.lidar.rate, hardest(member))
+    """Time from what the laser could see to full braking [s]: one scan, its delay, and that of the vehicle's brakes."""
+    return member.model.braking_delay(1 / member.lidar.rate + member.lidar.delay, hardest(member))
 
 
 def hardest(member: Member) -> float:

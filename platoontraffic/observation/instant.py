@@ -11,6 +11,7 @@ from platoontraffic.observation.observer import Measures
 from platoontraffic.world.events import Event
 from platoontraffic.world.fleet import Fleet, Readings
 from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.under_way import Seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +25,13 @@ class Instant:
     step: int  # 0 at the reset
     traffic: TrafficSnapshot  # members, then background traffic near them, then obstacles
     fleet: Fleet  # motion, commands, targets and memories of the members
-    scans: Sequence[ScanBatch | None] = ()  # a batch for each of `fleet.groups`; None where no scan was due
+    scans: Sequence[ScanBatch | None] = ()  # that the laws used, a batch for each of `fleet.groups`; None: none was due
     roads: Sequence[tuple[str, str]] = ()  # edge and lane of each member, as SUMO has them; the lane is "" off the road
     events: Sequence[Event] = ()  # since the instant before
     measure: Callable[[Fleet], Measures] | None = field(default=None, repr=False)
     ended: str = ""  # "arrived", "laps" or "duration" at the last instant
     readings: Sequence[Readings] = ()  # of further lasers and own sensors, for each group; (): there are none
+    seen: Sequence[Seen | None] = ()  # the world at the instant of each scan, to whose traffic its hits belong
 
     @property
     def time(self) -> float:

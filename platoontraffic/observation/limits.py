@@ -8,8 +8,8 @@ import numpy as np
 
 from platoontraffic.controllers import BRAKES_FOR
 from platoontraffic.lidar import ScanBatch
-from platoontraffic.observation.step import Step
-from platoontraffic.world.events import WALL, Event
+from platoontraffic.observation.step import Step, in_each_world, surfaces
+from platoontraffic.world.events import Event
 
 
 class Limits:
@@ -24,10 +24,10 @@ class Limits:
     def observe(self, step: Step, scans: Sequence[ScanBatch | None]) -> Iterator[Event]:
         """creeps
 
-        scans: one a group of the fleet, None where it has not scanned in this step
+        scans: one a group of the fleet, None where it has used none in this step
         """
-        ids = np.array([*step.traffic.ids, "", WALL], dtype=object)  # surfaces -1, a wall, and -2, nothing
-        for group, scan in zip(step.fleet.groups, scans, strict=True):
+        names = in_each_world(step.seen, surfaces)
+        for group, scan, ids in zip(step.fleet.groups, scans, names, strict=True):
             known = scan is not None and scan.hits is not None and group.memory is not None
             limit = group.law.braking_for(group.memory) if known else None
             if limit is None:

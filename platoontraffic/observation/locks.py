@@ -10,17 +10,16 @@ import numpy as np
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.hindrances import Hindrances
 from platoontraffic.observation.locks_kernel import look_rows
-from platoontraffic.observation.step import Cause, Step
-from platoontraffic.world.events import WALL, Event
-from platoontraffic.world.fleet import Fleet
-from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.observation.step import Cause, Step, in_each_world, surfaces
+from platoontraffic.world.events import Event
+from platoontraffic.world.under_way import Seen
 
 NOTHING = ""  # the target of a law that has none, or that lies on no surface
 NOT_SCANNED = -1  # number of beams in a row without a new scan
 
 
 class Locks:
-    """Arrays (N,) of all members of the run, by their number; each as of the member's last scan."""
+    """Arrays (N,) of all members of the run, by their number; each as of the scan that the member used last."""
 
     def __init__(self, n: int, hindrances: Hindrances) -> None:
         self._hindrances = hindrances
@@ -33,20 +32,19 @@ class Locks:
     def observe(self, step: Step, scans: Sequence[ScanBatch | None], split: np.ndarray) -> Iterator[Event]:
         """wrong_target, locked, lock_regained, lock_lost
 
-        scans: one a group of the fleet, None where it has not scanned in this step
+        scans: one a group of the fleet, None where it has used none in this step
         split: members that are split off, (N,) bool
         """
-        sight = _sight(step, scans)
+        sight, seen = _sight(step, scans)
         rows = np.flatnonzero(sight.beams != NOT_SCANNED)
         number, ahead = step.number[rows], step.fleet.predecessor[rows]
         beams, alone = sight.beams[rows], sight.alone[rows]
         self.beams[number] = beams
         with np.errstate(divide="ignore", invalid="ignore"):
             self.occluded[number] = np.where(alone > 0, np.maximum(1 - beams / alone, 0), np.nan)
-        # By id, since a row of the snapshot may be another vehicle in the next step. A surface is -1 on a wall, and
-        # NO_HIT, -2, on nothing: indices from the end.
-        ids = np.array([*step.traffic.ids, NOTHING, WALL], dtype=object)
-        before, self.target[number] = self.target[number], ids[sight.surface[rows]]
+        # By id, since a row of the snapshot may be another vehicle in the next step.
+        ids = np.array([m.id for m in step.fleet.members], dtype=object)
+        before, self.target[number] = self.target[number], seen[rows]
         leaders, follows = number[ahead < 0], ahead >= 0
         self.locked[leaders], self._lost_since[leaders] = False, np.nan
         yield from self._compare(step, rows[follows], ids[ahead[follows]], before[follows], split)
@@ -93,22 +91,34 @@ class Sight(NamedTuple):
     alone: np.ndarray  # beams that meet the predecessor, were there nothing else and no errors
 
 
-def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> Sight:
-    sight = Sight(*np.full((3, len(step.fleet)), NOT_SCANNED))
-    for group, scan in zip(step.fleet.groups, scans, strict=True):
-        if scan is not None:
-            look(scan, step.traffic, group.rows, step.fleet, sight)
-    return sight
+def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> tuple[Sight, np.ndarray]:
+    """Also the names of the surfaces that the targets lie on, (n,)."""
+    fleet, n = step.fleet, len(step.fleet)
+    sight, target = Sight(*np.full((3, n), NOT_SCANNED)), np.full(n, NOTHING, dtype=object)
+    names = in_each_world(step.seen, surfaces)
+    for group, scan, seen, name in zip(fleet.groups, scans, step.seen, names, strict=True):
+        if scan is None:
+            continue
+        ahead = fleet.predecessor[group.rows]
+        if seen.traffic is not step.traffic:  # a row may have been another vehicle then
+            ids = [fleet.members[i].id if i >= 0 else "" for i in ahead]
+            ahead = np.array([seen.traffic.ids.index(one) if one in seen.traffic.ids else -1 for one in ids])
+        look(scan, seen, group.rows, fleet.target.bearing, ahead, sight)
+        target[group.rows] = name[sight.surface[group.rows]]
+    return sight, target
 
 
-def look(scan: ScanBatch, traffic: TrafficSnapshot, rows: np.ndarray, fleet: Fleet, sight: Sight) -> None:
-    """Fill in `sight` for the rows (m,) that these scans belong to.
+def look(scan: ScanBatch, seen: Seen, rows: np.ndarray, bearing: np.ndarray, ahead: np.ndarray, sight: Sight) -> None:
+    """Fill in `sight` for the rows (m,) of the fleet that these scans belong to.
 
     `alone` is counted by the middles of the beams at the instant at which the scan ends.
+
+    bearing : of the targets, (n,)
+    ahead   : rows of the predecessors in the traffic that was seen, (m,); -1: there is none
     """
-    model, mount = scan.model, scan.model.mount
+    model, mount, traffic = scan.model, scan.model.mount, seen.traffic
     fan = float(model.angle_min), model.angle_increment, float(model.range_max)
     eye = float(mount.x), float(mount.y), float(mount.yaw)
     boxes = traffic.x, traffic.y, traffic.heading, traffic.length, traffic.width
-    bearing, ahead = fleet.target.bearing, fleet.predecessor
-    look_rows(rows, scan.ranges, scan.hits, model.directions, fan, eye, boxes, bearing, ahead, *sight)
+    places = rows, seen.rows, ahead
+    look_rows(places, scan.ranges, scan.hits, model.directions, fan, eye, boxes, bearing, *sight)

@@ -16,22 +16,24 @@ compiled = compiler(__file__, laserscan.__file__)
 
 
 @compiled
-def look_rows(rows, ranges, hits, directions, fan, eye, boxes, bearing, ahead, surface, beams, alone):
-    """`locks.look` for rows (m,) with scans (m, k); fills in surface, beams and alone, (n,).
+def look_rows(places, ranges, hits, directions, fan, eye, boxes, bearing, surface, beams, alone):
+    """`locks.look` for m members with scans (m, k); fills in surface, beams and alone, (n,).
 
+    places: the members' rows in the fleet; their rows, and those of their predecessors, among all vehicles; (m,)
     fan: first angle, increment, greatest range; eye: x, y, yaw of the laser in the vehicle's frame
     boxes: x, y, heading, length, width of all vehicles
     """
     angle_min, increment, range_max = fan
+    rows, own, ahead = places
     for i in range(len(rows)):
         row = rows[i]
         beam = np.rint((bearing[row] - angle_min) / increment)
         surface[row] = _most_about(beam, ranges[i], hits[i])
         beams[row] = alone[row] = 0
-        if ahead[row] >= 0:
+        if ahead[i] >= 0:
             for k in range(hits.shape[1]):
-                beams[row] += (hits[i, k] == ahead[row]) & (ranges[i, k] < np.inf)
-            alone[row] = _beams_across(row, ahead[row], boxes, eye, directions, range_max)
+                beams[row] += (hits[i, k] == ahead[i]) & (ranges[i, k] < np.inf)
+            alone[row] = _beams_across(own[i], ahead[i], boxes, eye, directions, range_max)
 
 
 @compiled

@@ -29,6 +29,7 @@ from platoontraffic.world.contact import Contacts
 from platoontraffic.world.events import Event, Noted
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.under_way import Seen
 
 
 @dataclass(frozen=True)
@@ -91,14 +92,17 @@ class Observer:
         roads: list[tuple[str, str]],
         signals: Signals | None = None,
         noted: Sequence[Noted] = (),
+        seen: Sequence[Seen | None] = (),
     ) -> list[Event]:
         """The events of this step, including those that were noted elsewhere.
 
-        scans  : one a group of the fleet; None where it has not scanned in this step
+        scans  : one a group of the fleet, that its law used in this step; None: it used none
         roads  : edge and lane of each member, (n,)
         signals: state of the next stop lines, (n,); None if no law is given it
+        seen   : the world at the instant of each scan; by default this one
         """
-        step = Step(traffic, fleet, roads, signals, *fleet.model.axle_position(fleet.motion))
+        seen = seen or [Seen(traffic, group.rows) for group in fleet.groups]
+        step = Step(traffic, fleet, roads, signals, *fleet.model.axle_position(fleet.motion), seen)
         events = [*self._presence.observe(step, self._splits.left_behind), *map(step.noted, noted)]
         if len(new := self._presence.new):
             self._gaps.begin(step, new)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from platoontraffic.controllers.path import SMOOTH, PathLeader
-from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.controllers.tracking import HEADWAY_PER_DELAY, LEAST_HEADWAY, TrackingFollower
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.world.fleet import Member
 from platoontraffic.world.prepared import Prepared
@@ -15,6 +15,7 @@ from platoontraffic.world.prepared import Prepared
 SLOWEST = 5.0  # laser [Hz]
 MOST_LOST = 0.3  # share of the returns
 GREATEST_BIAS = 1.0  # standard deviation of the yaw rate's bias [deg/s]
+LONGEST_DELAY = 0.3  # of scans and odometry [s]
 
 
 def warnings(prepared: Prepared) -> list[str]:
@@ -32,6 +33,8 @@ def _sensors(member: Member) -> Iterator[str]:
     if not isinstance(member.law, TrackingFollower):
         return
     lidar, bias = member.lidar, math.degrees(member.odometry.yaw_rate_bias)
+    delay, headway = max(member.odometry.delay, *(one.delay for one in member.lidars)), member.law.time_headway
+    needed = LEAST_HEADWAY + HEADWAY_PER_DELAY * delay
     if lidar.rate < SLOWEST:
         yield f"a laser of {lidar.rate:g} Hz: `tracking` leaves the path in turns; it holds from {SLOWEST:g} Hz on"
     if lidar.noise.dropout > MOST_LOST:
@@ -39,6 +42,10 @@ def _sensors(member: Member) -> Iterator[str]:
         yield f"{lost}: beyond {MOST_LOST:.0%} `tracking` may lose its predecessor"
     if bias > GREATEST_BIAS:
         yield f"a yaw rate with a bias of {bias:.3g} deg/s: `tracking` was tested up to {GREATEST_BIAS:g} deg/s"
+    if delay > LONGEST_DELAY:
+        yield f"a delay of {delay:g} s: `tracking` was tested up to {LONGEST_DELAY:g} s"
+    if delay > 0 and headway < needed:
+        yield f"a delay of {delay:g} s: strings amplify with time_headway_s below {needed:.2g}; it is {headway:g}"
 
 
 def _profile(member: Member) -> Iterator[str]:

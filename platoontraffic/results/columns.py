@@ -121,7 +121,7 @@ TRAJECTORIES = (
     ),
     integer(
         "beams_on_predecessor",
-        "returns of the last scan that lie on the predecessor",
+        "returns that lie on the predecessor in the last scan that the law used",
         lambda now: now.measures.beams,
         format="%.0f",
     ),

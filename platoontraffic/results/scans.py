@@ -1,6 +1,6 @@
 """scans.npz: what the members' lasers measured, bit for bit. A NumPy archive of columns, two tables and the ranges.
 
-A row a scan, by time, then by platoon and place:
+A row a scan, by time, then by platoon and place; a scan is recorded when the law is given it, after its laser's delay:
 
 time_s               (s,)      the instant of the world that was scanned; a rotating mirror ends its sweep then
 vehicle              (s,)      row of `vehicle_id`, `laser` and the columns beside them
@@ -17,7 +17,7 @@ A row a laser that has scanned, in the order of the first scans:
 
 vehicle_id           (v,)      the member that carries it
 laser                (v,)      its name on that member; "lidar" is the one by which the member follows
-angle_min_rad, angle_max_rad, samples, range_min_m, range_max_m, rate_hz   (v,)  of its laser
+angle_min_rad, angle_max_rad, samples, range_min_m, range_max_m, rate_hz, delay_s   (v,)  of its laser
 mount_x_m, mount_y_m, mount_yaw_rad                                       (v,)  position of the laser, from the centre
 """
 
@@ -34,6 +34,8 @@ from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.lidar.noise import DEFAULT_NAME
 from platoontraffic.observation.instant import Instant
 from platoontraffic.world.fleet import NOTHING, Group, Member
+from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.under_way import Seen
 
 NAME = "scans.npz"
 _DATE = (1980, 1, 1, 0, 0, 0)  # of every part of the archive, so that the same scans give the same bytes
@@ -56,6 +58,7 @@ FIELDS = {  # array: unit, meaning
     "range_min_m": ("m", "least distance that the laser can measure"),
     "range_max_m": ("m", "greatest distance that the laser can measure"),
     "rate_hz": ("1/s", "scans made per second; not all of them are recorded"),
+    "delay_s": ("s", "time from the end of a scan to its use by the law, at the first step after it"),
     "mount_x_m": ("m", "position of the laser, ahead of the centre"),
     "mount_y_m": ("m", "position of the laser, to the left of the centre"),
     "mount_yaw_rad": ("rad", "forward direction of the laser, from that of the vehicle"),
@@ -65,22 +68,32 @@ FIELDS = {  # array: unit, meaning
 class _Scan(NamedTuple):
     """A scan that is recorded."""
 
+    step: int  # in which it was taken
+    time: float  # then [s]
     member: Member
-    row: int  # of the member in fleet and traffic
+    then: tuple[float, float, float]  # x, y, heading of the member at that time
+    now: tuple[float, float, float]  # the same when its law used it
     laser: LidarModel
     ranges: np.ndarray  # (samples,) [m]
     path: np.ndarray  # remembered, in the frame of the driven axle, (k, 2) [m]
 
 
-def _scans(now: Instant, group: Group, batch: ScanBatch, paths: np.ndarray) -> list[_Scan]:
-    members = now.fleet.members
-    return [_Scan(members[i], i, batch.model, batch.ranges[k], paths[k]) for k, i in enumerate(group.rows.tolist())]
+def _scans(now: Instant, step: int, rows: np.ndarray, batch: ScanBatch, seen: Seen, paths: np.ndarray) -> list[_Scan]:
+    members, world = now.fleet.members, seen.traffic
+    return [
+        _Scan(step, world.time, members[i], _pose(world, row), _pose(now.traffic, i), batch.model, ranges, path)
+        for i, row, ranges, path in zip(rows.tolist(), seen.rows.tolist(), batch.ranges, paths, strict=True)
+    ]
 
 
-def _order(one: _Scan) -> tuple[str, int, str, bool, str]:
-    """By platoon and place; of a member, the laser by which it follows comes first."""
+def _pose(traffic: TrafficSnapshot, row: int) -> tuple[float, float, float]:
+    return float(traffic.x[row]), float(traffic.y[row]), float(traffic.heading[row])
+
+
+def _order(one: _Scan) -> tuple[int, str, int, str, bool, str]:
+    """By time, platoon and place; of a member, the laser by which it follows comes first."""
     member, name = one.member, one.laser.name
-    return member.platoon, member.place, member.id, name != DEFAULT_NAME, name
+    return one.step, member.platoon, member.place, member.id, name != DEFAULT_NAME, name
 
 
 class ScanRecorder:
@@ -94,28 +107,38 @@ class ScanRecorder:
         self._any_paths = False
         self._lasers: dict[tuple[str, str], tuple[int, LidarModel]] = {}  # by member and name: number by first scan
         self._rows: list[tuple[float, int, float, float, float, int]] = []  # time, vehicle, x, y, heading, samples
+        self._taken: list[_Scan] = []  # not yet written: another laser's scan of an earlier instant may come later
+        self._longest = 0  # delay of all lasers [steps]
 
     def record(self, now: Instant, every: int) -> None:
         """Take each laser's first scan at or after every `every`-th step; to be called in every step."""
-        taken: list[_Scan] = []
-        for group, batch, more in zip(
-            now.fleet.groups, now.scans, now.readings or [NOTHING] * len(now.scans), strict=True
+        nothing = [NOTHING] * len(now.scans)
+        for group, batch, seen, more in zip(
+            now.fleet.groups, now.scans, now.seen, now.readings or nothing, strict=True
         ):
-            if batch is not None and now.step % every < group.every:
-                taken += _scans(now, group, batch, self._remembered(group))
-            for model, period in group.further_lidars:
-                if model.name in more.scans and now.step % every < period:
-                    taken += _scans(now, group, more.scans[model.name], np.empty((len(group.rows), 0, 2)))
-        for one in sorted(taken, key=_order):
-            self._write(now, one)
+            rows, step, self._longest = group.rows, now.step - group.delay, max(self._longest, group.delay)
+            if batch is not None and step % every < group.every:
+                self._taken += _scans(now, step, rows, batch, seen, self._remembered(group))
+            for model, period, delay in group.further_lidars:
+                step, self._longest = now.step - delay, max(self._longest, delay)
+                if model.name in more.scans and step % every < period:
+                    no_paths = np.empty((len(rows), 0, 2))
+                    self._taken += _scans(now, step, rows, more.scans[model.name], more.seen[model.name], no_paths)
+        self._write_until(now.step - self._longest)
 
-    def _write(self, now: Instant, one: _Scan) -> None:
-        member, traffic, i = one.member, now.traffic, one.row
+    def _write_until(self, step: float) -> None:
+        """Write scans of steps up to one before which none comes any more."""
+        early = [one for one in self._taken if one.step <= step]
+        self._taken = [one for one in self._taken if one.step > step]
+        for one in sorted(early, key=_order):
+            self._write(one)
+
+    def _write(self, one: _Scan) -> None:
+        member = one.member
         number, _ = self._lasers.setdefault((member.id, one.laser.name), (len(self._lasers), one.laser))
-        pose = float(traffic.x[i]), float(traffic.y[i]), float(traffic.heading[i])
-        self._rows.append((traffic.time, number, *pose, len(one.ranges)))
+        self._rows.append((one.time, number, *one.then, len(one.ranges)))
         self._ranges.write(np.ascontiguousarray(one.ranges, dtype="<f4").tobytes())
-        points = _in_world(one.path[np.isfinite(one.path).all(axis=1)], *pose, member.model.axle)
+        points = _in_world(one.path[np.isfinite(one.path).all(axis=1)], *one.now, member.model.axle)
         self._points.append(len(points))
         self._paths.write(np.ascontiguousarray(points.round(3), dtype="<f8").tobytes())
 
@@ -135,6 +158,7 @@ class ScanRecorder:
         """Make the archive; a second call does nothing."""
         if self._ranges.closed:
             return
+        self._write_until(np.inf)
         columns = self._columns()
         streamed = [("ranges_m", self._ranges, "<f4", (int(columns["offset"][-1]),))]
         if self._any_paths:
@@ -172,6 +196,7 @@ class ScanRecorder:
             "range_min_m": np.array([m.range_min for m in lasers]),
             "range_max_m": np.array([m.range_max for m in lasers]),
             "rate_hz": np.array([m.rate for m in lasers]),
+            "delay_s": np.array([m.delay for m in lasers]),
             "mount_x_m": np.array([m.mount.x for m in lasers]),
             "mount_y_m": np.array([m.mount.y for m in lasers]),
             "mount_yaw_rad": np.array([m.mount.yaw for m in lasers]),

@@ -22,6 +22,7 @@ from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 
 Offset = Annotated[float, Field(ge=-100, le=100)]  # on a vehicle [m]
 Error = Annotated[float, Field(ge=0, le=100)]  # in the unit of its key
+Delay = Annotated[float, Field(ge=0, le=1)]  # [s]
 
 # A UTM-30LX is 60 mm deep: with its face flush with the front bumper, its centre is 30 mm behind.
 LASER_BEHIND_BUMPER = 0.03  # [m]
@@ -201,6 +202,9 @@ class Lidar(Named):
     sweeps: Annotated[int, Field(ge=1)] | None = None
     """Number of parts of a scan that are measured one after another; 1: all beams at one instant.
     Default: that of the preset."""
+    delay_s: Delay | None = None
+    """Time from the end of a scan to its use, for sensing and computing: a scan is used in the first step that begins
+    this long after it was taken, or later [s]. Default: that of the preset, 0."""
 
     @field_validator("preset")
     @classmethod
@@ -227,6 +231,7 @@ class Lidar(Named):
             merging=_or(self.merging_m, base.merging),
             sweeps=_or(self.sweeps, base.sweeps),
             name=name,
+            delay=_or(self.delay_s, base.delay),
         )
 
 
@@ -248,6 +253,8 @@ class OdometryTable(Named):
     Default: that of the preset."""
     yaw_rate_noise_degps: Error | None = None
     """Standard deviation of the noise of each yaw rate reading [deg/s]. Default: that of the preset."""
+    delay_s: Delay | None = None
+    """Time from a reading to its use, as `delay_s` of a lidar [s]. Default: that of the preset, 0."""
 
     def model(self) -> OdometryErrors:
         base = ODOMETRY[self.preset]
@@ -256,6 +263,7 @@ class OdometryTable(Named):
             speed_noise=_or(self.speed_noise_mps, base.speed_noise),
             yaw_rate_bias=_radians_or(self.yaw_rate_bias_degps, base.yaw_rate_bias),
             yaw_rate_noise=_radians_or(self.yaw_rate_noise_degps, base.yaw_rate_noise),
+            delay=_or(self.delay_s, base.delay),
         )
 
 

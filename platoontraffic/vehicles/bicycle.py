@@ -99,7 +99,8 @@ class Car:
     def braking_delay(self, scan: float, braking: float) -> float:
         """T = T_scan + T_brake + b / 2 j [s].
 
-        One scan; the lag of the brakes; and half of the time in which their jerk j builds up the deceleration b.
+        The scan, until it is used; the lag of the brakes; and half of the time in which their jerk j builds up the
+        deceleration b.
         """
         return scan + self.brake_lag + braking / (2 * self.max_jerk)
 

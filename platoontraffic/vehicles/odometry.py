@@ -14,7 +14,7 @@ from platoontraffic.vehicles.motion import Twist
 
 @dataclass(frozen=True)
 class OdometryErrors:
-    """Standard deviations of errors: some are drawn once for a vehicle and run, some anew for every reading.
+    """Standard deviations of errors: some are drawn once for a vehicle and run, some anew for every reading. A delay.
 
     A standing vehicle measures 0: wheels that do not turn give no pulses.
     """
@@ -23,6 +23,11 @@ class OdometryErrors:
     speed_noise: float = 0.0  # anew [m/s]
     yaw_rate_bias: float = 0.0  # drawn once [rad/s]
     yaw_rate_noise: float = 0.0  # anew [rad/s]
+    delay: float = 0.0  # from a reading to its use [s]
+
+    @property
+    def exact(self) -> bool:
+        return not any((self.speed_scale, self.speed_noise, self.yaw_rate_bias, self.yaw_rate_noise))
 
 
 # Assumptions: tyres wear and warm up, 0.5 %; the bias of a yaw-rate sensor is known from the last stop.
@@ -56,7 +61,8 @@ def measured(
     Equal seed, id and step give equal errors.
     """
     draws = _draws(seed, ids, step)
-    scale, noise, bias, turning = np.array([tuple(vars(one).values()) for one in errors]).reshape(-1, 4).T
+    sigma = [(one.speed_scale, one.speed_noise, one.yaw_rate_bias, one.yaw_rate_noise) for one in errors]
+    scale, noise, bias, turning = np.array(sigma).reshape(-1, 4).T
     driven = speed * (1 + scale * draws.speed_scale) + noise * draws.speed_noise
     turned = yaw_rate + bias * draws.yaw_rate_bias + turning * draws.yaw_rate_noise
     stands = speed == 0

@@ -20,6 +20,7 @@ from platoontraffic.vehicles.motion import Command, Drive, Motion, Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 from platoontraffic.vehicles.records import concatenate, put, take
 from platoontraffic.vehicles.sensor import NamedSensor
+from platoontraffic.world.under_way import Seen, UnderWay
 
 CLOSING = 150.0  # greatest closing speed of two vehicles [m/s]
 STANDING = 1e-3  # speed below which a member stands [vehicle lengths a second]
@@ -78,6 +79,15 @@ class Group(NamedTuple):
     memory: Any = None  # of the law
     further_lidars: tuple[Clocked, ...] = ()
     sensors: tuple[Clocked, ...] = ()
+    delay: int = 0  # steps from a scan of `lidar` to its use
+    odometry_delay: int = 0  # steps from a reading of the odometry to its use
+    under_way: UnderWay = UnderWay()
+    since: int | None = None  # steps since the last decision; None: there was none
+
+    @property
+    def late(self) -> bool:
+        """Something is used later than it is measured."""
+        return bool(self.delay or self.odometry_delay or any(one.delay for one in self.further_lidars))
 
     @property
     def decides_every(self) -> int:
@@ -90,14 +100,16 @@ class Clocked(NamedTuple):
 
     sensor: Any
     every: int  # steps from one measurement to the next
+    delay: int = 0  # steps from a measurement to its use
 
 
 class Readings(NamedTuple):
-    """Measurements of a group beside the scan of its laser, at one instant; of what is due, by name."""
+    """Measurements of a group beside the scan of its laser, of what is due, by name."""
 
-    time: float  # [s]
+    time: float  # at which the law is given them [s]
     scans: Mapping[str, ScanBatch]  # of further lasers
     sensors: Mapping[str, Any]
+    seen: Mapping[str, Seen] = {}  # the worlds of the scans
 
 
 NOTHING = Readings(math.nan, {}, {})
@@ -182,7 +194,7 @@ class Fleet(MemberState):
             leads=np.array([m.place == 0 for m in members], dtype=bool),
             native=np.array([m.law.native for m in members], dtype=bool),
             motion=replace(motion, speed=np.array([m.speed for m in members], dtype=float)),
-            command=Command.of(Twist(still, still)),
+            command=Command.of(Twist(np.array([m.speed for m in members], dtype=float), still)),  # until a law decides
             target=Target(unknown, unknown),
         )
         row_of = {(m.platoon, m.place): i for i, m in enumerate(members)}
@@ -213,7 +225,7 @@ class Fleet(MemberState):
             lidar for group in self.groups for lidar in (group.lidar, *(one.sensor for one in group.further_lidars))
         ]
         seen = [lidar.reach + np.hypot(lidar.mount.x, lidar.mount.y) + lidar.sweep_time * CLOSING for lidar in lidars]
-        seen += [named.sensor.reach for group in self.groups for named, _ in group.sensors]
+        seen += [one.sensor.sensor.reach for group in self.groups for one in group.sensors]
         return max(seen, default=0.0) + self.model.length.max(initial=0.0)
 
     def joined(self, others: Fleet) -> Fleet:
@@ -241,7 +253,8 @@ class Fleet(MemberState):
             keep = stays[group.rows]
             if keep.any():
                 memory = group.memory if keep.all() else memory_of(group.law, group.memory, keep)
-                groups.append(group._replace(rows=row[group.rows[keep]], memory=memory))
+                under_way = group.under_way if keep.all() else group.under_way.part(keep)
+                groups.append(group._replace(rows=row[group.rows[keep]], memory=memory, under_way=under_way))
         progress = RouteProgress.of(members, self.progress.station[stays[self.progress.rows]])
         return self._of(take(self._state(), stays), members, row[self.predecessor[stays]], groups, progress)
 
@@ -281,23 +294,24 @@ class Fleet(MemberState):
     ) -> Fleet:
         """Every group with a new scan, or a new reading of a sensor, decides; the others keep their command.
 
-        scans    : a batch for each group; None: not due
+        scans    : a batch for each group, as it arrives; None: not due
         readings : a record for each group; default: it has nothing but its laser
         signals  : the next stop lines, (n,), for the laws that declare to need them
-        odometry : own speed and yaw rate as measured, (n,); by default without errors
+        odometry : own speed and yaw rate as measured, (n,), as they arrive; by default without errors
         raises   : InputError if a plug-in fails
         """
         own = odometry or Twist(self.motion.speed, self.motion.yaw_rate)
         ahead = self.progress.ahead(self.model, self.motion)
         groups, rows, decisions = [], [], []
         for group, scan, more in zip(self.groups, scans, readings or [NOTHING] * len(scans), strict=True):
+            since = None if group.since is None else group.since + 1
             if scan is not None or more.sensors:
-                sensed = self._sensed(group, scan, own, ahead, signals, more)
+                sensed = self._sensed(group, scan, own, ahead, signals, more, dt)
                 at = Occasion(more.time if scan is None else scan.stamp, tuple(self.members[i].id for i in group.rows))
-                decisions.append(decide(group.law, sensed, group.memory, group.decides_every * dt, at))
+                decisions.append(decide(group.law, sensed, group.memory, (since or group.decides_every) * dt, at))
                 rows.append(group.rows)
-                group = group._replace(memory=decisions[-1].memory)
-            groups.append(group)
+                group, since = group._replace(memory=decisions[-1].memory), 0
+            groups.append(group._replace(since=since))
         command = put(self.command, rows, [Command.of(decision.command) for decision in decisions])
         target = put(self.target, rows, [decision.target for decision in decisions])
         return replace(self, groups=tuple(groups), command=command, target=target)
@@ -356,11 +370,13 @@ class Fleet(MemberState):
         ahead: RouteAhead | None,
         signals: Signals | None,
         more: Readings,
+        dt: float,
     ) -> Sensed:
         """What a group's law is given.
 
         own, signals : of all members, (n,)
         ahead        : of the members with a route, (m,)
+        dt           : of a step [s]
         """
         rows, needs, model = group.rows, group.law.needs, self.model
         return Sensed(
@@ -373,6 +389,9 @@ class Fleet(MemberState):
             self.leads[rows] if "leads" in needs else None,
             {name: without_surfaces(further) for name, further in more.scans.items()},
             more.sensors,
+            group.delay * dt,
+            group.odometry_delay * dt,
+            {one.sensor.name: one.delay * dt for one in group.further_lidars},
         )
 
 
@@ -384,20 +403,35 @@ def without_surfaces(scan: ScanBatch | None) -> ScanBatch | None:
 def _groups(members: Sequence[Member], dt: float) -> list[Group]:
     sharing: dict[tuple, list[int]] = {}
     for i, m in enumerate(members):
-        sharing.setdefault((m.law, m.lidar, m.further_lidars, m.sensors), []).append(i)
+        sharing.setdefault((m.law, m.lidar, m.further_lidars, m.sensors, m.odometry.delay), []).append(i)
     return [
         Group(
             law,
             lidar,
             np.array(rows),
             _steps(lidar.rate, dt),
-            further_lidars=tuple(Clocked(model, _steps(model.rate, dt)) for model in further),
+            further_lidars=tuple(
+                Clocked(model, _steps(model.rate, dt), _steps_with(lidar, model, dt)) for model in further
+            ),
             sensors=tuple(Clocked(one, _steps(one.sensor.rate, dt)) for one in sensors),
+            delay=_steps_after(lidar.delay, dt),
+            odometry_delay=_steps_after(delay, dt),
         )
-        for (law, lidar, further, sensors), rows in sharing.items()
+        for (law, lidar, further, sensors, delay), rows in sharing.items()
     ]
 
 
 def _steps(rate: float, dt: float) -> int:
     """From one measurement to the next, at a rate [Hz]."""
     return max(round(1 / (rate * dt)), 1)
+
+
+def _steps_with(lidar: LidarModel, further: LidarModel, dt: float) -> int:
+    """From a scan of a further laser to its use, which is with a scan of `lidar`."""
+    first = _steps_after(further.delay, dt)
+    return first + (_steps_after(lidar.delay, dt) - first) % _steps(lidar.rate, dt)
+
+
+def _steps_after(delay: float, dt: float) -> int:
+    """From a measurement to the first step that begins no less than a delay [s] later."""
+    return math.ceil(delay / dt - 1e-6)

@@ -14,11 +14,12 @@ from platoontraffic.lidar import Boxes, Carriers, LidarModel, Occasion, ScanBatc
 from platoontraffic.lidar.noise import GOLDEN, gauss, mixed, scan_keys, sensor_keys
 from platoontraffic.plug_ins import end_copy, place_of
 from platoontraffic.vehicles.motion import Twist
-from platoontraffic.vehicles.odometry import ODOMETRY, measured
-from platoontraffic.vehicles.records import take
+from platoontraffic.vehicles.odometry import measured
+from platoontraffic.vehicles.records import put, take
 from platoontraffic.vehicles.sensor import NamedSensor
-from platoontraffic.world.fleet import Fleet, Group, Readings
+from platoontraffic.world.fleet import NOTHING, Fleet, Group, Readings
 from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.under_way import Seen, Taken
 
 
 @dataclass(frozen=True)
@@ -43,11 +44,12 @@ class Surroundings:
 
 
 class Measurements(NamedTuple):
-    """What all members measure at one instant."""
+    """What all members measure at one instant, or what of it arrives at one instant."""
 
     scans: list[ScanBatch | None]  # of the laser of each group of the fleet; None: not due
     readings: Sequence[Readings]  # of further lasers and own sensors, for each group; (): there are none
     odometry: Twist | None  # own speed and yaw rate, (n,); None: exact
+    seen: Sequence[Seen | None] = ()  # the world of the scan of each group; None: not due
 
 
 @dataclass(eq=False)
@@ -65,7 +67,8 @@ class Sensing:
         raises : InputError if a sensor of a plug-in fails
         """
         scans, readings = self.scan(traffic, fleet, step, blind), self.read(traffic, fleet, step, blind)
-        return Measurements(scans, readings, self.odometry(fleet, step))
+        seen = [scan and Seen(traffic, group.rows) for group, scan in zip(fleet.groups, scans, strict=True)]
+        return Measurements(scans, readings, self.odometry(fleet, step), seen)
 
     def scan(
         self, traffic: TrafficSnapshot, fleet: Fleet, step: int, blind: np.ndarray | None = None
@@ -94,17 +97,17 @@ class Sensing:
         boxes = _boxes(traffic, fleet)
         readings = []
         for group in fleet.groups:
-            due = [lidar for lidar, every in group.further_lidars if step % every == 0]
+            due = [one.sensor for one in group.further_lidars if step % one.every == 0]
             scans = {lidar.name: self._scan(lidar, boxes, traffic, fleet, group.rows, step, blind) for lidar in due}
-            own = [named for named, every in group.sensors if step % every == 0]
+            own = [one.sensor for one in group.sensors if step % one.every == 0]
             sensed = {named.name: self._measured(named, traffic, fleet, group, step) for named in own}
-            readings.append(Readings(traffic.time, scans, sensed))
+            readings.append(Readings(traffic.time, scans, sensed, dict.fromkeys(scans, Seen(traffic, group.rows))))
         return readings
 
     def odometry(self, fleet: Fleet, step: int) -> Twist | None:
         """Measured own speed and yaw rate, (n,); None if no member's odometry has errors."""
         errors = [m.odometry for m in fleet.members]
-        if all(one == ODOMETRY["none"] for one in errors):
+        if all(one.exact for one in errors):
             return None
         ids, motion = tuple(m.id for m in fleet.members), fleet.motion
         return measured(errors, ids, motion.speed, motion.yaw_rate, self.seed, step)
@@ -139,6 +142,37 @@ class Sensing:
         finally:
             end_copy(process)
         return reading
+
+
+def arriving(measured: Measurements, fleet: Fleet, step: int) -> tuple[Measurements, Fleet]:
+    """What the laws are given in a step in which this is measured, and the fleet with what is then under way.
+
+    A scan arrives in the first step that begins no less than its laser's delay after it was taken, a reading of the
+    odometry likewise.
+    """
+    if not any(group.late for group in fleet.groups):
+        return measured, fleet
+    nothing = [NOTHING] * len(fleet.groups)
+    groups, scans, readings, seen, rows, own = [], [], [], [], [], []
+    now = measured.odometry or Twist(fleet.motion.speed, fleet.motion.yaw_rate)
+    for k, (group, more) in enumerate(zip(fleet.groups, measured.readings or nothing, strict=True)):
+        taken = [Taken(step + one.delay, more.scans[one.sensor.name], more.seen[one.sensor.name])
+                 for one in group.further_lidars if one.sensor.name in more.scans]  # fmt: skip
+        if measured.scans[k] is not None:
+            taken.append(Taken(step + group.delay, measured.scans[k], measured.seen[k]))
+        due, under_way = group.under_way.after(taken, step)
+        reading, under_way = under_way.read(take(now, group.rows), group.odometry_delay)
+        groups.append(group._replace(under_way=under_way))
+        rows.append(group.rows)
+        own.append(reading)
+        by_name = {one.scan.name: one for one in due}
+        main = by_name.pop(group.lidar.name, None)
+        scans.append(main and main.scan)
+        seen.append(main and main.seen)
+        further = ({name: getattr(one, part) for name, one in by_name.items()} for part in ("scan", "seen"))
+        readings.append(Readings(more.time, next(further), more.sensors, next(further)))
+    readings = readings if measured.readings else ()
+    return Measurements(scans, readings, put(now, rows, own), seen), replace(fleet, groups=tuple(groups))
 
 
 def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:

@@ -1,10 +1,11 @@
-"""With which sensors `tracking` holds: scans a second, share of lost returns, bias of the yaw rate; in Markdown.
+"""With which sensors `tracking` holds: scans a second, lost returns, bias of the yaw rate, delay; in Markdown.
 
     python tests/benchmarks/what_sensors_hold.py [--picture docs/what_sensors_hold.png] [--quick]
 
-Six cars on bare ground: on a straight at 25 m/s a wave of speed, then braking at 9 m/s2 to a stand; and quarter turns.
-It holds if no two cars touch, each is locked on in 0.99 of the scans, no string amplifies (norm of the acceleration
-during the wave, from car to car), and no rear axle leaves its predecessor's path by more than 0.3 m.
+The delay is that of the scans and of the odometry. Six cars on bare ground: on a straight at 25 m/s a wave of speed,
+then braking at 9 m/s2 to a stand; and quarter turns. It holds if no two cars touch, each is locked on in 0.99 of the
+scans that it uses, no string amplifies (norm of the acceleration during the wave, from car to car), and no rear axle
+leaves its predecessor's path by more than 0.3 m.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from tests.support.bench import BLIND, NO_WALLS, Log, Prescribed, drive, platoon
 CAR, LAW = VEHICLES["car"], TrackingFollower()
 EYE = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03))
 RATES, LOST, BIASES = (2.5, 5.0, 10.0, 20.0), (0.002, 0.2, 0.3, 0.4), (0.0, 1.0)  # [Hz], shares, [deg/s]
+DELAYS = 0.0, 0.1, 0.2, 0.3  # [s]
 TURNS = ((6.0, 4.2), (12.0, 6.0))  # radius [m] and speed [m/s]
 LOCK, GAIN, OFF_PATH = 0.99, 1.02, 0.3
 WAVE = 5.0, 35.0  # begin and end of the wave [s]
@@ -41,6 +43,7 @@ class Sensors(NamedTuple):
     rate: float  # [Hz]
     lost: float  # share of the returns
     bias: float  # standard deviation of the yaw rate's bias [deg/s]
+    delay: float  # of scans and odometry [s]
 
 
 class Held(NamedTuple):
@@ -60,18 +63,24 @@ class Held(NamedTuple):
 
 
 def driven(sensors: Sensors, at, speed: float, seconds: float, followers: int = 5) -> Log:
-    eye = replace(EYE, rate=sensors.rate, noise=replace(EYE.noise, dropout=sensors.lost))
+    eye = replace(EYE, rate=sensors.rate, delay=sensors.delay, noise=replace(EYE.noise, dropout=sensors.lost))
     members = platoon(
         Prescribed(lambda time: Drive(*at(time))), LAW, followers, distance=LAW.desired_distance(speed), model=CAR,
         leader_eye=replace(BLIND, rate=sensors.rate), eye=eye, speed=speed,
-        odometry=replace(ODOMETRY["car"], yaw_rate_bias=math.radians(sensors.bias)),
+        odometry=replace(ODOMETRY["car"], yaw_rate_bias=math.radians(sensors.bias), delay=sensors.delay),
     )  # fmt: skip
-    return drive(members, NO_WALLS, seconds, min(1 / sensors.rate, 0.1))
+    return drive(members, NO_WALLS, seconds, step_of(sensors))
+
+
+def step_of(sensors: Sensors) -> float:
+    return min(1 / sensors.rate, 0.1)
 
 
 def locked(log: Log, sensors: Sensors) -> float:
-    scans = log.locked()[:: max(round(1 / (sensors.rate * 0.1)), 1)]
-    return float(scans.mean(axis=0).min())
+    """Least share of the scans that are used in which a car is locked on."""
+    step = step_of(sensors)
+    used = log.locked()[round(sensors.delay / step) :: max(round(1 / (sensors.rate * step)), 1)]
+    return float(used.mean(axis=0).min())
 
 
 def off_path(log: Log) -> float:
@@ -113,21 +122,21 @@ def draw(found: dict[Sensors, Held], to: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    rates, lost, biases = (sorted({s[k] for s in found}) for k in range(3))
-    figure = Figure(figsize=(4.6 * len(biases), 3.2), layout="constrained")
+    figure = Figure(figsize=(3.2 * len(DELAYS), 2.8 * len(BIASES)), layout="constrained")
     FigureCanvasAgg(figure)
-    for axes, bias in zip(np.atleast_1d(figure.subplots(1, len(biases))), biases, strict=True):
-        cells = [[found[Sensors(rate, share, bias)] for share in lost] for rate in rates]
+    all_axes = figure.subplots(len(BIASES), len(DELAYS), sharex=True, sharey=True)
+    for axes, (bias, delay) in zip(all_axes.flat, product(BIASES, DELAYS), strict=True):
+        cells = [[found[Sensors(rate, share, bias, delay)] for share in LOST] for rate in RATES]
         good = np.array([[not cell.fails for cell in row] for row in cells], dtype=float)
         axes.imshow(good, cmap="cividis", vmin=-0.15, vmax=1.0, origin="lower", aspect="auto")
-        for (i, row), j in product(enumerate(cells), range(len(lost))):
+        for (i, row), j in product(enumerate(cells), range(len(LOST))):
             text = f"{row[j].fails or 'holds'}\n{row[j].gain:.2f}, {row[j].off_path:.2f} m"
             axes.text(j, i, text, ha="center", va="center", fontsize=7, color="white" if row[j].fails else "#222222")
-        axes.set_xticks(range(len(lost)), [f"{share:g}" for share in lost])
-        axes.set_yticks(range(len(rates)), [f"{rate:g}" for rate in rates])
-        axes.set_xlabel("share of returns lost")
-        axes.set_ylabel("scans a second [Hz]")
-        axes.set_title(f"bias of the yaw rate {bias:g} °/s", fontsize=10)
+        axes.set_xticks(range(len(LOST)), [f"{share:g}" for share in LOST])
+        axes.set_yticks(range(len(RATES)), [f"{rate:g}" for rate in RATES])
+        axes.set_title(f"delay {delay:g} s, bias of the yaw rate {bias:g} °/s", fontsize=9)
+    figure.supxlabel("share of returns lost", fontsize=10)
+    figure.supylabel("scans a second [Hz]", fontsize=10)
     figure.suptitle("tracking: string gain, distance from the path", fontsize=11)
     figure.savefig(to, dpi=150, metadata={"Software": None} if to.suffix == ".png" else None)
 
@@ -137,17 +146,18 @@ def main() -> None:
     parser.add_argument("--picture", type=Path, help="draw the map into this file")
     parser.add_argument("--quick", action="store_true", help="two cells only")
     given = parser.parse_args()
-    cells = [Sensors(*cell) for cell in product(RATES, LOST, BIASES)]
+    cells = [Sensors(*cell) for cell in product(RATES, LOST, BIASES, DELAYS)]
     found = {}
     print(
-        "| Hz | lost | bias [°/s] | holds | gain | lock-on | off path [m] | least gap [m] |",
-        "| --- " * 8 + "|",
+        "| Hz | lost | bias [°/s] | delay [s] | holds | gain | lock-on | off path [m] | least gap [m] |",
+        "| --- " * 9 + "|",
         sep="\n",
     )
-    for cell in [Sensors(5.0, 0.4, 1.0), Sensors(10.0, 0.002, 0.0)] if given.quick else cells:
+    for cell in [Sensors(5.0, 0.4, 1.0, 0.3), Sensors(10.0, 0.002, 0.0, 0.0)] if given.quick else cells:
         one = found[cell] = held(cell)
         values = f"{one.gain:.3f} | {one.lock_on:.3f} | {one.off_path:.2f} | {one.gap:.2f}"
-        print(f"| {cell.rate:g} | {cell.lost:g} | {cell.bias:g} | {one.fails or 'yes'} | {values} |", flush=True)
+        sensors = " | ".join(f"{value:g}" for value in cell)
+        print(f"| {sensors} | {one.fails or 'yes'} | {values} |", flush=True)
     if given.picture and not given.quick:
         draw(found, given.picture)
 

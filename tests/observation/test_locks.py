@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from platoontraffic.controllers import Target
 from platoontraffic.lidar import Boxes, Carriers, LidarModel, Mount, ScanBatch, scan
 from platoontraffic.observation.locks import Sight, look
 from platoontraffic.world.events import Noted
 from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.under_way import Seen
 from tests.support.bench import NO_WALLS, batch_of
 from tests.support.observed import Observed, cars
 
@@ -77,9 +76,8 @@ def looked(batch: ScanBatch, row: int, ahead: int, bearing: float, *boxes: np.nd
     """The only scan of a batch: surface of the target, beams on the predecessor, beams on it were it alone."""
     n = len(boxes[0])
     traffic = TrafficSnapshot(0.0, tuple(map(str, range(n))), *boxes[:3], np.zeros(n), *boxes[3:])
-    fleet = SimpleNamespace(predecessor=np.full(n, ahead), target=Target(np.full(n, 1.0), np.full(n, bearing)))
-    found = np.full((3, n), -9)
-    look(batch, traffic, np.array([row]), fleet, Sight(*found))
+    found, rows = np.full((3, n), -9), np.array([row])
+    look(batch, Seen(traffic, rows), rows, np.full(n, bearing), np.array([ahead]), Sight(*found))
     assert (np.delete(found, row, axis=1) == -9).all()
     return found[:, row].tolist()
 

@@ -16,6 +16,12 @@ pytestmark = pytest.mark.sumo
         ("platoon.0.follower.lidar.rate_hz=2.5", "a laser of 2.5 Hz"),
         ('platoon.0.follower.lidar={preset="car-tracker", noise={dropout=0.45}}', "45% of the returns lost"),
         ("platoon.0.follower.odometry.yaw_rate_bias_degps=2.0", "a yaw rate with a bias of 2 deg/s"),
+        ("platoon.0.follower.lidar.delay_s=0.4", "a delay of 0.4 s: `tracking` was tested up to 0.3 s"),
+        ("platoon.0.follower.odometry.delay_s=0.35", "a delay of 0.35 s: `tracking` was tested up to 0.3 s"),
+        (
+            'platoon.0.follower={law="tracking", time_headway_s=0.7, lidar={delay_s=0.3}}',
+            "strings amplify with time_headway_s below 0.83; it is 0.7",
+        ),
         ('platoon.0.leader={law="path", profile="sinusoid", amplitude_mps=1.0}', "its upper half is cut off"),
         (
             'platoon.0.leader={law="path", speed_mps=10.0, profile="sinusoid", amplitude_mps=2.0, frequency_hz=0.5}',

@@ -15,13 +15,15 @@ from platoontraffic.analysis import load
 from platoontraffic.cli.main import app
 from platoontraffic.controllers import Decision, Law
 from platoontraffic.errors import InputError
-from platoontraffic.lidar import Mount
+from platoontraffic.lidar import Mount, ScanBatch
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results.recorder import Clocks, Recorder
 from platoontraffic.results.scans import ScanRecorder
 from platoontraffic.vehicles.motion import Twist
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.world.sensing import Sensing
+from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.under_way import Seen
 from tests.support.bench import LOOP, constant, platoon, snapshot
 from tests.support.runs import run
 
@@ -34,6 +36,11 @@ def fleet(order=lambda members: members) -> Fleet:
     return Fleet.deployed(order([*members[:2], replace(members[2], lidar=slow)]), DT)
 
 
+def instant(step: int, traffic: TrafficSnapshot, fleet: Fleet, scans: list[ScanBatch | None]) -> Instant:
+    """At which these scans were taken and used."""
+    return Instant(step, traffic, fleet, scans, seen=[Seen(traffic, group.rows) for group in fleet.groups])
+
+
 def record(folder: Path, fleet: Fleet, steps: int = 12, every: int = 5) -> list:
     """Records the scans of some steps; returns all that were made, as (step, batch)."""
     folder.mkdir()
@@ -42,7 +49,7 @@ def record(folder: Path, fleet: Fleet, steps: int = 12, every: int = 5) -> list:
         traffic = snapshot(fleet, step * DT)
         scans = sensing.scan(traffic, fleet, step)
         made += [(step, batch) for batch in scans if batch is not None]
-        recorder.record(Instant(step, traffic, fleet, scans), every)
+        recorder.record(instant(step, traffic, fleet, scans), every)
     recorder.close()
     assert [file.name for file in folder.iterdir()] == ["scans.npz"]
     return made
@@ -109,7 +116,7 @@ def test_an_interrupted_run_keeps_its_scans(tmp_path):
     recorder = Recorder(tmp_path / "run", Clocks(trajectories=2, scans=1))
     some = fleet()
     traffic = snapshot(some, 0.0)
-    recorder.record(Instant(1, traffic, some, Sensing(LOOP).scan(traffic, some, 0)))
+    recorder.record(instant(1, traffic, some, Sensing(LOOP).scan(traffic, some, 0)))
     kept = recorder.keep_unfinished()
     assert len(read(kept)["time_s"]) == 3
     assert not (kept / "scans.raw").exists()
@@ -189,7 +196,7 @@ def test_remembered_paths_are_recorded_in_world_coordinates(tmp_path):
     recorder = ScanRecorder(tmp_path / "run")
     traffic = snapshot(fleet, 0.0)
     scans = sensing.scan(traffic, fleet, 0)
-    recorder.record(Instant(0, traffic, fleet.decided(scans, DT, None, None), scans), 1)
+    recorder.record(instant(0, traffic, fleet.decided(scans, DT, None, None), scans), 1)
     recorder.close()
     read_back = read(tmp_path / "run")
     counts = dict(zip(read_back["vehicle_id"], np.diff(read_back["path_offset"]), strict=True))

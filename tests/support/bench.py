@@ -184,14 +184,15 @@ def targets(now: Instant) -> np.ndarray:
     """What the beam nearest to each law's target met, (n,): a row of `now.traffic`, -1 a wall, -2 none or no scan."""
     fleet = now.fleet
     on = np.full(len(fleet), -2)
-    for group, scan in zip(fleet.groups, now.scans, strict=True):
+    for group, scan, world in zip(fleet.groups, now.scans, now.seen, strict=True):
         if scan is None:
             continue
         bearing = fleet.target.bearing[group.rows]
         seen = ~np.isnan(bearing)
         beam = np.rint((np.where(seen, bearing, 0.0) - scan.model.angle_min) / scan.model.angle_increment).astype(int)
         hit = scan.hits[np.arange(len(beam)), np.clip(beam, 0, scan.model.samples - 1)]
-        on[group.rows] = np.where(seen, hit, -2)
+        rows = np.array([*(now.traffic.ids.index(one) for one in world.traffic.ids), -2, -1])  # of the hits now
+        on[group.rows] = np.where(seen, rows[hit], -2)
     return on
 
 
