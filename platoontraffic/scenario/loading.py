@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from platoontraffic import shipped
-from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.errors import InputError, did_you_mean, no_file
 from platoontraffic.road.sumo_configuration import Configuration, read_configuration
 from platoontraffic.scenario import configurations, metric_plug_ins, overrides, toml_lines
 from platoontraffic.scenario.checks import faults_of
@@ -75,13 +76,16 @@ def _find(name_or_file: str | Path) -> Path:
     if str(name_or_file) in known:
         return known[str(name_or_file)]
     file = Path(name_or_file)
-    if file.is_file():
+    absent = no_file(file)
+    if not absent:
         return file
-    if (file / "config.toml").is_file():
+    if not no_file(file / "config.toml"):
         raise InputError(f"{file}: is the folder of a run; its scenario is {file / 'config.toml'}")
-    if file.is_dir():
+    if os.path.isdir(file):
         raise InputError(f"{file}: is a folder; must be a scenario file, or one of: {', '.join(known)}")
     hint = did_you_mean(str(name_or_file), known)
+    if absent != "no such file":
+        raise InputError(f"{name_or_file}: {absent}")
     raise InputError(f"{name_or_file}: no such scenario file or shipped scenario{hint}")
 
 

@@ -19,7 +19,7 @@ import tomli_w
 from pydantic import Field, ValidationError
 
 from platoontraffic import scenario, shipped
-from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.errors import InputError, did_you_mean, no_file
 from platoontraffic.results import provenance
 from platoontraffic.road.network import Network
 from platoontraffic.scenario import Change, Identifier, Scenario, Table, dotted, fault_of, toml_lines
@@ -156,12 +156,15 @@ def _find(name_or_file: str | Path) -> Path:
     if str(name_or_file) in known:
         return known[str(name_or_file)]
     file = Path(name_or_file)
-    if file.is_file():
+    absent = no_file(file)
+    if not absent:
         return file
-    if (file / "study.toml").is_file():
+    if not no_file(file / "study.toml"):
         raise InputError(f"{file}: is the folder of a batch; its study is {file / 'study.toml'}")
     if str(name_or_file) in shipped.scenarios():
         raise InputError(f"{name_or_file}: is a scenario, not a study; `platoontraffic run` runs it")
+    if absent != "no such file":
+        raise InputError(f"{name_or_file}: {absent}")
     raise InputError(f"{name_or_file}: no such study file, nor a shipped study{did_you_mean(str(name_or_file), known)}")
 
 
@@ -186,8 +189,10 @@ def _base(base: str, source: Path, place: Place) -> str:
     if base in known:
         return base
     file = source.parent / base
-    if not file.is_file():
-        what = f"no such scenario file, nor a shipped scenario{did_you_mean(base, known)}"
+    if absent := no_file(file):
+        what = absent.replace(
+            "no such file", f"no such scenario file, nor a shipped scenario{did_you_mean(base, known)}"
+        )
         raise InputError(f"{place(('base',))}: base: {base!r}: {what}")
     return str(file.resolve())
 
@@ -249,6 +254,8 @@ def _range(table: dict[str, Any], key: str) -> list[float]:
     if set(table) not in ({"from", "to", "step"}, {"from", "to", "count"}) or not numbers:
         raise InputError(f"{key}: {table}: must be a list of values, or {RANGE}")
     first, last = table["from"], table["to"]
+    if not math.isfinite(last - first):
+        raise InputError(f"{key}: {table}: must be a shorter range")
     if "count" in table:
         count = table["count"]
         if not (isinstance(count, int) and 2 <= count <= MOST):
