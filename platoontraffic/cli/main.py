@@ -5,18 +5,20 @@ from __future__ import annotations
 import io
 import os
 import signal
+import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from platoontraffic import shipped
 from platoontraffic.cli.commands import commands_of
+from platoontraffic.cli.last_resort import one_line_at_death
 from platoontraffic.cli.nets import nets_app
 from platoontraffic.cli.printing import (
     first_line,
@@ -32,6 +34,9 @@ from platoontraffic.cli.printing import (
 )
 from platoontraffic.cli.progress import batch_progress, err, run_progress, show_stage
 from platoontraffic.errors import InputError, MissingError, RunError, did_you_mean
+
+if TYPE_CHECKING:
+    from platoontraffic.scenario.named_code import BeforeCode
 
 app = typer.Typer(
     help="Platoons that drive by laser scanner, in SUMO traffic.",
@@ -53,6 +58,9 @@ Platoons = Annotated[
     typer.Option("--platoon", metavar="FILE", help="platoons for a SUMO configuration: a file of [[platoon]] tables"),
 ]
 Seed = Annotated[int | None, typer.Option(help="seed, in place of the scenario's")]
+NoPlugins = Annotated[
+    bool, typer.Option("--no-plugins", help="refuse scenarios with plug-ins, because these are code that is run")
+]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="no progress bar and no summary: print only the folder")]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON document instead")]
 ResultsFolder = Annotated[Path, typer.Option("--out", help="folder for results")]
@@ -72,6 +80,7 @@ def run(
         bool, typer.Option("--replay", help="also record background traffic and scans, and make replay.html")
     ] = False,
     gui: Annotated[bool, typer.Option("--gui", help="watch the run in sumo-gui; the results are the same")] = False,
+    no_plugins: NoPlugins = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -81,7 +90,8 @@ def run(
     runs = _runs()
     # Clusters end jobs by SIGTERM: the recorded part of the run is then kept, as at Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    checked = scenarios.load(scenario, changes or (), seed, platoons)
+    before_code = _before_code(no_plugins, None if dry_run else results)
+    checked = scenarios.load(scenario, changes or (), seed, platoons, before_code)
     if replay:
         checked = checked.for_replay()
     prepared = runs.prepare(checked)
@@ -99,7 +109,10 @@ def run(
         if not quiet and not json:
             err.print(f"results of an equal run exist; it is not repeated without --force: {folder}")
     else:
-        with run_progress(checked.spec.run.duration_s, checked.spec.name, quiet) as watchers:
+        with (
+            one_line_at_death(runs.loaded(checked)),
+            run_progress(checked.spec.run.duration_s, checked.spec.name, quiet) as watchers,
+        ):
             runs.run(prepared, folder, watchers, replace=force, window=window)
     if json:
         print_json({"folder": str(folder), "summary": summary(folder), "sumo_options_replaced": checked.replaced()})
@@ -136,6 +149,7 @@ def batch(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="list the runs and estimate their time, run nothing")
     ] = False,
+    no_plugins: NoPlugins = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -148,7 +162,7 @@ def batch(
         hint = did_you_mean(executor, ["processes", "serial", "dask"])
         raise InputError(f"--executor: {executor!r}: no such executor{hint}; or dask:ADDRESS")
     part = batches.Shard(*_shard(shard))
-    loaded = studies.load(study, changes or ())
+    loaded = studies.load(study, changes or (), _before_code(no_plugins, None if dry_run else results))
     folder, slots = results / loaded.name, slots or os.cpu_count() or 1
     if dry_run:
         print_runs(loaded, folder, 1 if executor == "serial" else slots, json)
@@ -224,15 +238,17 @@ def check(
         typer.Argument(metavar="SCENARIO... [KEY=VALUE]...", help="files or shipped names; keys to change"),
     ],
     platoons: Platoons = None,
+    no_plugins: NoPlugins = False,
     json: Json = False,
 ) -> None:
-    """Report the faults of scenario and study files; run nothing."""
+    """Report the faults of scenario and study files; run nothing but the code of their plug-ins."""
     faults: dict[str, tuple[str, ...]] = {}  # by file
-    changes = [argument for argument in files if "=" in argument and not Path(argument).exists()]
+    changes = [argument for argument in files if "=" in argument and not os.path.exists(argument)]
+    before_code = _before_code(no_plugins)
     for name in (file for file in files if file not in changes):
         faults[name] = ()
         try:
-            found = _checked(name, changes, platoons)
+            found = _checked(name, changes, platoons, before_code)
             if not json:
                 out.print(f"{name}: {found}", soft_wrap=True)
         except InputError as error:
@@ -243,14 +259,21 @@ def check(
         raise InputError(*([] if json else [fault for of_file in faults.values() for fault in of_file]))
 
 
-def _checked(name: str, changes: list[str], platoons: str | None) -> str:
+def _before_code(no_plugins: bool, results: Path | None = None) -> BeforeCode:
+    """What happens before the plug-ins of a scenario are imported; see `foreign_code.say`."""
+    from platoontraffic.cli import foreign_code
+
+    return foreign_code.refuse if no_plugins else foreign_code.say(results)
+
+
+def _checked(name: str, changes: list[str], platoons: str | None, before_code: BeforeCode) -> str:
     """Check a file; returns the text to print if it has no faults. raises: InputError"""
     from platoontraffic import scenario as scenarios
     from platoontraffic.study import study
 
     if study.is_study(name):
-        return f"fine, {len(study.load(name, changes).runs)} runs"
-    checked = scenarios.load(name, changes, platoons=platoons)
+        return f"fine, {len(study.load(name, changes, before_code).runs)} runs"
+    checked = scenarios.load(name, changes, platoons=platoons, before_code=before_code)
     print_remarks(_runs().prepare(checked))
     return "fine"
 
@@ -403,7 +426,26 @@ def bench(
 
 def main() -> None:
     """Entry point."""
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        stream.reconfigure(errors="backslashreplace")
+    if fault := _of_the_shell(sys.argv[1:], os.environ.get("NUMBA_NUM_THREADS", "1")):
+        print(fault, file=sys.stderr)
+        sys.exit(2)
     app()
+
+
+def _of_the_shell(arguments: list[str], threads: str) -> str:
+    """What is wrong with how the command is called; "" if nothing is."""
+    for number, argument in enumerate(arguments, start=1):
+        try:
+            argument.encode()
+        except UnicodeEncodeError:
+            return f"word {number} of the command, {argument!a}: is not UTF-8"
+    try:
+        sound = int(threads) > 0
+    except ValueError:  # numba warns of it and goes on
+        sound = True
+    return "" if sound else f"NUMBA_NUM_THREADS={threads}: must be 1 or more"
 
 
 def _runs() -> ModuleType:

@@ -77,9 +77,10 @@ class Network:
         try:
             # Routes need the lanes inside junctions; conflicts between links are asked of SUMO itself.
             net = sumolib.net.readNet(str(path), withInternal=True, withFoes=False)
+            fault = _incomplete(net)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             raise InputError(f"{path}: something is missing ({error!r}); must be as netconvert writes it") from error
-        if fault := _incomplete(net):
+        if fault:
             raise InputError(f"{path}: {fault}; must be as netconvert writes it")
         return cls(Path(path), net, left_hand)
 

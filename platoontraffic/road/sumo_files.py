@@ -72,6 +72,8 @@ def check_net_file(path: str | Path) -> bool:
                 raise fault_at(path, parser, f"{wrong_root(tag)}; must be <net>, {NETWORK}")
             if not attributes.get("version"):
                 raise fault_at(path, parser, f"<net> has no version; must be {NETWORK} as netconvert writes it")
+        elif tag == "include":
+            raise fault_at(path, parser, f"includes '{attributes.get('href', '')}'; must be whole, {NETWORK}")
         elif tag == "edge":
             road = attributes.get("function", "normal") == "normal"
         elif tag == "lane" and road:
@@ -149,17 +151,23 @@ def names_files(path: Path) -> bool:
     return found
 
 
-def id_clashes(path: Path, ids: Collection[str]) -> list[tuple[str, str]]:
-    """(id, `file:line: fault`) for every vehicle of a route file with an id among `ids`.
+def id_clashes(path: Path, ids: Collection[str], within: tuple[Path, ...] = ()) -> list[tuple[str, str]]:
+    """(id, `file:line: fault`) for every vehicle of a route file, or of one it includes, with an id among `ids`.
 
     A flow numbers its vehicles: those of flow `x` are `x.0`, `x.1` and so on.
 
-    raises: InputError where the file cannot be read, or has a number that is not sound
+    within : files that include this one
+    raises : InputError where a file cannot be read, includes itself, or has a number that is not sound
     """
+    if path.resolve() in within:
+        raise InputError(f"{within[-1]}: includes {path.name}, which leads back to it; must not")
     clashes: list[tuple[str, str]] = []
+    included: list[str] = []
     by_flow = {name.rpartition(".")[0]: name for name in sorted(ids, reverse=True)}
 
     def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
+        if tag == "include" and attributes.get("href"):
+            included.append(attributes["href"])
         name = attributes.get("id", "")
         made = by_flow.get(name) if tag in ("flow", "calibrator") else name if tag in ("vehicle", "trip") else None
         if fault := unsound(tag, attributes):
@@ -169,6 +177,8 @@ def id_clashes(path: Path, ids: Collection[str]) -> list[tuple[str, str]]:
             clashes.append((made, str(fault)))
 
     parse(path, start, "must be a route file or an additional file of SUMO")
+    for name in included:
+        clashes += id_clashes(path.parent / name, ids, (*within, path.resolve()))
     return clashes
 
 

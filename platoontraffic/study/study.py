@@ -12,6 +12,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -23,6 +24,7 @@ from platoontraffic.errors import InputError, did_you_mean, no_file
 from platoontraffic.results import provenance
 from platoontraffic.road.network import Network
 from platoontraffic.scenario import Change, Identifier, Scenario, Table, dotted, fault_of, toml_lines
+from platoontraffic.scenario.named_code import BeforeCode
 from platoontraffic.study.conditions import condition
 from platoontraffic.study.folder_lock import SHARES
 from platoontraffic.world.deployment import deploy, static_scene
@@ -109,8 +111,10 @@ class Axis(NamedTuple):
     rows: tuple[tuple[Change, ...], ...]
 
 
-def load(name_or_file: str | Path, arguments: Sequence[str] = ()) -> Study:
+def load(name_or_file: str | Path, arguments: Sequence[str] = (), before_code: BeforeCode | None = None) -> Study:
     """The study of a file, or a shipped one by name; `key=value` arguments are set in every run.
+
+    before_code: as for `scenario.load`
 
     raises: InputError with one line for every fault found
     """
@@ -123,7 +127,8 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = ()) -> Study:
     keys = tuple(key for axis in axes for key in axis.keys)
     _check_keys([change for axis in axes for change in axis.rows[0]], fixed)
     seeds = _seeds(file, place)
-    runs = tuple(_runs(_points(file, axes, keys, place), base, fixed, seeds, source))
+    checked = partial(scenario.load, base, seed=seeds[0] if seeds else None, before_code=before_code)
+    runs = tuple(_runs(_points(file, axes, keys, place), base, checked, fixed, seeds, source))
     written_out = {
         "name": file.name,
         "title": file.title,
@@ -322,7 +327,12 @@ def _points(file: StudyFile, axes: Sequence[Axis], keys: Sequence[str], place: P
 
 
 def _runs(
-    points: Iterable[tuple[Change, ...]], base: str, fixed: Sequence[Change], seeds: Sequence[int], source: Path
+    points: Iterable[tuple[Change, ...]],
+    base: str,
+    load_base: Callable[[Sequence[Change]], Scenario],
+    fixed: Sequence[Change],
+    seeds: Sequence[int],
+    source: Path,
 ) -> Iterator[Run]:
     """The runs of all points. raises: InputError with the faults of all points"""
     networks: dict[Path, Network] = {}
@@ -332,7 +342,7 @@ def _runs(
         at = ", ".join(f"{change.key} = {change.value!r}" for change in point)
         changes = (*fixed, *point)
         try:
-            checked = scenario.load(base, changes, seeds[0] if seeds else None)
+            checked = load_base(changes)
             _deploy(checked, networks)
         except InputError as error:
             for fault in error.faults:
