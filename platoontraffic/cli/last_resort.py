@@ -22,7 +22,7 @@ import sys, tempfile
 words = sys.stdin.buffer.read()
 if words != b"ended":
     cause = words.decode(errors="replace").partition("\\n")[0].partition(": ")[2]
-    line = f"{sys.argv[1]}: the process died of {cause.lower() or 'a signal, or was ended'} in the middle of the run"
+    line = f"{sys.argv[1]}: the process died in the middle of the run ({cause.lower() or 'killed, or ended by a law'})"
     try:
         with tempfile.NamedTemporaryFile(prefix="platoontraffic-", suffix=".txt", delete=False) as file:
             file.write(line.encode(errors="replace") + b"\\n" + words)
@@ -36,8 +36,10 @@ if words != b"ended":
 
 def line_of(error: Exception) -> str:
     """An unexpected exception in one line. The traceback is in a file that the line names, if one can be written."""
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
     if isinstance(error, OSError) and error.strerror:
-        what = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        what = error.strerror
     elif isinstance(error, MemoryError):
         what = "out of memory"
     else:

@@ -441,11 +441,8 @@ def _of_the_shell(arguments: list[str], threads: str) -> str:
             argument.encode()
         except UnicodeEncodeError:
             return f"word {number} of the command, {argument!a}: is not UTF-8"
-    try:
-        sound = int(threads) > 0
-    except ValueError:  # numba warns of it and goes on
-        sound = True
-    return "" if sound else f"NUMBA_NUM_THREADS={threads}: must be 1 or more"
+    sound = threads.isdecimal() and int(threads) > 0
+    return "" if sound else f"NUMBA_NUM_THREADS={threads}: must be a whole number, 1 or more"
 
 
 def _runs() -> ModuleType:

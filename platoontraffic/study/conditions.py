@@ -54,6 +54,9 @@ def condition(text: str, keys: Sequence[str], place: str) -> Callable[[Sequence[
         raise InputError(f"{where}: cannot be read; must be a comparison, such as 'platoon.size > 5'") from None
     if wrong := next((node for node in ast.walk(tree) if not isinstance(node, _ALLOWED)), None):
         raise InputError(f"{where}: {type(wrong).__name__}: must consist of comparisons, + - * /, and, or, not, in")
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and node.id not in names.values():  # letters beyond ASCII
+            raise InputError(f"{where}: {node.id}: not a varied key of the study{did_you_mean(node.id, keys)}")
     calculated = [side for node in ast.walk(tree) if isinstance(node, ast.BinOp) for side in (node.left, node.right)]
     if not all(isinstance(side, _NUMERIC) and _is_number(getattr(side, "value", 0)) for side in calculated):
         raise InputError(f"{where}: + - * / are for numbers")  # Python also multiplies texts, without a limit
