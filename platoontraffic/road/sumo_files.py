@@ -13,6 +13,7 @@ from xml.parsers import expat
 import numpy as np
 
 from platoontraffic.errors import InputError, no_file
+from platoontraffic.road.requests import Requests
 from platoontraffic.road.sumo_values import MOST, unsound
 
 NETWORK = "a SUMO network (.net.xml)"
@@ -63,6 +64,7 @@ def check_net_file(path: str | Path) -> bool:
     raises  : InputError
     """
     root, road, lanes, left_hand = "", False, False, False
+    requests = Requests()
 
     def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
         nonlocal root, road, lanes, left_hand
@@ -78,12 +80,15 @@ def check_net_file(path: str | Path) -> bool:
             road = attributes.get("function", "normal") == "normal"
         elif tag == "lane" and road:
             lanes = True
+        requests.note(tag, attributes)
         if fault := unsound(tag, attributes):
             raise fault_at(path, parser, f"{element_of(tag, attributes)}: {fault}")
 
     last = parse(path, start, f"must be {NETWORK}")
     if not lanes:
         raise InputError(f"{path}:{last}: the network has no road; must have at least one edge with a lane")
+    if fault := requests.fault():
+        raise InputError(f"{path}: {fault}; must be as netconvert writes it")
     return left_hand
 
 
