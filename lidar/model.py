@@ -229,5 +229,6 @@ PRESETS = MappingProxyType(
         "car-leader": _fan(90.0, 0.3, 60.0, rate=10.0, noise=_CAR),
         "car-follower": _fan(11.5, 0.3, 30.0, rate=10.0, noise=_CAR),
         "car-tracker": _fan(90.0, 0.3, 80.0, samples=721, rate=10.0, noise=_CAR),
+        "car-around": _fan(180.0, 0.3, 80.0, samples=361, rate=10.0, noise=_CAR),
     }
 )

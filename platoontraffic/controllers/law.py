@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import wraps
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ class Law:
 
     needs: frozenset[str] = frozenset()  # of NEEDS or sensors: what it is given beside scan, own motion and body
     lidar: str | None = None  # the lidar preset, where a scenario names none; None: the paper's
+    further_lidars: Mapping[str, str] = MappingProxyType({})  # presets of more lasers, by their names, as `lidar`
     native: bool = False  # SUMO's own driver model drives, by the law's gains max_speed [m/s] and speed_factor alone
     imperfection: float = 0.5  # of that driver: SUMO's sigma, 0 to 1
     hardest_braking: float = math.inf  # it never brakes harder [m/s2]
@@ -64,7 +66,7 @@ class BrakingFor(NamedTuple):
     creeps: np.ndarray  # past something that has not moved for long, bool
 
 
-BRAKES_FOR = ("", "predecessor", "obstacle", "line", "lost")
+BRAKES_FOR = ("", "predecessor", "obstacle", "line", "lost", "beside")
 
 
 class Body(NamedTuple):
@@ -87,6 +89,9 @@ class RouteAhead(NamedTuple):
     points: np.ndarray  # as seen from the driven axle, x forward, y to the left [m], (n, k, 2)
     limit: np.ndarray  # of speed, from each point on [m/s], (n, k)
     curvature: np.ndarray  # of the route, to the left [1/m], (n, k)
+    aside: (
+        np.ndarray
+    )  # of the route from the lane on which it began, to the left, by lane changes until there [m], (n, k)
 
 
 CLOSED_BY = (

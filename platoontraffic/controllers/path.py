@@ -35,7 +35,7 @@ RESERVE = 1.15  # lateral acceleration that steering may use, above that of the 
 ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
 
 
-PREDECESSOR, OBSTACLE, LINE, LOST = range(1, len(BRAKES_FOR))
+PREDECESSOR, OBSTACLE, LINE, LOST, BESIDE = range(1, len(BRAKES_FOR))
 
 
 class Memory(NamedTuple):

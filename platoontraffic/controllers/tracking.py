@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
+from platoontraffic.controllers import beside
+from platoontraffic.controllers.beside import Beside
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
-from platoontraffic.controllers.law import BrakingFor, Decision, Law, Sensed, Target
+from platoontraffic.controllers.law import BrakingFor, Decision, Law, RouteAhead, Sensed, Target
 from platoontraffic.controllers.path import (
+    BESIDE,
     LINE,
     LOST,
     OBSTACLE,
@@ -46,6 +50,7 @@ ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
 KEPT_FREE = 0.22  # on each side of the vehicle, on its path [m]
 SHOWN = 32  # points of the trail that are recorded
+AROUND = "around"  # name of the laser that looks beside and behind
 
 ASIDE = 5.0  # distance from the route beyond which a predecessor that was never lost is dropped [m]
 ASIDE_ANEW = 2.0  # the same for one that was met on the route [m]
@@ -68,13 +73,15 @@ class Memory(NamedTuple):
     never_lost: np.ndarray  # it has had the same predecessor from the start, bool
     creeping: Creeping
     braking_for: BrakingFor
+    beside: Beside
 
     @classmethod
     def begin(cls, speed: np.ndarray, yaw_rate: np.ndarray) -> Memory:
         n = len(speed)
         records = Odometry.begin(speed, yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
         none = np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool)
-        return cls(*records, *np.zeros((2, n)), DriveLine.at_rest(n), *none, Creeping.none(n), nothing(n))
+        return cls(*records, *np.zeros((2, n)), DriveLine.at_rest(n), *none, Creeping.none(n), nothing(n),
+                   Beside.none(n))  # fmt: skip
 
 
 class Now(NamedTuple):
@@ -85,6 +92,8 @@ class Now(NamedTuple):
     odometry: Odometry
     fitted: Fitted
     dt: float
+    given: RouteAhead | None  # the route, where `sensed` has the one that is driven: shifted to a lane beside it
+    wrong_lane: np.ndarray  # it would come to the next stop line on another lane than its route, bool (n,)
 
     @property
     def speed(self) -> np.ndarray:
@@ -111,6 +120,7 @@ class Estimate(NamedTuple):
 
     predicted: Track  # before the scan
     track: Track
+    aligned: Track  # where it would be on the own lane, if the own vehicle stays there
     sighting: Sighting
     on_route: np.ndarray  # the path is the given route, not the predecessor's trail, bool (n,)
 
@@ -200,6 +210,11 @@ class TrackingFollower(Law):
         return frozenset({"signals"} if self.policy == "obey" else ())
 
     @property
+    def further_lidars(self) -> Mapping[str, str]:
+        """To look beside, where its route tells it how the lanes lie."""
+        return {AROUND: "car-around"} if self.drives_alone else {}
+
+    @property
     def drives_alone(self) -> bool:
         """It drives on without a predecessor."""
         return self.on_loss == "drive"
@@ -213,7 +228,12 @@ class TrackingFollower(Law):
             memory = Memory.begin(sensed.speed, sensed.yaw_rate)
         bias = memory.yaw_bias.after(sensed, memory.curvature, dt)
         odometry = memory.odometry.moved(*own_motion(sensed, bias, memory.curvature, memory.acceleration), dt)
-        now = Now(sensed, memory, odometry, fitted(sensed.body, odometry.speed, dt, RECOVERY), dt)
+        given, wrong_lane = sensed.route, np.zeros(len(sensed.speed), bool)
+        if given is not None and memory.beside.active.any():
+            wrong_lane = memory.beside.closes(given, sensed.signals.distance)
+            signals = sensed.signals._replace(open=sensed.signals.open & ~wrong_lane)
+            sensed = replace(sensed, route=memory.beside.drives(given), signals=signals)
+        now = Now(sensed, memory, odometry, fitted(sensed.body, odometry.speed, dt, RECOVERY), dt, given, wrong_lane)
         estimate = self._estimate(now)
 
         trail = self._remember(now, estimate)
@@ -228,12 +248,15 @@ class TrackingFollower(Law):
         acceleration = self._comfort(now, demand)
         curvature = self._held(now, curvature)
 
+        limit = limit._replace(
+            reason=np.where((limit.reason == PREDECESSOR) & memory.beside.held, BESIDE, limit.reason)
+        )
         never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
         if sensed.route is not None:  # another vehicle may have come in between, so the next one is found anew
             never_lost &= limit.reason != LINE
         commands = acceleration, curvature, drive_line
         memory = Memory(now.odometry, bias, estimate.track, trail, *commands, obstacle.free, obstacle.closing,
-                        never_lost, creeps, limit)  # fmt: skip
+                        never_lost, creeps, limit, self._look_beside(now, estimate))  # fmt: skip
         return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
@@ -255,8 +278,9 @@ class TrackingFollower(Law):
         if now.leads.any():
             track, sighting = track.forgotten(now.leads), sighting.without(now.leads)
         # A predecessor that was met on the route is followed along the route.
-        on_route = (~predicted.known | ~now.memory.never_lost) & (route is not None)
-        return Estimate(predicted, track, sighting, on_route)
+        on_route = (~predicted.known | ~now.memory.never_lost | now.memory.beside.active) & (route is not None)
+        aligned = track if now.given is None else now.memory.beside.aligned(track, now.given, now.odometry)
+        return Estimate(predicted, track, aligned, sighting, on_route)
 
     def _predict(self, now: Now) -> Track:
         """The track at the time of this scan, without predecessors that are lost, off the route, or not wanted."""
@@ -270,7 +294,7 @@ class TrackingFollower(Law):
     # ---- 2. steer
 
     def _remember(self, now: Now, estimate: Estimate) -> Trail:
-        track, odometry, route = estimate.track, now.odometry, now.sensed.route
+        track, odometry, route = estimate.aligned, now.odometry, now.sensed.route
         gap, section = estimate.predicted.blind > 1.5 * now.dt, None
         if route is not None:
             near = np.hypot(track.mean[:, 0] - odometry.x, track.mean[:, 1] - odometry.y) - RUN_UP
@@ -279,9 +303,17 @@ class TrackingFollower(Law):
             section = RouteSection(estimate.on_route, route.points, route.distance, length, rounding)
         return now.memory.trail.extended(track, odometry, gap | estimate.on_route, section)
 
+    def _look_beside(self, now: Now, estimate: Estimate) -> Beside:
+        if now.given is None:
+            return now.memory.beside
+        scan = now.sensed.scans.get(AROUND)
+        follows = estimate.track.known & now.memory.never_lost
+        scene = beside.Scene(now.given, now.odometry, estimate.track, follows, now.sensed, scan, now.dt)
+        return beside.look(now.memory.beside, scene)
+
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
         fit = now.fitted
-        return trail.ahead(now.odometry, estimate.track, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
+        return trail.ahead(now.odometry, estimate.aligned, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
 
     def _steer(self, now: Now, estimate: Estimate, ahead: Ahead) -> np.ndarray:
         """Curvature to drive [1/m], (n,)."""
@@ -299,6 +331,8 @@ class TrackingFollower(Law):
         distance = ahead.length - OVERHANG - now.laser
         speed_ahead, acceleration_ahead = track.mean[:, SPEED], track.mean[:, ACCELERATION]
         wanted = self._headway(now, distance, track, drive_line)
+        error = distance - self.desired_distance(now.speed)
+        wanted = beside.slowed(now.memory.beside, now.sensed.body.length, now.speed, speed_ahead, error, wanted)
         stop = np.where(now.speed < STANDING, -FIRM, -self.braking / 2)
         needed = self._brake_for(now, distance, speed_ahead, np.minimum(acceleration_ahead, 0.0))
         return Demand(np.where(track.known, wanted, stop), np.where(track.known, needed, np.inf))
@@ -365,7 +399,7 @@ class TrackingFollower(Law):
         free, closing, bearing = obstacle
         n = len(now.speed)
         stop = np.full(n, np.inf) if sensed.signals is None else self.alone.acceleration_for_lines(sensed)
-        stop = np.where(track.known & (self.policy == "convoy"), np.inf, stop)
+        stop = np.where(track.known & (self.policy == "convoy") & ~now.wrong_lane, np.inf, stop)
         creeps, limit = memory.creeping, nothing(n)
         if sensed.route is not None:
             alone = self.alone.acceleration_on(sensed, np.zeros(n), free, closing, now.dt)

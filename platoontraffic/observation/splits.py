@@ -71,6 +71,8 @@ class Splits:
         number, ahead = step.number[row], step.fleet.predecessor[row]
         if cause := self._hindrances.lately(number, step.time):
             return cause
+        if self._limits.reason(number) == "beside":
+            return Cause("beside", "no room beside it to go over to the lane of its predecessor")
         body = self._limits.body(number) if self._limits.reason(number) == "obstacle" else ""
         if body and body != step.traffic.ids[ahead]:
             return Cause("blocked", f"blocked by {body}")

@@ -64,7 +64,7 @@ def before(scenario: Scenario) -> dict[str, Any]:
         "given_to_laws": {
             f"platoon.{i}.{role}": ["scan", *(f"scan {name}" for name in lidars), "own motion", *sorted(law.needs)]
             for (i, role), law in scenario.laws.items()
-            for lidars in [getattr(scenario.spec.platoon[i], role).lidars]
+            for lidars in [scenario.further_lidars((i, role))]
         },
         "sumo_options_ignored": list(config.ignored) if config else [],
         "sumo_options_replaced": scenario.replaced(),

@@ -5,6 +5,7 @@ Edges, lanes and links (connections of two lanes) are sumolib's.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -37,6 +38,7 @@ class Line(NamedTuple):
     via: tuple[str, ...]  # lanes inside the junction: two or more where vehicles may wait midway
     across: float  # length of those lanes, or of the lane change [m]
     to_end: float = 0.0  # from where a lane change begins to the lane's end [m]
+    aside: float = 0.0  # distance of the lane that is changed to, to the left [m]
 
 
 def links_between(here: Any, there: Any) -> list[Any]:
@@ -101,10 +103,9 @@ class LaneRoute:
         """
         points, before, change = _crossing_over(lane, link.getFromLane(), position)
         if lane is not link.getFromLane():
-            sides = lane.getID(), link.getFromLane().getID()
-            self.lines.append(
-                Line(self._length() + before, CHANGING, "", 0, *sides, (), change, _length(points) - before)
-            )
+            sides, to_end = (lane.getID(), link.getFromLane().getID()), _length(points) - before
+            aside = _aside(lane, link.getFromLane())
+            self.lines.append(Line(self._length() + before, CHANGING, "", 0, *sides, (), change, to_end, aside))
         self.parts.append(points)
         self.limits.append(lane.getSpeed())
         across = inside(link, self.net)
@@ -152,6 +153,16 @@ def _crossing_over(lane: Any, other: Any, position: float) -> tuple[np.ndarray, 
     begun, ended = shapely.get_coordinates(points).reshape(2, -1, 2)
     points = begun + np.clip((share - begin) / change, 0.0, 1.0)[:, None] * (ended - begun)
     return points, begin * line.length, change * line.length
+
+
+def _aside(lane: Any, other: Any) -> float:
+    """Distance of another lane of the same edge, to the left [m]."""
+    line = LineString(lane.getShape())
+    place = line.interpolate(0.5, normalized=True)
+    before, after = (line.interpolate(share, normalized=True) for share in (0.45, 0.55))
+    beside = LineString(other.getShape()).interpolate(LineString(other.getShape()).project(place))
+    ahead, across = (after.x - before.x, after.y - before.y), (beside.x - place.x, beside.y - place.y)
+    return math.copysign(math.hypot(*across), ahead[0] * across[1] - ahead[1] * across[0])
 
 
 def _length(line: np.ndarray) -> float:

@@ -20,7 +20,7 @@ from platoontraffic.lidar.compiled import compiler
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.road.drivable_line import LOCK, SPACING, drivable, turns
 from platoontraffic.road.eased_line import EASING, WIDEST, eased
-from platoontraffic.road.lane_routes import Line
+from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.vehicles.motion import VehicleModel
 
 # Distances of the points ahead that a law is given [vehicle lengths]: dense at first, for steering; then as far as a
@@ -135,6 +135,9 @@ class Routes:
         grids = [_curvature(line, size) for line, (_, size) in zip(lines, kinds, strict=True)]
         self._grid = np.concatenate([grid + base for (grid, _), base in zip(grids, bases, strict=True)])
         self._curvature = np.concatenate([curvature for _, curvature in grids])
+        shifts = [_lane_changes(chosen[key]) for key, _ in kinds]
+        self._changes = np.concatenate([at + base for (at, _), base in zip(shifts, bases, strict=True)])
+        self._aside = np.concatenate([aside for _, aside in shifts])
         self._closed = np.array([route.closed for route in routes])
         self.walled = np.array([route.walled for route in routes])  # a wall closes the road at the end of the route
         self._end = np.array([route.length for route in routes])
@@ -159,7 +162,8 @@ class Routes:
         facing = np.cos(heading), np.sin(heading)
         _seen(there, self._stations, self._points, self._limits, x, y, *facing, points, limit)
         curvature = np.interp(there, self._grid, self._curvature)
-        return RouteAhead(distance, points, limit, curvature)
+        aside = np.interp(there, self._changes, self._aside) if self._aside.any() else np.zeros(there.shape)
+        return RouteAhead(distance, points, limit, curvature, aside)
 
     def left(self, station: np.ndarray) -> np.ndarray:
         """Distance to the end of the route [m], (n,); inf on a closed one."""
@@ -198,6 +202,15 @@ def _seen(there, stations, points, limits, x, y, cos, sin, seen, limit):
                 north += (points[k + 1, 1] - north) / size * along
             east, north = east - x[i], north - y[i]
             seen[i, j, 0], seen[i, j, 1] = east * cos[i] + north * sin[i], north * cos[i] - east * sin[i]
+
+
+def _lane_changes(route: Route) -> tuple[np.ndarray, np.ndarray]:
+    """Stations [m], and distance of the route there from the lane on which it began, to the left [m]."""
+    at, aside = [0.0], [0.0]
+    for line in (line for line in route.lines if line.state == CHANGING):
+        at += [line.station, line.station + line.across]
+        aside += [aside[-1], aside[-1] + line.aside]
+    return np.array([*at, route.line.stations[-1]]), np.array([*aside, aside[-1]])
 
 
 def _curvature(line: Polyline, length: float) -> tuple[np.ndarray, np.ndarray]:

@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 from platoontraffic.controllers import registry
 from platoontraffic.controllers.gains import files_in, instance_of, law_of, with_files
 from platoontraffic.controllers.law import Law
+from platoontraffic.lidar import PRESETS
 from platoontraffic.plug_ins import find_class, plug_in_file
 from platoontraffic.scenario.defaults import usual
 from platoontraffic.scenario.faults import Fault, KeyPath, what_of
 from platoontraffic.scenario.tables import Driver, Spec
+from platoontraffic.scenario.vehicle_tables import Lidar
 from platoontraffic.vehicles.catalogue import VehicleModel
 from platoontraffic.vehicles.sensor import NamedSensor
 
@@ -58,6 +60,21 @@ def default_preset(role: str, law: Law | type[Law], vehicle: VehicleModel) -> st
     law: a law or its class
     """
     return law.lidar or usual(vehicle).lidars[role]
+
+
+def further_lidars(driver: Driver, preset: str, law: Law | type[Law]) -> dict[str, Lidar]:
+    """The tables of a driver's further lasers by name: of those that its law declares, and of those that it names.
+
+    A laser that only the law declares scans when the main one does. preset: of the main laser
+    """
+    main = driver.lidar
+    rate = main.rate_hz or PRESETS[main.preset or preset].rate
+    declared = {name: Lidar(preset=one, rate_hz=rate) for name, one in law.further_lidars.items()}
+    named = {
+        name: table.model_copy(update={"preset": table.preset or law.further_lidars.get(name, preset)})
+        for name, table in driver.lidars.items()
+    }
+    return declared | named
 
 
 def _find_law(driver: Driver, at: KeyPath, find: Callable[[str], tuple[type, tuple[Path, ...]]], folder: Path) -> Found:

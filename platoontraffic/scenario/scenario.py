@@ -13,10 +13,11 @@ from platoontraffic import shipped
 from platoontraffic.controllers.gains import table_of
 from platoontraffic.road.sumo_configuration import Configuration
 from platoontraffic.scenario.configurations import step_fits
-from platoontraffic.scenario.drivers import FoundSensor, Role, default_preset, drivers_of
+from platoontraffic.scenario.drivers import FoundSensor, Role, default_preset, drivers_of, further_lidars
 from platoontraffic.scenario.faults import Fault, KeyPath, dotted
 from platoontraffic.scenario.metric_plug_ins import MetricPlugIns
 from platoontraffic.scenario.tables import Spec
+from platoontraffic.scenario.vehicle_tables import Lidar
 
 REPLAY_TRAFFIC, REPLAY_SCANS = 0.5, 0.25  # sampling intervals of a replay [s]
 REPLAY_RANGES = 10e6  # most measured ranges in a replay; where there would be more, scans are recorded less often
@@ -99,6 +100,11 @@ class Scenario:
         """The lidar of a driver that names none."""
         return default_preset(role[1], self.laws[role], self.spec.platoon[role[0]].model(0))
 
+    def further_lidars(self, role: Role) -> dict[str, Lidar]:
+        """The tables of a driver's further lasers, by name."""
+        driver = getattr(self.spec.platoon[role[0]], role[1])
+        return further_lidars(driver, self.default_preset(role), self.laws[role])
+
     def _beams(self) -> int:
         """Beams of all members' lidars in one scan each."""
         beams = 0
@@ -150,8 +156,8 @@ class Scenario:
 
     def _resolved_extras(self, role: Role, folder: Path | None) -> dict[str, Any]:
         """The tables of further lasers and of sensors, where there are any."""
-        driver, preset, sensors = getattr(self.spec.platoon[role[0]], role[1]), self.default_preset(role), {}
-        lidars = {name: {"preset": preset} | one.model_dump(exclude_none=True) for name, one in driver.lidars.items()}
+        lidars = {name: one.model_dump(exclude_none=True) for name, one in self.further_lidars(role).items()}
+        driver, sensors = getattr(self.spec.platoon[role[0]], role[1]), {}
         for (name, sensor), file in self.sensors[role]:
             written = driver.sensors[name].sensor
             if file:

@@ -138,7 +138,7 @@ class Driver(Named):
     """Laser scanner, by name or as a table."""
     lidars: dict[Identifier, Lidar] = Field({})
     """Further laser scanners, each with a name of its own. Their interval must be a multiple of that of `lidar`.
-    Default: none."""
+    Default: those that the law declares: "tracking" has "around", of preset "car-around"."""
     sensors: dict[Identifier, SensorTable] = Field({})
     """Sensors from plug-ins, each with the name by which the law asks for it in `needs`. Default: none."""
     odometry: OdometryTable = OdometryTable()

@@ -15,18 +15,30 @@ from platoontraffic.world.traffic import TrafficSnapshot
 
 CLEARANCE_ALONG = 1.0  # free before and behind each member [its own lengths]
 CLEARANCE_ASIDE = 0.5  # free beside each member, both sides together [m]
+LANES_ASIDE = 8.0  # beside each member, both sides together, where nobody may be changing lanes [m]
+CHANGING = 0.1  # lateral speed of a vehicle that changes lanes [m/s]
 
 
 def in_the_way(platoon: Fleet, traffic: TrafficSnapshot, sumo: Client) -> list[str]:
-    """Vehicles and people near the platoon's places, and vehicles on its lanes too close to brake in comfort."""
+    """Vehicles and people near the platoon's places, vehicles on its lanes too close to brake in comfort, and vehicles
+    beside it that change lanes."""
     found = near_places(platoon, traffic) | too_close_on_lanes(platoon, sumo)
+    beside = near_places(platoon, traffic, LANES_ASIDE) - found
+    found |= {name for name in beside & set(sumo.vehicle.getIDList()) if _changes_lanes(name, sumo)}
     return sorted(found - {m.id for m in platoon.members})
 
 
-def near_places(platoon: Fleet, traffic: TrafficSnapshot) -> set[str]:
-    """Ids in the traffic that overlap a member's place with its clearance, or the space up to its predecessor's."""
+def _changes_lanes(name: str, sumo: Client) -> bool:
+    return abs(sumo.vehicle.getLateralSpeed(name)) > CHANGING
+
+
+def near_places(platoon: Fleet, traffic: TrafficSnapshot, aside: float = CLEARANCE_ASIDE) -> set[str]:
+    """Ids in the traffic that overlap a member's place with its clearance, or the space up to its predecessor's.
+
+    aside: clearance beside each member, both sides together [m]
+    """
     here = members_at(platoon, traffic.time)
-    room = replace(here, length=here.length * (1 + 2 * CLEARANCE_ALONG), width=here.width + CLEARANCE_ASIDE)
+    room = replace(here, length=here.length * (1 + 2 * CLEARANCE_ALONG), width=here.width + aside)
     places = shapely.polygons(room.boxes().corners())
     followers = np.flatnonzero(platoon.predecessor >= 0)
     between = shapely.convex_hull(shapely.union(places[followers], places[platoon.predecessor[followers]]))

@@ -100,7 +100,7 @@ class Equipment(NamedTuple):
         platoon, law = scenario.spec.platoon[i], scenario.laws[i, role]
         driver, preset = getattr(platoon, role), scenario.default_preset((i, role))
         length = model.length
-        further = (table.model(preset, length, name) for name, table in driver.lidars.items())
+        further = (table.model(preset, length, name) for name, table in scenario.further_lidars((i, role)).items())
         sensors = tuple(found.sensor for found in scenario.sensors[i, role])
         return cls(role, model, law, (driver.lidar.model(preset, length), *further), driver.odometry.model(), sensors)
 

@@ -109,7 +109,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
         ("vehicles", ["paper-robot", "car", "van", "truck"]),
         (
             "lidars",
-            ["paper-leader", "paper-follower", "utm30lx", "car-leader", "car-follower", "car-tracker"],
+            ["paper-leader", "paper-follower", "utm30lx", "car-leader", "car-follower", "car-tracker", "car-around"],
         ),
     ],
 )

@@ -1,0 +1,275 @@
+"""Looking beside and behind before a follower goes over to another lane, by its own laser.
+
+Where the lanes lie it knows by its route: the lane offset of a place is its distance to the left of the lane on which
+the route began, as that goes on beside the route. The offset of its goal is that of its predecessor, whose path it
+follows, or that of the route. If the goal is on another lane, the first returns ahead and behind on that side and the
+rates at which they come nearer, known from the second scan on, say whether there is room (`lane_room`). If there is
+none, the follower stays on its lane: it drives its route shifted to there. It goes over, by a cosine, when there has
+been room for a moment. What a body hides and what is out of range is not seen.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.controllers.closing import closing_speed
+from platoontraffic.controllers.lane_room import room_needed
+from platoontraffic.controllers.law import RouteAhead, Sensed
+from platoontraffic.controllers.tracker.records import X, Y
+from platoontraffic.controllers.tracker.track import Odometry, Track
+from platoontraffic.lidar import ScanBatch
+
+IN_LINE = 0.4  # lane offset from the goal up to which a follower drives in line with it [m]
+WATCHED = 0.5  # the same from which the side of the goal is looked at [m]
+ANOTHER = 1.0  # the same from which the goal is on another lane [m]
+COMMITTED = 0.6  # offset from its lane from which it goes over in any case [m]
+INNER, OUTER = (
+    0.5,
+    0.3,
+)  # the strip looked at: from so far beside the own body, to so far beyond it on the goal's lane [m]
+NARROWEST = 2.0  # least distance of another lane [m]
+BEFORE_PREDECESSOR = 2.0  # distance before the predecessor's axle at which the strip ends [m]
+SURE = 0.3  # time for which there must be room before it goes over [s]
+CROSSING_TIME, SHORTEST = 3.0, 20.0  # of going over [s], and its least length [m]
+SAME, FILTER = 1.5, 0.3  # of the closing speed: as in `closing_speed` [m], [s]
+LEAST_SHRUNK = 0.3  # share to which a bend may shrink on its inner side
+STANDS = 2.0  # speed of what is behind up to which nothing need be left to it [m/s]
+PATIENCE = 4.0  # time that it waits for room beside what keeps pace, before it falls back [s]
+SLOWER, FALLS_BACK, GENTLE = 2.0, 25.0, 1.0  # falls back: slower by [m/s], as far as [m], braking by [m/s2]
+
+
+class Side(NamedTuple):
+    """The strip beside a follower on the side of its goal, arrays (n,)."""
+
+    side: np.ndarray  # 1: left, -1: right, 0: it is not looked at
+    ahead: np.ndarray  # distance from the front bumper to the first return [m]; negative: abreast; inf: none
+    ahead_closing: np.ndarray  # rate at which that shrinks [m/s]; NaN: not known yet
+    behind: np.ndarray  # the same from the rear bumper backwards
+    behind_closing: np.ndarray
+
+    @classmethod
+    def unknown(cls, n: int) -> Side:
+        inf, nan = np.full(n, np.inf), np.full(n, np.nan)
+        return cls(np.zeros(n), inf, nan, inf, nan)
+
+    def room_ahead(self, length: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """Room before what is ahead, bool (n,); length, speed: own [m], [m/s]."""
+        with np.errstate(invalid="ignore"):
+            return (self.ahead == np.inf) | (self.ahead > room_needed(length, speed, self.ahead_closing))
+
+    def room_behind(self, length: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """Room for what is behind, as `room_ahead`."""
+        theirs = speed + self.behind_closing
+        with np.errstate(invalid="ignore"):
+            stands = (self.behind > 0) & (theirs < STANDS)
+            return (self.behind == np.inf) | (self.behind > room_needed(length, theirs, self.behind_closing)) | stands
+
+
+class Beside(NamedTuple):
+    """What a follower remembers of its lane and the one beside it, arrays (n,). Offsets are lane offsets [m]."""
+
+    lane: np.ndarray  # own, when it last drove in line with its goal; NaN: not yet
+    stays: np.ndarray  # to which its route is shifted, while its goal is on another lane; NaN: it is not
+    goal: np.ndarray  # to which it goes over; NaN: to the route
+    driven: np.ndarray  # since it began to go over [m]; NaN: it has not
+    length: np.ndarray  # of going over [m]
+    side: Side
+    room_for: np.ndarray  # time for which there has been room [s]
+    waits: np.ndarray  # time since it stays [s]
+
+    @classmethod
+    def none(cls, n: int) -> Beside:
+        nan = np.full(n, np.nan)
+        return cls(nan, nan, nan, nan, nan, Side.unknown(n), np.zeros(n), np.zeros(n))
+
+    @property
+    def active(self) -> np.ndarray:
+        """Its route is shifted, bool (n,)."""
+        return ~np.isnan(self.stays)
+
+    @property
+    def held(self) -> np.ndarray:
+        """It stays on its lane, and its goal is on another one, bool (n,)."""
+        return self.active & np.isnan(self.driven)
+
+    def drives(self, route: RouteAhead | None) -> RouteAhead | None:
+        """The route, shifted to the lane on which a follower stays, and to its goal where it goes over."""
+        if route is None or not self.active.any():
+            return route
+        offset, bend = self._planned(route.distance, route.aside)
+        shift = np.where(self.active[:, None], offset - route.aside, 0.0)
+        steps = np.diff(route.points, axis=1)
+        steps = np.concatenate([steps, steps[:, -1:]], axis=1)
+        steps /= np.maximum(np.hypot(steps[..., 0], steps[..., 1]), 1e-9)[..., None]
+        left = np.stack([-steps[..., 1], steps[..., 0]], axis=-1)
+        curvature = route.curvature / np.maximum(1 - shift * route.curvature, LEAST_SHRUNK) + bend
+        return route._replace(points=route.points + shift[..., None] * left, curvature=curvature)
+
+    def closes(self, given: RouteAhead, distance: np.ndarray) -> np.ndarray:
+        """It would come to places at distances ahead (n,) [m] on another lane than its route, bool (n,)."""
+        aside = _at(given.aside, given.distance, distance)
+        offset, _ = self._planned(distance[:, None], aside[:, None])
+        return self.active & (np.abs(offset[:, 0] - aside) > ANOTHER)
+
+    def _planned(self, distance: np.ndarray, aside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lane offset [m] at distances ahead (n, k), and the curvature of going over [1/m]; NaN and 0: not active.
+
+        aside: of the route there (n, k)
+        """
+        stays, driven, length = (values[:, None] for values in (self.stays, self.driven, self.length))
+        goal = np.where(np.isnan(self.goal[:, None]), aside, self.goal[:, None])
+        share = np.nan_to_num(np.clip((driven + distance) / length, 0.0, 1.0))
+        between = (share > 0) & (share < 1)
+        bend = np.where(between, (goal - stays) / 2 * (np.pi / length) ** 2 * np.cos(np.pi * share), 0.0)
+        return stays + (goal - stays) * (1 - np.cos(np.pi * share)) / 2, bend
+
+    def aligned(self, track: Track, given: RouteAhead, odometry: Odometry) -> Track:
+        """The predecessors where they would be on the shifted routes, so that the trail leads along these."""
+        if not self.active.any():
+            return track
+        station, offset, heading = places(track, given, odometry)
+        aside = _at(given.aside, given.distance, station)
+        planned, _ = self._planned(station[:, None], aside[:, None])
+        shift = np.where(self.active, planned[:, 0] - aside - offset, 0.0)
+        mean = track.mean.copy()
+        mean[:, X] -= shift * np.sin(heading + odometry.heading)
+        mean[:, Y] += shift * np.cos(heading + odometry.heading)
+        return track._replace(mean=mean)
+
+
+class Scene(NamedTuple):
+    """What a follower looks beside with."""
+
+    given: RouteAhead  # not shifted
+    odometry: Odometry
+    track: Track  # of the predecessor
+    follows: np.ndarray  # its goal is its predecessor, bool (n,); else it is the route
+    sensed: Sensed
+    scan: ScanBatch | None  # of the laser that looks beside; None: not due
+    dt: float
+
+
+def places(track: Track, given: RouteAhead, odometry: Odometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of predecessors on routes: distance [m], offset to the left [m], heading of the route there [rad]; NaN: none."""
+    from platoontraffic.controllers.tracker.beside_kernel import find_places
+
+    station, offset, heading = np.full((3, len(track.mean)), np.nan)
+    find_places(given.points, given.distance, track.mean, odometry, station, offset, heading)
+    return station, offset, heading
+
+
+def look(beside: Beside, scene: Scene) -> Beside:
+    """After a scan: whether each follower stays on its lane or goes over to that of its goal."""
+    given, sensed, dt = scene.given, scene.sensed, scene.dt
+    speed, length = scene.odometry.speed, sensed.body.length
+    own = _own_offset(given) + given.aside[:, 0]
+    station, offset, _ = places(scene.track, given, scene.odometry)
+    follows = scene.follows & np.isfinite(station)
+    there = np.where(follows, offset + _at(given.aside, given.distance, station), given.aside[:, 0])
+
+    lane = np.where(np.isnan(beside.lane), own, beside.lane)
+    base = np.where(beside.active, beside.stays, lane)
+    away = there - base
+    side = _looked(beside.side, scene, base, away, np.where(follows, station - BEFORE_PREDECESSOR, np.inf))
+    room = side.room_ahead(length, speed) & side.room_behind(length, speed) & (side.side != 0)
+    room_for = np.where(room, beside.room_for + dt, 0.0)
+
+    left = np.abs(own - base) > COMMITTED  # its lane
+    held, crossing = beside.held, beside.active & ~beside.held
+    begins = ~beside.active & (np.abs(away) > ANOTHER) & ~room & ~left
+    stops = crossing & ~room & ~left & (np.abs(away) > ANOTHER)
+    goes = held & (room_for > SURE - 1e-6)
+    back = held & (np.abs(away) < IN_LINE)
+    done = crossing & (beside.driven > beside.length)
+    ends = back | done
+
+    stays = np.where(begins, lane, np.where(ends, np.nan, beside.stays))
+    driven = np.where(goes, 0.0, np.where(stops | begins | ends, np.nan, beside.driven + speed * dt))
+    in_line = (~beside.active & (np.abs(there - own) < IN_LINE)) | ends
+    return Beside(
+        lane=np.where(in_line, own, lane),
+        stays=stays,
+        goal=np.where(goes, np.where(follows, there, np.nan), beside.goal),
+        driven=driven,
+        length=np.where(goes, np.maximum(SHORTEST, CROSSING_TIME * speed), beside.length),
+        side=side,
+        room_for=room_for,
+        waits=np.where(held & ~goes & ~back, beside.waits + dt, 0.0),
+    )
+
+
+def slowed(beside: Beside, length: np.ndarray, speed: np.ndarray, target: np.ndarray, error: np.ndarray, wanted):
+    """The wanted acceleration, less where a gap must be opened beside what keeps pace [m/s2], (n,).
+
+    length, speed : own [m], [m/s]
+    target        : speed of the predecessor [m/s]; NaN without one
+    error         : distance to it less the desired one [m]
+    """
+    side = beside.side
+    with np.errstate(invalid="ignore"):
+        paced = ~side.room_behind(length, speed) & ~(side.behind_closing > SLOWER)
+    opens = beside.held & (beside.waits > PATIENCE) & (paced | ~side.room_ahead(length, speed)) & (error < FALLS_BACK)
+    slower = np.maximum(target - SLOWER - speed, -GENTLE)
+    return np.where(opens & np.isfinite(slower), np.minimum(wanted, slower), wanted)
+
+
+def _own_offset(given: RouteAhead) -> np.ndarray:
+    """Of the own axle from the route, to the left [m], (n,)."""
+    foot, onward = given.points[:, 0], given.points[:, 1]
+    heading = np.arctan2(onward[:, 1] - foot[:, 1], onward[:, 0] - foot[:, 0])
+    return foot[:, 0] * np.sin(heading) - foot[:, 1] * np.cos(heading)
+
+
+def _at(values: np.ndarray, distance: np.ndarray, station: np.ndarray) -> np.ndarray:
+    """Values (n, k) at the points at or before stations (n,)."""
+    k = np.clip((distance <= station[:, None]).sum(axis=1) - 1, 0, None)
+    return values[np.arange(len(station)), k]
+
+
+def _looked(before: Side, scene: Scene, base: np.ndarray, away: np.ndarray, reach: np.ndarray) -> Side:
+    """The strip on the side of the goal, where that is off the own lane; `before` where no scan is due.
+
+    base, away : lane offset of the own lane, and of the goal from it [m], (n,)
+    reach      : distance at which the strip ends [m], (n,)
+    """
+    from platoontraffic.controllers.tracker.beside_kernel import first_returns
+
+    n, scan, body = len(base), scene.scan, scene.sensed.body
+    side = np.where(np.abs(away) > WATCHED, np.sign(away), 0.0)
+    if not side.any():
+        return Side.unknown(n)
+    if scan is None:
+        return before
+    inner = body.width / 2 + INNER
+    outer = np.maximum(np.abs(away), NARROWEST) + body.width / 2 + OUTER
+    ends = -body.length / 2 - body.axle, body.length / 2 - body.axle
+    strip = side, base, inner, outer, reach, *ends
+    mount = scan.model.mount
+    cos, sin = np.cos(mount.yaw), np.sin(mount.yaw)
+    directions = np.array([[cos, -sin], [sin, cos]]) @ scan.model.directions
+    laser = np.column_stack([mount.x - body.axle, np.full(n, mount.y)])
+    ahead, behind = np.full((2, n), np.inf)
+    route = scene.given
+    first_returns(
+        route.points, route.distance, route.aside, route.curvature, strip, laser, scan.ranges, directions, ahead, behind
+    )
+    same_side = before.side == side
+    speed = scene.odometry.speed
+    closings = [
+        closing_speed(
+            now,
+            np.where(same_side, last, np.inf),
+            np.where(same_side, closing, np.nan),
+            speed,
+            scene.dt,
+            same=SAME,
+            time_constant=FILTER,
+        )
+        for now, last, closing in (
+            (ahead, before.ahead, before.ahead_closing),
+            (behind, before.behind, before.behind_closing),
+        )
+    ]
+    return Side(side, ahead, closings[0], behind, closings[1])

@@ -1,0 +1,183 @@
+"""A follower that knows its route looks beside and behind before it goes over to another lane, without SUMO."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from platoontraffic.controllers.beside import Beside
+from platoontraffic.controllers.lane_room import HEADWAY, REACTION, room_needed
+from platoontraffic.controllers.path import PathLeader
+from platoontraffic.controllers.tracking import AROUND, TrackingFollower
+from platoontraffic.lidar import PRESETS, Boxes, Mount
+from platoontraffic.road.lane_routes import CHANGING, Line
+from platoontraffic.road.route import Route, Routes
+from platoontraffic.vehicles.catalogue import VEHICLES
+from platoontraffic.vehicles.odometry import ODOMETRY
+from platoontraffic.world.fleet import Member
+from tests.support.bench import BLIND, NO_WALLS, Log, StopLine, drive, platoon
+
+DT, SPEED, LANE = 0.1, 25.0, 3.2
+CAR = VEHICLES["car"]
+EYE = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03))
+SIGHT = replace(PRESETS["car-around"], name=AROUND)
+FOLLOWER = TrackingFollower(on_loss="drive")
+BEGINS, LASTS = 8.0, 4.0  # of the leader's lane change [s]; at most 1.3 m/s sideways
+BENDS = 6.0  # when the leader comes to the bend of the road [s]
+LEAVES = 16.0  # when the other car goes over to a third lane [s]
+LEAST_CLEARANCE = 0.9  # between the follower that stays and the car on the other lane, of 1.44 m [m]
+UNSEEING = replace(BLIND, rate=10.0)
+
+
+def road(bend: float, begin: float, aside=0.0) -> Route:
+    """Straight from -500 m to a place on the x axis, then a circle; `aside` (k,) of that, 1 m apart [m]."""
+    along = np.arange(-500.0, 900.0)
+    turn = bend * np.maximum(along, 0.0)
+    middle = np.column_stack([np.minimum(along, 0.0), 0 * along])
+    middle += np.where(along > 0, along, 0)[:, None] * np.column_stack(
+        [np.sinc(turn / math.pi), turn / 2 * np.sinc(turn / 2 / math.pi) ** 2]
+    )
+    points = middle + np.column_stack([-np.sin(turn), np.cos(turn)]) * np.broadcast_to(aside, along.shape)[:, None]
+    return Route.along(("road",), points + np.array([begin, 0.0]), np.full(len(along), 40.0)).drivable_by(CAR)
+
+
+def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: float = 0.0, seed: int = 0) -> Log:
+    """A leader that changes lanes to the left (1), the right (-1) or not (0), its follower, and a car on the left lane.
+
+    other: where that car begins, ahead of the follower [m], and its speed above the follower's [m/s]; at LEAVES it goes
+           over to a third lane
+    bend : curvature of the road [1/m]
+    """
+    members = platoon(
+        PathLeader(speed=SPEED), FOLLOWER, 1, distance=FOLLOWER.desired_distance(SPEED), model=CAR,
+        leader_eye=UNSEEING, eye=EYE, speed=SPEED, odometry=ODOMETRY["car"],
+    )  # fmt: skip
+    start, begin = members[0].pose[0], members[0].pose[0] + SPEED * BENDS
+
+    def over(place: float) -> np.ndarray:
+        """Aside of a road on which a lane change begins at a place on the x axis [m]."""
+        share = np.clip((np.arange(-500.0, 900.0) + begin - place) / (SPEED * LASTS), 0.0, 1.0)
+        return LANE * (1 - np.cos(math.pi * share)) / 2
+
+    members[0] = replace(members[0], route=road(bend, begin, side * over(start + SPEED * BEGINS)))
+    members[1] = replace(members[1], further_lidars=(SIGHT,), route=road(bend, begin))
+    if other:
+        ahead, faster = other
+        x, speed = members[1].pose[0] + ahead, SPEED + faster
+        members.append(
+            Member("other.0", "other", 0, CAR, UNSEEING, PathLeader(speed=speed), "", 0, 0.0, (x, LANE, 0.0),
+                   speed=speed, route=road(bend, begin, LANE + over(x + speed * LEAVES)))
+        )  # fmt: skip
+    return drive(members, NO_WALLS, 24.0, DT, seed=seed, ground=lambda: StopLine(DT))
+
+
+def clearance(log: Log, i: int, k: int) -> float:
+    """Least distance between the outlines of two vehicles [m]."""
+    shapes = [
+        shapely.polygons(
+            Boxes(log.x[:, j], log.y[:, j], log.heading[:, j], *(np.full(len(log.time), size) for size in SIZE),
+                  owner=np.arange(len(log.time))).corners()
+        )
+        for j in (i, k)
+    ]  # fmt: skip
+    return float(shapely.distance(*shapes).min())
+
+
+SIZE = CAR.length, CAR.width
+
+
+def aside(log: Log, member: int = 1) -> np.ndarray:
+    return log.axle[:, member, 1]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_lane_change_is_repeated_where_nobody_is_beside(side):
+    log = scene(side)
+    path = shapely.LineString(log.axle[:, 0])
+    after = (log.x[:, 1] > log.x[0, 0]) & (log.x[:, 1] < log.x[-1, 0])
+    assert shapely.distance(path, shapely.points(log.axle[after, 1])).max() < 0.2
+    assert aside(log)[-1] == pytest.approx(aside(log, 0)[-1], abs=0.2)
+
+
+@pytest.mark.parametrize("ahead", [-4.0, 0.0, 4.0])
+def test_it_stays_beside_a_car_that_keeps_abreast_and_falls_back_to_open_a_gap(ahead):
+    log = scene(1.0, (ahead, 0.0))
+    assert clearance(log, 1, 2) > LEAST_CLEARANCE
+    assert log.speed[:, 1].min() < SPEED - 1.0
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_it_waits_for_a_car_that_comes_from_behind(seed):
+    """The car would be abreast 4 s after the leader has begun to go over."""
+    faster = 6.0
+    log = scene(1.0, (-faster * (BEGINS + 4.0), faster), seed=seed)
+    assert clearance(log, 1, 2) > LEAST_CLEARANCE
+    passed = log.x[:, 2] - CAR.length > log.x[:, 1]
+    assert np.abs(aside(log)[~passed]).max() < 0.3
+    assert aside(log)[-1] == pytest.approx(aside(log, 0)[-1], abs=0.3)  # then it goes over as well
+
+
+def test_it_does_not_wait_for_a_car_that_falls_behind():
+    alone, followed = scene(1.0), scene(1.0, (-25.0, -2.0))
+    np.testing.assert_allclose(aside(followed), aside(alone), atol=0.01)
+
+
+@pytest.mark.parametrize("side", [0.0, 1.0])
+@pytest.mark.parametrize("radius", [300.0, -300.0, 1000.0])
+def test_in_a_bend_it_stays_on_its_lane_as_well(radius, side):
+    """A bend is no lane change, whoever is abreast; and where there is no room in a bend it keeps to its lane."""
+    log = scene(side, (0.0, 0.0), bend=1 / radius)
+    assert clearance(log, 1, 2) > LEAST_CLEARANCE
+
+
+def test_the_route_that_it_stays_on_is_a_circle_about_the_same_centre():
+    radius, offset = 50.0, 3.0
+    angle = np.linspace(0, math.pi, 2000)
+    points = np.column_stack([radius * np.sin(angle), radius * (1 - np.cos(angle))])
+    given = Routes([Route.along(("a",), points, np.full(len(points), 20.0))], np.array([4.0])).ahead(*np.zeros((4, 1)))
+    driven = Beside.none(1)._replace(stays=np.array([offset])).drives(given)
+    inside = given.distance[0] < 0.9 * math.pi * radius
+    away = np.hypot(*(driven.points[0] - [0.0, radius]).T)
+    np.testing.assert_allclose(away[inside], radius - offset, atol=0.02)
+    np.testing.assert_allclose(driven.curvature[0, 4:][inside[4:]], 1 / (radius - offset), rtol=1e-3)
+
+
+def test_it_goes_over_by_a_cosine_of_the_length_of_three_seconds():
+    points = np.column_stack([np.linspace(0, 400, 401), np.zeros(401)])
+    given = Routes([Route.along(("a",), points, np.full(401, 30.0))], np.array([4.0])).ahead(*np.zeros((4, 1)))
+    one = np.ones(1)
+    goes = Beside.none(1)._replace(stays=0 * one, goal=LANE * one, driven=30.0 * one, length=75.0 * one)
+    driven = goes.drives(given)
+    share = np.clip((30.0 + given.distance[0]) / 75.0, 0, 1)
+    np.testing.assert_allclose(driven.points[0, :, 1], LANE * (1 - np.cos(math.pi * share)) / 2, atol=1e-9)
+    change = np.gradient(np.gradient(driven.points[0, :, 1], given.distance[0]), given.distance[0])
+    steady = (share > 0.45) & (share < 0.9)
+    np.testing.assert_allclose(driven.curvature[0, steady], change[steady], atol=3e-5)
+
+
+def test_a_line_is_closed_to_what_would_come_to_it_on_another_lane_than_its_route():
+    points = np.column_stack([np.linspace(0, 400, 401), np.zeros(401)])
+    change = Line(40.0, CHANGING, "", 0, "a_0", "a_1", (), 20.0, aside=LANE)
+    route = Route.along(("a",), points, np.full(401, 30.0), [change])
+    given = Routes([route], np.array([4.0])).ahead(*np.zeros((4, 1)))
+    np.testing.assert_allclose(given.aside[0], np.interp(given.distance[0], [40, 60], [0, LANE]))
+    stays = Beside.none(1)._replace(stays=np.zeros(1))
+    assert [stays.closes(given, np.array([at]))[0] for at in (30.0, 70.0)] == [False, True]
+    goes = stays._replace(driven=np.zeros(1), length=np.full(1, 50.0))
+    assert [goes.closes(given, np.array([at]))[0] for at in (30.0, 70.0)] == [False, False]
+    assert not Beside.none(1).closes(given, np.array([70.0]))[0]
+
+
+def test_room_needed_is_that_of_the_braking_of_the_one_behind():
+    """It keeps HEADWAY when it reacts, and then brakes, until it is as slow as the one ahead."""
+    speed, closing, braking, dt = 30.0, 8.0, 4.5, 1e-4
+    gap, rate = float(room_needed(4.7, speed, closing)), closing
+    gap -= closing * REACTION
+    while rate > 0:
+        gap, rate = gap - rate * dt, rate - braking * dt
+    assert gap == pytest.approx(HEADWAY * speed, abs=1e-2)
+    assert room_needed(4.7, 2.0, -3.0) == 4.7 / 2
