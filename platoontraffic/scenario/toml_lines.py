@@ -13,6 +13,7 @@ _KEY = re.compile(r"""\s*((?:"[^"]*"|'[^']*'|[\w-]+)(?:\s*\.\s*(?:"[^"]*"|'[^']*
 _TABLE = re.compile(r"\s*(\[\[?)\s*([^\]]+?)\s*\]")
 _TOKEN = re.compile(r"""(?P<long>\"{3}|'{3})|"(?:\\.|[^"\\])*"|'[^']*'|\#.*|(?P<open>[\[{])|(?P<close>[\]}])""")
 _DEEP = re.compile(r"(?<![\w.-])(?:[\w-]+\s*\.\s*){100}")  # tomllib takes minutes for a key of many thousand parts
+_INTEGER = "has an integer of more than 64 bits; must have fewer"
 _NESTED = "tables or lists are nested too deeply"
 
 Path = tuple[str | int, ...]  # of a key, e.g. ("platoon", 0, "leader", "law")
@@ -32,8 +33,8 @@ def read_toml(file: str | pathlib.Path) -> tuple[dict[str, Any], dict[Path, int]
         line = at[1] if at else text.count("\n") + 1
         raise InputError(f"{file}:{line}: not valid TOML: {str(error).split(' (at')[0]}") from error
     except ValueError as error:  # sound TOML, but beyond all use
-        line = _line_of_longest_number(text) if "integer" in str(error) else None
-        raise InputError(f"{file}:{line}: {error}" if line else f"{file}: {error}") from error
+        place = _place_of_longest_number(text) if str(error) == _INTEGER else ""
+        raise InputError(f"{file}{place}: {error}") from error
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from error
     return table, key_lines(text)
@@ -51,13 +52,17 @@ def loads(text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError:
         raise
     except ValueError:  # Python refuses to read or write integers of some thousand digits
-        raise ValueError("has an integer of more than 64 bits; TOML's must have less") from None
+        raise ValueError(_INTEGER) from None
     return table
 
 
-def _line_of_longest_number(text: str) -> int:
+def _place_of_longest_number(text: str) -> str:
+    """`:line: key`."""
     longest = max(re.finditer(r"[0-9a-fA-F_]+", text), key=lambda number: len(number[0]))
-    return text.count("\n", 0, longest.start()) + 1
+    line = text.count("\n", 0, longest.start()) + 1
+    lines = key_lines(text)
+    path = max((path for path in lines if lines[path] <= line), key=lambda path: lines[path], default=())
+    return f":{line}: {'.'.join(map(str, path))}"
 
 
 def _check_integers(value: Any) -> None:

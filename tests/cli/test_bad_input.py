@@ -50,8 +50,8 @@ def assert_refused(done: Result, said: str) -> None:
         ("gap_m = 0.45", "gap_m = 1e308", "mine.toml:14: platoon.0.gap_m: 1e+308: should be less than"),
         ("position_m = 1.9", "position_m = 1.9, time_s = 1e308", "platoon.0.start.time_s: 1e+308: should be less than"),
         ('law = "reactive"', 'law = "reactive"\nlidars = { x = { rate_hz = 1e-320 } }', "must be a multiple"),
-        ("size = 5", "size = 9" + "9" * 5000, "mine.toml:12: has an integer of more than 64 bits"),
-        ("size = 5", "size = 0x9" + "9" * 5000, "mine.toml:12: has an integer of more than 64 bits"),
+        ("size = 5", "size = 9" + "9" * 5000, "mine.toml:12: platoon.0.size: has an integer of more than 64 bits"),
+        ("size = 5", "size = 0x9" + "9" * 5000, "mine.toml:12: platoon.0.size: has an integer of more than 64 bits"),
         ("size = 5", "size = " + "[" * 900 + "]" * 900, "mine.toml: tables or lists are nested too deeply"),
         ("size = 5", "a." * 50_000 + "a = 1", "mine.toml: tables or lists are nested too deeply"),
         ('net = "lab_loop"', f'net = "{LONG}"', "mine.toml:4: sumo.net: "),
@@ -85,8 +85,11 @@ def test_arguments_beyond_all_use(argument: str, said: str):
     ("study", "said"),
     [
         (f'base = "{LONG}"', "base: '" + LONG + "': cannot be read: File name too long"),
-        ('base = "paper_loop"\n[grid]\nplatoon.gap_m = { from = 1, to = 9' + "9" * 400 + ", step = 1 }", "m.toml:3: "),
-        ('base = "paper_loop"\nseeds = { from = 1, to = 9' + "9" * 400 + ", step = 1 }", "m.toml:2: "),
+        (
+            'base = "paper_loop"\n[grid]\nplatoon.gap_m = { from = 1, to = 9' + "9" * 400 + ", step = 1 }",
+            "m.toml:3: grid.platoon.gap_m: ",
+        ),
+        ('base = "paper_loop"\nseeds = { from = 1, to = 9' + "9" * 400 + ", step = 1 }", "m.toml:2: seeds: "),
         (
             'base = "paper_loop"\n[grid]\nplatoon.gap_m = { from = -1e308, to = 1e308, count = 3 }',
             "must be a shorter range",
