@@ -74,7 +74,7 @@ def run(
     platoons: Platoons = None,
     seed: Seed = None,
     results: ResultsFolder = Path("results"),
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, run nothing")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, simulate nothing")] = False,
     force: Annotated[bool, typer.Option("--force", help="repeat the run even if its results exist")] = False,
     replay: Annotated[
         bool, typer.Option("--replay", help="also record background traffic and scans, and make replay.html")
@@ -147,7 +147,7 @@ def batch(
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="repeat failed runs")] = False,
     results: ResultsFolder = Path("results"),
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="list the runs and estimate their time, run nothing")
+        bool, typer.Option("--dry-run", help="list the runs and estimate their time, simulate nothing")
     ] = False,
     no_plugins: NoPlugins = False,
     quiet: Quiet = False,
@@ -241,7 +241,7 @@ def check(
     no_plugins: NoPlugins = False,
     json: Json = False,
 ) -> None:
-    """Report the faults of scenario and study files; run nothing but the code of their plug-ins."""
+    """Report the faults of scenario and study files; simulate nothing, but run the code of their plug-ins."""
     faults: dict[str, tuple[str, ...]] = {}  # by file
     changes = [argument for argument in files if "=" in argument and not os.path.exists(argument)]
     before_code = _before_code(no_plugins)
