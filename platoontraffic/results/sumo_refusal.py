@@ -20,6 +20,9 @@ def loaded(scenario: Scenario) -> str:
 
 def refusal(words: str, scenario: Scenario) -> str:
     """`FILE: SUMO refuses it: …`, or `SUMO refuses the scenario (net …)` where the words fit no file or several."""
+    config, option = scenario.configuration, re.search(r"option '-*([\w.-]+)'", words)
+    if config and option and option[1] in config.options:
+        return f"{config.path}: SUMO refuses it: {words}"
     files = [file for some in _files(scenario).values() for file in some]
     meant = [file for file in files if file.name.removesuffix(".gz") in words]
     if not meant and (ids := re.findall(r"'([^'\s]+)'", words)):
