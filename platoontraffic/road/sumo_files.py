@@ -63,11 +63,11 @@ def check_net_file(path: str | Path) -> bool:
     returns : whether its traffic keeps to the left
     raises  : InputError
     """
-    root, road, lanes, left_hand = "", False, False, False
+    root, edge, road, lanes, left_hand = "", "", False, False, False
     requests = Requests()
 
     def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
-        nonlocal root, road, lanes, left_hand
+        nonlocal root, edge, road, lanes, left_hand
         if not root:
             root, left_hand = tag, attributes.get("lefthand") in ("true", "1")
             if tag != "net":
@@ -77,9 +77,13 @@ def check_net_file(path: str | Path) -> bool:
         elif tag == "include":
             raise fault_at(path, parser, f"includes '{attributes.get('href', '')}'; must be whole, {NETWORK}")
         elif tag == "edge":
-            road = attributes.get("function", "normal") == "normal"
-        elif tag == "lane" and road:
-            lanes = True
+            edge, road = attributes.get("id", ""), attributes.get("function", "normal") == "normal"
+        elif tag == "lane":
+            if attributes.get("id") != f"{edge}_{attributes.get('index')}":
+                raise fault_at(path, parser, f"{element_of(tag, attributes)}: is not in its edge")
+            lanes |= road
+        elif tag == "junction":
+            edge = ""
         requests.note(tag, attributes)
         if fault := unsound(tag, attributes):
             raise fault_at(path, parser, f"{element_of(tag, attributes)}: {fault}")

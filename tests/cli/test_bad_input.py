@@ -138,6 +138,12 @@ def test_conditions(condition: str, said: str, tmp_path: Path):
         ("corridor", r'<connection from="west_light" .*?/>', "", "junction 'light' has 12 requests for 9 connections"),
         ("corridor", r'<request index="4" .*?/>', "", "requests for 12 connections"),
         ("corridor", r'<request index="4" ', '<request index="9" ', "requests that are not numbered from 0 to 11"),
+        (
+            "corridor",
+            r'<junction id="light"',
+            '<lane id=":rs_2_0" index="0"/><junction id="light"',
+            "is not in its edge",
+        ),
         ("lab_loop", r' encoding="[^"]*"', ' encoding="KOI-99"', "x.net.xml:1: cannot be read (unknown encoding"),
         ("lab_loop", r"</net>", '<include href="x.net.xml"/></net>', "includes 'x.net.xml'; must be whole"),
     ],
