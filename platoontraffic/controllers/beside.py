@@ -229,7 +229,9 @@ def _at(values: np.ndarray, distance: np.ndarray, station: np.ndarray) -> np.nda
 
 
 def _looked(before: Side, scene: Scene, base: np.ndarray, away: np.ndarray, reach: np.ndarray) -> Side:
-    """The strip on the side of the goal, where that is off the own lane; `before` where no scan is due.
+    """The strip on the side of the goal, where that is off the own lane; as before where no scan is due.
+
+    Without a laser that looks beside it is free for all that is known.
 
     base, away : lane offset of the own lane, and of the goal from it [m], (n,)
     reach      : distance at which the strip ends [m], (n,)
@@ -238,9 +240,10 @@ def _looked(before: Side, scene: Scene, base: np.ndarray, away: np.ndarray, reac
 
     n, scan, body = len(base), scene.scan, scene.sensed.body
     side = np.where(np.abs(away) > WATCHED, np.sign(away), 0.0)
-    if not side.any():
-        return Side.unknown(n)
-    if scan is None:
+    before = Side(
+        side, *(np.where(side == before.side, *pair) for pair in zip(before[1:], Side.unknown(n)[1:], strict=True))
+    )
+    if not side.any() or scan is None:
         return before
     inner = body.width / 2 + INNER
     outer = np.maximum(np.abs(away), NARROWEST) + body.width / 2 + OUTER
@@ -255,18 +258,9 @@ def _looked(before: Side, scene: Scene, base: np.ndarray, away: np.ndarray, reac
     first_returns(
         route.points, route.distance, route.aside, route.curvature, strip, laser, scan.ranges, directions, ahead, behind
     )
-    same_side = before.side == side
     speed = scene.odometry.speed
     closings = [
-        closing_speed(
-            now,
-            np.where(same_side, last, np.inf),
-            np.where(same_side, closing, np.nan),
-            speed,
-            scene.dt,
-            same=SAME,
-            time_constant=FILTER,
-        )
+        closing_speed(now, last, closing, speed, scene.dt, same=SAME, time_constant=FILTER)
         for now, last, closing in (
             (ahead, before.ahead, before.ahead_closing),
             (behind, before.behind, before.behind_closing),
