@@ -2,7 +2,12 @@
 
 import difflib
 import errno
+import os
+import stat
 from collections.abc import Iterable
+from pathlib import Path
+
+LONGEST = 1000  # fault; a longer one is shortened in its middle [characters]
 
 
 class InputError(ValueError):
@@ -12,7 +17,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, *faults: str) -> None:
-        self.faults = tuple(" ".join(fault.splitlines()) for fault in faults)
+        self.faults = tuple(shortened(" ".join(fault.splitlines()), LONGEST) for fault in faults)
         super().__init__("\n".join(self.faults))
 
 
@@ -35,6 +40,26 @@ def kind_of(error: OSError) -> type[InputError | RunError]:
 def not_written(error: OSError, file: object = None) -> InputError | RunError:
     """The error to raise for a file that cannot be written; file: if the error does not name it."""
     return kind_of(error)(f"{error.filename or file}: cannot be written: {error.strerror or error}")
+
+
+def shortened(text: str, longest: int) -> str:
+    """A text of at most about `longest` characters: its begin and its end."""
+    if len(text) <= longest:
+        return text
+    half = longest // 2
+    return f"{text[:half]} … ({len(text):,} characters) … {text[-half:]}"
+
+
+def no_file(path: str | Path) -> str:
+    """Why a path is no file: "" if it is one, `no such file`, or the system's words, such as `File name too long`."""
+    try:
+        return "" if stat.S_ISREG(os.stat(path).st_mode) else "no such file"
+    except (FileNotFoundError, NotADirectoryError):
+        return "no such file"
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    except ValueError:  # a name with a null character
+        return "no such file"
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

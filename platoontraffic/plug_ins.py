@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from platoontraffic.errors import did_you_mean
+from platoontraffic.errors import did_you_mean, no_file
 
 
 class PlugIn(NamedTuple):
@@ -62,7 +62,7 @@ def plug_in_file(name: str, folder: Path) -> Path | None:
     """The file in `folder` that `module:Class` names, if it is there."""
     module = name.rsplit(":", 1)[0]
     file = folder / (module if module.endswith(".py") else module.replace(".", "/") + ".py")
-    return file if ":" in name and file.is_file() else None
+    return file if ":" in name and not no_file(file) else None
 
 
 def is_shipped(kind: type) -> bool:

@@ -16,12 +16,13 @@ from platoontraffic.results import provenance
 from platoontraffic.results.columns import STATISTICS
 from platoontraffic.results.conclusion import MetricError, conclude, scene
 from platoontraffic.results.recorder import Clocks, Recorder, is_done
+from platoontraffic.results.sumo_refusal import loaded
 from platoontraffic.scenario import Scenario
 from platoontraffic.simulation import Outcome, Prepared, Simulation, prepare, setting_of
 from platoontraffic.sumo.window import Window
 from platoontraffic.world.events import Event
 
-__all__ = ["Watcher", "Window", "is_done", "prepare", "result_folder", "run"]
+__all__ = ["Watcher", "Window", "is_done", "loaded", "prepare", "result_folder", "run"]
 
 SUMO_WORDS = 100  # first lines of run.log that provenance.json repeats
 

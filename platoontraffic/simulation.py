@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from platoontraffic import scenario as scenarios
+from platoontraffic.errors import InputError
 from platoontraffic.lidar import Scene
 from platoontraffic.observation.encounters import Encounters
 from platoontraffic.observation.instant import Instant
@@ -21,9 +22,11 @@ from platoontraffic.observation.statistics import Statistics
 from platoontraffic.observation.violations import violations
 from platoontraffic.results import plug_in_metrics, statistics
 from platoontraffic.results.provenance import Stopwatch
-from platoontraffic.results.sumo_tables import sumo_options
+from platoontraffic.results.sumo_refusal import refusal
+from platoontraffic.results.sumo_tables import plainly_named, sumo_options
 from platoontraffic.scenario import Breakdown, Scenario
 from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.process import RefusedError
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.world import prepared as preparation
@@ -238,10 +241,13 @@ def setting_of(prepared: Prepared, folder: Path | None = None, client: Client | 
     def ground() -> Iterator[World]:
         with ExitStack() as stack:
             files = folder or Path(stack.enter_context(TemporaryDirectory(prefix="platoontraffic-")))
-            options, warm_up = sumo_options(scenario, files), spec.sumo.warm_up_s
-            yield stack.enter_context(
-                World(prepared.network, dt, scenario.seed, files / "run.log", options, warm_up, client)
-            )
+            options = sumo_options(scenario, stack.enter_context(plainly_named(files)))
+            world = World(prepared.network, dt, scenario.seed, files / "run.log", options, spec.sumo.warm_up_s, client)
+            try:
+                stack.enter_context(world)
+            except RefusedError as error:
+                raise InputError(refusal(error.words, scenario)) from error
+            yield world
 
     def observer() -> Observer:
         return Observer(members, prepared.network, Contacts(prepared.scene, {m.id for m in members}))

@@ -11,7 +11,12 @@ from platoontraffic.cli.signals import end_at_once
 def main() -> None:
     """Entry point."""
     open_streams()
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(errors="backslashreplace")
     end_at_once()
+    if fault := _of_the_shell(sys.argv[1:], os.environ.get("NUMBA_NUM_THREADS", "1")):
+        print(fault, file=sys.stderr)
+        sys.exit(2)
     from platoontraffic.cli.main import app
 
     app()
@@ -30,3 +35,14 @@ def open_streams() -> None:
                 os.close(null)
             os.set_inheritable(number, True)
             setattr(sys, name, open(number, mode, encoding="utf-8"))  # noqa: SIM115 (for the whole process)
+
+
+def _of_the_shell(arguments: list[str], threads: str) -> str:
+    """What is wrong with how the command is called; "" if nothing is."""
+    for number, argument in enumerate(arguments, start=1):
+        try:
+            argument.encode()
+        except UnicodeEncodeError:
+            return f"word {number} of the command, {argument!a}: is not UTF-8"
+    sound = threads.isdecimal() and int(threads) > 0
+    return "" if sound else f"NUMBA_NUM_THREADS={threads}: must be a whole number, 1 or more"

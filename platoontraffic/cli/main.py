@@ -10,12 +10,13 @@ from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from platoontraffic import shipped
 from platoontraffic.cli.commands import commands_of
+from platoontraffic.cli.last_resort import one_line_at_death
 from platoontraffic.cli.nets import nets_app
 from platoontraffic.cli.printing import (
     first_line,
@@ -32,6 +33,9 @@ from platoontraffic.cli.printing import (
 from platoontraffic.cli.progress import batch_progress, err, run_progress, say, show_stage
 from platoontraffic.cli.signals import end_as_at_control_c
 from platoontraffic.errors import InputError, MissingError, RunError, did_you_mean
+
+if TYPE_CHECKING:
+    from platoontraffic.scenario.named_code import BeforeCode
 
 app = typer.Typer(
     help="Platoons that drive by laser scanner, in SUMO traffic.",
@@ -53,6 +57,9 @@ Platoons = Annotated[
     typer.Option("--platoon", metavar="FILE", help="platoons for a SUMO configuration: a file of [[platoon]] tables"),
 ]
 Seed = Annotated[int | None, typer.Option(help="seed, in place of the scenario's")]
+NoPlugins = Annotated[
+    bool, typer.Option("--no-plugins", help="refuse scenarios with plug-ins, because these are code that is run")
+]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="no progress bar and no summary: print only the folder")]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON document instead")]
 ResultsFolder = Annotated[Path, typer.Option("--out", help="folder for results")]
@@ -66,12 +73,13 @@ def run(
     platoons: Platoons = None,
     seed: Seed = None,
     results: ResultsFolder = Path("results"),
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, run nothing")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="check everything, simulate nothing")] = False,
     force: Annotated[bool, typer.Option("--force", help="repeat the run even if its results exist")] = False,
     replay: Annotated[
         bool, typer.Option("--replay", help="also record background traffic and scans, and make replay.html")
     ] = False,
     gui: Annotated[bool, typer.Option("--gui", help="watch the run in sumo-gui; the results are the same")] = False,
+    no_plugins: NoPlugins = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -80,7 +88,8 @@ def run(
 
     runs = _runs()
     end_as_at_control_c()
-    checked = scenarios.load(scenario, changes or (), seed, platoons)
+    before_code = _before_code(no_plugins, None if dry_run else results)
+    checked = scenarios.load(scenario, changes or (), seed, platoons, before_code)
     if replay:
         checked = checked.for_replay()
     prepared = runs.prepare(checked)
@@ -105,7 +114,7 @@ def run(
                 err.print("another process executes this run; this one waits for it", soft_wrap=True)
 
         progress = run_progress(checked.spec.run.duration_s, checked.spec.name, quiet)
-        with alone(folder, waits, say), progress as watchers:
+        with alone(folder, waits, say), one_line_at_death(runs.loaded(checked)), progress as watchers:
             if force or not runs.is_done(folder):
                 runs.run(prepared, folder, watchers, replace=force, window=window, say=say)
     if json:
@@ -149,8 +158,9 @@ def batch(
     ] = None,
     results: ResultsFolder = Path("results"),
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="list the runs and estimate their time, run nothing")
+        bool, typer.Option("--dry-run", help="list the runs and estimate their time, simulate nothing")
     ] = False,
+    no_plugins: NoPlugins = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -163,7 +173,7 @@ def batch(
         hint = did_you_mean(executor, ["processes", "serial", "dask"])
         raise InputError(f"--executor: {executor!r}: no such executor{hint}; or dask:ADDRESS")
     part = batches.Shard(*_shard(shard))
-    loaded = studies.load(study, changes or ())
+    loaded = studies.load(study, changes or (), _before_code(no_plugins, None if dry_run else results))
     folder, slots = results / loaded.name, slots or os.cpu_count() or 1
     if dry_run:
         print_runs(loaded, folder, 1 if executor == "serial" else slots, json)
@@ -240,15 +250,17 @@ def check(
         typer.Argument(metavar="SCENARIO... [KEY=VALUE]...", help="files or shipped names; keys to change"),
     ],
     platoons: Platoons = None,
+    no_plugins: NoPlugins = False,
     json: Json = False,
 ) -> None:
-    """Report the faults of scenario and study files; run nothing."""
+    """Report the faults of scenario and study files; simulate nothing, but run the code of their plug-ins."""
     faults: dict[str, tuple[str, ...]] = {}  # by file
-    changes = [argument for argument in files if "=" in argument and not Path(argument).exists()]
+    changes = [argument for argument in files if "=" in argument and not os.path.exists(argument)]
+    before_code = _before_code(no_plugins)
     for name in (file for file in files if file not in changes):
         faults[name] = ()
         try:
-            found = _checked(name, changes, platoons)
+            found = _checked(name, changes, platoons, before_code)
             if not json:
                 out.print(f"{name}: {found}", soft_wrap=True)
         except InputError as error:
@@ -259,14 +271,21 @@ def check(
         raise InputError(*([] if json else [fault for of_file in faults.values() for fault in of_file]))
 
 
-def _checked(name: str, changes: list[str], platoons: str | None) -> str:
+def _before_code(no_plugins: bool, results: Path | None = None) -> BeforeCode:
+    """What happens before the plug-ins of a scenario are imported; see `foreign_code.say`."""
+    from platoontraffic.cli import foreign_code
+
+    return foreign_code.refuse if no_plugins else foreign_code.say(results)
+
+
+def _checked(name: str, changes: list[str], platoons: str | None, before_code: BeforeCode) -> str:
     """Check a file; returns the text to print if it has no faults. raises: InputError"""
     from platoontraffic import scenario as scenarios
     from platoontraffic.study import study
 
     if study.is_study(name):
-        return f"fine, {len(study.load(name, changes).runs)} runs"
-    checked = scenarios.load(name, changes, platoons=platoons)
+        return f"fine, {len(study.load(name, changes, before_code).runs)} runs"
+    checked = scenarios.load(name, changes, platoons=platoons, before_code=before_code)
     print_remarks(_runs().prepare(checked))
     return "fine"
 

@@ -93,6 +93,9 @@ def _write(folder: Path, messages: list[Stamped]) -> None:
 
 def _messages(results: Results) -> Iterator[Stamped]:
     rows = results.trajectories
+    if unknown := set(results.scans.vehicle_id.tolist()) - set(rows.vehicle_id):
+        name = min(map(str, unknown))
+        raise ResultsError(f"{results.folder}: scans.npz has scans of '{name}', which trajectories.csv does not have")
     members = rows.drop_duplicates("vehicle_id").sort_values(["platoon_id", "place"], kind="stable").vehicle_id.tolist()
     number = {vehicle: i for i, vehicle in enumerate(members)}
     yield from _motions(rows, number)

@@ -8,7 +8,9 @@ from __future__ import annotations
 import gzip
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
@@ -21,6 +23,21 @@ LANE_CHANGE_DURATION = (
     "3"  # of SUMO-driven vehicles, where lasers follow them [s]; by default SUMO's cars jump sideways
 )
 SSM = "device.ssm.file"  # without this option SUMO writes one file a vehicle into the working directory
+
+
+@contextmanager
+def plainly_named(folder: Path) -> Iterator[Path]:
+    """The folder by a name that SUMO takes for a path: it reads `:` as a port, and puts the environment into ${NAME}.
+
+    Such a folder is named by a link to it.
+    """
+    if not re.search(r"[:,$]", str(folder.absolute())):
+        yield folder
+        return
+    with TemporaryDirectory(prefix="platoontraffic-") as beside:
+        link = Path(beside) / "run"
+        link.symlink_to(folder.absolute(), target_is_directory=True)
+        yield link
 
 
 def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:

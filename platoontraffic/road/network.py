@@ -30,6 +30,7 @@ from platoontraffic.road.sumo_files import (
     names_files,
     read_polygons,
 )
+from platoontraffic.road.sumo_values import MOST
 
 if TYPE_CHECKING:
     import sumolib.net
@@ -76,9 +77,10 @@ class Network:
         try:
             # Routes need the lanes inside junctions; conflicts between links are asked of SUMO itself.
             net = sumolib.net.readNet(str(path), withInternal=True, withFoes=False)
+            fault = _incomplete(net)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             raise InputError(f"{path}: something is missing ({error!r}); must be as netconvert writes it") from error
-        if fault := _incomplete(net):
+        if fault:
             raise InputError(f"{path}: {fault}; must be as netconvert writes it")
         return cls(Path(path), net, left_hand)
 
@@ -339,7 +341,7 @@ def _incomplete(net: sumolib.net.Net) -> str:
                 return f"edge '{edge.getID()}' goes {end} junction '{node.getID()}', which is missing"
         for lane in edge.getLanes():
             shape = np.array(lane.getShape() or [], dtype=float)
-            if len(shape) < 2 or not np.isfinite(shape).all():
+            if len(shape) < 2 or not (np.abs(shape) <= MOST).all():
                 return f"lane '{lane.getID()}' has no shape of two or more points"
     for node in net.getNodes():
         for name in filter(None, node.getInternal() if node.getType() != "internal" else ()):
@@ -347,7 +349,20 @@ def _incomplete(net: sumolib.net.Net) -> str:
                 return f"junction '{node.getID()}' names lane '{name}', which is missing"
             if net.getLane(name).getEdge().getFunction() == "internal" and name not in reached:
                 return f"no connection leads over lane '{name}' in junction '{node.getID()}'"
-    return ""
+    stuck = (lane for name in sorted(reached - {""}) if not _leads_out(lane := net.getLane(name)))
+    return next((f"no connection leads on from lane '{lane.getID()}', inside a junction" for lane in stuck), "")
+
+
+def _leads_out(lane: Any) -> bool:
+    """Whether the connections from a lane inside a junction lead out of it."""
+    seen = set()
+    while lane.getEdge().getFunction() == "internal":
+        links = lane.getOutgoing()
+        if not links or lane in seen:
+            return False
+        seen.add(lane)
+        lane = links[0].getToLane()
+    return True
 
 
 def _heading(two: Sequence[Sequence[float]]) -> float:

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 from xml.parsers import expat
 
-from platoontraffic.errors import InputError
+from platoontraffic.errors import InputError, no_file
 from platoontraffic.road.sumo_files import NOWHERE, fault_at, parse, wrong_root
 
 # SUMO's other names of options, for those that matter here.
@@ -38,6 +38,7 @@ IGNORED = re.compile(
     r"random|precision|time-to-teleport.*|collision\.(?!check-junctions\.mingap).*|no-step-log"
     r"|step-log\..*|duration-log\..*|emergencydecel\.warning-threshold"  # set by this tool, or implied by that
     r"|remote-port|num-clients|configuration-file|save-.*|output[-.].*|human-readable-time|vtk-output|print-options"
+    r"|(device\.rerouting\.)?threads"  # a simulation has one thread
     r"|verbose|help|version|language"  # would wait for clients, write beside the input, or change what is read back
     r"|gui-.*|quit-on-end|game.*|start|delay|breakpoints|edgedata-files|alternative-net-file|selection-file|demo"
     r"|disable-textures|registry-viewport|window-.*|tracker-interval|osg-view|[gQGSdDTBmN]"  # of sumo-gui
@@ -115,8 +116,8 @@ class _Written:
             value, line = self.given.pop(option)
             files[option] = tuple(self.path.parent / name.strip() for name in value.split(","))
             for file in files[option]:
-                if not file.is_file():
-                    self.fault(line, option, f"'{os.path.relpath(file, self.path.parent)}': no such file")
+                if absent := no_file(file):
+                    self.fault(line, option, f"'{os.path.relpath(file, self.path.parent)}': {absent}")
         networks = len(files.get("net-file", ()))
         if networks != 1:
             number = f"{networks} networks" if networks else "no network"
@@ -148,16 +149,19 @@ class _Written:
             self.fault(line, "mesosim", "the mesoscopic model has no lanes; must be off")
 
 
-def read_configuration(path: str | Path) -> Configuration:
+def read_configuration(path: str | Path, named_by: tuple[Path, ...] = ()) -> Configuration:
     """Read a .sumocfg, or a .netecfg of netedit.
 
-    raises : InputError where the file, or one that it names, is missing, or asks for something that is not supported
+    named_by : configurations that lead to this one
+    raises   : InputError where the file, or one that it names, is missing, or asks for something that is not supported
     """
     path = Path(path)
+    if path.resolve() in named_by:
+        raise InputError(f"{path}: names itself; {WANTED}")
     written = _Written.read(path)
     if written.root == "neteditConfiguration":  # SUMO knows none of netedit's own options
         if "sumocfg-file" in written.given:
-            inner = read_configuration(path.parent / written.given["sumocfg-file"][0])
+            inner = read_configuration(path.parent / written.given["sumocfg-file"][0], (*named_by, path.resolve()))
             return inner._replace(path=path, inputs=(*inner.inputs, inner.path))
         written.given = {o: written.given[o] for o in MAIN_INPUTS if o in written.given}
         written.ignored = []

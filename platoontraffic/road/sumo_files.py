@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import os
 import zlib
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
@@ -11,7 +12,9 @@ from xml.parsers import expat
 
 import numpy as np
 
-from platoontraffic.errors import InputError
+from platoontraffic.errors import InputError, no_file
+from platoontraffic.road.requests import Requests
+from platoontraffic.road.sumo_values import MOST, unsound
 
 NETWORK = "a SUMO network (.net.xml)"
 OTHER_ROOTS = {
@@ -60,25 +63,36 @@ def check_net_file(path: str | Path) -> bool:
     returns : whether its traffic keeps to the left
     raises  : InputError
     """
-    root, road, lanes, left_hand = "", False, False, False
+    root, edge, road, lanes, left_hand = "", "", False, False, False
+    requests = Requests()
 
     def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
-        nonlocal root, road, lanes, left_hand
+        nonlocal root, edge, road, lanes, left_hand
         if not root:
             root, left_hand = tag, attributes.get("lefthand") in ("true", "1")
             if tag != "net":
                 raise fault_at(path, parser, f"{wrong_root(tag)}; must be <net>, {NETWORK}")
             if not attributes.get("version"):
                 raise fault_at(path, parser, f"<net> has no version; must be {NETWORK} as netconvert writes it")
+        elif tag == "include":
+            raise fault_at(path, parser, f"includes '{attributes.get('href', '')}'; must be whole, {NETWORK}")
         elif tag == "edge":
-            road = attributes.get("function", "normal") == "normal"
-        elif tag == "lane" and road:
-            lanes = True
-            parser.StartElementHandler = None  # the rest need only be well-formed
+            edge, road = attributes.get("id", ""), attributes.get("function", "normal") == "normal"
+        elif tag == "lane":
+            if attributes.get("id") != f"{edge}_{attributes.get('index')}":
+                raise fault_at(path, parser, f"{element_of(tag, attributes)}: is not in its edge")
+            lanes |= road
+        elif tag == "junction":
+            edge = ""
+        requests.note(tag, attributes)
+        if fault := unsound(tag, attributes):
+            raise fault_at(path, parser, f"{element_of(tag, attributes)}: {fault}")
 
     last = parse(path, start, f"must be {NETWORK}")
     if not lanes:
         raise InputError(f"{path}:{last}: the network has no road; must have at least one edge with a lane")
+    if fault := requests.fault():
+        raise InputError(f"{path}: {fault}; must be as netconvert writes it")
     return left_hand
 
 
@@ -100,7 +114,7 @@ def read_polygons(path: str | Path) -> list[Shape]:
             raise fault_at(path, parser, f"poly '{name}': geo coordinates; must be coordinates of the network [m]")
         coordinates = _coordinates(attributes.get("shape", ""))
         least = 2 if kind == "wall" else 3
-        if len(coordinates) < least or not np.isfinite(coordinates).all():
+        if len(coordinates) < least or not (np.abs(coordinates) <= MOST).all():
             shape = attributes.get("shape", "")
             raise fault_at(path, parser, f"poly '{name}': shape \"{shape:.40}\"; must be {least} or more points x,y")
         shapes.append(Shape(name, kind, coordinates, attributes.get("fill", "0") in ("1", "true", "yes")))
@@ -146,27 +160,44 @@ def names_files(path: Path) -> bool:
     return found
 
 
-def id_clashes(path: Path, ids: Collection[str]) -> list[tuple[str, str]]:
-    """(id, `file:line: fault`) for every vehicle of a route file with an id among `ids`.
+def id_clashes(path: Path, ids: Collection[str], within: tuple[Path, ...] = ()) -> list[tuple[str, str]]:
+    """(id, `file:line: fault`) for every vehicle of a route file, or of one it includes, with an id among `ids`.
 
     A flow numbers its vehicles: those of flow `x` are `x.0`, `x.1` and so on.
+
+    within : files that include this one
+    raises : InputError where a file cannot be read, includes itself, or has a number that is not sound
     """
+    if path.resolve() in within:
+        raise InputError(f"{within[-1]}: includes {path.name}, which leads back to it; must not")
     clashes: list[tuple[str, str]] = []
+    included: list[str] = []
     by_flow = {name.rpartition(".")[0]: name for name in sorted(ids, reverse=True)}
 
     def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
+        if tag == "include" and attributes.get("href"):
+            included.append(attributes["href"])
         name = attributes.get("id", "")
         made = by_flow.get(name) if tag in ("flow", "calibrator") else name if tag in ("vehicle", "trip") else None
+        if fault := unsound(tag, attributes):
+            raise fault_at(path, parser, f"{element_of(tag, attributes)}: {fault}")
         if made in ids:
             fault = fault_at(path, parser, f"{tag} '{name}' is, or makes, '{made}'")
             clashes.append((made, str(fault)))
 
     parse(path, start, "must be a route file or an additional file of SUMO")
+    for name in included:
+        clashes += id_clashes(path.parent / name, ids, (*within, path.resolve()))
     return clashes
 
 
 def wrong_root(tag: str) -> str:
     return f"root element is <{tag}>, {OTHER_ROOTS.get(tag, 'another kind of file')}"
+
+
+def element_of(tag: str, attributes: Mapping[str, str]) -> str:
+    """The element as faults name it: `lane 'a_0'`."""
+    return f"{tag} '{attributes['id']}'" if "id" in attributes else f"<{tag}>"
 
 
 def fault_at(path: str | Path, parser: expat.XMLParserType, words: str) -> InputError:
@@ -182,10 +213,10 @@ def parse(path: str | Path, start: Start, wanted: str) -> int:
     raises  : InputError
     """
     path = Path(path)
-    if path.is_dir():
+    if os.path.isdir(path):
         raise InputError(f"{path}: is a folder; {wanted}")
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; {wanted}")
+    if absent := no_file(path):
+        raise InputError(f"{path}: {absent}; {wanted}")
     parser = expat.ParserCreate()
     parser.StartElementHandler = lambda tag, attributes: start(tag, attributes, parser)
     try:
@@ -199,6 +230,8 @@ def parse(path: str | Path, start: Start, wanted: str) -> int:
         early = error.code == expat.errors.codes[expat.errors.XML_ERROR_NO_ELEMENTS]
         words = "it ends too early" if early else expat.ErrorString(error.code)
         raise InputError(f"{path}:{error.lineno}: not whole XML ({words}); {wanted}") from None
-    except (OSError, EOFError, zlib.error) as error:
+    except InputError:
+        raise
+    except (OSError, EOFError, zlib.error, LookupError, ValueError) as error:  # the last two: an odd encoding
         raise InputError(f"{path}:{parser.CurrentLineNumber}: cannot be read ({error}); {wanted}") from None
     return parser.CurrentLineNumber

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar
 
@@ -10,9 +11,10 @@ from pydantic_core import CoreSchema
 
 from platoontraffic.errors import did_you_mean
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+MOST = 1e9  # of any length, time, speed and the like: more overflows somewhere, and is not meant
+Finite = Annotated[float, Field(ge=-MOST, le=MOST, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=MOST, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=MOST, allow_inf_nan=False)]
 Speed = Annotated[float, Field(ge=0, le=100)]  # [m/s]
 Size = Annotated[float, Field(gt=0, le=100)]  # of a body [m]
 Angle = Annotated[float, Field(ge=-360, le=360)]  # [deg]
@@ -65,4 +67,4 @@ def one_of(name: str, known: Iterable[str]) -> str:
 def is_multiple(time: float, step: float) -> bool:
     """Whether a time is one step or a whole number of steps, up to rounding [s]."""
     ratio = time / step
-    return ratio > 0.5 and abs(ratio - round(ratio)) < 1e-6
+    return 0.5 < ratio < math.inf and abs(ratio - round(ratio)) < 1e-6

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from platoontraffic import shipped
 from platoontraffic.controllers.law import NEEDS, Law
-from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.errors import InputError, did_you_mean, no_file
 from platoontraffic.lidar import LidarModel
 from platoontraffic.lidar.noise import DEFAULT_NAME
 from platoontraffic.road.sumo_files import id_clashes
@@ -50,13 +50,14 @@ def faults_of(spec: Spec, files: Files, laws: Mapping[Role, Found], folder: Path
 
 
 def _sumo(sumo: Sumo, net: Path, folder: Path) -> Iterator[Fault]:
-    if not net.is_file():
+    if absent := no_file(net):
         hint = did_you_mean(sumo.net, shipped.networks())
-        yield Fault(("sumo", "net"), f"{sumo.net!r}: no such file or shipped network{hint}")
+        absent = absent.replace("no such file", f"no such file or shipped network{hint}")
+        yield Fault(("sumo", "net"), f"{sumo.net!r}: {absent}")
     for key, names in (("routes", sumo.routes), ("additional", sumo.additional)):
         for i, name in enumerate(names):
-            if not (folder / name).is_file():
-                yield Fault(("sumo", key, i), f"{name!r}: no such file")
+            if absent := no_file(folder / name):
+                yield Fault(("sumo", key, i), f"{name!r}: {absent}")
             elif "," in str(folder / name):  # SUMO would take it for two
                 yield Fault(("sumo", key, i), f"{name!r}: has a comma in its path; must have none")
 
@@ -108,7 +109,7 @@ def _has_gap_ahead(path: KeyPath, name: str, names: _Names) -> Iterator[Fault]:
 def _traffic(spec: Spec, files: Files, names: _Names) -> Iterator[Fault]:
     """Background vehicles with the id of a member or of an obstacle."""
     for path, file in files.of_traffic(spec.sumo):
-        if not file.is_file():
+        if no_file(file):  # reported above
             continue
         try:
             clashes = id_clashes(file, names.members | names.obstacles)

@@ -7,9 +7,11 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
-from platoontraffic.errors import did_you_mean
+from platoontraffic.errors import did_you_mean, shortened
 from platoontraffic.scenario.obstacle_tables import KINDS
 from platoontraffic.scenario.tables import SHORT
+
+VALUE = 200  # longest value that a fault repeats whole [characters]
 
 KeyPath = tuple[str | int, ...]  # e.g. ("platoon", 0, "leader", "law")
 
@@ -55,7 +57,7 @@ def what_of(error: dict, model: type[BaseModel]) -> str:
     what = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
     if kind == "model_type":
         what = "should be a table, or a name" if path[-1] in SHORT else "should be a table"
-    return what if isinstance(value, dict | BaseModel) else f"{value!r}: {what}"
+    return what if isinstance(value, dict | BaseModel) else f"{shortened(repr(value), VALUE)}: {what}"
 
 
 def _known_keys(model: type[BaseModel], path: KeyPath) -> list[str]:

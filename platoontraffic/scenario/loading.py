@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,13 +12,14 @@ from typing import Any
 from pydantic import ValidationError
 
 from platoontraffic import shipped
-from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.errors import InputError, did_you_mean, no_file
 from platoontraffic.road.sumo_configuration import Configuration, read_configuration
 from platoontraffic.scenario import configurations, metric_plug_ins, overrides, toml_lines
 from platoontraffic.scenario.checks import faults_of
 from platoontraffic.scenario.drivers import find_laws
-from platoontraffic.scenario.faults import Fault, KeyPath, fault_path, what_of
+from platoontraffic.scenario.faults import Fault, KeyPath, dotted, fault_path, what_of
 from platoontraffic.scenario.files import find_files
+from platoontraffic.scenario.named_code import BeforeCode, named_code
 from platoontraffic.scenario.overrides import Change
 from platoontraffic.scenario.scenario import Scenario, placed
 from platoontraffic.scenario.tables import Spec
@@ -44,10 +46,13 @@ def load(
     arguments: Sequence[str | Change] = (),
     seed: int | None = None,
     platoons: str | Path | None = None,
+    before_code: BeforeCode | None = None,
 ) -> Scenario:
     """The scenario of a file, or a shipped one by name, changed by `key=value` arguments.
 
     A SUMO configuration is a scenario too, with platoons from the file `platoons`, or from arguments alone.
+
+    before_code: called before plug-ins that the scenario names by `module:Class` are imported, if there are any
 
     raises: InputError with one line for every fault found
     """
@@ -67,7 +72,10 @@ def load(
     if config and "duration_s" not in table["run"]:
         raise InputError(f"{config.path}: has no <end>; give the duration of the run, for example run.duration_s=600")
     places = _Places(source, lines, set_by)
-    return _checked(_validated(table, places), source, {change.key: change.value for change in changes}, places)
+    spec = _validated(table, places)
+    if before_code and (codes := named_code(spec, source.parent)):
+        before_code(spec.name, [(f"{places(code.path)}: {dotted(code.path)}", code) for code in codes])
+    return _checked(spec, source, {change.key: change.value for change in changes}, places)
 
 
 def _find(name_or_file: str | Path) -> Path:
@@ -75,13 +83,16 @@ def _find(name_or_file: str | Path) -> Path:
     if str(name_or_file) in known:
         return known[str(name_or_file)]
     file = Path(name_or_file)
-    if file.is_file():
+    absent = no_file(file)
+    if not absent:
         return file
-    if (file / "config.toml").is_file():
+    if not no_file(file / "config.toml"):
         raise InputError(f"{file}: is the folder of a run; its scenario is {file / 'config.toml'}")
-    if file.is_dir():
+    if os.path.isdir(file):
         raise InputError(f"{file}: is a folder; must be a scenario file, or one of: {', '.join(known)}")
     hint = did_you_mean(str(name_or_file), known)
+    if absent != "no such file":
+        raise InputError(f"{name_or_file}: {absent}")
     raise InputError(f"{name_or_file}: no such scenario file or shipped scenario{hint}")
 
 

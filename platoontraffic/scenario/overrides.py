@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from platoontraffic.errors import InputError
 from platoontraffic.scenario.faults import KeyPath, dotted
 from platoontraffic.scenario.tables import SHORT
+from platoontraffic.scenario.toml_lines import loads
 
 TEXTS = frozenset({"edge", "to", "id", "name", "title", "net", "config"})  # keys of texts that may look like a number
 
@@ -27,18 +28,24 @@ class Change(NamedTuple):
         key, equals, text = argument.partition("=")
         if not equals or not all(key.split(".")):
             raise InputError(f"argument {number}: {argument!r}: must be key=value")
-        return cls(key, _value(key, text), f"argument {number}", argument)
+        try:
+            return cls(key, _value(key, text), f"argument {number}", argument)
+        except ValueError as error:
+            raise InputError(f"argument {number}: {argument!r}: {error}") from error
 
     def fault(self, what: str) -> InputError:
         return InputError(f"{self.place}: {self.text!r}: {what}")
 
 
 def _value(key: str, text: str) -> Any:
-    """A TOML value, or the text itself: a bare word is a string, and an edge may have a number for a name."""
+    """A TOML value, or the text itself: a bare word is a string, and an edge may have a number for a name.
+
+    raises: ValueError
+    """
     if "\n" in text:
         return text
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
+        value = loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
     return text if key.rpartition(".")[2] in TEXTS and not isinstance(value, str) else value
@@ -66,7 +73,7 @@ def apply(change: Change, table: dict) -> list[KeyPath]:
 
 def _children(node: Any, path: KeyPath, name: str, change: Change) -> list[tuple[Any, KeyPath]]:
     """The nodes that a name leads to from a node; from an array of tables without a number, one child of each table."""
-    if isinstance(node, list) and name.lstrip("-").isdigit():
+    if isinstance(node, list) and name.lstrip("-").isdecimal():
         return [_item(node, path, name, change)]
     if isinstance(node, list):
         return [child for item, at in _tables(node, path) for child in _children(item, at, name, change)]
@@ -78,9 +85,9 @@ def _children(node: Any, path: KeyPath, name: str, change: Change) -> list[tuple
 
 
 def _item(node: list, path: KeyPath, name: str, change: Change) -> tuple[Any, KeyPath]:
-    if not name.isdigit():
+    if not name.isdecimal():
         raise change.fault("tables are numbered from 0")
-    if int(name) >= len(node):
+    if len(name) > 9 or int(name) >= len(node):
         raise change.fault(f"there are {len(node)}, numbered from 0")
     return node[int(name)], (*path, int(name))
 

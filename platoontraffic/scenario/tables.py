@@ -85,8 +85,8 @@ class Run(Table):
     @field_validator("step_s")
     @classmethod
     def whole_milliseconds(cls, step: float) -> float:
-        if abs(step * 1000 - round(step * 1000)) > 1e-9:
-            raise ValueError("must be whole milliseconds, SUMO's unit of time")
+        if step < 0.001 or abs(step * 1000 - round(step * 1000)) > 1e-9:
+            raise ValueError("must be whole milliseconds, SUMO's unit of time, and one or more")
         return step
 
 

@@ -12,6 +12,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -19,10 +20,11 @@ import tomli_w
 from pydantic import Field, ValidationError
 
 from platoontraffic import scenario, shipped
-from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.errors import InputError, did_you_mean, no_file
 from platoontraffic.results import provenance
 from platoontraffic.road.network import Network
 from platoontraffic.scenario import Change, Identifier, Scenario, Table, dotted, fault_of, toml_lines
+from platoontraffic.scenario.named_code import BeforeCode
 from platoontraffic.study.conditions import condition
 from platoontraffic.study.folder_lock import SHARES
 from platoontraffic.world.deployment import deploy, static_scene
@@ -110,8 +112,10 @@ class Axis(NamedTuple):
     rows: tuple[tuple[Change, ...], ...]
 
 
-def load(name_or_file: str | Path, arguments: Sequence[str] = ()) -> Study:
+def load(name_or_file: str | Path, arguments: Sequence[str] = (), before_code: BeforeCode | None = None) -> Study:
     """The study of a file, or a shipped one by name; `key=value` arguments are set in every run.
+
+    before_code: as for `scenario.load`
 
     raises: InputError with one line for every fault found
     """
@@ -124,7 +128,8 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = ()) -> Study:
     keys = tuple(key for axis in axes for key in axis.keys)
     _check_keys([change for axis in axes for change in axis.rows[0]], fixed)
     seeds = _seeds(file, place)
-    runs = tuple(_runs(_points(file, axes, keys, place), base, fixed, seeds, source))
+    checked = partial(scenario.load, base, seed=seeds[0] if seeds else None, before_code=before_code)
+    runs = tuple(_runs(_points(file, axes, keys, place), base, checked, fixed, seeds, source))
     written_out = {
         "name": file.name,
         "title": file.title,
@@ -157,12 +162,15 @@ def _find(name_or_file: str | Path) -> Path:
     if str(name_or_file) in known:
         return known[str(name_or_file)]
     file = Path(name_or_file)
-    if file.is_file():
+    absent = no_file(file)
+    if not absent:
         return file
-    if (file / "study.toml").is_file():
+    if not no_file(file / "study.toml"):
         raise InputError(f"{file}: is the folder of a batch; its study is {file / 'study.toml'}")
     if str(name_or_file) in shipped.scenarios():
         raise InputError(f"{name_or_file}: is a scenario, not a study; `platoontraffic run` runs it")
+    if absent != "no such file":
+        raise InputError(f"{name_or_file}: {absent}")
     raise InputError(f"{name_or_file}: no such study file, nor a shipped study{did_you_mean(str(name_or_file), known)}")
 
 
@@ -187,8 +195,10 @@ def _base(base: str, source: Path, place: Place) -> str:
     if base in known:
         return base
     file = source.parent / base
-    if not file.is_file():
-        what = f"no such scenario file, nor a shipped scenario{did_you_mean(base, known)}"
+    if absent := no_file(file):
+        what = absent.replace(
+            "no such file", f"no such scenario file, nor a shipped scenario{did_you_mean(base, known)}"
+        )
         raise InputError(f"{place(('base',))}: base: {base!r}: {what}")
     return str(file.resolve())
 
@@ -250,6 +260,8 @@ def _range(table: dict[str, Any], key: str) -> list[float]:
     if set(table) not in ({"from", "to", "step"}, {"from", "to", "count"}) or not numbers:
         raise InputError(f"{key}: {table}: must be a list of values, or {RANGE}")
     first, last = table["from"], table["to"]
+    if not math.isfinite(last - first):
+        raise InputError(f"{key}: {table}: must be a shorter range")
     if "count" in table:
         count = table["count"]
         if not (isinstance(count, int) and 2 <= count <= MOST):
@@ -316,7 +328,12 @@ def _points(file: StudyFile, axes: Sequence[Axis], keys: Sequence[str], place: P
 
 
 def _runs(
-    points: Iterable[tuple[Change, ...]], base: str, fixed: Sequence[Change], seeds: Sequence[int], source: Path
+    points: Iterable[tuple[Change, ...]],
+    base: str,
+    load_base: Callable[[Sequence[Change]], Scenario],
+    fixed: Sequence[Change],
+    seeds: Sequence[int],
+    source: Path,
 ) -> Iterator[Run]:
     """The runs of all points. raises: InputError with the faults of all points"""
     networks: dict[Path, Network] = {}
@@ -326,7 +343,7 @@ def _runs(
         at = ", ".join(f"{change.key} = {change.value!r}" for change in point)
         changes = (*fixed, *point)
         try:
-            checked = scenario.load(base, changes, seeds[0] if seeds else None)
+            checked = load_base(changes)
             _deploy(checked, networks)
         except InputError as error:
             for fault in error.faults:

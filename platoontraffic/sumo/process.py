@@ -35,6 +35,14 @@ def start_options(network: Path, step: float, seed: int, more: Mapping[str, str]
     return options
 
 
+class RefusedError(InputError):
+    """SUMO refuses its input; words: SUMO's own."""
+
+    def __init__(self, network: Path, words: str) -> None:
+        super().__init__(f"{network}: SUMO refuses it: {words}")
+        self.words = words
+
+
 class Process:
     """A SUMO that is started, stepped and closed.
 
@@ -46,7 +54,7 @@ class Process:
         self._sumo, self._network, self.log = sumo, network, log
 
     def start(self, options: Sequence[str]) -> None:
-        """raises: RunError (libsumo already runs in this process), InputError (SUMO refuses its input)"""
+        """raises: RunError (libsumo already runs in this process), RefusedError"""
         if self._sumo is libsumo and _in_this_process:
             running = _in_this_process[0]
             raise RunError(f"SUMO already runs {running} in this process; libsumo holds one simulation a process")
@@ -57,7 +65,7 @@ class Process:
         except BaseException as error:
             self._file.close()
             if isinstance(error, self._sumo.TraCIException):
-                raise InputError(f"{self._network}: SUMO refuses it: {self._reason(error)}") from error
+                raise RefusedError(self._network, self._reason(error)) from error
             raise
         if self._sumo is libsumo:
             _in_this_process.append(self._network)

@@ -204,6 +204,18 @@ def test_a_run_without_scans_says_how_to_record_them(tmp_path):
     assert "record.scans_every_s" in done.stderr
 
 
+def test_scans_of_another_run_are_one_line(run, tmp_path):
+    pytest.importorskip("rosbags", reason="needs rosbags: pip install platoontraffic[ros]")
+    folder = shutil.copytree(run, tmp_path / "run")
+    with np.load(folder / "scans.npz") as scans:
+        arrays = dict(scans)
+    arrays["vehicle_id"] = np.array([f"x{name}" for name in arrays["vehicle_id"]])
+    np.savez(folder / "scans.npz", **arrays)
+    done = CliRunner().invoke(app, ["export", str(folder), "--to", "mcap"])
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert "which trajectories.csv does not have" in done.stderr
+
+
 def test_an_unknown_format_is_one_line(run):
     done = CliRunner().invoke(app, ["export", str(run), "--to", "mcpa"])
     assert (done.exit_code, done.stderr) == (2, "--to: 'mcpa': must be parquet, mcap or fcd; did you mean 'mcap'?\n")

@@ -243,6 +243,11 @@ v = 1
     }  # fmt: skip
 
 
+def test_keys_after_values_of_many_lines_have_their_lines():
+    text = "a = [" + "[1, 2],\n" * 20_000 + ']\nb = \'\'\'\n] x = 1\n\'\'\'\nc = """\\"""" # [\nd = 1\n'
+    assert key_lines(text) == {("a",): 1, ("b",): 20_002, ("c",): 20_005, ("d",): 20_006}
+
+
 @pytest.mark.parametrize(("given", "kept"), [("trips", ["trips"]), ("trips,edges", ["trips", "edges"]), ("[]", [])])
 def test_sumo_tables_can_be_listed_without_brackets(given, kept):
     assert scenario.load("paper_loop", [f"record.sumo={given}"]).spec.record.sumo == kept

@@ -1,0 +1,248 @@
+"""Input that once ended in a traceback, in a signal or in no words: now one line a fault, and exit code 2."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from platoontraffic import errors, shipped
+from platoontraffic.cli.main import app
+from tests.support import ROOT
+
+LONG = "a" * 300
+CORRIDOR = shipped.networks()["corridor"]
+Write = Callable[..., Path]
+
+
+def call(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def command(*arguments: object, **environment: str) -> subprocess.CompletedProcess:
+    words = [sys.executable, "-m", "platoontraffic", *map(os.fsencode, map(str, arguments))]
+    return subprocess.run(words, capture_output=True, env=os.environ | environment, cwd=ROOT)
+
+
+def assert_refused(done: Result, said: str) -> None:
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "details, to report it" not in done.stderr
+    assert all(len(line) < 5000 for line in done.stderr.splitlines())
+    assert done.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("laps = 2.0", "step_s = 1e306", "mine.toml:8: run.step_s: 1e+306: should be less than"),
+        ("laps = 2.0", "step_s = 1e-13", "mine.toml:8: run.step_s: 1e-13: must be whole milliseconds"),
+        ("duration_s = 900.0", "duration_s = 1e308", "mine.toml:7: run.duration_s: 1e+308: should be less than"),
+        ("[run]", "[record]\nevery_s = 1e308\n[run]", "record.every_s: 1e+308: should be less than"),
+        ("[run]", "[record]\nscans_every_s = 1e307\n[run]", "record.scans_every_s: 1e+307: should be less than"),
+        ("gap_m = 0.45", "gap_m = 1e308", "mine.toml:14: platoon.0.gap_m: 1e+308: should be less than"),
+        ("position_m = 1.9", "position_m = 1.9, time_s = 1e308", "platoon.0.start.time_s: 1e+308: should be less than"),
+        ('law = "reactive"', 'law = "reactive"\nlidars = { x = { rate_hz = 1e-320 } }', "must be a multiple"),
+        ("size = 5", "size = 9" + "9" * 5000, "mine.toml:12: platoon.0.size: has an integer of more than 64 bits"),
+        ("size = 5", "size = 0x9" + "9" * 5000, "mine.toml:12: platoon.0.size: has an integer of more than 64 bits"),
+        ("size = 5", "size = " + "[" * 900 + "]" * 900, "mine.toml: tables or lists are nested too deeply"),
+        ("size = 5", "a." * 50_000 + "a = 1", "mine.toml: tables or lists are nested too deeply"),
+        ('net = "lab_loop"', f'net = "{LONG}"', "mine.toml:4: sumo.net: "),
+        ('net = "lab_loop"', f'net = "lab_loop"\nroutes = ["{LONG}"]', "cannot be read: File name too long"),
+        ('law = "reactive"', f'law = "{LONG}:X"', f"platoon.0.leader.law: {LONG}: cannot be imported"),
+        ('id = "robot"', 'id = "\udcff"', "mine.toml:11: byte 0xff: is not UTF-8"),
+    ],
+)
+def test_values_beyond_all_use(old: str, new: str, said: str, scenario_file: Write):
+    file = scenario_file()
+    text = file.read_text()
+    assert old in text
+    file.write_bytes(text.replace(old, new, 1).encode("utf-8", "surrogateescape"))
+    assert_refused(call("check", file), said)
+
+
+@pytest.mark.parametrize(
+    ("argument", "said"),
+    [
+        ("seed=" + "9" * 5000, "argument 1: "),
+        ("run.laps=" + "[" * 900, "argument 1: "),
+        ("platoon.²=1", "platoon.0.²: unknown key"),
+        ("platoon." + "9" * 5000 + ".size=1", "there are 1, numbered from 0"),
+    ],
+)
+def test_arguments_beyond_all_use(argument: str, said: str):
+    assert_refused(call("check", "paper_loop", argument), said)
+
+
+@pytest.mark.parametrize(
+    ("study", "said"),
+    [
+        (f'base = "{LONG}"', "base: '" + LONG + "': cannot be read: File name too long"),
+        (
+            'base = "paper_loop"\n[grid]\nplatoon.gap_m = { from = 1, to = 9' + "9" * 400 + ", step = 1 }",
+            "m.toml:3: grid.platoon.gap_m: ",
+        ),
+        ('base = "paper_loop"\nseeds = { from = 1, to = 9' + "9" * 400 + ", step = 1 }", "m.toml:2: seeds: "),
+        (
+            'base = "paper_loop"\n[grid]\nplatoon.gap_m = { from = -1e308, to = 1e308, count = 3 }',
+            "must be a shorter range",
+        ),
+        ('base = "paper_loop"\n[set]\nplatoon."²".size = 1', "platoon.0.²: unknown key"),
+    ],
+)
+def test_studies_beyond_all_use(study: str, said: str, tmp_path: Path):
+    file = tmp_path / "m.toml"
+    file.write_text(study, encoding="utf-8")
+    assert_refused(call("check", file), said)
+
+
+@pytest.mark.parametrize(
+    ("condition", "said"),
+    [
+        ('"a" * 9999999999 == 1', "+ - * / are for numbers"),
+        ("platoon.size * [1] * 99999999999 == 1", "+ - * / are for numbers"),
+        ("platoon.vehicle * 99999999999 == 1", "+ - * / are for numbers; at platoon.size = 1"),
+        ("-" * 20_000 + "1", "cannot be read"),
+        ("é > 1", "é: not a varied key of the study"),
+        ("platoon.size < 1e-3", "fine, 2 runs"),
+        ("platoon.size < 2.5E0 and platoon.size > .5e+0", "leaves out all runs"),
+    ],
+)
+def test_conditions(condition: str, said: str, tmp_path: Path):
+    file = tmp_path / "m.toml"
+    grid = '[grid]\nplatoon.size = [1, 2]\nplatoon.vehicle = ["paper-robot"]'
+    file.write_text(f'base = "paper_loop"\nleave_out = [{json.dumps(condition)}]\n{grid}')
+    done = call("check", file)
+    assert said in done.output
+    assert "Traceback" not in done.output
+    assert done.exit_code == (0 if said.startswith("fine") else 2)
+
+
+@pytest.mark.parametrize(
+    ("net", "pattern", "new", "said"),
+    [
+        ("lab_loop", r' speed="[^"]*"', ' speed="nan"', "x.net.xml:8: lane ':ne_0_0': speed = \"nan\"; must be"),
+        ("lab_loop", r' speed="[^"]*"', ' speed="-3"', "x.net.xml:8: lane ':ne_0_0': speed = \"-3\"; must be"),
+        ("lab_loop", r' width="[^"]*"', ' width="nan"', "lane ':ne_0_0': width = \"nan\"; must be"),
+        ("lab_loop", r' length="[^"]*"', ' length="-3"', "x.net.xml:8: lane ':ne_0_0': length = \"-3\"; must be"),
+        ("lab_loop", r' length="[^"]*"', ' length="1e300"', "lane ':ne_0_0': length = \"1e300\"; must be"),
+        ("corridor", r'<phase duration="[^"]*"', '<phase duration="-5"', '<phase>: duration = "-5"; must be'),
+        ("corridor", r'<connection from=":prio_4".*?/>', "", "no connection leads on from lane ':prio_4_0'"),
+        ("corridor", r'<connection from="west_light" .*?/>', "", "junction 'light' has 12 requests for 9 connections"),
+        ("corridor", r'<request index="4" .*?/>', "", "requests for 12 connections"),
+        ("corridor", r'<request index="4" ', '<request index="9" ', "requests that are not numbered from 0 to 11"),
+        (
+            "corridor",
+            r'<junction id="light"',
+            '<lane id=":rs_2_0" index="0"/><junction id="light"',
+            "is not in its edge",
+        ),
+        ("lab_loop", r' encoding="[^"]*"', ' encoding="KOI-99"', "x.net.xml:1: cannot be read (unknown encoding"),
+        ("lab_loop", r"</net>", '<include href="x.net.xml"/></net>', "includes 'x.net.xml'; must be whole"),
+    ],
+)
+def test_networks_that_crash_sumo_or_were_driven(
+    net: str, pattern: str, new: str, said: str, tmp_path: Path, scenario_file: Write
+):
+    text, number = re.subn(pattern, new, shipped.networks()[net].read_text(encoding="utf-8"))
+    assert number
+    (tmp_path / "x.net.xml").write_text(text, encoding="utf-8")
+    assert_refused(call("check", scenario_file(('net = "lab_loop"', 'net = "x.net.xml"'))), said)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        (
+            "a.poly.xml",
+            '<additional><poly id="p" type="obstacle" shape="0,0 1e300,0 1e300,1e300"/></additional>',
+            "a.poly.xml:1: poly 'p': shape",
+        ),
+        ("a.add.xml", '<additional><include href="a.add.xml"/></additional>', "includes a.add.xml, which leads back"),
+        ("a.add.xml", '<additional><include href="b.add.xml"/></additional>', "b.add.xml: no such file"),
+        ("a.add.xml", '<additional><vType id="t" length="-1"/></additional>', "vType 't': length = \"-1\"; must be"),
+        ("a.add.xml", '<additional><vType id="t" tau="nan"/></additional>', "vType 't': tau = \"nan\"; must be"),
+        ("a.add.xml", '<additional><flow id="f" period="inf"/></additional>', "flow 'f': period = \"inf\"; must be"),
+    ],
+)
+def test_additional_files(name: str, text: str, said: str, tmp_path: Path, scenario_file: Write):
+    (tmp_path / name).write_text(text)
+    file = scenario_file(('net = "lab_loop"', f'net = "lab_loop"\nadditional = ["{name}"]'))
+    assert_refused(call("check", file), said)
+
+
+def test_a_netedit_configuration_that_names_itself(tmp_path: Path):
+    file = tmp_path / "c.netecfg"
+    file.write_text('<neteditConfiguration><sumocfg-file value="c.netecfg"/></neteditConfiguration>')
+    assert_refused(call("check", file), "c.netecfg: names itself")
+
+
+def test_a_simulation_has_one_thread(tmp_path: Path):
+    from platoontraffic.road.network import read_configuration
+
+    file = tmp_path / "c.sumocfg"
+    file.write_text(f'<configuration><net-file value="{CORRIDOR}"/><threads value="4000"/></configuration>')
+    read = read_configuration(file)
+    assert ("threads" in read.options, read.ignored) == (False, ("threads",))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("check", LONG), ("run", LONG), ("batch", LONG), ("replay", LONG), ("report", LONG), ("plot", LONG),
+        ("export", LONG), ("run", "paper_loop", "--out", LONG),
+    ],
+)  # fmt: skip
+def test_names_that_are_too_long(arguments: tuple[str, ...]):
+    assert_refused(call(*arguments), "File name too long")
+
+
+def test_a_file_in_a_closed_folder(monkeypatch: pytest.MonkeyPatch):
+    def closed(path: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(errors.os, "stat", closed)
+    assert errors.no_file("x") == "cannot be read: Permission denied"
+
+
+def test_many_faults_are_counted(tmp_path: Path, scenario_file: Write):
+    file = scenario_file()
+    platoon = file.read_text().partition("[[platoon]]")[2]
+    file.write_text(file.read_text() + f"\n[[platoon]]{platoon}" * 300)
+    lines = call("check", file).stderr.splitlines()
+    assert (len(lines), lines[-1]) == (51, "and 250 more")
+
+
+def test_arguments_that_are_not_utf_8():
+    done = command("run", "paper_loop", "--out", "inv\udcff")
+    assert (done.returncode, done.stderr.decode()) == (2, "word 4 of the command, 'inv\\udcff': is not UTF-8\n")
+
+
+@pytest.mark.parametrize("number", ["0", "x"])
+def test_a_number_of_threads_that_numba_does_not_take(number: str):
+    done = command("check", "paper_loop", NUMBA_NUM_THREADS=number)
+    said = f"NUMBA_NUM_THREADS={number}: must be a whole number, 1 or more\n"
+    assert (done.returncode, done.stderr.decode()) == (2, said)
+
+
+def test_json_on_a_terminal_without_unicode():
+    done = command("check", "é.toml", "--json", PYTHONIOENCODING="ascii")
+    (fault,) = json.loads(done.stdout)["files"][0]["faults"]
+    assert (done.returncode, done.stderr) == (2, b"")
+    assert fault.startswith("é.toml: no such scenario file")
+
+
+def test_a_full_stdout():
+    with Path("/dev/full").open("w") as full:
+        words = [sys.executable, "-m", "platoontraffic", "schema"]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("No space left on device")
