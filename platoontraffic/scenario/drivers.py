@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from platoontraffic.controllers import registry
-from platoontraffic.controllers.gains import files_in, instance_of, law_of, with_files
+from platoontraffic.controllers.gains import files_in, instance_of, keys_of, law_of, with_files
 from platoontraffic.controllers.law import Law
 from platoontraffic.lidar import PRESETS
 from platoontraffic.plug_ins import find_class, plug_in_file
@@ -48,10 +49,14 @@ def drivers_of(spec: Spec) -> Iterator[tuple[Role, Driver]]:
             yield (i, "follower"), platoon.follower
 
 
-def find_laws(spec: Spec, folder: Path) -> dict[Role, Found]:
-    """The law of every driver. folder: the scenario file's; plug-ins and files that gains name are relative to it"""
+def find_laws(spec: Spec, folder: Path, stale: Collection[KeyPath] = ()) -> dict[Role, Found]:
+    """The law of every driver.
+
+    folder : the scenario file's; plug-ins and files that gains name are relative to it
+    stale  : keys that were written for another law; those that this one does not have are left out
+    """
     find = cache(lambda name: registry.find_law(name, folder))  # one class a name, so that members may share a call
-    return {role: _find_law(driver, ("platoon", *role), find, folder) for role, driver in drivers_of(spec)}
+    return {role: _find_law(driver, ("platoon", *role), find, folder, stale) for role, driver in drivers_of(spec)}
 
 
 def default_preset(role: str, law: Law | type[Law], vehicle: VehicleModel) -> str:
@@ -77,11 +82,22 @@ def further_lidars(driver: Driver, preset: str, law: Law | type[Law]) -> dict[st
     return declared | named
 
 
-def _find_law(driver: Driver, at: KeyPath, find: Callable[[str], tuple[type, tuple[Path, ...]]], folder: Path) -> Found:
+def _find_law(
+    driver: Driver,
+    at: KeyPath,
+    find: Callable[[str], tuple[type, tuple[Path, ...]]],
+    folder: Path,
+    stale: Collection[KeyPath],
+) -> Found:
     faults: list[Fault] = []
     try:
         kind, sources = find(driver.law)
-        gains = with_files(kind, driver.model_extra or {}, folder)
+        given = driver.model_extra or {}
+        if stale and is_dataclass(kind):
+            given = {
+                key: gain for key, gain in given.items() if (*at, key) not in stale or key in keys_of(kind).values()
+            }
+        gains = with_files(kind, given, folder)
         law = law_of(kind, gains, lambda keys, what: faults.append(Fault((*at, *keys), what)), what_of, driver.sensors)
     except LookupError as error:
         return Found(None, None, None, frozenset(), (Fault((*at, "law"), str(error)),))

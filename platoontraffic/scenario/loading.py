@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +68,7 @@ def load(
     if config:
         configurations.complete(table, config, changes)
         source = Path(platoons or source)
-    set_by = _change(table, changes, seed)
+    set_by, stale = _change(table, changes, seed)
     if used := config or _configuration_in(table, source.parent):
         configurations.take_values(table, used)
     if config and "duration_s" not in table["run"]:
@@ -75,7 +77,7 @@ def load(
     spec = _validated(table, places)
     if before_code and (codes := named_code(spec, source.parent)):
         before_code(spec.name, [(f"{places(code.path)}: {dotted(code.path)}", code) for code in codes])
-    return _checked(spec, source, {change.key: change.value for change in changes}, places)
+    return _checked(spec, source, {change.key: change.value for change in changes}, places, stale)
 
 
 def _find(name_or_file: str | Path) -> Path:
@@ -110,15 +112,35 @@ def _name(file: Path) -> str:
     return re.sub(r"[^A-Za-z0-9_-]", "_", file.stem)
 
 
-def _change(table: dict[str, Any], changes: Sequence[Change], seed: int | None) -> dict[KeyPath, str]:
-    """Make the changes in the table; the place of each key that they set."""
+def _change(
+    table: dict[str, Any], changes: Sequence[Change], seed: int | None
+) -> tuple[dict[KeyPath, str], frozenset[KeyPath]]:
+    """Make the changes in the table.
+
+    returns: the place of each key that they set; keys of the file beside a law that they replaced by another one
+    """
     set_by: dict[KeyPath, str] = {}
+    stale: set[KeyPath] = set()
     for change in changes:
-        set_by |= dict.fromkeys(overrides.apply(change, table), change.place)
+        before = copy.deepcopy(table) if change.key.endswith(".law") else {}
+        paths = overrides.apply(change, table)
+        set_by |= dict.fromkeys(paths, change.place)
+        for *driver, _ in paths if before else ():
+            was = reduce(lambda node, key: node[key], driver, before) if _has(before, driver) else {}
+            if isinstance(was, dict) and was.get("law", change.value) != change.value:
+                stale |= {("platoon", driver[1] if len(driver) == 3 else 0, driver[-1], key) for key in was}
     if seed is not None:
         table["seed"] = seed
         set_by["seed",] = "--seed"
-    return set_by
+    return set_by, frozenset(stale.difference(set_by))
+
+
+def _has(node: Any, path: Sequence[str | int]) -> bool:
+    for key in path:
+        if not ((isinstance(node, dict) and key in node) or (isinstance(node, list) and isinstance(key, int))):
+            return False
+        node = node[key]
+    return True
 
 
 def _validated(table: dict[str, Any], places: _Places) -> Spec:
@@ -129,15 +151,18 @@ def _validated(table: dict[str, Any], places: _Places) -> Spec:
         raise InputError(*(placed(fault, places) for fault in faults)) from None
 
 
-def _checked(spec: Spec, source: Path, varied: dict[str, Any], places: _Places) -> Scenario:
-    """raises: InputError if a file, a law, or the tables together are not sound"""
+def _checked(spec: Spec, source: Path, varied: dict[str, Any], places: _Places, stale: frozenset[KeyPath]) -> Scenario:
+    """
+    stale : as of `_change`
+    raises: InputError if a file, a law, or the tables together are not sound
+    """
     folder = source.parent
     try:
         files = find_files(spec.sumo, folder)
     except InputError as error:
         faults = (Fault(("sumo", "config"), one) for one in error.faults)
         raise InputError(*(placed(fault, places) for fault in faults)) from error
-    laws = find_laws(spec, folder)
+    laws = find_laws(spec, folder, stale)
     metrics, unsound = metric_plug_ins.find(spec.record.metrics, folder)
     if faults := [*faults_of(spec, files, laws, folder), *unsound]:
         raise InputError(*(placed(fault, places) for fault in faults))
