@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+from contextlib import suppress
 from pathlib import Path
 
 SHARES = range(1_000_000)  # parts for runs by their place in the study, held by the batch
@@ -64,4 +65,5 @@ class Lock:
             return False
 
     def close(self) -> None:
-        os.close(self._file)
+        with suppress(OSError):  # a law may have closed it
+            os.close(self._file)

@@ -13,7 +13,7 @@ from platoontraffic.world.fleet import Fleet
 
 # SUMO draws transparent colours opaque where there is a road; so a fan shows the road through slits between blades.
 BLADE = np.radians(1.25)  # width of a blade, and of the slit beside it [rad]
-CORNERS = 3  # of a blade, besides the one at the laser
+CORNERS = 3  # of a blade of several beams, besides the one at the laser
 TARGET_SIZE = 0.3  # half the diagonal of the diamond at a target [vehicle widths]
 
 FAN_OF_LEADER, FAN, TARGET = (140, 190, 220), (240, 200, 110), (213, 0, 120)  # red, green, blue
@@ -63,7 +63,7 @@ def fan(ranges: np.ndarray, model: LidarModel) -> np.ndarray:
     """
     width = max(round(BLADE / model.angle_increment), 1)
     begins = np.arange(0, max(model.samples - width, 1), 2 * width)
-    beams = np.linspace(begins, begins + width, CORNERS, dtype=int).T  # (blades, CORNERS)
+    beams = np.linspace(begins, begins + width, min(CORNERS, width + 1), dtype=int).T  # (blades, corners)
     ends = (np.clip(ranges, model.range_min, model.range_max) * model.directions).T[beams]
     outline = np.insert(ends, 0, 0.0, axis=1).reshape(-1, 2)
     return outline[~np.isnan(outline[:, 0])]

@@ -34,7 +34,7 @@ def test_run_says_where_the_results_are_and_does_not_repeat_them(tmp_path):
     assert folder.parent == tmp_path / "paper_loop"
     assert sorted(f.name for f in folder.iterdir()) == [
         "DONE", "config.toml", "datapackage.json", "events.csv", "metrics.csv", "provenance.json", "run.log",
-        "scene.geojson", "summary.csv", "trajectories.csv", "vehicles.csv",
+        "scene.geojson", "statistics.csv", "summary.csv", "trajectories.csv", "vehicles.csv",
     ]  # fmt: skip
     written = (folder / "DONE").stat().st_mtime_ns
     second = call("run", "paper_loop", *SHORT, "--out", tmp_path)

@@ -22,6 +22,7 @@ from platoontraffic.road.network import Network
 
 RING = shipped.networks()["ring"]
 LAB = shipped.networks()["lab_loop"]
+TWICE = r'(<edge id="east_north".*?</edge>)'  # to be written twice
 
 CROSS = """<nodes><node id="w" x="0" y="0"/><node id="c" x="200" y="0"/><node id="e" x="400" y="0"/>
 <node id="s" x="200" y="-200"/></nodes>"""
@@ -121,7 +122,6 @@ def test_a_gzipped_network_can_be_imported(netconvert, tmp_path):
     ("old", "new", "said"),
     [
         ('speed="13.89"', 'speed="10"', "edge 'east_north' differs"),
-        ('to="west"', 'to="south"', "edge 'north_west' differs"),
         ("160.75,0.15", "160.79,0.15", "edge 'east_north' differs"),
         ('fromLane="1" toLane="1"', 'fromLane="1" toLane="0"', "connection 'south_east_1 to east_north_1' is missing"),
     ],
@@ -330,7 +330,7 @@ def test_a_network_that_lacks_a_part_is_a_fault(tmp_path, old, new, said):
         (lambda text: text.replace("<net ", "<nodes ").replace("</net>", "</nodes>"), "a plain node file"),
         (lambda text: '<net version="1.20"/>', "the network has no road"),
         (lambda text: text.replace('width="3.20"', 'width="wide"'), "could not convert string to float"),
-        (lambda text: text.replace('id="north_west"', 'id="east_north"', 1), "edge 'east_north' occurs more than once"),
+        (lambda text: re.sub(TWICE, r"\1\1", text, flags=re.DOTALL), "edge 'east_north' occurs more than once"),
     ],
 )
 def test_a_broken_file_is_one_line_and_exit_code_2(netconvert, tmp_path, command, change, said):

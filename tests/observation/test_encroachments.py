@@ -48,7 +48,7 @@ def met(member, other, seconds=20.0, *, dt=DT, turn=0.0, both=False, appears=0.0
         n = 1 + both
 
         fleet = Fleet(number=np.arange(n))
-        seen = observer.observe(Step(traffic, fleet, [("", "")] * n, None, x, y))
+        seen = observer.observe(Step(traffic, fleet, [("", "")] * n, None, x, y, []))
         found += [(event.what, event.duration) for event in seen]
     return found
 
@@ -189,7 +189,7 @@ def random_tables(rng):
         x, y, heading = np.array([poses[i](step * DT) for i in here]).T
         sizes = np.full(len(here), LENGTH), np.full(len(here), WIDTH)
         traffic = TrafficSnapshot(step * DT, tuple(ids[here]), x, y, heading, 0 * x, *sizes)
-        events += observer.observe(Step(traffic, Fleet(number=np.arange(4)), [("", "")] * 4, None, x, y))
+        events += observer.observe(Step(traffic, Fleet(number=np.arange(4)), [("", "")] * 4, None, x, y, []))
         rows += zip([step * DT] * len(here), ids[here], x, y, heading, *sizes, strict=True)
     columns = ["time_s", "vehicle_id", "x_m", "y_m", "heading_rad", "length_m", "width_m"]
     members = pd.DataFrame({"vehicle_id": ids[:4], "platoon_id": platoons})
