@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -197,7 +198,8 @@ def test_a_simulation_has_one_thread(tmp_path: Path):
     "arguments",
     [
         ("check", LONG), ("run", LONG), ("batch", LONG), ("replay", LONG), ("report", LONG), ("plot", LONG),
-        ("export", LONG), ("run", "paper_loop", "--out", LONG),
+        pytest.param(("export", LONG), marks=pytest.mark.skipif(not find_spec("pyarrow"), reason="needs pyarrow")),
+        ("run", "paper_loop", "--out", LONG),
     ],
 )  # fmt: skip
 def test_names_that_are_too_long(arguments: tuple[str, ...]):

@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -29,9 +30,12 @@ WRITTEN = {
     ("export", "--to", "mcap"): ["rosbag"],
     ("export",): ["trajectories.parquet", "events.parquet", "metrics.parquet", "vehicles.parquet"],
 }
+EXTRAS = {("export",): "pyarrow", ("export", "--to", "mcap"): "rosbags"}
 
 
 def call(command: tuple[str, ...], folder: Path, **options) -> subprocess.CompletedProcess[str]:
+    if command in EXTRAS and not find_spec(EXTRAS[command]):
+        pytest.skip(f"needs {EXTRAS[command]}: pip install platoontraffic[parquet,ros]")
     line = [sys.executable, "-m", "platoontraffic", command[0], str(folder), *command[1:]]
     return subprocess.run(line, capture_output=True, text=True, **options)
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from platoontraffic import analysis
 from platoontraffic.analysis.reading import TEXTS, read_table
 from platoontraffic.cli.printing import summary
-from platoontraffic.export import fcd, rosbag
+from platoontraffic.export import fcd
 from platoontraffic.replay import page as replay_page
 from platoontraffic.report import page as report_page
 from platoontraffic.results import csv_text
@@ -99,6 +99,13 @@ def test_figures_pages_and_exports_have_the_id_as_it_is(tmp_path, platoon):
     replay_page(folder, folder / "replay.html", ids[2])
     (xml,) = fcd.export(folder)
     assert {v.get("id") for v in ElementTree.parse(xml).iter("vehicle")} == {*ids, other, "car.1", "car.2", "car.3"}
+
+
+def test_a_rosbag_is_made_of_ids_that_look_like_numbers_or_nothing(tmp_path):
+    pytest.importorskip("rosbags", reason="needs rosbags: pip install platoontraffic[ros]")
+    from platoontraffic.export import rosbag
+
+    folder = made_run(tmp_path / "run", seconds=3.0, others=4, every=0.5, platoon="1e5", other="NA")
     assert any(file.suffix == ".mcap" for file in rosbag.export(folder))
 
 
