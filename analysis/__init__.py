@@ -3,49 +3,32 @@
 if __name__ != "platoontraffic.analysis":  # a second copy, under another name, would not know the first one's classes
     raise ImportError("import it as platoontraffic.analysis")
 
-from platoontraffic.analysis.figures import (
-    estimates,
-    growth,
-    heat_map,
-    label,
-    losses,
-    over_time,
-    paths,
-    road,
-    states,
-    time_space,
-)
-from platoontraffic.analysis.limits import binomial_limits, detectable, holm, interval, poisson_limits, runs_needed
-from platoontraffic.analysis.pictures import picture
-from platoontraffic.analysis.results import Batch, Results, ResultsError, Scans, load
-from platoontraffic.analysis.swings import amplification, peak
-from platoontraffic.analysis.tables import paired, summarise
+from importlib import import_module
+from typing import Any
 
-__all__ = [
-    "Batch",
-    "Results",
-    "ResultsError",
-    "Scans",
-    "amplification",
-    "binomial_limits",
-    "detectable",
-    "estimates",
-    "growth",
-    "heat_map",
-    "holm",
-    "interval",
-    "label",
-    "load",
-    "losses",
-    "over_time",
-    "paired",
-    "paths",
-    "peak",
-    "picture",
-    "poisson_limits",
-    "road",
-    "runs_needed",
-    "states",
-    "summarise",
-    "time_space",
-]
+# Modules and what they give; matplotlib and pandas are imported only where they are used.
+_GIVEN_BY = {
+    "figures": (
+        "estimates", "growth", "heat_map", "label", "losses", "over_time", "paths", "road", "states", "time_space",
+    ),
+    "limits": ("binomial_limits", "detectable", "holm", "interval", "poisson_limits", "runs_needed"),
+    "pictures": ("picture",),
+    "results": ("Batch", "Results", "ResultsError", "Scans", "load"),
+    "swings": ("amplification", "peak"),
+    "tables": ("paired", "summarise"),
+}  # fmt: skip
+_MODULE_OF = {name: module for module, names in _GIVEN_BY.items() for name in names}
+
+__all__ = sorted(_MODULE_OF)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _GIVEN_BY:
+        return import_module(f"{__name__}.{name}")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_MODULE_OF]

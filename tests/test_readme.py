@@ -41,7 +41,7 @@ def test_your_own_follower_in_twenty_lines_runs(tmp_path, monkeypatch):
     (tmp_path / "mine.toml").write_text(scenario)
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(app, ["run", "mine.toml", "-q"])
-    assert (done.exit_code, done.stderr) == (0, "")
+    assert (done.exit_code, done.stderr) == (0, "mine: its plug-ins run code, of my_follower.py\n")
     header, row = ((Path(done.stdout.strip()) / "summary.csv").read_text()).splitlines()
     values = dict(zip(header.split(","), row.split(","), strict=True))
     assert (values["collisions"], values["lock_on_ratio_min"]) == ("0", "1")

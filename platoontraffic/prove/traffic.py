@@ -50,7 +50,8 @@ def pairs(plans: Sequence[Plan], folder: Path) -> Iterator[Pair]:
     """
     folder = folder.resolve()
     outcomes: dict[tuple[int, str], Ride | str] = {}
-    with executor_of("processes", AT_A_TIME) as (submit, _):
+    # Runs of known length; which of them is slow is not said.
+    with executor_of("processes", AT_A_TIME, lambda silence: None) as (submit, _):
         futures: dict[Future, tuple[Plan, str, Path]] = {}
         for plan in plans:
             for which, file in plan.files.items():
@@ -64,6 +65,8 @@ def pairs(plans: Sequence[Plan], folder: Path) -> Iterator[Pair]:
                     "folder": str(runs.resolve()),
                     "lock": str(folder / ".lock"),
                     "command_line": ["prove"],
+                    "timeout_s": None,
+                    "memory_mb": None,
                 }
                 futures[submit(job)] = plan, which, runs
         for future in as_completed(futures):
