@@ -1,11 +1,11 @@
 """Looking beside and behind before a follower goes over to another lane, by its own laser.
 
-Where the lanes lie it knows by its route: the lane offset of a place is its distance to the left of the lane on which
-the route began, as that goes on beside the route. The offset of its goal is that of its predecessor, whose path it
-follows, or that of the route. If the goal is on another lane, the first returns ahead and behind on that side and the
-rates at which they come nearer, known from the second scan on, say whether there is room (`lane_room`). If there is
-none, the follower stays on its lane: it drives its route shifted to there. It goes over, by a cosine, when there has
-been room for a moment. What a body hides and what is out of range is not seen.
+A follower knows by its route where the lanes lie. The lane offset of a place is its distance to the left of the lane on
+which the route began, prolonged beside the route. The goal of a follower is the place of its predecessor, or its route.
+If the goal is on another lane, the first returns ahead and behind on that side, and the rates at which they come
+nearer, say whether there is room (`lane_room`); a rate is known from the second scan on. Without room the follower
+stays on its lane: it drives its route, shifted to that lane. When there has been room for a moment it goes over, along
+a cosine. The laser sees nothing that a body hides or that is out of range.
 """
 
 from __future__ import annotations

@@ -125,8 +125,8 @@ def _change(
         before = copy.deepcopy(table) if change.key.endswith(".law") else {}
         paths = overrides.apply(change, table)
         set_by |= dict.fromkeys(paths, change.place)
-        for *driver, _ in paths if before else ():
-            was = reduce(lambda node, key: node[key], driver, before) if _has(before, driver) else {}
+        for *driver, _ in paths:
+            was = _at(before, driver)
             if isinstance(was, dict) and was.get("law", change.value) != change.value:
                 stale |= {("platoon", driver[1] if len(driver) == 3 else 0, driver[-1], key) for key in was}
     if seed is not None:
@@ -135,12 +135,12 @@ def _change(
     return set_by, frozenset(stale.difference(set_by))
 
 
-def _has(node: Any, path: Sequence[str | int]) -> bool:
-    for key in path:
-        if not ((isinstance(node, dict) and key in node) or (isinstance(node, list) and isinstance(key, int))):
-            return False
-        node = node[key]
-    return True
+def _at(node: Any, path: Sequence[str | int]) -> Any:
+    """What stands at a path in tables and arrays; None if nothing does."""
+    try:
+        return reduce(lambda inner, key: inner[key], path, node)
+    except (KeyError, IndexError, TypeError):
+        return None
 
 
 def _validated(table: dict[str, Any], places: _Places) -> Spec:

@@ -21,7 +21,7 @@ class _Kin(NamedTuple):
 
 
 class Census:
-    """The processes of this machine, read from /proc at most every `PERIOD` for all who ask."""
+    """The processes of this machine, read from /proc at most once in `PERIOD`."""
 
     def __init__(self) -> None:
         self._kin: dict[int, _Kin] = {}

@@ -70,7 +70,7 @@ def test_clearance_is_that_of_the_recorded_outlines(tables):
 @pytest.mark.slow
 @pytest.mark.sumo
 def test_exposure_and_extremes_are_those_of_the_recorded_motion(tables):
-    """Gaps are taken from the table; no order changes who follows whom."""
+    """Gaps are taken from the table; no order changes the predecessor of a member."""
     members, *_, metrics = tables
     found = metrics[metrics.scope == "vehicle"].set_index(["vehicle_id", "metric"]).value
     speed_of = members.set_index(["vehicle_id", "time_s"]).speed_mps
