@@ -61,6 +61,14 @@ class Carriers:
         pose = boxes.x[rows], boxes.y[rows], boxes.heading[rows]
         return cls(*pose, boxes.owner[rows], ids, boxes.vx[rows], boxes.vy[rows], boxes.yaw_rate[rows])
 
+    @classmethod
+    def unchecked(cls, boxes: Boxes, rows: np.ndarray, ids: tuple[str, ...]) -> Carriers:
+        """As `of`, where the caller knows that the boxes are sound and the ids distinct."""
+        carriers = object.__new__(cls)
+        values = {name: getattr(boxes, name)[rows] for name in ("x", "y", "heading", "owner", "vx", "vy", "yaw_rate")}
+        carriers.__dict__.update(values, ids=ids)
+        return carriers
+
     def __len__(self) -> int:
         return len(self.x)
 

@@ -162,10 +162,8 @@ class ScanBatch:
 
 
 def _filled(ranges, limits, no_return, too_close, error):
-    return np.nan_to_num(
-        ranges.astype(np.float64),
-        copy=False,
-        nan=limits.range_max if error is None else error,
-        posinf=limits.range_max if no_return is None else no_return,
-        neginf=limits.range_min if too_close is None else too_close,
-    )
+    filled = ranges.astype(np.float64)
+    filled[ranges == np.inf] = limits.range_max if no_return is None else no_return
+    filled[ranges == -np.inf] = limits.range_min if too_close is None else too_close
+    filled[np.isnan(ranges)] = limits.range_max if error is None else error
+    return filled

@@ -176,12 +176,17 @@ class LidarModel:
             for (first, end), middle in zip(pairwise(ends), middles, strict=True)
         )
 
-    @property
+    @cached_property
+    def kept(self) -> dict:
+        """What engines derive from the model, by keys of their own."""
+        return {}
+
+    @cached_property
     def reach(self) -> float:
         """Distance up to which engines look [m]."""
         return self.range_max * REACH
 
-    @property
+    @cached_property
     def sweep_time(self) -> float:
         """Time from the first beam to the last; the mirror turns once in 1 / rate. 0 if all share one instant [s]."""
         turned = (self.angle_max - self.angle_min) / (2 * math.pi)

@@ -79,7 +79,7 @@ class Scene:
         point with all sides as far north or south.
         """
         x, y = np.array(x, dtype=np.float64, ndmin=1), np.array(y, dtype=np.float64, ndmin=1)
-        if self.solids is None or self.solids.is_empty:
+        if self._has_no_solids:
             return np.zeros(len(x), dtype=bool)
         kind = self._cells.at(x, y)
         inside = kind == _INSIDE
@@ -87,6 +87,15 @@ class Scene:
         if len(near):
             inside[near] = shapely.contains_xy(self.solids, x[near], y[near])
         return inside
+
+    @cached_property
+    def _has_no_solids(self) -> bool:
+        return self.solids is None or self.solids.is_empty
+
+    @cached_property
+    def kept(self) -> dict:
+        """What engines derive from the scene, by keys of their own."""
+        return {}
 
     @cached_property
     def _cells(self) -> _Cells:
@@ -149,6 +158,13 @@ class Boxes:
         object.__setattr__(self, "owner", owner)
 
     @classmethod
+    def unchecked(cls, **arrays: np.ndarray) -> Boxes:
+        """Boxes of arrays (v,) that the caller knows to be sound and does not change: float64, owner int32."""
+        boxes = object.__new__(cls)
+        boxes.__dict__.update(arrays)
+        return boxes
+
+    @classmethod
     def empty(cls) -> Boxes:
         return cls(*([()] * 6))
 
@@ -170,6 +186,11 @@ class Boxes:
     def corners(self) -> np.ndarray:
         """Corners, world frame, counter-clockwise from the rear right, (v, 4, 2)."""
         return self._corners
+
+    @cached_property
+    def kept(self) -> dict:
+        """What engines derive from the boxes, by keys of their own."""
+        return {}
 
     @cached_property
     def _corners(self):

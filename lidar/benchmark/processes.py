@@ -73,8 +73,7 @@ def memory(plan: Plan, environment: dict[str, str]) -> list[Memory]:
 
 def _grid_of(scene, boxes):
     """Arrays of a scene, and those that the raster engine keeps for it [MB]."""
-    from ..engines.raster_engine import _walls
 
     scan(VIEWS["lead30"], scene, boxes, first(1, boxes))
-    kept = [scene.segments, *(part for part in _walls[scene] if isinstance(part, np.ndarray))]
+    kept = [scene.segments, *(part for part in scene.kept["walls"] if isinstance(part, np.ndarray))]
     return sum(array.nbytes for array in kept) / 1e6

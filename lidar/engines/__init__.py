@@ -6,6 +6,7 @@ pymunk  : one query of the physics engine for each beam; the reference
 shapely : exact intersections of lines, beam by beam; the slowest, by which the others are judged
 """
 
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import MappingProxyType
@@ -14,12 +15,13 @@ from types import MappingProxyType
 def _late(name, needs):
     """The engine in module `<name>_engine`, imported when it is first used: numba alone takes half a second."""
 
-    def measure(*args):
+    @cache
+    def engine():
         if find_spec(needs) is None:
             raise ValueError(f"engine = {name!r}: needs the package {needs}, which is not installed; 'numpy' does not")
-        return import_module(f".{name}_engine", __name__).measure(*args)
+        return import_module(f".{name}_engine", __name__).measure
 
-    return measure
+    return lambda *arguments: engine()(*arguments)
 
 
 ENGINES = MappingProxyType(

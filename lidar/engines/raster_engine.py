@@ -11,7 +11,6 @@ what the scanner reports. Loops over arrays have no branches, so that the proces
 """
 
 import math
-import weakref
 
 import numpy as np
 
@@ -28,22 +27,30 @@ FINE = 4e4  # beams a radian from which approximate angles are not good to half 
 
 _mixed, _gauss, _uniform = compiled(mixed), compiled(gauss), compiled(uniform)
 
-_walls = weakref.WeakKeyDictionary()  # scene -> grid of its walls
-_shapes = weakref.WeakKeyDictionary()  # boxes -> their shapes: several models scan the same world
-
 
 def measure(model, beams, scene, boxes, sensors, ranges, hits):
     """See `protocol`."""
-    if scene not in _walls:
-        _walls[scene] = _wall_grid(scene.segments)
     x, y, yaw, owner, keys, bias = sensors
     around = np.where(scene.enclosed(x, y), np.int32(STATIC), np.int32(NOBODY))
-    poses = np.stack([x, y, np.cos(yaw), np.sin(yaw)], axis=1)
-    fans = [fan.part(beams) for fan in model.fans]
-    angles = np.array([[fan.angles[0], fan.increment] for fan in fans])
-    directions = np.array([fan.directions for fan in fans])
-    noise = model.noise
-    limits = model.range_min, model.range_max, model.reach, model.merging
+    walls = _kept(scene, "walls", lambda: _wall_grid(scene.segments))
+    shapes, radius = _kept(boxes, "shapes", lambda: _shape(boxes))  # several models scan the same world
+    fans = _kept(model, ("fans", beams.start), lambda: _fans(model, beams))
+    grid = _box_grid(boxes.x, boxes.y, x, y, model.reach, radius)
+    _scan((x, y, np.cos(yaw), np.sin(yaw)), owner, around, *fans, keys, bias, walls, (*grid, shapes, boxes.owner),
+          np.uint64(beams.start), ranges, hits)  # fmt: skip
+    return around
+
+
+def _kept(of, key, made):
+    """What was derived before from a model, a scene or boxes; else it is made now."""
+    if key not in of.kept:
+        of.kept[key] = made()
+    return of.kept[key]
+
+
+def _fans(model, beams):
+    """First angle and increment, (rays, 2), and directions, (rays, 2, k), of these beams; limits; errors."""
+    fans, noise = [fan.part(beams) for fan in model.fans], model.noise
     errors = (
         not noise.none,
         noise.sigma,
@@ -56,9 +63,9 @@ def measure(model, beams, scene, boxes, sensors, ranges, hits):
         noise.lost,
         model.angle_increment,
     )
-    _scan(poses, owner, around, angles, directions, limits, errors, keys, bias,
-          _walls[scene], _box_grid(boxes, x, y, model.reach), np.uint64(beams.start), ranges, hits)  # fmt: skip
-    return around
+    limits = model.range_min, model.range_max, model.reach, model.merging
+    angles = np.array([[fan.angles[0], fan.increment] for fan in fans])
+    return angles, np.array([fan.directions for fan in fans]), limits, errors
 
 
 def _wall_grid(segments):
@@ -86,6 +93,7 @@ def _wall_grid(segments):
     return place, first, np.ascontiguousarray(np.hstack([start, stop])[order].T)
 
 
+@compiled
 def _cell(width, height, n):
     """Size of the cells for n things in a rectangle: larger where they are sparse."""
     cell = CELL
@@ -94,17 +102,16 @@ def _cell(width, height, n):
     return cell
 
 
-def _box_grid(boxes, x, y, reach):
-    """Boxes in a grid around the sensors at x, y: its place, first box of each cell, middles, rows, shapes, owners."""
-    if boxes not in _shapes:
-        _shapes[boxes] = _shape(boxes)
-    shapes, radius = _shapes[boxes]
-    west, east, south, north = (x.min(), x.max(), y.min(), y.max()) if len(x) else (0.0, 0.0, 0.0, 0.0)
+@compiled
+def _box_grid(box_x, box_y, x, y, reach, radius):
+    """Boxes in a grid around the sensors at x, y: its place, first box of each cell, middles and rows."""
     far = reach + radius
-    cell = _cell(east - west + 2 * far, north - south + 2 * far, len(boxes))
+    west, east, south, north = (x.min(), x.max(), y.min(), y.max()) if len(x) else (0.0, 0.0, 0.0, 0.0)
+    cell = _cell(east - west + 2 * far, north - south + 2 * far, len(box_x))
     columns, rows = int((east - west + 2 * far) // cell) + 1, int((north - south + 2 * far) // cell) + 1
-    place = (float(west - far), float(south - far), cell, columns, rows, radius)
-    return place, *_sorted(place, boxes.x, boxes.y), shapes, boxes.owner
+    place = (west - far, south - far, cell, columns, rows, radius)
+    first, middles, order = _sorted(place, box_x, box_y)
+    return place, first, middles, order
 
 
 def _shape(boxes):
@@ -146,18 +153,20 @@ def _scan(poses, owner, around, angles, directions, limits, errors, keys, bias, 
     exact, errant = np.empty(beams), np.empty(beams)
     squared, spare = np.empty(beams), np.empty(beams)
     room = _room(256)
-    for i in range(len(poses)):
+    x, y, cos, sin = poses
+    for i in range(len(x)):
+        pose = x[i], y[i], cos[i], sin[i]
         for ray in range(rays):
             inverse[ray, :] = 0.0
             met[ray, :] = NOBODY
             fan = _fan(angles[ray], directions[ray], reach)
-            wall_cells, box_cells = _cells(poses[i], fan, walls[0]), _cells(poses[i], fan, boxes[0])
+            wall_cells, box_cells = _cells(pose, fan, walls[0]), _cells(pose, fan, boxes[0])
             most = _count(wall_cells, walls[0], walls[1]) + 2 * _count(box_cells, boxes[0], boxes[1])
             if most > len(room[2]):
                 room = _room(2 * most)
             near, faces, owners = room
-            n, touched = _gather_walls(poses[i], fan, walls, wall_cells, near, faces, owners)
-            n, enclosed = _gather_boxes(poses[i], owner[i], fan, boxes, box_cells, n, faces, owners)
+            n, touched = _gather_walls(pose, fan, walls, wall_cells, near, faces, owners)
+            n, enclosed = _gather_boxes(pose, owner[i], fan, boxes, box_cells, n, faces, owners)
             around[i] = min(around[i], touched, enclosed)
             _place(fan, n, faces)
             _draw(directions[ray], TURN * fan[1], n, faces, owners, inverse[ray], met[ray])

@@ -32,8 +32,8 @@ def decide(law: Law, sensed: Sensed, memory: Any, dt: float, at: Occasion) -> De
     n = len(sensed.speed)
     try:
         kind = Drive if isinstance(decision.command, Drive) else Twist
-        command = kind(*(_row_each(values, n) for values in decision.command))
-        distance, bearing = (_row_each(values, n) for values in decision.target)
+        command = kind(*[_row_each(values, n) for values in decision.command])
+        distance, bearing = [_row_each(values, n) for values in decision.target]
         decision = Decision(command, decision.memory, Target(distance, bearing))
     except (AttributeError, TypeError, ValueError) as error:
         if is_shipped(type(law)):
@@ -75,7 +75,8 @@ def _call(law: Law, when: str, function: Callable, *arguments: Any) -> Any:
 
 def _check_finite(law: Law, decision: Decision, at: Occasion) -> None:
     command, (distance, bearing) = decision.command, decision.target
-    sound = np.isfinite(command).all(axis=0) & ~np.isinf(distance) & ~np.isinf(bearing)
+    one, other = command
+    sound = np.isfinite(one) & np.isfinite(other) & ~np.isinf(distance) & ~np.isinf(bearing)
     if sound.all():
         return
     row = int(np.argmin(sound))
@@ -88,6 +89,8 @@ def _check_finite(law: Law, decision: Decision, at: Occasion) -> None:
 def _row_each(values: Any, n: int) -> np.ndarray:
     """Numbers as an array (n,)."""
     values = np.asarray(values)
+    if values.dtype == float and values.shape == (n,):
+        return values
     if values.dtype.kind not in "iuf":
         raise TypeError(f"{values.dtype} is no number")
     return np.broadcast_to(values.astype(float), (n,))

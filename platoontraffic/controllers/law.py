@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import wraps
 from types import MappingProxyType
@@ -162,6 +162,13 @@ class Target(NamedTuple):
 
     distance: np.ndarray  # from the laser [m]
     bearing: np.ndarray  # from the laser's forward direction, to the left [rad]
+
+    def replaced(self, rows: Sequence[np.ndarray], given: Sequence[Target]) -> Target:
+        """A copy with each of the given targets, (m,), in its rows, (m,)."""
+        distance, bearing = self.distance.copy(), self.bearing.copy()
+        for where, one in zip(rows, given, strict=True):
+            distance[where], bearing[where] = one
+        return Target(distance, bearing)
 
 
 NO_TARGET = Target(np.nan, np.nan)

@@ -33,7 +33,7 @@ class Middle(NamedTuple):
 def points(model: LidarModel, ranges: np.ndarray, beams: np.ndarray) -> np.ndarray:
     """Returns of some beams, ranges [m] and beams (...), as points (2, ...): x to the right, y forward of the laser."""
     theta = model.angle_min + model.angle_increment * beams + np.pi / 2
-    return ranges * np.stack([np.cos(theta), np.sin(theta)])
+    return ranges * np.array([np.cos(theta), np.sin(theta)])
 
 
 def edges(model: LidarModel, ranges: np.ndarray, rule: str = "absolute") -> tuple[np.ndarray, np.ndarray]:
@@ -80,7 +80,8 @@ def middle(model: LidarModel, ranges: np.ndarray, ends: np.ndarray) -> Middle:
     ends   : the two beams of each scan, (2, n); -1: none
     """
     returns = np.where(ends < 0, np.nan, ranges[np.arange(len(ranges)), ends])
-    x, y = points(model, returns, ends).mean(axis=1)
+    (first_x, last_x), (first_y, last_y) = points(model, returns, ends)
+    x, y = (first_x + last_x) / 2, (first_y + last_y) / 2
     return Middle(np.hypot(x, y), np.arctan2(y, x))
 
 

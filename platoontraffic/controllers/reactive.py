@@ -26,7 +26,10 @@ def rule(front: np.ndarray, front_left: np.ndarray, front_right: np.ndarray) -> 
         (front_right > 0.7) & (front > 1) & (front_left > 1),
         (front_right < 0.5) & (front > 1) & (front_left > 1),
     ]
-    return np.select(rules, range(1, 7), 7)
+    number = np.full(np.shape(front), 7)
+    for i in range(len(rules), 0, -1):  # the first that applies stays
+        number[rules[i - 1]] = i
+    return number
 
 
 # (drive, angular) of rules 1 to 7 as printed, in units of `speed` and `turn_rate`.

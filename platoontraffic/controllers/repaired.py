@@ -61,30 +61,11 @@ class RepairedFollower(Law):
 
     def _nearest_group(self, scan: ScanBatch) -> tuple[np.ndarray, np.ndarray]:
         """Ranges (n, k), and the first and last beam of the run of neighbouring returns around the nearest, (2, n)."""
-        n, k = scan.ranges.shape
-        # All scans in one line, a miss before each and after the last, so that no run reaches into the next scan.
-        table = np.full((n + 1, k + 1), np.inf)
-        table[:n, 1:] = scan.ranges
-        table[table == -np.inf] = scan.model.range_min
-        line = table.ravel()
-        lost = np.isnan(line)  # an erroneous return ends no group: it repeats the return before it
-        again = before(lost)
-        line[lost] = line[again]
+        from platoontraffic.controllers.repaired_kernel import nearest_groups  # importing numba takes half a second
 
-        nearest = table[:n].argmin(axis=1)
-        met = np.flatnonzero(nearest)  # scans with a return; in the others the miss before them is the nearest
-        with np.errstate(invalid="ignore"):  # from miss to miss inf - inf is NaN, which is no step
-            step = np.diff(line)
-        breaks = np.flatnonzero(np.abs(step, out=step) > self.group_step)
-        begins = met * (k + 1)
-        after = np.searchsorted(breaks, begins + nearest[met])
-        first, last = breaks[after - 1] + 1, breaks[after]
-        trailing = lost[last]
-        last[trailing] = again[np.searchsorted(np.flatnonzero(lost), last[trailing])]
-
-        ends = np.full((2, n), -1)
-        ends[:, met] = (first, last) - begins - 1
-        return table[:n, 1:], ends
+        ranges, ends = np.empty(scan.ranges.shape), np.empty((2, len(scan)), dtype=np.intp)
+        nearest_groups(scan.ranges, scan.model.range_min, self.group_step, ranges, ends)
+        return ranges, ends
 
     def _between_edges(self, scan: ScanBatch) -> tuple[np.ndarray, np.ndarray]:
         """Ranges (n, k), and the first and last beam between the first two edges of Algorithm 2, (2, n).
@@ -110,13 +91,3 @@ class RepairedFollower(Law):
     def desired_distance(self, speed):
         """Distance from laser to rear that holds a steady speed straight ahead [m]."""
         return self.stand_off + speed / SPEED_GAIN
-
-
-def before(lost: np.ndarray) -> np.ndarray:
-    """Index of the last sound return before each lost one, (m,).
-
-    lost : mask of the lost returns of a line, (k,); the first return is sound
-    """
-    places = np.flatnonzero(lost)
-    begins = np.diff(places, prepend=-1) > 1  # of a run of lost returns
-    return np.maximum.accumulate(np.where(begins, places, 0)) - 1

@@ -33,6 +33,6 @@ class Braking:
             self.jerk[number] = (acceleration - self._acceleration[number]) / (step.time - self._time)
         self._time, self._acceleration[number] = step.time, acceleration
         hard = self._full_size[number] & (acceleration < -EMERGENCY_BRAKING)
-        for i in np.flatnonzero(hard & ~self._hard[number]):
+        for i in (hard & ~self._hard[number]).nonzero()[0]:
             yield step.event("emergency_brake", i)
         self._hard[number] = hard

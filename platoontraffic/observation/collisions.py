@@ -68,7 +68,7 @@ class NearMisses:
         """
         number, ids = step.number, step.traffic.ids
         near = gap < NEAR_MISS_GAP * self._scale[number]
-        for i in np.flatnonzero(near & ~self._near[number]):
+        for i in (near & ~self._near[number]).nonzero()[0]:
             vehicle, ahead = ids[i], ids[step.fleet.predecessor[i]]
             if not touching & {(vehicle, ahead), (ahead, vehicle)}:
                 yield step.event("near_miss", i, ahead, detail=f"gap {gap[i]:.3f} m")

@@ -40,7 +40,7 @@ class Gaps:
         fleet, number, x, y = step.fleet, step.number, step.x, step.y
         length, heading = fleet.model.length, fleet.motion.heading
         back_x, back_y = x - length * np.cos(heading), y - length * np.sin(heading)
-        followers = np.flatnonzero(fleet.predecessor >= 0)
+        followers = (fleet.predecessor >= 0).nonzero()[0]
         back_x[fleet.predecessor[followers]], back_y[fleet.predecessor[followers]] = x[followers], y[followers]
         self._paths.begin(number[new], back_x[new], back_y[new], x[new], y[new])
         self._end[number[new]] = self._paths.end(number[new])
@@ -51,11 +51,11 @@ class Gaps:
 
     def observe(self, step: Step) -> None:
         """Extend all paths to where the members are now; locate each follower on its predecessor's path."""
-        fleet, x, y = step.fleet, step.x, step.y
-        self._paths.drive(step.number, x, y, fleet.motion.speed < 0)
-        rows = np.flatnonzero(fleet.predecessor >= 0)
+        fleet, members, x, y = step.fleet, step.number, step.x, step.y
+        self._paths.drive(members, x, y, fleet.motion.speed < 0)
+        rows = (fleet.predecessor >= 0).nonzero()[0]
         ahead, length, axle = fleet.predecessor[rows], fleet.model.length, fleet.model.axle
-        number, number_ahead = step.number[rows], step.number[ahead]
+        number, number_ahead = members[rows], members[ahead]
         driven = self._paths.end(number) - self._end[number]
         near, reach = self._station[number], 2 * (length[rows] + np.abs(driven))
         # On the path of a new predecessor a follower is searched behind that, not where the predecessor was laps ago.
@@ -63,12 +63,12 @@ class Gaps:
         anew = self._ahead[number] != number_ahead
         near = np.where(anew, self._paths.end(number_ahead) - away, near)
         reach = np.where(anew, DETOUR * (away + length[rows]), reach)
-        self._ahead[step.number] = -1
+        self._ahead[members] = -1
         self._ahead[number] = number_ahead
         station, offset = self._paths.project(number_ahead, x[rows], y[rows], near, reach)
         front = station + length[rows] / 2 - axle[rows]
         rear = self._paths.end(number_ahead) - length[ahead] / 2 - axle[ahead]
-        self.gap[step.number] = self.cross_track[step.number] = np.nan
+        self.gap[members] = self.cross_track[members] = np.nan
         gap, width = rear - front, fleet.model.width
         # SUMO's cars change lanes as they like, and pass each other.
         elsewhere = fleet.native[rows] & ((np.abs(offset) > (width[rows] + width[ahead]) / 2) | (gap < 0))
@@ -76,7 +76,7 @@ class Gaps:
         self.cross_track[number] = np.where(elsewhere, np.nan, offset)
         forgotten = np.isnan(station)
         self._station[number] = np.where(forgotten, self._station[number] + driven, station)
-        self._end[step.number] = self._paths.end(step.number)
+        self._end[members] = self._paths.end(members)
 
 
 class DesiredGaps:
@@ -89,7 +89,7 @@ class DesiredGaps:
 
     def of(self, fleet: Fleet) -> np.ndarray:
         """Bumper to bumper [m], (n,); NaN where a law names no distance."""
-        if not np.array_equal(fleet.number, self._number):
+        if fleet.number is not self._number:
             self._number, self._laws = fleet.number, _by_law(fleet.members)
         distance = np.full(len(fleet), np.nan)
         for law, rows in self._laws:

@@ -44,11 +44,11 @@ class Hindrances:
         held = closed & (step.fleet.motion.speed < slow)
         self._reason[number] = np.where(held, signals.reason, self._reason[number])
         self._until[number] = np.where(held, step.time, self._until[number])
-        for i in np.flatnonzero(held & ~self._held[number]):
+        for i in (held & ~self._held[number]).nonzero()[0]:
             self._since[number[i]] = step.time
             reason = signals.reason[i]
             yield step.event("held", i, what=HELD_BY[reason], detail=CLOSED_BY[reason])
-        for i in np.flatnonzero(~closed & self._held[number]):
+        for i in (~closed & self._held[number]).nonzero()[0]:
             yield step.event("released", i, duration=step.time - self._since[number[i]])
         self._held[number] = held | (self._held[number] & closed)
 

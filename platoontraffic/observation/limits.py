@@ -8,7 +8,8 @@ import numpy as np
 
 from platoontraffic.controllers import BRAKES_FOR
 from platoontraffic.lidar import ScanBatch
-from platoontraffic.observation.step import Step, in_each_world, surfaces
+from platoontraffic.lidar.laserscan import NO_HIT
+from platoontraffic.observation.step import Step
 from platoontraffic.world.events import Event
 
 
@@ -26,8 +27,7 @@ class Limits:
 
         scans: one a group of the fleet, None where it has used none in this step
         """
-        names = in_each_world(step.seen, surfaces)
-        for group, scan, ids in zip(step.fleet.groups, scans, names, strict=True):
+        for group, scan, seen in zip(step.fleet.groups, scans, step.seen, strict=True):
             known = scan is not None and scan.hits is not None and group.memory is not None
             limit = group.law.braking_for(group.memory) if known else None
             if limit is None:
@@ -36,8 +36,9 @@ class Limits:
             beam = np.rint((np.nan_to_num(limit.bearing) - model.angle_min) / model.angle_increment).astype(int)
             beam = np.clip(beam, 0, scan.hits.shape[1] - 1)
             self.known[number], self._reason[number] = True, limit.reason
-            self._body[number] = np.where(np.isnan(limit.bearing), "", ids[scan.hits[rows, beam]])
-            for k in np.flatnonzero(limit.creeps & ~self._creeps[number]):
+            met = np.where(np.isnan(limit.bearing), NO_HIT, scan.hits[rows, beam])
+            self._body[number] = [seen.traffic.surfaces[hit] for hit in met.tolist()]
+            for k in (limit.creeps & ~self._creeps[number]).nonzero()[0]:
                 body = self._body[number[k]]
                 yield step.event("creeps", group.rows[k], body, detail=f"past {body}" if body else "")
             self._creeps[number] = limit.creeps

@@ -10,7 +10,7 @@ import numpy as np
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.hindrances import Hindrances
 from platoontraffic.observation.locks_kernel import look_rows
-from platoontraffic.observation.step import Cause, Step, in_each_world, surfaces
+from platoontraffic.observation.step import Cause, Step
 from platoontraffic.world.events import Event
 from platoontraffic.world.under_way import Seen
 
@@ -36,14 +36,14 @@ class Locks:
         split: members that are split off, (N,) bool
         """
         sight, seen = _sight(step, scans)
-        rows = np.flatnonzero(sight.beams != NOT_SCANNED)
+        rows = (sight.beams != NOT_SCANNED).nonzero()[0]
         number, ahead = step.number[rows], step.fleet.predecessor[rows]
         beams, alone = sight.beams[rows], sight.alone[rows]
         self.beams[number] = beams
         with np.errstate(divide="ignore", invalid="ignore"):
             self.occluded[number] = np.where(alone > 0, np.maximum(1 - beams / alone, 0), np.nan)
         # By id, since a row of the snapshot may be another vehicle in the next step.
-        ids = np.array([m.id for m in step.fleet.members], dtype=object)
+        ids = np.array(step.traffic.ids[: len(step.fleet)], dtype=object)
         before, self.target[number] = self.target[number], seen[rows]
         leaders, follows = number[ahead < 0], ahead >= 0
         self.locked[leaders], self._lost_since[leaders] = False, np.nan
@@ -59,15 +59,15 @@ class Locks:
         locked = target == ahead
         self.locked[number] = locked
         wrong = ~locked & (target != before) & (target != NOTHING) & ~split[number]
-        for k in np.flatnonzero(wrong):
+        for k in wrong.nonzero()[0]:
             yield step.event("wrong_target", rows[k], target[k])
-        for k in np.flatnonzero(locked & ~was_locked):
+        for k in (locked & ~was_locked).nonzero()[0]:
             since = self._lost_since[number[k]]
             if np.isnan(since):
                 yield step.event("locked", rows[k], ahead[k])
             else:
                 yield step.event("lock_regained", rows[k], ahead[k], step.time - since)
-        for k in np.flatnonzero(~locked & was_locked):
+        for k in (~locked & was_locked).nonzero()[0]:
             self._lost_since[number[k]] = step.time
             cause = self._cause(number[k])
             yield step.event("lock_lost", rows[k], target[k], what=cause.what, detail=cause.detail)
@@ -95,8 +95,7 @@ def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> tuple[Sight, np.nda
     """Also the names of the surfaces that the targets lie on, (n,)."""
     fleet, n = step.fleet, len(step.fleet)
     sight, target = Sight(*np.full((3, n), NOT_SCANNED)), np.full(n, NOTHING, dtype=object)
-    names = in_each_world(step.seen, surfaces)
-    for group, scan, seen, name in zip(fleet.groups, scans, step.seen, names, strict=True):
+    for group, scan, seen in zip(fleet.groups, scans, step.seen, strict=True):
         if scan is None:
             continue
         ahead = fleet.predecessor[group.rows]
@@ -104,7 +103,7 @@ def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> tuple[Sight, np.nda
             ids = [fleet.members[i].id if i >= 0 else "" for i in ahead]
             ahead = np.array([seen.traffic.ids.index(one) if one in seen.traffic.ids else -1 for one in ids])
         look(scan, seen, group.rows, fleet.target.bearing, ahead, sight)
-        target[group.rows] = name[sight.surface[group.rows]]
+        target[group.rows] = [seen.traffic.surfaces[hit] for hit in sight.surface[group.rows].tolist()]
     return sight, target
 
 

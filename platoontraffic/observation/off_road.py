@@ -19,19 +19,23 @@ class OffRoad:
         self._drivable, self._scale = drivable, scale
         self.distance = np.zeros(len(scale))  # of the driven axle from the drivable area [m]; 0 in it
         self._since = np.full(len(scale), np.nan)  # [s]; NaN: on the road
+        self._any_off = False  # a member was outside one step before
 
     def observe(self, step: Step) -> Iterator[Event]:
         """off_road, on_road"""
         number = step.number
+        away = (~shapely.contains_xy(self._drivable, step.x, step.y)).nonzero()[0]
+        if not len(away) and not self._any_off:
+            return
         distance = np.zeros(len(number))
-        away = np.flatnonzero(~shapely.contains_xy(self._drivable, step.x, step.y))
         if len(away):
             distance[away] = shapely.distance(self._drivable, shapely.points(step.x[away], step.y[away]))
         self.distance[number] = distance
         off, since = distance > OFF_ROAD_DISTANCE * self._scale[number], self._since[number]
         left, back = off & np.isnan(since), ~off & ~np.isnan(since)
-        for i in np.flatnonzero(left):
+        for i in left.nonzero()[0]:
             yield step.event("off_road", i, detail=f"{distance[i]:.3f} m outside")
-        for i in np.flatnonzero(back):
+        for i in back.nonzero()[0]:
             yield step.event("on_road", i, duration=step.time - since[i])
         self._since[number] = np.where(left, step.time, np.where(back, np.nan, since))
+        self._any_off = len(away) > 0

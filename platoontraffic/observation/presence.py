@@ -27,10 +27,13 @@ class Presence:
         left_behind: members of the run that were split off from and far behind their predecessor one step before, (N,)
         """
         before, self._before = self._before, step
-        self.new = np.flatnonzero(~self._here[step.number])
+        if before and before.number is step.number:
+            self.new = self.new[:0]
+            return
+        self.new = (~self._here[step.number]).nonzero()[0]
         self._here[:] = False
         self._here[step.number] = True
-        for row in np.flatnonzero(~self._here[before.number]) if before else ():
+        for row in (~self._here[before.number]).nonzero()[0] if before else ():
             yield self._gone(step.time, before, row, left_behind)
         for row in self.new:
             yield step.event("departed", row)

@@ -46,12 +46,12 @@ class Splits:
         apart = follows & (~self._locks.locked[number] | (gap - longest > 0))
         since = np.where(apart, np.fmin(self._apart_since[number], step.time), np.nan)
         self._apart_since[number] = since
-        for i in np.flatnonzero(apart & ~self.split[number] & (step.time - since > SPLIT_AFTER - 1e-6)):
+        for i in (apart & ~self.split[number] & (step.time - since > SPLIT_AFTER - 1e-6)).nonzero()[0]:
             self.split[number[i]], self._begun[number[i]] = True, since[i]
             cause = self._cause(step, i)
             ahead = step.traffic.ids[predecessor[i]]
             yield step.event("split", i, ahead, what=cause.what, detail=cause.detail)
-        for i in np.flatnonzero(~apart & self.split[number]):
+        for i in (~apart & self.split[number]).nonzero()[0]:
             self.split[number[i]] = False
             self._hindrances.forget_hold(number[i])
             if predecessor[i] >= 0:

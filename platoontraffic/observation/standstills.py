@@ -36,11 +36,11 @@ class Standstills:
         since, noted = self._since[number], self._noted[number]
         since = np.where(np.isnan(since) & ~moving, step.time, since)
         began = ~moving & ~noted & (step.time - since > STANDSTILL_AFTER)
-        for i in np.flatnonzero(began):
+        for i in began.nonzero()[0]:
             cause = self._cause(step, i)
             detail = f"since {since[i]:.3f} s" + (cause.detail and f", {cause.detail}")
             yield step.event("standstill", i, what=cause.what, detail=detail)
-        for i in np.flatnonzero(moving & noted):
+        for i in (moving & noted).nonzero()[0]:
             yield step.event("standstill_end", i, duration=step.time - since[i])
         self._since[number] = np.where(moving, np.nan, since)
         self._noted[number] = ~moving & (noted | began)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from platoontraffic.controllers import Signals
-from platoontraffic.world.events import WALL, Event, Noted
+from platoontraffic.world.events import Event, Noted
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.under_way import Seen
@@ -22,20 +22,6 @@ class Cause(NamedTuple):
 
     def __bool__(self) -> bool:
         return bool(self.what)
-
-
-def in_each_world(seen: Sequence[Seen | None], function: Callable[[TrafficSnapshot], Any]) -> list[Any]:
-    """function(traffic) for the world of each scan, called once for a world; None without a scan."""
-    found: dict[int, Any] = {}
-    for one in seen:
-        if one and id(one.traffic) not in found:
-            found[id(one.traffic)] = function(one.traffic)
-    return [one and found[id(one.traffic)] for one in seen]
-
-
-def surfaces(traffic: TrafficSnapshot) -> np.ndarray:
-    """Names of what hits number: ids of vehicles; of -1, a wall, and of -2, nothing, as indices from the end."""
-    return np.array([*traffic.ids, "", WALL], dtype=object)
 
 
 class Step(NamedTuple):

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from functools import wraps
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -106,11 +106,7 @@ class Stopwatch:
     def __call__(self, stage: str, function: Callable[P, T]) -> Callable[P, T]:
         self.seconds[stage] = 0.0
 
-        @wraps(function)
-        def timed(*args: P.args, **kwargs: P.kwargs) -> T:
-            return self.call(stage, function, *args, **kwargs)
-
-        return timed
+        return partial(self.call, stage, function)
 
     def call(self, stage: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         """The result of a function, timed."""

@@ -38,10 +38,12 @@ class Placement:
         self._leg: dict[str, int] = {}  # index, among its route's edges, of the edge that each member is on
         self._routed: dict[str, tuple[str, Route | None]] = {}  # route last set in SUMO, and the edge it began with
         self._slowed: set[str] = set()  # SUMO-driven members with a failed drive
+        self._movers: list[Mover] = []  # the members that SUMO does not drive ...
+        self._movers_of: tuple[str, ...] = ()  # ... of these
 
     def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
         """Edge and lane of each member after the last step; the lane is "" off the road."""
-        return [self.where[m.id] for m in fleet.members]
+        return list(map(self.where.__getitem__, fleet.ids))
 
     def entries(self) -> list[Entry]:
         """Members that have entered junctions since the last call."""
@@ -102,19 +104,21 @@ class Placement:
         angle = sumo_angle(motion.heading)
         if not (np.isfinite(x).all() and np.isfinite(y).all() and np.isfinite(angle).all()):
             raise RunError("a member's pose is not finite")
-        self._shadows.cast(_moved(fleet))
+        self._shadows.cast(self._moved(fleet))
         poses = zip(fleet.members, fleet.native.tolist(), x.tolist(), y.tolist(), angle.tolist(), strict=True)
         for member, native, *pose in poses:
             if not native:
                 move(member.id, *ANY_LANE, *pose, *EXACTLY)
-        if fleet.native.any():
+        if len(fleet.native_rows):
             strongest = fleet.model.strongest_acceleration(motion.speed)
-            for i in np.flatnonzero(fleet.native):
+            for i in fleet.native_rows:
                 limit_acceleration(self._sumo, kind_of(fleet.members[i].id), float(strongest[i]))
         self._slow(fleet, brakes)
 
     def _slow(self, fleet: Fleet, brakes: np.ndarray | None) -> None:
         """Slow SUMO-driven members with a failed drive; repaired ones drive by themselves again."""
+        if brakes is None and not self._slowed:
+            return
         slowed = set()
         for i in () if brakes is None else np.flatnonzero(fleet.native & ~np.isnan(brakes)):
             speed = max(float(fleet.motion.speed[i] - brakes[i] * self._step), 0.0)
@@ -129,13 +133,13 @@ class Placement:
 
     def locate(self, fleet: Fleet) -> None:
         """Read the edge and lane of every member, and note those that have entered a junction."""
-        names = [m.id for m in fleet.members]
+        names = fleet.ids
         roads, lanes = map(self._sumo.vehicle.getRoadID, names), list(map(self._sumo.vehicle.getLaneID, names))
         for name, lane in zip(names, lanes, strict=True):
             if lane[:1] == ":" and (before := self.where.get(name, ("", ""))[1]) and before[0] != ":":
                 self._entries.append((name, before, lane))
         self.where.update(zip(names, zip(roads, lanes, strict=True), strict=True))
-        self._shadows.observe(_moved(fleet), self.where)
+        self._shadows.observe(self._moved(fleet), self.where)
 
     def put_in_order(self, fleet: Fleet) -> None:
         """Repair SUMO's order of vehicles on lanes where a member has passed another vehicle.
@@ -204,7 +208,7 @@ class Placement:
 
     def read(self, fleet: Fleet) -> Fleet:
         """The fleet with the poses of SUMO-driven members."""
-        rows, vehicle = np.flatnonzero(fleet.native), self._sumo.vehicle
+        rows, vehicle = fleet.native_rows, self._sumo.vehicle
         if not len(rows):
             return fleet
         names = [fleet.members[i].id for i in rows]
@@ -213,8 +217,10 @@ class Placement:
         speed = np.array([vehicle.getSpeed(name) for name in names])
         return fleet.driven(rows, *centre_of(*front.T, heading, fleet.model.length[rows]), heading, speed, self._step)
 
-
-def _moved(fleet: Fleet) -> list[Mover]:
-    """The members that SUMO does not drive."""
-    members = zip(fleet.members, fleet.native.tolist(), strict=True)
-    return [Mover(m.id, kind_of(m.id), m.model.width) for m, native in members if not native]
+    def _moved(self, fleet: Fleet) -> list[Mover]:
+        """The members that SUMO does not drive."""
+        if fleet.ids is not self._movers_of:
+            members = zip(fleet.members, fleet.native.tolist(), strict=True)
+            self._movers = [Mover(m.id, kind_of(m.id), m.model.width) for m, native in members if not native]
+            self._movers_of = fleet.ids
+        return self._movers

@@ -72,8 +72,11 @@ class Process:
 
     def step(self, until: float = 0.0) -> None:
         """One step, or all steps to a time of SUMO's clock [s]."""
-        with self._logged():
+        kept = self._log_begins()
+        try:
             self._sumo.simulationStep(until)
+        finally:
+            _log_ends(kept)
 
     def close(self, error: BaseException | None) -> None:
         """End SUMO.
@@ -102,16 +105,30 @@ class Process:
 
     @contextlib.contextmanager
     def _logged(self) -> Iterator[None]:
-        """Messages go to the log: SUMO prints them from C++ to file descriptor 2, past Python's sys.stderr."""
+        kept = self._log_begins()
+        try:
+            yield
+        finally:
+            _log_ends(kept)
+
+    def _log_begins(self) -> int | None:
+        """Messages go to the log: SUMO prints them from C++ to file descriptor 2, past Python's sys.stderr.
+
+        returns: for `_log_ends`
+        """
         if sys.stderr:  # None in a process without a console
             sys.stderr.flush()
-        with contextlib.ExitStack() as after:
-            try:
-                kept = os.dup(2)
-            except OSError:  # it is closed
-                after.callback(os.close, 2)
-            else:
-                after.callback(os.close, kept)
-                after.callback(os.dup2, kept, 2)
-            os.dup2(self._file.fileno(), 2)
-            yield
+        try:
+            kept = os.dup(2)
+        except OSError:  # it is closed
+            kept = None
+        os.dup2(self._file.fileno(), 2)
+        return kept
+
+
+def _log_ends(kept: int | None) -> None:
+    if kept is None:
+        os.close(2)
+        return
+    os.dup2(kept, 2)
+    os.close(kept)

@@ -136,7 +136,9 @@ class StopLines:
 
         roads: edge and lane of each member
         """
-        progress, self._members = fleet.progress, frozenset(member.id for member in fleet.members)
+        progress, self._members = fleet.progress, frozenset(fleet.ids)
+        if not len(progress.rows):
+            return None
         front = progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]
         asking = [
             (i, station)

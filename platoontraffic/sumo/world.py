@@ -126,9 +126,9 @@ class World:
         platoon that is due departs as soon as there is room.
         """
         departing = self._departing(fleet)
-        gone, native = fleet.arrived(), {fleet.members[i].id for i in np.flatnonzero(fleet.native)}
+        gone, native = fleet.arrived(), {fleet.members[i].id for i in fleet.native_rows}
         self._simulate()
-        removed_by_sumo = {*self._sumo.simulation.getArrivedIDList()} & native
+        removed_by_sumo = {*self._sumo.simulation.getArrivedIDList()} & native if native else set()
         gone = with_their_followers(fleet, gone | removed_by_sumo)
         for name in sorted(gone - removed_by_sumo):
             self._sumo.vehicle.remove(name, self._sumo.constants.REMOVE_ARRIVED)

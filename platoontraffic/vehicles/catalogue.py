@@ -58,5 +58,7 @@ class FleetModel:
     def moved(self, motion: Motion, command: Command | Drive | Twist, dt: float) -> Motion:
         """Motion after dt [s] under one command, each member by its own model."""
         command = command if isinstance(command, Command) else Command.of(command)
+        if len(self.kinds) == 1:
+            return self.kinds[0].model.moved(motion, command, dt)
         after = [model.moved(take(motion, rows), take(command, rows), dt) for rows, model in self.kinds]
         return put(motion, [kind.rows for kind in self.kinds], after)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.motion import Command, Drive, Motion, NotNegative, Positive, Twist
+from platoontraffic.vehicles.records import changed
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ class DifferentialDrive:
         x = motion.x + chord * np.cos(along) + self.axle * (np.cos(motion.heading) - np.cos(heading))
         y = motion.y + chord * np.sin(along) + self.axle * (np.sin(motion.heading) - np.sin(heading))
         turned, acceleration = motion.turned + angle, (speed - motion.speed) / dt
-        return replace(
+        return changed(
             motion, x=x, y=y, heading=wrap(heading), turned=turned, speed=speed, yaw_rate=yaw_rate,
             acceleration=acceleration,
         )  # fmt: skip

@@ -6,6 +6,7 @@ footprint. All quantities are SI and radians.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple, Protocol
 
@@ -52,6 +53,16 @@ class Command(NamedTuple):
             return cls(Twist(still, still), given)
         nothing = np.full(np.shape(given.speed), np.nan)
         return cls(given, Drive(nothing, nothing))
+
+    def replaced(self, rows: Sequence[np.ndarray], given: Sequence[Twist | Drive]) -> Command:
+        """A copy with each of the given commands, (m,), in its rows, (m,)."""
+        (speed, yaw_rate), (acceleration, curvature) = self
+        speed, yaw_rate, acceleration, curvature = speed.copy(), yaw_rate.copy(), acceleration.copy(), curvature.copy()
+        for where, one in zip(rows, given, strict=True):
+            driven = isinstance(one, Drive)
+            speed[where], yaw_rate[where] = (0.0, 0.0) if driven else one
+            acceleration[where], curvature[where] = one if driven else (np.nan, np.nan)
+        return Command(Twist(speed, yaw_rate), Drive(acceleration, curvature))
 
     def braked(self, rate: np.ndarray, motion: Motion, dt: float) -> Command:
         """The command with some vehicles brought to rest, whatever was commanded to them.

@@ -14,6 +14,16 @@ import numpy as np
 Record = TypeVar("Record")
 
 
+def changed(record: Record, **values: Any) -> Record:
+    """A copy of a dataclass with other values in some fields, as `dataclasses.replace` in a tenth of its time.
+
+    It does not call `__init__`. Values of cached properties are kept: the new ones must not change them.
+    """
+    copy = object.__new__(type(record))
+    copy.__dict__.update(record.__dict__, **values)
+    return copy
+
+
 def take(record: Record, rows: np.ndarray) -> Record:
     """Some rows of a record, in which lists of n values and None may stand too.
 

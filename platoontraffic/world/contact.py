@@ -12,6 +12,8 @@ from platoontraffic.world.traffic import TrafficSnapshot
 
 TOUCH = 1e-9  # distance below which shapes touch [m]; at 0, rounding and the order inside pymunk would decide
 
+POSE = batch.BodyFields.POSITION | batch.BodyFields.ANGLE
+
 # Pairs without a member are dropped before their shapes are compared.
 _MEMBER = pymunk.ShapeFilter(categories=0b01)
 _OTHER = pymunk.ShapeFilter(categories=0b10, mask=0b01)  # other vehicles and walls
@@ -46,7 +48,7 @@ class Contacts:
         """Pairs (member, other vehicle or WALL) that touch in this snapshot; of two members the first by name leads."""
         if traffic.ids != self._ids:
             self._come_and_go(traffic)
-        self._table[self._rows] = np.column_stack([traffic.x, traffic.y, traffic.heading])
+        self._table[self._rows] = np.array([traffic.x, traffic.y, traffic.heading]).T
         self._poses.set(self._table)
         self._touching = set()
         self._space.step(1e-9)  # detects the contacts; kinematic bodies at rest do not move
@@ -100,17 +102,23 @@ class BodyPoses:
     def __init__(self, space: pymunk.Space) -> None:
         self._space = space
         self._ids, self._values = batch.Buffer(), batch.Buffer()  # kept: pymunk never frees their contents
+        self.order()
 
     def order(self) -> np.ndarray:
         """Body.id of each row that `set` takes, (n,)."""
         self._ids.clear()
         batch.get_space_bodies(self._space, batch.BodyFields.BODY_ID, self._ids)
-        return np.frombuffer(self._ids.int_buf(), dtype=np.uintp).copy()
+        order = np.frombuffer(self._ids.int_buf(), dtype=np.uintp).copy()
+        self._bodies = len(order)  # in the space
+        return order
 
     def set(self, poses: np.ndarray) -> None:
-        """Set each body to x, y, angle, (n, 3). raises: ValueError, if there is not one row a body"""
-        expected = len(self.order()), 3
+        """Set each body to x, y, angle, (n, 3). None may have come or gone since `order` was called.
+
+        raises: ValueError, if there is not one row a body
+        """
+        expected = self._bodies, 3
         if poses.shape != expected:
             raise ValueError(f"poses have shape {poses.shape}; the bodies of the space need {expected}")
         self._values.set_float_buf(np.ascontiguousarray(poses, dtype=np.float64))
-        batch.set_space_bodies(self._space, batch.BodyFields.POSITION | batch.BodyFields.ANGLE, self._values)
+        batch.set_space_bodies(self._space, POSE, self._values)

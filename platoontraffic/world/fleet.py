@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from platoontraffic.road.route import Route, Routes
 from platoontraffic.vehicles.catalogue import FleetModel, VehicleModel
 from platoontraffic.vehicles.motion import Command, Drive, Motion, Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
-from platoontraffic.vehicles.records import concatenate, put, take
+from platoontraffic.vehicles.records import changed, concatenate, put, take
 from platoontraffic.vehicles.sensor import NamedSensor
 from platoontraffic.world.under_way import Seen, UnderWay
 
@@ -139,7 +140,7 @@ class RouteProgress:
         if self.routes is None:
             return self
         x, y = (axle[self.rows] for axle in model.axle_position(motion))
-        return replace(self, station=self.routes.project(x, y, self.station, window * model.length[self.rows]))
+        return changed(self, station=self.routes.project(x, y, self.station, window * model.length[self.rows]))
 
     def ahead(self, model: FleetModel, motion: Motion) -> RouteAhead | None:
         """The routes ahead as seen from the driven axles, (m,); None if there are none."""
@@ -175,7 +176,10 @@ class MemberState:
 
 @dataclass(frozen=True, eq=False)
 class Fleet(MemberState):
-    """Members on the road, their motion, and the memories of their laws. Arrays (n,), in the order of `members`."""
+    """Members on the road, their motion, and the memories of their laws. Arrays (n,), in the order of `members`.
+
+    Its cached properties depend on nothing but who is on the road: they pass from step to step with `changed`.
+    """
 
     members: tuple[Member, ...]
     predecessor: np.ndarray  # row of the predecessor; -1: none
@@ -200,7 +204,7 @@ class Fleet(MemberState):
         row_of = {(m.platoon, m.place): i for i, m in enumerate(members)}
         predecessor = np.array([row_of.get((m.platoon, m.place - 1), -1) for m in members], dtype=int)
         fleet = cls._of(state, members, predecessor, _groups(members, dt), RouteProgress.of(members))
-        return replace(fleet, progress=fleet.progress.located(fleet.model, motion, np.inf))
+        return changed(fleet, progress=fleet.progress.located(fleet.model, motion, np.inf))
 
     @classmethod
     def _of(
@@ -218,7 +222,41 @@ class Fleet(MemberState):
     def __len__(self) -> int:
         return len(self.members)
 
-    @property
+    @cached_property
+    def ids(self) -> tuple[str, ...]:
+        return tuple(m.id for m in self.members)
+
+    @cached_property
+    def native_rows(self) -> np.ndarray:
+        """Rows of the members that SUMO's own driver model drives, (m,)."""
+        return np.flatnonzero(self.native)
+
+    @cached_property
+    def bodies(self) -> tuple[Body, ...]:
+        """Sizes of the members of each group, (m,)."""
+        return tuple(Body(*(getattr(self.model, name)[group.rows] for name in Body._fields)) for group in self.groups)
+
+    @cached_property
+    def ids_by_group(self) -> tuple[tuple[str, ...], ...]:
+        return tuple(tuple(self.members[i].id for i in group.rows) for group in self.groups)
+
+    @cached_property
+    def has_more_sensors(self) -> bool:
+        """Somebody has a further laser, or a sensor of the scenario's own."""
+        return any(group.further_lidars or group.sensors for group in self.groups)
+
+    @cached_property
+    def odometry(self) -> list[OdometryErrors] | None:
+        """Of each member; None if none has errors."""
+        errors = [m.odometry for m in self.members]
+        return None if all(one.exact for one in errors) else errors
+
+    @cached_property
+    def is_late(self) -> bool:
+        """Something is used later than it is measured."""
+        return any(group.late for group in self.groups)
+
+    @cached_property
     def sight(self) -> float:
         """Greatest distance from a member's centre to anything it can see or touch [m]; beams may be a sweep old."""
         lidars = [
@@ -260,14 +298,14 @@ class Fleet(MemberState):
 
     def with_orders(self, predecessor: np.ndarray, leads: np.ndarray) -> Fleet:
         """The fleet with other predecessors, and other members that are ordered to lead, (n,)."""
-        return replace(self, predecessor=predecessor, leads=leads)
+        return changed(self, predecessor=predecessor, leads=leads)
 
     def with_route(self, row: int, route: Route) -> Fleet:
         """The fleet with another route for one member, from where it is now."""
         members = tuple(replace(m, route=route) if i == row else m for i, m in enumerate(self.members))
         progress = RouteProgress.of(members, self.progress.station)
         window = np.where(progress.rows == row, np.inf, WINDOW)
-        return replace(self, members=members, progress=progress.located(self.model, self.motion, window))
+        return changed(self, members=members, progress=progress.located(self.model, self.motion, window))
 
     def heads(self) -> np.ndarray:
         """Row of the first vehicle in each member's chain of predecessors, (n,): its own if it has none."""
@@ -303,18 +341,22 @@ class Fleet(MemberState):
         own = odometry or Twist(self.motion.speed, self.motion.yaw_rate)
         ahead = self.progress.ahead(self.model, self.motion)
         groups, rows, decisions = [], [], []
-        for group, scan, more in zip(self.groups, scans, readings or [NOTHING] * len(scans), strict=True):
-            since = None if group.since is None else group.since + 1
-            if scan is not None or more.sensors:
-                sensed = self._sensed(group, scan, own, ahead, signals, more, dt)
-                at = Occasion(more.time if scan is None else scan.stamp, tuple(self.members[i].id for i in group.rows))
-                decisions.append(decide(group.law, sensed, group.memory, (since or group.decides_every) * dt, at))
-                rows.append(group.rows)
-                group, since = group._replace(memory=decisions[-1].memory), 0
-            groups.append(group._replace(since=since))
-        command = put(self.command, rows, [Command.of(decision.command) for decision in decisions])
-        target = put(self.target, rows, [decision.target for decision in decisions])
-        return replace(self, groups=tuple(groups), command=command, target=target)
+        for i, (group, scan) in enumerate(zip(self.groups, scans, strict=True)):
+            since, more = None if group.since is None else group.since + 1, readings[i] if readings else NOTHING
+            if scan is None and not more.sensors:
+                groups.append(group._replace(since=since))
+                continue
+            sensed = self._sensed(i, scan, own, ahead, signals, more, dt)
+            at = Occasion(more.time if scan is None else scan.stamp, self.ids_by_group[i])
+            decision = decide(group.law, sensed, group.memory, (since or group.decides_every) * dt, at)
+            groups.append(group._replace(memory=decision.memory, since=0))
+            rows.append(group.rows)
+            decisions.append(decision)
+        if not decisions:
+            return changed(self, groups=tuple(groups))
+        command = self.command.replaced(rows, [decision.command for decision in decisions])
+        target = self.target.replaced(rows, [decision.target for decision in decisions])
+        return changed(self, groups=tuple(groups), command=command, target=target)
 
     def commanded(self, override: Mapping[str, Twist | Drive]) -> Fleet:
         """The fleet with other commands for some members, by id.
@@ -332,7 +374,7 @@ class Fleet(MemberState):
             if not np.isfinite(command).all():
                 raise ValueError(f"{name!r}: {command}; must be finite")
         rows = [np.array([row_of[name]]) for name in override]
-        return replace(self, command=put(self.command, rows, list(map(Command.of, override.values()))))
+        return changed(self, command=self.command.replaced(rows, list(override.values())))
 
     def moved(self, dt: float, brakes: np.ndarray | None = None) -> Fleet:
         """The fleet dt [s] later; SUMO-driven members stay until SUMO has moved them.
@@ -340,15 +382,18 @@ class Fleet(MemberState):
         brakes : deceleration that brings a member to rest whatever its law commands [m/s2], (n,); NaN: none
         """
         command = self.command if brakes is None else self.command.braked(brakes, self.motion, dt)
-        native = np.flatnonzero(self.native)
-        motion = put(self.model.moved(self.motion, command, dt), [native], [take(self.motion, native)])
-        return replace(self, motion=motion, progress=self.progress.located(self.model, motion))
+        motion, native = self.model.moved(self.motion, command, dt), self.native_rows
+        if len(native):
+            motion = put(motion, [native], [take(self.motion, native)])
+        return changed(self, motion=motion, progress=self.progress.located(self.model, motion))
 
     def expected(self, dt: float) -> Fleet:
         """The fleet with SUMO-driven members extrapolated by dt [s] at constant speed."""
+        if not len(self.native_rows):
+            return self
         motion, distance = self.motion, np.where(self.native, self.motion.speed * dt, 0.0)
         x, y = motion.x + distance * np.cos(motion.heading), motion.y + distance * np.sin(motion.heading)
-        return replace(self, motion=replace(motion, x=x, y=y))
+        return changed(self, motion=changed(motion, x=x, y=y))
 
     def driven(self, rows: np.ndarray, x, y, heading, speed, dt: float) -> Fleet:
         """The fleet with the members of some rows (m,) at the poses and speeds that SUMO has driven them to in dt."""
@@ -357,14 +402,14 @@ class Fleet(MemberState):
         motion = Motion(
             x, y, heading, before.turned + turned, speed, turned / dt, (speed - before.speed) / dt, 0 * x, 0 * x
         )
-        return replace(self, motion=put(self.motion, [rows], [motion]))
+        return changed(self, motion=put(self.motion, [rows], [motion]))
 
     def _state(self) -> MemberState:
         return MemberState(*(getattr(self, f.name) for f in fields(MemberState)))
 
     def _sensed(
         self,
-        group: Group,
+        i: int,
         scan: ScanBatch | None,
         own: Twist,
         ahead: RouteAhead | None,
@@ -372,18 +417,19 @@ class Fleet(MemberState):
         more: Readings,
         dt: float,
     ) -> Sensed:
-        """What a group's law is given.
+        """What the law of group i is given.
 
         own, signals : of all members, (n,)
         ahead        : of the members with a route, (m,)
         dt           : of a step [s]
         """
-        rows, needs, model = group.rows, group.law.needs, self.model
+        group = self.groups[i]
+        rows, needs = group.rows, group.law.needs
         return Sensed(
             without_surfaces(scan),
             own.speed[rows],
             own.yaw_rate[rows],
-            Body(*(getattr(model, name)[rows] for name in Body._fields)),
+            self.bodies[i],
             take(ahead, np.searchsorted(self.progress.rows, rows)) if "route" in needs else None,
             take(signals, rows) if "signals" in needs else None,
             self.leads[rows] if "leads" in needs else None,
@@ -397,7 +443,7 @@ class Fleet(MemberState):
 
 def without_surfaces(scan: ScanBatch | None) -> ScanBatch | None:
     """A scan as a law gets it: which surface a beam met is for observers."""
-    return scan and replace(scan, hits=None)
+    return scan if scan is None else changed(scan, hits=None)
 
 
 def _groups(members: Sequence[Member], dt: float) -> list[Group]:

@@ -144,12 +144,14 @@ def members_at(fleet: Fleet, time: float) -> TrafficSnapshot:
     """The members alone."""
     motion, size = fleet.motion, (fleet.model.length, fleet.model.width)
     return TrafficSnapshot(
-        time, tuple(m.id for m in fleet.members), motion.x, motion.y, motion.heading, motion.speed, *size
+        time, fleet.ids, motion.x, motion.y, motion.heading, motion.speed, *size
     )
 
 
 def with_their_followers(fleet: Fleet, gone: set[str]) -> set[str]:
     """Members that have left the road, and those that leave with them: their followers that know no route."""
+    if not gone:
+        return gone
     heads = fleet.heads().tolist()
     return gone | {
         member.id

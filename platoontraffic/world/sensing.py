@@ -15,7 +15,7 @@ from platoontraffic.lidar.noise import GOLDEN, gauss, mixed, scan_keys, sensor_k
 from platoontraffic.plug_ins import end_copy, place_of
 from platoontraffic.vehicles.motion import Twist
 from platoontraffic.vehicles.odometry import measured
-from platoontraffic.vehicles.records import put, take
+from platoontraffic.vehicles.records import changed, put, take
 from platoontraffic.vehicles.sensor import NamedSensor
 from platoontraffic.world.fleet import NOTHING, Fleet, Group, Readings
 from platoontraffic.world.traffic import TrafficSnapshot
@@ -67,7 +67,10 @@ class Sensing:
         raises : InputError if a sensor of a plug-in fails
         """
         scans, readings = self.scan(traffic, fleet, step, blind), self.read(traffic, fleet, step, blind)
-        seen = [scan and Seen(traffic, group.rows) for group, scan in zip(fleet.groups, scans, strict=True)]
+        seen = [
+            None if scan is None else Seen(traffic, group.rows)
+            for group, scan in zip(fleet.groups, scans, strict=True)
+        ]
         return Measurements(scans, readings, self.odometry(fleet, step), seen)
 
     def scan(
@@ -77,12 +80,11 @@ class Sensing:
 
         A return belongs to a row of `traffic`. blind: as in `sense`.
         """
-        boxes = _boxes(traffic, fleet)
+        due = [step % group.every == 0 and not group.law.native for group in fleet.groups]
+        boxes = _boxes(traffic, fleet) if any(due) else None
         return [
-            self._scan(group.lidar, boxes, traffic, fleet, group.rows, step, blind)
-            if step % group.every == 0 and not fleet.native[group.rows[0]]  # a group shares its law
-            else None
-            for group in fleet.groups
+            self._scan(group.lidar, boxes, traffic, fleet, i, step, blind) if due[i] else None
+            for i, group in enumerate(fleet.groups)
         ]
 
     def read(
@@ -92,13 +94,13 @@ class Sensing:
 
         Arguments and errors as of `sense`.
         """
-        if not any(group.further_lidars or group.sensors for group in fleet.groups):
+        if not fleet.has_more_sensors:
             return ()
         boxes = _boxes(traffic, fleet)
         readings = []
-        for group in fleet.groups:
+        for i, group in enumerate(fleet.groups):
             due = [one.sensor for one in group.further_lidars if step % one.every == 0]
-            scans = {lidar.name: self._scan(lidar, boxes, traffic, fleet, group.rows, step, blind) for lidar in due}
+            scans = {lidar.name: self._scan(lidar, boxes, traffic, fleet, i, step, blind) for lidar in due}
             own = [one.sensor for one in group.sensors if step % one.every == 0]
             sensed = {named.name: self._measured(named, traffic, fleet, group, step) for named in own}
             readings.append(Readings(traffic.time, scans, sensed, dict.fromkeys(scans, Seen(traffic, group.rows))))
@@ -106,11 +108,10 @@ class Sensing:
 
     def odometry(self, fleet: Fleet, step: int) -> Twist | None:
         """Measured own speed and yaw rate, (n,); None if no member's odometry has errors."""
-        errors = [m.odometry for m in fleet.members]
-        if all(one.exact for one in errors):
+        if fleet.odometry is None:
             return None
-        ids, motion = tuple(m.id for m in fleet.members), fleet.motion
-        return measured(errors, ids, motion.speed, motion.yaw_rate, self.seed, step)
+        motion = fleet.motion
+        return measured(fleet.odometry, fleet.ids, motion.speed, motion.yaw_rate, self.seed, step)
 
     def _scan(
         self,
@@ -118,11 +119,12 @@ class Sensing:
         boxes: Boxes,
         traffic: TrafficSnapshot,
         fleet: Fleet,
-        rows: np.ndarray,
+        group: int,
         step: int,
         blind: np.ndarray | None,
     ) -> ScanBatch:
-        carriers = Carriers.of(boxes, rows, tuple(fleet.members[i].id for i in rows))
+        rows = fleet.groups[group].rows
+        carriers = Carriers.unchecked(boxes, rows, fleet.ids_by_group[group])
         batch = scan(lidar, self.scene, boxes, carriers, Occasion(traffic.time, step, self.seed), engine=self.engine)
         if blind is None or not blind[rows].any():
             return batch
@@ -150,7 +152,7 @@ def arriving(measured: Measurements, fleet: Fleet, step: int) -> tuple[Measureme
     A scan arrives in the first step that begins no less than its laser's delay after it was taken, a reading of the
     odometry likewise.
     """
-    if not any(group.late for group in fleet.groups):
+    if not fleet.is_late:
         return measured, fleet
     nothing = [NOTHING] * len(fleet.groups)
     groups, scans, readings, seen, rows, own = [], [], [], [], [], []
@@ -172,7 +174,7 @@ def arriving(measured: Measurements, fleet: Fleet, step: int) -> tuple[Measureme
         further = ({name: getattr(one, part) for name, one in by_name.items()} for part in ("scan", "seen"))
         readings.append(Readings(more.time, next(further), more.sensors, next(further)))
     readings = readings if measured.readings else ()
-    return Measurements(scans, readings, put(now, rows, own), seen), replace(fleet, groups=tuple(groups))
+    return Measurements(scans, readings, put(now, rows, own), seen), changed(fleet, groups=tuple(groups))
 
 
 def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:
@@ -181,8 +183,8 @@ def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:
     Members turn about the middle of their driven axle. SUMO gives no yaw rate of its own vehicles; it is taken as 0.
     """
     cos, sin = np.cos(traffic.heading), np.sin(traffic.heading)
-    yaw_rate, aside = np.zeros(len(cos)), np.zeros(len(cos))
+    yaw_rate, aside = np.zeros((2, len(cos)))
     yaw_rate[: len(fleet)] = fleet.motion.yaw_rate
     aside[: len(fleet)] = -fleet.model.axle * fleet.motion.yaw_rate
     vx, vy = traffic.speed * cos - aside * sin, traffic.speed * sin + aside * cos
-    return traffic.boxes(vx, vy, yaw_rate)
+    return traffic.moving_boxes(vx, vy, yaw_rate)

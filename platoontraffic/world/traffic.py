@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
 from platoontraffic.lidar import Boxes
+from platoontraffic.world.events import WALL
 
 
 @dataclass(frozen=True)
@@ -22,12 +25,33 @@ class TrafficSnapshot:
     length: np.ndarray  # of the footprint [m]
     width: np.ndarray
 
+    @cached_property
+    def surfaces(self) -> tuple[str, ...]:
+        """Names of what hits number: ids; of -1, a wall, and of -2, nothing, as indices from the end."""
+        return (*self.ids, "", WALL)
+
     def with_others(self, others: TrafficSnapshot) -> TrafficSnapshot:
         """This snapshot with the rows of `others` appended."""
-        both = (np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)[2:])
-        return TrafficSnapshot(self.time, (*self.ids, *others.ids), *both)
+        if not others.ids:
+            return self
+        both = [np.concatenate(pair) for pair in zip(_arrays(self), _arrays(others), strict=True)]
+        return TrafficSnapshot(self.time, self.ids + others.ids, *both)
 
-    def boxes(self, vx=0.0, vy=0.0, yaw_rate=0.0) -> Boxes:
-        """Footprints as lidars see them, each owned by its row here; motion (vx, vy, yaw_rate) as in lidar.Boxes."""
-        owner = np.arange(len(self.ids))
-        return Boxes(self.x, self.y, self.heading, self.length, self.width, owner, vx, vy, yaw_rate)
+    def boxes(self) -> Boxes:
+        """Footprints as lidars see them, each owned by its row here."""
+        return Boxes(self.x, self.y, self.heading, self.length, self.width, np.arange(len(self.ids)))
+
+    def moving_boxes(self, vx: np.ndarray, vy: np.ndarray, yaw_rate: np.ndarray) -> Boxes:
+        """The same with their motion, (n,), as in lidar.Boxes; for each step, so only what may be unsound is checked.
+
+        raises: ValueError (a vehicle is not at a finite place)
+        """
+        if not np.isfinite(self.x + self.y + self.heading).all():
+            return Boxes(self.x, self.y, self.heading, self.length, self.width, np.arange(len(self.ids)))  # says which
+        return Boxes.unchecked(
+            x=self.x, y=self.y, heading=self.heading, length=self.length, width=self.width,
+            owner=np.arange(len(self.ids), dtype=np.int32), vx=vx, vy=vy, yaw_rate=yaw_rate,
+        )  # fmt: skip
+
+
+_arrays = attrgetter(*list(TrafficSnapshot.__dataclass_fields__)[2:])

@@ -84,13 +84,13 @@ def test_far_flung_world_takes_no_more_memory():
     raster, plain = both(VIEW, scene, boxes, [0, 1e6], [0, 1e6 - 3], [0, 1.5], [0, 0])
     same(raster, plain)
     assert raster.hits[0, 90] == 1
-    assert len(raster_engine._walls[scene][1]) < 2000
+    assert len(scene.kept["walls"][1]) < 2000
 
 
 def test_few_long_walls_take_no_more_memory():
     scene = Scene([(-1e8, 5, 1e8, 5), (3, -1, 3, 1)])
     same(*both(VIEW, scene, Boxes.empty(), [0.0, 9e7], [0.0, 0.0], [0.0, 1.0], [0, 0]))
-    assert raster_engine._walls[scene][2].shape[1] < 2000
+    assert scene.kept["walls"][2].shape[1] < 2000
 
 
 def test_empty_worlds_and_empty_batches_scan():
