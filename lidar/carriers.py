@@ -65,8 +65,10 @@ class Carriers:
     def unchecked(cls, boxes: Boxes, rows: np.ndarray, ids: tuple[str, ...]) -> Carriers:
         """As `of`, where the caller knows that the boxes are sound and the ids distinct."""
         carriers = object.__new__(cls)
-        values = {name: getattr(boxes, name)[rows] for name in ("x", "y", "heading", "owner", "vx", "vy", "yaw_rate")}
-        carriers.__dict__.update(values, ids=ids)
+        carriers.__dict__.update(
+            x=boxes.x[rows], y=boxes.y[rows], heading=boxes.heading[rows], owner=boxes.owner[rows], ids=ids,
+            vx=boxes.vx[rows], vy=boxes.vy[rows], yaw_rate=boxes.yaw_rate[rows],
+        )  # fmt: skip
         return carriers
 
     def __len__(self) -> int:

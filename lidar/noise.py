@@ -82,9 +82,12 @@ class Noise:
 def draws(noise: Noise, seed: int, ids: tuple[str, ...], number: int, scanner: str = DEFAULT_NAME):
     """Key and bias [m] of each sensor for one scan, (n,), from which `perturbed` draws; (0,) without errors."""
     if noise.none:
-        return np.empty(0, np.uint64), np.empty(0)
+        return _NO_ERRORS
     sensors = sensor_keys(seed, ids, scanner)
     return scan_keys(sensors, number), biases(noise, sensors)
+
+
+_NO_ERRORS = np.empty(0, np.uint64), np.empty(0)
 
 
 def sensor_keys(seed: int, ids: tuple[str, ...], scanner: str = DEFAULT_NAME) -> np.ndarray:

@@ -161,7 +161,7 @@ class Boxes:
     def unchecked(cls, **arrays: np.ndarray) -> Boxes:
         """Boxes of arrays (v,) that the caller knows to be sound and does not change: float64, owner int32."""
         boxes = object.__new__(cls)
-        boxes.__dict__.update(arrays)
+        boxes.__dict__.update(arrays, kept={})
         return boxes
 
     @classmethod

@@ -32,20 +32,17 @@ def measure(model, beams, scene, boxes, sensors, ranges, hits):
     """See `protocol`."""
     x, y, yaw, owner, keys, bias = sensors
     around = np.where(scene.enclosed(x, y), np.int32(STATIC), np.int32(NOBODY))
-    walls = _kept(scene, "walls", lambda: _wall_grid(scene.segments))
-    shapes, radius = _kept(boxes, "shapes", lambda: _shape(boxes))  # several models scan the same world
-    fans = _kept(model, ("fans", beams.start), lambda: _fans(model, beams))
-    grid = _box_grid(boxes.x, boxes.y, x, y, model.reach, radius)
-    _scan((x, y, np.cos(yaw), np.sin(yaw)), owner, around, *fans, keys, bias, walls, (*grid, shapes, boxes.owner),
-          np.uint64(beams.start), ranges, hits)  # fmt: skip
+    if "walls" not in scene.kept:
+        scene.kept["walls"] = _wall_grid(scene.segments)
+    if "shapes" not in boxes.kept:  # several models scan the same world
+        boxes.kept["shapes"] = _shapes(boxes)
+    fans = "fans", beams.start
+    if fans not in model.kept:
+        model.kept[fans] = _fans(model, beams)
+    poses, solid = (x, y, np.cos(yaw), np.sin(yaw)), (boxes.x, boxes.y, *boxes.kept["shapes"], boxes.owner)
+    _scan(poses, owner, around, *model.kept[fans], keys, bias, scene.kept["walls"], solid, np.uint64(beams.start),
+          ranges, hits)  # fmt: skip
     return around
-
-
-def _kept(of, key, made):
-    """What was derived before from a model, a scene or boxes; else it is made now."""
-    if key not in of.kept:
-        of.kept[key] = made()
-    return of.kept[key]
 
 
 def _fans(model, beams):
@@ -114,11 +111,12 @@ def _box_grid(box_x, box_y, x, y, reach, radius):
     return place, first, middles, order
 
 
-def _shape(boxes):
+def _shapes(boxes):
     """Rows cos, sin, half length, half width, (v, 4); and the largest distance of a corner from its middle."""
-    half_length, half_width = boxes.length / 2, boxes.width / 2
-    radius = math.sqrt((half_length * half_length + half_width * half_width).max(initial=0.0))
-    return np.stack([np.cos(boxes.heading), np.sin(boxes.heading), half_length, half_width], axis=1), radius
+    shapes = np.empty((len(boxes), 4))
+    shapes[:, 0], shapes[:, 1] = np.cos(boxes.heading), np.sin(boxes.heading)
+    shapes[:, 2], shapes[:, 3] = half_length, half_width = boxes.length / 2, boxes.width / 2
+    return shapes, math.sqrt((half_length * half_length + half_width * half_width).max(initial=0.0))
 
 
 @compiled
@@ -145,15 +143,21 @@ def _sorted(place, x, y):
 
 
 @compiled
-def _scan(poses, owner, around, angles, directions, limits, errors, keys, bias, walls, boxes, begin, ranges, hits):
-    """Fill a row of ranges and hits for each pose, from the column `begin` on, and the owner around it."""
+def _scan(poses, owner, around, angles, directions, limits, errors, keys, bias, walls, solid, begin, ranges, hits):
+    """Fill a row of ranges and hits for each pose, from the column `begin` on, and the owner around it.
+
+    solid: x and y of the boxes, their shapes, the largest distance of a corner from its middle, their owners
+    """
     range_min, range_max, reach, merging = limits
+    box_x, box_y, shapes, radius, owners_of_boxes = solid
     rays, beams = directions.shape[0], directions.shape[2]
     inverse, met = np.empty((rays, beams)), np.empty((rays, beams), np.int64)
     exact, errant = np.empty(beams), np.empty(beams)
     squared, spare = np.empty(beams), np.empty(beams)
     room = _room(256)
     x, y, cos, sin = poses
+    place, first, middles, order = _box_grid(box_x, box_y, x, y, reach, radius)
+    boxes = place, first, middles, order, shapes, owners_of_boxes
     for i in range(len(x)):
         pose = x[i], y[i], cos[i], sin[i]
         for ray in range(rays):

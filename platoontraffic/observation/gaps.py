@@ -102,8 +102,9 @@ class DesiredGaps:
 
 
 def _by_law(members: Sequence[Member]) -> list[tuple[Law, np.ndarray]]:
-    """Laws, each with the rows of its members."""
+    """Laws that keep a distance, each with the rows of its members."""
     rows: dict[Law, list[int]] = {}
     for i, m in enumerate(members):
-        rows.setdefault(m.law, []).append(i)
+        if type(m.law).desired_distance is not Law.desired_distance:
+            rows.setdefault(m.law, []).append(i)
     return [(law, np.array(of_law)) for law, of_law in rows.items()]

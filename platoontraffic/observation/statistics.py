@@ -23,20 +23,18 @@ class Statistics:
     """State of all members of the run, by their number: arrays (N, ...)."""
 
     def __init__(self, n: int) -> None:
-        # Imported here and below: importing numba takes half a second.
-        from platoontraffic.observation.statistics_kernel import LEAST, MOST, QUANTITIES, VALUES
+        from platoontraffic.observation import statistics_kernel as kernel  # importing numba takes half a second
 
-        self._tallies = np.zeros((n, len(QUANTITIES), 5))
-        self._tallies[..., LEAST], self._tallies[..., MOST] = np.inf, -np.inf
+        self._kernel = kernel
+        self._tallies = np.zeros((n, len(kernel.QUANTITIES), 5))
+        self._tallies[..., kernel.LEAST], self._tallies[..., kernel.MOST] = np.inf, -np.inf
         self._before = np.full((n, 3), np.nan)  # x, y [m], turned [rad] one step before
         self._time = np.nan  # then [s]
-        self.values = np.empty(0, VALUES)  # of the last step, records (n,) in the fleet's order
+        self.values = np.empty(0, kernel.VALUES)  # of the last step, records (n,) in the fleet's order
 
     def observe(self, step: Step, **measured: np.ndarray) -> None:
         """measured: the fields of `statistics_kernel.Seen` that are not the fleet's"""
-        from platoontraffic.observation import statistics_kernel as kernel
-
-        fleet, motion = step.fleet, step.fleet.motion
+        fleet, motion, kernel = step.fleet, step.fleet.motion, self._kernel
         own = motion.x, motion.y, motion.turned, motion.speed, motion.acceleration, motion.yaw_rate
         seen = kernel.Seen(step.number, fleet.predecessor, *own, **measured)
         self.values = np.empty(len(fleet), kernel.VALUES)
@@ -46,10 +44,8 @@ class Statistics:
 
     def of(self, number: int) -> dict[str, Statistic]:
         """Statistics of a member, by name in QUANTITIES; without those of which it never had a value."""
-        from platoontraffic.observation.statistics_kernel import QUANTITIES
-
         found: dict[str, Statistic] = {}
-        for name, tally in zip(QUANTITIES, self._tallies[number].tolist(), strict=True):
+        for name, tally in zip(self._kernel.QUANTITIES, self._tallies[number].tolist(), strict=True):
             count, total, squares, least, most = tally
             if count:
                 found[name] = Statistic(count, total / count, (squares / count) ** 0.5, least, most)

@@ -49,6 +49,8 @@ class Background:
     def read(self, names: Sequence[str], time: float) -> TrafficSnapshot:
         """Vehicles of SUMO's by name."""
         n, vehicle = len(names), self._sumo.vehicle
+        if not n:
+            return TrafficSnapshot(time, (), *[np.empty(0)] * 6)
         # Thousands in every step: numbers go from the calls into the arrays without lists between them.
         length, width = np.fromiter(chain.from_iterable(map(self._size, names)), float, 2 * n).reshape(-1, 2).T
         front = self._fronts(names)

@@ -21,6 +21,8 @@ EXACTLY = (2, 5.0)
 
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
 
+NOWHERE = ("", "")  # edge and lane
+
 Entry = tuple[str, str, str]  # a member enters a junction: its id, the lane it leaves, the lane inside
 
 
@@ -32,7 +34,7 @@ class Placement:
 
     def __init__(self, sumo: Client, network: Network, step: float) -> None:
         self._sumo, self._network, self._step = sumo, network, step
-        self._shadows = Shadows(sumo, step, network.left_hand)
+        self._shadows = Shadows(sumo, network, step)
         self.where: dict[str, tuple[str, str]] = {}  # edge and lane of each member that the run has had
         self._entries: list[Entry] = []  # since `entries` was last called
         self._leg: dict[str, int] = {}  # index, among its route's edges, of the edge that each member is on
@@ -133,12 +135,13 @@ class Placement:
 
     def locate(self, fleet: Fleet) -> None:
         """Read the edge and lane of every member, and note those that have entered a junction."""
-        names = fleet.ids
-        roads, lanes = map(self._sumo.vehicle.getRoadID, names), list(map(self._sumo.vehicle.getLaneID, names))
-        for name, lane in zip(names, lanes, strict=True):
-            if lane[:1] == ":" and (before := self.where.get(name, ("", ""))[1]) and before[0] != ":":
-                self._entries.append((name, before, lane))
-        self.where.update(zip(names, zip(roads, lanes, strict=True), strict=True))
+        for name in fleet.ids:
+            lane, before = self._sumo.vehicle.getLaneID(name), self.where.get(name, NOWHERE)
+            if lane and lane == before[1]:
+                continue
+            if lane[:1] == ":" and before[1] and before[1][0] != ":":
+                self._entries.append((name, before[1], lane))
+            self.where[name] = self._sumo.vehicle.getRoadID(name), lane
         self._shadows.observe(self._moved(fleet), self.where)
 
     def put_in_order(self, fleet: Fleet) -> None:
@@ -155,6 +158,8 @@ class Placement:
                 members.setdefault(lane, []).append(member.id)
         for lane, names in members.items():
             order = self._sumo.lane.getLastStepVehicleIDs(lane)
+            if len(order) < 2:
+                continue
             positions = list(map(vehicle.getLanePosition, order))
             if positions == sorted(positions):
                 continue

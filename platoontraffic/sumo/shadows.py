@@ -58,12 +58,14 @@ def shadow_options(network: Network, options: Mapping[str, str]) -> dict[str, st
 class Shadows:
     """The shadows of moved vehicles.
 
-    step      : of SUMO's [s]
-    left_hand : traffic keeps to the left: SUMO then mirrors lanes and lateral positions, but not those of `moveToXY`
+    In left-hand traffic SUMO mirrors lanes and lateral positions, but not those of `moveToXY`.
+
+    step: of SUMO's [s]
     """
 
-    def __init__(self, sumo: Client, step: float, left_hand: bool = False) -> None:
-        self._sumo, self._step, self._mirror = sumo, step, -1 if left_hand else 1
+    def __init__(self, sumo: Client, network: Network, step: float) -> None:
+        self._sumo, self._step, self._mirror = sumo, step, -1 if network.left_hand else 1
+        self._possible = any(len(lanes) > 1 for lanes in network.edges.values())
         self._seen: dict[str, _Seen] = {}
         self._side: dict[str, int] = {}  # of the shadow that each vehicle has in SUMO
         self._widened: list[Mover] = []  # in the step that SUMO makes
@@ -75,6 +77,8 @@ class Shadows:
 
         where: edge and lane by vehicle; the lane is "" off the road
         """
+        if not self._possible:
+            return
         for mover in self._widened:
             self._sumo.vehicletype.setWidth(mover.kind, mover.width)
         widened, self._widened = {mover.id for mover in self._widened}, []
@@ -99,7 +103,7 @@ class Shadows:
 
     def cast(self, movers: Iterable[Mover]) -> None:
         """Before a step, and before vehicles are moved: give them the shadows that they must have in it."""
-        for mover in movers:
+        for mover in movers if self._seen else ():
             seen = self._seen.get(mover.id)
             if seen and (side := self._wanted(mover, seen)) != self._side[mover.id]:
                 self._insert(mover, seen, side)
