@@ -36,11 +36,14 @@ INNER, OUTER = (
 )  # the strip looked at: from so far beside the own body, to so far beyond it on the goal's lane [m]
 NARROWEST = 2.0  # least distance of another lane [m]
 BEFORE_PREDECESSOR = 2.0  # distance before the predecessor's axle at which the strip ends [m]
+GOAL_DRIFT = 1.2  # greatest speed at which it goes after a goal that is going over itself [m/s]
+STEADY, LANE_AFTER = 0.3, 1.0  # a goal that has kept within [m] for [s] drives along a lane
 SURE = 0.3  # time for which there must be room before it goes over [s]
 CROSSING_TIME, SHORTEST = 3.0, 20.0  # of going over [s], and its least length [m]
 SAME, FILTER = 1.5, 0.3  # of the closing speed: as in `closing_speed` [m], [s]
 LEAST_SHRUNK = 0.3  # share to which a bend may shrink on its inner side
 STANDS = 2.0  # speed of what is behind up to which nothing need be left to it [m/s]
+UNTIL_CLEAR = 3.0  # where it no longer looks for room: least time until what is behind would be abreast [s]
 PATIENCE = 4.0  # time that it waits for room beside what keeps pace, before it falls back [s]
 SLOWER, FALLS_BACK, GENTLE = 2.0, 25.0, 1.0  # falls back: slower by [m/s], as far as [m], braking by [m/s2]
 
@@ -65,6 +68,12 @@ class Side(NamedTuple):
             ahead = self.ahead - self.ahead_closing * age if age else self.ahead
             return (self.ahead == np.inf) | (ahead > room_needed(length, speed, self.ahead_closing))
 
+    def is_clear(self) -> np.ndarray:
+        """Nothing is abreast, or will soon be from behind, bool (n,)."""
+        with np.errstate(invalid="ignore"):
+            comes = self.behind < np.fmax(self.behind_closing, 0.0) * UNTIL_CLEAR
+        return (self.ahead > 0) & (self.behind > 0) & ~comes
+
     def room_behind(self, length: np.ndarray, speed: np.ndarray, age: float) -> np.ndarray:
         """Room for what is behind, as `room_ahead`."""
         theirs = speed + self.behind_closing
@@ -85,11 +94,13 @@ class Beside(NamedTuple):
     side: Side
     room_for: np.ndarray  # time for which there has been room [s]
     waits: np.ndarray  # time since it stays [s]
+    seen_at: np.ndarray  # where its goal has been for `steady_for`; NaN: there was none
+    steady_for: np.ndarray  # [s]
 
     @classmethod
     def none(cls, n: int) -> Beside:
         nan = np.full(n, np.nan)
-        return cls(nan, nan, nan, nan, nan, Side.unknown(n), np.zeros(n), np.zeros(n))
+        return cls(nan, nan, nan, nan, nan, Side.unknown(n), np.zeros(n), np.zeros(n), nan, np.zeros(n))
 
     @property
     def active(self) -> np.ndarray:
@@ -177,6 +188,8 @@ def look(beside: Beside, scene: Scene) -> Beside:
     station, offset, _ = places(scene.track, given, scene.odometry)
     follows = scene.follows & np.isfinite(station)
     there = np.where(follows, offset + _at(given.aside, given.distance, station), given.aside[:, 0])
+    keeps = np.abs(there - beside.seen_at) < STEADY
+    steady_for = np.where(keeps, beside.steady_for + dt, 0.0)
 
     lane = np.where(np.isnan(beside.lane), own, beside.lane)
     base = np.where(beside.active, beside.stays, lane)
@@ -192,21 +205,25 @@ def look(beside: Beside, scene: Scene) -> Beside:
     stops = crossing & ~room & ~left & (np.abs(away) > ANOTHER)
     goes = held & (room_for > SURE - 1e-6)
     back = held & (np.abs(away) < IN_LINE)
-    done = crossing & (beside.driven > beside.length)
-    ends = back | done | (beside.active & (speed < ENDS))
+    done = crossing & (beside.driven > beside.length) & ((steady_for > LANE_AFTER) | ~follows)
+    ends = back | done | (beside.active & (speed < ENDS) & side.is_clear())
 
     stays = np.where(begins, lane, np.where(ends, np.nan, beside.stays))
     driven = np.where(stops | begins | ends, np.nan, np.where(goes, 0.0, beside.driven + speed * dt))
-    in_line = (~beside.active & (np.abs(there - own) < IN_LINE)) | ends
+    # A predecessor that is going over itself is on no lane; in line with it, a follower still has its former one.
+    in_line = (np.abs(there - own) < IN_LINE) & (steady_for > LANE_AFTER) & ~beside.active
+    drifts = np.where(crossing & follows, np.clip(there - beside.goal, -GOAL_DRIFT * dt, GOAL_DRIFT * dt), 0.0)
     return Beside(
-        lane=np.where(in_line, own, lane),
+        lane=np.where(in_line | done, own, lane),
         stays=stays,
-        goal=np.where(goes, np.where(follows, there, np.nan), beside.goal),
+        goal=np.where(goes, np.where(follows, there, np.nan), beside.goal + drifts),
         driven=driven,
         length=np.where(goes, np.maximum(SHORTEST, CROSSING_TIME * speed), beside.length),
         side=side,
         room_for=room_for,
         waits=np.where(held & ~goes & ~back, beside.waits + dt, 0.0),
+        seen_at=np.where(keeps, beside.seen_at, there),
+        steady_for=steady_for,
     )
 
 

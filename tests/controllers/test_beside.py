@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
+from platoontraffic.controllers import beside
 from platoontraffic.controllers.beside import Beside
 from platoontraffic.controllers.lane_room import HEADWAY, REACTION, room_needed
 from platoontraffic.controllers.path import PathLeader
@@ -29,7 +30,8 @@ FOLLOWER = TrackingFollower(on_loss="drive")
 BEGINS, LASTS = 8.0, 4.0  # of the leader's lane change [s]; at most 1.3 m/s sideways
 BENDS = 6.0  # when the leader comes to the bend of the road [s]
 LEAVES = 16.0  # when the other car goes over to a third lane [s]
-LEAST_CLEARANCE = 0.9  # between the follower that stays and the car on the other lane, of 1.44 m [m]
+BETWEEN_LANES = LANE - CAR.width  # clearance of cars in the middle of both lanes [m]
+LEAST_CLEARANCE = 0.9  # between the follower that stays and the car on the other lane, of that [m]
 UNSEEING = replace(BLIND, rate=10.0)
 
 
@@ -45,12 +47,14 @@ def road(bend: float, begin: float, aside=0.0) -> Route:
     return Route.along(("road",), points + np.array([begin, 0.0]), np.full(len(along), 40.0)).drivable_by(CAR)
 
 
-def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: float = 0.0, seed: int = 0) -> Log:
+def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: float = 0.0, seed: int = 0,
+          lasts: float = LASTS) -> Log:  # fmt: skip
     """A leader that changes lanes to the left (1), the right (-1) or not (0), its follower, and a car on the left lane.
 
     other: where that car begins, ahead of the follower [m], and its speed above the follower's [m/s]; at LEAVES it goes
            over to a third lane
     bend : curvature of the road [1/m]
+    lasts: the leader's lane change [s]
     """
     members = platoon(
         PathLeader(speed=SPEED), FOLLOWER, 1, distance=FOLLOWER.desired_distance(SPEED), model=CAR,
@@ -60,7 +64,7 @@ def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: flo
 
     def over(place: float) -> np.ndarray:
         """Aside of a road on which a lane change begins at a place on the x axis [m]."""
-        share = np.clip((np.arange(-500.0, 900.0) + begin - place) / (SPEED * LASTS), 0.0, 1.0)
+        share = np.clip((np.arange(-500.0, 900.0) + begin - place) / (SPEED * lasts), 0.0, 1.0)
         return LANE * (1 - np.cos(math.pi * share)) / 2
 
     members[0] = replace(members[0], route=road(bend, begin, side * over(start + SPEED * BEGINS)))
@@ -101,6 +105,23 @@ def test_a_lane_change_is_repeated_where_nobody_is_beside(side):
     after = (log.x[:, 1] > log.x[0, 0]) & (log.x[:, 1] < log.x[-1, 0])
     assert shapely.distance(path, shapely.points(log.axle[after, 1])).max() < 0.2
     assert aside(log)[-1] == pytest.approx(aside(log, 0)[-1], abs=0.2)
+
+
+def test_the_middle_between_two_lanes_is_no_lane(monkeypatch):
+    """A car from behind has passed, and the follower goes over, while the leader is still half over."""
+    lanes, look = [], beside.look
+
+    def noted(before, seen):
+        after = look(before, seen)
+        lanes.append(after.lane[0])
+        return after
+
+    monkeypatch.setattr(beside, "look", noted)
+    faster = 6.0
+    log = scene(1.0, (-faster * (BEGINS + 3.0), faster), lasts=10.0)
+    assert np.minimum(np.abs(lanes), np.abs(np.array(lanes) - LANE)).max() < 0.45
+    assert lanes[-1] == pytest.approx(LANE, abs=0.3)
+    assert clearance(log, 1, 2) > BETWEEN_LANES - beside.COMMITTED - 0.1
 
 
 @pytest.mark.parametrize("ahead", [-4.0, 0.0, 4.0])
