@@ -68,8 +68,7 @@ class Sensing:
         """
         scans, readings = self.scan(traffic, fleet, step, blind), self.read(traffic, fleet, step, blind)
         seen = [
-            None if scan is None else Seen(traffic, group.rows)
-            for group, scan in zip(fleet.groups, scans, strict=True)
+            None if scan is None else Seen(traffic, group.rows) for group, scan in zip(fleet.groups, scans, strict=True)
         ]
         return Measurements(scans, readings, self.odometry(fleet, step), seen)
 
