@@ -173,7 +173,7 @@ class Simulation:
         dt, timed = self.setting.dt, self.stopwatch.call
         traffic = self.world.snapshot(fleet, self._reach(step, fleet))
         failed = self.breakdowns.due(fleet, traffic.time)
-        fleet, ordered = self.manoeuvres.applied(fleet, traffic.time)
+        fleet, ordered = self.manoeuvres.applied(fleet.regrouped(), traffic.time)
         measured = self.sensors.sense(traffic, fleet, step, self.breakdowns.blind(fleet))
         sensed, fleet = arriving(measured, fleet, step)
         signals = self.world.signals(fleet)

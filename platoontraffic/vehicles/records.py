@@ -58,9 +58,18 @@ def put(record: Record, rows: Sequence[np.ndarray], values: Sequence[Record]) ->
 
 
 def concatenate(one: Record, other: Record) -> Record:
-    """Two records as one: the rows of the other come last."""
+    """Two records as one: the rows of the other come last. Lists and None may stand in them, as in `take`.
+
+    raises: TypeError, ValueError if they do not fit together
+    """
+    if one is None and other is None:
+        return None
+    if isinstance(one, list) and isinstance(other, list):
+        return one + other
     if not isinstance(one, np.ndarray):
         return _part_by_part(concatenate, one, other)
+    if one.dtype != other.dtype:
+        raise TypeError(f"{one.dtype} and {other.dtype}")
     return np.concatenate([one, other])
 
 

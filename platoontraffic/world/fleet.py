@@ -71,7 +71,7 @@ class Member:
 
 
 class Group(NamedTuple):
-    """Members that departed together and share law, lasers and sensors: one call of each serves them all."""
+    """Members that share law, lasers and sensors: one call of each serves them all."""
 
     law: Law
     lidar: LidarModel
@@ -89,6 +89,21 @@ class Group(NamedTuple):
     def late(self) -> bool:
         """Something is used later than it is measured."""
         return bool(self.delay or self.odometry_delay or any(one.delay for one in self.further_lidars))
+
+    @property
+    def shared(self) -> tuple:
+        """What is the same for all its members, whenever they departed."""
+        return self.law, self.lidar, self.further_lidars, self.sensors, self.delay, self.odometry_delay
+
+    def joined(self, other: Group) -> Group | None:
+        """Both as one; None while their memories, or what is under way to them, cannot be put together."""
+        if self.late or self.since is None or self.since != other.since:
+            return None
+        try:
+            memory = concatenate(self.memory, other.memory)
+        except (TypeError, ValueError):  # as where one remembers more instants than the other
+            return None
+        return self._replace(rows=np.append(self.rows, other.rows), memory=memory)
 
     @property
     def decides_every(self) -> int:
@@ -275,6 +290,28 @@ class Fleet(MemberState):
         groups = (*self.groups, *(group._replace(rows=group.rows + n) for group in others.groups))
         station = np.append(self.progress.station, others.progress.station)
         return self._of(state, members, predecessor, groups, RouteProgress.of(members, station))
+
+    @cached_property
+    def is_divided(self) -> bool:
+        """Several groups could be one: their members departed at different times."""
+        deciding = [group.shared for group in self.groups if not group.law.native]
+        return len(set(deciding)) < len(deciding)
+
+    def regrouped(self) -> Fleet:
+        """The fleet with as few groups as there can be: each is a call of its law."""
+        if not self.is_divided:
+            return self
+        groups: list[Group] = []
+        for group in self.groups:
+            for i, other in enumerate(groups):
+                if group.shared == other.shared and (both := other.joined(group)):
+                    groups[i] = both
+                    break
+            else:
+                groups.append(group)
+        if len(groups) == len(self.groups):
+            return self
+        return self._of(self._state(), self.members, self.predecessor, groups, self.progress)
 
     def without(self, gone: Collection[str]) -> Fleet:
         """The fleet without the members of some ids.
