@@ -22,15 +22,17 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import tomli_w
 
 from platoontraffic import scenario, shipped, simulation
+from platoontraffic.cli.bench_floor import COUNTED, HIGHWAY, LAB, WARM_UP, Above, Scene, above
 from platoontraffic.cli.net_sources import run_program
 from platoontraffic.errors import RunError
 from platoontraffic.lidar.benchmark.frame import as_json, facts, machine, peak_memory, table
 from platoontraffic.results import sumo_tables
+from platoontraffic.results.provenance import commit
 from platoontraffic.run import run as run_into
 from platoontraffic.simulation import Instant
 from platoontraffic.sumo.client import libsumo
@@ -57,6 +59,8 @@ STAGES = {  # stages of the loop -> their names in provenance.json
     "watchers": ("show",),
 }
 LARGE, LARGEST = "1000 + 100", "5000 + 500"  # towns with a target, see `bars`
+ABOVE = {LAB.name: 0.6, HIGHWAY.name: 1.0}  # target of a step above its floor [ms]
+CALLS, MEMBER = 350, 20.0  # targets of calls a step in the lab, and of a member in towns [us]
 
 
 class Town(NamedTuple):
@@ -84,11 +88,13 @@ class Plan:
     towns  : all with the same density of traffic
     turns  : number of runs of the loop and of SUMO alone
     extras : name -> overrides of a further run of the loop in each turn
+    scenes : whose steps are compared with their floors, as those of the towns are
     """
 
     towns: tuple[Town, ...]
     turns: int
     extras: dict[str, tuple[str, ...]]
+    scenes: tuple[Scene, ...] = ()
 
 
 NOISE = "platoon.leader.lidar.noise=car-leader", "platoon.follower.lidar.noise=car-follower"
@@ -97,8 +103,9 @@ FULL = Plan(
     towns=(Town(7, 100, 1, 20, 30), Town(20, 1000, 20, 20, 30), Town(44, 5000, 100, 10, 10)),
     turns=3,
     extras={"with noise": NOISE, "a row a second": SPARSE_ROWS},
+    scenes=(LAB, HIGHWAY),
 )
-QUICK = Plan(towns=(Town(7, 100, 1, 10, 10), Town(20, 1000, 20, 10, 10)), turns=1, extras={})
+QUICK = Plan(towns=(Town(7, 100, 1, 10, 10), Town(20, 1000, 20, 10, 10)), turns=1, extras={}, scenes=(LAB, HIGHWAY))
 
 
 # ---- rows of the report; names carry units, because they become keys of JSON
@@ -134,6 +141,18 @@ class Stage(NamedTuple):
     share: float
 
 
+class Now(NamedTuple):
+    """A figure beside the same one of another report."""
+
+    figure: str
+    before: float
+    now: float
+
+    @property
+    def ratio(self) -> float:
+        return self.now / self.before
+
+
 class Bar(NamedTuple):
     """A target, and whether it is met."""
 
@@ -147,16 +166,25 @@ class Report:
     machine: dict[str, str]
     whole: list[Whole]
     stages: list[Stage]
+    above: list[Above]
     bars: list[Bar]
 
     def json(self) -> str:
         return as_json(self)
 
+    def beside(self, before: dict[str, Any]) -> list[Now]:
+        """The figures that another report, read from its JSON, has too."""
+        old = _figures([Whole(**row) for row in before["whole"]], [Above(**row) for row in before["above"]])
+        return [Now(name, old[name], value) for name, value in _figures(self.whole, self.above).items() if name in old]
+
 
 def run(plan: Plan, progress: Callable[[str], None] = lambda stage: None) -> Report:
     """Measure; progress is called with each stage. raises: MissingError without eclipse-sumo (netgenerate)"""
-    here = machine("libsumo", "numpy", "numba", "shapely", "pymunk")
-    rows, parts = [], []
+    here = machine("libsumo", "numpy", "numba", "shapely", "pymunk") | {"commit": commit() or "installed"}
+    rows, parts, floors = [], [], []
+    for scene in plan.scenes:
+        progress(scene.name)
+        floors.append(_in_a_process(above, scene.name, scene.scenario, scene.changes, scene.steps))
     for town in plan.towns:
         with tempfile.TemporaryDirectory(prefix="platoontraffic-") as name:
             folder = Path(name)
@@ -172,7 +200,12 @@ def run(plan: Plan, progress: Callable[[str], None] = lambda stage: None) -> Rep
                     found.append(_in_a_process(loop, folder, town, plan.extras.get(what, ())))
             rows += [whole(town, what, alone, found) for what, found in loops.items()]
             parts += stages(town, loops[""])
-    return Report(here, rows, parts, bars(rows))
+            if plan.scenes:
+                progress(f"{town.name}: its floor")
+                seconds = f"run.duration_s={town.lasts + STEP * (WARM_UP + COUNTED)}"
+                steps = round(town.lasts / STEP)
+                floors.append(_in_a_process(above, town.name, str(folder / "town.toml"), (seconds,), steps))
+    return Report(here, rows, parts, floors, bars(rows, floors))
 
 
 # ---- towns
@@ -313,12 +346,13 @@ def loop(folder: Path, town: Town, arguments: tuple[str, ...] = ()) -> Spent:
     return Spent(cpu_end - cpu, clock_end - clock, vehicles, peak_memory(), facts["stage_s"])
 
 
-def _in_a_process(function: Callable[..., Spent], *arguments) -> Spent:
+def _in_a_process(function: Callable[..., Any], *arguments) -> Any:
     try:
         with ProcessPoolExecutor(1, get_context("spawn")) as pool:
             return pool.submit(function, *arguments).result()
     except BrokenProcessPool as error:
-        raise RunError(f"a process of the benchmark died: {function.__name__}, {arguments[1].name}") from error
+        what = next((one.name for one in arguments if isinstance(one, Town)), arguments[0])
+        raise RunError(f"a process of the benchmark died: {function.__name__}, {what}") from error
 
 
 # ---- evaluation
@@ -354,10 +388,19 @@ def stages(town: Town, loops: Sequence[Spent]) -> list[Stage]:
     return rows
 
 
-def bars(rows: Sequence[Whole]) -> list[Bar]:
+def bars(rows: Sequence[Whole], floors: Sequence[Above] = ()) -> list[Bar]:
     """Targets of the loop; they are reported, not enforced."""
     found = {row.town: row for row in rows if not row.what}
     wanted = []
+    for one in floors:
+        if one.scene in ABOVE:
+            most = ABOVE[one.scene]
+            wanted.append(Bar(f"{one.scene}: at most {most} ms above the floor", one.above_ms, one.above_ms <= most))
+        if one.scene == LAB.name:
+            wanted.append(Bar(f"{one.scene}: at most {CALLS} calls", one.calls, one.calls <= CALLS))
+        if one.scene in (LARGE, LARGEST):
+            what = f"{one.scene}: at most {MEMBER} us a member above the floor"
+            wanted.append(Bar(what, one.member_us, one.member_us <= MEMBER))
     if large := found.get(LARGE):
         wanted.append(Bar(f"{LARGE}: at most 1.6 times SUMO alone", large.ratio, large.ratio <= 1.6))
         wanted.append(Bar(f"{LARGE}: at least 5 times real time", large.real_time, large.real_time >= 5))
@@ -381,6 +424,27 @@ real time: simulated time over CPU time. wall: the same by wall time, which othe
 loop beyond that of sumo, per member. peak: memory of the process."""
 
 
+ABOVE_LEGEND = """\
+A step of the loop, without tables, above its floor: SUMO's step with the members moved and read and nothing else; lab:
+step of 0.025 s. calls: of Python and C functions in a step.
+"""
+
+
+def compared(report: Report, before: dict[str, Any]) -> str:
+    """A table of the figures that two reports have."""
+    rows = [[one.figure, _cell(one.before), _cell(one.now), f"{one.ratio:.2f}"] for one in report.beside(before)]
+    head = f"Beside {before['machine'].get('commit', 'another commit')} on {before['machine']['processor']}"
+    return head + "\n" + table([["", "before", "now", "ratio"], *rows], [True, False, False, False])
+
+
+def _figures(rows: Sequence[Whole], floors: Sequence[Above]) -> dict[str, float]:
+    """Those that are compared, by name."""
+    found = {f"{row.town} {row.what}".strip() + ", loop [ms]": row.loop_ms for row in rows}
+    for one in floors:
+        found |= {f"{one.scene}, above the floor [ms]": one.above_ms, f"{one.scene}, calls": one.calls}
+    return found
+
+
 def text(report: Report) -> str:
     """The report as tables."""
     sections = [facts(report.machine), LEGEND]
@@ -392,6 +456,9 @@ def text(report: Report) -> str:
         by_stage.setdefault(row.stage, []).append(row)
     parts = [[name, *(f"{_cell(row.ms)} ms {row.share:4.0%}" for row in rows)] for name, rows in by_stage.items()]
     sections.append("Where the time goes\n" + table([["", *towns], *parts], [True] + [False] * len(towns)))
+    if report.above:
+        names = [name.replace("_", " ") for name in Above._fields]
+        sections.append(ABOVE_LEGEND + table([names, *(map(_cell, row) for row in report.above)], [True] + [False] * 6))
     if report.bars:
         kept = [[bar.wanted, _cell(bar.measured), "yes" if bar.met else "no"] for bar in report.bars]
         sections.append("Targets\n" + table([["", "measured", "met"], *kept], [True, False, False]))

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from importlib import import_module
+from json import loads
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -419,11 +420,15 @@ def report(
 def bench(
     what: Annotated[str, typer.Argument(help="lidar: the cost of scans; traffic: that of a step, beside SUMO alone")],
     quick: Annotated[bool, typer.Option("--quick", help="small towns only; takes half a minute")] = False,
+    compare: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="traffic: also print ratios to a document of --json kept before")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="one JSON document instead of tables")] = False,
 ) -> None:
     """Measure speed on this machine, in CPU time of one thread."""
     import subprocess
 
+    before = _kept_figures(compare, what) if compare else None
     if what not in ("lidar", "traffic"):
         raise InputError(f"argument 1: {what!r}: no such benchmark; must be lidar or traffic")
     benchmark = import_module("platoontraffic.lidar.benchmark" if what == "lidar" else "platoontraffic.cli.bench")
@@ -434,6 +439,21 @@ def bench(
     finally:
         show_stage("")
     print(measured.json() if json else benchmark.text(measured))
+    if before and not json:
+        print(f"\n{benchmark.compared(measured, before)}")
+
+
+def _kept_figures(file: Path, what: str) -> dict:
+    """A document that `bench traffic --json` printed. raises: InputError"""
+    if what != "traffic":
+        raise InputError("--compare: is only for bench traffic")
+    try:
+        found = loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"--compare: {file}: {error}") from error
+    if not isinstance(found, dict) or not {"machine", "whole", "above"} <= found.keys():
+        raise InputError(f"--compare: {file}: is not what bench traffic --json prints")
+    return found
 
 
 def _runs() -> ModuleType:

@@ -13,11 +13,9 @@ from rich.console import Console
 
 from platoontraffic import shipped
 from platoontraffic.cli.commands import commands_of
-from platoontraffic.cli.net_content import read, stem
-from platoontraffic.cli.net_findings import Findings, findings, lines_of
-from platoontraffic.cli.net_sources import build, import_net, root_of, run_program
 from platoontraffic.errors import InputError, RunError, did_you_mean
-from platoontraffic.sumo.programs import need_display, no_display, program
+
+# The commands import what they need: numpy and shapely take a third of a second, and `--help` needs neither.
 
 OPENED_BY = {
     "neteditConfiguration": "--netecfg-file",
@@ -28,6 +26,8 @@ OPENED_BY = {
 
 def described(net: Path) -> str:
     """The purpose and size of a network, in one line."""
+    from platoontraffic.cli.net_content import read
+
     content = read(net)
     roads = content.roads()
     lanes = [lane for edge in roads.values() for lane in edge.lanes]
@@ -49,6 +49,8 @@ def _span(values: list) -> str:
 
 def _purpose(net: Path) -> str:
     """The first sentence of the comment at the top of the node file."""
+    from platoontraffic.cli.net_content import stem
+
     nodes = net.with_name(f"{stem(net)}.nod.xml")
     text = nodes.read_text(encoding="utf-8") if nodes.is_file() else ""
     comment = re.search(r"<!--\s*(.*?)\s*-->", text, re.DOTALL)
@@ -60,6 +62,9 @@ def edit(name: str) -> None:
 
     raises : InputError; MissingError without eclipse-sumo or a display; RunError where netedit fails
     """
+    from platoontraffic.cli.net_sources import root_of, run_program
+    from platoontraffic.sumo.programs import need_display, no_display, program
+
     net = shipped.networks().get(name)
     path = net.with_name(f"{name}.netecfg") if net else file_of(name)
     if path.suffix == ".gz":
@@ -106,6 +111,8 @@ def build_command(
     ] = None,
 ) -> None:
     """Build a network from its plain sources."""
+    from platoontraffic.cli.net_sources import build
+
     print(build(config, to))
 
 
@@ -118,6 +125,8 @@ def check_command(
     ] = None,
 ) -> None:
     """Report faults of networks, and where cars cannot drive, or not well: the worst first."""
+    from platoontraffic.cli.net_findings import Findings, findings, lines_of
+
     faults: list[str] = []
     if plot and len(nets) > 1:
         raise InputError(f"--plot: {plot}: has room for one network; there are {len(nets)}")
@@ -133,7 +142,7 @@ def check_command(
         if not found.faults and not found.kinds:
             out.print(f"{net}: fine", markup=False)
         if plot and not found.faults:
-            from platoontraffic.cli.net_picture import draw  # here, because it takes long to import
+            from platoontraffic.cli.net_picture import draw
 
             draw(found, net.name, plot)
             print(plot)
@@ -156,6 +165,8 @@ def import_command(
     force: Annotated[bool, typer.Option("--force", help="replace existing sources; their comments are lost")] = False,
 ) -> None:
     """Turn a network, for instance one saved by netedit, back into plain sources."""
+    from platoontraffic.cli.net_sources import import_net
+
     written = import_net(file_of(net), folder, force)
     for path in written:
         print(path)

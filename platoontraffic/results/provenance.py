@@ -54,7 +54,7 @@ def before(scenario: Scenario) -> dict[str, Any]:
         "status": "unfinished",
         "tool": "platoontraffic",
         "version": version("platoontraffic"),
-        "git": _git(),
+        "git": commit(),
         "command_line": ["platoontraffic", *sys.argv[1:]],
         "seed": scenario.seed,
         "input_sha256": {name: sha256(file) for name, file in scenario.files().items()},
@@ -134,7 +134,7 @@ def _own_sources() -> str:
     return digest.hexdigest()
 
 
-def _git() -> str | None:
+def commit() -> str | None:
     """Commit of the checkout that this runs from, with `+changes` if files differ from it; None if installed."""
     if not (_SOURCES.parent / ".git").exists():
         return None

@@ -9,6 +9,7 @@ import pytest
 from platoontraffic import scenario, simulation
 from platoontraffic.cli import bench
 from platoontraffic.cli.bench import ROUTE_EDGES, SIZE, STAGES, Plan, Spent, Town
+from platoontraffic.cli.bench_floor import COUNTED, WARM_UP, Above, above
 from platoontraffic.errors import MissingError
 from platoontraffic.sumo import programs
 
@@ -50,6 +51,35 @@ def test_bars_tell_what_is_kept():
     assert met == [True, False, True, True, False]
     assert len(bench.bars([row(largest, peak_mb=None)])) == 1
     assert bench.bars([row(SMALL)]) == []
+
+
+def test_a_step_is_judged_above_its_floor():
+    floors = [
+        Above(bench.LAB.name, 5, 0.4, 1.0, 0.6, 120.0, 351.0),
+        Above(bench.LARGE, 100, 15.0, 17.1, 2.1, 21.0, 900.0),
+    ]
+    found = {bar.wanted: bar.met for bar in bench.bars([], floors)}
+    assert found == {
+        "lab, 5 robots: at most 0.6 ms above the floor": True,
+        "lab, 5 robots: at most 350 calls": False,
+        "1000 + 100: at most 20.0 us a member above the floor": False,
+    }
+
+
+def test_a_report_is_compared_with_one_that_was_kept():
+    large = bench.FULL.towns[1]
+    floors = [Above(bench.LAB.name, 5, 0.4, 1.0, 0.6, 120.0, 700.0)]
+    report = bench.Report({"processor": "P", "commit": "C"}, [row(large)], [], floors, [])
+    kept = json.loads(report.json())
+    kept["whole"][0]["loop_ms"] *= 2
+    kept["above"][0]["calls"] = 2100.0
+    ratios = {one.figure: one.ratio for one in report.beside(kept)}
+    assert ratios == pytest.approx(
+        {"1000 + 100, loop [ms]": 0.5, "lab, 5 robots, above the floor [ms]": 1.0, "lab, 5 robots, calls": 1 / 3}
+    )
+    lines = bench.compared(report, kept).splitlines()
+    assert lines[0] == "Beside C on P"
+    assert max(map(len, lines)) <= 120
 
 
 def test_the_plans_are_what_is_promised():
@@ -135,10 +165,21 @@ def test_the_whole_loop_is_measured_against_sumo_alone(folder):
     assert max(map(len, lines)) <= 120
 
 
+@pytest.mark.slow
+@pytest.mark.sumo
+def test_the_floor_of_a_step_is_that_of_the_same_movements(folder):
+    seconds = f"run.duration_s={(WARM_UP + 20 + COUNTED) * bench.STEP}"
+    found = above("a town", folder / "town.toml", (seconds,), 20)
+    assert (found.scene, found.members) == ("a town", SMALL.members)
+    assert 0 < found.floor_ms < found.loop_ms
+    assert found.above_ms == pytest.approx(found.loop_ms - found.floor_ms)
+    assert found.calls > 10 * SMALL.members
+
+
 def test_extras_and_bars_are_printed():
     large = bench.FULL.towns[1]
     rows = [row(large, what) for what in ("", *bench.FULL.extras)]
-    report = bench.Report({}, rows, bench.stages(large, [spent(2.0)]), bench.bars(rows))
+    report = bench.Report({}, rows, bench.stages(large, [spent(2.0)]), [], bench.bars(rows))
     lines = bench.text(report).splitlines()
     assert "1000 + 100: at most 1.6 times SUMO alone" in "".join(lines)
     assert max(map(len, lines)) <= 120

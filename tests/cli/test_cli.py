@@ -65,6 +65,8 @@ def test_a_dry_run_starts_nothing(tmp_path):
         (["check", "paper_loop", "nowhere.toml"], "nowhere.toml: no such scenario file"),
         (["list", "scenery"], "argument 1: 'scenery': no such list"),
         (["bench", "ladar"], "argument 1: 'ladar': no such benchmark; must be lidar or traffic"),
+        (["bench", "lidar", "--compare", "x.json"], "--compare: is only for bench traffic"),
+        (["bench", "traffic", "--compare", "README.md"], "--compare: README.md: Expecting value"),
         (["new", "1st"], "argument 1: '1st': must begin with a letter"),
         (["plot", "nowhere"], "nowhere: no such folder"),
         (["run", "paper_loop", "--sed", "1"], "No such option"),

@@ -416,7 +416,7 @@ def test_edit_opens_shipped_names_networks_and_configurations(netconvert, monkey
     monkeypatch.setenv("DISPLAY", ":0")
     done = subprocess.CompletedProcess([], 0, "", "")
     monkeypatch.setattr(
-        nets, "run_program", lambda program, *arguments: calls.append([program.name, *arguments]) or done
+        net_sources, "run_program", lambda program, *arguments: calls.append([program.name, *arguments]) or done
     )
     assert call("edit", name).exit_code == 0
     assert calls == [["netedit", *opened]]
