@@ -34,12 +34,12 @@ def measure(model, beams, scene, boxes, sensors, ranges, hits):
     around = np.where(scene.enclosed(x, y), np.int32(STATIC), np.int32(NOBODY))
     if "walls" not in scene.kept:
         scene.kept["walls"] = _wall_grid(scene.segments)
-    if "shapes" not in boxes.kept:  # several models scan the same world
-        boxes.kept["shapes"] = _shapes(boxes)
+    if "solid" not in boxes.kept:  # several models scan the same world
+        boxes.kept["solid"] = _solid(boxes)
     fans = "fans", beams.start
     if fans not in model.kept:
         model.kept[fans] = _fans(model, beams)
-    poses, solid = (x, y, np.cos(yaw), np.sin(yaw)), (boxes.x, boxes.y, *boxes.kept["shapes"], boxes.owner)
+    poses, solid = (x, y, np.cos(yaw), np.sin(yaw)), boxes.kept["solid"]
     _scan(poses, owner, around, *model.kept[fans], keys, bias, scene.kept["walls"], solid, np.uint64(beams.start),
           ranges, hits)  # fmt: skip
     return around
@@ -111,12 +111,14 @@ def _box_grid(box_x, box_y, x, y, reach, radius):
     return place, first, middles, order
 
 
-def _shapes(boxes):
-    """Rows cos, sin, half length, half width, (v, 4); and the largest distance of a corner from its middle."""
+def _solid(boxes):
+    """Middles x and y, rows cos, sin, half length, half width, (v, 4), largest distance of a corner from its middle,
+    owners. Copies, for numba compiles once more for arrays that are read-only, as those of boxes may be."""
     shapes = np.empty((len(boxes), 4))
     shapes[:, 0], shapes[:, 1] = np.cos(boxes.heading), np.sin(boxes.heading)
     shapes[:, 2], shapes[:, 3] = half_length, half_width = boxes.length / 2, boxes.width / 2
-    return shapes, math.sqrt((half_length * half_length + half_width * half_width).max(initial=0.0))
+    radius = math.sqrt((half_length * half_length + half_width * half_width).max(initial=0.0))
+    return boxes.x.copy(), boxes.y.copy(), shapes, radius, boxes.owner.copy()
 
 
 @compiled
@@ -146,7 +148,7 @@ def _sorted(place, x, y):
 def _scan(poses, owner, around, angles, directions, limits, errors, keys, bias, walls, solid, begin, ranges, hits):
     """Fill a row of ranges and hits for each pose, from the column `begin` on, and the owner around it.
 
-    solid: x and y of the boxes, their shapes, the largest distance of a corner from its middle, their owners
+    solid: of the boxes, see `_solid`
     """
     range_min, range_max, reach, merging = limits
     box_x, box_y, shapes, radius, owners_of_boxes = solid

@@ -29,7 +29,7 @@ import tomli_w
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.cli.bench_floor import COUNTED, HIGHWAY, LAB, WARM_UP, Above, Scene, above
 from platoontraffic.cli.net_sources import run_program
-from platoontraffic.errors import RunError
+from platoontraffic.errors import InputError, RunError
 from platoontraffic.lidar.benchmark.frame import as_json, facts, machine, peak_memory, table
 from platoontraffic.results import sumo_tables
 from platoontraffic.results.provenance import commit
@@ -172,10 +172,10 @@ class Report:
     def json(self) -> str:
         return as_json(self)
 
-    def beside(self, before: dict[str, Any]) -> list[Now]:
-        """The figures that another report, read from its JSON, has too."""
-        old = _figures([Whole(**row) for row in before["whole"]], [Above(**row) for row in before["above"]])
-        return [Now(name, old[name], value) for name, value in _figures(self.whole, self.above).items() if name in old]
+    def beside(self, before: Report) -> list[Now]:
+        """The figures that another report has too."""
+        old, new = (_figures(one.whole, one.above) for one in (before, self))
+        return [Now(name, old[name], value) for name, value in new.items() if name in old]
 
 
 def run(plan: Plan, progress: Callable[[str], None] = lambda stage: None) -> Report:
@@ -430,10 +430,22 @@ step of 0.025 s. calls: of Python and C functions in a step.
 """
 
 
-def compared(report: Report, before: dict[str, Any]) -> str:
+def kept(file: Path) -> Report:
+    """A report from its JSON. raises: InputError"""
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+        rows = [Whole(**row) for row in found["whole"]], [], [Above(**row) for row in found["above"]], []
+        return Report({name: found["machine"][name] for name in ("commit", "processor")}, *rows)
+    except OSError as error:
+        raise InputError(f"--compare: {file}: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"--compare: {file}: is not what `bench traffic --json` of this version prints") from error
+
+
+def compared(report: Report, before: Report) -> str:
     """A table of the figures that two reports have."""
     rows = [[one.figure, _cell(one.before), _cell(one.now), f"{one.ratio:.2f}"] for one in report.beside(before)]
-    head = f"Beside {before['machine'].get('commit', 'another commit')} on {before['machine']['processor']}"
+    head = f"Beside {before.machine['commit']} on {before.machine['processor']}"
     return head + "\n" + table([["", "before", "now", "ratio"], *rows], [True, False, False, False])
 
 

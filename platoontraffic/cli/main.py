@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from importlib import import_module
-from json import loads
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -428,10 +427,14 @@ def bench(
     """Measure speed on this machine, in CPU time of one thread."""
     import subprocess
 
-    before = _kept_figures(compare, what) if compare else None
     if what not in ("lidar", "traffic"):
         raise InputError(f"argument 1: {what!r}: no such benchmark; must be lidar or traffic")
     benchmark = import_module("platoontraffic.lidar.benchmark" if what == "lidar" else "platoontraffic.cli.bench")
+    before = None
+    if compare:
+        if what != "traffic" or json:
+            raise InputError("--compare: is only for bench traffic, without --json")
+        before = benchmark.kept(compare)
     try:
         measured = benchmark.run(benchmark.QUICK if quick else benchmark.FULL, show_stage)
     except subprocess.CalledProcessError as error:
@@ -439,21 +442,8 @@ def bench(
     finally:
         show_stage("")
     print(measured.json() if json else benchmark.text(measured))
-    if before and not json:
+    if before:
         print(f"\n{benchmark.compared(measured, before)}")
-
-
-def _kept_figures(file: Path, what: str) -> dict:
-    """A document that `bench traffic --json` printed. raises: InputError"""
-    if what != "traffic":
-        raise InputError("--compare: is only for bench traffic")
-    try:
-        found = loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"--compare: {file}: {error}") from error
-    if not isinstance(found, dict) or not {"machine", "whole", "above"} <= found.keys():
-        raise InputError(f"--compare: {file}: is not what bench traffic --json prints")
-    return found
 
 
 def _runs() -> ModuleType:

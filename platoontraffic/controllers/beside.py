@@ -8,7 +8,8 @@ stays on its lane: it drives its route, shifted to that lane. When there has bee
 a cosine. The laser sees nothing that a body hides or that is out of range.
 
 In a street, near stop lines, this rule is too slow: a follower that stays or goes over there comes to the line on the
-wrong lane. So below ENDS it drives as its predecessor did, without looking.
+wrong lane. So below ENDS it gives it up as soon as nothing is abreast or will soon be so from behind, and drives as its
+predecessor did, without looking, until it is faster than BEGINS.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from platoontraffic.controllers.tracker.records import X, Y
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.lidar import ScanBatch
 
-BEGINS, ENDS = 12.0, 8.0  # speeds from which a follower looks beside, and up to which it no longer does [m/s]
+BEGINS, ENDS = 12.0, 8.0  # speeds from which a follower looks beside, and below which it gives that up [m/s]
 IN_LINE = 0.4  # lane offset from the goal up to which a follower drives in line with it [m]
 WATCHED = 0.5  # the same from which the side of the goal is looked at [m]
 ANOTHER = 1.0  # the same from which the goal is on another lane [m]
@@ -86,7 +87,7 @@ class Side(NamedTuple):
 class Beside(NamedTuple):
     """What a follower remembers of its lane and the one beside it, arrays (n,). Offsets are lane offsets [m]."""
 
-    lane: np.ndarray  # own, when it last drove in line with its goal; NaN: not yet
+    lane: np.ndarray  # own, when it last was in line with a goal that kept to a lane, or had gone over; NaN: not yet
     stays: np.ndarray  # to which its route is shifted, while its goal is on another lane; NaN: it is not
     goal: np.ndarray  # to which it goes over; NaN: to the route
     driven: np.ndarray  # since it began to go over [m]; NaN: it has not

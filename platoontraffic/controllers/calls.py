@@ -102,7 +102,7 @@ def _row_each(values: Any, n: int) -> np.ndarray:
     values = np.asarray(values)
     if values.dtype.kind not in "iuf":
         raise TypeError(f"{values.dtype} is no number")
-    return np.full(n, values, dtype=float)
+    return np.full(n, float(values)) if values.ndim == 0 else np.broadcast_to(values.astype(float), (n,))
 
 
 def _fault(law: Law, what: str, error: BaseException | None = None) -> InputError:

@@ -51,10 +51,10 @@ def put(record: Record, rows: Sequence[np.ndarray], values: Sequence[Record]) ->
     """A copy of a record, (n, ...), with each of the values, (m, ...), in its rows, (m,)."""
     if not isinstance(record, np.ndarray):
         return _part_by_part(lambda old, *new: put(old, rows, new), record, *values)
-    changed = record.copy()
+    copy = record.copy()
     for where, new in zip(rows, values, strict=True):
-        changed[where] = new
-    return changed
+        copy[where] = new
+    return copy
 
 
 def concatenate(one: Record, other: Record) -> Record:
@@ -62,9 +62,11 @@ def concatenate(one: Record, other: Record) -> Record:
 
     raises: TypeError, ValueError if they do not fit together
     """
-    if one is None and other is None:
+    if type(one) is not type(other):
+        raise TypeError(f"{type(one).__name__} and {type(other).__name__}")
+    if one is None:
         return None
-    if isinstance(one, list) and isinstance(other, list):
+    if isinstance(one, list):
         return one + other
     if not isinstance(one, np.ndarray):
         return _part_by_part(concatenate, one, other)

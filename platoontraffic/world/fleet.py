@@ -96,14 +96,22 @@ class Group(NamedTuple):
         return self.law, self.lidar, self.further_lidars, self.sensors, self.delay, self.odometry_delay
 
     def joined(self, other: Group) -> Group | None:
-        """Both as one; None while their memories, or what is under way to them, cannot be put together."""
-        if self.late or self.since is None or self.since != other.since:
+        """Both as one; None while their memories cannot be put together. Nothing may be under way to them."""
+        if self.since is None or self.since != other.since:
             return None
         try:
+            for group in (self, other):
+                take(group.memory, np.ones(len(group.rows), bool))  # it has a row for each member
             memory = concatenate(self.memory, other.memory)
-        except (TypeError, ValueError):  # as where one remembers more instants than the other
+        except (TypeError, ValueError):  # as trails with different room
             return None
-        return self._replace(rows=np.append(self.rows, other.rows), memory=memory)
+        rows = np.append(self.rows, other.rows)
+        return self._replace(rows=rows, memory=memory, under_way=UnderWay())
+
+    @property
+    def is_prompt(self) -> bool:
+        """It decides, and at once by what it measures."""
+        return not (self.law.native or self.late)
 
     @property
     def decides_every(self) -> int:
@@ -247,9 +255,9 @@ class Fleet(MemberState):
         return np.flatnonzero(self.native)
 
     @cached_property
-    def bodies(self) -> tuple[Body, ...]:
-        """Sizes of the members of each group, (m,)."""
-        return tuple(Body(*(getattr(self.model, name)[group.rows] for name in Body._fields)) for group in self.groups)
+    def body(self) -> Body:
+        """Sizes of all members, (n,)."""
+        return Body(*(getattr(self.model, name) for name in Body._fields))
 
     @cached_property
     def ids_by_group(self) -> tuple[tuple[str, ...], ...]:
@@ -294,19 +302,20 @@ class Fleet(MemberState):
     @cached_property
     def is_divided(self) -> bool:
         """Several groups could be one: their members departed at different times."""
-        deciding = [group.shared for group in self.groups if not group.law.native]
-        return len(set(deciding)) < len(deciding)
+        prompt = [group.shared for group in self.groups if group.is_prompt]
+        return len(set(prompt)) < len(prompt)
 
     def regrouped(self) -> Fleet:
         """The fleet with as few groups as there can be: each is a call of its law."""
         if not self.is_divided:
             return self
         groups: list[Group] = []
+        place: dict[tuple, int] = {}  # of the first group with what it shares
         for group in self.groups:
-            for i, other in enumerate(groups):
-                if group.shared == other.shared and (both := other.joined(group)):
-                    groups[i] = both
-                    break
+            first = place.setdefault(group.shared, len(groups)) if group.is_prompt else len(groups)
+            both = groups[first].joined(group) if first < len(groups) else None
+            if both:
+                groups[first] = both
             else:
                 groups.append(group)
         if len(groups) == len(self.groups):
@@ -408,6 +417,8 @@ class Fleet(MemberState):
                 raise ValueError(f"{name!r}: no member on the road{did_you_mean(name, row_of)}")
             if self.native[row_of[name]]:
                 raise ValueError(f"{name!r}: SUMO drives it; it takes no command")
+            if not isinstance(command, Twist | Drive):
+                raise ValueError(f"{name!r}: {command!r}; must be a Twist or a Drive")
             if not np.isfinite(command).all():
                 raise ValueError(f"{name!r}: {command}; must be finite")
         rows = [np.array([row_of[name]]) for name in override]
@@ -466,7 +477,7 @@ class Fleet(MemberState):
             without_surfaces(scan),
             own.speed[rows],
             own.yaw_rate[rows],
-            self.bodies[i],
+            Body(*[values[rows] for values in self.body]),
             take(ahead, np.searchsorted(self.progress.rows, rows)) if "route" in needs else None,
             take(signals, rows) if "signals" in needs else None,
             self.leads[rows] if "leads" in needs else None,

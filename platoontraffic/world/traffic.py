@@ -42,7 +42,9 @@ class TrafficSnapshot:
         return Boxes(self.x, self.y, self.heading, self.length, self.width, np.arange(len(self.ids)))
 
     def moving_boxes(self, vx: np.ndarray, vy: np.ndarray, yaw_rate: np.ndarray) -> Boxes:
-        """The same with their motion, (n,), as in lidar.Boxes; for each step, so only what may be unsound is checked.
+        """The same with their motion, (n,), as in lidar.Boxes.
+
+        It is called in every step, so only the places are checked; the sizes were checked before the run.
 
         raises: ValueError (a vehicle is not at a finite place)
         """

@@ -310,3 +310,66 @@ def test_a_slow_lidar_of_a_member_that_joins_scans_in_the_same_steps_as_the_rest
     fleet = here.joined(later)
     due = [[s is not None for s in Sensing(NO_WALLS).scan(snapshot(fleet, k * DT), fleet, k)] for k in range(8)]
     assert due == [[k % 4 == 0] * 2 for k in range(8)]
+
+
+# ---- groups
+
+
+class Clock(NamedTuple):
+    since: np.ndarray
+    last: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Ageing(Law):
+    """Its speed tells for how many decisions it has driven; `memory` says as what it remembers that."""
+
+    memory: str
+
+    def __call__(self, sensed: Sensed, memory: Any, dt: float) -> Decision:
+        n = len(sensed.speed)
+        age = np.zeros(n) if memory is None else self.age(memory, n) + 1
+        kept = {
+            "array": lambda: age,
+            "list": lambda: list(age),
+            "namedtuple": lambda: Clock(age, None),
+            "sometimes None": lambda: Clock(age, None if np.all(age < 2) else np.zeros(n)),
+            "no rows": lambda: np.full(5, age[0]),
+            "dict": lambda: {"age": age},
+        }[self.memory]()
+        return Decision(Twist(0.01 * age, np.zeros(n)), kept)
+
+    def age(self, memory: Any, n: int) -> np.ndarray:
+        if self.memory == "no rows":
+            assert len(memory) == 5
+            return np.full(n, memory[0])
+        if self.memory == "dict":
+            return memory["age"]
+        return memory.since if isinstance(memory, Clock) else np.array(memory)
+
+
+def after(fleet: Fleet, steps: range) -> Fleet:
+    """Decisions in these steps, with as few groups as there can be."""
+    for step in steps:
+        fleet = decided(fleet.regrouped(), step)
+    return fleet
+
+
+@pytest.mark.parametrize(
+    ("memory", "groups"),
+    [("array", 1), ("list", 1), ("namedtuple", 1), ("sometimes None", 1), ("no rows", 2), ("dict", 2)],
+)
+def test_platoons_that_depart_later_decide_as_alone_in_as_few_calls_as_their_memories_allow(memory, groups):
+    law = Ageing(memory)
+    early, late = (
+        Fleet.deployed([one(law, f"{name}{k}", at=(0.0, 5.0 * k + y, 0.0)) for k in (1, 2)], DT)
+        for name, y in (("a", 0.0), ("b", 50.0))
+    )
+    early = after(early, range(4))
+    both = after(early.joined(late), range(4, 9))
+    alone = [after(fleet, range(4, 9)).command.twist.speed for fleet in (early, late)]
+    np.testing.assert_array_equal(both.command.twist.speed, np.concatenate(alone))
+    assert len(both.groups) == groups
+    if groups == 1:
+        left = after(both.without({"a1.0"}), range(9, 10))
+        np.testing.assert_allclose(left.command.twist.speed, both.command.twist.speed[1:] + 0.01)
