@@ -186,6 +186,7 @@ def test_control_c_keeps_what_was_recorded_and_says_so(tmp_path, name):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=lambda: signal.signal(getattr(signal, name), signal.SIG_DFL),  # the tests may run under nohup
     )
     try:
         _started(tmp_path)
