@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -29,6 +30,7 @@ STUDIES = {
         )
     },
 }
+KEPT = {"4_effect_on_traffic"}  # notebooks with the outputs of their whole studies
 FEW = 2  # values of a key, and seeds
 
 
@@ -70,16 +72,17 @@ def test_notebooks_are_there_for_every_question():
 
 
 @pytest.mark.parametrize("name", NOTEBOOKS)
-def test_outputs_are_stripped_and_nothing_tells_of_a_machine(name):
+def test_outputs_are_kept_where_they_took_long_and_nothing_tells_of_a_machine(name):
     text = NOTEBOOKS[name].read_text(encoding="utf-8")
     notebook = json.loads(text)
     code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code)
+    assert all((cell["outputs"] != []) == (name in KEPT) for cell in code[1:])
+    assert all(cell["execution_count"] is None for cell in code)
     assert all(cell["metadata"] == {} for cell in notebook["cells"])
     assert set(notebook["metadata"]) == {"kernelspec", "language_info"}
     assert notebook["metadata"]["language_info"] == {"name": "python"}
-    assert "/home/" not in text
-    assert len(text) < 20_000
+    assert not re.search(r"/(home|root|tmp|opt|work|Users)/", text)
+    assert len(text) < (300_000 if name in KEPT else 20_000)
 
 
 @pytest.mark.parametrize("name", STUDIES)
