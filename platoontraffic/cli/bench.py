@@ -88,7 +88,7 @@ class Plan:
     towns  : all with the same density of traffic
     turns  : number of runs of the loop and of SUMO alone
     extras : name -> overrides of a further run of the loop in each turn
-    scenes : whose steps are compared with their floors, as those of the towns are
+    scenes : their steps are compared with their floors, and so are those of the towns
     """
 
     towns: tuple[Town, ...]

@@ -18,7 +18,7 @@ from platoontraffic.simulation import Instant, Simulation, prepare, setting_of
 from platoontraffic.sumo.client import libsumo
 from platoontraffic.sumo.frame import front_of, sumo_angle
 from platoontraffic.sumo.placement import ANY_LANE, EXACTLY
-from platoontraffic.world.prepared import departures
+from platoontraffic.world.prepared import Prepared, departures
 
 WARM_UP, COUNTED = 100, 100  # steps before those that are measured; steps of which the calls are counted
 
@@ -97,7 +97,7 @@ def _poses(now: Instant) -> list[Pose]:
     return [Pose(*values) for *values, native in moved if not native]
 
 
-def _floor(prepared, poses: Sequence[Sequence[Pose]]) -> float:
+def _floor(prepared: Prepared, poses: Sequence[Sequence[Pose]]) -> float:
     """CPU time of a step after WARM_UP in which members are moved to these poses and read [s]."""
     setting, vehicle = setting_of(prepared), libsumo.vehicle
     with setting.ground() as world:

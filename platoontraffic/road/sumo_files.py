@@ -63,11 +63,11 @@ def check_net_file(path: str | Path) -> bool:
     returns : whether its traffic keeps to the left
     raises  : InputError
     """
-    root, edge, road, lanes, left_hand = "", "", False, False, False
+    root, edge, road, lanes, left_hand, place = "", "", False, False, False, 0
     requests = Requests()
 
     def start(tag: str, attributes: dict[str, str], parser: expat.XMLParserType) -> None:
-        nonlocal root, edge, road, lanes, left_hand
+        nonlocal root, edge, road, lanes, left_hand, place
         if not root:
             root, left_hand = tag, attributes.get("lefthand") in ("true", "1")
             if tag != "net":
@@ -77,11 +77,12 @@ def check_net_file(path: str | Path) -> bool:
         elif tag == "include":
             raise fault_at(path, parser, f"includes '{attributes.get('href', '')}'; must be whole, {NETWORK}")
         elif tag == "edge":
-            edge, road = attributes.get("id", ""), attributes.get("function", "normal") == "normal"
+            edge, road, place = attributes.get("id", ""), attributes.get("function", "normal") == "normal", 0
         elif tag == "lane":
-            if attributes.get("id") != f"{edge}_{attributes.get('index')}":
+            # By its place, not by its attribute `index`: older versions of netconvert wrote 0 for every internal lane.
+            if attributes.get("id") != f"{edge}_{place}":
                 raise fault_at(path, parser, f"{element_of(tag, attributes)}: is not in its edge")
-            lanes |= road
+            lanes, place = lanes | road, place + 1
         elif tag == "junction":
             edge = ""
         requests.note(tag, attributes)

@@ -201,7 +201,7 @@ class MemberState:
 class Fleet(MemberState):
     """Members on the road, their motion, and the memories of their laws. Arrays (n,), in the order of `members`.
 
-    Its cached properties depend on nothing but who is on the road: they pass from step to step with `changed`.
+    Its cached properties depend only on which members are on the road, so `changed` keeps them from step to step.
     """
 
     members: tuple[Member, ...]

@@ -280,6 +280,15 @@ def test_an_incomplete_network_is_refused_before_it_kills_the_process(tmp_path, 
         Network.read(tmp_path / "broken.net.xml")
 
 
+def test_a_network_of_an_older_netconvert_is_read(tmp_path):
+    """There every lane inside a junction has the index 0."""
+    whole = shipped.networks()["grid"].read_text(encoding="utf-8")
+    older, count = re.subn(r'(<lane id=":[^"]*_[1-9]") index="[1-9]"', r'\1 index="0"', whole)
+    assert count
+    (tmp_path / "older.net.xml").write_text(older)
+    assert Network.read(tmp_path / "older.net.xml").edges == Network.read(shipped.networks()["grid"]).edges
+
+
 # ---- its borders
 
 
