@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import wraps
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,9 @@ from platoontraffic.lidar import LaserScan, ScanBatch
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.records import row
 
-# What a law may declare in `needs`, and is then given in `Sensed`: its route, the next stop line, the order to lead.
-NEEDS = frozenset({"route", "signals", "leads"})
+# What a law may declare in `needs`, and is then given in `Sensed`: its route, the next stop line, the order to lead; its
+# predecessor without errors, or by messages; with one of these also the platoon's leader.
+NEEDS = frozenset({"route", "signals", "leads", "truth", "messages", "leader"})
 
 
 class Law:
@@ -32,6 +33,7 @@ class Law:
     native: bool = False  # SUMO's own driver model drives, by the law's gains max_speed [m/s] and speed_factor alone
     imperfection: float = 0.5  # of that driver: SUMO's sigma, 0 to 1
     hardest_braking: float = math.inf  # it never brakes harder [m/s2]
+    distance_from: Literal["laser", "bumper"] = "laser"  # the own point from which `desired_distance` counts
     drives_alone: bool = False  # it drives its route when it has no predecessor, so it can be given manoeuvres
 
     def __call__(self, sensed: Sensed, memory: Any, dt: float) -> Decision:
@@ -43,8 +45,18 @@ class Law:
         raise NotImplementedError
 
     def desired_distance(self, speed: np.ndarray) -> np.ndarray:
-        """Distance from laser to the predecessor's rear that it keeps at steady speeds [m], (n,); NaN: none."""
+        """Distance to the predecessor's rear that it keeps at steady speeds [m], (n,); NaN: none.
+
+        It counts from the point that `distance_from` names.
+        """
         return np.full(np.shape(speed), np.nan)
+
+    def linear(self, speed: float, place: int) -> Linear | None:
+        """The law for small deviations from a steady speed [m/s]; None: it declares none.
+
+        place: number of vehicles to the leader
+        """
+        return None
 
     def remembered_path(self, memory: Any) -> np.ndarray | None:
         """The path that it remembers to drive, to be recorded and drawn; None if it remembers none.
@@ -56,6 +68,24 @@ class Law:
     def braking_for(self, memory: Any) -> BrakingFor | None:
         """What limited the speed at the last decision, for the reasons of events; None: the law does not say."""
         return None
+
+
+class Linear(NamedTuple):
+    """Acceleration that a law commands for small deviations from steady driving: the sum of these gains times each.
+
+    The sum passes a filter lag u' + u = sum; what is known of other members is that of the feed.
+    """
+
+    gap: float = 0.0  # [1/s2]
+    speed: float = 0.0  # own [1/s]
+    acceleration: float = 0.0  # own [1]
+    ahead_speed: float = 0.0  # of the predecessor [1/s]
+    ahead_acceleration: float = 0.0  # [1]
+    ahead_demand: float = 0.0  # [1]
+    leader_gap: float = 0.0  # [1/s2]
+    leader_speed: float = 0.0  # [1/s]
+    leader_acceleration: float = 0.0  # [1]
+    lag: float = 0.0  # [s]
 
 
 class BrakingFor(NamedTuple):
@@ -115,11 +145,31 @@ class Signals(NamedTuple):
     reason: np.ndarray  # why it is closed, or would be: an index of CLOSED_BY
 
 
+class Neighbour(NamedTuple):
+    """Another member as it is known to n vehicles, arrays (n,), or to one; NaN where it is not known."""
+
+    gap: np.ndarray  # from the own front bumper to its rear bumper, straight [m]; negative: beside or behind
+    relative_speed: np.ndarray  # its speed minus the own [m/s]
+    speed: np.ndarray  # [m/s]
+    acceleration: np.ndarray  # [m/s2]
+    demand: np.ndarray  # the acceleration that it last commanded [m/s2]
+    age: np.ndarray  # of all that [s]; its position is that of now, if it kept its speed since
+    lost: np.ndarray  # there is none, or nothing is known of it any more, bool
+
+
+class Known(NamedTuple):
+    """The members ahead as they are known to n vehicles, or to one."""
+
+    predecessor: Neighbour
+    leader: Neighbour | None  # None: the law does not need it
+    place: np.ndarray  # number of vehicles from the leader, int (n,)
+
+
 @dataclass(frozen=True)
 class Sensed:
     """What a law is given: rows (n, ...), or one vehicle's row.
 
-    Route, signals, leads and readings only if it declares them in `needs`.
+    Route, signals, leads, truth, messages and readings only if it declares them in `needs`.
     """
 
     scan: ScanBatch | LaserScan | None  # None only for a law with a sensor that is faster than its laser
@@ -138,6 +188,8 @@ class Sensed:
     age: float = 0.0  # of the scan: time since its last beam was measured [s]
     odometry_age: float = 0.0  # of speed and yaw rate [s]
     ages: Mapping[str, float] = field(default_factory=dict)  # of the scans of all further lasers, by their names [s]
+    truth: Known | None = None  # without errors
+    messages: Known | None = None  # as of the last message that has arrived
 
     def row(self, i: int) -> Sensed:
         """What one vehicle senses: a `LaserScan` and floats."""
@@ -154,6 +206,8 @@ class Sensed:
             self.age,
             self.odometry_age,
             self.ages,
+            row(self.truth, i),
+            row(self.messages, i),
         )
 
 

@@ -59,6 +59,14 @@ ROUNDED = 0.4  # distance each way over which corners of the route are rounded [
 RUN_UP = 8.0  # distance before a predecessor at which the trail leaves the route, by an arc [m]
 
 
+class Predecessor(NamedTuple):
+    """As it is estimated now, arrays (n,); NaN: there is none."""
+
+    distance: np.ndarray  # from the laser to its rear, along its path [m]
+    speed: np.ndarray  # [m/s]
+    acceleration: np.ndarray  # [m/s2]
+
+
 class Memory(NamedTuple):
     """Arrays (n,), or records of arrays."""
 
@@ -76,6 +84,7 @@ class Memory(NamedTuple):
     creeping: Creeping
     braking_for: BrakingFor
     beside: Beside
+    predecessor: Predecessor
 
     @classmethod
     def begin(cls, sensed: Sensed, dt: float) -> Memory:
@@ -83,7 +92,8 @@ class Memory(NamedTuple):
         records = Odometry.begin(sensed.speed, sensed.yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
         driven = *np.zeros((2, n)), DriveLine.at_rest(n), Past.begin(sensed, dt)
         none = np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool)
-        return cls(*records, *driven, *none, Creeping.none(n), nothing(n), Beside.none(n))
+        unseen = Predecessor(*np.full((3, n), np.nan))
+        return cls(*records, *driven, *none, Creeping.none(n), nothing(n), Beside.none(n), unseen)
 
 
 class Now(NamedTuple):
@@ -271,8 +281,10 @@ class TrackingFollower(Law):
         if sensed.route is not None:  # another vehicle may have come in between, so the next one is found anew
             never_lost &= limit.reason != LINE
         commands = acceleration, curvature, drive_line, past
+        distance = np.where(estimate.now.known, ahead.length - OVERHANG - now.laser, np.nan)
+        predecessor = Predecessor(distance, estimate.now.mean[:, SPEED], estimate.now.mean[:, ACCELERATION])
         memory = Memory(now.odometry, bias, estimate.track, trail, *commands, scanned.free, scanned.closing,
-                        never_lost, creeps, limit, self._look_beside(now, estimate, past))  # fmt: skip
+                        never_lost, creeps, limit, self._look_beside(now, estimate, past), predecessor)  # fmt: skip
         return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:

@@ -98,7 +98,9 @@ class DesiredGaps:
                 distance[rows] = law.desired_distance(speed)
             except Exception:  # it takes one speed at a time; or it is faulty, and fails again here with a message
                 distance[rows] = [desired_distance(law, v) for v in speed]
-        return distance - self.laser_to_bumper[fleet.number]
+            if law.distance_from == "laser":
+                distance[rows] -= self.laser_to_bumper[fleet.number[rows]]
+        return distance
 
 
 def _by_law(members: Sequence[Member]) -> list[tuple[Law, np.ndarray]]:

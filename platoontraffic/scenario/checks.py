@@ -150,6 +150,8 @@ def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon) -> Iterator[
         key = f"platoon.{at[1]}"
         what = f"{driver.law!r} needs {key}.route, the edges to drive, or {key}.to, the last of them"
         yield Fault((*at, "law"), what)
+    if "messages" in law.needs:
+        yield Fault((*at, "law"), f"{driver.law!r} needs messages; the scenario must have a [channel]")
 
 
 def _sensors(at: KeyPath, driver: Driver, found: Found, step: float) -> Iterator[Fault]:

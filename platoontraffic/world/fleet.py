@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from platoontraffic.controllers.calls import Occasion, decide, memory_of
-from platoontraffic.controllers.law import Body, Law, RouteAhead, Sensed, Signals, Target
+from platoontraffic.controllers.law import Body, Known, Law, RouteAhead, Sensed, Signals, Target
 from platoontraffic.errors import did_you_mean
 from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.lidar.pose import wrap
@@ -21,6 +21,7 @@ from platoontraffic.vehicles.motion import Command, Drive, Motion, Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
 from platoontraffic.vehicles.records import changed, concatenate, put, take
 from platoontraffic.vehicles.sensor import NamedSensor
+from platoontraffic.world.neighbours import chains, known_by, nothing_known
 from platoontraffic.world.under_way import Seen, UnderWay
 
 CLOSING = 150.0  # greatest closing speed of two vehicles [m/s]
@@ -355,13 +356,7 @@ class Fleet(MemberState):
 
     def heads(self) -> np.ndarray:
         """Row of the first vehicle in each member's chain of predecessors, (n,): its own if it has none."""
-        head = np.arange(len(self))
-        for _ in range(len(self)):
-            ahead = self.predecessor[head]
-            if (ahead < 0).all():
-                break
-            head = np.where(ahead < 0, head, ahead)
-        return head
+        return chains(self)[0]
 
     def arrived(self) -> set[str]:
         """Ids of the members that have driven their own route to its end."""
@@ -375,6 +370,7 @@ class Fleet(MemberState):
         signals: Signals | None = None,
         odometry: Twist | None = None,
         readings: Sequence[Readings] = (),
+        messages: Known | None = None,
     ) -> Fleet:
         """Every group with a new scan, or a new reading of a sensor, decides; the others keep their command.
 
@@ -382,6 +378,7 @@ class Fleet(MemberState):
         readings : a record for each group; default: it has nothing but its laser
         signals  : the next stop lines, (n,), for the laws that declare to need them
         odometry : own speed and yaw rate as measured, (n,), as they arrive; by default without errors
+        messages : of the members ahead, (n,), for the laws that declare to need them
         raises   : InputError if a plug-in fails
         """
         own = odometry or Twist(self.motion.speed, self.motion.yaw_rate)
@@ -392,7 +389,7 @@ class Fleet(MemberState):
             if scan is None and not more.sensors:
                 groups.append(group._replace(since=since))
                 continue
-            sensed = self._sensed(i, scan, own, ahead, signals, more, dt)
+            sensed = self._sensed(i, scan, own, ahead, signals, more, messages, dt)
             at = Occasion(more.time if scan is None else scan.stamp, self.ids_by_group[i])
             decision = decide(group.law, sensed, group.memory, (since or group.decides_every) * dt, at)
             groups.append(group._replace(memory=decision.memory, since=0))
@@ -463,13 +460,14 @@ class Fleet(MemberState):
         ahead: RouteAhead | None,
         signals: Signals | None,
         more: Readings,
+        messages: Known | None,
         dt: float,
     ) -> Sensed:
         """What the law of group i is given.
 
-        own, signals : of all members, (n,)
-        ahead        : of the members with a route, (m,)
-        dt           : of a step [s]
+        own, signals, messages : of all members, (n,)
+        ahead                  : of the members with a route, (m,)
+        dt                     : of a step [s]
         """
         group = self.groups[i]
         rows, needs = group.rows, group.law.needs
@@ -486,7 +484,17 @@ class Fleet(MemberState):
             group.delay * dt,
             group.odometry_delay * dt,
             {one.sensor.name: one.delay * dt for one in group.further_lidars},
+            known_by(self, rows, "leader" in needs) if "truth" in needs else None,
+            _received(messages, rows, "leader" in needs) if "messages" in needs else None,
         )
+
+
+def _received(messages: Known | None, rows: np.ndarray, leader: bool) -> Known:
+    """The messages to some members; without a channel, none."""
+    if messages is None:
+        return nothing_known(len(rows), leader)
+    received = take(messages, rows)
+    return received if leader else received._replace(leader=None)
 
 
 def without_surfaces(scan: ScanBatch | None) -> ScanBatch | None:

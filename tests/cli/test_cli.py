@@ -108,7 +108,23 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
             ],
         ),
         ("nets", ["bends", "corridor", "grid", "highway", "lab_curves", "lab_loop", "lab_world", "ring"]),
-        ("laws", ["path", "printed", "reactive", "repaired", "sumo", "tracking"]),
+        (
+            "laws",
+            [
+                "acc",
+                "cacc_path",
+                "cacc_ploeg",
+                "consensus",
+                "constant_spacing",
+                "idm",
+                "path",
+                "printed",
+                "reactive",
+                "repaired",
+                "sumo",
+                "tracking",
+            ],  # fmt: skip
+        ),
         ("vehicles", ["paper-robot", "car", "van", "truck"]),
         (
             "lidars",

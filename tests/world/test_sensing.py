@@ -164,5 +164,7 @@ def test_a_law_without_its_sensor_is_a_fault(tmp_path):
     text = EXAMPLE.read_text().partition("[platoon.follower.sensors")[0]
     (tmp_path / "mine.toml").write_text(text)
     Path(tmp_path / "radar.py").write_text((EXAMPLE.parent / "radar.py").read_text())
-    with pytest.raises(InputError, match="RadarCruise needs radar; there is: leads, route, signals"):
+    with pytest.raises(
+        InputError, match="RadarCruise needs radar; there is: leader, leads, messages, route, signals, truth"
+    ):
         scenario.load(tmp_path / "mine.toml")

@@ -1,0 +1,172 @@
+"""The field's controllers: what they are given, the gap that they keep, and their formulas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from platoontraffic import scenario
+from platoontraffic.controllers import Decision, Law, Sensed
+from platoontraffic.controllers.field import FieldLaw, Own
+from platoontraffic.controllers.law import Known, Neighbour
+from platoontraffic.controllers.registry import find_law, law_names
+from platoontraffic.errors import InputError
+from platoontraffic.lidar import PRESETS, Mount, Noise
+from platoontraffic.vehicles.catalogue import VEHICLES
+from platoontraffic.vehicles.motion import Drive
+from tests.support.bench import BLIND, NO_WALLS, Log, Prescribed, drive, platoon
+
+CAR = VEHICLES["car"]
+EYE = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03), noise=Noise())
+FIELD = {name: kind for name in law_names() if issubclass(kind := find_law(name, Path()).kind, FieldLaw)}
+
+
+@dataclass(frozen=True)
+class Peeps(Law):
+    """Notes what it is given."""
+
+    wants: frozenset[str]
+    given: ClassVar[list[Sensed]] = []
+
+    @property
+    def needs(self) -> frozenset[str]:
+        return self.wants
+
+    def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
+        self.given.append(sensed)
+        return Decision(Drive(np.zeros(len(sensed.speed)), np.zeros(len(sensed.speed))))
+
+
+def peeped(*needs: str) -> Sensed:
+    leader = Prescribed(lambda time: Drive(0.5, 0.0))
+    Peeps.given.clear()
+    members = platoon(leader, Peeps(frozenset(needs)), 2, distance=10.0, model=CAR, eye=EYE, speed=20.0)
+    drive(members, NO_WALLS, 1.0, 0.1)
+    return Peeps.given[-1]
+
+
+def test_what_is_not_declared_cannot_be_read():
+    for needs in ((), ("truth",), ("messages",), ("truth", "leader"), ("messages", "leader")):
+        sensed = peeped(*needs)
+        assert (sensed.truth is not None) == ("truth" in needs)
+        assert (sensed.messages is not None) == ("messages" in needs)
+        for known in filter(None, (sensed.truth, sensed.messages)):
+            assert (known.leader is not None) == ("leader" in needs)
+
+
+def test_the_truth_is_the_motion_of_predecessor_and_leader():
+    truth = peeped("truth", "leader").truth
+    moved, slower = 0.25, 0.5 / (1 + 0.1 / CAR.lag)  # after 1 s; the drive's lag leaves less
+    first = truth.predecessor.speed[0]
+    assert 20 + slower * 0.5 < first < 20 + 0.5
+    assert truth.predecessor.speed[1] == truth.leader.speed[1] - first + 20.0
+    assert truth.predecessor.demand == pytest.approx([0.5, 0.0])
+    assert truth.predecessor.relative_speed == pytest.approx(truth.predecessor.speed - 20.0)
+    bumper = 10.0 + 0.03 - 0.06  # the laser stands behind the bumper, and the bench's distance counts from it
+    assert truth.predecessor.gap[1] == pytest.approx(bumper, abs=0.04)
+    assert bumper < truth.predecessor.gap[0] < bumper + moved + 0.04
+    between = truth.predecessor.gap[0] + CAR.length + truth.predecessor.gap[1]
+    assert truth.leader.gap == pytest.approx([truth.predecessor.gap[0], between])
+    assert truth.place.tolist() == [1, 2]
+    assert not truth.predecessor.lost.any()
+
+
+def cars(law: Law, speed: float, seconds: float, at=lambda time: (0.0, 0.0)) -> Log:
+    members = platoon(
+        Prescribed(lambda time: Drive(*at(time))),
+        law,
+        3,
+        distance=float(law.desired_distance(speed)) + 0.03,
+        model=CAR,
+        leader_eye=replace(BLIND, rate=10.0),
+        eye=EYE,
+        speed=speed,
+    )
+    return drive(members, NO_WALLS, seconds, 0.1)
+
+
+@pytest.mark.parametrize("name", FIELD)
+def test_a_steady_gap_is_the_desired_one_by_truth(name):
+    law = FIELD[name](feed="truth")
+    log = cars(law, 20.0, 4.0)
+    gaps = log.x[:, :-1] - log.x[:, 1:] - CAR.length
+    assert gaps == pytest.approx(float(law.desired_distance(20.0)), abs=1e-6)
+    assert log.speed == pytest.approx(20.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["acc", "idm", "constant_spacing"])  # `cacc_ploeg` has no desired acceleration by scan
+def test_twins_differ_by_little_where_the_laser_has_no_errors(name):
+    def dips(time: float) -> tuple[float, float]:
+        return (-1.0 if 2.0 <= time < 4.0 else 1.0 if 6.0 <= time < 8.0 else 0.0), 0.0
+
+    scan, truth = (cars(FIELD[name](feed=feed), 20.0, 12.0, dips) for feed in ("scan", "truth"))
+    assert np.ptp(truth.speed[:, 1]) > 0.5
+    assert np.abs(scan.x - truth.x).max() < 0.5
+    assert 1e-4 < np.abs(scan.speed - truth.speed).max() < 0.3
+
+
+KNOWN = Neighbour(*np.array([[20.0], [-1.5], [18.5], [0.3], [0.4], [0.0]]), np.zeros(1, bool))
+FIRST = Neighbour(*np.array([[47.0], [-1.0], [19.0], [0.2], [0.1], [0.0]]), np.zeros(1, bool))
+OWN = Own(np.array([20.0]), np.array([0.25]), np.array([4.74]))
+
+
+@pytest.mark.parametrize(
+    ("name", "demand"),
+    [  # worked by hand from the equations of the papers, at these values
+        ("acc", (-1.5 + 0.1 * (20 - 2 - 30)) / 1.5),
+        ("idm", 0.73 * (1 - (20 / (120 / 3.6)) ** 4 - ((2 + 32 + 20 * 1.5 / (2 * (0.73 * 1.67) ** 0.5)) / 20) ** 2)),
+        ("cacc_path", 0.5 * 0.3 + 0.5 * 0.2 - 1.5 * 0.2 * 1.5 - 0.1 * 1.0 - 0.04 * (5 - 20)),
+        ("consensus", -1.8 + (0.86 * (20 - 15 - 15.2) + 0.08 * (47 - 2 * (15 + 15.2) - 4.74)) / 2),
+    ],
+)
+def test_the_formula_is_that_of_the_paper(name, demand):
+    law = FIELD[name](feed="truth")
+    found = law.demand(OWN, Known(KNOWN, FIRST, np.array([2])), np.zeros(1), 0.1)
+    assert found == pytest.approx(demand)
+
+
+@pytest.mark.parametrize(
+    ("name", "rate"),
+    [  # u' where the last command was -0.2, times the filter's lag
+        ("cacc_ploeg", 0.2 + 0.2 * (20 - 2 - 14) + 0.7 * (-1.5 - 0.7 * 0.25) + 0.4),
+        ("constant_spacing", 0.2 + 1.0 * (20 - 5) + 2.0 * -1.5),
+    ],
+)
+def test_the_filter_begins_at_the_rate_of_the_paper(name, rate):
+    law, dt = FIELD[name](feed="truth"), 1e-6
+    lag = law.time_headway if name == "cacc_ploeg" else law.filter
+    found = law.demand(OWN, Known(KNOWN, FIRST, np.array([2])), np.full(1, -0.2), dt)
+    assert (found + 0.2) / dt * lag == pytest.approx(rate, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", FIELD)
+def test_the_declared_linearisation_is_the_slope_of_the_law(name):
+    law, speed = FIELD[name](feed="truth"), 20.0
+    gap, acc = float(law.desired_distance(speed)), np.zeros(1)
+    steady = {"gap": gap, "ahead": speed, "speed": speed, "acceleration": 0.0, "ahead_acceleration": 0.0,
+              "ahead_demand": 0.0, "leader": speed, "leader_gap": 2 * gap + 4.74, "leader_acceleration": 0.0}  # fmt: skip
+
+    def demand(**changes: float) -> float:
+        v = steady | changes
+        own = Own(np.array([v["speed"]]), np.array([v["acceleration"]]), np.array([4.74]))
+        one = (v["gap"], v["ahead"] - v["speed"], v["ahead"], v["ahead_acceleration"], v["ahead_demand"], 0.0)
+        two = (v["leader_gap"], v["leader"] - v["speed"], v["leader"], v["leader_acceleration"], 0.0, 0.0)
+        ahead, leader = (Neighbour(*np.array(values)[:, None], np.zeros(1, bool)) for values in (one, two))
+        return float(law.demand(own, Known(ahead, leader, np.array([2])), acc, 1e6)[0])
+
+    linear = law.linear(speed, 2)
+    names = {"ahead_speed": "ahead", "leader_speed": "leader"}
+    assert demand() == pytest.approx(0.0, abs=1e-9)
+    for field in (f for f in linear._fields if f != "lag"):
+        key, h = names.get(field, field), 1e-5
+        slope = (demand(**{key: steady[key] + h}) - demand(**{key: steady[key] - h})) / (2 * h)
+        assert slope == pytest.approx(getattr(linear, field), abs=1e-6), field
+
+
+def test_a_law_that_needs_the_leader_cannot_be_fed_by_scan():
+    with pytest.raises(InputError, match='feed = "scan": the laser does not measure the leader; must be "messages" or'):
+        scenario.load("highway_tracking", ["platoon.follower.law=cacc_path", "platoon.follower.feed=scan"])
