@@ -8,7 +8,8 @@ intervehicular communications and its validation in realistic scenarios", IEEE T
 
 over leader and predecessor, d of them. Positions in messages are taken forward by their age at the speed sent, which is
 the paper's term of the delay. The gains are those of its validation in Plexe, by a mass of 1000 kg: b = 1.8 1/s;
-k = 0.86 1/s2 for the predecessor and 0.08 for the leader, 0.46 for a predecessor that leads; h = 0.8 s and 15 m a vehicle.
+k = 0.86 1/s2 for the predecessor and 0.08 for the leader, 0.46 for a predecessor that leads; h = 0.8 s and 15 m for
+each vehicle.
 """
 
 from __future__ import annotations

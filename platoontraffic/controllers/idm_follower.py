@@ -49,11 +49,8 @@ class IntelligentDriver(FieldLaw):
             return np.where(free > 0, (self.standstill + self.time_headway * speed) / np.sqrt(free), np.nan)
 
     def linear(self, speed: float, place: int) -> Linear:
-        a, gap, wanted = (
-            self.acceleration,
-            float(self.desired_distance(speed)),
-            self.standstill + self.time_headway * speed,
-        )
+        a, wanted = self.acceleration, self.standstill + self.time_headway * speed
+        gap = float(self.desired_distance(speed))
         by_gap = 2 * a * wanted**2 / gap**3
         by_speed = -a * (4 * speed**3 / self.desired_speed**4 + 2 * wanted * self.time_headway / gap**2)
         by_rate = a * wanted * speed / (gap**2 * np.sqrt(a * self.braking))

@@ -15,8 +15,8 @@ from platoontraffic.lidar import LaserScan, ScanBatch
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.records import row
 
-# What a law may declare in `needs`, and is then given in `Sensed`: its route, the next stop line, the order to lead; its
-# predecessor without errors, or by messages; with one of these also the platoon's leader.
+# What a law may declare in `needs`, and is then given in `Sensed`: its route, the next stop line, the order to lead;
+# its predecessor without errors, or by messages; with one of these also the platoon's leader.
 NEEDS = frozenset({"route", "signals", "leads", "truth", "messages", "leader"})
 
 

@@ -123,7 +123,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
                 "repaired",
                 "sumo",
                 "tracking",
-            ],  # fmt: skip
+            ],
         ),
         ("vehicles", ["paper-robot", "car", "van", "truck"]),
         (

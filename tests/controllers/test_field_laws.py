@@ -147,8 +147,8 @@ def test_the_filter_begins_at_the_rate_of_the_paper(name, rate):
 def test_the_declared_linearisation_is_the_slope_of_the_law(name):
     law, speed = FIELD[name](feed="truth"), 20.0
     gap, acc = float(law.desired_distance(speed)), np.zeros(1)
-    steady = {"gap": gap, "ahead": speed, "speed": speed, "acceleration": 0.0, "ahead_acceleration": 0.0,
-              "ahead_demand": 0.0, "leader": speed, "leader_gap": 2 * gap + 4.74, "leader_acceleration": 0.0}  # fmt: skip
+    still = dict.fromkeys(("acceleration", "ahead_acceleration", "ahead_demand", "leader_acceleration"), 0.0)
+    steady = still | {"gap": gap, "leader_gap": 2 * gap + 4.74} | dict.fromkeys(("speed", "ahead", "leader"), speed)
 
     def demand(**changes: float) -> float:
         v = steady | changes
