@@ -12,6 +12,7 @@ _GIVEN_BY = {
         "estimates", "growth", "heat_map", "label", "losses", "over_time", "paths", "road", "states", "time_space",
     ),
     "limits": ("binomial_limits", "detectable", "holm", "interval", "poisson_limits", "runs_needed"),
+    "outcome": ("headline",),
     "pictures": ("picture",),
     "results": ("Batch", "Results", "ResultsError", "Scans", "load"),
     "swings": ("amplification", "peak"),

@@ -16,8 +16,7 @@ from rich.table import Table
 from platoontraffic.errors import InputError, not_written
 
 if TYPE_CHECKING:
-    import pandas as pd
-
+    from platoontraffic.analysis.results import Results
     from platoontraffic.study.batch import Report
     from platoontraffic.study.study import Study
     from platoontraffic.world.prepared import Prepared
@@ -25,13 +24,13 @@ if TYPE_CHECKING:
 # Columns of the table of a run: heading, metric of a member, format.
 COLUMNS = (
     ("laps", "laps", ".2f"),
-    ("right", "right_lane_share", ".3f"),
-    ("gap", "gap_mean", ".2f"),
-    ("least", "gap_min", ".2f"),
-    ("most", "gap_max", ".2f"),
-    ("off path", "cross_track_max", ".2f"),
-    ("lock-on", "lock_on_ratio", ".3f"),
-    ("losses", "lock_losses", ".0f"),
+    ("right\nshare", "right_lane_share", ".3f"),
+    ("gap\nmean", "gap_mean", ".2f"),
+    ("\nmin", "gap_min", ".2f"),
+    ("\nmax", "gap_max", ".2f"),
+    ("cross-\ntrack max", "cross_track_max", ".2f"),
+    ("lock-on\nratio", "lock_on_ratio", ".3f"),
+    ("lock\nlosses", "lock_losses", ".0f"),
     ("contacts", "collisions", ".0f"),
 )
 FAILURES = 10  # number of failures of a batch that are printed
@@ -71,35 +70,43 @@ def print_remarks(prepared: Prepared) -> None:
 
 
 def print_run(folder: Path) -> None:
-    """A table of the members, and a line on the whole run."""
+    """Whether the platoons held, a table of the members, and a line on the whole run."""
+    from platoontraffic.analysis.outcome import headline
     from platoontraffic.analysis.results import load
 
     with result_faults("; --force repeats the run"):
-        metrics = load(folder).metrics
-    out.print(_members(metrics))
+        results = load(folder)
+        said = headline(results.events, results.metrics)
+        table = _members(results)
+    out.print(said, soft_wrap=True, markup=False)
+    out.print(table)
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
-    whole = metrics[metrics.scope == "run"].set_index("metric").value
+    whole = results.metrics[results.metrics.scope == "run"].set_index("metric").value
     stood, stranded = whole["standstill_share_mean"], whole["stranded"]
     out.print(
         f"{facts['simulated_s']:g} s at {facts['real_time_factor']:g} x real time, contacts {whole['collisions']:g}"
         f"{f', {stood:.0%} of the time at a standstill' if stood else ''}"
-        f"{f', {stranded:g} members stranded' if stranded else ''}. "
-        "Gaps and distance from the predecessor's path in m; right: share of the time right of the road's middle",
+        f"{f', {stranded:g} members stranded' if stranded else ''}. Gaps and cross-track in m, while in the platoon",
         soft_wrap=True,
     )
     for text in facts.get("sumo_options_replaced", ()):
         out.print(f"SUMO configuration: {text}", soft_wrap=True, markup=False)
 
 
-def _members(metrics: pd.DataFrame) -> Table:
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column("member", no_wrap=True)
-    for heading, _, _ in COLUMNS:
-        table.add_column(heading, justify="right", no_wrap=True)
+def _members(results: Results) -> Table:
+    """A row a member; without columns that no member has a value of."""
+    metrics = results.metrics
     members = metrics[metrics.scope == "vehicle"].dropna(subset="value")
+    of_robots = results.vehicles is not None and results.vehicles.wheelbase_m.isna().all()
+    there = {*members.metric} - ({"right_lane_share"} if not of_robots else set())
+    columns = [column for column in COLUMNS if column[1] in there]
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("\nmember", no_wrap=True)
+    for heading, _, _ in columns:
+        table.add_column(heading if "\n" in heading else f"\n{heading}", justify="right", no_wrap=True)
     for vehicle, rows in members.groupby("vehicle_id", sort=False):
         values = rows.set_index("metric").value
-        table.add_row(vehicle, *(format(values[name], form) if name in values else "" for _, name, form in COLUMNS))
+        table.add_row(vehicle, *(format(values[name], form) if name in values else "" for _, name, form in columns))
     return table
 
 

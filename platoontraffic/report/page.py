@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from platoontraffic.analysis.outcome import headline
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import write
 from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text
@@ -35,6 +36,7 @@ def page(folder: Path, to: Path) -> Path:
     resources = {resource.get("name"): resource for resource in package.get("resources", [])}
     title = package.get("title") or results.folder.resolve().parent.name
     body = f"""<p class="facts">{text(" · ".join(_facts(results, facts)))}</p>
+<p class="headline">{text(headline(results.events, results.metrics))}</p>
 {_first(results)}
 <h2>Pictures</h2>
 {"".join(_pictures(results, to))}

@@ -11,7 +11,7 @@ from platoontraffic.errors import InputError
 from platoontraffic.lidar import Scene
 from platoontraffic.observation.encounters import Encounters
 from platoontraffic.results import metrics, plug_in_metrics, sumo_tables
-from platoontraffic.results.columns import ENCOUNTERS, METRICS, Column, integer, number, text
+from platoontraffic.results.columns import ENCOUNTERS, METRICS, Column, integer, text
 from platoontraffic.results.data_package import data_package
 from platoontraffic.results.metrics import Value
 from platoontraffic.results.recorder import Recorder
@@ -39,7 +39,7 @@ def conclude(
     sumo_tables.write_tables(recorder, scenario)
     if obstacles:
         recorder.write_table("encounters.csv", encounters.rows(), ENCOUNTERS)
-    values = _values(recorder, scenario, {m.id for m in members} | set(obstacles), bool(obstacles))
+    values = _values(recorder, scenario, members, obstacles)
     of_plug_ins, faults = _of_plug_ins(recorder, scenario)
     values += of_plug_ins
     recorder.write_table("metrics.csv", values, METRICS)
@@ -80,11 +80,13 @@ def scene(static: Scene, network: Network) -> dict[str, Any]:
     }
 
 
-def _values(recorder: Recorder, scenario: Scenario, ours: set[str], obstacles: bool) -> list[Value]:
-    """The tool's own metrics; ours: ids of members and obstacles."""
-    values = metrics.compute(*map(recorder.read_table, ("trajectories", "events", "statistics")))
-    if "trips" in scenario.spec.record.sumo:
-        values += metrics.of_traffic(recorder.read_table("sumo_trips"), ours)
+def _values(recorder: Recorder, scenario: Scenario, members: Sequence[Member], obstacles: Sequence[str]) -> list[Value]:
+    """The tool's own metrics."""
+    spec = scenario.spec
+    loops = {p.id for p in spec.platoon if p.loop or spec.run.laps} | {m.platoon for m in members if m.route is None}
+    values = metrics.compute(*map(recorder.read_table, ("trajectories", "events", "statistics")), loops)
+    if "trips" in spec.record.sumo:
+        values += metrics.of_traffic(recorder.read_table("sumo_trips"), {*(m.id for m in members), *obstacles})
     if obstacles:
         values += metrics.of_obstacles(recorder.read_table("encounters"), recorder.read_table("events"))
     return values
@@ -113,12 +115,14 @@ def _summary_columns(values: Sequence[Value], scenario: Scenario) -> list[Column
             Column(key, TYPES.get(type(value), "any"), "", "key of the scenario")
             for key, value in scenario.varied.items()
         ),
-        *(
-            number(metrics.column(one.scope, one.name, one.unit), one.unit, f"metric {one.name} of scope {one.scope}")
-            for one in values
-            if one.scope in ("run", "traffic")
-        ),
+        *(_summary_column(one) for one in values if one.scope in ("run", "traffic")),
     ]
+
+
+def _summary_column(of: Value) -> Column:
+    name = metrics.column(of.scope, of.name, of.unit)
+    type = "integer" if name in metrics.INTEGERS else "number"
+    return Column(name, type, of.unit, f"metric {of.name} of scope {of.scope}")
 
 
 def _meanings(values: Sequence[Value], scenario: Scenario) -> dict[str, dict[str, str]]:

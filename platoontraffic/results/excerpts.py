@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from platoontraffic.results.following import Stretch, lengths, split_off, stretches, within
-from platoontraffic.results.statistics import NOTHING, Row, by_vehicle
+from platoontraffic.results.statistics import NOTHING, Row, by_vehicle, of_values
 from platoontraffic.results.strings import Gains, Motion, gains_behind, head_to_tail, overlaps, together
 from platoontraffic.world.events import GONE
 
@@ -36,6 +36,7 @@ class Own:
     near_misses: pd.DataFrame  # the same of near misses with others than the predecessor
     encroachments: pd.DataFrame  # the same of encroachments
     motions: Mapping[str, Motion]  # of all members of the run
+    laps_count: bool  # whether the path that it drives is a loop
 
     @property
     def is_follower(self) -> bool:
@@ -60,9 +61,15 @@ class Own:
         last = self.until - began.iloc[-1] + already if len(began) > len(ended) else 0.0
         return share(ended.sum() + last, self.until - self.since)
 
-    @cached_property
-    def moving_time_gaps(self) -> pd.Series:
-        return self.rows.time_gap_s[self.rows.speed_mps > MOVING * self.rows.speed_mps.mean()]
+    def in_platoon(self, quantity: str) -> Row:
+        """Statistics of a quantity while it follows and is not split off: of the recorded instants if it ever was."""
+        if not split_off(self.events, self.follows):
+            return self.steps(quantity)
+        return of_values(self.following.in_platoon[quantity])
+
+    def moving_time_gaps(self, rows: pd.DataFrame) -> pd.Series:
+        """Time gaps at those of its rows at which it moves [s]."""
+        return rows.time_gap_s[rows.speed_mps > MOVING * self.rows.speed_mps.mean()]
 
     @cached_property
     def lock_losses(self) -> tuple[list[float], float]:
@@ -114,6 +121,11 @@ class Following(NamedTuple):
     share: float  # of that time in which it was not split off
 
     @property
+    def in_platoon(self) -> pd.DataFrame:
+        """Those of its rows at which it was not split off."""
+        return self.rows[~self.split]
+
+    @property
     def distance(self) -> float:
         """Distance driven while it was not split off [m]."""
         steps = np.hypot(self.rows.x_m.diff(), self.rows.y_m.diff())
@@ -140,8 +152,10 @@ class Group:
         return head_to_tail([m.motions[m.vehicle] for m in string], periods)
 
 
-def platoons(trajectories: pd.DataFrame, events: pd.DataFrame, statistics: pd.DataFrame) -> Iterator[tuple[str, Group]]:
-    """Each platoon of a run, by the tables of the files of those names."""
+def platoons(
+    trajectories: pd.DataFrame, events: pd.DataFrame, statistics: pd.DataFrame, on_loops: Collection[str] | None = None
+) -> Iterator[tuple[str, Group]]:
+    """Each platoon of a run, by the tables of the files of those names; on_loops: as in `metrics.compute`."""
     start, end = span(trajectories, events)
     rows_of, events_of = (dict(tuple(table.groupby("vehicle_id"))) for table in (trajectories, events))
     statistics_of = by_vehicle(statistics)
@@ -152,12 +166,13 @@ def platoons(trajectories: pd.DataFrame, events: pd.DataFrame, statistics: pd.Da
     motions = {vehicle: Motion.of(rows_of.get(vehicle, trajectories[:0])) for vehicle in places}
     for platoon, of_platoon in everybody.groupby("platoon_id"):
         members: list[Own] = []
+        laps_count = on_loops is None or platoon in on_loops
         for vehicle, place in zip(of_platoon.vehicle_id, of_platoon.place, strict=True):
             rows, own = rows_of.get(vehicle, trajectories[:0]), events_of.get(vehicle, events[:0])
             since, until = _first(own, ("departed",), start), _first(own, GONE, end)
             period = since, until, follows[vehicle]
             tables = rows, statistics_of[vehicle], own
-            members.append(Own(vehicle, place, *tables, *period, *pairs, motions))
+            members.append(Own(vehicle, place, *tables, *period, *pairs, motions, laps_count))
         yield platoon, Group(members, trajectories[trajectories.platoon_id == platoon], *pairs)
 
 

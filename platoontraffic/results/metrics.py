@@ -59,12 +59,18 @@ AGGREGATES: Mapping[str, tuple[Callable, str]] = {
 # ---- of every member: functions of its `Own`
 
 OF_MEMBERS = (
-    Metric("laps", "", "|turned_rad| / 2 pi at the end", lambda m: _laps(m), "min"),
+    Metric(
+        "laps",
+        "",
+        "|turned_rad| / 2 pi at the end; empty unless the run counts laps, or its route is a loop, or it has none",
+        lambda m: _laps(m),
+        "min",
+    ),
     Metric(
         "corners",
         "",
-        f"quarter turns, the last one counted from {90 - LAST_CORNER:g} deg",
-        lambda m: float(math.floor(4 * _laps(m) + LAST_CORNER / 90)),
+        f"quarter turns, the last one counted from {90 - LAST_CORNER:g} deg; empty where laps is",
+        lambda m: float(np.floor(4 * _laps(m) + LAST_CORNER / 90)),
         "min",
     ),
     Metric(
@@ -170,6 +176,23 @@ OF_MEMBERS = (
 
 # ---- of members that have followed at some time
 
+
+def _in_platoon(name: str, unit: str, statistic: str, quantity: str, field: str, over: str) -> tuple[Metric, Metric]:
+    """A statistic of a quantity while a follower is in its platoon, and NAME_all: whether or not it is.
+
+    field: of a row of statistics.csv
+    """
+    while_in = (
+        f"{statistic} of {quantity} while it is in its platoon: over all steps if it was never split off, else over "
+        "the recorded instants at which it follows and is not split off"
+    )
+    over_all = f"{statistic} of {quantity} over all steps, whether or not it was split off"
+    return (
+        Metric(name, unit, while_in, lambda m: getattr(m.in_platoon(quantity), field), over),
+        Metric(f"{name}_all", unit, over_all, lambda m: getattr(m.steps(quantity), field), over),
+    )
+
+
 OF_FOLLOWERS = (
     Metric("splits", "", "number of events split", lambda m: m.count("split"), "sum"),
     Metric(
@@ -216,43 +239,34 @@ OF_FOLLOWERS = (
         lambda m: _lock_on_seen(m),
         "min",
     ),
-    Metric("gap_mean", "m", "mean of gap_m over all steps", lambda m: m.steps("gap_m").mean, "mean"),
-    Metric("gap_min", "m", "minimum of gap_m over all steps", lambda m: m.steps("gap_m").min, "min"),
-    Metric("gap_max", "m", "maximum of gap_m over all steps", lambda m: m.steps("gap_m").max, "max"),
-    Metric(
-        "gap_error_rms",
-        "m",
-        "root mean square of gap_error_m over all steps",
-        lambda m: m.steps("gap_error_m").rms,
-        "max",
-    ),
+    *_in_platoon("gap_mean", "m", "mean", "gap_m", "mean", "mean"),
+    *_in_platoon("gap_min", "m", "minimum", "gap_m", "min", "min"),
+    *_in_platoon("gap_max", "m", "maximum", "gap_m", "max", "max"),
+    *_in_platoon("gap_error_rms", "m", "root mean square", "gap_error_m", "rms", "max"),
     Metric(
         "time_gap_median",
         "s",
-        "median of time_gap_s over the recorded instants; the slowest instants would dominate a mean over all of them",
-        lambda m: m.rows.time_gap_s.median(),
+        "median of time_gap_s over the recorded instants at which it follows and is not split off; the slowest "
+        "instants would dominate a mean over all of them",
+        lambda m: m.following.in_platoon.time_gap_s.median(),
     ),
     Metric(
         "time_gap_mean",
         "s",
-        f"mean of time_gap_s over the recorded instants at which its speed is above {MOVING:g} of its mean speed",
-        lambda m: m.moving_time_gaps.mean(),
+        f"mean of time_gap_s over those of these instants at which its speed is above {MOVING:g} of its mean speed",
+        lambda m: m.moving_time_gaps(m.following.in_platoon).mean(),
         "mean",
     ),
-    Metric("time_gap_min", "s", "minimum of time_gap_s over all steps", lambda m: m.steps("time_gap_s").min, "min"),
     Metric(
-        "cross_track_rms",
-        "m",
-        "root mean square of cross_track_m over all steps",
-        lambda m: m.steps("cross_track_m").rms,
+        "time_gap_mean_all",
+        "s",
+        "the same, whether or not it was split off",
+        lambda m: m.moving_time_gaps(m.rows).mean(),
+        "mean",
     ),
-    Metric(
-        "cross_track_max",
-        "m",
-        "maximum of |cross_track_m| over all steps",
-        lambda m: m.steps("cross_track_m").largest,
-        "max",
-    ),
+    *_in_platoon("time_gap_min", "s", "minimum", "time_gap_s", "min", "min"),
+    *_in_platoon("cross_track_rms", "m", "root mean square", "cross_track_m", "rms", ""),
+    *_in_platoon("cross_track_max", "m", "maximum of the absolute value", "cross_track_m", "largest", "max"),
     Metric(
         "lock_on_ratio",
         "",
@@ -319,8 +333,8 @@ OF_FOLLOWERS = (
 # Those of them that a follower without a laser, which SUMO drives, does not have.
 BY_LASER = frozenset({
     "splits", "rejoin_time_mean", "rejoin_time_longest", "in_platoon_share", "in_platoon_distance", "steal_share",
-    "lock_on_seen", "gap_error_rms", "lock_on_ratio", "lock_losses", "lock_loss_longest", "lost_for_good",
-    "occluded_share_mean", "beams_share5",
+    "lock_on_seen", "gap_error_rms", "gap_error_rms_all", "lock_on_ratio", "lock_losses", "lock_loss_longest",
+    "lost_for_good", "occluded_share_mean", "beams_share5",
 })  # fmt: skip
 
 # ---- of a platoon and of all members of the run: functions of its `Group`
@@ -376,7 +390,8 @@ ORDER = (
     "lateral_accel_beyond_share_max", "accel_gain_l2_max",
     "accel_gain_linf_max", "standstill_share_mean", "off_road_share_max", "leader_right_lane_share",
     "right_lane_share_min", "clearance_min", "contact_in_min", "near_misses_other",
-    "pet_min", "short_encroachments",
+    "pet_min", "short_encroachments", "gap_mean_all", "gap_min_all", "gap_max_all", "gap_error_rms_max_all",
+    "time_gap_mean_all", "time_gap_min_all", "cross_track_max_all",
 )  # fmt: skip
 
 # ---- of a run with obstacles: functions of its `Meetings`
@@ -517,22 +532,35 @@ COUNTS = frozenset(
     )
 )
 
+# Columns of summary.csv whose values are integers.
+INTEGERS = COUNTS | {
+    "seed", "members", "arrived", "stranded", "corners_min",
+    *(f"traffic_{m.name}" for m in OF_TRAFFIC if not m.unit),
+}  # fmt: skip
+
 
 # ---- computing
 
 
-def compute(trajectories: pd.DataFrame, events: pd.DataFrame, statistics: pd.DataFrame | None = None) -> list[Value]:
+def compute(
+    trajectories: pd.DataFrame,
+    events: pd.DataFrame,
+    statistics: pd.DataFrame | None = None,
+    on_loops: Collection[str] | None = None,
+) -> list[Value]:
     """Metrics of members, platoons and the run.
 
     trajectories, events, statistics: the tables of the files of those names; without statistics, metrics over all steps
     are over the recorded instants
+
+    on_loops: platoons whose laps count; None: all
     """
     statistics = from_trajectories(trajectories) if statistics is None else statistics
     start, end = span(trajectories, events)
     members: list[Value] = []
     of_platoons: list[Value] = []
     everybody: list[Own] = []
-    for platoon, group in platoons(trajectories, events, statistics):
+    for platoon, group in platoons(trajectories, events, statistics, on_loops):
         mine = [Value("vehicle", platoon, m.vehicle, *value) for m in group.members for value in _of_member(m)]
         of_platoons += [Value("platoon", platoon, "", *value) for value in _of_group(group, mine)]
         of_platoons += [Value("platoon", platoon, "", one.name, one.value(group), one.unit) for one in OF_STRINGS]
@@ -573,8 +601,12 @@ def aggregate(values: Sequence[Value], name: str, over: str) -> float:
 
 
 def name_over(name: str, over: str) -> str:
-    """Name of a member's metric for platoons and the run: gap_error_rms is gap_error_rms_max, gap_max stays gap_max."""
-    return name if over == "sum" or name.endswith(f"_{over}") else f"{name}_{over}"
+    """Name of a member's metric for platoons and the run: gap_error_rms is gap_error_rms_max, gap_max stays gap_max.
+
+    gap_error_rms_all is gap_error_rms_max_all
+    """
+    plain = name.removesuffix("_all")
+    return name if over == "sum" or plain.endswith(f"_{over}") else f"{plain}_{over}{name[len(plain) :]}"
 
 
 def meanings() -> dict[str, dict[str, str]]:
@@ -591,8 +623,17 @@ def summary(name: str, seed: int, varied: dict[str, Any], values: Sequence[Value
     row: dict[str, Any] = {"scenario": name, "seed": seed, **varied}
     for one in values:
         if one.scope in ("run", "traffic"):
-            row[column(one.scope, one.name, one.unit)] = one.value
+            of = column(one.scope, one.name, one.unit)
+            row[of] = _number(one.value, of in INTEGERS)
     return pd.DataFrame([row]).to_csv(index=False, float_format="%.9g", lineterminator="\n")
+
+
+def _number(value: float, integer: bool) -> str:
+    """A count without a decimal point; any other value with one, so that a share of 1 is no integer to its readers."""
+    if math.isnan(value):
+        return ""
+    written = f"{value:.9g}"
+    return written if integer or not written.lstrip("-").isdecimal() else f"{written}.0"
 
 
 def column(scope: str, name: str, unit: str) -> str:
@@ -627,7 +668,7 @@ def _aggregated() -> Iterator[tuple[str, Metric]]:
 
 
 def _laps(member: Own) -> float:
-    return abs(member.steps("turning_radps").integral) / (2 * math.pi)
+    return abs(member.steps("turning_radps").integral) / (2 * math.pi) if member.laps_count else math.nan
 
 
 def _right_lane_share(right_of_middle: pd.Series) -> float:

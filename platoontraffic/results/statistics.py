@@ -108,11 +108,20 @@ def from_trajectories(trajectories: pd.DataFrame) -> pd.DataFrame:
     found = []
     for member, own in trajectories.groupby(["platoon_id", "place", "vehicle_id"]):
         for name, values in _values(own).items():
-            there = values.dropna()
-            if len(there):
-                rms = float(np.sqrt((there**2).mean()))
-                found.append(Row(*member, name, len(there) * dt, there.mean(), rms, there.min(), there.max()))
+            if values.notna().any():
+                found.append(of_values(values, dt, (*member, name)))
     return pd.DataFrame(found, columns=Row._fields)
+
+
+def of_values(values: pd.Series, dt: float = 0.0, of: tuple[str, int, str, str] = NOTHING[:4]) -> Row:
+    """Statistics of values, NaN where there is none.
+
+    dt : time for which each of them stands [s]
+    of : the first four fields of the row
+    """
+    there = values.dropna()
+    rms = float(np.sqrt((there**2).mean()))
+    return Row(*of, len(there) * dt, there.mean(), rms, there.min(), there.max())
 
 
 def by_vehicle(statistics: pd.DataFrame) -> dict[str, dict[str, Row]]:

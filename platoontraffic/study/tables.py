@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from platoontraffic.errors import InputError
-from platoontraffic.results.metrics import COUNTS, column
+from platoontraffic.results.metrics import COUNTS, INTEGERS, column
 from platoontraffic.results.recorder import as_json
 from platoontraffic.scenario import Spec
 from platoontraffic.study.batch_folder import DONE, FAILED, WAITING, failure, read_json, replacing, state
@@ -97,7 +97,8 @@ def _data_package(study: Study, metrics: Sequence[str], units: dict[str, str]) -
     wall = field("wall_s", "number", "wall time of the run", "s")
     meaning = "metric; its meaning is in the runs' datapackage.json"
     values = [
-        field(name, "number", meaning, units.get(name, "")) | ({"statistic": "count"} if name in COUNTS else {})
+        field(name, "integer" if name in INTEGERS else "number", meaning, units.get(name, ""))
+        | ({"statistic": "count"} if name in COUNTS else {})
         for name in metrics
     ]
     tables = {"runs": [run, status, seed, *varied, error, wall], "summary": [run, seed, *varied, *values]}

@@ -167,7 +167,7 @@ def test_new_writes_a_scenario_with_a_law_that_runs_as_it_is(tmp_path, monkeypat
     assert done.exit_code == 0
     summary = (Path(done.stdout.strip()) / "summary.csv").read_text().splitlines()
     values = dict(zip(summary[0].split(","), summary[1].split(","), strict=True))
-    assert (values["collisions"], values["lock_on_ratio_min"]) == ("0", "1")
+    assert (values["collisions"], values["lock_on_ratio_min"]) == ("0", "1.0")
     again = call("new", "mine")
     assert (again.exit_code, "nothing was changed" in again.stderr) == (2, True)
 

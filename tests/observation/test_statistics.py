@@ -20,8 +20,8 @@ DT = 0.1
 BY_RECORDED_INSTANTS = {
     "right_lane_share", "right_lane_share_min", "leader_right_lane_share", "steal_share", "steal_share_mean",
     "lock_on_seen", "lock_on_seen_min", "in_platoon_distance", "in_platoon_distance_mean", "time_gap_median",
-    "time_gap_mean", "accel_gain_l2", "accel_gain_l2_max", "accel_gain_linf", "accel_gain_linf_max",
-    "head_to_tail_accel_gain_l2", "head_to_tail_accel_gain_linf",
+    "time_gap_mean", "time_gap_mean_all", "accel_gain_l2", "accel_gain_l2_max", "accel_gain_linf",
+    "accel_gain_linf_max", "head_to_tail_accel_gain_l2", "head_to_tail_accel_gain_linf",
 }  # fmt: skip
 
 

@@ -96,4 +96,6 @@ def test_every_metric_of_a_run_is_explained_in_its_report(one_corner, tmp_path):
 def test_metrics_over_members_name_the_metric_of_the_members():
     meanings = metrics.meanings()
     assert meanings["vehicle"]["ttc_min"] == "minimum of ttc_s over all steps"
-    assert meanings["run"]["laps_min"] == "least value over the members of laps: |turned_rad| / 2 pi at the end"
+    assert meanings["run"]["laps_min"].startswith(
+        "least value over the members of laps: |turned_rad| / 2 pi at the end"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 
 import pandas as pd
@@ -10,6 +11,7 @@ import pytest
 from platoontraffic.results import metrics
 from platoontraffic.results.columns import EVENTS, TRAJECTORIES
 from platoontraffic.results.metrics import compute
+from platoontraffic.results.statistics import from_trajectories
 
 
 def trajectories(**columns: list) -> pd.DataFrame:
@@ -37,6 +39,51 @@ def test_gap_and_cross_track_metrics_have_their_closed_forms():
     assert of["gap_error_rms"] == pytest.approx(math.sqrt(6))
     assert of["cross_track_max"] == 0.4
     assert of["cross_track_rms"] == pytest.approx(math.sqrt(0.25 / 3))
+
+
+def test_gaps_errors_and_headways_are_those_in_the_platoon_and_beside_them_all():
+    """From 3 s on the gap is that to a predecessor far ahead; noted 2 s later, the split began then."""
+    gap = [10.0, 12.0, 14.0, 300.0, 400.0, 500.0]
+    table = trajectories(gap_m=gap, gap_error_m=[g - 12 for g in gap], time_gap_s=[g / 10 for g in gap],
+                         cross_track_m=[0.1, -0.2, 0.1, 3.0, 3.0, 3.0], speed_mps=[10.0] * 6)  # fmt: skip
+    of = values(table, (5.0, "split", "p.1"))
+    assert [of[f"gap_{name}"] for name in ("mean", "min", "max")] == [12, 10, 14]
+    assert [of[f"gap_{name}_all"] for name in ("mean", "min", "max")] == [206, 10, 500]
+    assert of["gap_error_rms"] == pytest.approx(math.sqrt(8 / 3))
+    assert of["gap_error_rms_all"] > 100
+    assert (of["time_gap_median"], of["time_gap_mean"], of["time_gap_mean_all"]) == pytest.approx((1.2, 1.2, 20.6))
+    assert (of["cross_track_max"], of["cross_track_max_all"]) == (0.2, 3.0)
+    run = values(table, (5.0, "split", "p.1"), scope="run", vehicle="")
+    assert (run["gap_mean"], run["gap_mean_all"], run["gap_error_rms_max_all"]) == (12, 206, of["gap_error_rms_all"])
+
+
+def test_a_follower_that_is_back_counts_again():
+    table = trajectories(gap_m=[10.0, 100.0, 100.0, 12.0, 14.0])
+    assert values(table, (3.0, "split", "p.1"), (3.0, "rejoined", "p.1", "p.0", 2.0))["gap_mean"] == 12
+
+
+def test_in_a_platoon_throughout_metrics_are_over_all_steps():
+    statistics = from_trajectories(trajectories(gap_m=[10.0, 5.0, 12.0]))
+    seldom = trajectories(gap_m=[10.0])
+    found = compute(seldom, events((10.0, "end")), statistics)
+    assert {m.name: m.value for m in found if m.vehicle == "p.1"}["gap_min"] == 5
+
+
+def test_laps_count_on_loops_only():
+    table = trajectories(turned_rad=[0.0, 2 * math.pi])
+    for loops, laps in ((None, 1), ({"p"}, 1), (set(), math.nan), ({"q"}, math.nan)):
+        found = compute(table, events((10.0, "end")), on_loops=loops)
+        of = {m.name: m.value for m in found if m.vehicle == "p.1"}
+        assert (of["laps"], of["corners"]) == pytest.approx((laps, 4 * laps), nan_ok=True)
+
+
+def test_counts_are_integers_in_a_summary_and_shares_are_not():
+    rows = [(1.0, "collision", "p.1", "p.0"), (0.0, "locked", "p.1", "p.0")]
+    found = compute(trajectories(gap_m=[1.0]), events(*rows, (10.0, "end")), on_loops=())
+    table = pd.read_csv(io.StringIO(metrics.summary("mine", 3, {}, found)))
+    assert table.dtypes[["seed", "members", "collisions", "splits"]].eq("int64").all()
+    assert table.dtypes[["lock_on_ratio_min", "gap_mean_m", "laps_min"]].eq("float64").all()
+    assert (table.collisions[0], table.lock_on_ratio_min[0]) == (1, 1.0)
 
 
 def test_lock_on_counts_from_the_first_lock_to_the_end():
