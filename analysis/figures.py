@@ -26,9 +26,16 @@ Scene = dict[str, list[list[list[float]]]]  # as `Results.scene`
 # Okabe and Ito's colours. The leader is black.
 COLOURS = ("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
 MARKERS = "osD^vPX*"
+MARKED = 7  # markers on a line, by which members can be told apart without colours
 ROAD, MIDDLE, WALL, OTHERS, BUILDING = "#e4e4e4", "#ffffff", "#444444", "#999999", "#efe9e2"
 OBSTACLE = "#D55E00"
 ENCOUNTERS = ("cut_in", "steps_out")  # events
+MARKS = {  # events that are marked in figures over time: name, marker, colour
+    "cut_in": ("cut-in", "v", "#D55E00"),
+    "steps_out": ("steps out", "v", "#D55E00"),
+    "split": ("split off", "d", "#555555"),
+    "collision": ("contact", "X", "#B00020"),
+}
 STATES = {  # events that begin and end them, colour and height of the bar
     "split off": ("split", "rejoined", "#c9c9c9", 0.8),
     "held": ("held", "released", "#555555", 0.5),
@@ -36,9 +43,14 @@ STATES = {  # events that begin and end them, colour and height of the bar
 }
 TOWN = 100.0  # a larger road is for cars: lines are drawn thinner on it, and vehicles enlarged [m]
 BESIDE = 6.0  # greatest distance from a line at which a vehicle is on its road [m]
+SPLIT_NOTED = 2.0  # time after its begin at which a split is an event [s]
+TTC_SHOWN = 15.0  # longer times to collision are no danger, and off the axis [s]
 CUT_GAP = 8.0  # axis limit, in median gaps: the gap of a split platoon would flatten all others [1]
 
-WORDS = {"gap_m": "gap to the member ahead", "gap_error_m": "spacing error"}
+WORDS = {
+    "gap_m": "gap to the member ahead", "gap_error_m": "spacing error", "accel_mps2": "acceleration",
+    "ttc_s": "time to collision", "cross_track_m": "lateral offset from the path ahead",
+}  # fmt: skip
 UNITS = {
     "m": "m", "km": "km", "s": "s", "hz": "Hz", "deg": "°", "rad": "rad", "mps": "m/s", "mps2": "m/s²", "mps3": "m/s³",
     "radps": "rad/s", "degps": "°/s", "per_s": "1/s", "perh": "1/h", "perkm": "1/km", "kg": "kg", "kgpkm": "kg/km",
@@ -65,23 +77,136 @@ def over_time(trajectories: pd.DataFrame, column: str, axes: Axes, platoon: str 
     drawn = []
     for place, vehicle, rows in _members(trajectories, platoon):
         if rows[column].notna().any():
-            axes.plot(rows.time_s, rows[column], color=_colour(place), linewidth=1, label=vehicle)
-            drawn.append(rows[column])
+            axes.plot(rows.time_s, rows[column], **_line(place, rows), label=vehicle)
+            drawn.append(rows)
     if not drawn:
         raise ResultsError(f"{column!r}: has no values")
     _cut(axes, column, pd.concat(drawn), trajectories)
+    _mark_cut(axes, column, drawn)
     axes.set_xlabel(label(trajectories, "time_s"))
     axes.set_ylabel(label(trajectories, column))
     return _plain(axes)
 
 
-def _cut(axes: Axes, column: str, values: pd.Series, trajectories: pd.DataFrame) -> None:
-    """Let gaps begin at 0, and keep the gaps of a split platoon off the axis."""
-    usual = trajectories.gap_m.median() if "gap_m" in trajectories else math.nan
+def _cut(axes: Axes, column: str, drawn: pd.DataFrame, trajectories: pd.DataFrame) -> None:
+    """Let gaps begin at 0, and keep the gaps of a split platoon and long times to collision off the axis."""
+    values, usual = drawn[column], trajectories.gap_m.median() if "gap_m" in trajectories else math.nan
     if column == "gap_m":
         axes.set_ylim(min(0, values.min()), 4 * usual if values.max() > CUT_GAP * usual else None)
     elif column == "gap_error_m" and values.abs().max() > 1.5 * usual:
         axes.set_ylim(max(values.min(), -1.5 * usual), min(values.max(), 1.5 * usual))
+    elif column == "ttc_s":
+        axes.set_ylim(0, min(TTC_SHOWN, 1.05 * values.max()))
+
+
+def _mark_cut(axes: Axes, column: str, drawn: Sequence[pd.DataFrame]) -> None:
+    """An arrowhead at the edge of the axes where a line first leaves them."""
+    low, high = axes.get_ylim()
+    for rows in drawn if column != "ttc_s" else ():
+        for beyond, edge, mark in ((rows[column] > high, 1, "^"), (rows[column] < low, 0, "v")):
+            if beyond.any():
+                at = rows.time_s[beyond.idxmax()]
+                axes.plot(
+                    at, edge, mark, color=_colour(rows.place.iloc[0]), transform=axes.get_xaxis_transform(),
+                    clip_on=False, markersize=5, zorder=4,
+                )  # fmt: skip
+
+
+def marks(events: pd.DataFrame, axes: Axes, vehicles: Sequence[str]) -> Axes:
+    """Cut-ins, contacts and splits of some vehicles, as lines at their times with a symbol at the top."""
+    for kind, (name, mark, colour) in MARKS.items():
+        rows = events[(events.kind == kind) & events.vehicle_id.isin(vehicles)]
+        for time in rows.time_s:
+            axes.axvline(time, color=colour, linewidth=0.8, linestyle=":", zorder=1)
+        if len(rows):
+            axes.plot(
+                rows.time_s, np.ones(len(rows)), mark, color=colour, transform=axes.get_xaxis_transform(),
+                clip_on=False, markersize=7, label=name, zorder=5,
+            )  # fmt: skip
+    return axes
+
+
+def offsets(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) -> Axes:
+    """Lateral offset of each follower from the path of its predecessor, over the distance driven from the leader's
+    start."""
+    columns_of(trajectories, ["time_s", "x_m", "y_m", "cross_track_m"])
+    members = list(_members(trajectories, platoon))
+    start = members[0][2][["x_m", "y_m"]].iloc[0].to_numpy()
+    if not any(rows.cross_track_m.notna().any() for *_, rows in members):
+        raise ResultsError("'cross_track_m': has no values")
+    for place, vehicle, rows in members[1:]:
+        axes.plot(_driven(rows, start), rows.cross_track_m, **_line(place, rows), label=vehicle)
+    axes.axhline(0, color=WALL, linewidth=0.6)
+    axes.set_xlabel("distance driven from the leader's start [m]")
+    axes.set_ylabel("offset from the path of\nthe predecessor, left > 0 [m]")
+    return _plain(axes)
+
+
+def gains(metrics: pd.DataFrame, axes: Axes, platoon: str) -> Axes:
+    """String amplification of one run by place: each follower's acceleration over that of its predecessor.
+
+    metrics: of a run
+    """
+    names = {"accel_gain_l2": "L2 norm", "accel_gain_linf": "maximum"}
+    of_platoon = metrics[(metrics.scope == "vehicle") & (metrics.platoon_id == platoon)]
+    rows = of_platoon[of_platoon.metric.isin(names)]
+    if rows.value.notna().sum() == 0:
+        raise ResultsError("accel_gain_l2: has no values: no predecessor disturbed a follower that was locked on")
+    vehicles = rows.vehicle_id.unique().tolist()
+    for (metric, name), mark, colour in zip(names.items(), "os", COLOURS[1:], strict=False):
+        own = rows[rows.metric == metric].set_index("vehicle_id").value.reindex(vehicles)
+        axes.plot(range(len(vehicles)), own, mark, linestyle="-", linewidth=1, color=colour, label=name)
+    axes.axhline(1, color=WALL, linewidth=0.8, dashes=(4, 3), zorder=1)
+    axes.set_xticks(range(len(vehicles)), vehicles, rotation=20 if len(vehicles) > 6 else 0)
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel("gain behind the predecessor;\nabove 1: amplified")
+    return _plain(axes)
+
+
+def gap_distribution(
+    trajectories: pd.DataFrame, axes: Axes, events: pd.DataFrame | None = None, platoon: str | None = None
+) -> Axes:
+    """Gaps of each follower: median, quartiles, and 5 to 95 % of the recorded instants.
+
+    events: of the run, to leave out the time in which a follower was split off
+    """
+    names, values = [], []
+    for _, vehicle, rows in _members(trajectories, platoon):
+        split = _spans(events, vehicle, "split", "rejoined", rows.time_s.max()) if events is not None else []
+        out = np.zeros(len(rows), bool)
+        for begin, length in split:
+            out |= ((rows.time_s >= begin - SPLIT_NOTED) & (rows.time_s <= begin + length)).to_numpy()
+        if len(there := rows.gap_m[~out].dropna()):
+            names, values = [*names, vehicle], [*values, there]
+    if not names:
+        raise ResultsError("'gap_m': has no values")
+    axes.boxplot(
+        values, orientation="horizontal", whis=(5, 95), showfliers=False, widths=0.55,
+        medianprops={"color": COLOURS[1], "linewidth": 2},
+    )  # fmt: skip
+    axes.set_yticks(range(1, len(names) + 1), names)
+    axes.invert_yaxis()
+    axes.set_xlim(left=min(0, axes.get_xlim()[0]))
+    axes.set_xlabel(label(trajectories, "gap_m"))
+    return _plain(axes)
+
+
+def lanes(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) -> Axes:
+    """Index of each member's lane over time, 0 the rightmost; nothing inside junctions."""
+    columns_of(trajectories, ["time_s", "lane_id"])
+    members = list(_members(trajectories, platoon))
+    most = 0
+    for place, vehicle, rows in members:
+        lane = rows.lane_id.astype("str")
+        index = pd.to_numeric(lane.str.rpartition("_")[2], errors="coerce").where(~lane.str.startswith(":"))
+        most = max(most, 0 if index.isna().all() else index.max())
+        beside = 0.5 * (place / max(len(members) - 1, 1) - 0.5)  # members on one lane lie beside each other
+        axes.plot(rows.time_s, index - beside, **_line(place, rows) | {"linewidth": 1.6}, label=vehicle)
+    axes.set_yticks(range(int(most) + 1))
+    axes.set_ylim(-0.6, most + 0.6)
+    axes.set_xlabel(label(trajectories, "time_s"))
+    axes.set_ylabel("lane, 0 the rightmost")
+    return _plain(axes)
 
 
 def losses(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon: str | None = None) -> Axes:
@@ -92,12 +217,9 @@ def losses(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon
         raise ResultsError("losses: the platoon has no followers")
     never = True
     for place, vehicle, times in followers:
-        own = events[events.vehicle_id == vehicle]
-        begins = own.loc[own.kind == "lock_lost", "time_s"].to_list()
-        ends = [*own.loc[own.kind == "lock_regained", "time_s"], times.max()]
-        spans = [(a, b - a) for a, b in zip(begins, ends, strict=False)]
+        spans = _spans(events, vehicle, "lock_lost", "lock_regained", times.max())
         axes.broken_barh(spans, (-place - 0.4, 0.8), facecolor=_colour(place))
-        never = never and not begins
+        never = never and not spans
     if never:
         axes.text(0.5, 0.5, "never", transform=axes.transAxes, ha="center", va="center", color=WALL)
     axes.set_xlim(min(times.min() for *_, times in followers), max(times.max() for *_, times in followers))
@@ -115,13 +237,10 @@ def states(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon
     members = [(place, vehicle, rows.time_s) for place, vehicle, rows in _members(trajectories, platoon)]
     for name, (begin, end, colour, height) in STATES.items():
         for place, vehicle, times in members:
-            own = events[events.vehicle_id == vehicle]
-            ends = [*own.loc[own.kind == end, "time_s"], times.max()]
-            begins = own.loc[own.kind == begin, "time_s"]
-            spans = [(a, min(b for b in ends if b >= a) - a) for a in begins if a <= times.max()]
             axes.broken_barh(
-                spans, (-place - height / 2, height), facecolor=colour, label=name if place == members[0][0] else None
-            )
+                _spans(events, vehicle, begin, end, times.max()), (-place - height / 2, height), facecolor=colour,
+                label=name if place == members[0][0] else None,
+            )  # fmt: skip
     axes.set_xlim(min(times.min() for *_, times in members), max(times.max() for *_, times in members))
     axes.set_ylim(-members[-1][0] - 0.6, -members[0][0] + 0.6)
     axes.set_yticks([])
@@ -131,14 +250,26 @@ def states(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon
     return axes
 
 
+def _spans(events: pd.DataFrame, vehicle: str, begin: str, end: str, last: float) -> list[tuple[float, float]]:
+    """Begin and length of the periods between events of two kinds, the last one up to `last` [s]."""
+    own = events[(events.vehicle_id == vehicle) & (events.time_s <= last)]
+    ends = [*own.loc[own.kind == end, "time_s"], last]
+    return [(a, min(b for b in ends if b >= a) - a) for a in own.loc[own.kind == begin, "time_s"]]
+
+
 def time_space(
-    table: pd.DataFrame, axes: Axes, line: Sequence[Sequence[float]] | None = None, platoon: str | None = None
+    table: pd.DataFrame,
+    axes: Axes,
+    line: Sequence[Sequence[float]] | None = None,
+    platoon: str | None = None,
+    events: pd.DataFrame | None = None,
 ) -> Axes:
     """Position of each vehicle along the road over time.
 
     table : trajectories; or, with a line, traffic, in grey
     line  : of the road, (k, 2) [m]; the position is the station along it, for vehicles within BESIDE of it. Without a
             line it is the distance that a member has driven, measured from the leader's start
+    events: of the run, to mark the members' cut-ins, contacts and splits
     """
     columns_of(table, ["time_s", "vehicle_id", "x_m", "y_m"])
     members = "place" in table.columns
@@ -156,10 +287,24 @@ def time_space(
         if place is None:
             axes.plot(rows.time_s, station, color=OTHERS, linewidth=0.5, alpha=0.7, zorder=1)
         else:
-            axes.plot(rows.time_s, station, color=_colour(place), linewidth=1.2, label=vehicle, zorder=2)
+            axes.plot(rows.time_s, station, **_line(place, rows) | {"linewidth": 1.2}, label=vehicle, zorder=2)
+    if events is not None:
+        _mark_stations(events, axes, drawn)
     axes.set_xlabel(label(table, "time_s"))
     axes.set_ylabel("distance along the road [m]")
     return _plain(axes)
+
+
+def _mark_stations(events: pd.DataFrame, axes: Axes, drawn: Sequence[tuple]) -> None:
+    """Marks at the position of the member that an event happens to."""
+    at = {vehicle: (rows.time_s.to_numpy(), station) for _, vehicle, rows, station in drawn}
+    for kind, (name, mark, colour) in MARKS.items():
+        rows = events[(events.kind == kind) & events.vehicle_id.isin(list(at))]
+        if len(rows):
+            where = [np.interp(time, *at[vehicle]) for time, vehicle in zip(rows.time_s, rows.vehicle_id, strict=True)]
+            axes.plot(
+                rows.time_s, where, mark, color=colour, markersize=8, markeredgecolor="white", label=name, zorder=5
+            )
 
 
 def _driven(rows: pd.DataFrame, start: np.ndarray) -> np.ndarray:
@@ -169,10 +314,14 @@ def _driven(rows: pd.DataFrame, start: np.ndarray) -> np.ndarray:
 
 
 def _along(rows: pd.DataFrame, road: shapely.LineString) -> np.ndarray:
-    """Station along the road [m]; NaN beside it, and where the line starts again, as on a ring."""
+    """Station along the road [m]; NaN beside it, against its direction, and where it starts again, as on a ring."""
     points = shapely.points(rows.x_m, rows.y_m)
     station = shapely.line_locate_point(road, points)
     off = (shapely.distance(road, points) > BESIDE) | (station <= 0) | (station >= road.length)
+    if "heading_rad" in rows:
+        a, b = (shapely.get_coordinates(shapely.line_interpolate_point(road, station + d)) for d in (-1.0, 1.0))
+        along = np.column_stack([np.cos(rows.heading_rad), np.sin(rows.heading_rad)])
+        off |= ((b - a) * along).sum(axis=1) <= 0
     station[off | (np.abs(np.diff(station, prepend=station[:1])) > road.length / 2)] = np.nan
     return station
 
@@ -279,6 +428,29 @@ def road(scene: Scene, axes: Axes) -> Axes:
     return axes
 
 
+def show_part(axes: Axes, trajectories: pd.DataFrame, margin: float = 0.06) -> Axes:
+    """Cut a map to where the members were, and give it a scale and an arrow to the north.
+
+    margin: share of the larger side that is shown around it
+    """
+    (left, low), (right, high) = (getattr(trajectories[["x_m", "y_m"]], end)() for end in ("min", "max"))
+    around = max(margin * max(right - left, high - low), 1.0)
+    across, up = right - left + 2 * around, high - low + 2 * around
+    up = max(up, 0.22 * across)  # of a straight road something beside it is shown, too
+    middle = (low + high) / 2
+    axes.set_xlim(left - around, left - around + across)
+    axes.set_ylim(middle - up / 2, middle + up / 2)
+    bar = max(one for p in range(-2, 5) for one in (10.0**p, 2 * 10.0**p, 5 * 10.0**p) if one <= 0.3 * across)
+    share = bar / across
+    axes.plot([0.02, 0.02 + share], [0.03, 0.03], color="black", linewidth=2.5, transform=axes.transAxes, zorder=6)
+    axes.text(0.02 + share / 2, 0.045, f"{bar:g} m", transform=axes.transAxes, ha="center", va="bottom", fontsize=8)
+    axes.annotate(
+        "N", xy=(0.985, 0.97), xytext=(0.985, 0.82), xycoords="axes fraction", ha="center", va="top", fontsize=8,
+        arrowprops={"arrowstyle": "-|>", "color": "black", "linewidth": 1},
+    )  # fmt: skip
+    return axes
+
+
 def paths(
     trajectories: pd.DataFrame,
     axes: Axes,
@@ -293,14 +465,15 @@ def paths(
     """
     columns_of(trajectories, ["platoon_id", "vehicle_id", "place", "x_m", "y_m", "heading_rad"])
     road(scene, axes)
-    main, length = main_platoon(trajectories), length or 0.28 * max(1.0, max(extent(scene)) / TOWN * 6)
+    main, length = main_platoon(trajectories), length or 0.28 * max(1.0, _reach(trajectories) / TOWN * 6)
     for (platoon, place, vehicle), rows in trajectories.groupby(["platoon_id", "place", "vehicle_id"]):
         colour = _colour(place) if platoon == main else OTHERS
-        axes.plot(rows.x_m, rows.y_m, color=colour, linewidth=0.9, alpha=0.75)
+        style = _line(place, rows) if platoon == main else {"color": colour, "linewidth": 0.9}
+        axes.plot(rows.x_m, rows.y_m, **style, alpha=0.75)
         last = rows.iloc[-1]
         axes.add_patch(Polygon(_arrowhead(last, length), facecolor=colour, edgecolor="white", linewidth=0.5, zorder=3))
         if platoon == main:
-            axes.plot([], [], color=colour, label=f"{vehicle}{' (leader)' if place == 0 else ''}")
+            axes.plot([], [], **style, label=f"{vehicle}{' (leader)' if place == 0 else ''}")
     if events is not None and len(contacts := events[events.kind == "collision"]):
         axes.plot(contacts.x_m, contacts.y_m, "x", color="#D55E00", markersize=9, label="contact", zorder=4)
     return axes
@@ -316,6 +489,68 @@ def obstacles(events: pd.DataFrame, axes: Axes, traffic: pd.DataFrame | None = N
         if len(rows):
             axes.plot(rows.x_m, rows.y_m, mark, color=OBSTACLE, markersize=6, label=label, zorder=4)
     return axes
+
+
+def _reach(trajectories: pd.DataFrame) -> float:
+    """Larger side of the area in which the members were [m]."""
+    return float((trajectories[["x_m", "y_m"]].max() - trajectories[["x_m", "y_m"]].min()).max())
+
+
+def unrolled(trajectories: pd.DataFrame, axes: Axes, scene: Scene, platoon: str | None = None) -> Axes:
+    """The road straightened along the leader's path: lateral position of each member over the distance along it.
+
+    raises: ResultsError if that path is shorter than TOWN, or meets itself
+    """
+    members = list(_members(trajectories, platoon))
+    line = driven_line(trajectories, platoon)
+    if line is None:
+        raise ResultsError(f"unrolled: the path of the platoon is shorter than {TOWN:g} m, or meets itself")
+    outline = [ring for kind in ("road", "walls", "lanes", "middle") for ring in scene.get(kind, [])]
+    styles = [
+        {"color": WALL, "linewidth": 0.8} if kind in ("road", "walls") else {"color": OTHERS, "linewidth": 0.6}
+        for kind in ("road", "walls", "lanes", "middle") for _ in scene.get(kind, [])
+    ]  # fmt: skip
+    road = shapely.LineString(line)
+    for ring, style in zip(outline, styles, strict=True):
+        dense = shapely.get_coordinates(shapely.segmentize(shapely.LineString(ring), 2.0))
+        station, left = _beside(dense, road)
+        station[np.abs(np.diff(station, prepend=station[:1])) > 20.0] = np.nan
+        axes.plot(station, np.where(np.abs(left) < 2 * BESIDE, left, np.nan), **style, zorder=1)
+    for place, vehicle, rows in members:
+        axes.plot(*_beside(rows[["x_m", "y_m"]].to_numpy(), road), **_line(place, rows), label=vehicle, zorder=2)
+    axes.set_ylim(-2 * BESIDE, 2 * BESIDE)
+    axes.set_xlabel("distance along the path of the leader [m]")
+    axes.set_ylabel("to the left of that path [m]")
+    return _plain(axes)
+
+
+def driven_line(trajectories: pd.DataFrame, platoon: str | None = None) -> np.ndarray | None:
+    """Path of a platoon's leader along a street, from the start of its last member on, (k, 2) [m].
+
+    None if it is shorter than TOWN, or meets itself
+    """
+    members = [rows[["x_m", "y_m"]].to_numpy() for *_, rows in _members(trajectories, platoon)]
+    line, tail = members[0], members[-1]
+    distance = np.hypot(*(tail - line[0]).T)
+    if distance.min() < BESIDE / 2:
+        line = np.concatenate([tail[: distance.argmin()], line])
+    path = shapely.LineString(line).simplify(0.05) if len(line) > 1 else shapely.LineString()
+    if path.length < TOWN:  # a street is longer
+        return None
+    return shapely.get_coordinates(path) if path.is_simple and not path.is_ring else None
+
+
+def _beside(points: np.ndarray, road: shapely.LineString) -> tuple[np.ndarray, np.ndarray]:
+    """Station along a line, and distance to the left of it, of points (k, 2) [m]; NaN before its begin and after its
+    end."""
+    station = shapely.line_locate_point(road, shapely.points(points))
+    a, b = (shapely.get_coordinates(shapely.line_interpolate_point(road, station + d)) for d in (-0.5, 0.5))
+    along = (b - a) / np.hypot(*(b - a).T)[:, None]
+    foot = shapely.get_coordinates(shapely.line_interpolate_point(road, station))
+    x, y = (points - foot).T
+    left = along[:, 0] * y - along[:, 1] * x
+    outside = (station <= 0) | (station >= road.length)
+    return np.where(outside, np.nan, station), np.where(outside, np.nan, left)
 
 
 def main_platoon(trajectories: pd.DataFrame) -> str:
@@ -355,6 +590,15 @@ def _arrowhead(row: pd.Series, length: float) -> list[tuple[float, float]]:
 
 def _colour(place: int) -> str:
     return COLOURS[place % len(COLOURS)]
+
+
+def _line(place: int, rows: pd.DataFrame) -> dict[str, object]:
+    """Style of a member's line: colour, and a marker that shows without it, at other instants than its neighbours'."""
+    every = max(1, len(rows) // MARKED)
+    return {
+        "color": _colour(place), "linewidth": 1, "marker": MARKERS[place % len(MARKERS)], "markersize": 4.5,
+        "markerfacecolor": "white", "markeredgewidth": 0.9, "markevery": (place * every // 5 % every, every),
+    }  # fmt: skip
 
 
 def _short(value: object) -> str:

@@ -1,59 +1,78 @@
-"""Pictures of a run, for its folder and its report: several figures on one sheet."""
+"""Pictures of a run, for files, its folder and its report: named figures, each with title, scenario and seed."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from platoontraffic.analysis import figures
+from platoontraffic.analysis.reading import inside
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import replacing
 
+FORMATS = ("png", "svg", "pdf")
 
-def picture(folder: Path | str, to: Path | str) -> Path:
+
+class Picture(NamedTuple):
+    """A figure that can be asked for by name."""
+
+    title: str
+    draw: Callable[[Axes, Results], object]
+    size: tuple[float, float] = (9, 3.4)  # [inch]
+
+
+def picture(folder: Path | str, to: Path | str, what: str = "sheet") -> Path:
     """Draw a finished run into a file (.png, .svg or .pdf), its largest platoon in colours.
 
-    raises: ResultsError, OSError (it cannot be written)
+    what: a name of PICTURES, or "sheet": the road, the gaps and the lock losses
+
+    raises: ResultsError (also: the run has no values for it), OSError (it cannot be written)
     """
     results = load_run(Path(folder))
-    follows = bool(results.trajectories.gap_m.notna().any())
-    across, up = figures.extent(results.scene)
-    wide = across > 2.5 * up
-    figure = _figure(*((11, 6) if wide else (11, 5)) if follows else (6.5, 5))
-    if follows:
-        beside, below = [["road", "gaps"], ["road", "locks"]], [["road"], ["gaps"], ["locks"]]
-        parts = figure.subplot_mosaic(below if wide else beside, height_ratios=[4, 5, 1] if wide else [6, 1])
-        figures.over_time(results.trajectories, "gap_m", parts["gaps"])
-        for time in results.events.loc[results.events.kind.isin(figures.ENCOUNTERS), "time_s"]:
-            parts["gaps"].axvline(time, color=figures.OBSTACLE, linewidth=1, linestyle=":")
-        parts["gaps"].set_xlabel("")
-        parts["gaps"].tick_params(labelbottom=False)
-        figures.losses(results.events, parts["locks"], results.trajectories)
-        parts["locks"].sharex(parts["gaps"])
-        road = parts["road"]
-    else:
-        road = figure.subplots()
-    _paths_with_names(figure, road, results)
-    to = Path(to)
-    if to.is_dir():
-        raise ResultsError(f"{to}: is a folder; must be a picture file: .png, .svg or .pdf")
-    try:
-        with replacing(to) as new:
-            figure.savefig(new, dpi=150, metadata={"Software": None} if to.suffix == ".png" else None)
-    except ValueError as error:  # no such kind of picture
-        raise ResultsError(f"{to}: cannot be written: {error}") from error
-    return to
+    return _saved(_sheet(results) if what == "sheet" else figure(results, what), Path(to))
 
 
-def road_figure(results: Results) -> Figure:
-    """The road with the path of every member."""
-    across, up = figures.extent(results.scene)
-    figure = _figure(9, min(max(9 * up / max(across, 1e-9), 2.2), 8))
-    _paths_with_names(figure, figure.subplots(), results)
-    return figure
+def pictures(folder: Path | str, names: Sequence[str], format: str = "png") -> list[Path]:
+    """Draw several pictures of a finished run, each into the file plot-NAME in its folder.
+
+    names: of PICTURES; none: all of which the run has values
+
+    raises: as `picture`
+    """
+    results = load_run(Path(folder))
+    drawn = {name: figure(results, name) for name in names} or there(results)
+    return [_saved(one, results.folder / f"plot-{name}.{format}") for name, one in drawn.items()]
+
+
+def there(results: Results, names: Iterable[str] = ()) -> dict[str, Figure]:
+    """Those of some PICTURES, or of all, of which a run has values."""
+    drawn = {}
+    for name in names or PICTURES:
+        try:
+            drawn[name] = figure(results, name)
+        except ResultsError:
+            continue
+    return drawn
+
+
+def figure(results: Results, name: str) -> Figure:
+    """One of PICTURES. raises: ResultsError if the run has no values for it"""
+    known = PICTURES[name]
+    made = _figure(*known.size)
+    axes = made.subplots()
+    known.draw(axes, results)
+    if axes.get_aspect() == 1:  # a map: as high as what it shows
+        (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+        made.set_size_inches(9, min(max(8.6 * (high - low) / (right - left), 1.2), 7.5) + 1.0)
+    _entitle(made, known.title, results)
+    _name(made, axes)
+    return made
 
 
 def strips_figure(results: Results) -> Figure:
@@ -61,19 +80,20 @@ def strips_figure(results: Results) -> Figure:
     table = results.trajectories
     columns = {"gaps": "gap_m", "speeds": "speed_mps", "errors": "gap_error_m"}
     main = table[table.platoon_id == figures.main_platoon(table)]
-    there = [name for name, column in columns.items() if main[column].notna().any()]
-    strips = [*there, "locks"] if (main.place > 0).any() else there
+    drawn = [name for name, column in columns.items() if main[column].notna().any()]
+    strips = [*drawn, "locks"] if (main.place > 0).any() else drawn
     events = results.events[results.events.vehicle_id.isin(main.vehicle_id)]
     if events.kind.isin([begin for begin, *_ in figures.STATES.values()]).any():
         strips = [*strips, "states"]
-    heights = [4 if name in there else 1.5 for name in strips]
-    figure = _figure(9, 0.4 + 0.53 * sum(heights))
-    parts = figure.subplot_mosaic([[name] for name in strips], height_ratios=heights, sharex=True)
-    for name in there:
+    heights = [4 if name in drawn else 1.5 for name in strips]
+    made = _figure(9, 0.8 + 0.53 * sum(heights))
+    parts = made.subplot_mosaic([[name] for name in strips], height_ratios=heights, sharex=True)
+    for name in drawn:
         figures.over_time(table, columns[name], parts[name])
+        figures.marks(events, parts[name], main.vehicle_id.unique())
         parts[name].tick_params(labelbottom=name == strips[-1])
         parts[name].set_xlabel("")
-    if "gaps" in there:
+    if "gaps" in drawn:
         parts["gaps"].set_ylabel("gap [m]")  # the strip is too low for the long label
     if "locks" in strips:
         figures.losses(results.events, parts["locks"], results.trajectories)
@@ -81,18 +101,126 @@ def strips_figure(results: Results) -> Figure:
     if "states" in strips:
         figures.states(events, parts["states"], results.trajectories)
     parts[strips[-1]].set_xlabel("time [s]")
-    legend = parts["speeds"].get_legend_handles_labels()
-    figure.legend(*legend, loc="outside upper center", ncols=6, frameon=False, fontsize=9)
-    return figure
+    _entitle(made, "Gap, speed and spacing error over time", results)
+    _name(made, parts["speeds"])
+    return made
+
+
+def _sheet(results: Results) -> Figure:
+    """The road, and where there are followers, their gaps and lock losses."""
+    follows = bool(results.trajectories.gap_m.notna().any())
+    across, up = figures.extent(results.scene)
+    wide = across > 2.5 * up
+    made = _figure(*((11, 6) if wide else (11, 5)) if follows else (6.5, 5))
+    if follows:
+        beside, below = [["road", "gaps"], ["road", "locks"]], [["road"], ["gaps"], ["locks"]]
+        parts = made.subplot_mosaic(below if wide else beside, height_ratios=[4, 5, 1] if wide else [6, 1])
+        _over_time("gap_m")(parts["gaps"], results)
+        parts["gaps"].set_xlabel("")
+        parts["gaps"].tick_params(labelbottom=False)
+        figures.losses(results.events, parts["locks"], results.trajectories)
+        parts["locks"].sharex(parts["gaps"])
+        road = parts["road"]
+    else:
+        road = made.subplots()
+    _map(road, results)
+    _entitle(made, "Paths and gaps" if follows else "Paths", results)
+    _name(made, *made.axes[: 2 if follows else 1])
+    return made
+
+
+def _over_time(column: str) -> Callable[[Axes, Results], object]:
+    """A column of the main platoon over time, with marks."""
+
+    def draw(axes: Axes, results: Results) -> None:
+        table = results.trajectories
+        figures.over_time(table, column, axes)
+        vehicles = table.vehicle_id[table.platoon_id == figures.main_platoon(table)].unique()
+        figures.marks(results.events, axes, vehicles)
+
+    return draw
+
+
+def _map(axes: Axes, results: Results) -> None:
+    figures.paths(results.trajectories, axes, results.scene, results.events)
+    figures.obstacles(results.events, axes, results.traffic)
+    figures.show_part(axes, results.trajectories)
+
+
+def _time_space(axes: Axes, results: Results) -> None:
+    table = results.trajectories
+    main = table[table.platoon_id == figures.main_platoon(table)]
+    line = figures.driven_line(table)
+    if line is not None and results.traffic is not None:
+        figures.time_space(results.traffic, axes, line)
+    figures.time_space(main, axes, line, events=results.events)
+    axes.set_xlim(main.time_s.min(), main.time_s.max())
+
+
+PICTURES: Mapping[str, Picture] = {
+    "map": Picture("Paths on the road", _map),
+    "unrolled": Picture(
+        "The road along the leader's path",
+        lambda axes, results: figures.unrolled(results.trajectories, axes, results.scene),
+    ),
+    "timespace": Picture("Time-space diagram", _time_space, (9, 5)),
+    "speed": Picture("Speed", _over_time("speed_mps")),
+    "acceleration": Picture("Acceleration", _over_time("accel_mps2")),
+    "gap": Picture("Gap to the member ahead", _over_time("gap_m")),
+    "error": Picture("Spacing error", _over_time("gap_error_m")),
+    "ttc": Picture("Time to collision", _over_time("ttc_s")),
+    "lateral": Picture(
+        "Lateral offset along the path", lambda axes, results: figures.offsets(results.trajectories, axes)
+    ),
+    "amplification": Picture(
+        "String amplification",
+        lambda axes, results: figures.gains(results.metrics, axes, figures.main_platoon(results.trajectories)),
+    ),
+    "distribution": Picture(
+        "Distribution of gaps in the platoon",
+        lambda axes, results: figures.gap_distribution(results.trajectories, axes, results.events),
+    ),
+    "lanes": Picture("Lane over time", lambda axes, results: figures.lanes(results.trajectories, axes)),
+}
+
+
+def of_run(results: Results) -> str:
+    """Scenario, seed and run: the second line of every title."""
+    folder = results.folder.resolve()
+    try:
+        seed = json.loads(inside(results.folder, "provenance.json").read_text(encoding="utf-8")).get("seed")
+    except (OSError, ValueError, AttributeError):
+        seed = None
+    parts = [folder.parent.name, *([] if seed is None else [f"seed {seed}"]), f"run {folder.name}"]
+    return " · ".join(parts)
+
+
+def _entitle(made: Figure, title: str, results: Results) -> None:
+    made.suptitle(f"{title}\n{of_run(results)}".replace("$", r"\$"), x=0.01, ha="left", fontsize=10)
+
+
+def _name(made: Figure, *axes: Axes) -> None:
+    """A legend below, of all lines and marks, each once."""
+    found = {}
+    for one in axes:
+        for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    if found:
+        made.legend(found.values(), found.keys(), loc="outside lower center", ncols=8, frameon=False, fontsize=8)
 
 
 def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    made = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(made)
+    return made
 
 
-def _paths_with_names(figure: Figure, axes: Axes, results: Results) -> None:
-    figures.paths(results.trajectories, axes, results.scene, results.events)
-    figures.obstacles(results.events, axes, results.traffic)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
+def _saved(made: Figure, to: Path) -> Path:
+    if to.is_dir():
+        raise ResultsError(f"{to}: is a folder; must be a picture file: .png, .svg or .pdf")
+    try:
+        with replacing(to) as new:
+            made.savefig(new, dpi=150, metadata={"Software": None} if to.suffix == ".png" else None)
+    except ValueError as error:  # no such kind of picture
+        raise ResultsError(f"{to}: cannot be written: {error}") from error
+    return to

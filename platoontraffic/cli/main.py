@@ -372,13 +372,42 @@ def prove(
 @command
 def plot(
     run_folder: RunFolder,
-    to: Annotated[Path | None, typer.Option("--to", help="picture file; default RUN/plot.png")] = None,
+    what: Annotated[
+        str | None,
+        typer.Option(
+            "--what", help="names of pictures with commas between, or all; default: one sheet of paths and gaps"
+        ),
+    ] = None,
+    format: Annotated[str | None, typer.Option("--format", help="png, svg or pdf")] = None,
+    to: Annotated[
+        Path | None, typer.Option("--to", help="file of a single picture; default RUN/plot.png or RUN/plot-NAME.png")
+    ] = None,
 ) -> None:
-    """Draw the paths of the members on the road, and their gaps over time."""
-    from platoontraffic.analysis.pictures import picture
+    """Draw pictures of a run: paths, time-space diagram, gaps, speeds, lanes and others; --what says which."""
+    from platoontraffic.analysis.pictures import FORMATS, PICTURES, picture, pictures
 
+    names = [name.strip() for name in (what or "").split(",") if name.strip()]
+    known = [*PICTURES, "all"]
+    faults = [
+        f"--what: {name!r}: no such picture; there are {', '.join(known)}{did_you_mean(name, known)}"
+        for name in names
+        if name not in known
+    ]
+    if format and format not in FORMATS:
+        faults.append(f"--format: {format!r}: must be png, svg or pdf")
+    if to and (len(names) > 1 or "all" in names):
+        faults.append("--to: is for a single picture")
+    if to and format:
+        faults.append("--format: is not for --to, whose file says it by its name")
+    if faults:
+        raise InputError(*faults)
+    ending = format or "png"
     with result_faults():
-        print(picture(run_folder, to or run_folder / "plot.png"))
+        if names and not to:
+            for file in pictures(run_folder, [] if "all" in names else names, ending):
+                print(file)
+        else:
+            print(picture(run_folder, to or run_folder / f"plot.{ending}", names[0] if names else "sheet"))
 
 
 @command
@@ -399,7 +428,8 @@ def report(
     folder: Annotated[Path, typer.Argument(metavar="RUN|BATCH", help="the folder of a run or of a batch")],
     to: Annotated[Path | None, typer.Option("--to", help="page to make; default FOLDER/report.html")] = None,
     metric: Annotated[
-        str | None, typer.Option("--metric", help="column of a batch's summary.csv to draw; default: two that vary")
+        str | None,
+        typer.Option("--metric", help="columns of a batch's summary.csv to draw, with commas between; default: two"),
     ] = None,
 ) -> None:
     """Make one HTML page of figures, metrics, events or failures; the figures are beside it as PNG and SVG."""

@@ -11,7 +11,7 @@ import pandas as pd
 from platoontraffic.analysis.results import Batch, load_batch
 from platoontraffic.analysis.writing import write
 from platoontraffic.errors import InputError, did_you_mean
-from platoontraffic.report.figures import heat_map, over_values
+from platoontraffic.report.figures import heat_map, lines
 from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text
 
 MOST_ROWS = 500  # rows of a table in the page; runs.csv and summary.csv have all
@@ -30,12 +30,13 @@ FIRST = (
     "traffic_delay_mean_finished_s",
 )
 DRAWN = 2
+MOST_LINES = 7  # in a figure
 
 
 def page(folder: Path, to: Path, metric: str | None = None) -> Path:
     """Make the page of a batch, finished or not, and beside it its pictures as PNG and SVG.
 
-    metric: the column of summary.csv that is drawn; default: two that differ between runs
+    metric: the columns of summary.csv that are drawn, with commas between; default: two that differ between runs
 
     raises: ResultsError, OSError (a file cannot be written), InputError if there is no such metric
     """
@@ -43,15 +44,18 @@ def page(folder: Path, to: Path, metric: str | None = None) -> Path:
         batch = load_batch(Path(folder))
     to, name = Path(to), batch.folder.resolve().name
     metrics = _metrics(batch)
-    if metric is not None and metric not in metrics:
-        raise InputError(f"--metric: {metric!r}: no metric in summary.csv{did_you_mean(metric, metrics)}")
-    drawn = [metric] if metric else _drawn(batch, metrics)
+    asked = [name.strip() for name in metric.split(",")] if metric is not None else []
+    if unknown := [name for name in asked if name not in metrics]:
+        raise InputError(*(f"--metric: {n!r}: no metric in summary.csv{did_you_mean(n, metrics)}" for n in unknown))
+    drawn = asked or _drawn(batch, metrics)
+    chosen = "" if asked else "<p>The first metrics that differ between runs; --metric NAME,NAME draws others.</p>"
     listed = list(dict.fromkeys([*drawn, *(m for m in FIRST if m in metrics)]))
     points = batch.runs.drop_duplicates(batch.varied) if batch.varied else batch.runs.head(1)
     body = f"""{_facts(batch, name, len(points))}
 <h2>Varied keys</h2>
 {_varied(batch)}
 <h2>Pictures</h2>
+{chosen}
 {"".join(_pictures(batch, drawn, to)) or "<p>None, because no run is done.</p>"}
 <h2>Metrics by point</h2>
 {"".join(_by_point(batch, points, listed)) or "<p>No run is done.</p>"}
@@ -117,16 +121,18 @@ def _varied(batch: Batch) -> str:
 
 def _pictures(batch: Batch, drawn: list[str], to: Path) -> Iterable[str]:
     keys = sorted(_keys(batch), key=lambda key: -batch.runs[key].astype(str).nunique())
-    for metric in drawn:
+    pooled = f"; all values of {', '.join(keys[2:])} together" if len(keys) > 2 else ""
+    for metric in drawn if keys else ():
         unit = batch.summary.attrs["units"].get(metric, "")
-        if len(keys) == 1:
-            figure = over_values(batch.summary, keys[0], metric, unit)
-            caption = f"{metric} over {keys[0]}: each run, the mean, and one standard deviation about it"
-            yield figure_files(figure, to, metric, caption)
-        elif len(keys) > 1:
-            over = f", over all values of {', '.join(keys[2:])}" if len(keys) > 2 else ""
-            caption = f"Mean of {metric} over {keys[0]} and {keys[1]}{over}; empty: no value"
-            yield figure_files(heat_map(batch, keys[0], keys[1], metric, unit), to, metric, caption)
+        dots = "each run, and " if len(keys) == 1 else f"a line for each {keys[1]}, "
+        caption = f"{metric} over {keys[0]}: {dots}means with their 95 % intervals{pooled}"
+        many = len(keys) > 1 and batch.runs[keys[1]].astype(str).nunique() > MOST_LINES
+        if not many:
+            yield figure_files(lines(batch, keys, metric, unit), to, metric, caption)
+        if len(keys) > 1:
+            caption = f"Mean of {metric} over {keys[0]} and {keys[1]}{pooled}; empty: no value"
+            name = metric if many else f"{metric}-map"
+            yield figure_files(heat_map(batch, keys[0], keys[1], metric, unit), to, name, caption)
 
 
 def _by_point(batch: Batch, points: pd.DataFrame, metrics: list[str]) -> Iterable[str]:

@@ -44,7 +44,7 @@ def document(name: str, heading: str, body: str) -> str:
 
 
 def table(caption: str, headings: Iterable[str], rows: Iterable[tuple[str, ...]]) -> str:
-    """A table; the first cell of a row is its heading, the last one is prose."""
+    """A table; the first cell of a row is its heading."""
     head = "".join(f'<th scope="col">{text(heading)}</th>' for heading in headings)
     body = "".join(
         f'<tr><th scope="row">{text(first)}</th>{"".join(f"<td>{text(cell)}</td>" for cell in rest)}</tr>'

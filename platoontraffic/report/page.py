@@ -14,10 +14,20 @@ from platoontraffic.analysis.writing import write
 from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text
 
 MOST_EVENTS = 1000  # listed in the page; events.csv has all
-PICTURES = {
-    "road": "The road, the path of every member, and its last position",
-    "strips": "Gap, speed and spacing error over time; periods in which a follower had lost its predecessor, and in "
-    "which a member was held at a stop line, split off or broken down",
+STRIPS = (
+    "Gap, speed and spacing error over time; periods in which a follower had lost its predecessor, and in which a "
+    "member was held at a stop line, split off or broken down"
+)
+CAPTIONS = {  # of `analysis.pictures.PICTURES`
+    "map": "The road, the path of every member, and its last position",
+    "unrolled": "The road straightened along the leader's path, with kerbs and lanes; lateral scale enlarged",
+    "timespace": "Time-space diagram: position along the road over time; background traffic, if recorded, in grey",
+    "acceleration": "Acceleration over time",
+    "ttc": "Time to collision with the predecessor while closing in on it",
+    "lateral": "Lateral offset from the path of the predecessor, over the distance driven",
+    "amplification": "String amplification: norms of each follower's acceleration over those of its predecessor's",
+    "distribution": "Gaps in the platoon: median, quartiles, and the range of 90 % of the recorded instants",
+    "lanes": "Index of the lane over time; members on one lane are drawn beside each other",
 }
 # Metrics of the run at the top of the page.
 FIRST = ("duration", "members", "collisions", "near_misses", "lock_on_ratio_min", "lock_losses", "gap_mean", "gap_min")
@@ -77,10 +87,13 @@ def _first(results: Results) -> str:
 
 def _pictures(results: Results, to: Path) -> Iterable[str]:
     """The pictures as parts of the page; each is also written beside it."""
-    from platoontraffic.analysis.pictures import road_figure, strips_figure
+    from platoontraffic.analysis import pictures
 
-    for name, figure in (("road", road_figure(results)), ("strips", strips_figure(results))):
-        yield figure_files(figure, to, name, PICTURES[name])
+    drawn = pictures.there(results, CAPTIONS)
+    yield figure_files(drawn.pop("map"), to, "road", CAPTIONS["map"])
+    yield figure_files(pictures.strips_figure(results), to, "strips", STRIPS)
+    for name, figure in drawn.items():
+        yield figure_files(figure, to, name, CAPTIONS[name])
 
 
 def _metrics(results: Results, meanings: dict[str, dict[str, str]]) -> str:
@@ -91,23 +104,25 @@ def _metrics(results: Results, meanings: dict[str, dict[str, str]]) -> str:
     for scope, caption in (("run", "The run"), ("traffic", "Background traffic")):
         rows = metrics[metrics.scope == scope]
         if len(rows):
-            lines = [
-                (m.metric, m.unit, f"{m.value:.4g}", meanings.get(scope, {}).get(m.metric, ""))
-                for m in rows.itertuples()
-            ]
-            parts.append(table(caption, ("metric", "unit", "value", "meaning"), lines))
+            lines = [(m.metric, m.unit, f"{m.value:.4g}") for m in rows.itertuples()]
+            parts.append(table(caption, ("metric", "unit", "value"), lines))
+            parts.append(_meanings(caption, rows.metric, meanings.get(scope, {})))
     of_members = metrics[metrics.scope == "vehicle"]
     for n, (platoon, rows) in enumerate(of_members.groupby("platoon_id", sort=False)):
-        vehicles, own = rows.vehicle_id.unique().tolist(), meanings.get("vehicle", {})
+        vehicles = rows.vehicle_id.unique().tolist()
         values = rows.pivot_table(index="metric", columns="vehicle_id", values="value", sort=False)
         units = rows.drop_duplicates("metric").set_index("metric").unit
-        lines = [
-            (name, units[name], *(_number(values.at[name, v]) for v in vehicles), own.get(name, ""))
-            for name in values.index
-        ]
-        inside = table(f"Members of {platoon}", ("metric", "unit", *vehicles, "meaning"), lines)
+        lines = [(name, units[name], *(_number(values.at[name, v]) for v in vehicles)) for name in values.index]
+        inside = table(f"Members of {platoon}", ("metric", "unit", *vehicles), lines)
         parts.append(details(f"Members of {platoon}", inside, opened=n == 0))
+    parts.append(_meanings("Members", of_members.metric.unique(), meanings.get("vehicle", {})))
     return "".join(parts)
+
+
+def _meanings(of: str, names: Iterable[str], meanings: dict[str, str]) -> str:
+    """What metrics mean, folded away."""
+    rows = [(name, meanings[name]) for name in names if name in meanings]
+    return details(f"{of}: meaning of each metric", table("Meanings", ("metric", "meaning"), rows)) if rows else ""
 
 
 def _number(value: float) -> str:

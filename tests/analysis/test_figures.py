@@ -67,7 +67,7 @@ def legend(axes) -> list[str]:
         ("gap_m", "gap to the member ahead [m]", 2),
         ("gap_error_m", "spacing error [m]", 2),
         ("speed_mps", "speed [m/s]", 3),
-        ("accel_mps2", "accel [m/s²]", 3),
+        ("accel_mps2", "acceleration [m/s²]", 3),
     ],
 )
 def test_over_time_has_a_line_a_member_that_has_values(ring, axes, column, said, followers):
@@ -246,5 +246,5 @@ picture(sys.argv[1], to / "picture.png")
     assert done.returncode == 0, done.stderr
     made = {file.stem for file in tmp_path.glob("*.png") if file.stat().st_size > 3000}
     numbers = {"binomial_limits", "detectable", "holm", "interval", "poisson_limits", "runs_needed"}
-    tables = {"amplification", "label", "load", "paired", "peak", "summarise"}
+    tables = {"amplification", "headline", "label", "load", "paired", "peak", "summarise"}
     assert made == {name for name in analysis.__all__ if name.islower()} - tables - numbers

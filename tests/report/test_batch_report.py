@@ -59,7 +59,7 @@ def test_failed_runs_are_listed_with_their_errors_and_others_as_missing(batch):
         ({KEY: [2, 3]}, "over platoon.size"),
         ({OTHER: ["printed", EVIL, "tracking"]}, "over platoon.follower.law"),
         ({KEY: [2, 3], OTHER: ["printed", "tracking"]}, "over platoon.size and platoon.follower.law"),
-        ({KEY: [2, 3], OTHER: ["a", "b"], "seedling": [True, False]}, "over all values of seedling"),
+        ({KEY: [2, 3], OTHER: ["a", "b"], "seedling": [True, False]}, "all values of seedling together"),
     ],
 )
 def test_pictures_suit_the_number_of_keys_and_are_files(varied, drawn, tmp_path):
@@ -70,10 +70,16 @@ def test_pictures_suit_the_number_of_keys_and_are_files(varied, drawn, tmp_path)
     assert not (folder / "report-collisions.png").exists()  # the same in all runs
 
 
-def test_a_metric_may_be_chosen(batch):
-    report(batch, "--metric", "collisions")
+def test_several_keys_have_lines_with_intervals_and_a_map(batch):
+    assert "means with their 95 % intervals" in report(batch)
+    assert (batch / "report-gap_mean_m-map.png").is_file()
+
+
+def test_metrics_may_be_chosen(batch):
+    report(batch, "--metric", "collisions,gap_mean_m")
     assert (batch / "report-collisions.svg").is_file()
-    assert not (batch / "report-gap_mean_m.svg").exists()
+    assert (batch / "report-collisions.svg").is_file()
+    assert (batch / "report-gap_mean_m.svg").is_file()
 
 
 def test_keys_that_move_together_are_one(tmp_path):

@@ -13,6 +13,7 @@ from platoontraffic.analysis import load
 from platoontraffic.cli.main import app
 from platoontraffic.report import page
 from platoontraffic.results import metrics
+from tests.support.browser import NoBrowser, chromium
 from tests.support.made_runs import EVIL, made_run
 
 
@@ -61,15 +62,33 @@ def test_events_and_metrics_are_those_of_the_tables(report):
     rows = Reader(report.read_text(encoding="utf-8")).rows
     results = load(report.parent)
     assert ["10", "wrong_target", "platoon.1", EVIL, "", ""] in rows  # time, kind, vehicle, other, duration, detail
-    assert ["gap_mean", "m", "12", "12", ""] in rows
+    assert ["gap_mean", "m", "12", "12"] in rows
     listed = [row for row in rows if len(row) == 6 and re.fullmatch(r"[\d.]+", row[0])]
     assert len(listed) == len(results.events)
 
 
 def test_pictures_are_there_as_files(report):
     for name, start in (("png", b"\x89PNG"), ("svg", b"<?xml")):
-        for what in ("road", "strips"):
+        for what in ("road", "strips", "acceleration", "distribution"):
             assert (report.parent / f"report-{what}.{name}").read_bytes().startswith(start)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    try:
+        with chromium() as started:
+            yield started
+    except NoBrowser as error:
+        pytest.skip(str(error))
+
+
+def test_nothing_is_lost_on_paper(report, browser):
+    """On A4 less its margins, no table and no picture is wider than the page."""
+    sheet = browser.new_page(viewport={"width": 698, "height": 1000})
+    sheet.emulate_media(media="print")
+    sheet.goto(report.as_uri())
+    right = "[...document.querySelectorAll('table, img')].map(e => e.getBoundingClientRect().right)"
+    assert max(sheet.evaluate(right)) <= 698
 
 
 def test_the_same_run_gives_the_same_bytes(report, tmp_path):
