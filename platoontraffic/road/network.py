@@ -144,12 +144,13 @@ class Network:
         return self.route_lanes(edges, lane, closed)[0]
 
     def route_lanes(
-        self, edges: Sequence[str], lane: int = 0, closed: bool = False, position: float = 0.0
+        self, edges: Sequence[str], lane: int = 0, closed: bool = False, position: float = 0.0, on: int = 0
     ) -> tuple[np.ndarray, np.ndarray, list[Line]]:
         """The centre line of the lanes of a route, across its junctions; a closed one ends where it starts.
 
         lane     : index on the first edge; lanes are changed as rarely as the route allows, near an edge's begin
-        position : on the first edge, where driving starts [m]
+        position : on an edge, before which its lanes are not changed: where driving starts [m]
+        on       : index of that edge
         returns  : points (k, 2) [m]; speed limit from each point on (k,) [m/s]; stop lines and lane changes
         raises   : InputError where there is no such route
         """
@@ -160,9 +161,10 @@ class Network:
             self._check_edge(edge)
         self._check_lane(road[0], lane)
         first, route = lane, LaneRoute(self._net)
-        on = [*road, road[0]] if closed else road
-        for here, link in zip(on, least_changes(on, lane, lane if closed else None), strict=False):
-            route.cross(here.getLane(lane), link, 0.0 if route.parts else position)
+        lap = [*road, road[0]] if closed else road
+        links = least_changes(lap, lane, lane if closed else None)
+        for i, (here, link) in enumerate(zip(lap, links, strict=False)):
+            route.cross(here.getLane(lane), link, position if i == on else 0.0)
             lane = link.getToLane().getIndex()
         if not closed:
             route.add(road[-1].getLane(lane))

@@ -88,6 +88,16 @@ class Route:
     def closed(self) -> bool:
         return self.line.closed
 
+    def curvature(self, length: float) -> tuple[np.ndarray, np.ndarray]:
+        """Stations [m] and curvature there [1/m], as a vehicle of a length [m] is given it."""
+        if length not in self._curvatures:
+            self._curvatures[length] = _curvature(self.line, length)
+        return self._curvatures[length]
+
+    @cached_property
+    def _curvatures(self) -> dict[float, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
     @cached_property
     def _line_stations(self) -> list[float]:
         return [line.station for line in self.lines]
@@ -132,7 +142,7 @@ class Routes:
         self._stations = np.concatenate([line.stations + base for line, base in zip(lines, bases, strict=True)])
         self._points = np.concatenate([line.points for line in lines])
         self._limits = np.concatenate([chosen[key].limit for key, _ in kinds])
-        grids = [_curvature(line, size) for line, (_, size) in zip(lines, kinds, strict=True)]
+        grids = [chosen[key].curvature(size) for key, size in kinds]
         self._grid = np.concatenate([grid + base for (grid, _), base in zip(grids, bases, strict=True)])
         self._curvature = np.concatenate([curvature for _, curvature in grids])
         shifts = [_lane_changes(chosen[key]) for key, _ in kinds]

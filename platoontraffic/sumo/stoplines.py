@@ -8,11 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from platoontraffic.controllers import CLOSED_BY, Law, Signals
+from platoontraffic.controllers import BRAKES_FOR, CLOSED_BY, Law, Signals
 from platoontraffic.controllers.lane_room import room_needed
 from platoontraffic.road.gap_acceptance import STANDING, Foe, Pace, margin_after, may_cross
-from platoontraffic.road.lane_routes import CHANGING, Line
+from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, Line
+from platoontraffic.road.later_change import with_later_change
 from platoontraffic.road.network import Network
+from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.conflicts import (
     ALL_STOP,
@@ -32,9 +34,10 @@ from platoontraffic.sumo.conflicts import (
 )
 from platoontraffic.vehicles.motion import scale
 from platoontraffic.world import ground
-from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.fleet import WINDOW, Fleet, Member
 from platoontraffic.world.ground import Entry
 
+BRAKES_FOR_LINE = BRAKES_FOR.index("line")
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE = range(1, len(CLOSED_BY))
 
 CHANGING_PACE = 1.5, 6.0  # acceleration of a slow vehicle that changes lanes [m/s2], up to [m/s]
@@ -45,6 +48,8 @@ HELD_UP_AFTER = 3.0  # a vehicle that stands at an open line for longer is held 
 SETS_OUT_AFTER = 1.5  # a vehicle whose turn it is at an all-way stop sets out within this time [s]
 NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
 AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
+PASSES_BY = 2.0  # a vehicle that is so much faster passes, and leaves room then [m/s]
+LOOKS_EVERY = 1.0  # without room for its lane change, a vehicle looks for it so much later [s]
 QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
 QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
@@ -130,6 +135,8 @@ class StopLines:
         self._members: frozenset[str] = frozenset()
         self._stood: dict[str, tuple[str, float]] = {}  # the line's lane at which each has stood, and since when [s]
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
+        self._no_room: dict[str, Line] = {}  # the lane change ahead for which each member has no room now
+        self._later: dict[tuple[Route, Line, float], Route | None] = {}  # routes with a lane change later
 
     def signals(self, fleet: Fleet, roads: Mapping[str, tuple[str, str]]) -> Signals | None:
         """The next stop line of each member with a law that needs it; None if no law does.
@@ -148,6 +155,7 @@ class StopLines:
         if not asking:
             return None
         n = len(fleet)
+        self._no_room.clear()
         signals = Signals(np.full(n, np.inf), np.ones(n, bool), *np.zeros((2, n), bool), np.zeros(n, int))
         for i, station in asking:
             member = fleet.members[i]
@@ -155,6 +163,25 @@ class StopLines:
             for values, value in zip(signals, state, strict=True):
                 values[i] = value
         return signals
+
+    def with_later_changes(self, fleet: Fleet) -> Fleet:
+        """The fleet with other routes for members that brake because there is no room for their lane change here.
+
+        They look for it further on, as long as their lane leads on. Before a queue they wait.
+        """
+        for group in fleet.groups if self._no_room else ():
+            limit = group.law.braking_for(group.memory) if group.memory is not None else None
+            rows = group.rows[limit.reason == BRAKES_FOR_LINE] if limit else ()
+            for member, row in ((fleet.members[i], int(i)) for i in rows if fleet.ids[i] in self._no_room):
+                change = self._no_room[member.id]
+                step = CHANGE_AFTER * self._sumo.lane.getWidth(change.lane)
+                by = step * max(math.ceil(LOOKS_EVERY * float(fleet.motion.speed[row]) / step), 1)
+                key = member.route, change, by
+                if key not in self._later:
+                    self._later[key] = with_later_change(member.route, change, by, self._network, member.model)
+                if route := self._later[key]:
+                    fleet = fleet.with_route(row, route, WINDOW)
+        return fleet
 
     def entries(self, fleet: Fleet, entered: Sequence[tuple[str, str, str]]) -> list[Entry]:
         """How members entered junctions; SUMO-driven ones are left out.
@@ -219,6 +246,8 @@ class StopLines:
         near = distance < ego.checks_from
         if line.state == CHANGING:
             is_open = not near or ego.lane == line.onto or self._may_change(line, distance, ego) == np.inf
+            if not is_open and self._is_passed_soon(line, distance, ego):
+                self._no_room[ego.id] = line
             return LineState(distance, is_open, False, False, LANE_CHANGE)
         state, conflicts = self._link_state(line), self._conflicts_at(line)
         minor = state in STOP or (state in MINOR and bool(conflicts.entering))
@@ -267,8 +296,23 @@ class StopLines:
                 return stop
         return np.inf
 
+    def _is_passed_soon(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether all vehicles that leave no room for a lane change here are faster, and none of them is in a queue."""
+        if self._queue_within(line, distance, ego):
+            return False
+        crossed = _crossed(line)
+        for k, one in enumerate(crossed):
+            for name in self._blocking(one, distance, distance + (k + 0.5) * line.across / len(crossed), ego):
+                if self._sumo.vehicle.getSpeed(name) < ego.speed + PASSES_BY:
+                    return False
+        return True
+
     def _is_room(self, line: Line, distance: float, half: float, ego: Ego) -> bool:
-        """Whether there will be room on one lane, and no vehicle there will have to brake hard.
+        """Whether there will be room on one lane, and no vehicle there will have to brake hard; as `_blocking`."""
+        return next(self._blocking(line, distance, half, ego), None) is None
+
+    def _blocking(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[str]:
+        """Vehicles on one lane that leave no room, or would have to brake hard.
 
         half : distance after which half of the member is over there: until then SUMO's drivers do not see it [m]
         """
@@ -286,8 +330,7 @@ class StopLines:
                 gap = -ahead - ego.length - foe_speed * time + half
                 closing, rear_speed = max(foe_speed - later, 0.0), foe_speed
             if gap < room_needed(ego.length, rear_speed, closing):
-                return False
-        return True
+                yield name
 
     def _queue_within(self, line: Line, distance: float, ego: Ego) -> bool:
         """Whether a vehicle stands on one of the two lanes before the end of the lane change."""

@@ -141,7 +141,7 @@ class World:
         for platoon in departing:
             self._later.remove(platoon)
             fleet = fleet.joined(self._taken_over(platoon))
-        return fleet
+        return self._lines.with_later_changes(fleet)
 
     def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
         """Edge and lane of each member after the last step; the lane is "" off the road."""

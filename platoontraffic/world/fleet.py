@@ -347,12 +347,15 @@ class Fleet(MemberState):
         """The fleet with other predecessors, and other members that are ordered to lead, (n,)."""
         return changed(self, predecessor=predecessor, leads=leads)
 
-    def with_route(self, row: int, route: Route) -> Fleet:
-        """The fleet with another route for one member, from where it is now."""
+    def with_route(self, row: int, route: Route, window: float = np.inf) -> Fleet:
+        """The fleet with another route for one member, from where it is now.
+
+        window : of the search about its last station, if the routes share stations until there [vehicle lengths]
+        """
         members = tuple(replace(m, route=route) if i == row else m for i, m in enumerate(self.members))
         progress = RouteProgress.of(members, self.progress.station)
-        window = np.where(progress.rows == row, np.inf, WINDOW)
-        return changed(self, members=members, progress=progress.located(self.model, self.motion, window))
+        windows = np.where(progress.rows == row, window, WINDOW)
+        return changed(self, members=members, progress=progress.located(self.model, self.motion, windows))
 
     def heads(self) -> np.ndarray:
         """Row of the first vehicle in each member's chain of predecessors, (n,): its own if it has none."""

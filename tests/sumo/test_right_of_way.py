@@ -257,6 +257,20 @@ def test_a_member_changes_lanes_after_the_vehicles_beside_it_have_passed(scene):
 
 
 @pytest.mark.sumo
+def test_a_member_drives_on_along_its_lane_while_faster_vehicles_pass_on_the_other(scene):
+    """It looks for room further on, and does not stop where its route begins to change lanes."""
+    passing = [(f"c{k}", ("west_in", "east_out"), 40.0 - 25.0 * (k - 2), 13.0, 1) for k in range(5)]
+    seen, route = scene("cross", ("west_in", "north_out"), passing, 25.0, position=40.0, speed=9.0)
+    (change, *_) = (line for line in route.lines if line.state == CHANGING)
+    _, x, y, speed = track(seen)
+    assert speed.min() > 7.0
+    begins = x[y > y[0] + 0.5].min()
+    assert begins > change.station + 30.0
+    for name, *_ in passing:
+        assert clearance(seen, name) > 0.5
+
+
+@pytest.mark.sumo
 def test_a_member_does_not_begin_to_change_lanes_where_a_queue_would_stop_it_across_both(scene):
     edges = ("west_in", "north_out")
     _, route = scene("cross", edges, [], 1.0, position=40.0, speed=9.0)

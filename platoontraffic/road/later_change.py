@@ -1,0 +1,56 @@
+"""A lane change later on its lane: a driver who finds no room drives on and looks for it there, as on a slip road."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGE_LENGTH, CHANGING, Line
+from platoontraffic.road.network import Network
+from platoontraffic.road.route import Route
+from platoontraffic.vehicles.motion import VehicleModel
+
+AT_LEAST = 1.0  # by which a change must become later, to be worth another route [vehicle lengths]
+NEAR = 5.0  # distance by which rounding changes stations, at most [m]
+JOIN = 2.0  # distance before the change at which the new line goes on from the old one [vehicle lengths]
+
+
+def with_later_change(route: Route, change: Line, by: float, network: Network, model: VehicleModel) -> Route | None:
+    """The route with one of its lane changes later by a distance [m], or by less where its lane ends.
+
+    returns: a route whose stations before the change are those of the given one; None on a loop, where there is no room
+             for it, or where the lanes beyond would be others
+    """
+    (edge, _, lane), target = change.lane.rpartition("_"), change.onto.rpartition("_")[2]
+    width, shape = network.lane_width(edge, int(lane)), network.route_line((edge,), int(lane))
+    whole = CHANGE_LENGTH * width * abs(int(target) - int(lane))
+    begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
+    later = min(begin + by, begin + change.to_end - whole)  # `route_lanes` puts none any later
+    if route.closed or later < begin + AT_LEAST * model.length:
+        return None
+    i = route.lines.index(change)
+    junctions = [line for line in route.lines[:i] if line.state != CHANGING]
+    # With the edge before, so that the bend between the two is rounded as on the given route.
+    before, start = (1, junctions[-1].lane.rpartition("_")[2]) if junctions else (0, lane)
+    edges = route.edges[len(junctions) - before :]
+    lanes = network.route_lanes(edges, int(start), position=later - CHANGE_AFTER * width, on=before)
+    onward = Route.along(edges, *lanes).drivable_by(model)
+    if (onward.lines[before].lane, onward.lines[before].onto) != (change.lane, change.onto):
+        return None
+    join = min(JOIN * model.length, begin / 2)
+    ends = change.station - join, onward.lines[before].station - (later - begin) - join
+    return _spliced(route, i, onward, before, *ends)
+
+
+def _spliced(route: Route, i: int, onward: Route, k: int, end: float, near: float) -> Route:
+    """A route up to a station before its i-th line [m], then another one, in which that line is the k-th.
+
+    near: about where that place is on the other one [m]
+    """
+    (joint,) = route.line.at(np.array([end]))
+    begin, _ = onward.line.project(*joint, near, NEAR)
+    kept = int(np.searchsorted(route.line.stations, end - 1e-3))
+    first, stop = np.searchsorted(onward.line.stations, [begin + 1e-3, onward.length * (1 + 1e-12)])
+    points = np.concatenate([route.line.points[:kept], [joint], onward.line.points[first:stop]])
+    limit = np.concatenate([route.limit[:kept], route.limit[kept - 1 : kept], onward.limit[first:stop]])
+    lines = [line._replace(station=line.station + end - begin) for line in onward.lines[k:]]
+    return Route.along(route.edges, points, limit, [*route.lines[:i], *lines], walled=route.walled)

@@ -1,0 +1,82 @@
+"""Routes with a lane change later on its lane, compared with the routes that they are made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from platoontraffic import shipped
+from platoontraffic.road.lane_routes import CHANGING, Line
+from platoontraffic.road.later_change import with_later_change
+from platoontraffic.road.network import Network
+from platoontraffic.road.route import Route
+from platoontraffic.vehicles.catalogue import VEHICLES
+from tests.support import ODD_NETS
+
+CAR = VEHICLES["car"]
+CASES = {
+    "first edge": ("highway", ("e1_e2", "e2_e_exit"), 1),
+    "after a junction": ("highway", ("e0_e1", "e1_e2", "e2_e_exit"), 0),
+    "over two lanes": ("highway", ("e0_e1", "e1_e2", "e2_e_exit"), 1),
+    "towards a crossing": ("cross", ("west_in", "north_out"), 0),
+}
+
+
+def network_of(name: str) -> Network:
+    return Network.read(shipped.networks().get(name, ODD_NETS / f"{name}.net.xml"))
+
+
+def given(name: str) -> tuple[Network, Route, Line]:
+    net, edges, lane = CASES[name]
+    network = network_of(net)
+    route = Route.along(edges, *network.route_lanes(edges, lane)).drivable_by(CAR)
+    return network, route, next(line for line in route.lines if line.state == CHANGING)
+
+
+@pytest.mark.parametrize("by", [10.0, 37.0])
+@pytest.mark.parametrize("name", CASES)
+def test_a_change_is_later_and_the_rest_of_the_route_stays(name, by):
+    network, route, change = given(name)
+    later = with_later_change(route, change, by, network, CAR)
+    i = route.lines.index(change)
+    moved = [new.station - old.station for new, old in zip(later.lines, route.lines, strict=True)]
+    assert moved == pytest.approx([0.0] * i + [by] + [0.0] * (len(moved) - i - 1), abs=0.3)
+    assert later.length == pytest.approx(route.length, abs=0.3)
+    stations = np.concatenate(
+        [np.linspace(0, change.station - 2 * CAR.length, 50),
+         np.linspace(change.station + change.across + by + 2 * CAR.length, route.length, 50)]
+    )  # fmt: skip
+    there = later.line.at(np.minimum(stations, later.length))
+    off = [abs(route.line.project(x, y, s, 5.0)[1]) for (x, y), s in zip(there, stations, strict=True)]
+    assert max(off) < 0.05
+    onto = [(line.lane, line.onto, line.state) for line in route.lines]
+    assert [(line.lane, line.onto, line.state) for line in later.lines] == onto
+    assert set(later.limit) == set(route.limit)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_line_has_no_kink_where_it_is_joined(name):
+    network, route, change = given(name)
+    later = with_later_change(route, change, 20.0, network, CAR)
+    sharpest = [np.abs(one.curvature(CAR.length)[1]).max() for one in (route, later)]
+    assert sharpest[1] < 1.1 * sharpest[0] + 0.01
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_change_is_over_before_its_lane_ends_and_is_then_made_no_later(name):
+    network, route, change = given(name)
+    last = with_later_change(route, change, 1e4, network, CAR)
+    i = route.lines.index(change)
+    begun, junction = last.lines[i], last.lines[i + 1]
+    assert begun.station > change.station
+    assert begun.station + begun.across < junction.station - 5.0
+    assert with_later_change(last, begun, 10.0, network, CAR) is None
+
+
+def test_a_change_made_later_in_two_steps_is_where_one_step_brings_it():
+    network, route, change = given("after a junction")
+    once = with_later_change(route, change, 30.0, network, CAR)
+    first = with_later_change(route, change, 15.0, network, CAR)
+    twice = with_later_change(first, first.lines[route.lines.index(change)], 15.0, network, CAR)
+    stations = np.linspace(0, once.length, 300)
+    np.testing.assert_allclose(once.line.at(stations), twice.line.at(stations), atol=0.1)
