@@ -1,5 +1,7 @@
 // The part of the world that the map shows, and its control by mouse, wheel and touch.
 
+const LEAST_SIDE = 8; // of a canvas that is worth drawing on [CSS pixels]
+
 class Camera {
   /** bounds: [left, low, right, high] of the road [m]. */
   constructor(canvas, bounds) {
@@ -10,10 +12,18 @@ class Camera {
     this.scale = 1; // CSS pixels per metre
     this.width = this.height = 1;
     this.ratio = 1; // screen pixels per CSS pixel
+    this.measuring = false; // a drag then measures, and does not move the map
+    this.rule = null; // the two ends of what is measured, in metres
+    this.closest = 2000; // largest scale
     this.onchange = () => {};
     this.onpan = () => {};
     this.onclick = () => {};
     this.#listen();
+  }
+
+  /** Whether there is anything to draw on: in a folded part of a page there is not. */
+  get hasArea() {
+    return this.canvas.clientWidth >= LEAST_SIDE && this.canvas.clientHeight >= LEAST_SIDE;
   }
 
   /** To be called when the canvas may have another size; says whether it had. */
@@ -55,7 +65,7 @@ class Camera {
   /** By a factor, so that what is at a point of the canvas stays there. */
   zoom(factor, px = this.width / 2, py = this.height / 2) {
     const [x, y] = this.world(px, py);
-    this.scale = Math.min(Math.max(this.scale * factor, this.whole / 2), Math.max(2000, this.whole));
+    this.scale = Math.min(Math.max(this.scale * factor, 0.7 * this.whole), Math.max(this.closest, this.whole));
     this.x = x - (px - this.width / 2) / this.scale;
     this.y = y + (py - this.height / 2) / this.scale;
     this.onchange();
@@ -76,6 +86,7 @@ class Camera {
       canvas.setPointerCapture(event.pointerId);
       fingers.set(event.pointerId, at(event));
       if (fingers.size === 1) moved = 0;
+      if (this.measuring) this.rule = [this.world(...at(event)), this.world(...at(event))];
     });
     canvas.addEventListener("pointermove", (event) => {
       const before = fingers.get(event.pointerId);
@@ -85,7 +96,10 @@ class Camera {
       fingers.set(event.pointerId, now);
       moved += Math.hypot(now[0] - before[0], now[1] - before[1]);
       if (moved < 4) return;
-      if (other) {
+      if (this.measuring && !other) {
+        this.rule[1] = this.world(...now);
+        this.onchange();
+      } else if (other) {
         const apart = (point) => Math.max(Math.hypot(point[0] - other[0], point[1] - other[1]), 1);
         this.zoom(apart(now) / apart(before), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
         this.pan((now[0] - before[0]) / 2, (now[1] - before[1]) / 2);

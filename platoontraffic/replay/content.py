@@ -82,6 +82,7 @@ def packed(results: Results, chosen: str | None = None) -> bytes:
         "scans": _scans(columns, results, ids, low, step),
         "chosen": chosen or _first_to_look_at(members),
         "events": _events(results),
+        "obstacles": _obstacles(results),
         "metrics": _metrics(results),
     }
     return columns.packed(header)
@@ -306,6 +307,13 @@ def _events(results: Results) -> list[list]:
     numbers = ["x_m", "y_m", "duration_s"]
     table[numbers] = table[numbers].astype(float)
     return [[None if v != v else v for v in row] for row in table.to_numpy(dtype=object).tolist()]
+
+
+def _obstacles(results: Results) -> list[tuple[str, str]]:
+    """Id and kind of each obstacle."""
+    rows = results.events[results.events.kind == "obstacle"]
+    kinds = rows.what.fillna("obstacle") if "what" in rows else ["obstacle"] * len(rows)
+    return list(zip(rows.vehicle_id, kinds, strict=True))
 
 
 def _metrics(results: Results) -> dict[str, Any]:

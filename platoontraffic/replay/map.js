@@ -13,7 +13,7 @@ class Palette {
     const style = getComputedStyle(document.documentElement);
     this.of = (name) => style.getPropertyValue(name).trim();
     const named = ["ground", "road", "junction", "lane", "middle", "wall", "building", "other",
-      "other-edge", "ink", "faint", "fan", "beam", "return", "segment", "remembered", "right", "wrong", "warn", "panel", "line"];
+      "other-edge", "ink", "faint", "fan", "beam", "return", "segment", "remembered", "right", "wrong", "warn", "panel", "line", "obstacle"];
     for (const name of named) this[name] = this.of(`--${name}`);
     this.order = [0, 1, 2, 3, 4, 5, 6, 7].map((place) => this.of(`--place-${place}`));
   }
@@ -69,9 +69,13 @@ class RoadMap {
     if (view.layers.scan && run.scans) drawn.scan = this.#scan(camera, time, view);
     if (run.traffic && view.layers.traffic) drawn.traffic = this.#traffic(camera, time, view);
     if (view.layers.remembered && run.scans) drawn.remembered = this.#remembered(camera, time, view);
+    this.taken = []; // boxes of the labels of this frame, which give way to each other
+    if (run.traffic && view.layers.obstacles) drawn.obstacles = this.#obstacles(camera, time, view);
     this.#members(camera, when, view, drawn);
     if (chosen && view.layers.target) drawn.target = this.#target(camera, chosen, when, view);
-    this.#events(camera, time, view);
+    if (view.layers.events) this.#events(camera, time, view);
+    if (view.pointed) this.#pointed(camera, time, view.pointed);
+    if (camera.rule) this.#rule(camera);
     this.#scaleBar(camera);
     return drawn;
   }
@@ -152,11 +156,12 @@ class RoadMap {
   }
 
   #traffic(camera, time, view) {
-    const { context, palette, run: { traffic } } = this;
+    const { context, palette, run } = this, { traffic } = run;
     let n = 0;
     context.beginPath();
     let followed = null;
     traffic.forEach(traffic.instant(time), (v, x, y, heading) => {
+      if (run.obstacle[v]) return;
       if (view.follows?.traffic === v) followed = [x, y, heading, v];
       n += this.#outline(context, camera, x, y, heading, traffic.length[v], traffic.width[v], 5);
     });
@@ -175,6 +180,57 @@ class RoadMap {
       this.#label(camera, x, y, traffic.ids[v], palette.ink);
     }
     return n;
+  }
+
+  /** Cars that cut in, pedestrians and other obstacles, with their names; returns their number. */
+  #obstacles(camera, time, view) {
+    const { context, palette, run } = this, { traffic } = run;
+    let n = 0;
+    traffic.forEach(traffic.instant(time), (v, x, y, heading) => {
+      if (!run.obstacle[v]) return;
+      context.beginPath();
+      if (!this.#outline(context, camera, x, y, heading, traffic.length[v], traffic.width[v], 9)) return;
+      context.fillStyle = palette.obstacle;
+      context.fill();
+      context.strokeStyle = view.follows?.traffic === v ? palette.ink : palette.ground;
+      context.lineWidth = 1.5;
+      context.stroke();
+      this.#label(camera, x, y, traffic.ids[v], palette.ink);
+      n++;
+    });
+    return n;
+  }
+
+  /** A thin frame round the vehicle that is pointed at. */
+  #pointed(camera, time, pointed) {
+    const { context, palette, run } = this;
+    const tracks = pointed.member !== undefined ? run.members : run.traffic, v = pointed.member ?? pointed.traffic;
+    const pose = tracks.pose(v, tracks.instant(time));
+    if (!pose) return;
+    const [px, py] = camera.screen(pose.x, pose.y);
+    context.strokeStyle = palette.ink;
+    context.lineWidth = 1;
+    context.beginPath();
+    context.arc(px, py, Math.max(0.6 * tracks.length[v] * camera.scale, 9), 0, 2 * Math.PI);
+    context.stroke();
+  }
+
+  /** What is measured, with its length. */
+  #rule(camera) {
+    const { context, palette } = this;
+    const [a, b] = camera.rule, [ax, ay] = camera.screen(...a), [bx, by] = camera.screen(...b);
+    context.beginPath();
+    for (const [x, y] of [[ax, ay], [bx, by]]) context.rect(x - 2.5, y - 2.5, 5, 5);
+    context.moveTo(ax, ay);
+    context.lineTo(bx, by);
+    for (const [width, colour] of [[4, palette.ground], [1.6, palette.ink]]) {
+      context.lineWidth = width;
+      context.strokeStyle = colour;
+      context.stroke();
+    }
+    const length = Math.hypot(a[0] - b[0], a[1] - b[1]);
+    this.taken = [];
+    this.#label(camera, b[0], b[1], `${length.toFixed(2)} m`, palette.ink);
   }
 
   #members(camera, when, view, drawn) {
@@ -210,6 +266,9 @@ class RoadMap {
     const { context, palette } = this;
     const [px, py] = camera.screen(x, y);
     context.font = "12px system-ui, sans-serif";
+    const box = [px + 10, py - 22, px + 14 + context.measureText(text).width, py - 6];
+    if (this.taken.some((one) => box[0] < one[2] && one[0] < box[2] && box[1] < one[3] && one[1] < box[3])) return;
+    this.taken.push(box);
     context.textAlign = "left";
     context.textBaseline = "middle";
     context.lineWidth = 3;

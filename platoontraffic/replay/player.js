@@ -17,6 +17,32 @@ const words = (kind) => kind.replaceAll("_", " ");
 const seconds = (time) => `${time.toFixed(1)} s`;
 const digits = (value, places) => (Number.isNaN(value) ? "" : (Math.abs(value) < 0.5 * 10 ** -places ? 0 : value).toFixed(places));
 
+// What layers look like on the map: parts of an SVG of 24 x 16; classes as in the style sheet.
+const SIGNS = {
+  scan: '<path class="s-fan" d="M1 8 20 1v14z"/><path class="s-beam" d="M1 8 20 1M1 8h19M1 8l19 7"/><path class="s-return" d="M19 0h3v3h-3zM19 6.500h3v3h-3zM19 13h3v3h-3z"/>',
+  segments: '<path class="s-segment" d="M4 13 20 4"/>',
+  target: '<circle class="s-right" cx="7" cy="8" r="4.500"/><path class="s-wrong" d="M15 4l8 8M15 12l8-8"/>',
+  remembered: '<path class="s-remembered" d="M2 12 8 8l8-3 6 0"/><path class="s-remembered fill" d="M1 10.500h3v3H1zM7 6.500h3v3H7zM15 3.500h3v3h-3z"/>',
+  paths: '<path class="s-path" d="M2 12C8 12 12 4 22 4"/>',
+  traffic: '<path class="s-other" d="M4 4h13l3 2v4l-3 2H4z"/>',
+  obstacles: '<path class="s-obstacle" d="M4 4h13l3 2v4l-3 2H4z"/>',
+  buildings: '<path class="s-building" d="M3 2h10v12H3z"/><path class="s-wall" d="M17 1v14"/>',
+  events: '<circle class="s-wrong" cx="7" cy="8" r="5"/><circle class="s-warn" cx="18" cy="8" r="4"/>',
+  names: '<text x="12" y="12" class="s-name">Aa</text>',
+};
+const MEANINGS = {
+  scan: "The last scan of the chosen member: the area that it swept, some of its beams, and all returns; it fades until the next",
+  segments: "Groups of neighbouring returns",
+  target: "What the law of the chosen member takes for its predecessor: a ring if it is that, a cross if it is something else",
+  remembered: "The path that the law of the chosen member remembers",
+  paths: "Where the platoon's members were in the last 30 s",
+  traffic: "Vehicles that SUMO drives",
+  obstacles: "Cars that cut in, pedestrians, boxes and others of the scenario, with their names",
+  buildings: "Buildings, and walls that lasers see",
+  events: "Where something has happened in the last 3 s: red for contacts and offences, amber for other faults",
+  names: "Names of the platoon's members; where two would overlap, one gives way",
+};
+
 /** The page of a run; `state` is what it shows now. */
 class Player {
   constructor(run) {
@@ -27,7 +53,10 @@ class Player {
     this.time = run.from;
     this.playing = false;
     this.speed = 1;
-    this.layers = { traffic: true, buildings: true, scan: true, segments: true, target: true, remembered: true, paths: true, names: false };
+    this.pointed = null; // vehicle below the mouse: {member} or {traffic}
+    this.hovered = null; // time in a strip below the mouse [s]
+    this.camera.closest = run.town ? 300 : 3000;
+    this.layers = { obstacles: true, events: true, traffic: true, buildings: true, scan: true, segments: true, target: true, remembered: true, paths: true, names: false };
     this.eventTimes = run.events.map((event) => event.time);
     this.drawn = null;
     this.frames = 0;
@@ -41,8 +70,7 @@ class Player {
     this.#makeNumbers();
     this.#listen();
     this.choose(run.members.ids.indexOf(run.chosen));
-    this.camera.resize();
-    this.#begin();
+    this.#goTo(location.hash);
     requestAnimationFrame((now) => this.#frame(now));
   }
 
@@ -63,6 +91,8 @@ class Player {
     this.#fillNumbers();
     this.#fillEvents();
     this.#note();
+    const pose = this.drawn && members.pose(member, members.instant(this.time));
+    if (pose && !this.camera.shows(pose.x, pose.y)) this.follow({ member });
   }
 
   /** {member}, {traffic} (a vehicle's number), or null for a map that stands still. */
@@ -85,6 +115,28 @@ class Player {
     this.time = Math.min(Math.max(time, this.run.from), this.run.until);
     this.stale = true;
     if (announce) this.#announce();
+    this.#keepLink();
+  }
+
+  // ---- links: #t=12.5&member=platoon.2
+
+  #goTo(hash) {
+    const asked = new URLSearchParams(hash.slice(1)), time = parseFloat(asked.get("t"));
+    const member = this.run.members.ids.indexOf(asked.get("member"));
+    if (member >= 0) this.choose(member);
+    if (Number.isFinite(time)) this.seek(time);
+    this.linked = Number.isFinite(time) || member >= 0;
+  }
+
+  /** The address says what the page shows, so that it can be sent to others. */
+  #keepLink() {
+    clearTimeout(this.linking);
+    this.linking = setTimeout(() => {
+      const link = `#t=${+this.time.toFixed(2)}&member=${encodeURIComponent(this.run.members.ids[this.chosen])}`;
+      try {
+        if (!this.playing && location.hash !== link && this.drawn) history.replaceState(null, "", link);
+      } catch { /* a page within a page has no address of its own */ }
+    }, 300);
   }
 
   play(playing) {
@@ -94,7 +146,10 @@ class Player {
     const button = element("play");
     button.setAttribute("aria-label", playing ? "Pause" : "Play");
     button.querySelector("use").setAttribute("href", playing ? "#i-pause" : "#i-play");
-    if (!playing) this.#announce();
+    if (!playing) {
+      this.#announce();
+      this.#keepLink();
+    }
   }
 
   /** To the recorded instant before or behind; from scan to scan if wanted. */
@@ -123,6 +178,8 @@ class Player {
   // ---- every frame
 
   #frame(now) {
+    requestAnimationFrame((later) => this.#frame(later));
+    if (!this.camera.hasArea) return;
     const past = Math.min((now - (this.before ?? now)) / 1000, 0.25);
     this.before = now;
     if (this.playing) {
@@ -131,12 +188,12 @@ class Player {
       if (this.time >= this.run.until) this.play(false);
     }
     if (this.camera.resize()) this.stale = true;
+    if (!this.frames) this.#begin();
     if (this.stale) {
       this.stale = false;
-      this.#draw();
       this.frames++;
+      this.#draw();
     }
-    requestAnimationFrame((later) => this.#frame(later));
   }
 
   #draw() {
@@ -152,6 +209,31 @@ class Player {
     this.#showMembers(when);
     this.#showScan();
     this.#showEvent();
+    this.#showPointed();
+    this.#showValues();
+  }
+
+  /** Name, speed and kind of the vehicle that is pointed at. */
+  #showPointed() {
+    const { run, pointed } = this, tip = element("tip");
+    let text = "";
+    if (pointed) {
+      const tracks = pointed.member !== undefined ? run.members : run.traffic, v = pointed.member ?? pointed.traffic;
+      const pose = tracks.pose(v, tracks.instant(this.time));
+      const kind = pointed.member !== undefined
+        ? (run.members.place[v] ? `follower ${run.members.place[v]}` : "leader") : words(run.obstacle[v]) || "background traffic";
+      const size = `${tracks.length[v].toFixed(2)} × ${tracks.width[v].toFixed(2)} m`;
+      if (pose) text = `${tracks.ids[v]}: ${digits(tracks.speed[pose.row], 2)} m/s, ${kind}, ${size}`;
+    }
+    tip.hidden = !text;
+    if (tip.textContent !== text) tip.textContent = text;
+  }
+
+  #showValues() {
+    for (const strip of this.strips) {
+      const text = this.hovered === null ? "" : strip.values(this.hovered, this);
+      if (strip.output.textContent !== text) strip.output.textContent = text;
+    }
   }
 
   #showTime() {
@@ -297,9 +379,15 @@ class Player {
       const canvas = make("canvas");
       canvas.setAttribute("role", "img");
       canvas.setAttribute("aria-label", label);
-      const box = make("div", { className: "strip" }, make("span", { textContent: `${strip.title} [${strip.unit}]` }), canvas);
-      element("strips").append(box);
-      return new Strip(canvas, strip, this.run, this.palette, (time) => this.seek(time, false));
+      const output = make("output");
+      const head = make("span", {}, `${strip.title} [${strip.unit}] `, output);
+      element("strips").append(make("div", { className: "strip" }, head, canvas));
+      const hover = (time) => {
+        this.hovered = time;
+        this.stale = true;
+      };
+      const made = new Strip(canvas, strip, this.run, this.palette, (time) => this.seek(time, false), hover);
+      return Object.assign(made, { output });
     });
   }
 
@@ -350,7 +438,9 @@ class Player {
       ["remembered", `Remembered path${run.scans?.path ? "" : " (not recorded)"}`, run.scans?.path],
       ["paths", "Driven paths", true],
       ["traffic", "Background traffic", run.traffic?.n],
+      ["obstacles", "Obstacles", run.obstacle?.some(Boolean)],
       ["buildings", "Buildings, walls", (run.scene.walls?.length ?? 0) + (run.scene.buildings?.length ?? 0)],
+      ["events", "Events", run.events.some((event) => severity(event.kind) !== "info")],
       ["names", "Names", true],
     ];
     for (const [layer, text, there] of layers) {
@@ -361,7 +451,8 @@ class Player {
         this.layers[layer] = box.checked;
         this.stale = true;
       });
-      element("layers").append(make("label", { className: there ? "" : "off" }, box, text));
+      const sign = make("span", { className: "sign", innerHTML: `<svg viewBox="0 0 24 16" aria-hidden="true">${SIGNS[layer]}</svg>` });
+      element("layers").append(make("label", { className: there ? "" : "off", title: MEANINGS[layer] }, box, sign, text));
     }
   }
 
@@ -448,7 +539,7 @@ class Player {
       camera.scale = camera.width / (BEGIN_WIDTH * length);
     }
     const pose = run.members.pose(this.chosen, run.members.instant(this.time));
-    if (!pose) { // it comes later
+    if (!pose && !this.linked) { // it comes later
       const { times, first, tracksOf } = run.members;
       this.seek(times[first[tracksOf[this.chosen][0]]], false);
     }
@@ -466,6 +557,16 @@ class Player {
     on("zoom-in", () => this.camera.zoom(1.5));
     on("zoom-out", () => this.camera.zoom(1 / 1.5));
     on("whole", () => this.#showWhole());
+    on("measure", () => this.#measure());
+    window.addEventListener("hashchange", () => this.#goTo(location.hash));
+    const canvas = element("map");
+    const point = (event) => {
+      const pointed = event && event.pointerType !== "touch" ? this.map.at(event.offsetX, event.offsetY, this.camera, this.time) : null;
+      if (pointed?.member !== this.pointed?.member || pointed?.traffic !== this.pointed?.traffic) this.stale = true;
+      this.pointed = pointed;
+    };
+    canvas.addEventListener("pointermove", point);
+    canvas.addEventListener("pointerleave", () => point(null));
     element("slider").addEventListener("input", (event) => this.seek(Number(event.target.value), false));
     element("speed").addEventListener("change", (event) => { this.speed = Number(event.target.value); });
     element("follow").addEventListener("change", (event) => {
@@ -492,6 +593,8 @@ class Player {
     this.camera.onpan = () => this.follow(null);
     this.camera.onclick = (px, py) => {
       const hit = this.map.at(px, py, this.camera, this.time);
+      this.pointed = hit;
+      this.stale = true;
       if (hit?.member !== undefined) this.choose(hit.member);
       else if (hit) this.follow(hit);
     };
@@ -503,6 +606,15 @@ class Player {
       this.stale = true;
     });
     document.addEventListener("keydown", (event) => this.#key(event));
+  }
+
+  #measure() {
+    const { camera } = this;
+    camera.measuring = !camera.measuring;
+    if (!camera.measuring) camera.rule = null;
+    element("measure").setAttribute("aria-pressed", camera.measuring);
+    element("map").style.cursor = camera.measuring ? "crosshair" : "";
+    this.stale = true;
   }
 
   #showWhole() {
@@ -525,7 +637,8 @@ class Player {
       "+": () => this.camera.zoom(1.5),
       "=": () => this.camera.zoom(1.5),
       "-": () => this.camera.zoom(1 / 1.5),
-      0: () => this.#showWhole(),
+      Home: () => this.#showWhole(),
+      m: () => this.#measure(),
       "[": () => this.#faster(-1),
       "]": () => this.#faster(1),
       w: () => this.#move(0, far),
@@ -533,9 +646,9 @@ class Player {
       a: () => this.#move(far, 0),
       d: () => this.#move(-far, 0),
     };
-    for (let place = 0; place < 9; place++) {
-      const member = this.members[place];
-      if (member !== undefined) keys[place + 1] = () => this.choose(member);
+    for (const member of this.members) { // the key is what is painted on it
+      const place = this.run.members.place[member];
+      if (place < 10) keys[place] = () => this.choose(member);
     }
     const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!act) return;
@@ -569,6 +682,7 @@ class Player {
       frames: this.frames,
       scale: this.camera.scale,
       centre: [this.camera.x + left, this.camera.y + low],
+      rule: this.camera.rule && Math.hypot(...[0, 1].map((i) => this.camera.rule[0][i] - this.camera.rule[1][i])),
       drawn: drawn && { ...drawn, members: drawn.members.map(placed), target: placed(drawn.target) },
     });
   }

@@ -241,6 +241,8 @@ async function readRun(text) {
     });
   }
   const members = new Members(header.members, column);
+  const traffic = header.traffic && new Tracks(header.traffic, column);
+  const obstacles = new Map(header.obstacles); // id -> kind
   const events = header.events.map(([time, kind, vehicle, other, x, y, duration, detail], number) => ({
     number, time, kind, vehicle, other, duration, detail,
     x: (x ?? NaN) - header.origin[0], y: (y ?? NaN) - header.origin[1],
@@ -250,7 +252,8 @@ async function readRun(text) {
     ...header,
     scene,
     members,
-    traffic: header.traffic && new Tracks(header.traffic, column),
+    traffic,
+    obstacle: traffic?.ids.map((id) => obstacles.get(id) ?? (id.startsWith("person.") ? "pedestrian" : "")), // kind
     scans: header.scans && new Scans(header.scans, column),
     events,
     from: members.times[0],

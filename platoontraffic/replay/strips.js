@@ -9,7 +9,8 @@ const STRIPS = [
 const LEFT = 44, RIGHT = 8; // margins of the plot, for labels [pixels]
 
 class Strip {
-  constructor(canvas, strip, run, palette, seek) {
+  /** seek, hover: called with the time that is pressed, or pointed at (null: none) */
+  constructor(canvas, strip, run, palette, seek, hover) {
     Object.assign(this, { canvas, strip, run, palette });
     this.context = canvas.getContext("2d");
     this.lines = document.createElement("canvas");
@@ -21,6 +22,8 @@ class Strip {
     };
     canvas.addEventListener("pointerdown", lead);
     canvas.addEventListener("pointermove", lead);
+    canvas.addEventListener("pointermove", (event) => hover(this.time(event.offsetX)));
+    canvas.addEventListener("pointerleave", () => hover(null));
   }
 
   time(px) {
@@ -71,6 +74,14 @@ class Strip {
     context.clearRect(0, 0, canvas.width, canvas.height);
     context.drawImage(this.lines, 0, 0);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    if (view.hovered !== null) {
+      context.strokeStyle = palette.faint;
+      context.lineWidth = 1;
+      context.beginPath();
+      context.moveTo(this.px(view.hovered), 0);
+      context.lineTo(this.px(view.hovered), height);
+      context.stroke();
+    }
     const px = this.px(time);
     context.strokeStyle = palette.ink;
     context.lineWidth = 1.2;
@@ -128,6 +139,7 @@ class Strip {
     }
     context.setLineDash([]);
     context.lineJoin = "round";
+    const beyond = []; // where lines are cut off: place, whether above, member
     const behind = view.members.filter((v) => v !== view.chosen);
     for (const v of [...behind, view.chosen]) {
       context.strokeStyle = palette.member(members.place[v]);
@@ -143,6 +155,7 @@ class Strip {
             continue;
           }
           const px = this.px(members.times[members.first[track] + row - members.begin[track]]), py = this.py(value);
+          if (value > high || value < low) beyond.push([px, value > high, v]);
           started ? context.lineTo(px, py) : context.moveTo(px, py);
           started = true;
         }
@@ -151,5 +164,27 @@ class Strip {
     }
     context.globalAlpha = 1;
     context.restore();
+    let last = -Infinity; // an arrowhead where a line is cut off, and another one every few pixels while it is
+    for (const [px, above, v] of beyond) {
+      if (Math.abs(px - last) < 24) continue;
+      last = px;
+      const [tip, foot] = above ? [0, 6] : [height, height - 6];
+      context.fillStyle = palette.member(members.place[v]);
+      context.beginPath();
+      context.moveTo(px, tip);
+      context.lineTo(px - 4, foot);
+      context.lineTo(px + 4, foot);
+      context.fill();
+    }
+  }
+
+  /** Values of the members at a time, as a text. */
+  values(time, view) {
+    const { members } = this.run, when = members.instant(time);
+    const of = view.members.flatMap((v) => {
+      const row = members.row(v, when), value = row < 0 ? NaN : members[this.strip.name][row];
+      return Number.isNaN(value) ? [] : [`${members.place[v]}: ${value.toFixed(2)}`];
+    });
+    return `${time.toFixed(1)} s  ${of.join("  ")}`;
   }
 }

@@ -233,13 +233,69 @@ def test_another_vehicle_is_followed(opened, made):
     row = pd.read_csv(made / "trajectories.csv").query("vehicle_id == 'platoon.2' and time_s == 5").iloc[0]
     np.testing.assert_allclose(state["centre"], [row.x_m, row.y_m], atol=CENTIMETRE)
     assert state["drawn"]["target"]["id"] == "platoon.1"
-    tab.keyboard.press("1")
+    tab.keyboard.press("0")  # the number on the vehicle
     assert tab.evaluate("replay.chosen") == "platoon.0"
+
+
+def test_a_link_leads_to_a_time_and_a_member(opened, made):
+    tab = opened(made / "replay.html")
+    tab.evaluate("location.hash = '#t=12.5&member=platoon.2'")
+    until(tab, "replay.time === 12.5 && replay.chosen === 'platoon.2'")
+    seek(tab, 7.0)
+    until(tab, "location.hash === '#t=7&member=platoon.2'")
+
+
+def test_what_is_pointed_at_has_name_speed_and_kind(opened, made):
+    tab = opened(made / "replay.html")
+    tab.keyboard.press("Home")
+    state = seek(tab, 3.0)
+    x, y, _ = other_pose(7, 3.0, 20)
+    box = tab.locator("#map").bounding_box()
+    tab.mouse.move(
+        box["x"] + box["width"] / 2 + (x - state["centre"][0]) * state["scale"],
+        box["y"] + box["height"] / 2 - (y - state["centre"][1]) * state["scale"],
+    )
+    until(tab, "!tip.hidden")
+    assert tab.locator("#tip").inner_text().startswith("car.7: 11.00 m/s, background traffic, ")
+
+
+def test_a_measured_length_is_that_on_the_road(opened, made):
+    tab = opened(made / "replay.html")
+    tab.keyboard.press("m")
+    box = tab.locator("#map").bounding_box()
+    tab.mouse.move(box["x"] + 100, box["y"] + 100)
+    tab.mouse.down()
+    tab.mouse.move(box["x"] + 130, box["y"] + 140, steps=4)
+    tab.mouse.up()
+    assert tab.evaluate("replay.rule * replay.scale") == pytest.approx(50, abs=0.01)
+
+
+def test_values_are_shown_where_a_strip_is_pointed_at(opened, made):
+    tab = opened(made / "replay.html")
+    strip = tab.locator(".strip canvas").nth(1)
+    box = strip.bounding_box()
+    strip.hover(position={"x": 44 + (box["width"] - 52) / 2, "y": 20})
+    until(tab, "document.querySelectorAll('.strip output')[1].textContent.startsWith('10.0 s  0: ')")
+
+
+def test_a_page_without_area_recovers(browser, opened, made, tmp_path):
+    """As in a part of a page that is folded at first."""
+    frame = "<iframe src='{}' style='width:0;height:0;border:0'></iframe>".format((made / "replay.html").as_uri())
+    (tmp_path / "folded.html").write_text(frame)
+    tab = browser.new_page()
+    failed = []
+    tab.on("pageerror", lambda error: failed.append(str(error)))
+    tab.goto((tmp_path / "folded.html").as_uri())
+    tab.wait_for_timeout(500)
+    tab.evaluate("Object.assign(document.querySelector('iframe').style, {width: '900px', height: '800px'})")
+    until(tab.frames[1], "window.replay?.drawn && replay.scale > 1")
+    tab.close()
+    assert failed == []
 
 
 def test_a_press_on_a_stranger_follows_it(opened, made):
     tab = opened(made / "replay.html")
-    tab.keyboard.press("0")
+    tab.keyboard.press("Home")
     state = seek(tab, 3.0)
     x, y, _ = other_pose(7, 3.0, 20)
     box = tab.locator("#map").bounding_box()
