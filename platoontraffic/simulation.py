@@ -24,13 +24,14 @@ from platoontraffic.results import plug_in_metrics, statistics
 from platoontraffic.results.provenance import Stopwatch
 from platoontraffic.results.sumo_refusal import refusal
 from platoontraffic.results.sumo_tables import plainly_named, sumo_options
-from platoontraffic.scenario import Breakdown, Scenario
+from platoontraffic.scenario import Breakdown, Channel, Scenario
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.process import RefusedError
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.world import prepared as preparation
 from platoontraffic.world.breakdowns import Breakdowns
+from platoontraffic.world.channel import Messages
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.events import Event
 from platoontraffic.world.fleet import Fleet, Member
@@ -78,6 +79,7 @@ class Setting:
     obstacles: Sequence[Plan] = ()
     orders: Sequence[Order] = ()
     breakdowns: Sequence[Breakdown] = ()
+    channel: Channel | None = None  # of messages between members; None: there are none
     laps: float | None = None  # it ends when every member has turned through as many full circles
     whole_traffic_every: int | None = None  # steps; snapshots between them may lack what is out of range of all members
 
@@ -142,6 +144,8 @@ class Simulation:
         self.sensors = watch.wrap(Sensing(setting.scene, setting.lidar_engine, setting.seed), sense="scan")
         self.observer = watch.wrap(setting.observer(), observe="observe", measure="measure")
         self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
+        solids = setting.scene.solids
+        self.messages = Messages(setting.channel, setting.members, setting.dt, setting.seed, solids)
         fleet = self.world.deploy(*departures(setting.members, setting.dt))
         self.obstacles = Obstacles(setting.obstacles, fleet)
         self.encounters = Encounters(self.obstacles, setting.members)
@@ -177,8 +181,9 @@ class Simulation:
         measured = self.sensors.sense(traffic, fleet, step, self.breakdowns.blind(fleet))
         sensed, fleet = arriving(measured, fleet, step)
         signals = self.world.signals(fleet)
-        fleet = timed("decide", fleet.decided, sensed.scans, dt, signals, sensed.odometry, sensed.readings)
-        roads, noted = self.world.roads(fleet), [*ordered, *failed, *violations(self.world.entries(fleet))]
+        messages, fleet, radio = self.messages.received(fleet, step, traffic.time)
+        fleet = timed("decide", fleet.decided, sensed.scans, dt, signals, sensed.odometry, sensed.readings, messages)
+        roads, noted = self.world.roads(fleet), [*ordered, *failed, *radio, *violations(self.world.entries(fleet))]
         events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted, sensed.seen)
         events = [*events, *self.encounters.observe(traffic, fleet, events)]
         ended = self._ended(step, fleet)
@@ -264,6 +269,7 @@ def setting_of(prepared: Prepared, folder: Path | None = None, client: Client | 
         obstacles=prepared.obstacles,
         orders=prepared.orders,
         breakdowns=spec.breakdown,
+        channel=spec.channel,
         laps=spec.run.laps,
         whole_traffic_every=steps_of(spec.record.traffic_every_s, dt),
     )

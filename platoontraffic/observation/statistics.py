@@ -35,7 +35,7 @@ class Statistics:
     def observe(self, step: Step, **measured: np.ndarray) -> None:
         """measured: the fields of `statistics_kernel.Seen` that are not the fleet's"""
         fleet, motion, kernel = step.fleet, step.fleet.motion, self._kernel
-        own = motion.x, motion.y, motion.turned, motion.speed, motion.acceleration, motion.yaw_rate
+        own = motion.x, motion.y, motion.turned, motion.speed, motion.acceleration, motion.yaw_rate, *fleet.radio
         seen = kernel.Seen(step.number, fleet.predecessor, *own, **measured)
         self.values = np.empty(len(fleet), kernel.VALUES)
         kernel.evaluate(seen, self._before, step.time - self._time, self.values)

@@ -20,7 +20,7 @@ COUNT, TOTAL, SQUARES, LEAST, MOST = range(5)  # of the values of one quantity s
 QUANTITIES = (
     "speed", "acceleration", "jerk", "lateral_acceleration", "beyond_valid", "centre_speed", "turning", "gap",
     "gap_error", "time_gap", "closing", "time_to_collision", "shortfall", "needed_braking", "occluded",
-    "beams_enough", "cross_track", "clearance", "contact_in",
+    "beams_enough", "cross_track", "clearance", "contact_in", "message_age", "message_lost",
 )  # fmt: skip
 VALUES = np.dtype([(name, float) for name in QUANTITIES])
 
@@ -38,6 +38,8 @@ class Seen(NamedTuple):
     speed: np.ndarray  # [m/s], (n,)
     acceleration: np.ndarray  # [m/s2], (n,)
     yaw_rate: np.ndarray  # [rad/s], (n,)
+    message_age: np.ndarray  # [s], (n,)
+    message_lost: np.ndarray  # 1 or 0, (n,)
     gap: np.ndarray  # [m], (n,)
     desired_gap: np.ndarray  # [m], (n,)
     jerk: np.ndarray  # [m/s3], (N,)
@@ -66,6 +68,7 @@ def evaluate(seen, before, dt, values):
         value.clearance, value.contact_in = seen.clearance[k], seen.contact_in[k]
         value.gap, value.gap_error = seen.gap[i], seen.gap[i] - seen.desired_gap[i]
         value.cross_track = seen.cross_track[k]
+        value.message_age, value.message_lost = seen.message_age[i], seen.message_lost[i]
         value.time_gap = seen.gap[i] / seen.speed[i] if seen.speed[i] > LEAST_SPEED else math.nan
         value.closing = value.time_to_collision = value.needed_braking = math.nan
         value.occluded = value.beams_enough = math.nan

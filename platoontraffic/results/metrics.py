@@ -289,6 +289,22 @@ OF_FOLLOWERS = (
         lambda m: m.lock_losses[1],
         "first",
     ),
+    Metric(
+        "message_loss",
+        "",
+        "share of the messages of its predecessor that are lost; empty without a channel",
+        lambda m: m.steps("message_lost").mean,
+        "mean",
+    ),
+    Metric(
+        "message_age_mean",
+        "s",
+        "mean over all steps of the age of the newest message of its predecessor that has arrived",
+        lambda m: m.steps("message_age_s").mean,
+        "mean",
+    ),
+    Metric("message_age_max", "s", "maximum of the same", lambda m: m.steps("message_age_s").max, "max"),
+    Metric("radio_losses", "", "number of events radio_lost", lambda m: m.count("radio_lost"), "sum"),
     Metric("ttc_min", "s", "minimum of ttc_s over all steps", lambda m: m.steps("ttc_s").min, "min"),
     Metric(
         "tet",
@@ -392,6 +408,7 @@ ORDER = (
     "right_lane_share_min", "clearance_min", "contact_in_min", "near_misses_other",
     "pet_min", "short_encroachments", "gap_mean_all", "gap_min_all", "gap_max_all", "gap_error_rms_max_all",
     "time_gap_mean_all", "time_gap_min_all", "cross_track_max_all",
+    "message_loss_mean", "message_age_mean", "message_age_max", "radio_losses",
 )  # fmt: skip
 
 # ---- of a run with obstacles: functions of its `Meetings`

@@ -58,6 +58,19 @@ QUANTITIES = (
     Quantity("cross_track_m", "m", "cross_track"),
     Quantity("clearance_m", "m", "clearance"),
     Quantity("contact_in_s", "s", "contact_in"),
+    Quantity(
+        "message_age_s",
+        "s",
+        "message_age",
+        "age of the newest message of its predecessor that has arrived; none without a channel. It is not in "
+        "trajectories.csv",
+    ),
+    Quantity(
+        "message_lost",
+        "",
+        "message_lost",
+        "1 for a message of its predecessor that is lost, 0 for one that is not, at the steps in which one is sent",
+    ),
 )
 
 
@@ -142,4 +155,5 @@ def _values(own: pd.DataFrame) -> dict[str, pd.Series]:
         "ttc_shortfall_s": (EXPOSED - own.ttc_s)[own.ttc_s < EXPOSED],
         "beams_enough": (own.beams_on_predecessor.dropna() >= ENOUGH_BEAMS).astype(float),
     }
+    derived |= {name: pd.Series(dtype=float) for name in ("message_age_s", "message_lost")}  # are not recorded
     return {one.name: derived[one.name] if one.name in derived else own[one.name] for one in QUANTITIES}

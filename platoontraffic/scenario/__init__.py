@@ -9,12 +9,13 @@ from platoontraffic.scenario.faults import dotted, fault_of
 from platoontraffic.scenario.loading import load
 from platoontraffic.scenario.overrides import Change
 from platoontraffic.scenario.scenario import Scenario
-from platoontraffic.scenario.tables import Breakdown, Platoon, Run, Spec
+from platoontraffic.scenario.tables import Breakdown, Channel, Platoon, Run, Spec
 from platoontraffic.scenario.toml_lines import read_toml
 
 __all__ = [
     "Breakdown",
     "Change",
+    "Channel",
     "Identifier",
     "Platoon",
     "Run",

@@ -18,7 +18,7 @@ from platoontraffic.scenario.drivers import Found, Role, default_preset, drivers
 from platoontraffic.scenario.faults import Fault, KeyPath
 from platoontraffic.scenario.files import Files
 from platoontraffic.scenario.obstacle_tables import Car, CutIn, Pedestrian, name_of
-from platoontraffic.scenario.tables import Breakdown, Driver, Manoeuvre, Platoon, Spec, Sumo
+from platoontraffic.scenario.tables import Breakdown, Channel, Driver, Manoeuvre, Platoon, Spec, Sumo
 from platoontraffic.scenario.vehicle_tables import Lidar
 
 SOME = 8  # names are enough to say what is allowed
@@ -45,6 +45,7 @@ def faults_of(spec: Spec, files: Files, laws: Mapping[Role, Found], folder: Path
         _traffic(spec, files, names),
         _drivers(spec, laws),
         _breakdowns(spec, names, laws),
+        _channel(spec, names, laws),
         _manoeuvres(spec, names, laws),
     )
 
@@ -136,7 +137,7 @@ def _drivers(spec: Spec, laws: Mapping[Role, Found]) -> Iterator[Fault]:
         found, at, platoon = laws[role], ("platoon", *role), spec.platoon[role[0]]
         yield from found.faults
         if found.law is not None:
-            yield from _needs(at, driver, found.law, platoon)
+            yield from _needs(at, driver, found.law, platoon, spec.channel)
             yield from _sensors((*at, "sensors"), driver, found, spec.run.step_s)
         if found.kind is None:
             continue
@@ -145,12 +146,12 @@ def _drivers(spec: Spec, laws: Mapping[Role, Found]) -> Iterator[Fault]:
             yield from _lidars(at, driver, preset, platoon, spec.run.step_s)
 
 
-def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon) -> Iterator[Fault]:
+def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon, channel: Channel | None) -> Iterator[Fault]:
     if not {"route", "signals"}.isdisjoint(law.needs) and not platoon.route and not platoon.to:
         key = f"platoon.{at[1]}"
         what = f"{driver.law!r} needs {key}.route, the edges to drive, or {key}.to, the last of them"
         yield Fault((*at, "law"), what)
-    if "messages" in law.needs:
+    if "messages" in law.needs and channel is None:
         yield Fault((*at, "law"), f"{driver.law!r} needs messages; the scenario must have a [channel]")
 
 
@@ -205,6 +206,28 @@ def _breakdowns(spec: Spec, names: _Names, laws: Mapping[Role, Found]) -> Iterat
             yield Fault((*at, "lasts_s"), what)
         for k, other in enumerate(spec.breakdown[:i]):
             yield from _overlap((*at, "time_s"), breakdown, k, other)
+
+
+def _channel(spec: Spec, names: _Names, laws: Mapping[Role, Found]) -> Iterator[Fault]:
+    channel, step = spec.channel, spec.run.step_s
+    if channel is None:
+        return
+    found = [one.law for one in laws.values() if one.law is not None]
+    if len(found) == len(laws) and not any("messages" in law.needs for law in found):
+        yield Fault(("channel",), "no law needs messages, so nobody receives them; must be left out")
+    if not is_multiple(1 / channel.rate_hz, step):
+        what = f"the interval must be a multiple of run.step_s = {step}, as at {1 / step:g} Hz"
+        yield Fault(("channel", "rate_hz"), f"{channel.rate_hz:g}: {what}")
+    least = 1 / channel.rate_hz + channel.latency_s
+    if channel.lost_after_s is not None and channel.lost_after_s < least:
+        what = f"{channel.lost_after_s:g}: a message is that old when the next arrives; must be at least {least:g}"
+        yield Fault(("channel", "lost_after_s"), what)
+    for i, one in enumerate(channel.blackout):
+        at = ("channel", "blackout", i)
+        yield from _before_end((*at, "time_s"), one.time_s, spec)
+        for key in ("sender", "receiver"):
+            if (name := getattr(one, key)) is not None:
+                yield from _member((*at, key), name, names)
 
 
 def _overlap(path: KeyPath, breakdown: Breakdown, k: int, other: Breakdown) -> Iterator[Fault]:

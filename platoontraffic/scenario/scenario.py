@@ -120,6 +120,8 @@ class Scenario:
         for key in ("obstacle", "manoeuvre", "breakdown"):
             if not table[key]:
                 del table[key]
+        if "channel" in table and not table["channel"]["blackout"]:
+            del table["channel"]["blackout"]
         table["sumo"] |= self._resolved_files(folder)
         table["record"]["metrics"] = self.metrics.names(lambda file: _relative(file, folder))
         for platoon in table["platoon"]:

@@ -12,6 +12,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from platoontraffic.scenario.base import (
     Finite,
+    Fraction,
     Identifier,
     LaneIndex,
     Named,
@@ -301,6 +302,65 @@ class Breakdown(Table):
         return other.lasts_s is None or self.time_s <= other.time_s + other.lasts_s
 
 
+class Blackout(Table):
+    """A time in which messages are lost."""
+
+    time_s: NotNegative
+    """Begin [s]."""
+    lasts_s: Positive
+    """Duration [s]."""
+    sender: str | None = None
+    """Id of the member whose messages are lost. Default: those of all."""
+    receiver: str | None = None
+    """Id of the member that does not receive them. Default: none does."""
+
+
+class Channel(Table):
+    """Messages from each member to its follower, and from the leader to all followers, where laws need them."""
+
+    rate_hz: Positive = 10.0
+    """Messages per second of each member [Hz]; the interval must be a multiple of run.step_s."""
+    latency_s: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """Least time from sending to use: a message is used in the first step that begins this long after it was sent, or
+    later [s]."""
+    jitter_s: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """Greatest further time, uniform from 0, independent for each message and receiver [s]. A message that a newer one
+    has overtaken is dropped."""
+    loss: Fraction = 0.0
+    """Probability that a message is lost, independent for each message and receiver."""
+    burst_loss: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Share of the messages that are lost in bursts besides."""
+    burst_length: Annotated[float, Field(ge=1, le=1e6)] = 5.0
+    """Mean number of messages in a burst."""
+    range_m: Positive | None = None
+    """Distance between two vehicles' centres beyond which messages are lost [m]. Default: none."""
+    blocked_by_buildings: bool = False
+    """Whether messages are lost where a building or obstacle stands between the two vehicles' centres."""
+    lost_after_s: Positive | None = None
+    """Age of the newest message from which on the radio counts as lost [s]. Default: that at which the next one but
+    one is due at the latest."""
+    blackout: list[Blackout] = Field([])
+    """Times in which messages are lost, one [[channel.blackout]] table each."""
+
+    @model_validator(mode="after")
+    def bursts_are_possible(self) -> Channel:
+        if self.burst_begins > 1:
+            least = self.burst_loss / (1 - self.burst_loss)
+            raise ValueError(f"burst_length {self.burst_length:g} for a burst_loss of {self.burst_loss:g}; must be at "
+                             f"least {least:g}")  # fmt: skip
+        return self
+
+    @property
+    def burst_begins(self) -> float:
+        """Probability that a burst begins with a message."""
+        return self.burst_loss / (self.burst_length * (1 - self.burst_loss))
+
+    @property
+    def silence_s(self) -> float:
+        """Age of the newest message above which the radio counts as lost [s]."""
+        return self.lost_after_s or 2 / self.rate_hz + self.latency_s + self.jitter_s
+
+
 class Spec(Table):
     """A scenario file."""
 
@@ -326,6 +386,8 @@ class Spec(Table):
     """Orders to members, one [[manoeuvre]] table each."""
     breakdown: list[Breakdown] = Field([])
     """Failures of members, one [[breakdown]] table each."""
+    channel: Channel | None = None
+    """Messages between members. Default: there are none."""
 
     @model_validator(mode="before")
     @classmethod

@@ -211,6 +211,11 @@ EVENT_KINDS = {
             "pedestrian other_id has stepped into its path; what: whether it can avoid contact",
             ("avoidable", "unavoidable"),
         ),
+        Kind(
+            "radio_lost",
+            "no message of other_id, its predecessor or its leader, has arrived for the channel's lost_after_s",
+        ),
+        Kind("radio_back", "a message of other_id arrives again, duration_s after the last one"),
         Kind("never_departed", "its platoon was due to depart, and waited for room until the run ended"),
         Kind(
             "end",

@@ -186,6 +186,17 @@ class RouteProgress:
         return self.rows[(left <= 0) | (self.routes.walled & stands & (left < 2 * length))]
 
 
+class Radio(NamedTuple):
+    """Messages to members from their predecessors, arrays (n,); NaN where there are none."""
+
+    age: np.ndarray  # of the newest that has arrived [s]
+    lost: np.ndarray  # 1 if that sent in this step is lost, 0 if not; NaN: none is sent
+
+    @classmethod
+    def silent(cls, n: int) -> Radio:
+        return cls(*np.full((2, n), np.nan))
+
+
 @dataclass(frozen=True, eq=False)
 class MemberState:
     """The part of a fleet that has one row for each member: arrays (n,), or records of them."""
@@ -196,6 +207,7 @@ class MemberState:
     motion: Motion
     command: Command  # the last one
     target: Target  # what each law took for its predecessor
+    radio: Radio
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,6 +236,7 @@ class Fleet(MemberState):
             motion=replace(motion, speed=np.array([m.speed for m in members], dtype=float)),
             command=Command.of(Twist(np.array([m.speed for m in members], dtype=float), still)),  # until a law decides
             target=Target(unknown, unknown),
+            radio=Radio.silent(n),
         )
         row_of = {(m.platoon, m.place): i for i, m in enumerate(members)}
         predecessor = np.array([row_of.get((m.platoon, m.place - 1), -1) for m in members], dtype=int)

@@ -18,7 +18,7 @@ from platoontraffic.vehicles.catalogue import FleetModel
 from platoontraffic.vehicles.motion import Motion
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.events import EVENT_KINDS, Event
-from platoontraffic.world.fleet import Group, Member
+from platoontraffic.world.fleet import Group, Member, Radio
 from platoontraffic.world.traffic import TrafficSnapshot
 from tests.support.bench import NO_WALLS, batch_of, constant, platoon
 
@@ -102,6 +102,10 @@ class Observed:
 class _Fleet(SimpleNamespace):
     def __len__(self) -> int:
         return len(self.members)
+
+    @property
+    def radio(self) -> Radio:
+        return Radio.silent(len(self))
 
 
 def _scanned(fleet: _Fleet, hits: np.ndarray) -> tuple[_Fleet, tuple]:
