@@ -17,6 +17,7 @@ from shapely.geometry import LinearRing, LineString, Polygon
 
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import kerbs
+from platoontraffic.road import levels
 from platoontraffic.road.lane_routes import CHANGING, LaneRoute, Line, inside, least_changes, links_between
 from platoontraffic.road.middle_lines import MiddleLines
 from platoontraffic.road.netconvert import build_net
@@ -266,6 +267,11 @@ class Network:
     def middle_lines(self) -> list[LineString]:
         """Lines between the directions of each road, continued round corners up to junctions of three or more arms."""
         return list(self._middles.lines)
+
+    def crossed_without_junction(self, edges: Sequence[str]) -> dict[str, list[tuple[str, float, float]]]:
+        """The roads over or below each of some edges, as `levels.crossings`."""
+        lines = {e.getID(): [np.array(lane.getShape()) for lane in e.getLanes()] for e in self._roads}
+        return levels.crossings(lines, edges)
 
     def lane_borders(self) -> list[LineString]:
         """Lines between neighbouring lanes of one direction."""

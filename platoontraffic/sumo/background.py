@@ -8,6 +8,7 @@ from itertools import chain, compress
 import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
+from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.frame import centre_of, heading_of
 from platoontraffic.world.fleet import CLOSING, Fleet, Member
@@ -15,6 +16,7 @@ from platoontraffic.world.traffic import TrafficSnapshot
 
 PERSON = "person."  # prefix of pedestrians' ids in snapshots: SUMO allows a person and a vehicle of one name
 RECHECK_AFTER = 0.5  # period after which distant vehicles are measured again [s]
+BRIDGE = 30.0  # distance from a crossing of two levels within which vehicles on the other road are left out [m]
 PERSON_SIZE = 1.0  # bound of half a pedestrian's length or width [m]
 
 compiled = compiler(__file__)
@@ -25,10 +27,15 @@ class Background:
 
     A vehicle so far from every member that it cannot come within range before the next check is not asked for its
     position until then. The list of the remaining vehicles holds until a vehicle enters or leaves the simulation.
+
+    A vehicle on a bridge over a member's route, or below one, is left out: the world of lasers and contacts is flat.
     """
 
-    def __init__(self, sumo: Client) -> None:
-        self._sumo = sumo
+    def __init__(self, sumo: Client, network: Network) -> None:
+        self._sumo, self._network = sumo, network
+        self._bridges: dict[str, list[tuple[str, float, float]]] = {}  # the roads that cross each road, and where [m]
+        self._crossing: list[tuple[str, float, float]] = []  # those of the members' routes
+        self._crossing_for: tuple[Member, ...] = ()
         self._sizes: dict[str, tuple[float, float]] = {}  # length, width [m] by vehicle
         self._skipped: set[str] = set()  # members, held obstacles, distant vehicles
         self._skipped_for: tuple[Member, ...] = ()  # members at the last check
@@ -43,7 +50,7 @@ class Background:
         held : vehicles in SUMO that are obstacles
         time : of the snapshot [s]
         """
-        vehicles = self.read(self._names(fleet, reach, held), time)
+        vehicles = self._on_their_level(fleet, self.read(self._names(fleet, reach, held), time))
         return vehicles.with_others(self._people(fleet, reach, time)) if self._sumo.person.getIDCount() else vehicles
 
     def read(self, names: Sequence[str], time: float) -> TrafficSnapshot:
@@ -58,6 +65,23 @@ class Background:
         x, y = centre_of(*front.T, heading, length)
         speed = np.fromiter(map(vehicle.getSpeed, names), float, n)
         return TrafficSnapshot(time, tuple(names), x, y, heading, speed, length, width)
+
+    def _on_their_level(self, fleet: Fleet, vehicles: TrafficSnapshot) -> TrafficSnapshot:
+        """Without vehicles near a place where their road crosses a member's route on another level."""
+        if fleet.members is not self._crossing_for:
+            edges = {edge for member in fleet.members if member.route for edge in member.route.edges}
+            if new := sorted(edges - self._bridges.keys()):
+                self._bridges |= self._network.crossed_without_junction(new)
+            # Where members drive on both levels, all are left in.
+            self._crossing = [one for edge in sorted(edges) for one in self._bridges[edge] if one[0] not in edges]
+            self._crossing_for = fleet.members
+        if not self._crossing:
+            return vehicles
+        stays = np.ones(len(vehicles.ids), bool)
+        for road, x, y in self._crossing:
+            for i in np.flatnonzero(np.hypot(vehicles.x - x, vehicles.y - y) < BRIDGE).tolist():
+                stays[i] &= self._sumo.vehicle.getRoadID(vehicles.ids[i]) != road
+        return vehicles if stays.all() else self.read(list(compress(vehicles.ids, stays)), vehicles.time)
 
     def stepped(self) -> None:
         """To be called after every step of SUMO's: the vehicles on the road may be others."""

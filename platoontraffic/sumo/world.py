@@ -52,7 +52,7 @@ class World:
         self._options = start_options(network.path, step, seed, options)
         self._step, self._warm_up = step, warm_up
         self._process = Process(self._sumo, network.path, words)
-        self._background = Background(self._sumo)
+        self._background = Background(self._sumo, network)
         self._obstacles = HeldObstacles(self._sumo, network.drivable, self._background)
         self._placement = Placement(self._sumo, network, step)
         self._lines = StopLines(network, self._sumo)

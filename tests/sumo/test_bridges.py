@@ -1,0 +1,50 @@
+"""A road over another one, in a network without heights."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from platoontraffic.road.network import Network
+from platoontraffic.simulation import Setting, Simulation
+from platoontraffic.sumo.programs import home_of, program
+from tests.sumo.test_right_of_way import EYE, NO_WALLS, STEP, Staged, deployed, insert, track
+
+pytestmark = pytest.mark.sumo
+
+
+@pytest.fixture
+def bridge(generated_nets) -> Network:
+    """Road `under` from west to east, `over` from south to north above its middle."""
+    file = Path(generated_nets, "bridge.net.xml")
+    ends = {"w": (0, 0), "e": (400, 0), "s": (200, -200), "n": (200, 200)}
+    nodes = "".join(f'<node id="{n}" x="{x}" y="{y}"/>' for n, (x, y) in ends.items())
+    edges = '<edge id="under" from="w" to="e" speed="13.9"/><edge id="over" from="s" to="n" speed="13.9"/>'
+    for kind, text in (("nod", f"<nodes>{nodes}</nodes>"), ("edg", f"<edges>{edges}</edges>")):
+        Path(generated_nets, f"bridge.{kind}.xml").write_text(text)
+    netconvert = program("netconvert")
+    given = [
+        f"--{kind}-files={generated_nets / f'bridge.{short}.xml'}" for kind, short in (("node", "nod"), ("edge", "edg"))
+    ]
+    subprocess.run(
+        [netconvert, *given, "--offset.disable-normalization", f"--output-file={file}"],
+        env=home_of(netconvert), check=True, capture_output=True,
+    )  # fmt: skip
+    return Network.read(file)
+
+
+def test_a_member_does_not_stop_for_a_vehicle_on_the_bridge(bridge, tmp_path):
+    """It stands right over its lane: a laser in a flat world would meet it."""
+    member = deployed(bridge, ("under",), 60.0, 0, 10.0, EYE)
+
+    def ground() -> Staged:
+        return Staged(bridge, tmp_path / "words.log", lambda: insert("c", ("over",), 202.0, 0.0))
+
+    setting = Setting([member], NO_WALLS, STEP, steps=200, ground=ground, whole_traffic_every=1)
+    with Simulation(setting) as simulation:
+        seen = [now.traffic for now in simulation if now.step and len(now.fleet)]
+    _, x, _, speed = track(seen)
+    assert x[-1] > 250
+    assert speed.min() > 9.0
