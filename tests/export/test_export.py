@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
 import sys
 import xml.etree.ElementTree as ET
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -39,7 +42,7 @@ def bag(run) -> dict[str, list[tuple[int, object]]]:
     from rosbags.typesys import Stores, get_typestore
 
     files = export(run, "mcap")
-    assert [file.name for file in files] == ["metadata.yaml", "rosbag.mcap"]
+    assert [file.name for file in files] == ["foxglove_layout.json", "metadata.yaml", "rosbag.mcap", "view.rviz"]
     store, messages = get_typestore(Stores.ROS2_HUMBLE), {}
     with Reader(files[0].parent) as reader:
         for connection, time, raw in reader.messages():
@@ -93,10 +96,18 @@ def test_poses_and_twists_are_those_of_the_table(run, bag):
         odometry, twists = bag[f"/rbt_isr_{number}/odom"], bag[f"/rbt_isr_{number}/cmd_vel"]
         assert len(odometry) == len(twists) == len(own)
         assert [seconds(m) for _, m in odometry] == pytest.approx(own.time_s.tolist(), abs=1e-9)
-        assert {(m.header.frame_id, m.child_frame_id) for _, m in odometry} == {("map", f"{vehicle}/base_link")}
+        assert {(m.header.frame_id, m.child_frame_id) for _, m in odometry} == {
+            (f"{vehicle}/odom", f"{vehicle}/base_link")
+        }
+        ((_, static),) = bag["/tf_static"]
+        (start,) = [t.transform for t in static.transforms if t.child_frame_id == f"{vehicle}/odom"]
+        turned = 2 * np.arctan2(start.rotation.z, start.rotation.w)
+        c, s = np.cos(turned), np.sin(turned)
         poses = [m.pose.pose for _, m in odometry]
-        assert [[p.position.x, p.position.y] for p in poses] == own[["x_m", "y_m"]].to_numpy().tolist()
-        headings = [2 * np.arctan2(p.orientation.z, p.orientation.w) for p in poses]
+        found = [[start.translation.x + c * p.position.x - s * p.position.y,
+                  start.translation.y + s * p.position.x + c * p.position.y] for p in poses]  # fmt: skip
+        np.testing.assert_allclose(found, own[["x_m", "y_m"]].to_numpy(), atol=1e-9)
+        headings = [turned + 2 * np.arctan2(p.orientation.z, p.orientation.w) for p in poses]
         assert np.cos(headings - own.heading_rad).min() == pytest.approx(1.0, abs=1e-12)
         assert [[m.linear.x, m.angular.z] for _, m in twists] == own[
             ["speed_mps", "yaw_rate_radps"]
@@ -109,10 +120,92 @@ def test_frames_lead_from_the_map_to_the_laser(run, bag):
     members = load(run).trajectories.vehicle_id.unique()
     for _, message in bag["/tf"]:
         frames = [(t.header.frame_id, t.child_frame_id) for t in message.transforms]
-        assert frames == [("map", f"{vehicle}/base_link") for vehicle in members]
+        assert frames == [(f"{vehicle}/odom", f"{vehicle}/base_link") for vehicle in members]
     ((_, mounts),) = bag["/tf_static"]
     frames = {(t.header.frame_id, t.child_frame_id, t.transform.translation.x) for t in mounts.transforms}
-    assert frames == {(f"{vehicle}/base_link", f"{vehicle}/laser", LASER) for vehicle in members}
+    assert {(parent, child) for parent, child, _ in frames if parent == "map"} == {
+        ("map", f"{vehicle}/odom") for vehicle in members
+    }
+    assert {one for one in frames if one[0] != "map"} == {
+        (f"{vehicle}/base_link", f"{vehicle}/laser", LASER) for vehicle in members
+    }
+
+
+def test_bodies_and_traffic_are_boxes_where_the_tables_have_them(run, bag):
+    results = load(run)
+    for topic, table in (("/vehicles", results.trajectories), ("/traffic", results.traffic)):
+        assert len(bag[topic]) == table.time_s.nunique()
+        time, last = bag[topic][-1]
+        rows = table[table.time_s == table.time_s.max()].sort_values("x_m")
+        assert time == round(rows.time_s.iloc[0] * 1e9)
+        first, *boxes = last.markers
+        assert first.action == first.DELETEALL
+        boxes = sorted(boxes, key=lambda one: one.pose.position.x)
+        assert [(b.pose.position.x, b.pose.position.y) for b in boxes] == list(zip(rows.x_m, rows.y_m, strict=True))
+        assert {(b.header.frame_id, b.type, b.scale.x) for b in boxes} == {("map", 1, LENGTH)}
+
+
+def test_targets_are_where_the_laws_see_them(run, bag):
+    rows = load(run).trajectories
+    _, message = bag["/targets"][10]
+    at = rows[(rows.time_s == rows.time_s.unique()[10]) & rows.seen_gap_m.notna()]
+    marks = message.markers[1:]
+    assert len(marks) == len(at) == MEMBERS - 1
+    for row, mark in zip(at.itertuples(), marks, strict=True):
+        assert mark.header.frame_id == f"{row.vehicle_id}/base_link"
+        x, y = mark.pose.position.x - LASER, mark.pose.position.y
+        assert np.hypot(x, y) == pytest.approx(row.seen_gap_m + LENGTH / 2 - LASER)
+        assert np.arctan2(y, x) == pytest.approx(row.seen_bearing_rad)
+
+
+def test_the_clock_and_the_road_are_there(run, bag):
+    assert [time for time, _ in bag["/clock"]] == [time for time, _ in bag["/tf"]]
+    ((_, road),) = bag["/road"]
+    lines = {marker.ns: len(marker.points) for marker in road.markers}
+    rings = load(run).scene["road"]
+    assert lines["road"] == 2 * sum(len(ring) - 1 for ring in rings)
+
+
+def test_an_occupancy_grid_is_occupied_at_walls_free_on_the_road_and_unknown_beside_it():
+    pytest.importorskip("rosbags")
+    from platoontraffic.export.markers import FREE, OCCUPIED, UNKNOWN, occupancy
+
+    def square(low: float, high: float) -> list[list[float]]:
+        return [[low, low], [high, low], [high, high], [low, high], [low, low]]
+
+    scene = {"road": [square(0, 10), square(4, 6)], "walls": [[[2.0, 2.0], [8.0, 2.0]]], "buildings": [square(20, 22)]}
+    cells, size, (left, low) = occupancy(SimpleNamespace(scene=scene))
+
+    def at(x: float, y: float) -> int:
+        return cells[int((y - low) / size), int((x - left) / size)]
+
+    assert [at(1, 1), at(5, 5), at(15, 5)] == [FREE, UNKNOWN, UNKNOWN]
+    assert [at(2, 2), at(5, 2), at(21, 21), at(20, 21)] == [OCCUPIED] * 4
+    assert occupancy(SimpleNamespace(scene=scene | {"walls": [], "buildings": []})) is None
+
+
+def test_covariances_of_dead_reckoning_have_their_closed_forms():
+    """Straight ahead at v for T: the heading's variance is (b T)^2 + w^2 dt T, and that along the road (s v T)^2 + n^2
+    dt T; across it, b acts as v b T^2 / 2."""
+    from platoontraffic.export.dead_reckoning import covariances
+    from platoontraffic.vehicles.odometry import OdometryErrors
+
+    time = np.linspace(0.0, 20.0, 2001)
+    rows = pd.DataFrame({"time_s": time, "speed_mps": 10.0, "heading_rad": 0.7})
+    last = covariances(rows, OdometryErrors(0.005, 0.02, 0.002, 0.003), 0.1)[-1]
+    assert last[0, 0] == pytest.approx((0.005 * 10 * 20) ** 2 + 0.02**2 * 0.1 * 20)
+    assert last[2, 2] == pytest.approx((0.002 * 20) ** 2 + 0.003**2 * 0.1 * 20)
+    across = (10 * 0.002 * 20**2 / 2) ** 2 + 10**2 * 0.003**2 * 0.1 * 20**3 / 3
+    assert last[1, 1] == pytest.approx(across, rel=2e-3)
+    standing = rows.assign(speed_mps=0.0)
+    assert (covariances(standing, OdometryErrors(0.005, 0.02, 0.002, 0.003), 0.1) == 0).all()
+
+
+def test_settings_of_viewers_name_topics_of_the_bag(run, bag):
+    layout = json.loads((run / "rosbag" / "foxglove_layout.json").read_text())
+    assert set(layout["configById"]["3D!scene"]["topics"]) <= set(bag) | {"/map"}
+    named = re.findall(r"Value: (/\S+)", (run / "rosbag" / "view.rviz").read_text())
+    assert {"/road", "/vehicles", "/scan0"} <= set(named) <= set(bag) | {"/map"}
 
 
 def test_a_bag_is_written_again_in_the_place_of_the_old_one(run, bag):
