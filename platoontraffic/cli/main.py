@@ -415,12 +415,31 @@ def replay(
     run_folder: RunFolder,
     to: Annotated[Path | None, typer.Option("--to", help="page to make; default RUN/replay.html")] = None,
     vehicle: Annotated[str | None, typer.Option("--vehicle", help="member that is selected first")] = None,
+    beside: Annotated[
+        Path | None, typer.Option("--beside", metavar="RUN", help="a second run, which plays beside the first")
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            "--video", metavar="FILE", help="a .gif, .mp4 or .webm, or a folder of frames, in place of a page"
+        ),
+    ] = None,
+    speed: Annotated[float, typer.Option("--speed", help="with --video: seconds of the run in one of the video")] = 4.0,
 ) -> None:
-    """Make one HTML page that plays a run in any browser, without a network."""
-    from platoontraffic.replay import page
+    """Make one HTML page that plays a run in any browser, without a network; or a video."""
+    from platoontraffic.replay import page, page_of_two
 
+    if video and (to or vehicle or beside):
+        raise InputError("--video: cannot be with --to, --vehicle or --beside, which are for pages")
     with result_faults():
-        print(page(run_folder, to or run_folder / "replay.html", vehicle))
+        if video:
+            from platoontraffic.replay.video import video as written
+
+            print(written(run_folder, video, speed))
+        elif beside:
+            print(page_of_two(run_folder, beside, to or run_folder / "replay-beside.html", vehicle))
+        else:
+            print(page(run_folder, to or run_folder / "replay.html", vehicle))
 
 
 @command

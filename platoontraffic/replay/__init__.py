@@ -1,5 +1,5 @@
 """Replay of a run: one HTML page, made from the run's files; it opens from disk without a network."""
 
-from platoontraffic.replay.page import page
+from platoontraffic.replay.page import page, page_of_two
 
-__all__ = ["page"]
+__all__ = ["page", "page_of_two"]

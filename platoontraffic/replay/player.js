@@ -116,6 +116,7 @@ class Player {
     this.stale = true;
     if (announce) this.#announce();
     this.#keepLink();
+    this.#tell();
   }
 
   // ---- links: #t=12.5&member=platoon.2
@@ -139,6 +140,23 @@ class Player {
     }, 300);
   }
 
+  // ---- beside another run: see beside.html
+
+  #tell() {
+    if (window.parent === window || this.told) return;
+    window.parent.postMessage({ time: this.time, playing: this.playing, speed: this.speed }, "*");
+  }
+
+  #hear({ time, playing, speed }) {
+    if (![time, speed].every(Number.isFinite)) return;
+    this.told = true; // and so does not tell it again
+    this.speed = speed;
+    element("speed").value = speed;
+    this.seek(time, false);
+    if (playing !== this.playing) this.play(playing);
+    this.told = false;
+  }
+
   play(playing) {
     if (playing && this.time >= this.run.until - SOON) this.time = this.run.from;
     this.playing = playing;
@@ -150,6 +168,7 @@ class Player {
       this.#announce();
       this.#keepLink();
     }
+    this.#tell();
   }
 
   /** To the recorded instant before or behind; from scan to scan if wanted. */
@@ -185,7 +204,11 @@ class Player {
     if (this.playing) {
       this.time = Math.min(this.time + past * this.speed, this.run.until);
       this.stale = true;
-      if (this.time >= this.run.until) this.play(false);
+      if (this.time >= this.run.until) {
+        this.told = true; // a longer run beside it goes on
+        this.play(false);
+        this.told = false;
+      }
     }
     if (this.camera.resize()) this.stale = true;
     if (!this.frames) this.#begin();
@@ -568,7 +591,13 @@ class Player {
     canvas.addEventListener("pointermove", point);
     canvas.addEventListener("pointerleave", () => point(null));
     element("slider").addEventListener("input", (event) => this.seek(Number(event.target.value), false));
-    element("speed").addEventListener("change", (event) => { this.speed = Number(event.target.value); });
+    element("speed").addEventListener("change", (event) => {
+      this.speed = Number(event.target.value);
+      this.#tell();
+    });
+    window.addEventListener("message", (event) => {
+      if (event.source === window.parent && event.source !== window) this.#hear(event.data ?? {});
+    });
     element("follow").addEventListener("change", (event) => {
       const [kind, number] = [event.target.value[0], Number(event.target.value.slice(1))];
       this.follow(kind === "m" ? { member: number } : kind === "t" ? { traffic: number } : null);
@@ -665,6 +694,7 @@ class Player {
     const i = Math.min(Math.max(SPEEDS.indexOf(this.speed) + sense, 0), SPEEDS.length - 1);
     this.speed = SPEEDS[i];
     element("speed").value = this.speed;
+    this.#tell();
   }
 
   /** State of the page for tests and scripts, in the network's metres. */

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from platoontraffic.analysis import ResultsError, load
@@ -291,6 +292,54 @@ def test_a_page_without_area_recovers(browser, opened, made, tmp_path):
     until(tab.frames[1], "window.replay?.drawn && replay.scale > 1")
     tab.close()
     assert failed == []
+
+
+def test_two_runs_play_together(browser, made, tmp_path):
+    other = made_run(tmp_path / "other", seconds=20.0)
+    done = CliRunner().invoke(app, ["replay", str(made), "--beside", str(other), "--to", str(tmp_path / "two.html")])
+    assert (done.exit_code, done.stderr) == (0, "")
+    tab, failed = browser.new_page(viewport={"width": 1600, "height": 800}), []
+    tab.on("pageerror", lambda error: failed.append(str(error)))
+    tab.on("console", lambda message: failed.append(message.text) if message.type == "error" else None)
+    tab.goto((tmp_path / "two.html").as_uri())
+    first, second = tab.frames[1:]
+    for frame in (first, second):
+        until(frame, "window.replay?.drawn")
+    seek(first, 4.0)
+    until(second, "replay.time === 4")
+    second.locator("#play").click()
+    until(first, "replay.playing && replay.time > 4.1")
+    first.locator("#play").click()
+    until(second, "!replay.playing")
+    assert first.evaluate("replay.time") == second.evaluate("replay.time")
+    tab.close()
+    assert failed == []
+
+
+@pytest.mark.parametrize("name", ["run.gif", "frames"])
+def test_a_video_has_a_frame_for_each_tenth_of_its_seconds(name, tmp_path):
+    folder = made_run(tmp_path / "run", seconds=2.0)
+    done = CliRunner().invoke(app, ["replay", str(folder), "--video", str(tmp_path / name), "--speed", "5"])
+    assert (done.exit_code, done.stderr) == (0, "")
+    if name == "frames":
+        assert len(list((tmp_path / name).glob("*.png"))) == 5
+    else:
+        with Image.open(tmp_path / name) as image:
+            assert (image.n_frames, image.info["duration"]) == (5, 100)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--video", "run.avi"], "--video: 'run.avi': must end in .gif, .mp4 or .webm, or be a folder for frames"),
+        (["--video", "run.gif", "--speed", "0"], "--speed: 0: must be positive"),
+        (["--video", "run.gif", "--to", "run.html"], "--video: cannot be with --to, --vehicle or --beside"),
+    ],
+)
+def test_what_is_no_video_is_said_in_a_line(arguments, said, made):
+    done = CliRunner().invoke(app, ["replay", str(made), *arguments])
+    assert done.exit_code == 2
+    assert done.stderr.startswith(said)
 
 
 def test_a_press_on_a_stranger_follows_it(opened, made):
