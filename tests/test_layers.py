@@ -26,7 +26,7 @@ LAYERS = [
     {"simulation"},
     {"run"},
     {"study"},
-    {"prove"},
+    {"prove", "string_stability"},
     {"cli"},
     {"__main__"},
 ]

@@ -370,6 +370,23 @@ def prove(
 
 
 @command
+def string(
+    law: Annotated[str, typer.Argument(metavar="LAW", help="name of a law, or module:Class beside the scenario")],
+    changes: Changes = None,
+    scenario: Annotated[
+        str, typer.Option(help="a scenario, of which the first platoon, the channel and the step are used")
+    ] = "string",
+    results: ResultsFolder = Path("results/string"),
+    json: Json = False,
+) -> None:
+    """Measure the string stability of a law on a straight road, beside the theory of its linearisation."""
+    from platoontraffic.cli.string import measure
+
+    end_as_at_control_c()
+    measure(law, changes or [], scenario, results, json)
+
+
+@command
 def plot(
     run_folder: RunFolder,
     what: Annotated[

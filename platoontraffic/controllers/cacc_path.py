@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.field import FieldLaw, Own
+from platoontraffic.controllers.field import Feed, FieldLaw, Own
 from platoontraffic.controllers.law import Known, Linear
 from platoontraffic.vehicles.motion import Positive
 
@@ -29,7 +29,7 @@ class PathFollower(FieldLaw):
 
     uses_leader: ClassVar[bool] = True
 
-    feed: Literal["scan", "truth", "messages"] = "messages"
+    feed: Feed = "messages"
     spacing: Annotated[Positive, Field(alias="spacing_m")] = 5.0  # s0
     leader_weight: Annotated[float, Field(ge=0, lt=1)] = 0.5  # C1
     damping: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 1.0  # xi

@@ -13,12 +13,12 @@ u_ahead 3.16 s = sqrt(2 / kp).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.field import FieldLaw, Own, filtered
+from platoontraffic.controllers.field import Feed, FieldLaw, Own, filtered
 from platoontraffic.controllers.law import Known, Linear
 from platoontraffic.vehicles.motion import NotNegative, Positive
 
@@ -30,7 +30,7 @@ class PloegFollower(FieldLaw):
     By scan, the predecessor's estimated acceleration stands for the desired one.
     """
 
-    feed: Literal["scan", "truth", "messages"] = "messages"
+    feed: Feed = "messages"
     time_headway: Annotated[Positive, Field(alias="time_headway_s")] = 0.7  # h
     distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s2")] = 0.2  # kp
     speed_gain: Annotated[Positive, Field(alias="speed_gain_per_s")] = 0.7  # kd

@@ -15,12 +15,12 @@ each vehicle.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.field import FieldLaw, Own
+from platoontraffic.controllers.field import Feed, FieldLaw, Own
 from platoontraffic.controllers.law import Known, Linear
 from platoontraffic.vehicles.motion import NotNegative, Positive
 
@@ -34,7 +34,7 @@ class ConsensusFollower(FieldLaw):
 
     uses_leader: ClassVar[bool] = True
 
-    feed: Literal["scan", "truth", "messages"] = "messages"
+    feed: Feed = "messages"
     speed_gain: Annotated[Positive, Field(alias="speed_gain_per_s")] = 1.8  # b
     predecessor_gain: Annotated[Positive, Field(alias="predecessor_gain_per_s2")] = 0.86  # k
     leader_gain: Annotated[NotNegative, Field(alias="leader_gain_per_s2")] = 0.08  # k

@@ -18,6 +18,9 @@ from platoontraffic.vehicles.motion import Drive
 FALLBACK = 1.5, 0.1, 2.0
 
 
+Feed = Literal["scan", "truth", "messages", "radar"]
+
+
 class Own(NamedTuple):
     """The own vehicle, arrays (n,)."""
 
@@ -37,7 +40,8 @@ class FieldLaw(Law):
     or its own route, and stops at lines.
 
     feed            What it knows of the members ahead: "scan", the predecessor as `tracking` estimates it by the laser;
-                    "truth", without errors; or "messages". All else is the same.
+                    "truth", without errors; "messages"; or "radar", gap and relative speed without errors, and the
+                    rest by messages. All else is the same.
     on_radio_loss   What it does while the messages that it needs stay away: "laser", the same law by the laser, with
                     the predecessor in the leader's place; "headway", the law `acc` by the laser; "hold", it keeps its
                     speed.
@@ -46,7 +50,7 @@ class FieldLaw(Law):
     `steering.acceleration_mps2` and `steering.hardest_braking_mps2`; nothing else limits it, and nothing else brakes.
     """
 
-    feed: Literal["scan", "truth", "messages"] = "scan"
+    feed: Feed = "scan"
     on_radio_loss: Literal["laser", "headway", "hold"] = "laser"
     steering: TrackingFollower = field(default_factory=TrackingFollower)
 
@@ -67,8 +71,8 @@ class FieldLaw(Law):
 
     @property
     def needs(self) -> frozenset[str]:
-        fed = set() if self.feed == "scan" else {self.feed} | ({"leader"} if self.uses_leader else set())
-        return self.steering.needs | fed
+        fed = {"scan": (), "truth": ("truth",), "messages": ("messages",), "radar": ("truth", "messages")}[self.feed]
+        return self.steering.needs.union(fed, ("leader",) if self.uses_leader else ())
 
     @property
     def further_lidars(self) -> Mapping[str, str]:
@@ -109,6 +113,10 @@ class FieldLaw(Law):
         if self.feed == "truth":
             return self.demand(own, sensed.truth, last, dt)
         received = sensed.messages
+        if self.feed == "radar":
+            seen = sensed.truth.predecessor
+            ahead = received.predecessor._replace(gap=seen.gap, relative_speed=seen.relative_speed, speed=seen.speed)
+            received = received._replace(predecessor=ahead)
         lost = received.predecessor.lost | (received.leader.lost if self.uses_leader else False)
         demand = self.demand(own, received, last, dt)
         if not lost.any():

@@ -71,9 +71,10 @@ class Law:
 
 
 class Linear(NamedTuple):
-    """Acceleration that a law commands for small deviations from steady driving: the sum of these gains times each.
+    """What a law commands for small deviations from steady driving: the sum of these gains times each, filtered.
 
-    The sum passes a filter lag u' + u = sum; what is known of other members is that of the feed.
+    The filter is lag u' + u = sum; what is known of other members is that of the feed. Units are those of an
+    acceleration; a gain of a law that commands a speed has one 1/s less.
     """
 
     gap: float = 0.0  # [1/s2]
@@ -86,6 +87,7 @@ class Linear(NamedTuple):
     leader_speed: float = 0.0  # [1/s]
     leader_acceleration: float = 0.0  # [1]
     lag: float = 0.0  # [s]
+    commands: Literal["acceleration", "speed"] = "acceleration"
 
 
 class BrakingFor(NamedTuple):

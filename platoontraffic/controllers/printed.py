@@ -12,7 +12,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.law import Decision, Law, Sensed, Target
+from platoontraffic.controllers.law import Decision, Law, Linear, Sensed, Target
 from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.vehicles.motion import Positive, Twist
 
@@ -146,4 +146,12 @@ class PrintedFollower(Law):
 
     def desired_distance(self, speed):
         """Distance from laser to rear that holds a steady speed straight ahead [m]."""
-        return speed / (SPEED_GAIN if self.angle_in_speed == "polar" and self.frame == "x_right" else 1.0)
+        return speed / self._speed_gain
+
+    def linear(self, speed: float, place: int) -> Linear:
+        return Linear(gap=self._speed_gain, commands="speed")
+
+    @property
+    def _speed_gain(self) -> float:
+        """Straight ahead [1/s]."""
+        return SPEED_GAIN if self.angle_in_speed == "polar" and self.frame == "x_right" else 1.0

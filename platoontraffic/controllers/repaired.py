@@ -18,7 +18,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.law import Decision, Law, Sensed, Target
+from platoontraffic.controllers.law import Decision, Law, Linear, Sensed, Target
 from platoontraffic.controllers.printed import (
     SPEED_GAIN,
     SUFFICIENT_DISTANCE,
@@ -91,3 +91,6 @@ class RepairedFollower(Law):
     def desired_distance(self, speed):
         """Distance from laser to rear that holds a steady speed straight ahead [m]."""
         return self.stand_off + speed / SPEED_GAIN
+
+    def linear(self, speed: float, place: int) -> Linear:
+        return Linear(gap=SPEED_GAIN, commands="speed")

@@ -105,6 +105,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
                 "paper_printed",
                 "paper_world",
                 "ring_platoon",
+                "string",
             ],
         ),
         ("nets", ["bends", "corridor", "grid", "highway", "lab_curves", "lab_loop", "lab_world", "ring"]),

@@ -161,7 +161,7 @@ def test_the_declared_linearisation_is_the_slope_of_the_law(name):
     linear = law.linear(speed, 2)
     names = {"ahead_speed": "ahead", "leader_speed": "leader"}
     assert demand() == pytest.approx(0.0, abs=1e-9)
-    for field in (f for f in linear._fields if f != "lag"):
+    for field in (f for f in linear._fields if f not in ("lag", "commands")):
         key, h = names.get(field, field), 1e-5
         slope = (demand(**{key: steady[key] + h}) - demand(**{key: steady[key] - h})) / (2 * h)
         assert slope == pytest.approx(getattr(linear, field), abs=1e-6), field

@@ -1,0 +1,1 @@
+"""String stability of any law: measured, beside the theory of its linearisation."""
