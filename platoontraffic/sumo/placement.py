@@ -194,6 +194,9 @@ class Placement:
                 continue
             if vehicle.getRoute(member.id)[vehicle.getRouteIndex(member.id)] != edge:
                 continue  # for a few steps after a junction SUMO still counts it to the edge before
+            if member.route and edge not in member.route.edges:  # beside its route: SUMO knows what it is on
+                self._routed.pop(member.id, None)
+                continue
             # Other drivers judge right of way by the route. Moving a vehicle off its route replaces the route.
             if self._routed.get(member.id, ("", member.route))[1] is not member.route:
                 self._leg.pop(member.id, None)
@@ -202,9 +205,9 @@ class Placement:
 
     def _edges_ahead(self, member: Member, edge: str) -> list[str]:
         """The intended edges from this one on; straight on for a member without a route."""
-        edges = member.route.edges if member.route else ()
-        if edge not in edges:
+        if not member.route:
             return list(self._network.onward(edge))
+        edges = member.route.edges
         leg = self._leg.get(member.id, 0)
         # The next visit of an edge that the route uses more than once.
         here = edges.index(edge, leg) if edge in edges[leg:] else edges.index(edge)

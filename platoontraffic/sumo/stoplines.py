@@ -48,6 +48,8 @@ HELD_UP_AFTER = 3.0  # a vehicle that stands at an open line for longer is held 
 SETS_OUT_AFTER = 1.5  # a vehicle whose turn it is at an all-way stop sets out within this time [s]
 NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
 AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
+AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
+BEHIND = 0.5  # distance behind another one on its lane from which a slow vehicle may go over, for a car [m]
 PASSES_BY = 2.0  # a vehicle that is so much faster passes, and leaves room then [m/s]
 LOOKS_EVERY = 1.0  # without room for its lane change, a vehicle looks for it so much later [s]
 QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
@@ -213,9 +215,12 @@ class StopLines:
         if passed and (state := self._passed(passed, over, ego)):
             return state
         near = ego.checks_from
-        ahead = [self._ahead(line, distance, ego) for line, distance in member.route.lines_ahead(station, near)]
-        if not ahead:
+        lines = member.route.lines_ahead(station, near)
+        if not lines:
             return NO_LINE
+        if self._is_beside(lines[0][0], ego):
+            return LineState(AT_ONCE * scale(ego.length), False, False, False, LANE_CHANGE)
+        ahead = [self._ahead(line, distance, ego) for line, distance in lines]
         first = ahead[0]
         return first if first.minor or not first.open else next((line for line in ahead if not line.open), first)
 
@@ -295,6 +300,24 @@ class StopLines:
             if stop > 0 and (queue or not self._is_room(one, distance, distance + (k + 0.5) * share, ego)):
                 return stop
         return np.inf
+
+    def _is_beside(self, line: Line, ego: Ego) -> bool:
+        """Whether a slow vehicle that is not yet on its lane has another one there, whose rear is beside its own front.
+
+        The other one came in between, and does not see what is behind its own front.
+
+        line: the next one of the route: it begins on the lane on which the vehicle should be
+        """
+        slow = ego.speed < QUEUE_SPEED * scale(ego.length)
+        if not slow or ego.lane == line.lane or ego.lane.rpartition("_")[0] != line.lane.rpartition("_")[0]:
+            return False
+        vehicle, lane, here = self._sumo.vehicle, self._sumo.lane, self._sumo.vehicle.getLanePosition(ego.id)
+        for place, before in ((line.lane, 0.0), *((via, lane.getLength(line.lane)) for via in line.via[:1])):
+            for name in lane.getLastStepVehicleIDs(place):
+                front = before + vehicle.getLanePosition(name)
+                if front > here > front - vehicle.getLength(name) - BEHIND * scale(ego.length):
+                    return True
+        return False
 
     def _is_passed_soon(self, line: Line, distance: float, ego: Ego) -> bool:
         """Whether all vehicles that leave no room for a lane change here are faster, and none of them is in a queue."""
@@ -428,11 +451,17 @@ class StopLines:
         midway  : judged for what is met after the place where it may wait midway; else for what is met before it
         """
         foes = [*self._coming(line, ego, state), *self._inside(line, first=True)]
-        if state in ZIPPER:  # the nearer one goes first
+        if state in ZIPPER:  # the nearer one goes first, and one that stands inside may set out at any time
             foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
+            foes = [foe if foe.to_line > 0 else self._setting_out(foe) for foe in foes]
         margin = margin_after(self._waited(ego))
         enters = distance + self._conflicts_at(line).waits if midway else distance
         return self._has_gap_among(self._met(line, foes, distance, midway), line, distance, ego, margin, enters)
+
+    def _setting_out(self, foe: Approach) -> Approach:
+        """A vehicle inside the junction, as it drives if it sets out now."""
+        pace = Pace(foe.pace.speed, self._sumo.vehicle.getAccel(foe.id), foe.crossing.fastest)
+        return foe._replace(pace=pace)
 
     def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
         """The foes that are met after, or before, the place where the vehicle may wait midway."""

@@ -16,11 +16,13 @@ from platoontraffic import shipped
 from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.lidar import PRESETS, Mount
+from platoontraffic.road.gap_acceptance import Pace
 from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
-from platoontraffic.sumo.stoplines import Ego, StopLines
+from platoontraffic.sumo.conflicts import Conflicts, Crossing
+from platoontraffic.sumo.stoplines import Approach, Ego, StopLines
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.world.fleet import Fleet, Member
@@ -348,3 +350,46 @@ def test_a_vehicle_that_has_moved_counts_as_held_up_only_after_it_has_stood_agai
     for now.step in range(len(speeds)):
         held.append(lines._held_up("foe", ":inside_0"))
     assert held.index(True) == 30 + 31
+
+
+@pytest.mark.parametrize(
+    ("front", "speed", "lane", "is_beside"),
+    [
+        (33.0, 1.0, "road_0", True),  # its rear is beside the own front
+        (35.2, 1.0, "road_0", True),  # and must be half a metre before it
+        (36.0, 1.0, "road_0", False),
+        (29.0, 1.0, "road_0", False),  # it sees the member, and waits
+        (33.0, 8.0, "road_0", False),
+        (33.0, 1.0, "road_1", False),  # the member is on its lane
+        (33.0, 1.0, "other_0", False),
+    ],
+)
+def test_a_slow_vehicle_waits_beside_one_that_came_in_between_on_its_lane(front, speed, lane, is_beside):
+    client = SimpleNamespace(
+        lane=SimpleNamespace(
+            getLength=lambda _: 200.0, getLastStepVehicleIDs=lambda lane: ["c"] if lane == "road_1" else []
+        ),
+        vehicle=SimpleNamespace(getLength=lambda _: 5.0, getLanePosition=lambda name: front if name == "c" else 30.0),
+    )  # fmt: skip
+    lines = StopLines(SimpleNamespace(), client)
+    line = Line(100.0, "M", "", 0, "road_1", "next_0", (":a_0",), 10.0)
+    assert lines._is_beside(line, Ego("m.0", lane, speed, CAR.length)) == is_beside
+
+
+def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
+    """The paths cross 8 m ahead of both: after it has set out, not before."""
+    line = Line(100.0, "Z", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    crossing = Crossing("side_0", (":a_1",), (8.0, 12.0), (16.0, 20.0), False, True, np.inf, 10.0)
+    client = SimpleNamespace(
+        lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0),
+        vehicle=SimpleNamespace(getLength=lambda _: 5.0, getAccel=lambda _: 2.6, getSpeed=lambda _: 0.0),
+    )
+    lines = StopLines(SimpleNamespace(), client)
+    lines._conflicts[line] = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    monkeypatch.setattr(StopLines, "_coming", lambda *_: [])
+    inside = [Approach("c", crossing, -8.0, Pace(0.0))]
+    monkeypatch.setattr(StopLines, "_inside", lambda *_, first: inside)
+    ego = Ego("m.0", "road_0", 0.0, CAR.length)
+    assert not lines._may_cross(line, 1.0, ego, state="Z")
+    inside.clear()
+    assert lines._may_cross(line, 1.0, ego, state="Z")
