@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -115,18 +116,14 @@ def find_segments(
     ranges.setflags(write=False)  # else numba compiles once more for arrays that may be written to
     groups, offset = find(ranges, spread, reach, float(jump), int(min_beams))
     g = groups.shape[1]
-
-    def unknown(*shape):
-        return np.full((g, *shape), np.nan)
-
-    ends = unknown(2), unknown(2), unknown()
-    nearest = unknown(), unknown()
-    line = unknown(), unknown(), unknown()
-    corner = unknown(2), np.full(g, -1), unknown(), unknown(2), unknown(), np.zeros(g, dtype=bool)
+    pairs, ones = np.full((4, g, 2), np.nan), np.full((8, g), np.nan)  # rows are the columns of the result
+    ends, nearest, line = (pairs[0], pairs[1], ones[0]), (ones[1], ones[2]), (ones[3], ones[4], ones[5])
+    corner = pairs[2], np.full(g, -1), ones[6], pairs[3], ones[7], np.zeros(g, dtype=bool)
     describe(ranges, model.directions, model.angles, groups, ends, nearest, line, corner)
     return Segments(*groups, *ends, *nearest, *line, *corner, offset)
 
 
+@lru_cache
 def _rule(model: LidarModel, jump, grazing, min_beams, bridge):
     """Constants of the distance rule for 0 to `bridge` beams without a return, in the fan and across its seam.
 

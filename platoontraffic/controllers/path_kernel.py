@@ -1,14 +1,163 @@
-"""The first laser return on the strip along a route, compiled; rows (n,) of vehicles, frames of their driven axles."""
+"""The law `path`, compiled: what it may drive along its route, and the first laser return on the strip that it drives.
+
+Rows (n,) of vehicles, frames of their driven axles. As of numpy's, least and greatest values of NaN are NaN.
+"""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from platoontraffic.controllers import idm, steering
 from platoontraffic.geometry import polyline
 from platoontraffic.geometry.polyline import nearest
 from platoontraffic.lidar.compiled import compiler
 
-compiled = compiler(__file__, polyline.__file__)
+compiled = compiler(__file__, polyline.__file__, idm.__file__, steering.__file__)
+
+SETTLING = 0.5  # time constant with which the wanted speed is approached [s]
+REACTION = 0.4  # of the drive line to a command [s]
+LOOK = 2.5  # distance before a line without right of way at which cross traffic is first looked at [vehicle lengths]
+STOP_BEFORE = 0.2  # distance before a line at which it stops [vehicle lengths]
+STEERING_LAG = 0.15  # from a command to the curvature driven, by which the curvature of the route is fed forward [s]
+SHARPEST = 0.1  # least radius of a turn, for a vehicle that turns on the spot [vehicle lengths]
+STEERED = 0.95  # share of its steering rate that the changes of curvature may take
+RESERVE = 1.15  # lateral acceleration that steering may use, above that of the planned speed
+ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
+
+desired_gap, interaction = compiled(idm.desired_gap), compiled(idm.acceleration)
+curvature_back, curvature_along = compiled(steering.curvature_back), compiled(steering.curvature_along)
+
+
+@compiled
+def drive_along(route, speed, body, ranges, laser, free, closing, profile, gains, along):
+    """Fill in `path.AlongRoute`.
+
+    ranges        : [m], (n, m); NaN: lost
+    laser         : its range_min, and its distance ahead of the bodies' centres [m]
+    free, closing : distance to the first obstacle [m], and the rate at which it shrinks [m/s], (n,)
+    profile       : wanted speeds [m/s] and their rates [m/s2], (n,) each
+    gains         : `path.Gains`
+    """
+    range_min, mount = laser
+    for i in range(len(speed)):
+        v, length, lateral = speed[i], body.length[i], gains.lateral_acceleration
+        offset, off_heading = _errors_on(route.points[i], route.distance[i], route.curvature[i])
+        astray = abs(offset) > ASTRAY * body.width[i] or abs(off_heading) > ASKEW
+        slow = math.sqrt(lateral * np.maximum(body.turning_radius[i], length / 2)) if astray else math.inf
+        along.offset[i] = offset
+        here, bends = _bends(route, i, v, body.curvature_rate[i], slow, gains)
+        along.bends[i] = bends
+
+        catch_up = np.maximum(length if math.isnan(gains.catch_up) else gains.catch_up, gains.catch_up_time * v)
+        lock, bend = 1 / np.maximum(body.turning_radius[i], SHARPEST * length), lateral / np.maximum(v, 1e-3) ** 2
+        back = curvature_back((offset, off_heading), catch_up, np.minimum(lock, bend))
+        ahead = _curvature_at(route.distance[i], route.curvature[i], STEERING_LAG * v)
+        greatest = np.minimum(lock, RESERVE * bend)
+        curvature = curvature_along((offset, off_heading), ahead) + back
+        along.curvature[i] = np.minimum(np.maximum(curvature, -greatest), greatest)
+
+        along.obstacle[i] = math.inf
+        if _all_lost(ranges[i]):
+            along.obstacle[i] = -gains.braking
+        elif free[i] < math.inf:
+            stand_off = gains.stand_off
+            if math.isnan(stand_off):  # half a length, and what the laser cannot see ahead of the bumper
+                stand_off = np.maximum(range_min - (length / 2 - mount), 0.0) + 0.5 * length
+            rate = 0.0 if math.isnan(closing[i]) else closing[i]
+            gap = desired_gap(v, rate, stand_off, gains.time_headway, gains.acceleration, gains.braking)
+            along.obstacle[i] = interaction(gap, np.maximum(free[i], 1e-3), gains.acceleration, 1.0)
+
+        # The rate of a profile is driven; a constant speed is approached in comfort.
+        wanted, change = profile
+        rate = change[i] if wanted[i] <= here else 0.0
+        least, most = np.minimum(rate, -gains.braking), np.maximum(rate, gains.acceleration)
+        towards = rate + (np.minimum(wanted[i], here) - v) / SETTLING
+        towards = np.minimum(np.maximum(towards, least), most)
+        along.acceleration[i] = np.minimum(np.minimum(towards, bends), along.obstacle[i])
+
+
+@compiled
+def _errors_on(points, distance, curvature):
+    """Offset and off-heading of a vehicle on its route, as `steering.Errors`."""
+    # The chord to the next point turns by half of what the route does on the way.
+    turn = (curvature[0] + curvature[1]) / 2 * distance[1] / 2
+    x, y = points[0, 0], points[0, 1]
+    heading = math.atan2(points[1, 1] - y, points[1, 0] - x) - turn
+    off = -heading - 2 * math.pi * math.ceil((-heading - math.pi) / (2 * math.pi))
+    return x * math.sin(heading) - y * math.cos(heading), off
+
+
+@compiled
+def _bends(route, i, v, steering_rate, slow, gains):
+    """Speed that is allowed here [m/s]; acceleration for bends and lower limits ahead [m/s2], inf: any.
+
+    Allowed are speeds by the curvature of the route, by its change, and by limits. One that is about to hold is
+    approached as a wanted speed is.
+
+    slow : greatest speed everywhere [m/s]
+    """
+    distance, curvature = route.distance[i], route.curvature[i]
+    here, acceleration = math.inf, math.inf
+    for k in range(len(distance)):
+        fastest = math.sqrt(gains.lateral_acceleration / np.maximum(abs(curvature[k]), 1e-9))
+        if k + 1 < len(distance):
+            change = abs(curvature[k + 1] - curvature[k]) / (distance[k + 1] - distance[k])  # by distance [1/m2]
+            fastest = np.minimum(fastest, STEERED * steering_rate / np.maximum(change, 1e-9))
+        if gains.speed_factor < math.inf:
+            fastest = np.minimum(fastest, gains.speed_factor * route.limit[i, k])
+        fastest = np.minimum(fastest, slow)
+        if k == 0:
+            here = fastest
+            continue
+        left, soon = distance[k] - REACTION * v, SETTLING / 2 * v
+        if left < soon:
+            acceleration = np.minimum(acceleration, (fastest - v) / SETTLING)
+        acceleration = np.minimum(acceleration, _slowed_to(fastest, np.maximum(left, soon), v, gains))
+    return here, acceleration
+
+
+@compiled
+def _slowed_to(fastest, distance, v, gains):
+    """Acceleration to have no more than a speed from a distance on; inf where it is not exceeded."""
+    share = np.maximum(v**2 - fastest**2, 0.0) / (2 * np.maximum(distance, 1e-6)) / gains.braking
+    return gains.acceleration - (gains.acceleration + gains.braking) * share if share > 0 else math.inf
+
+
+@compiled
+def _curvature_at(distance, curvature, ahead):
+    """Curvature of a route at a distance ahead [1/m]."""
+    after = 0
+    for k in range(len(distance)):
+        after += distance[k] <= ahead
+    after = min(max(after, 1), len(distance) - 1)
+    near, far = distance[after - 1], distance[after]
+    share = np.minimum(np.maximum((ahead - near) / np.maximum(far - near, 1e-9), 0.0), 1.0)
+    return curvature[after - 1] * (1 - share) + curvature[after] * share
+
+
+@compiled
+def _all_lost(ranges):
+    """The laser is broken."""
+    k = 0
+    while k < len(ranges) and math.isnan(ranges[k]):
+        k += 1
+    return k == len(ranges)
+
+
+@compiled
+def stop_at_lines(signals, speed, length, gains, acceleration):
+    """Fill in the acceleration for a closed line ahead [m/s2], (n,); inf where there is none."""
+    for i in range(len(speed)):
+        v, ahead, before = speed[i], signals.distance[i], STOP_BEFORE * length[i]
+        needed = v**2 / (2 * np.maximum(ahead, 1e-3))
+        unseen = signals.minor[i] and ahead > LOOK * length[i]  # cross traffic is not known from there
+        too_late = needed > (2 * gains.braking if signals.changing[i] else gains.hardest_braking)
+        acceleration[i] = math.inf
+        if (unseen or not (signals.open[i] or too_late)) and ahead < math.inf:
+            left = np.maximum(ahead - before, 1e-3)
+            acceleration[i] = _slowed_to(0.0, left, v, gains) if ahead > before else -gains.braking
 
 
 @compiled
@@ -25,7 +174,10 @@ def first_on_strip(ranges, beams, laser, aside, strip, front, free, beam):
     """
     points, distance, half_width = strip
     for i in range(len(free)):
-        low, high = points[i, :, 1].min() - half_width[i], points[i, :, 1].max() + half_width[i]
+        low, high = points[i, 0, 1], points[i, 0, 1]
+        for k in range(1, points.shape[1]):
+            low, high = min(low, points[i, k, 1]), max(high, points[i, k, 1])
+        low, high = low - half_width[i], high + half_width[i]
         for k in range(ranges.shape[1]):
             if not ranges[i, k] < np.inf:
                 continue

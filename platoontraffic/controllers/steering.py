@@ -1,4 +1,4 @@
-"""Steering along a path, from any offset and heading."""
+"""Steering along a path, from any offset and heading. Arguments are floats or arrays; kernels compile the functions."""
 
 from __future__ import annotations
 
@@ -34,11 +34,12 @@ def curvature_back(
     wheeled mobile robot, ICARCV 1992, for the form). Near the path it is critically damped, with both poles at -1/c.
     Where u is limited V still falls if the limit is above (2 / c) a, so a is kept to 0.9 of that.
     """
+    offset, off_heading = errors
     approach = np.minimum(steepest, 0.45 * catch_up * greatest)
-    towards = np.clip(errors.offset / (2 * catch_up), -approach, approach)
-    half = errors.off_heading / 2
+    towards = np.minimum(np.maximum(offset / (2 * catch_up), -approach), approach)
+    half = off_heading / 2
     back = -2 / catch_up * (2 * np.sin(half) + towards * np.cos(half))
-    return np.clip(back, -greatest, greatest)
+    return np.minimum(np.maximum(back, -greatest), greatest)
 
 
 def curvature_along(errors: Errors, curvature: np.ndarray) -> np.ndarray:
@@ -46,5 +47,6 @@ def curvature_along(errors: Errors, curvature: np.ndarray) -> np.ndarray:
 
     curvature : of the path, to the left [1/m], (n,)
     """
-    nearer = np.maximum(1 - errors.offset * curvature, 0.3)  # the centre of the bend is never reached
-    return curvature * np.cos(errors.off_heading) / nearer
+    offset, off_heading = errors
+    nearer = np.maximum(1 - offset * curvature, 0.3)  # the centre of the bend is never reached
+    return curvature * np.cos(off_heading) / nearer

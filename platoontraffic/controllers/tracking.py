@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -14,22 +15,10 @@ from platoontraffic.controllers.beside import Beside
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BrakingFor, Decision, Law, RouteAhead, Sensed, Target
-from platoontraffic.controllers.path import (
-    BESIDE,
-    LINE,
-    LOST,
-    OBSTACLE,
-    PREDECESSOR,
-    PathLeader,
-    bearing_of,
-    errors_on,
-    nothing,
-)
-from platoontraffic.controllers.steering import Errors, curvature_back
-from platoontraffic.controllers.tracker.bends import BRAKING, acceleration_along
+from platoontraffic.controllers.path import LINE, AlongRoute, PathLeader, bearing_of, nothing
 from platoontraffic.controllers.tracker.drive_line import DriveLine
 from platoontraffic.controllers.tracker.fitted import Fitted, fitted
-from platoontraffic.controllers.tracker.own_motion import STILL, Past, YawBias, own_motion, seen_from
+from platoontraffic.controllers.tracker.own_motion import Moved, Past, YawBias, seen_from
 from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED, PathAhead, Sighting, X, Y
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracker.trail import Ahead, RouteSection, Strip, Trail
@@ -41,13 +30,7 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 LEAST_HEADWAY, HEADWAY_PER_DELAY = 0.5, 1.1  # time headway with which no string of cars amplifies [s], [s/s]
 FILTER = 0.2  # time constant of the filter of the closing speed of obstacles [s]
 SAME = 1.0  # greatest difference of the free distance from its prediction, for one obstacle [m]
-FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
-STANDING = 0.05  # speed below which it is held [m/s]
-CLOSE_ENOUGH, MOVE_UP = 0.1, 0.4  # excess of distance at which it stops, and at which it moves up again [m]
-APPROACH = 1.5  # deceleration of the approach to a standing car [m/s2]
 RECOVERY = 2.5  # lateral acceleration of the return to the trail [m/s2]
-STEEPEST = 0.35  # sine of the greatest angle of that return
-ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed [m]
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
 KEPT_FREE = 0.22  # on each side of the vehicle, on its path [m]
 SHOWN = 32  # points of the trail that are recorded
@@ -106,21 +89,12 @@ class Now(NamedTuple):
     fitted: Fitted
     dt: float
     given: RouteAhead | None  # the route, where `sensed` has the one that is driven: shifted to a lane beside it
+    leads: np.ndarray  # ordered to follow nothing, bool (n,)
     wrong_lane: np.ndarray  # it would come to the next stop line on another lane than its route, bool (n,)
 
     @property
     def speed(self) -> np.ndarray:
         return self.odometry.speed
-
-    @property
-    def leads(self) -> np.ndarray:
-        """Ordered to follow nothing, bool (n,)."""
-        return np.zeros(len(self.speed), bool) if self.sensed.leads is None else self.sensed.leads
-
-    @property
-    def reaction(self) -> np.ndarray:
-        """Time from a scan to the effect of the brakes [s], (n,)."""
-        return self.sensed.body.brake_lag + self.dt / 2
 
     @property
     def driven(self) -> np.ndarray:
@@ -153,11 +127,28 @@ class Obstacle(NamedTuple):
     bearing: np.ndarray  # of that return from the laser's forward direction [rad]; NaN: none
 
 
-class Demand(NamedTuple):
-    """Accelerations, arrays (n,) [m/s2]."""
+class Pursuit(NamedTuple):
+    """Stages 2 to 4 of the law, arrays (n,)."""
 
-    wanted: np.ndarray  # driven within comfort
-    needed: np.ndarray  # to avoid a collision, driven if that takes more than comfortable braking; inf: none
+    curvature: np.ndarray  # that is steered, not limited [1/m]
+    wanted: np.ndarray  # acceleration within comfort [m/s2]
+    needed: np.ndarray  # to avoid a collision, driven if that takes more than comfortable braking [m/s2]; inf: none
+    bends: np.ndarray  # greatest acceleration in bends of the trail [m/s2]
+
+
+class Gains(NamedTuple):
+    """Gains of a `TrackingFollower` with the same names."""
+
+    stand_off: float
+    time_headway: float
+    distance_gain: float
+    catching_up: float
+    acceleration: float
+    braking: float
+    hardest_braking: float
+    jerk: float
+    margin: float
+    lateral_acceleration: float
 
 
 @dataclass(frozen=True)
@@ -168,7 +159,7 @@ class TrackingFollower(Law):
 
     1. Estimate. The groups of returns in the scan correct an extended Kalman filter of the predecessor's motion, in the
        frame of the own odometry (`tracker.track`). The bias of the measured yaw rate is estimated while the vehicle
-       drives straight ahead (`tracker.own_motion`).
+       drives straight ahead (`tracker.own_motion_kernel`).
     2. Steer. The path of its rear axle is remembered (`tracker.trail`), and steered along: the trail's curvature, as
        far ahead as the steering lags, corrected by offset and direction,
 
@@ -176,12 +167,12 @@ class TrackingFollower(Law):
 
        which is critically damped: e'' + 2 e' / l + e / l^2 = 0 along the trail. From a large offset the vehicle returns
        at a fixed angle. Bends ahead, their changes and the curvature that is steered now limit the speed
-       (`tracker.bends`), and no curvature is steered that would exceed the lateral acceleration.
+       (`tracker.bends_kernel`), and no curvature is steered that would exceed the lateral acceleration.
     3. Follow. The distance from laser to rear shall be stand_off + time_headway v. With its error e and the gap's rate
        r the acceleration (r + distance_gain e) / time_headway makes the speed follow the predecessor's by a first-order
        lag of time_headway at every frequency, so no disturbance grows (Ioannou & Chien, "Autonomous intelligent cruise
        control", IEEE Trans. Vehicular Technology 42, 1993). The drive line's own lag is compensated by the rate of that
-       acceleration (`tracker.drive_line`), which contains the predecessor's acceleration. That is estimated some
+       acceleration (`tracking_kernel`), which contains the predecessor's acceleration. That is estimated some
        T' = 0.2 s late, so with h = time_headway, k = distance_gain and T the mean lag of drive and brakes, with half a
        scan, a predecessor's speed is followed by
 
@@ -253,39 +244,42 @@ class TrackingFollower(Law):
         return self.stand_off + self.time_headway * speed
 
     def __call__(self, sensed: Sensed, memory: Memory | None, dt: float) -> Decision:
+        # Imported here, as below: importing numba takes half a second.
+        from platoontraffic.controllers.tracking_kernel import decide
+
         if memory is None:
             memory = Memory.begin(sensed, dt)
-        drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
-        now, bias, past = self._own_motion(sensed, memory, drive_line, dt)
+        now, drive_line, bias, past = self._own_motion(sensed, memory, dt)
         sensed = now.sensed
         estimate = self._estimate(now)
 
         trail = self._remember(now, estimate)
         ahead = self._look_ahead(now, estimate, trail)
-        curvature = self._steer(now, estimate, ahead)
-
-        demand = self._follow(now, estimate.now, ahead, drive_line)
         scanned = self._obstacle(now, estimate, trail, ahead)
         obstacle = self._obstacle_now(now, scanned)
-        demand = self._avoid(now, ahead, curvature, obstacle, demand)
-        blocked = np.isfinite(scanned.free)
-        before = memory.free + np.where(blocked, obstacle.free, 0.0) - np.where(blocked, scanned.free, 0.0)
-        demand, creeps, limit = self._by_road(now, estimate.now, obstacle, before, demand)
-        acceleration = self._comfort(now, demand)
-        curvature = self._held(now, curvature)
+        along = None
+        if sensed.route is not None:
+            along = self.alone.along_route(sensed, np.zeros(len(now.speed)), obstacle.free, obstacle.closing, dt)
+        pursuit = self._pursue(now, estimate, ahead, drive_line, obstacle, along)
 
-        limit = limit._replace(
-            reason=np.where((limit.reason == PREDECESSOR) & memory.beside.held, BESIDE, limit.reason)
-        )
+        known, held = estimate.now.known, memory.beside.held
+        stop = self.alone.acceleration_for_lines(sensed)
+        road, creeps, limit = self._by_road(now, scanned, obstacle, along, stop)
+        if self.policy == "convoy":
+            stop = np.where(known & ~now.wrong_lane, np.inf, stop)
+        command = Drive(*np.empty((2, len(known))))
+        decide(now.speed, memory.acceleration, known, memory.never_lost, pursuit, obstacle, stop, held,
+               along is not None, road, limit, self._gains, dt, command)  # fmt: skip
+
         never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
-        if sensed.route is not None:  # another vehicle may have come in between, so the next one is found anew
+        if along is not None:  # another vehicle may have come in between, so the next one is found anew
             never_lost &= limit.reason != LINE
-        commands = acceleration, curvature, drive_line, past
-        distance = np.where(estimate.now.known, ahead.length - OVERHANG - now.laser, np.nan)
+        distance = np.where(known, ahead.length - OVERHANG - now.laser, np.nan)
         predecessor = Predecessor(distance, estimate.now.mean[:, SPEED], estimate.now.mean[:, ACCELERATION])
-        memory = Memory(now.odometry, bias, estimate.track, trail, *commands, scanned.free, scanned.closing,
-                        never_lost, creeps, limit, self._look_beside(now, estimate, past), predecessor)  # fmt: skip
-        return Decision(Drive(acceleration, curvature), memory, Target(*estimate.sighting.rear.T))
+        memory = Memory(now.odometry, bias, estimate.track, trail, *command, drive_line, past, scanned.free,
+                        scanned.closing, never_lost, creeps, limit, self._look_beside(now, estimate, past),
+                        predecessor)  # fmt: skip
+        return Decision(command, memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
         """Path of the predecessor's rear axle, as seen from the own one, (n, SHOWN, 2) [m]."""
@@ -296,28 +290,32 @@ class TrackingFollower(Law):
 
     # ---- 1. estimate
 
-    def _own_motion(
-        self, sensed: Sensed, memory: Memory, drive_line: DriveLine, dt: float
-    ) -> tuple[Now, YawBias, Past]:
+    def _own_motion(self, sensed: Sensed, memory: Memory, dt: float) -> tuple[Now, DriveLine, YawBias, Past]:
+        from platoontraffic.controllers.tracker.own_motion_kernel import move_on
+
         late, past, driven, last = sensed.odometry_age, memory.past, memory.curvature, memory.odometry
         if past.x.shape[1]:
+            drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
             gained = (memory.drive_line.acceleration + drive_line.acceleration) / 2 * dt
             past = past.driven(gained, memory.curvature, sensed.body, dt)
             driven, last = past.curvature_at(late, dt) if late else driven, past.at_reading()
-        bias = memory.yaw_bias.after(sensed, driven, dt)
-        odometry = last.moved(*own_motion(sensed, bias, driven, memory.acceleration), dt)
+        moved, before = Moved(*np.empty((9, len(driven)))), (memory.drive_line, memory.yaw_bias, last)
+        move_on(sensed.speed, sensed.yaw_rate, memory.acceleration, driven, before, sensed.body, dt, moved)
+        drive_line, bias, odometry = DriveLine(*moved[:2]), YawBias(*moved[2:4]), Odometry(*moved[4:])
         scanned = odometry
         if past.x.shape[1]:
             past = past.read(odometry)
             odometry, scanned = past.at(0.0, late, dt), past.at(sensed.age, late, dt)
             sensed = replace(sensed, speed=odometry.speed)
-        given, wrong_lane = sensed.route, np.zeros(len(sensed.speed), bool)
+        given, (leads, wrong_lane) = sensed.route, np.zeros((2, len(sensed.speed)), bool)
+        if sensed.leads is not None:
+            leads = sensed.leads
         if given is not None and memory.beside.active.any():
             wrong_lane = memory.beside.closes(given, sensed.signals.distance)
             signals = sensed.signals._replace(open=sensed.signals.open & ~wrong_lane)
             sensed = replace(sensed, route=memory.beside.drives(given), signals=signals)
         fit = fitted(sensed.body, odometry.speed, dt, RECOVERY)
-        return Now(sensed, memory, odometry, scanned, fit, dt, given, wrong_lane), bias, past
+        return Now(sensed, memory, odometry, scanned, fit, dt, given, leads, wrong_lane), drive_line, bias, past
 
     def _estimate(self, now: Now) -> Estimate:
         sensed, route, scanned = now.sensed, now.sensed.route, now.scanned
@@ -375,44 +373,25 @@ class TrackingFollower(Law):
         ahead = estimate.aligned_now
         return trail.ahead(now.odometry, ahead, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
 
-    def _steer(self, now: Now, estimate: Estimate, ahead: Ahead) -> np.ndarray:
-        """Curvature to drive [1/m], (n,)."""
-        errors = Errors(ahead.offset, ahead.off_heading)
-        back = curvature_back(errors, now.fitted.catch_up, now.fitted.gentle, STEEPEST)
-        curvature = ahead.curvature + back
-        if now.sensed.route is None:
-            return curvature
-        return np.where(estimate.on_route, self.alone.curvature_on(now.sensed), curvature)
+    # ---- 2. to 4. steer, follow, avoid
 
-    # ---- 3. follow
+    def _pursue(
+        self, now: Now, estimate: Estimate, ahead: Ahead, drive_line: DriveLine, obstacle: Obstacle,
+        along: AlongRoute | None,
+    ) -> Pursuit:  # fmt: skip
+        from platoontraffic.controllers.tracking_kernel import pursue
 
-    def _follow(self, now: Now, track: Track, ahead: Ahead, drive_line: DriveLine) -> Demand:
-        """To keep the headway; without a predecessor, to stop."""
-        distance = ahead.length - OVERHANG - now.laser
-        speed_ahead, acceleration_ahead = track.mean[:, SPEED], track.mean[:, ACCELERATION]
-        wanted = self._headway(now, distance, track, drive_line)
-        error = distance - self.desired_distance(now.speed)
-        length, age = now.sensed.body.length, now.sensed.ages.get(AROUND, 0.0)
-        wanted = beside.slowed(now.memory.beside, length, now.speed, speed_ahead, error, age, wanted)
-        stop = np.where(now.speed < STANDING, -FIRM, -self.braking / 2)
-        needed = self._brake_for(now, distance, speed_ahead, np.minimum(acceleration_ahead, 0.0))
-        return Demand(np.where(track.known, wanted, stop), np.where(track.known, needed, np.inf))
-
-    def _headway(self, now: Now, distance: np.ndarray, track: Track, drive_line: DriveLine) -> np.ndarray:
-        speed, speed_ahead, acceleration_ahead = now.speed, track.mean[:, SPEED], track.mean[:, ACCELERATION]
-        error, rate = distance - self.desired_distance(speed), speed_ahead - speed
-        fast = np.sqrt(2 * APPROACH * np.maximum(error, 0.0)) - speed_ahead  # to a vehicle that nearly stands
-        wanted = rate + np.minimum(self.distance_gain * error, np.maximum(self.catching_up, fast))
-        wanted = wanted / self.time_headway
-        achieved = drive_line.acceleration
-        closing = rate - self.time_headway * achieved
-        change = (acceleration_ahead - achieved + self.distance_gain * closing) / self.time_headway
-        wanted = drive_line.command(wanted, change, now.sensed.body, now.dt)
-        near = error < np.where(now.memory.acceleration <= -FIRM, MOVE_UP, CLOSE_ENOUGH)
-        stands = (speed < STANDING) & (speed_ahead < 2 * STANDING) & near
-        return np.where(stands, -FIRM, wanted)
-
-    # ---- 4. avoid
+        body, mount, track, beside_it = now.sensed.body, now.sensed.scan.model.mount.x, estimate.now, now.memory.beside
+        pursuit = Pursuit(*np.empty((4, len(now.speed))))
+        curvature = ahead.curvature if along is None else along.curvature
+        pursue(now.speed, now.memory.acceleration, body, mount, now.fitted, drive_line, track, ahead, obstacle,
+               estimate.on_route, curvature, self._gains, now.dt, pursuit)  # fmt: skip
+        if not beside_it.held.any():
+            return pursuit
+        error = ahead.length - OVERHANG - now.laser - self.desired_distance(now.speed)
+        age, speed_ahead = now.sensed.ages.get(AROUND, 0.0), track.mean[:, SPEED]
+        slower = beside.slowed(beside_it, body.length, now.speed, speed_ahead, error, age, pursuit.wanted)
+        return pursuit._replace(wanted=slower)
 
     def _obstacle(self, now: Now, estimate: Estimate, trail: Trail, ahead: Ahead) -> Obstacle:
         """In the scan."""
@@ -423,8 +402,9 @@ class TrackingFollower(Law):
             there, then = estimate.now.mean, estimate.track.mean
             driven = np.nan_to_num(np.hypot(there[:, X] - then[:, X], there[:, Y] - then[:, Y]))
             reach = reach + now.driven - driven
-        half_width = sensed.body.width / 2 + KEPT_FREE if self.half_width is None else self.half_width
-        strip = Strip(np.broadcast_to(half_width, len(reach)), reach)
+        given = self.half_width
+        half_width = sensed.body.width / 2 + KEPT_FREE if given is None else np.full(len(reach), given)
+        strip = Strip(half_width, reach)
         free, beam = trail.free_distance(now.scanned, sensed.scan, sensed.body, strip, estimate.sighting.beams)
         closing = closing_speed(
             free, memory.free, memory.closing, now.scanned.speed, now.dt, same=SAME, time_constant=FILTER
@@ -439,76 +419,25 @@ class TrackingFollower(Law):
         closing = scanned.closing + now.speed - now.scanned.speed
         return scanned._replace(free=np.maximum(scanned.free - now.driven + moved, 0.0), closing=closing)
 
-    def _avoid(self, now: Now, ahead: Ahead, curvature: np.ndarray, obstacle: Obstacle, demand: Demand) -> Demand:
-        """Limited by bends of the trail and by the obstacle."""
-        blind_spot = now.sensed.body.length / 2 - now.sensed.scan.model.mount.x  # from laser to front bumper
-        brake = self._brake_for(now, obstacle.free + blind_spot, now.speed - obstacle.closing, 0.0)
-        reaction = now.reaction + BRAKING * self.braking / (2 * self.jerk)
-        limits = self.lateral_acceleration, self.braking, reaction, now.fitted.steepest_bend
-        bends = acceleration_along(ahead, curvature, now.speed, limits)
-        return Demand(np.minimum(demand.wanted, bends), np.minimum(demand.needed, brake))
-
-    def _brake_for(self, now: Now, distance, speed_ahead, acceleration_ahead) -> np.ndarray:
-        """Acceleration that just keeps the margin to what is ahead [m/s2], (n,); inf where that is not known."""
-        speed = now.speed
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rate = np.maximum(speed - speed_ahead, 0.0)
-            left = np.maximum(distance - self.margin - rate * now.reaction, 0.01)
-            stops_first = speed_ahead * rate <= -2 * left * acceleration_ahead
-            until_both_stand = speed**2 * acceleration_ahead / (speed_ahead**2 - 2 * left * acceleration_ahead)
-            while_both_drive = acceleration_ahead - rate**2 / (2 * left)
-            needed = np.where(stops_first & (speed_ahead > 0), until_both_stand, while_both_drive)
-        return np.where(np.isnan(needed) | (distance == np.inf), np.inf, needed)
-
     # ---- 5. and 6. alone, stop lines
 
     def _by_road(
-        self, now: Now, track: Track, obstacle: Obstacle, before: np.ndarray, demand: Demand
-    ) -> tuple[Demand, Creeping, BrakingFor]:
-        """Limited by route and stop lines, where they are given; without a predecessor, as `alone` drives.
+        self, now: Now, scanned: Obstacle, obstacle: Obstacle, along: AlongRoute | None, lines: np.ndarray
+    ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], Creeping, BrakingFor]:
+        """How `alone` drives: its acceleration, that for bends, and the offset from the route, (n,) each.
 
         Where it drives alone it creeps as `alone` does. Also: what limits it.
-
-        before: distance to the obstacle at the last decision [m], (n,)
         """
-        sensed, (wanted, needed), memory = now.sensed, demand, now.memory
-        free, closing, bearing = obstacle
-        n = len(now.speed)
-        stop = np.full(n, np.inf) if sensed.signals is None else self.alone.acceleration_for_lines(sensed)
-        stop = np.where(track.known & (self.policy == "convoy") & ~now.wrong_lane, np.inf, stop)
-        creeps, limit = memory.creeping, nothing(n)
-        if sensed.route is not None:
-            alone = self.alone.acceleration_on(sensed, np.zeros(n), free, closing, now.dt)
-            # A vehicle that was met on the route may go straight on where the route turns; a predecessor that is
-            # through a turn accelerates.
-            bends = self.alone.acceleration_for_bends(sensed)
-            alone, creeps, limit = self.alone.acceleration_among_others(
-                sensed, alone, free, bearing, closing, before, creeps, now.dt
-            )
-            wanted = np.where(track.known & ~creeps.active, wanted, alone)
-            strays = np.abs(errors_on(sensed.route).offset) > ASTRAY
-            wanted = np.where(memory.never_lost & strays, wanted, np.minimum(wanted, bends))
-            needed = np.where(creeps.active & (needed < 0), np.maximum(needed, alone), needed)
-        by_obstacle = np.isfinite(free) & (now.speed < STILL) & (needed < 0) & track.known
-        reason = np.where(track.known, np.where(by_obstacle, OBSTACLE, PREDECESSOR), limit.reason)
-        reason = np.where(stop < np.minimum(wanted, needed), LINE, reason)
-        if sensed.route is None:
-            reason = np.where(track.known | (reason == LINE), reason, LOST)
-        limit = BrakingFor(reason, np.where(reason == OBSTACLE, bearing, np.nan), creeps.active)
-        return Demand(np.minimum(wanted, stop), np.minimum(needed, stop)), creeps, limit
+        memory, n = now.memory, len(now.speed)
+        if along is None:
+            return (np.zeros(n), np.zeros(n), np.zeros(n)), memory.creeping, nothing(n)
+        blocked = np.isfinite(scanned.free)
+        before = memory.free + np.where(blocked, obstacle.free, 0.0) - np.where(blocked, scanned.free, 0.0)
+        alone, creeps, limit = self.alone.acceleration_among_others(
+            now.sensed, along, lines, (obstacle.free, obstacle.bearing, before), memory.creeping, now.dt
+        )
+        return (alone, along.bends, along.offset), creeps, limit
 
-    # ---- limits
-
-    def _held(self, now: Now, curvature: np.ndarray) -> np.ndarray:
-        """The part of a curvature that keeps to the lateral acceleration [1/m], (n,)."""
-        most = self.lateral_acceleration / np.maximum(now.speed, 1e-3) ** 2
-        return np.clip(curvature, -most, most)
-
-    def _comfort(self, now: Now, demand: Demand) -> np.ndarray:
-        """The wanted acceleration within comfort; the needed one where it is harder braking [m/s2], (n,)."""
-        last = now.memory.acceleration
-        last = np.where(now.speed < STANDING, np.maximum(last, -FIRM), last)
-        wanted, last = np.clip(demand.wanted, -self.braking, self.acceleration), np.maximum(last, -self.braking)
-        wanted = np.clip(wanted, last - self.jerk * now.dt, last + self.jerk * now.dt)
-        acceleration = np.where(demand.needed < -self.braking, np.minimum(wanted, demand.needed), wanted)
-        return np.maximum(acceleration, -self.hardest_braking)
+    @cached_property
+    def _gains(self) -> Gains:
+        return Gains(*(float(getattr(self, name)) for name in Gains._fields))

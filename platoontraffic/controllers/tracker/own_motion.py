@@ -18,12 +18,7 @@ from platoontraffic.controllers.tracker.track import Odometry
 from platoontraffic.vehicles.motion import Drive
 
 STILL = 0.1  # speed below which a vehicle stands, if it does not accelerate [m/s]
-CREEPING = 0.5  # speed below which the yaw rate follows better from steering than from measurement [m/s]
-
-UNKNOWN = math.radians(2)  # standard deviation of the bias at first [rad/s]
-DRIFTS = math.radians(0.02)  # its change in a second [rad/s]
-NOISE = math.radians(0.3)  # standard deviation of the difference from the steering's yaw rate, straight ahead [rad/s]
-TURNING = 0.3  # growth of that with the steering's yaw rate: tyres slip, and the steering lags
+UNKNOWN = math.radians(2)  # standard deviation of the bias of the yaw rate at first [rad/s]
 
 
 class YawBias(NamedTuple):
@@ -36,30 +31,19 @@ class YawBias(NamedTuple):
     def unknown(cls, n: int) -> YawBias:
         return cls(np.zeros(n), np.full(n, UNKNOWN**2))
 
-    def after(self, sensed: Sensed, curvature: np.ndarray, dt: float) -> YawBias:
-        """After dt in which the vehicle was steered along a curvature [1/m], (n,).
 
-        While it drives straight ahead, what is measured is the bias. A standing vehicle's sensor reads 0.
-        """
-        turning = sensed.speed * curvature
-        variance = self.variance + DRIFTS**2 * dt
-        noise = NOISE**2 + (TURNING * turning) ** 2
-        gain = np.where(sensed.speed > CREEPING, variance / (variance + noise), 0.0)
-        return YawBias(self.mean + gain * (sensed.yaw_rate - turning - self.mean), variance * (1 - gain))
+class Moved(NamedTuple):
+    """Own motion a decision later, arrays (n,): a `DriveLine`, a `YawBias` and an `Odometry`."""
 
-
-def own_motion(
-    sensed: Sensed, bias: YawBias, curvature: np.ndarray, acceleration: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Speed and yaw rate, (n,): as measured; at walking pace and below, modelled, since noise would dominate.
-
-    curvature, acceleration : last commands [1/m], [m/s2], (n,)
-    """
-    still = (np.abs(sensed.speed) < STILL) & (acceleration <= 0)
-    speed = np.where(still, 0.0, sensed.speed)
-    lock = 1 / sensed.body.length  # greatest curvature of a car, roughly [1/m]
-    steered = np.clip(curvature, -lock, lock)
-    return speed, np.where(speed < CREEPING, speed * steered, sensed.yaw_rate - bias.mean)
+    drive: np.ndarray
+    brake: np.ndarray
+    bias: np.ndarray
+    variance: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    heading: np.ndarray
+    speed: np.ndarray
+    yaw_rate: np.ndarray
 
 
 class Past(NamedTuple):

@@ -6,6 +6,7 @@ vehicle knows its place in it by its own speed and yaw rate alone, so the frame 
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,8 @@ import numpy as np
 from platoontraffic.controllers.tracker.records import Groups, Laser, PathAhead, Sighting
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.segments import Segments
+
+columns_of = attrgetter(*Groups._fields)
 
 
 class Odometry(NamedTuple):
@@ -100,7 +103,7 @@ class Track(NamedTuple):
         mount, noise = scan.model.mount, scan.model.noise
         numbers = mount.y, mount.yaw, scan.model.angle_increment, noise.sigma, noise.sigma_per_metre
         laser = Laser(forward, *(float(number) for number in numbers))
-        groups = Groups(*(getattr(segments, name) for name in Groups._fields))
+        groups = Groups(*columns_of(segments))
         correct(track, sighting, odometry, laser, path, groups, scan.ranges, dt)
         return track, sighting
 
@@ -119,10 +122,8 @@ class Track(NamedTuple):
         """Without the predecessors of some rows, (n,) bool."""
         if not rows.any():
             return self
-        nothing = Track.none(len(rows))
-        return Track(
-            *(
-                np.where(rows.reshape(-1, *[1] * (values.ndim - 1)), none, values)
-                for values, none in zip(self, nothing, strict=True)
-            )
-        )
+        track = Track(*(values.copy() for values in self))
+        for values in track:
+            values[rows] = np.nan
+        track.blind[rows] = np.inf
+        return track

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from platoontraffic.controllers.law import Body
 from platoontraffic.controllers.tracker.track import Odometry, Track
-from platoontraffic.lidar import ScanBatch
+from platoontraffic.lidar import LidarModel, ScanBatch
 
 BLOCK = 32  # least number of points for which there is room
 POINTS = 256  # greatest number of points of a trail
@@ -114,10 +115,15 @@ class Trail(NamedTuple):
         """
         from platoontraffic.controllers.tracker.trail_kernel import first_return
 
-        n, mount = len(self.size), scan.model.mount
-        laser = np.column_stack([mount.x - body.axle, np.full(n, mount.y)])
-        cos, sin = np.cos(mount.yaw), np.sin(mount.yaw)
-        directions = np.array([[cos, -sin], [sin, cos]]) @ scan.model.directions
+        n, mount, directions = len(self.size), scan.model.mount, beams_of(scan.model)
+        laser = mount.x - body.axle, mount.y
         front, free, first = body.length / 2 - body.axle, np.empty(n), np.empty(n, int)
         first_return(self, odometry, strip, front, laser, scan.ranges, directions, skipped, free, first)
         return free, first
+
+
+@lru_cache
+def beams_of(model: LidarModel) -> np.ndarray:
+    """Unit vectors of the beams in the vehicle's frame, (2, k)."""
+    cos, sin = np.cos(model.mount.yaw), np.sin(model.mount.yaw)
+    return np.array([[cos, -sin], [sin, cos]]) @ model.directions

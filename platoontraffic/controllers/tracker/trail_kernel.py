@@ -152,7 +152,8 @@ def _forget(points, size, i):
     """Remove the oldest quarter."""
     gone = len(points) // 4
     for k in range(size[i] - gone):
-        points[k] = points[k + gone]
+        for axis in range(3):  # one by one: numba takes seconds to compile an assignment of arrays
+            points[k, axis] = points[k + gone, axis]
     size[i] -= gone
 
 
@@ -314,11 +315,12 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
 
     strip      : `trail.Strip`
     front      : of the own axle to the front bumper [m], (n,)
-    laser      : place as seen from the own axle [m], (n, 2)
+    laser      : ahead of the own axles (n,), and to the left [m]
     directions : of the beams, x and y as seen from the own axle, (2, k)
     skipped    : first and last of the beams left out, (n, 2)
     first      : filled in with the beam of that return, (n,); -1: none
     """
+    forward, left_of = laser
     for i in range(len(free)):
         free[i], first[i] = math.inf, -1
         points, size = trail.points[i], trail.size[i]
@@ -331,7 +333,7 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
             r = max(ranges[i, beam], 0.0)
             if skipped[i, 0] <= beam <= skipped[i, 1] or not r < reach:  # NaN, lost, is not less either
                 continue
-            ahead, aside = laser[i, 0] + r * directions[0, beam], laser[i, 1] + r * directions[1, beam]
+            ahead, aside = forward[i] + r * directions[0, beam], left_of + r * directions[1, beam]
             if ahead <= 0 or aside > left or aside < right:
                 continue
             there_x, there_y = x + ahead * cos - aside * sin, y + ahead * sin + aside * cos

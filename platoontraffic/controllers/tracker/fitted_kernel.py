@@ -1,0 +1,38 @@
+"""Gains of the law `tracking` that follow from the vehicle and from the interval of its scans, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from platoontraffic.lidar.compiled import compiler
+
+compiled = compiler(__file__)
+
+LAGS = 4.0  # time in which an offset falls to 1/e [lags of the steering]; a shorter one makes it swing
+LENGTHS = 0.5  # least distance for that [vehicle lengths]
+OFFSET = 0.5  # offset that the steering, at its rate, still corrects in that distance [m]
+WINDOW = 0.3  # least distance each way over which the trail is smoothed [vehicle lengths]
+POINTS = 4  # least number of scans over which it is smoothed each way
+WINDOW_TIME = 0.4  # least time of that [s]: noise of the curvature grows with its inverse square
+BEND_WINDOW = 0.5  # least distance each way for its curvature, which the steering has to follow [vehicle lengths]
+STEERED = 1.6  # change of a trail's curvature [steering rates] that is still followed: feedback takes the rest
+
+
+@compiled
+def fit(body, speed, dt, recovery, found):
+    """Fill in `fitted.Fitted`.
+
+    An offset e that falls as exp(-s / c) needs curvatures of e / c^2, which change at v e / c^3: at the steering rate r
+    the least distance c is (v e / r)^(1/3). The steering lags by T, so c is also at least LAGS v T. A return by the
+    curvature u is over in a distance of about c only if the steering gets there in it: u <= r c / v.
+    """
+    for i in range(len(speed)):
+        v, length = speed[i], body.length[i]
+        lag, rate = body.steering_lag[i] + dt / 2, np.minimum(body.curvature_rate[i], 1e3)
+        catch_up = np.maximum(LENGTHS * length, np.maximum(np.cbrt(v * OFFSET / rate), LAGS * lag * v))
+        window = np.maximum(WINDOW * length, max(POINTS * dt, WINDOW_TIME) * v)
+        found.catch_up[i], found.window[i] = catch_up, window
+        found.bend_window[i] = np.maximum(BEND_WINDOW * length, window)
+        found.steering_lag[i] = lag
+        found.gentle[i] = np.minimum(recovery / np.maximum(v, 2.0) ** 2, rate * catch_up / np.maximum(v, 2.0))
+        found.steepest_bend[i] = STEERED * rate

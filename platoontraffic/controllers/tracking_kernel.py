@@ -1,0 +1,161 @@
+"""The law `tracking` after its estimate: steering and following, and what limits them, compiled; rows (n,)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from platoontraffic.controllers import path, steering
+from platoontraffic.controllers.path import BESIDE, LINE, LOST, OBSTACLE, PREDECESSOR
+from platoontraffic.controllers.tracker import bends_kernel, own_motion, records
+from platoontraffic.controllers.tracker.bends_kernel import BRAKING, acceleration_along
+from platoontraffic.controllers.tracker.own_motion import STILL
+from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED
+from platoontraffic.lidar.compiled import compiler
+
+compiled = compiler(
+    __file__, path.__file__, steering.__file__, bends_kernel.__file__, own_motion.__file__, records.__file__
+)
+
+FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
+STANDING = 0.05  # speed below which it is held [m/s]
+CLOSE_ENOUGH, MOVE_UP = 0.1, 0.4  # excess of distance at which it stops, and at which it moves up again [m]
+APPROACH = 1.5  # deceleration of the approach to a standing car [m/s2]
+STEEPEST = 0.35  # sine of the greatest angle of the return to the trail
+ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed [m]
+
+curvature_back = compiled(steering.curvature_back)
+
+
+@compiled
+def pursue(speed, last, body, mount, fitted, line, track, ahead, obstacle, on_route, route_curvature, gains, dt, found):
+    """Fill in `tracking.Pursuit`: stages 2 to 4 of the law.
+
+    last            : acceleration that was commanded [m/s2], (n,)
+    mount           : distance of the laser ahead of the body's centre [m]
+    fitted          : `tracker.fitted.Fitted`
+    line            : `DriveLine`
+    track, ahead    : `Track` of the predecessor now, `Ahead` of the trail
+    obstacle        : `tracking.Obstacle`
+    on_route        : the route is driven, not the trail, bool (n,), by the curvature `route_curvature`, (n,) [1/m]
+    gains           : `tracking.Gains`
+    """
+    for i in range(len(speed)):
+        v, reaction = speed[i], body.brake_lag[i] + dt / 2  # from a scan to the effect of the brakes
+        errors = ahead.offset[i], ahead.off_heading[i]
+        back = curvature_back(errors, fitted.catch_up[i], fitted.gentle[i], STEEPEST)
+        curvature = route_curvature[i] if on_route[i] else ahead.curvature[i] + back
+
+        wanted, needed = -FIRM if v < STANDING else -gains.braking / 2, math.inf
+        if math.isfinite(track.blind[i]):
+            their_speed, their_acceleration = track.mean[i, SPEED], track.mean[i, ACCELERATION]
+            distance = ahead.length[i] - OVERHANG - (mount - body.axle[i])
+            ahead_of_it = their_speed, their_acceleration
+            wanted = _headway(i, v, last[i], distance, ahead_of_it, line, body, gains, dt)
+            needed = _brake_for(v, distance, their_speed, np.minimum(their_acceleration, 0.0), reaction, gains)
+
+        blind_spot = body.length[i] / 2 - mount  # from laser to front bumper
+        brake = _brake_for(v, obstacle.free[i] + blind_spot, v - obstacle.closing[i], 0.0, reaction, gains)
+        planned = reaction + BRAKING * gains.braking / (2 * gains.jerk)
+        steepest = fitted.steepest_bend[i]
+        found.bends[i] = acceleration_along(ahead.bend[i], ahead.distance[i], curvature, v, planned, steepest, gains)
+        found.curvature[i], found.wanted[i], found.needed[i] = curvature, wanted, np.minimum(needed, brake)
+
+
+@compiled
+def _headway(i, v, last, distance, predecessor, line, body, gains, dt):
+    """Acceleration that keeps the time headway [m/s2]; distance: from the laser to the predecessor's rear [m]."""
+    their_speed, their_acceleration = predecessor
+    error, rate = distance - (gains.stand_off + gains.time_headway * v), their_speed - v
+    fast = math.sqrt(2 * APPROACH * np.maximum(error, 0.0)) - their_speed  # to a vehicle that nearly stands
+    wanted = rate + np.minimum(gains.distance_gain * error, np.maximum(gains.catching_up, fast))
+    wanted = wanted / gains.time_headway
+    achieved = line.drive[i] - line.brake[i]
+    closing = rate - gains.time_headway * achieved
+    change = (their_acceleration - achieved + gains.distance_gain * closing) / gains.time_headway
+    near = error < (MOVE_UP if last <= -FIRM else CLOSE_ENOUGH)
+    if v < STANDING and their_speed < 2 * STANDING and near:
+        return -FIRM
+    return _command(line.drive[i], line.brake[i], wanted, change, body.drive_lag[i], body.brake_lag[i], dt)
+
+
+@compiled
+def _command(drive, brake, wanted, rate, drive_lag, brake_lag, dt):
+    """The command by which the acceleration a approaches the wanted one w, which changes at a rate w' [m/s3].
+
+    With lag T of the part that acts, a' = (w - a) / T + w', so an error of a falls as exp(-t / T), whatever w does. For
+    the engine d and the brakes b, a = d - b, of lags T_d and T_b that is
+
+        w + T_d w' - b (T_d / T_b - 1)    if it is positive,     or else    w + T_b w' - d (1 - T_b / T_d).
+
+    A command holds for dt, so it comes dt / 2 late on the mean: w' is also added over that time.
+    """
+    drive_lag, brake_lag = np.maximum(drive_lag, 1e-3), np.maximum(brake_lag, 1e-3)
+    by_drive = wanted + (drive_lag + dt / 2) * rate - brake * (drive_lag / brake_lag - 1)
+    by_brake = wanted + (brake_lag + dt / 2) * rate - drive * (1 - brake_lag / drive_lag)
+    return by_drive if by_drive > 0 else np.minimum(by_brake, 0.0)
+
+
+@compiled
+def _brake_for(v, distance, their_speed, their_acceleration, reaction, gains):
+    """Acceleration that just keeps the margin to what is ahead [m/s2]; inf where that is not known."""
+    rate = np.maximum(v - their_speed, 0.0)
+    left = np.maximum(distance - gains.margin - rate * reaction, 0.01)
+    needed = their_acceleration - rate**2 / (2 * left)  # while both drive
+    if their_speed * rate <= -2 * left * their_acceleration and their_speed > 0:  # it stops first
+        needed = v**2 * their_acceleration / (their_speed**2 - 2 * left * their_acceleration)
+    return math.inf if math.isnan(needed) or distance == math.inf else needed
+
+
+@compiled
+def decide(speed, last, known, never_lost, pursuit, obstacle, stop, held, routed, road, limit, gains, dt, command):
+    """Fill in acceleration and curvature of the command; `limit`, a `BrakingFor` of `alone`, becomes that of the law.
+
+    known      : there is a predecessor, bool (n,)
+    never_lost : it has had the same one from the start, bool (n,)
+    stop       : acceleration for closed lines [m/s2], (n,); inf: none
+    held       : it waits on its lane, bool (n,)
+    routed     : the route is given
+    road       : `alone`: its acceleration, its acceleration for bends [m/s2], the offset from the route [m], (n,) each
+    """
+    alone, bends, offset = road
+    for i in range(len(speed)):
+        wanted, needed = np.minimum(pursuit.wanted[i], pursuit.bends[i]), pursuit.needed[i]
+        creeps, reason = limit.creeps[i], limit.reason[i]
+        if routed:
+            if creeps or not known[i]:
+                wanted = alone[i]
+            # A vehicle that was met on the route may go straight on where the route turns; a predecessor that is
+            # through a turn accelerates.
+            if not (never_lost[i] and abs(offset[i]) > ASTRAY):
+                wanted = np.minimum(wanted, bends[i])
+            if creeps and needed < 0:
+                needed = np.maximum(needed, alone[i])
+        if known[i]:
+            by_obstacle = math.isfinite(obstacle.free[i]) and speed[i] < STILL and needed < 0
+            reason = OBSTACLE if by_obstacle else PREDECESSOR
+        if stop[i] < np.minimum(wanted, needed):
+            reason = LINE
+        elif not (routed or known[i]):
+            reason = LOST
+        limit.bearing[i] = obstacle.bearing[i] if reason == OBSTACLE else math.nan
+        limit.reason[i] = BESIDE if reason == PREDECESSOR and held[i] else reason
+
+        command.acceleration[i] = _comfort(
+            speed[i], last[i], np.minimum(wanted, stop[i]), np.minimum(needed, stop[i]), gains, dt
+        )
+        most = gains.lateral_acceleration / np.maximum(speed[i], 1e-3) ** 2
+        command.curvature[i] = np.minimum(np.maximum(pursuit.curvature[i], -most), most)
+
+
+@compiled
+def _comfort(v, last, wanted, needed, gains, dt):
+    """The wanted acceleration within comfort; the needed one where it is harder braking [m/s2]."""
+    if v < STANDING:
+        last = np.maximum(last, -FIRM)
+    wanted, last = np.minimum(np.maximum(wanted, -gains.braking), gains.acceleration), np.maximum(last, -gains.braking)
+    change = gains.jerk * dt
+    wanted = np.minimum(np.maximum(wanted, last - change), last + change)
+    acceleration = np.minimum(wanted, needed) if needed < -gains.braking else wanted
+    return np.maximum(acceleration, -gains.hardest_braking)
