@@ -8,7 +8,6 @@ import numpy as np
 
 from platoontraffic.controllers import BRAKES_FOR
 from platoontraffic.lidar import ScanBatch
-from platoontraffic.lidar.laserscan import NO_HIT
 from platoontraffic.observation.step import Step
 from platoontraffic.world.events import Event
 
@@ -32,12 +31,12 @@ class Limits:
             limit = group.law.braking_for(group.memory) if known else None
             if limit is None:
                 continue
-            number, rows, model = step.number[group.rows], np.arange(len(group.rows)), scan.model
-            beam = np.rint((np.nan_to_num(limit.bearing) - model.angle_min) / model.angle_increment).astype(int)
-            beam = np.clip(beam, 0, scan.hits.shape[1] - 1)
-            self.known[number], self._reason[number] = True, limit.reason
-            met = np.where(np.isnan(limit.bearing), NO_HIT, scan.hits[rows, beam])
-            self._body[number] = [seen.traffic.surfaces[hit] for hit in met.tolist()]
+            number, model = step.number[group.rows], scan.model
+            self.known[number], self._reason[number], self._body[number] = True, limit.reason, ""
+            for k in (~np.isnan(limit.bearing)).nonzero()[0].tolist():
+                beam = round((limit.bearing[k] - model.angle_min) / model.angle_increment)
+                hit = scan.hits[k, min(max(beam, 0), model.samples - 1)]
+                self._body[number[k]] = seen.traffic.surfaces[hit]
             for k in (limit.creeps & ~self._creeps[number]).nonzero()[0]:
                 body = self._body[number[k]]
                 yield step.event("creeps", group.rows[k], body, detail=f"past {body}" if body else "")
