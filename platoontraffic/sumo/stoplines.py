@@ -71,12 +71,15 @@ class Ego(NamedTuple):
     lateral: float = 2.0  # greatest lateral acceleration of its law [m/s2]
 
     @classmethod
-    def of(cls, member: Member, lane: str, speed: float) -> Ego:
-        """raises: nothing; a law that does not name its gains counts as a timid one"""
+    def of(cls, member: Member) -> Ego:
+        """A member at rest, off the road.
+
+        raises: nothing; a law that does not name its gains counts as a timid one
+        """
         law = member.law
         gains = [_gain(one, "acceleration", cls._field_defaults["acceleration"]) for one in _drivers(law)]
         lateral = [_gain(one, "lateral_acceleration", cls._field_defaults["lateral"]) for one in _drivers(law)]
-        return cls(member.id, lane, speed, float(member.model.length), min(gains), min(lateral))
+        return cls(member.id, "", 0.0, float(member.model.length), min(gains), min(lateral))
 
     @property
     def checks_from(self) -> float:
@@ -134,7 +137,9 @@ class StopLines:
         # Vehicles that stand at an open line ("") or on a lane inside a junction: since when, and when last seen [s].
         self._standing: dict[tuple[str, str], tuple[float, float]] = {}
         self._adjacent: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
-        self._members: frozenset[str] = frozenset()
+        self._fleet: tuple[Member, ...] = ()  # at the last look
+        self._members: frozenset[str] = frozenset()  # their ids
+        self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet
         self._stood: dict[str, tuple[str, float]] = {}  # the line's lane at which each has stood, and since when [s]
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
         self._no_room: dict[str, Line] = {}  # the lane change ahead for which each member has no room now
@@ -145,23 +150,20 @@ class StopLines:
 
         roads: edge and lane of each member
         """
-        progress, self._members = fleet.progress, frozenset(fleet.ids)
-        if not len(progress.rows):
+        progress, members = fleet.progress, fleet.members
+        if members is not self._fleet:
+            self._fleet, self._members = members, frozenset(fleet.ids)
+            rows = enumerate(progress.rows.tolist())
+            self._asking = [(k, i, Ego.of(members[i])) for k, i in rows if "signals" in members[i].law.needs]
+        if not self._asking:
             return None
-        front = progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]
-        asking = [
-            (i, station)
-            for i, station in zip(progress.rows.tolist(), front.tolist(), strict=True)
-            if "signals" in fleet.members[i].law.needs
-        ]
-        if not asking:
-            return None
-        n = len(fleet)
+        front = (progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]).tolist()
+        n, speed = len(fleet), fleet.motion.speed.tolist()
         self._no_room.clear()
         signals = Signals(np.full(n, np.inf), np.ones(n, bool), *np.zeros((2, n), bool), np.zeros(n, int))
-        for i, station in asking:
-            member = fleet.members[i]
-            state = self._state(member, station, Ego.of(member, roads[member.id][1], float(fleet.motion.speed[i])))
+        for k, i, ego in self._asking:
+            ego = ego._replace(lane=roads[ego.id][1], speed=speed[i])
+            state = self._state(members[i], front[k], ego)
             for values, value in zip(signals, state, strict=True):
                 values[i] = value
         return signals
@@ -198,7 +200,7 @@ class StopLines:
                 continue
             lines = fleet.members[i].route.lines if fleet.members[i].route else ()
             line = next((line for line in lines if line.lane == lane and line.via[:1] == (via,)), None)
-            ego = Ego.of(fleet.members[i], via, float(fleet.motion.speed[i]))
+            ego = Ego.of(fleet.members[i])._replace(lane=via, speed=float(fleet.motion.speed[i]))
             signal = _signal(state)
             has_gap = signal != ground.GIVES_WAY or line is None or self._may_enter(line, state, ego)
             found.append(Entry(i, lane, signal, has_gap))
