@@ -103,7 +103,9 @@ def _cell(width, height, n):
 def _box_grid(box_x, box_y, x, y, reach, radius):
     """Boxes in a grid around the sensors at x, y: its place, first box of each cell, middles and rows."""
     far = reach + radius
-    west, east, south, north = (x.min(), x.max(), y.min(), y.max()) if len(x) else (0.0, 0.0, 0.0, 0.0)
+    west, east, south, north = (x[0], x[0], y[0], y[0]) if len(x) else (0.0, 0.0, 0.0, 0.0)
+    for i in range(1, len(x)):
+        west, east, south, north = min(west, x[i]), max(east, x[i]), min(south, y[i]), max(north, y[i])
     cell = _cell(east - west + 2 * far, north - south + 2 * far, len(box_x))
     columns, rows = int((east - west + 2 * far) // cell) + 1, int((north - south + 2 * far) // cell) + 1
     place = (west - far, south - far, cell, columns, rows, radius)

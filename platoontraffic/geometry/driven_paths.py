@@ -76,8 +76,10 @@ def _appended(path, size, x, y, spacing):
         return size
     if size == len(path):
         half = size // 2
-        path[: size - half] = path[half:].copy()
         size -= half
+        for i in range(size):
+            for k in range(3):  # one by one: numba takes seconds to compile an assignment of arrays
+                path[i, k] = path[half + i, k]
     path[size, 0], path[size, 1], path[size, 2] = x, y, path[size - 1, 2] + step
     return size + 1
 

@@ -39,11 +39,11 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
     contact_in : least time until it touches a body if all go straight on [s]; NaN: none within the horizon
     pairs      : the rows of pairs that are near, the lower first, (capacity, 2); those beyond it are left out
     """
-    fastest = 0.0
+    fastest, largest, count = 0.0, 0.0, 0
+    radius = np.empty(len(bodies.x))
     for k in range(len(bodies.x)):
-        fastest = max(fastest, abs(bodies.speed[k]))
-    radius = np.hypot(bodies.half_length, bodies.half_width)
-    largest, count = radius.max(), 0
+        radius[k] = math.hypot(bodies.half_length[k], bodies.half_width[k])
+        fastest, largest = max(fastest, abs(bodies.speed[k])), max(largest, radius[k])
     for i in range(n):
         clearance[i], closest[i], contact_in[i] = math.nan, -1, math.nan
         least, soonest = reach, horizon
