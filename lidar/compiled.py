@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numba
+from numba.core import event
 
 
 def compiler(*files: str | Path) -> Callable:
@@ -29,6 +30,26 @@ def compiler(*files: str | Path) -> Callable:
         return dispatcher
 
     return compiled
+
+
+def when_compiling(tell: Callable[[], None]) -> None:
+    """Have `tell` called once, when this process begins to compile a kernel, as it does where none is kept."""
+    event.register("numba:compile", _First(tell))
+
+
+class _First(event.Listener):
+    """Calls a function at the first event."""
+
+    def __init__(self, tell: Callable[[], None]) -> None:
+        self._tell: Callable[[], None] | None = tell
+
+    def on_start(self, event) -> None:
+        tell, self._tell = self._tell, None
+        if tell:
+            tell()
+
+    def on_end(self, event) -> None:
+        pass
 
 
 def digest(files: Iterable[str | Path]) -> str:

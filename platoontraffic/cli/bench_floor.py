@@ -24,12 +24,13 @@ WARM_UP, COUNTED = 100, 100  # steps before those that are measured; steps of wh
 
 
 class Scene(NamedTuple):
-    """A shipped scenario, of which a number of steps is measured."""
+    """A scenario, or a SUMO configuration with a file of platoons, of which a number of steps is measured."""
 
     name: str
     scenario: str
     steps: int
     changes: tuple[str, ...] = ()
+    platoons: str | None = None
 
 
 LAB = Scene("lab, 5 robots", "paper_loop", 2000)
@@ -63,9 +64,14 @@ class Pose(NamedTuple):
     speed: float  # [m/s]
 
 
-def above(name: str, source: str | Path, changes: Sequence[str], steps: int) -> Above:
-    """Measure steps of a scenario, of which all members depart at its begin and none arrives in these steps."""
-    prepared = prepare(scenario.load(source, changes))
+def above(
+    name: str, source: str | Path, changes: Sequence[str], steps: int, platoons: str | Path | None = None
+) -> Above:
+    """Measure steps of a scenario, of which all members depart at its begin and none arrives in these steps.
+
+    platoons: their file, where the source is a SUMO configuration
+    """
+    prepared = prepare(scenario.load(source, changes, platoons=platoons))
     poses: list[list[Pose]] = []
     with Simulation(setting_of(prepared)) as simulation:
         simulation.reset()

@@ -30,7 +30,7 @@ from platoontraffic.cli.printing import (
     summary,
     title,
 )
-from platoontraffic.cli.progress import batch_progress, err, run_progress, say, show_stage
+from platoontraffic.cli.progress import batch_progress, err, run_progress, say, say_when_compiling, show_stage
 from platoontraffic.cli.signals import end_as_at_control_c
 from platoontraffic.errors import InputError, MissingError, RunError, did_you_mean
 
@@ -88,6 +88,7 @@ def run(
 
     runs = _runs()
     end_as_at_control_c()
+    say_when_compiling(quiet)
     before_code = _before_code(no_plugins, None if dry_run else results)
     checked = scenarios.load(scenario, changes or (), seed, platoons, before_code)
     if replay:
@@ -488,6 +489,10 @@ def bench(
     compare: Annotated[
         Path | None, typer.Option(metavar="FILE", help="traffic: also print ratios to a document of --json kept before")
     ] = None,
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="traffic: only of this SUMO configuration, with --platoon")
+    ] = None,
+    platoons: Platoons = None,
     json: Annotated[bool, typer.Option("--json", help="one JSON document instead of tables")] = False,
 ) -> None:
     """Measure speed on this machine, in CPU time of one thread."""
@@ -496,13 +501,16 @@ def bench(
     if what not in ("lidar", "traffic"):
         raise InputError(f"argument 1: {what!r}: no such benchmark; must be lidar or traffic")
     benchmark = import_module("platoontraffic.lidar.benchmark" if what == "lidar" else "platoontraffic.cli.bench")
+    if (config is None) != (platoons is None) or (config and what != "traffic"):
+        raise InputError("--config: goes with bench traffic, and with the platoons of --platoon")
     before = None
     if compare:
         if what != "traffic" or json:
             raise InputError("--compare: is only for bench traffic, without --json")
         before = benchmark.kept(compare)
     try:
-        measured = benchmark.run(benchmark.QUICK if quick else benchmark.FULL, show_stage)
+        plan = benchmark.city(config, platoons) if config else benchmark.QUICK if quick else benchmark.FULL
+        measured = benchmark.run(plan, show_stage)
     except subprocess.CalledProcessError as error:
         raise RunError(f"a process of the benchmark failed: {error.stderr.strip().rpartition(chr(10))[2]}") from error
     finally:

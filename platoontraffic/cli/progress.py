@@ -115,6 +115,16 @@ def say(line: str) -> None:
     err.print(line, soft_wrap=True, markup=False)
 
 
+def say_when_compiling(quiet: bool) -> None:
+    """A line on stderr when kernels are compiled, as they are once on a machine; none if that is no terminal, or if
+    quiet."""
+    if quiet or not err.is_terminal:
+        return
+    from platoontraffic.lidar.compiled import when_compiling
+
+    when_compiling(lambda: say("compiling kernels, once on this machine: takes about half a minute"))
+
+
 def show_stage(stage: str) -> None:
     """Show the stage that a benchmark has reached, in place of the previous one."""
     if err.is_terminal:

@@ -113,10 +113,15 @@ class Route:
     def lines_ahead(self, station: float, reach: float) -> list[tuple[Line, float]]:
         """The next stop line, further ones within `reach` [m], and the distance to each [m]."""
         here, ahead = self._located(station)
-        lines = [(line, line.station - here) for line in self.lines[ahead:]]
-        if self.closed:
-            lines += [(line, line.station + self.length - here) for line in self.lines[:ahead]]
-        return [one for k, one in enumerate(lines) if k == 0 or one[1] < reach]
+        found: list[tuple[Line, float]] = []
+        for k in range(ahead, len(self.lines) + (ahead if self.closed else 0)):
+            lap, number = divmod(k, len(self.lines))
+            line = self.lines[number]
+            distance = line.station + lap * self.length - here
+            if found and distance >= reach:
+                break
+            found.append((line, distance))
+        return found
 
     def _located(self, station: float) -> tuple[float, int]:
         """The station within one lap, and the index of the next stop line."""

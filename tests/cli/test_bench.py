@@ -6,13 +6,23 @@ from itertools import pairwise
 
 import pytest
 
-from platoontraffic import scenario, simulation
+from platoontraffic import scenario, shipped, simulation
 from platoontraffic.cli import bench
 from platoontraffic.cli.bench import ROUTE_EDGES, SIZE, STAGES, Plan, Spent, Town
 from platoontraffic.cli.bench_floor import COUNTED, WARM_UP, Above, above
 from platoontraffic.errors import MissingError
 from platoontraffic.sumo import programs
 
+PLATOONS = """
+[[platoon]]
+size = 2
+gap_m = 6.0
+vehicle = "car"
+start = { edge = "east_north", position_m = 80.0 }
+to = "south_east"
+leader = { law = "path", lidar = "car-leader" }
+follower = { law = "tracking", policy = "obey", on_loss = "drive" }
+"""
 SMALL = Town(roads=4, background=20, platoons=2, warm_up=2, lasts=10)
 
 
@@ -176,6 +186,20 @@ def test_the_floor_of_a_step_is_that_of_the_same_movements(folder):
     assert min(found.floor_ms, found.loop_ms) > 0
     assert found.above_ms == pytest.approx(found.loop_ms - found.floor_ms)
     assert found.calls > 10 * SMALL.members
+
+
+@pytest.mark.slow
+@pytest.mark.sumo
+def test_a_configuration_with_platoons_is_measured_above_its_floor(tmp_path, monkeypatch):
+    monkeypatch.setattr(bench, "CITY", 20)
+    ring, platoons = shipped.networks()["ring"].with_name("ring.sumocfg"), tmp_path / "platoons.toml"
+    platoons.write_text(PLATOONS, encoding="utf-8")
+    report = bench.run(bench.city(ring, platoons))
+    (found,), (bar,) = report.above, report.bars
+    assert (found.scene, found.members) == ("ring/ring.sumocfg", 2)
+    assert found.loop_ms > found.floor_ms > 0
+    assert bar == bench.Bar("ring/ring.sumocfg: at most 35.0 us a member above the floor", found.member_us, bar.met)
+    assert "ring/ring.sumocfg" in bench.text(report)
 
 
 def test_extras_and_bars_are_printed():

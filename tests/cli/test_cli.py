@@ -67,6 +67,8 @@ def test_a_dry_run_starts_nothing(tmp_path):
         (["bench", "ladar"], "argument 1: 'ladar': no such benchmark; must be lidar or traffic"),
         (["bench", "lidar", "--compare", "x.json"], "--compare: is only for bench traffic"),
         (["bench", "traffic", "--compare", "nowhere.json"], "--compare: nowhere.json: No such file"),
+        (["bench", "traffic", "--config", "x.sumocfg"], "--config: goes with bench traffic, and with the platoons of"),
+        (["bench", "lidar", "--config", "x.sumocfg", "--platoon", "x.toml"], "--config: goes with bench traffic"),
         (["bench", "traffic", "--compare", __file__], "is not what `bench traffic --json` of this version prints"),
         (["new", "1st"], "argument 1: '1st': must begin with a letter"),
         (["plot", "nowhere"], "nowhere: no such folder"),

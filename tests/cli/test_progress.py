@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from io import StringIO
 
 import pytest
@@ -43,3 +44,43 @@ def test_the_bar_names_runs_while_they_make_no_progress(terminal):
         watcher.silent(Silence("a-s1", 0.0, 12.5), LAWS)
         watcher._bar.refresh()
         assert "no progress" not in terminal.getvalue()
+
+
+KERNELS = """
+from platoontraffic.lidar.compiled import compiler
+
+compiled = compiler(__file__)
+
+
+@compiled
+def half(x):
+    return x / 2
+
+
+@compiled
+def double(x):
+    return 2 * x
+"""
+
+
+def test_a_line_says_that_kernels_are_compiled_but_not_where_they_are_kept(terminal, tmp_path):
+    file = tmp_path / "kernels.py"
+    file.write_text(KERNELS, encoding="utf-8")
+
+    def told() -> str:
+        terminal.truncate(0)
+        progress.say_when_compiling(quiet=False)
+        spec = importlib.util.spec_from_file_location("kernels", file)
+        kernels = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(kernels)
+        assert kernels.half(3.0) + kernels.double(3.0) == 7.5
+        return terminal.getvalue().strip("\0")
+
+    assert told() == "compiling kernels, once on this machine: takes about half a minute\n"
+    assert told() == ""
+
+
+def test_nobody_is_told_of_compilation_if_quiet(terminal, monkeypatch):
+    monkeypatch.setattr("platoontraffic.lidar.compiled.when_compiling", lambda tell: tell())
+    progress.say_when_compiling(quiet=True)
+    assert terminal.getvalue() == ""
