@@ -122,7 +122,7 @@ def say_when_compiling(quiet: bool) -> None:
         return
     from platoontraffic.lidar.compiled import when_compiling
 
-    when_compiling(lambda: say("compiling kernels, once on this machine: takes about half a minute"))
+    when_compiling(lambda: say("compiling kernels, once on this machine: takes half a minute or more"))
 
 
 def show_stage(stage: str) -> None:
