@@ -74,8 +74,8 @@ class Scans:
 class Results:
     """The tables of one run, and the scene it drove in.
 
-    scene: kind ("road", "junctions", "lanes", "middle", "walls", "buildings") -> list of lines, each a list of [x, y]
-           in metres; areas are their rings
+    scene: kind ("road", "junctions", "lanes", "middle", "walls", "buildings", "signals") -> list of lines, each a
+           list of [x, y] in metres; areas are their rings
 
     Read on first access, and None if the run has no such file:
 

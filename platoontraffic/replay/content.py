@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from platoontraffic.analysis.reading import ResultsError, inside
+from platoontraffic.analysis.reading import ResultsError, inside, read_table
 from platoontraffic.analysis.results import Results, Scans
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import LidarModel, ScanBatch
@@ -83,6 +83,7 @@ def packed(results: Results, chosen: str | None = None) -> bytes:
         "chosen": chosen or _first_to_look_at(members),
         "events": _events(results),
         "obstacles": _obstacles(results),
+        "signals": _signals(results),
         "metrics": _metrics(results),
     }
     return columns.packed(header)
@@ -307,6 +308,18 @@ def _events(results: Results) -> list[list]:
     numbers = ["x_m", "y_m", "duration_s"]
     table[numbers] = table[numbers].astype(float)
     return [[None if v != v else v for v in row] for row in table.to_numpy(dtype=object).tolist()]
+
+
+def _signals(results: Results) -> dict[str, Any] | None:
+    """Light and link of each stop line of the scene, and for each light the times and states; None: not recorded."""
+    file = inside(results.folder, "sumo_signals.csv")
+    if not results.scene.get("signals") or not file.is_file():
+        return None
+    table = read_table(file, ("time_s", "signal_id", "state"), ("signal_id", "state"))
+    features = _json(results, "scene.geojson")["features"]
+    links = next(f["properties"]["links"] for f in features if f["properties"]["kind"] == "signals")
+    states = {light: [own.time_s.tolist(), own.state.tolist()] for light, own in table.groupby("signal_id")}
+    return {"links": links, "states": states}
 
 
 def _obstacles(results: Results) -> list[tuple[str, str]]:

@@ -13,7 +13,7 @@ class Palette {
     const style = getComputedStyle(document.documentElement);
     this.of = (name) => style.getPropertyValue(name).trim();
     const named = ["ground", "road", "junction", "lane", "middle", "wall", "building", "other",
-      "other-edge", "ink", "faint", "fan", "beam", "return", "segment", "remembered", "right", "wrong", "warn", "panel", "line", "obstacle"];
+      "other-edge", "ink", "faint", "fan", "beam", "return", "segment", "remembered", "right", "wrong", "warn", "panel", "line", "obstacle", "go", "stop", "amber"];
     for (const name of named) this[name] = this.of(`--${name}`);
     this.order = [0, 1, 2, 3, 4, 5, 6, 7].map((place) => this.of(`--place-${place}`));
   }
@@ -65,6 +65,7 @@ class RoadMap {
     context.setTransform(camera.ratio, 0, 0, camera.ratio, 0, 0);
     const when = run.members.instant(time);
     const chosen = run.members.pose(view.chosen, when);
+    if (view.layers.signals && run.signals) drawn.signals = this.#signals(camera, time);
     if (view.layers.paths) this.#trails(camera, time, when, view);
     if (view.layers.scan && run.scans) drawn.scan = this.#scan(camera, time, view);
     if (run.traffic && view.layers.traffic) drawn.traffic = this.#traffic(camera, time, view);
@@ -132,6 +133,25 @@ class RoadMap {
     if (camera.scale * (town ? 3 : 0.6) > 5) mark(paths.lanes, palette.lane, town ? 0.14 : 0.02, town ? [3, 5] : [0.15, 0.2]);
     if (camera.scale * (town ? 3 : 0.6) > 2) mark(paths.middle, palette.middle, town ? 0.14 : 0.02, []);
     if (layers.buildings) mark(paths.walls, palette.wall, town ? 0.25 : 0.03, []);
+  }
+
+  /** Stop lines of traffic lights in their colours; returns the number of links that are green. */
+  #signals(camera, time) {
+    const { context, palette, run } = this, { links, states } = run.signals;
+    const now = Object.fromEntries(Object.entries(states).map(([light, [times, texts]]) => [light, texts[lastUpTo(times, time + SOON)]]));
+    let green = 0;
+    context.lineCap = "butt";
+    context.lineWidth = Math.max(0.5 * camera.scale, 3);
+    run.scene.signals.forEach(({ x, y }, k) => {
+      const [light, number] = links[k], letter = now[light]?.[number]?.toLowerCase();
+      if (letter === "g") green++;
+      context.strokeStyle = letter === "g" ? palette.go : letter === "r" ? palette.stop : letter === "y" || letter === "u" ? palette.amber : palette.faint;
+      context.beginPath();
+      context.moveTo(...camera.screen(x[0], y[0]));
+      context.lineTo(...camera.screen(x[x.length - 1], y[y.length - 1]));
+      context.stroke();
+    });
+    return green;
   }
 
   /** A vehicle's outline, its front corners cut, in pixels; never too small to be seen. */

@@ -27,6 +27,7 @@ const SIGNS = {
   traffic: '<path class="s-other" d="M4 4h13l3 2v4l-3 2H4z"/>',
   obstacles: '<path class="s-obstacle" d="M4 4h13l3 2v4l-3 2H4z"/>',
   buildings: '<path class="s-building" d="M3 2h10v12H3z"/><path class="s-wall" d="M17 1v14"/>',
+  signals: '<path class="s-go" d="M3 3v10"/><path class="s-amber" d="M12 3v10"/><path class="s-stop" d="M21 3v10"/>',
   events: '<circle class="s-wrong" cx="7" cy="8" r="5"/><circle class="s-warn" cx="18" cy="8" r="4"/>',
   names: '<text x="12" y="12" class="s-name">Aa</text>',
 };
@@ -39,6 +40,7 @@ const MEANINGS = {
   traffic: "Vehicles that SUMO drives",
   obstacles: "Cars that cut in, pedestrians, boxes and others of the scenario, with their names",
   buildings: "Buildings, and walls that lasers see",
+  signals: "Stop lines of traffic lights: green, amber, red; grey if the light is off. Links from one lane have a part each",
   events: "Where something has happened in the last 3 s: red for contacts and offences, amber for other faults",
   names: "Names of the platoon's members; where two would overlap, one gives way",
 };
@@ -56,7 +58,7 @@ class Player {
     this.pointed = null; // vehicle below the mouse: {member} or {traffic}
     this.hovered = null; // time in a strip below the mouse [s]
     this.camera.closest = run.town ? 300 : 3000;
-    this.layers = { obstacles: true, events: true, traffic: true, buildings: true, scan: true, segments: true, target: true, remembered: true, paths: true, names: false };
+    this.layers = { signals: true, obstacles: true, events: true, traffic: true, buildings: true, scan: true, segments: true, target: true, remembered: true, paths: true, names: false };
     this.eventTimes = run.events.map((event) => event.time);
     this.drawn = null;
     this.frames = 0;
@@ -463,6 +465,7 @@ class Player {
       ["traffic", "Background traffic", run.traffic?.n],
       ["obstacles", "Obstacles", run.obstacle?.some(Boolean)],
       ["buildings", "Buildings, walls", (run.scene.walls?.length ?? 0) + (run.scene.buildings?.length ?? 0)],
+      ["signals", "Traffic lights", run.signals],
       ["events", "Events", run.events.some((event) => severity(event.kind) !== "info")],
       ["names", "Names", true],
     ];

@@ -88,7 +88,11 @@ def _drawing(results: Results) -> tuple[Figure, Callable[[float], None]]:
     sizes = _sizes(results)
     of_members = _Bodies(road, table, sizes, [figures.COLOURS[p % len(figures.COLOURS)] for p in range(99)])
     came = set(results.events[results.events.kind == "obstacle"].vehicle_id)
-    of_traffic = _Bodies(road, results.traffic, sizes, [], came) if results.traffic is not None else None
+    of_traffic = (
+        _Bodies(road, results.traffic, sizes, [], came)
+        if results.traffic is not None and len(results.traffic)
+        else None
+    )
     longest = max(sizes(v)[0] for v in main.vehicle_id.unique())
 
     def show(time: float) -> None:

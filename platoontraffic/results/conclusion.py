@@ -71,10 +71,17 @@ def scene(static: Scene, network: Network) -> dict[str, Any]:
         "walls": shapely.MultiLineString(list(walls)),
         "buildings": static.solids or shapely.MultiPolygon(),
     }
+    signals = network.signal_lines()
+    parts["signals"] = shapely.MultiLineString([line for line, _, _ in signals])
+    more = {"signals": {"links": [(light, number) for _, light, number in signals]}}
     return {
         "type": "FeatureCollection",
         "features": [
-            {"type": "Feature", "properties": {"kind": kind}, "geometry": shapely.geometry.mapping(shape)}
+            {
+                "type": "Feature",
+                "properties": {"kind": kind, **more.get(kind, {})},
+                "geometry": shapely.geometry.mapping(shape),
+            }
             for kind, shape in parts.items()
         ],
     }

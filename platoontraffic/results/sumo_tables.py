@@ -50,8 +50,8 @@ def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
     additional = [file for file in scenario.additional if ".poly.xml" not in file.name]
     for option, files in (("route-files", scenario.route_files), ("additional-files", additional)):
         safe = [str(_harmless(file, folder, f"{option.partition('-')[0]}_{i}")) for i, file in enumerate(files)]
-        if "edges" in record.sumo and option == "additional-files":
-            safe.append(str(_edge_data(scenario, folder)))
+        if option == "additional-files" and {"edges", "signals"} & set(record.sumo):
+            safe.append(str(_outputs(scenario, folder)))
         if safe:
             options[option] = ",".join(safe)
     if (demand := scenario.spec.sumo.demand) is not None:
@@ -76,12 +76,16 @@ def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
     return options
 
 
-def _edge_data(scenario: Scenario, folder: Path) -> Path:
-    begin = start_time(scenario)
-    file = folder / "sumo_edges.add.xml"
-    when = f'begin="{begin:.3f}" freq="{scenario.spec.record.sumo_every_s}"'
-    edge_data = f'<edgeData id="platoontraffic" file="{_RAW.format("edges")}" {when} excludeEmpty="true"/>'
-    file.write_text(f"<additional>{edge_data}</additional>\n", encoding="utf-8")
+def _outputs(scenario: Scenario, folder: Path) -> Path:
+    """A file by which SUMO writes the tables that no option switches on."""
+    begin, record = start_time(scenario), scenario.spec.record
+    file, elements = folder / _ADDED, []
+    if "edges" in record.sumo:
+        when = f'begin="{begin:.3f}" freq="{record.sumo_every_s}"'
+        elements.append(f'<edgeData id="platoontraffic" file="{_RAW.format("edges")}" {when} excludeEmpty="true"/>')
+    if "signals" in record.sumo:
+        elements.append(f'<timedEvent type="SaveTLSSwitchStates" dest="{_RAW.format("signals")}"/>')
+    file.write_text(f"<additional>{''.join(elements)}</additional>\n", encoding="utf-8")
     return file
 
 
@@ -149,6 +153,7 @@ def _text(attribute: str, name: str, meaning: str) -> tuple[str, float, Column]:
 
 
 MG = 1e-6  # a milligram [kg]
+_ADDED = "sumo_outputs.add.xml"
 _RAW = "sumo_{}.raw.xml"  # SUMO's own file, until the table is made of it
 
 TABLES = {
@@ -222,6 +227,18 @@ TABLES = {
     ),
 }
 
+TABLES["signals"] = Table(
+    "",
+    "tlsState",
+    (
+        _time("time", "time_s", "time from which the light has this state; 0 for the state at the start"),
+        _text("id", "signal_id", "SUMO's traffic light"),
+        _text(
+            "state", "state", "a letter for each link of the light: G, g green, y amber, r red, u red and amber, o off"
+        ),
+    ),
+)
+
 _TAKEN = [f"{name}.csv" for name in TABLES]
 
 
@@ -238,10 +255,26 @@ def write_tables(recorder: Recorder, scenario: Scenario) -> None:
         table = TABLES[name]
         own = recorder.folder / _RAW.format(name)
         file = own if own.is_file() else _inside(recorder.folder, asked[table.option])
-        rows = _rows(file, table, start_time(scenario))
+        rows = (_signal_rows if name == "signals" else _rows)(file, table, start_time(scenario))
         recorder.write_table(f"sumo_{name}.csv", rows, table.written)
         own.unlink(missing_ok=True)
-    (recorder.folder / "sumo_edges.add.xml").unlink(missing_ok=True)
+    (recorder.folder / _ADDED).unlink(missing_ok=True)
+
+
+def _signal_rows(file: Path, table: Table, start: float) -> Iterator[tuple]:
+    """State of each light at `start`, and every one after it."""
+    before: dict[str, tuple] = {}
+    for _, element in ElementTree.iterparse(file):
+        if element.tag == table.row:
+            time, light = float(element.get("time", 0)) - start, element.get("id", "")
+            row = max(time, 0.0), light, element.get("state", "")
+            if time <= 0:
+                before[light] = row
+                continue
+            yield from before.values()
+            before.clear()
+            yield row
+    yield from before.values()
 
 
 def _rows(file: Path, table: Table, start: float) -> Iterator[tuple]:

@@ -283,6 +283,21 @@ class Network:
                 borders += [part for part in shapely.get_parts(border) if not part.is_empty]
         return borders
 
+    def signal_lines(self) -> list[tuple[LineString, str, int]]:
+        """The stop line of each link that a traffic light controls, the light, and the link's number in its state.
+
+        Links from one lane have equal parts of its stop line each.
+        """
+        found = []
+        for lane in (lane for edge in self._roads for lane in edge.getLanes()):
+            links = [link for link in lane.getOutgoing() if link.getTLSID()]
+            heading, end = _heading(lane.getShape()[-2:]), np.array(lane.getShape()[-1])
+            left = lane.getWidth() / 2 * np.array([-math.sin(heading), math.cos(heading)])
+            for k, link in enumerate(links):
+                part = [end + (2 * share / len(links) - 1) * left for share in (k, k + 1)]
+                found.append((LineString(part), link.getTLSID(), link.getTLLinkIndex()))
+        return found
+
     def junctions(self) -> list[shapely.Polygon]:
         """The areas of all junctions that have one."""
         parts = shapely.get_parts(list(self._junction_areas().values()))

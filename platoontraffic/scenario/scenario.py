@@ -93,6 +93,7 @@ class Scenario:
         intervals = {
             "traffic_every_s": record.traffic_every_s or round(traffic, 3),
             "scans_every_s": record.scans_every_s or round(scans, 3),
+            "sumo": [*record.sumo, *({"signals"} - set(record.sumo))],
         }
         return replace(self, spec=self.spec.model_copy(update={"record": record.model_copy(update=intervals)}))
 

@@ -100,8 +100,9 @@ class Record(Table):
     """Interval between the rows of a background vehicle in traffic.csv [s]. Default: the table is not written."""
     scans_every_s: Positive | None = None
     """Interval between the recorded scans in scans.npz [s]. Default: the file is not written."""
-    sumo: list[Literal["trips", "summary", "edges"]] = Field([])
-    """SUMO's own tables to write, as sumo_trips.csv, sumo_summary.csv and sumo_edges.csv."""
+    sumo: list[Literal["trips", "summary", "edges", "signals"]] = Field([])
+    """SUMO's own tables to write, as sumo_trips.csv, sumo_summary.csv, sumo_edges.csv and sumo_signals.csv (states of
+    traffic lights)."""
     sumo_every_s: Positive = 60.0
     """Interval between the rows of sumo_summary.csv, and length of the intervals of sumo_edges.csv [s]."""
     metrics: list[str] = Field([])

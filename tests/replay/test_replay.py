@@ -342,6 +342,19 @@ def test_what_is_no_video_is_said_in_a_line(arguments, said, made):
     assert done.stderr.startswith(said)
 
 
+def test_traffic_lights_have_the_states_of_the_table(opened, tmp_path):
+    folder = made_run(tmp_path / "run", seconds=10.0)
+    scene = json.loads((folder / "scene.geojson").read_text())
+    lines = [[[RADIUS, 0.0], [RADIUS + 3, 0.0]], [[0.0, RADIUS], [0.0, RADIUS + 3]]]
+    scene["features"].append({"type": "Feature", "properties": {"kind": "signals", "links": [["a", 0], ["a", 1]]},
+                              "geometry": {"type": "MultiLineString", "coordinates": lines}})  # fmt: skip
+    (folder / "scene.geojson").write_text(json.dumps(scene))
+    (folder / "sumo_signals.csv").write_text("time_s,signal_id,state\n0,a,Gr\n4,a,yr\n6,a,gG\n")
+    page(folder, folder / "replay.html")
+    tab = opened(folder / "replay.html")
+    assert [seek(tab, time)["drawn"]["signals"] for time in (1.0, 3.9, 4.0, 6.0)] == [1, 1, 0, 2]
+
+
 def test_a_press_on_a_stranger_follows_it(opened, made):
     tab = opened(made / "replay.html")
     tab.keyboard.press("Home")
