@@ -57,6 +57,7 @@ QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change,
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
 QUEUE_GAP, OWN_GAP = 2.5, 4.0  # between cars that stand in a queue; that a member of a car's length leaves [m]
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
+SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
 WALKING = 0.3  # speed below which a person on a crossing stands [m/s]
 
 
@@ -419,18 +420,21 @@ class StopLines:
         return left > taken + length + OWN_GAP * size
 
     def _is_free_of_people(self, line: Line, distance: float, ego: Ego) -> bool:
-        """Whether nobody on a pedestrian crossing is, or will be, where the vehicle drives."""
+        """Whether nobody on a pedestrian crossing stands where the vehicle drives, or will be there when it comes."""
         conflicts = self._conflicts_at(line)
         for walk in conflicts.walks:
             if distance + walk.own[1] + ego.length < 0:
                 continue
-            until = self._pace(line, ego).time_for(distance + walk.own[1])
+            pace = self._pace(line, ego)
+            comes = SOONER * pace.time_for(distance + walk.own[0])
+            gone = LATER * pace.time_for(distance + walk.own[1] + ego.length)
             for name in self._sumo.edge.getLastStepPersonIDs(walk.edge):
                 person = self._sumo.person
                 here, speed = np.array(person.getPosition(name)[:2]), person.getSpeed(name)
                 course = math.radians(90 - person.getAngle(name))
-                ahead = here + speed * until * np.array([math.cos(course), math.sin(course)])
-                if _distance(walk.points, here, ahead if speed > WALKING else here) < walk.apart:
+                walks = speed * np.array([math.cos(course), math.sin(course)])
+                start, end = (here + comes * walks, here + gone * walks) if speed > WALKING else (here, here)
+                if _distance(walk.points, start, end) < walk.apart:
                     return False
         return True
 

@@ -174,6 +174,29 @@ def test_a_member_lets_cars_cross_that_yield_to_nobody(net, tmp_path, late):
     assert not [e for e in events if e.kind == "collision"]
 
 
+def crossed_by(own: tuple[float, float], where, east_of_north: float, speed: float) -> tuple[StopLines, Line]:
+    """A line before a pedestrian crossing, at distances beyond it, with someone there."""
+    points = np.column_stack([np.linspace(*own, 17), np.zeros(17)])
+    conflicts = Conflicts((), {}, (Walk(":c0", own, points, 2.6),), np.inf, 50.0, 0.0)
+    client = SimpleNamespace(
+        edge=SimpleNamespace(getLastStepPersonIDs=lambda _: ("someone",)),
+        lane=SimpleNamespace(getMaxSpeed=lambda _: 13.9),
+        person=SimpleNamespace(
+            getPosition=lambda _: where, getSpeed=lambda _: speed, getAngle=lambda _: east_of_north
+        ),
+    )  # fmt: skip
+    lines, line = StopLines(None, client), Line(0.0, "m", "", 0, "in_0", "out_0", (":x_0_0",), 14.0)
+    lines._conflicts[line] = conflicts
+    return lines, line
+
+
+@pytest.mark.parametrize(("south", "is_free"), [(3.0, True), (12.0, False), (30.0, True)])
+def test_a_crossing_far_beyond_the_line_is_free_where_nobody_is_when_the_vehicle_comes(south, is_free):
+    """It needs some 9 s for 50 m from a stand: someone has passed then, is there, or has not come."""
+    lines, line = crossed_by((50.0, 55.0), (52.0, -south), 0.0, 1.4)
+    assert lines._is_free_of_people(line, 1.0, Ego("m.0", "in_0", 0.0, 4.74)) is is_free
+
+
 @pytest.mark.parametrize(
     ("where", "east_of_north", "speed", "is_free"),
     [
@@ -186,16 +209,6 @@ def test_a_member_lets_cars_cross_that_yield_to_nobody(net, tmp_path, late):
 )
 def test_a_line_is_closed_by_people_who_are_or_will_be_in_the_way(where, east_of_north, speed, is_free):
     """The way leads east, over a pedestrian crossing from 1 to 5 m beyond the line."""
-    points = np.column_stack([np.linspace(1, 5, 17), np.zeros(17)])
-    conflicts = Conflicts((), {}, (Walk(":c0", (1.0, 5.0), points, 2.6),), np.inf, 50.0, 0.0)
-    client = SimpleNamespace(
-        edge=SimpleNamespace(getLastStepPersonIDs=lambda _: ("someone",)),
-        lane=SimpleNamespace(getMaxSpeed=lambda _: 13.9),
-        person=SimpleNamespace(
-            getPosition=lambda _: where, getSpeed=lambda _: speed, getAngle=lambda _: east_of_north
-        ),
-    )  # fmt: skip
-    lines, line = StopLines(None, client), Line(0.0, "m", "", 0, "in_0", "out_0", (":x_0_0",), 14.0)
-    lines._conflicts[line] = conflicts
+    lines, line = crossed_by((1.0, 5.0), where, east_of_north, speed)
     assert lines._is_free_of_people(line, 1.0, Ego("m.0", "in_0", 0.0, 4.74)) is is_free
     assert lines._is_free_of_people(line, -12.0, Ego("m.0", ":x_0_0", 0.0, 4.74))  # it is past the crossing
