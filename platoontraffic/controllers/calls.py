@@ -31,11 +31,10 @@ def decide(law: Law, sensed: Sensed, memory: Any, dt: float, at: Occasion) -> De
     decision = _call(law, f"at {at.stamp:.3f} s", law, sensed, memory, dt)
     n = len(sensed.speed)
     try:
-        if not _has_rows(decision, n):
-            kind = Drive if isinstance(decision.command, Drive) else Twist
-            command = kind(*[_row_each(values, n) for values in decision.command])
-            distance, bearing = [_row_each(values, n) for values in decision.target]
-            decision = Decision(command, decision.memory, Target(distance, bearing))
+        kind = Drive if isinstance(decision.command, Drive) else Twist
+        command = kind(*[_row_each(values, n) for values in decision.command])
+        distance, bearing = [_row_each(values, n) for values in decision.target]
+        decision = Decision(command, decision.memory, Target(distance, bearing))
     except (AttributeError, TypeError, ValueError) as error:
         if is_shipped(type(law)):
             raise
@@ -87,18 +86,10 @@ def _check_finite(law: Law, decision: Decision, at: Occasion) -> None:
     raise _fault(law, f"gave {given} for {vehicle}; must be finite, a target may be NaN")
 
 
-def _has_rows(decision: Decision, n: int) -> bool:
-    """Whether command and target are arrays (n,) already."""
-    if type(decision.command) not in (Twist, Drive) or type(decision.target) is not Target:
-        return False
-    for values in (*decision.command, *decision.target):
-        if type(values) is not np.ndarray or values.dtype != float or values.shape != (n,):
-            return False
-    return True
-
-
 def _row_each(values: Any, n: int) -> np.ndarray:
     """Numbers as an array (n,)."""
+    if type(values) is np.ndarray and values.dtype == float and values.shape == (n,):
+        return values
     values = np.asarray(values)
     if values.dtype.kind not in "iuf":
         raise TypeError(f"{values.dtype} is no number")
