@@ -18,7 +18,7 @@ from platoontraffic.errors import InputError, did_you_mean, no_file
 from platoontraffic.road.sumo_configuration import Configuration, read_configuration
 from platoontraffic.scenario import configurations, metric_plug_ins, overrides, toml_lines
 from platoontraffic.scenario.checks import faults_of
-from platoontraffic.scenario.drivers import find_laws
+from platoontraffic.scenario.drivers import Found, Role, find_laws
 from platoontraffic.scenario.faults import Fault, KeyPath, dotted, fault_path, what_of
 from platoontraffic.scenario.files import find_files
 from platoontraffic.scenario.named_code import BeforeCode, named_code
@@ -151,6 +151,13 @@ def _validated(table: dict[str, Any], places: _Places) -> Spec:
         raise InputError(*(placed(fault, places) for fault in faults)) from None
 
 
+def _deaf(laws: Mapping[Role, Found], arguments: Mapping[KeyPath, str]) -> bool:
+    """Whether a change of the laws has left the file's channel without receivers."""
+    changed = {path[0] if path[0] == "channel" else path[-1] for path in arguments}
+    needs = [found.law is None or "messages" in found.law.needs for found in laws.values()]
+    return "channel" not in changed and not changed.isdisjoint({"law", "feed", "leader", "follower"}) and not any(needs)
+
+
 def _checked(spec: Spec, source: Path, varied: dict[str, Any], places: _Places, stale: frozenset[KeyPath]) -> Scenario:
     """
     stale : as of `_change`
@@ -164,6 +171,8 @@ def _checked(spec: Spec, source: Path, varied: dict[str, Any], places: _Places, 
         raise InputError(*(placed(fault, places) for fault in faults)) from error
     laws = find_laws(spec, folder, stale)
     metrics, unsound = metric_plug_ins.find(spec.record.metrics, folder)
+    if _deaf(laws, places.arguments):
+        spec = spec.model_copy(update={"channel": None})
     if faults := [*faults_of(spec, files, laws, folder), *unsound]:
         raise InputError(*(placed(fault, places) for fault in faults))
     return Scenario(

@@ -62,11 +62,11 @@ class Run(NamedTuple):
     gap: np.ndarray  # [m], (steps, followers)
 
 
-def multi_sine(time: float) -> float:
-    """Acceleration of the sum of sinusoids of equal size, with Schroeder's phases [m/s2]."""
+def multi_sine(time: float, size: float = SIZE) -> float:
+    """Acceleration of the sum of sinusoids of equal size [m/s2], with Schroeder's phases [m/s2]."""
     k = np.arange(1, len(MULTIPLES) + 1)
     phases = -np.pi * k * (k - 1) / len(MULTIPLES)
-    return float(SIZE * np.cos(2 * np.pi * np.array(MULTIPLES) / PERIOD * time + phases).sum())
+    return float(size * np.cos(2 * np.pi * np.array(MULTIPLES) / PERIOD * time + phases).sum())
 
 
 def chirp(time: float) -> float:
@@ -83,9 +83,13 @@ PROFILES: dict[str, tuple[Callable[[float], float], float]] = {
 }
 
 
-def sweep(scenario: Scenario) -> Swept:
-    """The frequency response of a scenario's followers. raises: InputError"""
-    run = drive(scenario, multi_sine, SETTLING + PERIODS * PERIOD)
+def sweep(scenario: Scenario, size: float = SIZE) -> Swept:
+    """The frequency response of a scenario's followers.
+
+    size   : acceleration of each sinusoid of the leader [m/s2]
+    raises : InputError
+    """
+    run = drive(scenario, lambda time: multi_sine(time, size), SETTLING + PERIODS * PERIOD)
     dt, (law, vehicle, interval, delay) = run.time[1] - run.time[0], _string(scenario)
     n, frequency = round(PERIOD / dt), np.array(MULTIPLES) / PERIOD
     late = run.speed[-PERIODS * n - 1 : -1].reshape(PERIODS, n, -1)

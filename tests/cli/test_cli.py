@@ -89,6 +89,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
             "scenarios",
             [
                 "bends_platoon",
+                "blackout",
                 "corridor_breakdown",
                 "corridor_cut_in",
                 "corridor_manoeuvres",
@@ -108,6 +109,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
                 "paper_world",
                 "ring_platoon",
                 "string",
+                "yardsticks",
             ],
         ),
         ("nets", ["bends", "corridor", "grid", "highway", "lab_curves", "lab_loop", "lab_world", "ring"]),

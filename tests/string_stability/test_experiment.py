@@ -14,7 +14,7 @@ from platoontraffic.errors import InputError
 from platoontraffic.string_stability import experiment, report, theory
 
 EQUAL = ("platoon.vehicle.lag_s=0.5", "platoon.vehicle.brake_lag_s=0.5")
-LINEAR = ("acc", "idm", "constant_spacing", "cacc_ploeg", "cacc_path", "consensus")
+LINEAR = ("acc", "constant_spacing", "cacc_ploeg", "cacc_path", "consensus")
 
 
 def swept(law: str, *changes: str) -> experiment.Swept:
@@ -35,6 +35,15 @@ def test_every_linear_law_is_its_theory_within_two_percent(law, feed):
     channel = () if feed == "truth" else ("channel.latency_s=0.2",)
     found = swept(law, f"platoon.follower.feed={feed}", "platoon.size=4", *channel)
     assert report.deviation(found) < 0.02
+
+
+@pytest.mark.slow
+def test_idm_is_its_linearisation_for_small_disturbances_only():
+    found = scenario.load(
+        "string", ["platoon.follower.law=idm", "platoon.follower.feed=truth", "platoon.size=3", *EQUAL]
+    )
+    large, small = (experiment.sweep(found, size) for size in (experiment.SIZE, experiment.SIZE / 20))
+    assert report.deviation(small) < 0.02 < report.deviation(large)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 import shapely
 
@@ -20,6 +21,7 @@ from platoontraffic.world.channel import Messages
 from platoontraffic.world.fleet import Fleet
 from tests.controllers.test_field_laws import CAR, EYE
 from tests.support.bench import BLIND, NO_WALLS, Prescribed, platoon
+from tests.support.runs import run
 
 DT = 0.1
 LAW = PloegFollower()
@@ -182,3 +184,23 @@ def test_bad_input_is_one_line(changes, fault):
         scenario.load("highway_tracking", ["platoon.follower.law=cacc_ploeg", *changes])
     (line,) = caught.value.faults
     assert fault in line
+
+
+def test_a_channel_that_a_change_of_the_law_leaves_without_receivers_is_left_out():
+    assert scenario.load("yardsticks").spec.channel is not None
+    for change in ("platoon.follower.law=tracking", "platoon.follower.feed=truth", "platoon.follower.feed=scan"):
+        assert scenario.load("yardsticks", [change]).spec.channel is None
+    with pytest.raises(InputError, match="nobody receives them"):
+        scenario.load("yardsticks", ["platoon.follower.law=tracking", "channel.loss=0.1"])
+
+
+@pytest.mark.sumo
+@pytest.mark.slow
+@pytest.mark.parametrize("instead", ["laser", "headway"])
+def test_nobody_touches_in_a_blackout_while_the_leader_brakes(instead, tmp_path):
+    change = f"platoon.follower.on_radio_loss={instead}"
+    found = pd.read_csv(run(tmp_path, "blackout", change) / "metrics.csv")
+    of_run = found[found.scope == "run"].set_index("metric").value
+    assert of_run.collisions == 0
+    assert of_run.radio_losses == 5
+    assert of_run.message_age_max == pytest.approx(10.2, abs=0.11)
