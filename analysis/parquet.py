@@ -6,6 +6,7 @@ Not for a process that has imported libsumo: both bring their own copy of Arrow.
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,7 +26,8 @@ def export(folder: Path | str) -> list[Path]:
     raises: ResultsError, OSError (a file cannot be written)
     """
     folder = Path(folder)
-    results = load(folder)
+    with warnings.catch_warnings(action="ignore"):  # about runs of a batch that are not done; the files say which are
+        results = load(folder)
     try:
         files = [_write(folder / f"{name}.parquet", [_table(folder, name)]) for name in resources(folder)]
         if (folder / "study.toml").is_file() and len(results.summary):

@@ -184,6 +184,7 @@ def load_batch(folder: Path) -> Batch:
     runs = read_table(inside(folder, "runs.csv"), (*needed, "status", "error"), texts.get("runs", ()))
     runs = runs.astype({"error": "str"})
     summary = read_table(inside(folder, "summary.csv"), needed, texts.get("summary", ()))
+    runs, summary = _with_new_runs(folder, runs, summary)
     units = _units(tables)
     runs.attrs["units"], summary.attrs["units"] = units.get("runs", {}), units.get("summary", {})
     of_summary = tables.get("summary", [])
@@ -194,6 +195,25 @@ def load_batch(folder: Path) -> Batch:
         kinds = ", ".join(f"{n} {kind}" for kind, n in batch.missing.status.value_counts().items())
         warnings.warn(f"{folder}: {len(batch.missing)} of {len(runs)} runs are missing: {kinds}", stacklevel=3)
     return batch
+
+
+def _with_new_runs(folder: Path, runs: pd.DataFrame, summary: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The tables with the runs that a running batch has finished since it wrote them."""
+    new = [i for i in runs.index[runs.status != "done"] if (inside(folder, f"{runs.id[i]}/DONE")).is_file()]
+    if not new:
+        return runs, summary
+    runs = runs.copy()
+    runs.loc[new, ["status", "error"]] = "done", ""
+    known = [name for name in runs.columns if name not in ("status", "error", "wall_s")]
+    rows = []
+    for i in new:
+        row = read_table(inside(folder, f"{runs.id[i]}/summary.csv")).iloc[0].to_dict()
+        rows.append({name: value for name, value in row.items() if "." not in name} | runs.loc[i, known].to_dict())
+    metrics = [name for name in summary.columns if name not in known]
+    if not metrics:  # the first runs
+        metrics = [name for name in rows[0] if name not in known and pd.api.types.is_number(rows[0][name])]
+    found = pd.DataFrame(rows).reindex(columns=[*known, *metrics])
+    return runs, pd.concat([summary, found], ignore_index=True) if len(summary) else found
 
 
 def load_run(folder: Path) -> Results:

@@ -46,6 +46,18 @@ app = typer.Typer(
 app.add_typer(nets_app, name="nets")
 command = commands_of(app)
 
+
+@app.callback(invoke_without_command=True)
+def main(
+    version: Annotated[bool, typer.Option("--version", help="print the version", is_eager=True)] = False,
+) -> None:
+    if version:
+        from importlib.metadata import version as installed
+
+        print(f"platoontraffic {installed('platoontraffic')}")
+        raise typer.Exit
+
+
 ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="a scenario file, the name of a shipped one, or a SUMO configuration")
 ]
@@ -180,7 +192,7 @@ def batch(
         print_runs(loaded, folder, 1 if executor == "serial" else slots, json)
         return
     limits = batches.Limits(timeout, memory)
-    with batch_progress(loaded.name, quiet or json) as watcher:
+    with batch_progress(loaded.name, len(loaded.runs), quiet or json) as watcher:
         report = batches.run(loaded, folder, executor, slots, part, retry_failed, limits, watcher)
     if json:
         print_json({"folder": str(folder), **report.progress._asdict(), "failures": report.failures})
@@ -317,8 +329,10 @@ def list_(
     if json:
         print_json(listings[what]())
         return
-    for name, text in listings[what]().items():
-        out.print(f"{name:16} {text}", soft_wrap=True)
+    listing = listings[what]()
+    width = max(map(len, listing), default=0)
+    for name, text in listing.items():
+        out.print(f"{name:{width}} {text}", soft_wrap=True)
 
 
 @command

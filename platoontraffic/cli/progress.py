@@ -27,11 +27,15 @@ err = Console(stderr=True, highlight=False)
 class RunBar:
     """A watcher that shows the simulated time of a run as a bar."""
 
-    def __init__(self, bar: Progress, task: TaskID) -> None:
-        self._bar, self._task, self._updated = bar, task, 0.0
+    def __init__(self, bar: Progress, name: str, duration: float) -> None:
+        starts = f"{name}: starts; the first time on this machine it compiles for a minute or two"
+        self._bar, self._name, self._updated = bar, name, 0.0
+        self._task = bar.add_task(starts, total=duration)
 
     def show(self, instant: Instant) -> None:
         now = time.monotonic()
+        if not self._updated:
+            self._bar.update(self._task, description=self._name)
         if now - self._updated > REFRESH:
             self._bar.update(self._task, completed=instant.time)
             self._updated = now
@@ -51,7 +55,7 @@ def run_progress(duration: float, name: str, quiet: bool) -> Iterator[Sequence[W
         TimeRemainingColumn(),
     ]
     with Progress(*columns, console=err, transient=True) as bar:
-        yield (RunBar(bar, bar.add_task(name, total=duration)),)
+        yield (RunBar(bar, name, duration),)
 
 
 class BatchLines:
@@ -75,10 +79,10 @@ class BatchLines:
 class BatchBar(BatchLines):
     """The same with a bar; the time left is estimated from the runs that ended in this batch."""
 
-    def __init__(self, bar: Progress, task: TaskID) -> None:
+    def __init__(self, bar: Progress, task: TaskID, runs: int) -> None:
         super().__init__()
         self._bar, self._task, self._began = bar, task, time.monotonic()
-        self._status = "the first runs have started"
+        self._status = f"0 of {runs}, the first have started"
         self._show()
 
     def progress(self, at: batch.Progress) -> None:
@@ -100,14 +104,14 @@ class BatchBar(BatchLines):
 
 
 @contextmanager
-def batch_progress(name: str, quiet: bool) -> Iterator[BatchLines]:
-    """The watcher of a batch; with a bar unless stderr is no terminal, or quiet."""
+def batch_progress(name: str, runs: int, quiet: bool) -> Iterator[BatchLines]:
+    """The watcher of a batch of so many runs; with a bar unless stderr is no terminal, or quiet."""
     if quiet or not err.is_terminal:
         yield BatchLines()
         return
     columns = [TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[status]}"), TimeElapsedColumn()]
     with Progress(*columns, console=err, transient=True) as bar:
-        yield BatchBar(bar, bar.add_task(name, total=None, status=""))
+        yield BatchBar(bar, bar.add_task(name, total=None, status=""), runs)
 
 
 def say(line: str) -> None:

@@ -65,9 +65,9 @@ class RoadMap {
     context.setTransform(camera.ratio, 0, 0, camera.ratio, 0, 0);
     const when = run.members.instant(time);
     const chosen = run.members.pose(view.chosen, when);
-    if (view.layers.signals && run.signals) drawn.signals = this.#signals(camera, time);
     if (view.layers.paths) this.#trails(camera, time, when, view);
     if (view.layers.scan && run.scans) drawn.scan = this.#scan(camera, time, view);
+    if (view.layers.signals && run.signals) drawn.signals = this.#signals(camera, time);
     if (run.traffic && view.layers.traffic) drawn.traffic = this.#traffic(camera, time, view);
     if (view.layers.remembered && run.scans) drawn.remembered = this.#remembered(camera, time, view);
     this.taken = []; // boxes of the labels of this frame, which give way to each other

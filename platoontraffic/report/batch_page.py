@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from platoontraffic.analysis.results import Batch, load_batch
+from platoontraffic.analysis.tables import are_identical
 from platoontraffic.analysis.writing import write
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.report.figures import heat_map, lines
@@ -79,7 +80,17 @@ def _facts(batch: Batch, name: str, points: int) -> str:
     }
     figures = first_figures((what, str(count)) for what, count in counts.items())
     return f"""<p class="facts">{text(" · ".join(facts))}</p>
-{figures}"""
+{figures}
+{_seeds(batch)}"""
+
+
+def _seeds(batch: Batch) -> str:
+    """A sentence if the seed changes nothing."""
+    points = batch.summary.groupby(batch.varied) if batch.varied else [((), batch.summary)]
+    several = [rows for _, rows in points if len(rows) > 1]
+    if not several or not all(are_identical(rows) for rows in several):
+        return ""
+    return "<p>Runs of a point are equal to the last digit: the seed changes nothing here, and one would do.</p>"
 
 
 def _metrics(batch: Batch) -> list[str]:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -309,3 +310,8 @@ def test_json_is_all_that_is_printed(tmp_path):
     checked = call("check", "paper_loop", "paper_follower", "nowhere.toml", "--json")
     fine, study, bad = json.loads(checked.stdout)["files"]
     assert (fine["faults"], study["faults"], len(bad["faults"]), checked.exit_code) == ([], [], 1, 2)
+
+
+def test_it_says_its_version():
+    done = CliRunner().invoke(app, ["--version"])
+    assert (done.exit_code, done.stdout) == (0, f"platoontraffic {version('platoontraffic')}\n")

@@ -24,7 +24,7 @@ def terminal(monkeypatch) -> StringIO:
 
 
 def test_a_run_without_progress_is_a_line_on_stderr_even_if_quiet(capsys):
-    with progress.batch_progress("study", quiet=True) as watcher:
+    with progress.batch_progress("study", 3, quiet=True) as watcher:
         watcher.silent(Silence("a-s1", 60.0, None), LAWS)
         watcher.silent(Silence("a-s1", 0.0, 0.1), LAWS)
         watcher.silent(Silence("[b]-s1", 120.0, 12.34), LAWS)
@@ -35,7 +35,7 @@ def test_a_run_without_progress_is_a_line_on_stderr_even_if_quiet(capsys):
 
 
 def test_the_bar_names_runs_while_they_make_no_progress(terminal):
-    with progress.batch_progress("study", quiet=False) as watcher:
+    with progress.batch_progress("study", 3, quiet=False) as watcher:
         watcher.progress(Progress(4, 0, 1, 0, 1))
         watcher.silent(Silence("a-s1", 60.0, 12.34), LAWS)
         watcher._bar.refresh()

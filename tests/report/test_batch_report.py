@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -80,6 +81,26 @@ def test_metrics_may_be_chosen(batch):
     assert (batch / "report-collisions.svg").is_file()
     assert (batch / "report-collisions.svg").is_file()
     assert (batch / "report-gap_mean_m.svg").is_file()
+
+
+def test_runs_that_a_running_batch_has_finished_since_are_in_its_report(batch):
+    folder = batch / "run3-s3"
+    folder.mkdir()
+    (folder / "summary.csv").write_text(f"scenario,seed,{KEY},collisions,gap_mean_m\nx,3,3,0,77.5\n")
+    rows = Reader(report(batch)).rows
+    assert ["3", EVIL, "2", "31.5", "0.7071", "31", "32"] in rows  # it is not done yet
+    (folder / "DONE").touch()
+    rows = Reader(report(batch)).rows
+    assert ["3", EVIL, "3", "46.83", "26.56", "31", "77.5"] in rows
+    assert ["run3-s3", "3", "3", EVIL] not in rows
+
+
+def test_it_says_that_the_seed_changes_nothing(tmp_path):
+    folder = made_batch(tmp_path / "study", {KEY: [2, 3]})
+    assert "the seed changes nothing" not in report(folder)
+    table = pd.read_csv(folder / "summary.csv").assign(gap_mean_m=lambda t: t[KEY] + 0.25)
+    table.to_csv(folder / "summary.csv", index=False)
+    assert "the seed changes nothing" in report(folder)
 
 
 def test_keys_that_move_together_are_one(tmp_path):
