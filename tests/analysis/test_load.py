@@ -82,6 +82,8 @@ def test_what_is_missing_is_said(copy):
     runs.loc[1, ["status", "error"]] = ["failed", "why"]
     runs.loc[2, "status"] = "waiting"
     runs.to_csv(copy / "runs.csv", index=False)
+    for name in runs.id[1:3]:
+        (copy / name / "DONE").unlink()
     with pytest.warns(UserWarning, match="2 of 4 runs are missing: 1 failed, 1 waiting"):
         assert load(copy).missing.error.to_list()[0] == "why"
 
