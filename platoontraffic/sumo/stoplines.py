@@ -143,6 +143,7 @@ class StopLines:
         self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet
         self._stood: dict[str, tuple[str, float]] = {}  # the line's lane at which each has stood, and since when [s]
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
+        self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
         self._no_room: dict[str, Line] = {}  # the lane change ahead for which each member has no room now
         self._later: dict[tuple[Route, Line, float], Route | None] = {}  # routes with a lane change later
 
@@ -307,10 +308,12 @@ class StopLines:
     def _is_beside(self, line: Line, ego: Ego) -> bool:
         """Whether a slow vehicle that is not yet on its lane has another one there, whose rear is beside its own front.
 
-        The other one came in between, and does not see what is behind its own front.
+        The other one came in between, and does not see what is behind its own front. A member does not see what is
+        beside it either; of two that go over to each other's lanes one waits.
 
         line: the next one of the route: it begins on the lane on which the vehicle should be
         """
+        self._beside.discard(ego.id)
         slow = ego.speed < QUEUE_SPEED * scale(ego.length)
         if not slow or ego.lane == line.lane or ego.lane.rpartition("_")[0] != line.lane.rpartition("_")[0]:
             return False
@@ -318,7 +321,10 @@ class StopLines:
         for place, before in ((line.lane, 0.0), *((via, lane.getLength(line.lane)) for via in line.via[:1])):
             for name in lane.getLastStepVehicleIDs(place):
                 front = before + vehicle.getLanePosition(name)
-                if front > here > front - vehicle.getLength(name) - BEHIND * scale(ego.length):
+                yields = name not in self._members or name in self._beside
+                begin = here if yields else here - ego.length
+                if begin < front < here + vehicle.getLength(name) + BEHIND * scale(ego.length):
+                    self._beside.add(ego.id)
                     return True
         return False
 

@@ -376,6 +376,28 @@ def test_a_slow_vehicle_waits_beside_one_that_came_in_between_on_its_lane(front,
     assert lines._is_beside(line, Ego("m.0", lane, speed, CAR.length)) == is_beside
 
 
+def test_a_slow_member_waits_for_another_one_abreast_and_of_two_only_one_waits():
+    """They are on each other's lanes, the second one a little behind the first."""
+    places = {"m.0": ("road_0", 30.0), "m.1": ("road_1", 28.0)}
+    client = SimpleNamespace(
+        lane=SimpleNamespace(
+            getLength=lambda _: 200.0,
+            getLastStepVehicleIDs=lambda lane: [name for name, (there, _) in places.items() if there == lane],
+        ),
+        vehicle=SimpleNamespace(getLength=lambda _: CAR.length, getLanePosition=lambda name: places[name][1]),
+    )
+    lines = StopLines(SimpleNamespace(), client)
+    lines._members = frozenset(places)
+    first, second = (Line(100.0, "M", "", 0, lane, "next_0", (":a_0",), 10.0) for lane in ("road_1", "road_0"))
+    ahead, behind = Ego("m.0", "road_0", 1.0, CAR.length), Ego("m.1", "road_1", 1.0, CAR.length)
+    assert lines._is_beside(first, ahead)
+    for _ in range(3):
+        assert lines._is_beside(second, behind)  # the first one's rear is beside its front
+        assert not lines._is_beside(first, ahead)
+    places["m.1"] = "road_1", 20.0
+    assert not lines._is_beside(second, behind)
+
+
 def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
     """The paths cross 8 m ahead of both: after it has set out, not before."""
     line = Line(100.0, "Z", "", 0, "road_0", "next_0", (":a_0",), 20.0)
