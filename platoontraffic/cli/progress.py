@@ -28,9 +28,8 @@ class RunBar:
     """A watcher that shows the simulated time of a run as a bar."""
 
     def __init__(self, bar: Progress, name: str, duration: float) -> None:
-        starts = f"{name}: starts; the first time on this machine it compiles for a minute or two"
         self._bar, self._name, self._updated = bar, name, 0.0
-        self._task = bar.add_task(starts, total=duration)
+        self._task = bar.add_task(f"{name}: starts", total=duration)
 
     def show(self, instant: Instant) -> None:
         now = time.monotonic()
