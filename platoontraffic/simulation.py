@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
@@ -59,9 +59,19 @@ class Unobserved:
     def measure(self, fleet: Fleet) -> Measures:
         raise RuntimeError("this simulation has no observer, so it has no measures")
 
+    def refit(self, members: Sequence[Member]) -> None: ...
+
     @property
     def statistics(self) -> Statistics:
         raise RuntimeError("this simulation has no observer, so it has no statistics")
+
+
+class Then(NamedTuple):
+    """Other laws, sensors and breakdowns from one step on."""
+
+    step: int  # the last one that is decided as before
+    members: Sequence[Member]  # all of the simulation, in the same order
+    breakdowns: Sequence[Breakdown]
 
 
 @dataclass(frozen=True)
@@ -82,6 +92,7 @@ class Setting:
     channel: Channel | None = None  # of messages between members; None: there are none
     laps: float | None = None  # it ends when every member has turned through as many full circles
     whole_traffic_every: int | None = None  # steps; snapshots between them may lack what is out of range of all members
+    then: Then | None = None
 
 
 class Outcome(NamedTuple):
@@ -164,6 +175,8 @@ class Simulation:
             raise RuntimeError("reset() gives the first instant, step() those after it")
         if self.now.ended:
             raise RuntimeError(f"the simulation has ended ({self.now.ended}); reset() begins anew")
+        if self.setting.then and self.now.step == self.setting.then.step:
+            self._refit(self.setting.then)
         fleet, dt, timed = self.now.fleet.commanded(override or {}), self.setting.dt, self.stopwatch.call
         brakes = self.breakdowns.brakes(fleet)
         fleet = timed("move", fleet.moved, dt, brakes)
@@ -171,6 +184,14 @@ class Simulation:
         self.world.place(fleet, brakes)
         self._hold_obstacles()
         return self._decide(self.now.step + 1, self.world.advance(fleet))
+
+    def _refit(self, then: Then) -> None:
+        """Every member has the law and the sensors of `then` from now on."""
+        members = {m.id: m for m in then.members}
+        self.now = replace(self.now, fleet=self.now.fleet.refitted(members, self.setting.dt))
+        self.world.refit(members)
+        self.observer.refit(then.members)
+        self.breakdowns.replace(then.breakdowns)
 
     def _decide(self, step: int, fleet: Fleet) -> Instant:
         """Every member senses the same world; then every law decides."""
@@ -272,7 +293,16 @@ def setting_of(prepared: Prepared, folder: Path | None = None, client: Client | 
         channel=spec.channel,
         laps=spec.run.laps,
         whole_traffic_every=steps_of(spec.record.traffic_every_s, dt),
+        then=_then(prepared),
     )
+
+
+def _then(prepared: Prepared) -> Then | None:
+    scenario = prepared.scenario
+    if scenario.then is None:
+        return None
+    step = round(scenario.spec.branch.at_s / scenario.spec.run.step_s)
+    return Then(step, prepared.then, scenario.then.spec.breakdown)
 
 
 def steps_of(every: float | None, dt: float) -> int | None:

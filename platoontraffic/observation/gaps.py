@@ -84,13 +84,13 @@ class DesiredGaps:
 
     def __init__(self, members: Sequence[Member]) -> None:
         self.laser_to_bumper = np.array([m.seen_ahead_of_gap for m in members])  # (N,) [m]
-        self._number: np.ndarray | None = None  # of the members that are grouped by law
+        self._members: Sequence[Member] = ()  # that are grouped by law
         self._laws: list[tuple[Law, np.ndarray]] = []
 
     def of(self, fleet: Fleet) -> np.ndarray:
         """Bumper to bumper [m], (n,); NaN where a law names no distance."""
-        if fleet.number is not self._number:
-            self._number, self._laws = fleet.number, _by_law(fleet.members)
+        if fleet.members is not self._members:
+            self._members, self._laws = fleet.members, _by_law(fleet.members)
         distance = np.full(len(fleet), np.nan)
         for law, rows in self._laws:
             speed = fleet.motion.speed[rows]

@@ -84,6 +84,10 @@ class Observer:
         self._off_road = OffRoad(network.drivable, size)
         self.statistics = Statistics(len(members))
 
+    def refit(self, members: Sequence[Member]) -> None:
+        """All members, by their number, with the laws and sensors that they have from now on."""
+        self._presence.members, self._desired_gaps = members, DesiredGaps(members)
+
     def observe(
         self,
         traffic: TrafficSnapshot,

@@ -16,7 +16,7 @@ class Presence:
 
     def __init__(self, members: Sequence[Member]) -> None:
         """members: all of the run, by their number"""
-        self._members = members
+        self.members = members
         self._here = np.zeros(len(members), dtype=bool)
         self._before: Step | None = None
         self.new = np.empty(0, dtype=np.intp)  # rows of members that entered the road in this step, (m,)
@@ -40,7 +40,7 @@ class Presence:
 
     def _gone(self, time: float, before: Step, row: int, left_behind: np.ndarray) -> Event:
         """A member that has left the road, at its last position."""
-        member = self._members[before.number[row]]
+        member = self.members[before.number[row]]
         event = before.event("arrived", row)._replace(time=time)
         if member.place == 0 or member.arrives_alone:
             return event._replace(what="own_route")

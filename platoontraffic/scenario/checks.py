@@ -50,6 +50,26 @@ def faults_of(spec: Spec, files: Files, laws: Mapping[Role, Found], folder: Path
     )
 
 
+def faults_of_branch(
+    at: float, before: Spec, laws: Mapping[Role, Law], then: Spec, laws_then: Mapping[Role, Law]
+) -> list[Fault]:
+    """Faults of what changes at time `at` [s], each scenario being sound by itself."""
+    faults = []
+    for role, law in laws_then.items():
+        if law != laws[role] and (law.native or laws[role].native):
+            what = "SUMO drives it, or would; such a law does not change at a branch"
+            faults.append(Fault(("platoon", *role, "law"), what))
+    begun = [[one for one in spec.breakdown if one.time_s <= at] for spec in (before, then)]
+    for i, one in enumerate(then.breakdown):
+        if one in begun[1] and one not in begun[0]:
+            what = f"{one.time_s:g}: is new, and begins before the branch; must be after branch.at_s = {at:g}"
+            faults.append(Fault(("breakdown", i, "time_s"), what))
+    if any(one not in begun[1] for one in begun[0]):
+        what = f"leaves out or changes one that begins by branch.at_s = {at:g}; must repeat it as it is"
+        faults.append(Fault(("breakdown",), what))
+    return faults
+
+
 def _sumo(sumo: Sumo, net: Path, folder: Path) -> Iterator[Fault]:
     if absent := no_file(net):
         hint = did_you_mean(sumo.net, shipped.networks())
@@ -69,6 +89,9 @@ def _times(spec: Spec) -> Iterator[Fault]:
     record, step = spec.record, spec.run.step_s
     times += [(("record", key), getattr(record, key)) for key in ("every_s", "traffic_every_s", "scans_every_s")]
     times += [(("platoon", i, "start", "time_s"), platoon.start.time_s) for i, platoon in enumerate(spec.platoon)]
+    if spec.branch:
+        times.append((("branch", "at_s"), spec.branch.at_s))
+        yield from _before_end(("branch", "at_s"), spec.branch.at_s, spec)
     for path, time in times:
         if time and not is_multiple(time, step):
             yield Fault(path, f"{time}: must be a multiple of run.step_s = {step}")

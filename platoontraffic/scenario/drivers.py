@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
@@ -49,14 +49,22 @@ def drivers_of(spec: Spec) -> Iterator[tuple[Role, Driver]]:
             yield (i, "follower"), platoon.follower
 
 
-def find_laws(spec: Spec, folder: Path, stale: Collection[KeyPath] = ()) -> dict[Role, Found]:
+class Finder:
+    """Classes of laws and sensors by name. One class a name, so that members may share a call."""
+
+    def __init__(self, folder: Path) -> None:
+        """folder: the scenario file's; plug-ins and files that gains name are relative to it"""
+        self.folder = folder
+        self.law = cache(lambda name: registry.find_law(name, folder))
+        self.sensor = cache(lambda name: find_class(name, folder, SENSORS, "sensor"))
+
+
+def find_laws(spec: Spec, find: Finder, stale: Collection[KeyPath] = ()) -> dict[Role, Found]:
     """The law of every driver.
 
-    folder : the scenario file's; plug-ins and files that gains name are relative to it
-    stale  : keys that were written for another law; those that this one does not have are left out
+    stale: keys that were written for another law; those that this one does not have are left out
     """
-    find = cache(lambda name: registry.find_law(name, folder))  # one class a name, so that members may share a call
-    return {role: _find_law(driver, ("platoon", *role), find, folder, stale) for role, driver in drivers_of(spec)}
+    return {role: _find_law(driver, ("platoon", *role), find, stale) for role, driver in drivers_of(spec)}
 
 
 def default_preset(role: str, law: Law | type[Law], vehicle: VehicleModel) -> str:
@@ -85,29 +93,28 @@ def further_lidars(driver: Driver, preset: str, law: Law | type[Law]) -> dict[st
 def _find_law(
     driver: Driver,
     at: KeyPath,
-    find: Callable[[str], tuple[type, tuple[Path, ...]]],
-    folder: Path,
+    find: Finder,
     stale: Collection[KeyPath],
 ) -> Found:
     faults: list[Fault] = []
     try:
-        kind, sources = find(driver.law)
+        kind, sources = find.law(driver.law)
         given = driver.model_extra or {}
         if stale and is_dataclass(kind):
             given = {
                 key: gain for key, gain in given.items() if (*at, key) not in stale or key in keys_of(kind).values()
             }
-        gains = with_files(kind, given, folder)
+        gains = with_files(kind, given, find.folder)
         law = law_of(kind, gains, lambda keys, what: faults.append(Fault((*at, *keys), what)), what_of, driver.sensors)
     except LookupError as error:
         return Found(None, None, None, frozenset(), (Fault((*at, "law"), str(error)),))
-    found, own = _find_sensors(driver, at, folder, faults)
+    found, own = _find_sensors(driver, at, find, faults)
     files = frozenset([*sources, *files_in(gains), *own])
-    return Found(kind, law, plug_in_file(driver.law, folder), files, tuple(faults), found)
+    return Found(kind, law, plug_in_file(driver.law, find.folder), files, tuple(faults), found)
 
 
 def _find_sensors(
-    driver: Driver, at: KeyPath, folder: Path, faults: list[Fault]
+    driver: Driver, at: KeyPath, find: Finder, faults: list[Fault]
 ) -> tuple[tuple[FoundSensor, ...], set[Path]]:
     """The sensors of a driver, and the files that they consist of; faults are added to the list."""
     found: list[FoundSensor] = []
@@ -115,8 +122,8 @@ def _find_sensors(
     for name, table in driver.sensors.items():
         path = (*at, "sensors", name)
         try:
-            kind, files = find_class(table.sensor, folder, SENSORS, "sensor")
-            parameters = with_files(kind, table.model_extra or {}, folder)
+            kind, files = find.sensor(table.sensor)
+            parameters = with_files(kind, table.model_extra or {}, find.folder)
             sensor = instance_of(
                 kind,
                 parameters,
@@ -129,7 +136,7 @@ def _find_sensors(
             continue
         sources |= {*files, *files_in(parameters)}
         if sensor is not None:
-            found.append(FoundSensor(NamedSensor(name, sensor), plug_in_file(table.sensor, folder)))
+            found.append(FoundSensor(NamedSensor(name, sensor), plug_in_file(table.sensor, find.folder)))
     return tuple(found), sources
 
 

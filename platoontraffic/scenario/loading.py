@@ -6,7 +6,7 @@ import copy
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,8 @@ from platoontraffic import shipped
 from platoontraffic.errors import InputError, did_you_mean, no_file
 from platoontraffic.road.sumo_configuration import Configuration, read_configuration
 from platoontraffic.scenario import configurations, metric_plug_ins, overrides, toml_lines
-from platoontraffic.scenario.checks import faults_of
-from platoontraffic.scenario.drivers import Found, Role, find_laws
+from platoontraffic.scenario.checks import faults_of, faults_of_branch
+from platoontraffic.scenario.drivers import Finder, Found, Role, find_laws
 from platoontraffic.scenario.faults import Fault, KeyPath, dotted, fault_path, what_of
 from platoontraffic.scenario.files import find_files
 from platoontraffic.scenario.named_code import BeforeCode, named_code
@@ -74,10 +74,38 @@ def load(
     if config and "duration_s" not in table["run"]:
         raise InputError(f"{config.path}: has no <end>; give the duration of the run, for example run.duration_s=600")
     places = _Places(source, lines, set_by)
-    spec = _validated(table, places)
-    if before_code and (codes := named_code(spec, source.parent)):
-        before_code(spec.name, [(f"{places(code.path)}: {dotted(code.path)}", code) for code in codes])
-    return _checked(spec, source, {change.key: change.value for change in changes}, places, stale)
+    varied, find = {change.key: change.value for change in changes}, Finder(source.parent)
+    scenario = _checked(table, source, varied, places, stale, find, before_code)
+    return _branched(scenario, table, places, stale, find, before_code) if scenario.spec.branch else scenario
+
+
+def _branched(
+    scenario: Scenario,
+    table: dict[str, Any],
+    places: _Places,
+    stale: frozenset[KeyPath],
+    find: Finder,
+    before_code: BeforeCode | None,
+) -> Scenario:
+    """The scenario with `then`, the one that it is after its branch. Arguments as of `_checked`."""
+    table, branch = copy.deepcopy(table), scenario.spec.branch
+    del table["branch"]
+    named = overrides.leaves(branch.then, ("branch", "then"))
+    changes = [Change(key, value, places(path), key) for key, path, value in named]
+    set_by, further = _change(table, changes, None)
+    places = replace(places, arguments={**places.arguments, **set_by})
+    faults = [
+        Fault(path, "does not change at a branch; must be a key of a leader, of a follower or of breakdowns")
+        for path in set_by
+        if not (path[0] == "breakdown" or path[0] == "platoon" and path[2:3] in (("leader",), ("follower",)))
+    ]
+    if faults:
+        raise InputError(*(placed(fault, places) for fault in faults))
+    stale = (stale | further).difference(set_by)
+    then = _checked(table, scenario.source, scenario.varied, places, stale, find, before_code)
+    if faults := faults_of_branch(branch.at_s, scenario.spec, scenario.laws, then.spec, then.laws):
+        raise InputError(*(placed(fault, places) for fault in faults))
+    return replace(scenario, then=then, sources=tuple(sorted({*scenario.sources, *then.sources})))
 
 
 def _find(name_or_file: str | Path) -> Path:
@@ -158,18 +186,29 @@ def _deaf(laws: Mapping[Role, Found], arguments: Mapping[KeyPath, str]) -> bool:
     return "channel" not in changed and not changed.isdisjoint({"law", "feed", "leader", "follower"}) and not any(needs)
 
 
-def _checked(spec: Spec, source: Path, varied: dict[str, Any], places: _Places, stale: frozenset[KeyPath]) -> Scenario:
+def _checked(
+    table: dict[str, Any],
+    source: Path,
+    varied: dict[str, Any],
+    places: _Places,
+    stale: frozenset[KeyPath],
+    find: Finder,
+    before_code: BeforeCode | None,
+) -> Scenario:
     """
     stale : as of `_change`
-    raises: InputError if a file, a law, or the tables together are not sound
+    raises: InputError if a table, a file, a law, or the tables together are not sound
     """
     folder = source.parent
+    spec = _validated(table, places)
+    if before_code and (codes := named_code(spec, folder)):
+        before_code(spec.name, [(f"{places(code.path)}: {dotted(code.path)}", code) for code in codes])
     try:
         files = find_files(spec.sumo, folder)
     except InputError as error:
         faults = (Fault(("sumo", "config"), one) for one in error.faults)
         raise InputError(*(placed(fault, places) for fault in faults)) from error
-    laws = find_laws(spec, folder, stale)
+    laws = find_laws(spec, find, stale)
     metrics, unsound = metric_plug_ins.find(spec.record.metrics, folder)
     if _deaf(laws, places.arguments):
         spec = spec.model_copy(update={"channel": None})

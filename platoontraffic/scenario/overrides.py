@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import tomllib
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from platoontraffic.errors import InputError
@@ -35,6 +36,16 @@ class Change(NamedTuple):
 
     def fault(self, what: str) -> InputError:
         return InputError(f"{self.place}: {self.text!r}: {what}")
+
+
+def leaves(table: Mapping[str, Any], path: KeyPath) -> Iterator[tuple[str, KeyPath, Any]]:
+    """(dotted key, path in the file, value) of every value in tables inside one another; a range is a value."""
+    for name, value in table.items():
+        if isinstance(value, dict) and "from" not in value:
+            for key, inner, leaf in leaves(value, (*path, name)):
+                yield f"{name}.{key}", inner, leaf
+        else:
+            yield name, (*path, name), value
 
 
 def _value(key: str, text: str) -> Any:

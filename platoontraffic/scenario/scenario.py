@@ -40,6 +40,7 @@ class Scenario:
     sensors: dict[Role, tuple[FoundSensor, ...]]
     varied: dict[str, Any]  # values of the keys that arguments changed
     place: Callable[[KeyPath], str]  # where a key stands: `file:line`, or the argument that set it
+    then: Scenario | None = None  # after the branch: with other laws, errors or breakdowns; None: there is no branch
 
     def fault(self, path: KeyPath, what: str) -> str:
         """`file:line: key: what`."""
@@ -130,7 +131,18 @@ class Scenario:
                 del platoon["vehicle"]
         for (i, role), _ in drivers_of(self.spec):
             table["platoon"][i][role] = self._resolved_driver((i, role), folder)
+        if self.then:
+            table["branch"]["then"] = self._resolved_changes(folder)
         return table
+
+    def _resolved_changes(self, folder: Path | None) -> dict[str, Any]:
+        """The drivers and the breakdowns that change at the branch, whole; all drivers if none changes."""
+        roles = [role for role, _ in drivers_of(self.spec)]
+        before, then = ({role: one._resolved_driver(role, folder) for role in roles} for one in (self, self.then))
+        changed = {f"platoon.{i}.{name}": then[i, name] for i, name in roles if then[i, name] != before[i, name]}
+        if self.then.spec.breakdown != self.spec.breakdown:
+            changed["breakdown"] = [one.model_dump(exclude_none=True) for one in self.then.spec.breakdown]
+        return changed or {f"platoon.{i}.{name}": then[i, name] for i, name in roles}
 
     def _resolved_files(self, folder: Path | None) -> dict[str, Any]:
         """Keys of the table `sumo` that name files."""

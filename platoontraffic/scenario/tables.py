@@ -362,6 +362,16 @@ class Channel(Table):
         return self.lost_after_s or 2 / self.rate_hz + self.latency_s + self.jitter_s
 
 
+class Branch(Table):
+    """Keys that change at a set time. The run until then is that of the scenario without this table."""
+
+    at_s: Positive
+    """Time of the change [s]; a multiple of run.step_s. What is decided at this time is still decided as before."""
+    then: Annotated[dict[str, Any], Field(min_length=1)]
+    """Keys of leaders, followers and breakdowns with their new values, dotted or as tables inside one another. A law
+    of another class begins without memory."""
+
+
 class Spec(Table):
     """A scenario file."""
 
@@ -389,6 +399,8 @@ class Spec(Table):
     """Failures of members, one [[breakdown]] table each."""
     channel: Channel | None = None
     """Messages between members. Default: there are none."""
+    branch: Branch | None = None
+    """Keys that change at a set time. Default: none does."""
 
     @model_validator(mode="before")
     @classmethod

@@ -25,6 +25,7 @@ from platoontraffic.results import provenance
 from platoontraffic.road.network import Network
 from platoontraffic.scenario import Change, Identifier, Scenario, Table, dotted, fault_of, toml_lines
 from platoontraffic.scenario.named_code import BeforeCode
+from platoontraffic.scenario.overrides import leaves
 from platoontraffic.study.conditions import condition
 from platoontraffic.study.folder_lock import SHARES
 from platoontraffic.world.deployment import deploy, static_scene
@@ -122,7 +123,7 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = (), before_code: B
     source = _find(name_or_file)
     file, place = _read(source)
     base = _base(file.base, source, place)
-    fixed = [Change(key, value, place(path), key) for key, path, value in _leaves(file.set, ("set",))]
+    fixed = [Change(key, value, place(path), key) for key, path, value in leaves(file.set, ("set",))]
     fixed += [Change.parse(argument, number) for number, argument in enumerate(arguments, start=1)]
     axes = _axes(file, place)
     keys = tuple(key for axis in axes for key in axis.keys)
@@ -203,26 +204,16 @@ def _base(base: str, source: Path, place: Place) -> str:
     return str(file.resolve())
 
 
-def _leaves(table: Any, path: tuple) -> Iterator[tuple[str, tuple, Any]]:
-    """(dotted key, path in the file, value) of every value; a range is a value, not a table."""
-    for name, value in table.items():
-        if isinstance(value, dict) and "from" not in value:
-            for key, inner, leaf in _leaves(value, (*path, name)):
-                yield f"{name}.{key}", inner, leaf
-        else:
-            yield name, (*path, name), value
-
-
 def _axes(file: StudyFile, place: Place) -> list[Axis]:
     axes = []
-    for key, path, value in _leaves(file.grid, ("grid",)):
+    for key, path, value in leaves(file.grid, ("grid",)):
         at = place(path)
         values = _values(value, f"{at}: {dotted(path)}")
         axes.append(Axis("grid", (key,), tuple((Change(key, value, at, key),) for value in values)))
     tables = [(("zip",), file.zip)] if isinstance(file.zip, dict) else [(("zip", i), t) for i, t in enumerate(file.zip)]
     for at, table in tables:
         columns = []
-        for key, path, value in _leaves(table, at):
+        for key, path, value in leaves(table, at):
             values = _values(value, f"{place(path)}: {dotted(path)}", repeat=True)
             columns.append([Change(key, value, place(path), key) for value in values])
         if len({len(column) for column in columns}) > 1:

@@ -22,7 +22,7 @@ from platoontraffic.sumo.placement import Placement
 from platoontraffic.sumo.process import Process, start_options
 from platoontraffic.sumo.shadows import shadow_options
 from platoontraffic.sumo.stoplines import StopLines
-from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import Entry, departs_by, members_at, with_their_followers
 from platoontraffic.world.traffic import TrafficSnapshot
 
@@ -99,6 +99,10 @@ class World:
         background = self._background.traffic(fleet, reach, self._obstacles.in_sumo, time)
         traffic, obstacles = members_at(fleet, time).with_others(background), self._obstacles.bodies
         return traffic.with_others(obstacles) if obstacles and obstacles.ids else traffic
+
+    def refit(self, members: Mapping[str, Member]) -> None:
+        """Platoons that wait depart with the laws and sensors of these members, by id."""
+        self._later = [platoon.refitted(members, self._step) for platoon in self._later]
 
     def hold(self, obstacles: TrafficSnapshot, routes: Mapping[str, tuple[str, ...]]) -> None:
         """Obstacles at the end of the coming step, or now before the first.

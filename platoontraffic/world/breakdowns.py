@@ -22,6 +22,10 @@ class Breakdowns:
         self._breakdowns = breakdowns
         self._since: dict[Breakdown, float] = {}  # start of those in effect [s]
 
+    def replace(self, breakdowns: Sequence[Breakdown]) -> None:
+        """Others from now on; those that have begun must be among them."""
+        self._breakdowns = breakdowns
+
     def due(self, fleet: Fleet, time: float) -> list[Noted]:
         """Breakdowns and repairs that are due by `time`; a member has no breakdown before it is on the road."""
         row_of = {m.id: i for i, m in enumerate(fleet.members)} if self._breakdowns else {}

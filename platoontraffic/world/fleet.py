@@ -13,7 +13,7 @@ import numpy as np
 from platoontraffic.controllers.calls import Occasion, decide, memory_of
 from platoontraffic.controllers.law import Body, Known, Law, RouteAhead, Sensed, Signals, Target
 from platoontraffic.errors import did_you_mean
-from platoontraffic.lidar import LidarModel, ScanBatch
+from platoontraffic.lidar import LidarModel, Noise, ScanBatch
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.road.route import Route, Routes
 from platoontraffic.vehicles.catalogue import FleetModel, VehicleModel
@@ -24,6 +24,7 @@ from platoontraffic.vehicles.sensor import NamedSensor
 from platoontraffic.world.neighbours import chains, known_by, nothing_known
 from platoontraffic.world.under_way import Seen, UnderWay
 
+NO_NOISE = Noise()
 CLOSING = 150.0  # greatest closing speed of two vehicles [m/s]
 STANDING = 1e-3  # speed below which a member stands [vehicle lengths a second]
 WINDOW = 5.0  # a member is sought on its route within this distance of its last station [vehicle lengths]
@@ -108,6 +109,27 @@ class Group(NamedTuple):
             return None
         rows = np.append(self.rows, other.rows)
         return self._replace(rows=rows, memory=memory, under_way=UnderWay())
+
+    def refitted(self, members: Sequence[Member], dt: float) -> list[Group]:
+        """Its rows with the laws and sensors of these members, all of a fleet.
+
+        A law of the same class that is given the same keeps its memory; another one begins without.
+        """
+        parts = []
+        for new in _groups([members[i] for i in self.rows], dt):
+            part = new._replace(rows=self.rows[new.rows])
+            if type(new.law) is type(self.law) and new.fittings == self.fittings:
+                of_part = np.isin(self.rows, part.rows)
+                memory, under_way = memory_of(self.law, self.memory, of_part), self.under_way.part(of_part)
+                part = part._replace(memory=memory, under_way=under_way, since=self.since)
+            parts.append(part)
+        return parts
+
+    @property
+    def fittings(self) -> tuple:
+        """What its law is given: needs, lasers apart from their noise, sensors, delays."""
+        lasers = (self.lidar, *(one.sensor for one in self.further_lidars))
+        return self.law.needs, [replace(one, noise=NO_NOISE) for one in lasers], self.sensors, self.odometry_delay
 
     @property
     def is_prompt(self) -> bool:
@@ -370,6 +392,19 @@ class Fleet(MemberState):
         windows = np.where(progress.rows == row, window, WINDOW)
         return changed(self, members=members, progress=progress.located(self.model, self.motion, windows))
 
+    def refitted(self, members: Mapping[str, Member], dt: float) -> Fleet:
+        """The fleet with the laws and sensors of these members, by id; routes and motion stay."""
+        theirs = [members[m.id] for m in self.members]
+        if all(_equipment(m) == _equipment(new) for m, new in zip(self.members, theirs, strict=True)):
+            return self
+        new = tuple(replace(new, route=m.route) for m, new in zip(self.members, theirs, strict=True))
+        groups = [part for group in self.groups for part in group.refitted(new, dt)]
+        progress = RouteProgress.of(new)
+        progress = progress.located(self.model, self.motion, np.inf)
+        known = np.isin(progress.rows, self.progress.rows)  # on a route that meets itself the nearest place may be wrong
+        progress.station[known] = self.progress.station[np.isin(self.progress.rows, progress.rows)]
+        return self._of(self._state(), new, self.predecessor, groups, progress)
+
     def heads(self) -> np.ndarray:
         """Row of the first vehicle in each member's chain of predecessors, (n,): its own if it has none."""
         return chains(self)[0]
@@ -516,6 +551,10 @@ def _received(messages: Known | None, rows: np.ndarray, leader: bool) -> Known:
 def without_surfaces(scan: ScanBatch | None) -> ScanBatch | None:
     """A scan as a law gets it: which surface a beam met is for observers."""
     return scan if scan is None else changed(scan, hits=None)
+
+
+def _equipment(member: Member) -> tuple:
+    return member.law, member.lidars, member.sensors, member.odometry
 
 
 def _groups(members: Sequence[Member], dt: float) -> list[Group]:

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol, Self
 import numpy as np
 
 from platoontraffic.controllers import Signals
-from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
 
 RED, YELLOW, PRIORITY, GIVES_WAY = "red", "yellow", "priority", "gives way"
@@ -45,6 +45,9 @@ class Ground(Protocol):
 
         later : platoons that `advance` adds at their times of departure
         """
+
+    def refit(self, members: Mapping[str, Member]) -> None:
+        """Platoons that wait depart with the laws and sensors of these members, by id."""
 
     def snapshot(self, fleet: Fleet, reach: float = np.inf) -> TrafficSnapshot:
         """Vehicles and people at this instant: members as the fleet has them, then background traffic, then obstacles.
@@ -110,6 +113,9 @@ class BareGround:
         self._steps = 0
         self._later = sorted(later, key=lambda platoon: platoon.members[0].departs)
         return fleet
+
+    def refit(self, members: Mapping[str, Member]) -> None:
+        self._later = [platoon.refitted(members, self._step) for platoon in self._later]
 
     def snapshot(self, fleet: Fleet, reach: float = np.inf) -> TrafficSnapshot:
         """The members, then the obstacles; all, whatever the reach."""

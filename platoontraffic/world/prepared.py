@@ -25,6 +25,7 @@ class Prepared:
     members: tuple[Member, ...]
     obstacles: tuple[Plan, ...] = ()  # moving or temporary ones
     orders: tuple[Order, ...] = ()
+    then: tuple[Member, ...] = ()  # the members as they are after the scenario's branch; (): it has none
 
 
 def prepare(scenario: Scenario) -> Prepared:
@@ -36,7 +37,9 @@ def prepare(scenario: Scenario) -> Prepared:
     scene = static_scene(scenario, network)
     members = deploy(scenario, network, scene)
     plans = obstacles.plans_of(scenario, network, members)
-    return Prepared(scenario, network, scene, members, plans, manoeuvres.orders(scenario, network, members))
+    orders = manoeuvres.orders(scenario, network, members)
+    then = deploy(scenario.then, network, scene) if scenario.then else ()
+    return Prepared(scenario, network, scene, members, plans, orders, then)
 
 
 def departures(members: Sequence[Member], dt: float) -> tuple[Fleet, list[Fleet]]:
