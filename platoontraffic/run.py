@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -22,7 +24,7 @@ from platoontraffic.simulation import Outcome, Prepared, Simulation, prepare, se
 from platoontraffic.sumo.window import Window
 from platoontraffic.world.events import Event
 
-__all__ = ["Watcher", "Window", "is_done", "loaded", "prepare", "result_folder", "run"]
+__all__ = ["Recording", "Watcher", "Window", "is_done", "loaded", "prepare", "result_folder", "run"]
 
 SUMO_WORDS = 100  # first lines of run.log that provenance.json repeats
 
@@ -48,6 +50,107 @@ def result_folder(scenario: Scenario, results: Path) -> Path:
     return results / scenario.spec.name / provenance.run_id(scenario)
 
 
+class Recording:
+    """A run while it lasts: a simulation, and the folder that it is recorded in.
+
+    Whatever fails ends it, and leaves the folder as `run` says; errors as of `run`.
+    """
+
+    def __init__(self, prepared: Prepared, folder: Path, window: Window | None = None) -> None:
+        spec = prepared.scenario.spec
+        self._window, self._wall, self._closed = window, 0.0, False
+        self._recorder = Recorder(folder, Clocks.of(spec.record, spec.run.step_s))
+        self.simulation = Simulation(setting_of(prepared, self._recorder.folder, window))
+        self._run_of(prepared)
+
+    def advance(self, watchers: Sequence[Watcher] = (), until: float = math.inf) -> Instant:
+        """Simulate and record, until a time [s] or to the end; the last instant."""
+        simulation, setting = self.simulation, self.simulation.setting
+        if self._window:
+            watchers = [*watchers, WindowWatcher(self._window, setting.dt)]
+        last, timed, began = round(min(until / setting.dt, 2**53)), simulation.stopwatch.call, time.perf_counter()
+        with self._ended_by_errors():
+            now = simulation.now
+            while now is None or not (now.ended or now.step >= last):
+                now = simulation.reset() if now is None else simulation.step()
+                timed("record", self._recorder.record, now)
+                for watcher in watchers:
+                    timed("show", watcher.show, now)
+        self._wall += time.perf_counter() - began
+        return now
+
+    def goes_on_as(self, prepared: Prepared, folder: Path) -> None:
+        """In a fork of the process: go on as the run of a scenario with a branch at this instant, in its own folder."""
+        with self._ended_by_errors():
+            self._recorder.goes_on_in(folder)
+            self.simulation.goes_on_in(self._recorder.folder)
+            self.simulation.setting = setting_of(prepared, self._recorder.folder)
+            self._run_of(prepared)
+
+    def finish(self, replace: bool = False, say: Callable[[str], None] = lambda text: None) -> Path:
+        """Write what is made of the complete tables; the folder. Arguments as of `run`."""
+        recorder, prepared, simulation = self._recorder, self._prepared, self.simulation
+        with self._ended_by_errors():
+            began, outcome = time.perf_counter(), simulation.outcome
+            self._close()
+            wall = self._wall + time.perf_counter() - began
+            _note_end(recorder, outcome)
+            obstacles = [plan.id for plan in prepared.obstacles]
+            conclude(recorder, prepared.scenario, prepared.members, obstacles, simulation.encounters)
+            words = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:SUMO_WORDS]
+            facts = provenance.finished(self._facts, outcome.time, wall, simulation.stopwatch.seconds, words)
+            recorder.write_json("provenance.json", facts)
+            finished = recorder.finish(replace)
+        if recorder.moved:
+            say(f"{recorder.moved}: was in the place of the results, with files that are not of the run; it is kept")
+        return finished
+
+    def abandon(self) -> None:
+        """End it before its end; what was recorded is kept."""
+        with suppress(KeyboardInterrupt), self._ended_by_errors():
+            raise KeyboardInterrupt
+
+    def _run_of(self, prepared: Prepared) -> None:
+        """Write what is known of a run before it."""
+        self._prepared, recorder = prepared, self._recorder
+        with self._ended_by_errors():
+            self._facts = provenance.before(prepared.scenario)
+            recorder.write("config.toml", tomli_w.dumps(prepared.scenario.resolved(recorder.folder)))
+            recorder.write_json("provenance.json", self._facts)
+            recorder.write_json("scene.geojson", scene(prepared.scene, prepared.network))
+
+    def _close(self, error: BaseException | None = None) -> None:
+        """End SUMO, because of an error if there is one; the last table of the loop."""
+        self._closed = True
+        try:
+            self._recorder.write_table("statistics.csv", self.simulation.statistics(), STATISTICS)
+        finally:
+            self.simulation.__exit__(type(error) if error else None, error, error and error.__traceback__)
+
+    @contextmanager
+    def _ended_by_errors(self) -> Iterator[None]:
+        recorder = self._recorder
+        try:
+            try:
+                yield
+            except BaseException as error:
+                if not self._closed:
+                    self._close(error)
+                raise
+        except MetricError as error:
+            kept = recorder.keep_unfinished()
+            raise MetricError(*error.faults, f"{kept}: all tables of the run are kept there") from error
+        except (InputError, MissingError):
+            recorder.discard()
+            raise
+        except (Exception, KeyboardInterrupt) as error:
+            kept = recorder.keep_unfinished()
+            if isinstance(error, OSError):
+                raise RunError(f"{kept}: {error.strerror}; what was recorded until then is kept there") from error
+            error.add_note(f"what was recorded until then is kept in {kept}")
+            raise
+
+
 def run(
     prepared: Prepared,
     folder: Path,
@@ -67,54 +170,9 @@ def run(
             MetricError (a metric of a plug-in failed): likewise, with all other files;
             InputError (another plug-in failed), MissingError (no display): nothing is kept
     """
-    spec = prepared.scenario.spec
-    recorder = Recorder(folder, Clocks.of(spec.record, spec.run.step_s))
-    try:
-        _record(prepared, recorder, watchers, window)
-        finished = recorder.finish(replace)
-        if recorder.moved:
-            say(f"{recorder.moved}: was in the place of the results, with files that are not of the run; it is kept")
-        return finished
-    except MetricError as error:
-        kept = recorder.keep_unfinished()
-        raise MetricError(*error.faults, f"{kept}: all tables of the run are kept there") from error
-    except (InputError, MissingError):
-        recorder.discard()
-        raise
-    except (Exception, KeyboardInterrupt) as error:
-        kept = recorder.keep_unfinished()
-        if isinstance(error, OSError):
-            raise RunError(f"{kept}: {error.strerror}; what was recorded until then is kept there") from error
-        error.add_note(f"what was recorded until then is kept in {kept}")
-        raise
-
-
-def _record(prepared: Prepared, recorder: Recorder, watchers: Sequence[Watcher], window: Window | None) -> None:
-    """Write all files of a run but DONE."""
-    scenario = prepared.scenario
-    facts = provenance.before(scenario)
-    recorder.write("config.toml", tomli_w.dumps(scenario.resolved(recorder.folder)))
-    recorder.write_json("provenance.json", facts)
-    recorder.write_json("scene.geojson", scene(prepared.scene, prepared.network))
-    setting = setting_of(prepared, recorder.folder, window)
-    if window:
-        watchers = [*watchers, WindowWatcher(window, setting.dt)]
-    began = time.perf_counter()
-    with Simulation(setting) as simulation:
-        timed = simulation.stopwatch.call
-        try:
-            for instant in simulation:
-                timed("record", recorder.record, instant)
-                for watcher in watchers:
-                    timed("show", watcher.show, instant)
-        finally:  # of a run that is interrupted, too
-            recorder.write_table("statistics.csv", simulation.statistics(), STATISTICS)
-        wall, outcome = time.perf_counter() - began, simulation.outcome
-    _note_end(recorder, outcome)
-    conclude(recorder, scenario, prepared.members, [plan.id for plan in prepared.obstacles], simulation.encounters)
-    words = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:SUMO_WORDS]
-    facts = provenance.finished(facts, outcome.time, wall, simulation.stopwatch.seconds, words)
-    recorder.write_json("provenance.json", facts)
+    recording = Recording(prepared, folder, window)
+    recording.advance(watchers)
+    return recording.finish(replace, say)
 
 
 def _note_end(recorder: Recorder, outcome: Outcome) -> None:

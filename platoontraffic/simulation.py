@@ -213,6 +213,12 @@ class Simulation:
         )
         return self.now
 
+    def goes_on_in(self, folder: Path) -> None:
+        """In a fork of the process: SUMO's files are those in `folder` now, and closing leaves the parent's alone."""
+        self._of_the_parent = self._open.pop_all()  # kept: what is in it would be closed if it were collected
+        self._open.push(self.world)
+        self.world.logs_in(folder)
+
     @property
     def outcome(self) -> Outcome:
         """raises: RuntimeError while it goes on"""

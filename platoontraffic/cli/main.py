@@ -91,6 +91,14 @@ def run(
         bool, typer.Option("--replay", help="also record background traffic and scans, and make replay.html")
     ] = False,
     gui: Annotated[bool, typer.Option("--gui", help="watch the run in sumo-gui; the results are the same")] = False,
+    branch_at: Annotated[
+        float | None,
+        typer.Option("--branch-at", metavar="SECONDS", help="go on from this time as it is, and as each --then says"),
+    ] = None,
+    then: Annotated[
+        list[str] | None,
+        typer.Option("--then", metavar="KEY=VALUE", help='what changes in a branch; several with ";" between them'),
+    ] = None,
     no_plugins: NoPlugins = False,
     quiet: Quiet = False,
     json: Json = False,
@@ -106,6 +114,17 @@ def run(
     if replay:
         checked = checked.for_replay()
     prepared = runs.prepare(checked)
+    if branch_at is not None or then:
+        from platoontraffic.branches.runs import Source
+        from platoontraffic.cli.branches import run_with_branches
+
+        if gui:
+            raise InputError("--gui: not with --branch-at, because a SUMO with a window cannot be copied")
+        source = Source(scenario, tuple(changes or ()), seed, platoons, replay)
+        options = {"dry_run": dry_run, "force": force, "quiet": quiet, "json": json}
+        for folder in run_with_branches(source, prepared, branch_at, then or (), results, **options):
+            _finish_run(folder, replay, quiet)
+        return
     window = runs.Window(prepared.members, prepared.scene.solids) if gui else None
     if not quiet:
         print_remarks(prepared)
@@ -135,6 +154,11 @@ def run(
         return
     if not quiet:
         print_run(folder)
+    _finish_run(folder, replay, quiet)
+
+
+def _finish_run(folder: Path, replay: bool, quiet: bool) -> None:
+    """Make the replay, if it is wanted, and print the folder."""
     if replay:
         from platoontraffic.replay import page
 

@@ -14,7 +14,6 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from platoontraffic.cli.printing import duration_text
 
 if TYPE_CHECKING:
-    from platoontraffic.run import Watcher
     from platoontraffic.simulation import Instant
     from platoontraffic.study import batch
     from platoontraffic.study.silence import Silence
@@ -32,16 +31,20 @@ class RunBar:
         self._task = bar.add_task(f"{name}: starts", total=duration)
 
     def show(self, instant: Instant) -> None:
+        self.reach(instant.time)
+
+    def reach(self, time_: float) -> None:
+        """Show a simulated time [s]."""
         now = time.monotonic()
         if not self._updated:
             self._bar.update(self._task, description=self._name)
         if now - self._updated > REFRESH:
-            self._bar.update(self._task, completed=instant.time)
+            self._bar.update(self._task, completed=time_)
             self._updated = now
 
 
 @contextmanager
-def run_progress(duration: float, name: str, quiet: bool) -> Iterator[Sequence[Watcher]]:
+def run_progress(duration: float, name: str, quiet: bool) -> Iterator[Sequence[RunBar]]:
     """The watchers of a run of at most `duration` simulated seconds; none if stderr is no terminal, or if quiet."""
     if quiet or not err.is_terminal:
         yield ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.observer import Measures
@@ -37,6 +38,11 @@ class Instant:
     def time(self) -> float:
         """Since the platoons were placed [s]."""
         return self.traffic.time
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For another process: measured, for it cannot be measured there."""
+        measures = {"measures": self.measures} if self.measure or "measures" in vars(self) else {}
+        return vars(self) | {"measure": None} | measures
 
     @cached_property
     def measures(self) -> Measures:

@@ -25,6 +25,7 @@ from platoontraffic.errors import RunError
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import csv_text
 from platoontraffic.results.columns import EVENTS, TRAFFIC, TRAJECTORIES, VEHICLES, Column
+from platoontraffic.results.own_copies import take_own_copies
 from platoontraffic.results.scans import ScanRecorder
 from platoontraffic.scenario.tables import Record
 from platoontraffic.world.events import CAUSES, Event
@@ -61,12 +62,8 @@ class Recorder:
 
     def __init__(self, folder: Path, clocks: Clocks = EVERY_STEP) -> None:
         """folder: the final one; it must not exist yet"""
-        self._final = folder
-        # No process id: in a container it is the same each time, and a folder may be left by a process that was killed.
-        self.folder = folder.with_name(f"{folder.name}.{secrets.token_hex(4)}.partial")
+        self._goes_to(folder)
         self.moved: Path | None = None  # what was in the place of the results, and was not of a run
-        missing = (parent for parent in self.folder.parents if not parent.exists())
-        self._made = list(missing)  # innermost first
         self._clocks = clocks
         self._members: tuple[Member, ...] = ()  # those that _order is of
         self._order: list[int] = []  # rows of the fleet by platoon and place
@@ -79,6 +76,23 @@ class Recorder:
             self._scans = ScanRecorder(self.folder) if clocks.scans else None
         except OSError as error:
             raise RunError(f"{folder.parent}: results cannot be written: {error.strerror}") from error
+
+    def _goes_to(self, folder: Path) -> None:
+        self._final = folder
+        # No process id: in a container it is the same each time, and a folder may be left by a process that was killed.
+        self.folder = folder.with_name(f"{folder.name}.{secrets.token_hex(4)}.partial")
+        self._made = [parent for parent in self.folder.parents if not parent.exists()]  # innermost first
+
+    def goes_on_in(self, folder: Path) -> None:
+        """In a fork of the process: go on in a folder of its own, with copies of all that was recorded. raises: OSError
+
+        folder: the final one; it must not exist yet
+        """
+        before = self.folder
+        self._goes_to(folder)
+        take_own_copies(before, self.folder)
+        if self._scans:
+            self._scans.folder = self.folder
 
     def wants_all_traffic(self, step: int) -> bool:
         """Whether the snapshot of this step must hold every vehicle, however far from all members."""

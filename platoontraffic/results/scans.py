@@ -100,12 +100,12 @@ class ScanRecorder:
     """Collects scans on disk as they come; `close` makes the archive of them."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
+        self.folder = folder
         self._ranges = (folder / "scans.raw").open("w+b")
         self._paths = (folder / "paths.raw").open("w+b")
         self._points: list[int] = []  # in the remembered path of each scan
         self._any_paths = False
-        self._lasers: dict[tuple[str, str], tuple[int, LidarModel]] = {}  # by member and name: number by first scan
+        self._lasers: dict[tuple[str, LidarModel], int] = {}  # by member: number by first scan
         self._rows: list[tuple[float, int, float, float, float, int]] = []  # time, vehicle, x, y, heading, samples
         self._taken: list[_Scan] = []  # not yet written: another laser's scan of an earlier instant may come later
         self._longest = 0  # delay of all lasers [steps]
@@ -135,7 +135,7 @@ class ScanRecorder:
 
     def _write(self, one: _Scan) -> None:
         member = one.member
-        number, _ = self._lasers.setdefault((member.id, one.laser.name), (len(self._lasers), one.laser))
+        number = self._lasers.setdefault((member.id, one.laser), len(self._lasers))
         self._rows.append((one.time, number, *one.then, len(one.ranges)))
         self._ranges.write(np.ascontiguousarray(one.ranges, dtype="<f4").tobytes())
         points = _in_world(one.path[np.isfinite(one.path).all(axis=1)], *one.now, member.model.axle)
@@ -164,7 +164,7 @@ class ScanRecorder:
         if self._any_paths:
             columns["path_offset"] = np.concatenate([[0], np.cumsum(self._points)]).astype("<i8")
             streamed.append(("path_m", self._paths, "<f8", (sum(self._points), 2)))
-        with self._ranges, self._paths, zipfile.ZipFile(self._folder / NAME, "w", zipfile.ZIP_DEFLATED) as archive:
+        with self._ranges, self._paths, zipfile.ZipFile(self.folder / NAME, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, column in columns.items():
                 with archive.open(_part(name), "w") as part:
                     np.lib.format.write_array(part, np.ascontiguousarray(column), allow_pickle=False)
@@ -174,13 +174,13 @@ class ScanRecorder:
                     header = {"descr": kind, "fortran_order": False, "shape": shape}
                     np.lib.format.write_array_header_1_0(part, header)
                     shutil.copyfileobj(file, part, 1 << 20)  # in pieces: all ranges may not fit into memory
-        (self._folder / "scans.raw").unlink()
-        (self._folder / "paths.raw").unlink()
+        (self.folder / "scans.raw").unlink()
+        (self.folder / "paths.raw").unlink()
 
     def _columns(self) -> dict[str, np.ndarray]:
         """The arrays that fit into memory, by name."""
         time, vehicle, x, y, heading, samples = np.array(self._rows, dtype=float).reshape(-1, 6).T
-        lasers = [laser for _, laser in self._lasers.values()]
+        lasers = [laser for _, laser in self._lasers]
         return {
             "time_s": time,
             "vehicle": vehicle.astype("<i4"),
@@ -189,7 +189,7 @@ class ScanRecorder:
             "heading_rad": heading,
             "offset": np.concatenate([[0], np.cumsum(samples)]).astype("<i8"),
             "vehicle_id": np.array([vehicle for vehicle, _ in self._lasers], dtype="<U"),
-            "laser": np.array([name for _, name in self._lasers], dtype="<U"),
+            "laser": np.array([laser.name for laser in lasers], dtype="<U"),
             "angle_min_rad": np.array([m.angle_min for m in lasers]),
             "angle_max_rad": np.array([m.angle_max for m in lasers]),
             "samples": np.array([m.samples for m in lasers], dtype="<i4"),

@@ -74,21 +74,39 @@ def load(
     if config and "duration_s" not in table["run"]:
         raise InputError(f"{config.path}: has no <end>; give the duration of the run, for example run.duration_s=600")
     places = _Places(source, lines, set_by)
-    varied, find = {change.key: change.value for change in changes}, Finder(source.parent)
-    scenario = _checked(table, source, varied, places, stale, find, before_code)
-    return _branched(scenario, table, places, stale, find, before_code) if scenario.spec.branch else scenario
+    varied = {change.key: change.value for change in changes}
+    return _Loaded(table, source, varied, places, stale, Finder(source.parent), before_code).scenario()
 
 
-def _branched(
-    scenario: Scenario,
-    table: dict[str, Any],
-    places: _Places,
-    stale: frozenset[KeyPath],
-    find: Finder,
-    before_code: BeforeCode | None,
-) -> Scenario:
-    """The scenario with `then`, the one that it is after its branch. Arguments as of `_checked`."""
-    table, branch = copy.deepcopy(table), scenario.spec.branch
+@dataclass(frozen=True)
+class _Loaded:
+    """Tables of a scenario after all changes, and where they are from."""
+
+    table: dict[str, Any]
+    source: Path
+    varied: dict[str, Any]
+    places: _Places
+    stale: frozenset[KeyPath]  # as of `_change`
+    find: Finder
+    before_code: BeforeCode | None
+
+    def scenario(self) -> Scenario:
+        """raises: InputError if a table, a file, a law, or the tables together are not sound"""
+        scenario = replace(_checked(self), branched=self._branched)
+        return _with_then(scenario, self) if scenario.spec.branch else scenario
+
+    def _branched(self, changes: Sequence[Change]) -> Scenario:
+        """The scenario with these changes of its key `branch`, in place of those that it has."""
+        table = {key: value for key, value in copy.deepcopy(self.table).items() if key != "branch"}
+        set_by, _ = _change(table, changes, None)
+        places = replace(self.places, arguments={**self.places.arguments, **set_by})
+        varied = self.varied | {change.key: change.value for change in changes}
+        return replace(self, table=table, varied=varied, places=places).scenario()
+
+
+def _with_then(scenario: Scenario, loaded: _Loaded) -> Scenario:
+    """The scenario with `then`, the one that it is after its branch."""
+    table, branch, places = copy.deepcopy(loaded.table), scenario.spec.branch, loaded.places
     del table["branch"]
     named = overrides.leaves(branch.then, ("branch", "then"))
     changes = [Change(key, value, places(path), key) for key, path, value in named]
@@ -97,12 +115,12 @@ def _branched(
     faults = [
         Fault(path, "does not change at a branch; must be a key of a leader, of a follower or of breakdowns")
         for path in set_by
-        if not (path[0] == "breakdown" or path[0] == "platoon" and path[2:3] in (("leader",), ("follower",)))
+        if not (path[0] == "breakdown" or (path[0] == "platoon" and path[2:3] in (("leader",), ("follower",))))
     ]
     if faults:
         raise InputError(*(placed(fault, places) for fault in faults))
-    stale = (stale | further).difference(set_by)
-    then = _checked(table, scenario.source, scenario.varied, places, stale, find, before_code)
+    stale = (loaded.stale | further).difference(set_by)
+    then = replace(loaded, table=table, places=places, stale=stale).scenario()
     if faults := faults_of_branch(branch.at_s, scenario.spec, scenario.laws, then.spec, then.laws):
         raise InputError(*(placed(fault, places) for fault in faults))
     return replace(scenario, then=then, sources=tuple(sorted({*scenario.sources, *then.sources})))
@@ -186,29 +204,18 @@ def _deaf(laws: Mapping[Role, Found], arguments: Mapping[KeyPath, str]) -> bool:
     return "channel" not in changed and not changed.isdisjoint({"law", "feed", "leader", "follower"}) and not any(needs)
 
 
-def _checked(
-    table: dict[str, Any],
-    source: Path,
-    varied: dict[str, Any],
-    places: _Places,
-    stale: frozenset[KeyPath],
-    find: Finder,
-    before_code: BeforeCode | None,
-) -> Scenario:
-    """
-    stale : as of `_change`
-    raises: InputError if a table, a file, a law, or the tables together are not sound
-    """
+def _checked(loaded: _Loaded) -> Scenario:
+    source, places = loaded.source, loaded.places
     folder = source.parent
-    spec = _validated(table, places)
-    if before_code and (codes := named_code(spec, folder)):
-        before_code(spec.name, [(f"{places(code.path)}: {dotted(code.path)}", code) for code in codes])
+    spec = _validated(loaded.table, places)
+    if loaded.before_code and (codes := named_code(spec, folder)):
+        loaded.before_code(spec.name, [(f"{places(code.path)}: {dotted(code.path)}", code) for code in codes])
     try:
         files = find_files(spec.sumo, folder)
     except InputError as error:
         faults = (Fault(("sumo", "config"), one) for one in error.faults)
         raise InputError(*(placed(fault, places) for fault in faults)) from error
-    laws = find_laws(spec, find, stale)
+    laws = find_laws(spec, loaded.find, loaded.stale)
     metrics, unsound = metric_plug_ins.find(spec.record.metrics, folder)
     if _deaf(laws, places.arguments):
         spec = spec.model_copy(update={"channel": None})
@@ -226,6 +233,6 @@ def _checked(
         sources=tuple(sorted(set().union(*(found.sources for found in laws.values())))),
         metrics=metrics,
         sensors={role: found.sensors for role, found in laws.items()},
-        varied=varied,
+        varied=loaded.varied,
         place=places,
     )

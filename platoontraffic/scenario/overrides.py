@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from platoontraffic.errors import InputError
@@ -60,6 +60,12 @@ def _value(key: str, text: str) -> Any:
     except tomllib.TOMLDecodeError:
         return text
     return text if key.rpartition(".")[2] in TEXTS and not isinstance(value, str) else value
+
+
+def branch_of(at: float, changes: Sequence[Change]) -> list[Change]:
+    """The changes of the key `branch` by which these happen at a time [s]."""
+    time = Change("branch.at_s", float(at), "--branch-at", str(at))
+    return [time, *(change._replace(key=f"branch.then.{change.key}") for change in changes)]
 
 
 def apply(change: Change, table: dict) -> list[KeyPath]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from platoontraffic.scenario.configurations import step_fits
 from platoontraffic.scenario.drivers import FoundSensor, Role, default_preset, drivers_of, further_lidars
 from platoontraffic.scenario.faults import Fault, KeyPath, dotted
 from platoontraffic.scenario.metric_plug_ins import MetricPlugIns
+from platoontraffic.scenario.overrides import Change
 from platoontraffic.scenario.tables import Spec
 from platoontraffic.scenario.vehicle_tables import Lidar
 
@@ -41,6 +42,8 @@ class Scenario:
     varied: dict[str, Any]  # values of the keys that arguments changed
     place: Callable[[KeyPath], str]  # where a key stands: `file:line`, or the argument that set it
     then: Scenario | None = None  # after the branch: with other laws, errors or breakdowns; None: there is no branch
+    branched: Callable[[Sequence[Change]], Scenario] | None = field(default=None, repr=False, compare=False)
+    """The scenario with changes of its key `branch`, in place of those that it has. raises: InputError"""
 
     def fault(self, path: KeyPath, what: str) -> str:
         """`file:line: key: what`."""

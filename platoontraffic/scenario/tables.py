@@ -365,7 +365,7 @@ class Channel(Table):
 class Branch(Table):
     """Keys that change at a set time. The run until then is that of the scenario without this table."""
 
-    at_s: Positive
+    at_s: NotNegative
     """Time of the change [s]; a multiple of run.step_s. What is decided at this time is still decided as before."""
     then: Annotated[dict[str, Any], Field(min_length=1)]
     """Keys of leaders, followers and breakdowns with their new values, dotted or as tables inside one another. A law

@@ -5,7 +5,6 @@ It ends as soon as the process that gives the jobs has ended, in the middle of a
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import faulthandler
 import json
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from platoontraffic import scenario
+from platoontraffic.branches.host import die_with
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import provenance
@@ -33,8 +33,6 @@ from platoontraffic.study.silence import Job, Outcome
 
 # Errors of the disk stop the batch: every other run would fail in the same way.
 OF_THE_DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.ENOTDIR, errno.EFBIG, errno.EIO}
-PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
-
 
 BEAT = 1.0  # least interval at which a run says what time it has reached [s]
 
@@ -90,9 +88,9 @@ def main(jobs: int, answers: int, parent: int) -> None:
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     if os.name != "nt":
         faulthandler.register(signal.SIGUSR2)  # the parent asks where a run hangs
-    _die_with(parent)
+    die_with(parent)  # the thread that reads jobs notices, too, unless compiled code keeps all others waiting
     if os.name != "nt":
-        os.register_at_fork(after_in_child=lambda: _die_with(os.getppid()))  # what a law forks dies with this process
+        os.register_at_fork(after_in_child=lambda: die_with(os.getppid()))  # what a law forks dies with this process
     out = os.fdopen(answers, "w", encoding="utf-8")
 
     def tell(**answer: Any) -> None:
@@ -113,17 +111,6 @@ def main(jobs: int, answers: int, parent: int) -> None:
             tell(outcome=outcome)
         except OSError:
             threading.Event().wait()  # likewise
-
-
-def _die_with(parent: int) -> None:
-    """Have the system kill this process when the thread that started it has ended.
-
-    The thread that reads jobs notices that, too, unless a law's compiled code keeps all other threads waiting.
-    """
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:
-            os._exit(0)
 
 
 @contextmanager

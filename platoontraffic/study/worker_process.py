@@ -17,11 +17,10 @@ import threading
 import time
 from typing import Any
 
+from platoontraffic.branches.process import ONE_THREAD
 from platoontraffic.study import process_tree
 from platoontraffic.study.silence import Job, Outcome, Pulse
 
-# A simulation has one thread; further threads of its libraries would only compete with the processes beside it.
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 LAST_WORDS = 20_000  # length of the end of a process's stderr that is kept [bytes]
 WATCH = 0.25  # interval of looks at a silent process [s]
 GRACE = 1.0  # time to die after the last answer, or to say where a run hangs [s]

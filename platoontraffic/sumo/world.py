@@ -66,6 +66,10 @@ class World:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._process.close(error)
 
+    def logs_in(self, folder: Path) -> None:
+        """The file of SUMO's messages is in another folder now."""
+        self._process.log = folder / self._process.log.name
+
     @property
     def waiting(self) -> Sequence[Fleet]:
         """Platoons that have not yet departed."""

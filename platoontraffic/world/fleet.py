@@ -399,9 +399,9 @@ class Fleet(MemberState):
             return self
         new = tuple(replace(new, route=m.route) for m, new in zip(self.members, theirs, strict=True))
         groups = [part for group in self.groups for part in group.refitted(new, dt)]
-        progress = RouteProgress.of(new)
-        progress = progress.located(self.model, self.motion, np.inf)
-        known = np.isin(progress.rows, self.progress.rows)  # on a route that meets itself the nearest place may be wrong
+        progress = RouteProgress.of(new).located(self.model, self.motion, np.inf)
+        # On a route that meets itself the nearest station may be another one than the last.
+        known = np.isin(progress.rows, self.progress.rows)
         progress.station[known] = self.progress.station[np.isin(self.progress.rows, progress.rows)]
         return self._of(self._state(), new, self.predecessor, groups, progress)
 

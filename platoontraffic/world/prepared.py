@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,8 +38,19 @@ def prepare(scenario: Scenario) -> Prepared:
     members = deploy(scenario, network, scene)
     plans = obstacles.plans_of(scenario, network, members)
     orders = manoeuvres.orders(scenario, network, members)
-    then = deploy(scenario.then, network, scene) if scenario.then else ()
-    return Prepared(scenario, network, scene, members, plans, orders, then)
+    prepared = Prepared(scenario, network, scene, members, plans, orders)
+    return branched(prepared, scenario) if scenario.then else prepared
+
+
+def branched(prepared: Prepared, scenario: Scenario) -> Prepared:
+    """The same for the same scenario with a branch. raises: InputError"""
+    then = deploy(scenario.then, prepared.network, prepared.scene)
+    return replace(prepared, scenario=scenario, then=then)
+
+
+def after_branch(prepared: Prepared) -> Prepared:
+    """The same for what the scenario is after its branch."""
+    return replace(prepared, scenario=prepared.scenario.then, members=prepared.then, then=())
 
 
 def departures(members: Sequence[Member], dt: float) -> tuple[Fleet, list[Fleet]]:
