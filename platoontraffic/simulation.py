@@ -121,6 +121,7 @@ class Simulation:
         self.stopwatch = stopwatch or Stopwatch()
         self.now: Instant | None = None
         self._open = ExitStack()
+        self._of_parents: list[ExitStack] = []
 
     @classmethod
     def load(cls, scenario: str | Path, *changes: str, seed: int | None = None) -> Simulation:
@@ -215,7 +216,7 @@ class Simulation:
 
     def goes_on_in(self, folder: Path) -> None:
         """In a fork of the process: SUMO's files are those in `folder` now, and closing leaves the parent's alone."""
-        self._of_the_parent = self._open.pop_all()  # kept: what is in it would be closed if it were collected
+        self._of_parents.append(self._open.pop_all())  # kept: it would be closed if it were collected
         self._open.push(self.world)
         self.world.logs_in(folder)
 

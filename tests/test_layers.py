@@ -25,6 +25,7 @@ LAYERS = [
     {"results", "export"},
     {"simulation"},
     {"run"},
+    {"branches"},
     {"study"},
     {"prove", "string_stability"},
     {"cli"},

@@ -146,13 +146,15 @@ def print_differences(folders: Sequence[Path], names: Sequence[str]) -> None:
         out.print("No metric of the whole run differs.")
         return
     table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column("difference", overflow="fold")
-    for name in (*names, "without"):
-        table.add_column(name, justify="right", overflow="fold")
+    for number, name in enumerate(names, start=1):
+        out.print(f"{number}: {name}", soft_wrap=True, markup=False)
+    table.add_column("metric that differs", no_wrap=True)
+    for heading in (*(f"in {number}" for number in range(1, len(folders))), "without branch"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in metrics.itertuples():
         differences = [getattr(row, f"difference_{i}") for i in range(1, len(folders))]
         unit = f" [{row.unit}]" if isinstance(row.unit, str) and row.unit else ""
-        cells = ["" if pd.isna(one) else f"{one:+.4g}" for one in differences]
+        cells = ["" if pd.isna(one) or not one else f"{one:+.4g}" for one in differences]
         table.add_row(f"{row.metric}{unit}", *cells, f"{row.value:.4g}")
     out.print(table)
 
