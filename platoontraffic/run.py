@@ -56,11 +56,12 @@ class Recording:
     Whatever fails ends it, and leaves the folder as `run` says; errors as of `run`.
     """
 
-    def __init__(self, prepared: Prepared, folder: Path, window: Window | None = None) -> None:
+    def __init__(self, prepared: Prepared, folder: Path, window: Window | None = None, forkable: bool = False) -> None:
+        """forkable: the process may be forked; see `goes_on_as`"""
         spec = prepared.scenario.spec
         self._window, self._wall, self._closed = window, 0.0, False
         self._recorder = Recorder(folder, Clocks.of(spec.record, spec.run.step_s))
-        self.simulation = Simulation(setting_of(prepared, self._recorder.folder, window))
+        self.simulation = Simulation(setting_of(prepared, self._recorder.folder, window, forkable))
         self._run_of(prepared)
 
     def advance(self, watchers: Sequence[Watcher] = (), until: float = math.inf) -> Instant:

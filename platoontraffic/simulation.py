@@ -21,6 +21,7 @@ from platoontraffic.observation.observer import Measures, Observer
 from platoontraffic.observation.statistics import Statistics
 from platoontraffic.observation.violations import violations
 from platoontraffic.results import plug_in_metrics, statistics
+from platoontraffic.results.own_copies import named_for_forks
 from platoontraffic.results.provenance import Stopwatch
 from platoontraffic.results.sumo_refusal import refusal
 from platoontraffic.results.sumo_tables import plainly_named, sumo_options
@@ -261,12 +262,16 @@ class Simulation:
         return self.observer.measure(fleet)
 
 
-def setting_of(prepared: Prepared, folder: Path | None = None, client: Client | None = None) -> Setting:
+def setting_of(
+    prepared: Prepared, folder: Path | None = None, client: Client | None = None, forkable: bool = False
+) -> Setting:
     """The setting of a scenario in SUMO.
 
-    folder: for the files that SUMO writes; None: a temporary one
-    client: the SUMO to call, such as a window's; None: libsumo, in this process
+    folder   : for the files that SUMO writes; None: a temporary one
+    client   : the SUMO to call, such as a window's; None: libsumo, in this process
+    forkable : this process may be forked; see `goes_on_in`
     """
+    named = named_for_forks if forkable else plainly_named
     scenario, spec = prepared.scenario, prepared.scenario.spec
     dt, members = spec.run.step_s, prepared.members
 
@@ -274,7 +279,7 @@ def setting_of(prepared: Prepared, folder: Path | None = None, client: Client | 
     def ground() -> Iterator[World]:
         with ExitStack() as stack:
             files = folder or Path(stack.enter_context(TemporaryDirectory(prefix="platoontraffic-")))
-            options = sumo_options(scenario, stack.enter_context(plainly_named(files)))
+            options = sumo_options(scenario, stack.enter_context(named(files)))
             world = World(prepared.network, dt, scenario.seed, files / "run.log", options, spec.sumo.warm_up_s, client)
             try:
                 stack.enter_context(world)

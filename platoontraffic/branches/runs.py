@@ -14,6 +14,7 @@ from platoontraffic.branches.host import Say
 from platoontraffic.branches.process import Process
 from platoontraffic.errors import RunError
 from platoontraffic.observation.instant import Instant
+from platoontraffic.results.recorder import UNFINISHED
 from platoontraffic.run import Recording
 from platoontraffic.scenario import Change
 from platoontraffic.simulation import prepare
@@ -67,6 +68,17 @@ def run_branches(
 
     raises: what the run raises before the branch; KeyboardInterrupt. What is recorded is kept as `Recording` says.
     """
+    try:
+        return _run(source, folder, at, branches, slots, replace, say, reached)
+    except KeyboardInterrupt as error:
+        for one in (folder, *(branch.folder for branch in branches)):
+            if (kept := one.with_name(one.name + UNFINISHED)).exists():
+                error.add_note(f"what was recorded until then is kept in {kept}")
+        raise
+
+
+def _run(source, folder, at, branches, slots, replace, say, reached) -> list[Ended]:
+    """Arguments as of `run_branches`."""
     with ExitStack() as stack:
         trunk = stack.enter_context(_closed(Process(_Recorded, source, folder, sys.argv[1:])))
         trunk.call("advance", at, heard=reached)
@@ -123,7 +135,7 @@ class _Recorded:
         sys.argv[1:] = command_line  # for the run's provenance
         scenario = scenarios.load(source.scenario, source.changes, source.seed, source.platoons)
         self._prepared = prepare(scenario.for_replay() if source.for_replay else scenario)
-        self._recording: Recording | None = Recording(self._prepared, folder)
+        self._recording: Recording | None = Recording(self._prepared, folder, forkable=True)
 
     def advance(self, say: Say, until: float) -> None:
         self._recording.advance([_Beats(say)], until)

@@ -108,7 +108,7 @@ class _Held:
         self._folder = folder / "files"
         self._folder.mkdir()
         self._prepared = prepare(scenarios.load(scenario, changes, seed))
-        self._simulation = Simulation(setting_of(self._prepared, self._folder))
+        self._simulation = Simulation(setting_of(self._prepared, self._folder, forkable=True))
 
     def begin(self, say: Say) -> Instant:
         return self._simulation.reset()

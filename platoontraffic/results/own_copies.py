@@ -5,7 +5,24 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+
+@contextmanager
+def named_for_forks(folder: Path) -> Iterator[Path]:
+    """A name for a folder that in a fork names its own copy, once that is taken: SUMO opens some files late.
+
+    Only Linux has such names; elsewhere it is the folder's own.
+    """
+    if not os.path.isdir("/proc/self/fd"):
+        yield folder
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        yield Path(f"/proc/self/fd/{descriptor}")
+    finally:
+        os.close(descriptor)
 
 
 def take_own_copies(of: Path, folder: Path) -> None:
@@ -16,7 +33,7 @@ def take_own_copies(of: Path, folder: Path) -> None:
     import fcntl  # not on Windows, which has no fork
 
     shutil.copytree(of, folder, symlinks=True, dirs_exist_ok=True)
-    for descriptor, file in _open_files_in(of.resolve()):
+    for descriptor, file in _open_in(of.resolve()):
         mode = fcntl.fcntl(descriptor, fcntl.F_GETFL) & (os.O_ACCMODE | os.O_APPEND)
         copy = os.open(folder / file, mode)
         os.lseek(copy, os.lseek(descriptor, 0, os.SEEK_CUR), os.SEEK_SET)
@@ -24,14 +41,14 @@ def take_own_copies(of: Path, folder: Path) -> None:
         os.close(copy)
 
 
-def _open_files_in(folder: Path) -> Iterator[tuple[int, Path]]:
-    """Descriptors of this process, each with the path of its file in a folder."""
+def _open_in(folder: Path) -> Iterator[tuple[int, Path]]:
+    """Descriptors of this process that are open on a folder or on something in it, each with the path from there."""
     for name in os.listdir("/dev/fd"):
         try:
             file = _path_of(int(name))
         except OSError:  # it has no path; or it was that of the list, and is closed
             continue
-        if file.is_relative_to(folder) and file.is_file():
+        if file.is_relative_to(folder) and file.exists():
             yield int(name), file.relative_to(folder)
 
 

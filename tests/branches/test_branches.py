@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.sumo, pytest.mark.skipif(not can_fork, reason="this sy
 
 HEADWAY = "platoon.follower.time_headway_s"
 
-# A configuration that lets SUMO write what it can into files that stay open: trips, cars, a summary, a detector.
+# A configuration that lets SUMO write into files that stay open, and into one that it opens late: conflicts.
 CONFIGURATION = """<configuration>
     <input>
         <net-file value="{net}"/>
@@ -40,6 +40,10 @@ CONFIGURATION = """<configuration>
         <queue-output value="queues.xml"/>
         <precision value="6"/>
     </output>
+    <ssm_device>
+        <device.ssm.probability value="1"/>
+        <device.ssm.file value="conflicts.xml"/>
+    </ssm_device>
 </configuration>
 """
 DETECTOR = '<additional><inductionLoop id="loop" lane="{lane}" pos="20" period="5" file="loop.xml"/></additional>'
@@ -103,7 +107,14 @@ def test_copies_of_a_town_are_exact(town: Path, tmp_path: Path) -> None:
     changes = (*SHORT, "sumo.warm_up_s=20", "record.sumo=trips,summary,edges", "record.sumo_every_s=5")
     copies_are_exact(town.with_name("first.toml"), changes, (0.1, 4.3, 7.0), tmp_path)
     written = files_of(tmp_path / "trunk")
-    assert {"sumo_cars.xml", "sumo_queues.xml", "sumo_loop.xml", "sumo_trips.csv", "scans.npz"} <= set(written)
+    assert {
+        "sumo_cars.xml",
+        "sumo_queues.xml",
+        "sumo_loop.xml",
+        "sumo_conflicts.xml",
+        "sumo_trips.csv",
+        "scans.npz",
+    } <= set(written)
     assert written["sumo_cars.xml"].count(b"<timestep") == 302
 
 
