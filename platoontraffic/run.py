@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import tomli_w
@@ -17,11 +17,13 @@ from platoontraffic.observation.instant import Instant
 from platoontraffic.results import provenance
 from platoontraffic.results.columns import STATISTICS
 from platoontraffic.results.conclusion import MetricError, conclude, scene
+from platoontraffic.results.own_copies import take_own_copies
 from platoontraffic.results.recorder import Clocks, Recorder, is_done
 from platoontraffic.results.sumo_refusal import loaded
 from platoontraffic.scenario import Scenario
 from platoontraffic.simulation import Outcome, Prepared, Simulation, prepare, setting_of
 from platoontraffic.sumo.window import Window
+from platoontraffic.sumo.world import World
 from platoontraffic.world.events import Event
 
 __all__ = ["Recording", "Watcher", "Window", "is_done", "loaded", "prepare", "result_folder", "run"]
@@ -50,18 +52,40 @@ def result_folder(scenario: Scenario, results: Path) -> Path:
     return results / scenario.spec.name / provenance.run_id(scenario)
 
 
+class Warm(NamedTuple):
+    """SUMO after a warm-up, in this process."""
+
+    world: World
+    folder: Path  # of its files
+
+
 class Recording:
     """A run while it lasts: a simulation, and the folder that it is recorded in.
 
     Whatever fails ends it, and leaves the folder as `run` says; errors as of `run`.
     """
 
-    def __init__(self, prepared: Prepared, folder: Path, window: Window | None = None, forkable: bool = False) -> None:
-        """forkable: the process may be forked; see `goes_on_as`"""
+    def __init__(
+        self,
+        prepared: Prepared,
+        folder: Path,
+        window: Window | None = None,
+        forkable: bool = False,
+        warm: Warm | None = None,
+    ) -> None:
+        """
+        forkable : the process may be forked; see `goes_on_as`
+        warm     : what it begins with, in place of a SUMO of its own
+        """
         spec = prepared.scenario.spec
         self._window, self._wall, self._closed = window, 0.0, False
         self._recorder = Recorder(folder, Clocks.of(spec.record, spec.run.step_s))
-        self.simulation = Simulation(setting_of(prepared, self._recorder.folder, window, forkable))
+        world = warm and warm.world
+        self.simulation = Simulation(setting_of(prepared, self._recorder.folder, window, forkable, world))
+        if warm:
+            with self._ended_by_errors():
+                take_own_copies(warm.folder, self._recorder.folder)
+                world.logs_in(self._recorder.folder)
         self._run_of(prepared)
 
     def advance(self, watchers: Sequence[Watcher] = (), until: float = math.inf) -> Instant:
@@ -159,19 +183,21 @@ def run(
     *,
     replace: bool = False,
     window: Window | None = None,
+    warm: Warm | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> Path:
     """Simulate, and leave everything in `folder`; returns it.
 
     replace : replace the results of an equal run, which stay in place until these are complete
     window  : SUMO with a window, in place of the SUMO in this process
+    warm    : what it begins with, in place of a SUMO of its own
     say     : called with a line if something else was in `folder`, which is kept beside it
 
     raises: RunError (SUMO or the disk failed), KeyboardInterrupt: what was recorded is kept in `<folder>.unfinished`;
             MetricError (a metric of a plug-in failed): likewise, with all other files;
             InputError (another plug-in failed), MissingError (no display): nothing is kept
     """
-    recording = Recording(prepared, folder, window)
+    recording = Recording(prepared, folder, window, warm=warm)
     recording.advance(watchers)
     return recording.finish(replace, say)
 

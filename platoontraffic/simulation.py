@@ -25,6 +25,7 @@ from platoontraffic.results.own_copies import named_for_forks
 from platoontraffic.results.provenance import Stopwatch
 from platoontraffic.results.sumo_refusal import refusal
 from platoontraffic.results.sumo_tables import plainly_named, sumo_options
+from platoontraffic.road.network import Network
 from platoontraffic.scenario import Breakdown, Channel, Scenario
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.process import RefusedError
@@ -45,10 +46,13 @@ from platoontraffic.world.sensing import Sensing, arriving
 __all__ = ["Instant", "Outcome", "Prepared", "Setting", "Simulation", "prepare", "setting_of"]
 
 
-def prepare(scenario: Scenario) -> Prepared:
-    """A scenario made ready to be simulated. raises: InputError with one line for every fault found"""
+def prepare(scenario: Scenario, network: Network | None = None) -> Prepared:
+    """A scenario made ready to be simulated. raises: InputError with one line for every fault found
+
+    network: its network, if it was read before
+    """
     plug_in_metrics.check(scenario.metrics.metrics)
-    return preparation.prepare(scenario)
+    return preparation.prepare(scenario, network)
 
 
 class Unobserved:
@@ -263,13 +267,18 @@ class Simulation:
 
 
 def setting_of(
-    prepared: Prepared, folder: Path | None = None, client: Client | None = None, forkable: bool = False
+    prepared: Prepared,
+    folder: Path | None = None,
+    client: Client | None = None,
+    forkable: bool = False,
+    warm: World | None = None,
 ) -> Setting:
     """The setting of a scenario in SUMO.
 
     folder   : for the files that SUMO writes; None: a temporary one
     client   : the SUMO to call, such as a window's; None: libsumo, in this process
     forkable : this process may be forked; see `goes_on_in`
+    warm     : a world after its warm-up, which goes on as this one
     """
     named = named_for_forks if forkable else plainly_named
     scenario, spec = prepared.scenario, prepared.scenario.spec
@@ -280,7 +289,8 @@ def setting_of(
         with ExitStack() as stack:
             files = folder or Path(stack.enter_context(TemporaryDirectory(prefix="platoontraffic-")))
             options = sumo_options(scenario, stack.enter_context(named(files)))
-            world = World(prepared.network, dt, scenario.seed, files / "run.log", options, spec.sumo.warm_up_s, client)
+            words, warm_up = files / "run.log", spec.sumo.warm_up_s
+            world = World(prepared.network, dt, scenario.seed, words, options, warm_up, client, warm)
             try:
                 stack.enter_context(world)
             except RefusedError as error:

@@ -13,6 +13,7 @@ import signal
 import sys
 import traceback
 from collections.abc import Callable
+from importlib import import_module
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle
 from typing import Any
@@ -64,8 +65,8 @@ class Host:
     def _answer(self, name: str, arguments: tuple) -> None:
         try:
             if name == "hold":
-                kind, arguments = arguments[0], arguments[1:]
-                self._held, result = kind(*arguments), None
+                module, _, kind = arguments[0].partition(":")
+                self._held, result = getattr(import_module(module), kind)(*arguments[1:]), None
             elif name == "fork":
                 result = self._fork(*arguments)
             else:

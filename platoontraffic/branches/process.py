@@ -31,8 +31,8 @@ class Process:
     method `forked` is called first.
     """
 
-    def __init__(self, kind: type, *arguments: Any) -> None:
-        """kind(*arguments) is made there. raises: what that raises; MissingError where there is no fork"""
+    def __init__(self, quiet: bool = False) -> None:
+        """quiet: what is written to its stderr is lost. raises: MissingError where there is no fork"""
         if not can_fork:
             raise MissingError("this system has no fork, so processes cannot be copied")
         ours, theirs = socket.socketpair()
@@ -44,12 +44,19 @@ class Process:
             self._popen: subprocess.Popen | None = subprocess.Popen(
                 [sys.executable, "-X", "faulthandler", "-c", code],
                 stdin=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL if quiet else None,
                 pass_fds=[theirs.fileno()],
                 env=ONE_THREAD | os.environ,
                 start_new_session=True,  # Ctrl-C in a terminal is for this process, which tells the others
             )
         self._open(Connection(ours.detach()), self._popen.pid)
-        self._call("hold", (kind, *arguments))
+
+    @classmethod
+    def holding(cls, kind: type, *arguments: Any) -> Self:
+        """A process that holds kind(*arguments), which is made there. raises: what that raises; as the class"""
+        process = cls()
+        process.call("hold", f"{kind.__module__}:{kind.__qualname__}", *arguments)
+        return process
 
     def _open(self, connection: Connection, pid: int) -> None:
         self._connection, self.pid = connection, pid
@@ -60,7 +67,14 @@ class Process:
 
         raises: what the method raises; RunError if the process has died; KeyboardInterrupt, also in the method
         """
-        return self._call(name, arguments, heard)
+        if self.closed:
+            raise RuntimeError("the process is closed")
+        self.send(name, *arguments)
+        try:
+            return self.answer(heard)
+        except KeyboardInterrupt:
+            self.interrupt()
+            raise
 
     def send(self, name: str, *arguments: Any) -> None:
         """Begin a call, the result of which `answer` gives; the process is busy until then."""
@@ -105,6 +119,14 @@ class Process:
         fork.answer()
         return fork
 
+    def speaks(self, within: float) -> bool:
+        """Whether there is a `word` within a time [s]; also if it has died."""
+        return self._connection.poll(within)
+
+    def kill(self) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(self.pid, signal.SIGKILL)
+
     def fileno(self) -> int:
         """For `multiprocessing.connection.wait`: when there is something to `answer`."""
         return self._connection.fileno()
@@ -117,16 +139,6 @@ class Process:
     @property
     def closed(self) -> bool:
         return not self.close.alive
-
-    def _call(self, name: str, arguments: tuple, heard: Callable[[Any], None] = lambda value: None) -> Any:
-        if self.closed:
-            raise RuntimeError("the process is closed")
-        self.send(name, *arguments)
-        try:
-            return self.answer(heard)
-        except KeyboardInterrupt:
-            self.interrupt()
-            raise
 
     def _dead(self) -> RunError:
         self.close()

@@ -80,7 +80,7 @@ def run_branches(
 def _run(source, folder, at, branches, slots, replace, say, reached) -> list[Ended]:
     """Arguments as of `run_branches`."""
     with ExitStack() as stack:
-        trunk = stack.enter_context(_closed(Process(_Recorded, source, folder, sys.argv[1:])))
+        trunk = stack.enter_context(_closed(Process.holding(_Recorded, source, folder, sys.argv[1:])))
         trunk.call("advance", at, heard=reached)
         runs = [(trunk, folder)]
         for one in branches:

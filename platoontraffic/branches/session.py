@@ -45,7 +45,7 @@ class SimulationProcess:
         """
         loaded = scenarios.load(scenario, changes, seed)
         folder = TemporaryDirectory(prefix="platoontraffic-")
-        process = Process(_Held, str(scenario), changes, seed, Path(folder.name))
+        process = Process.holding(_Held, str(scenario), changes, seed, Path(folder.name))
         return cls(loaded, process, folder, process.call("begin"))
 
     def __enter__(self) -> SimulationProcess:

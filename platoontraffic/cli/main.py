@@ -213,7 +213,7 @@ def batch(
     loaded = studies.load(study, changes or (), _before_code(no_plugins, None if dry_run else results))
     folder, slots = results / loaded.name, slots or os.cpu_count() or 1
     if dry_run:
-        print_runs(loaded, folder, 1 if executor == "serial" else slots, json)
+        print_runs(loaded, folder, 1 if executor == "serial" else slots, executor, json)
         return
     limits = batches.Limits(timeout, memory)
     with batch_progress(loaded.name, len(loaded.runs), quiet or json) as watcher:

@@ -121,13 +121,14 @@ def summary(folder: Path) -> dict[str, str | float | None]:
     return table.where(table.notna(), None).to_dict("records")[0]
 
 
-def print_runs(study: Study, folder: Path, slots: int, as_json: bool) -> None:
+def print_runs(study: Study, folder: Path, slots: int, executor: str, as_json: bool) -> None:
     """The runs of a study, and an estimate of how long the missing ones take with `slots` at a time."""
     from platoontraffic.study import batch
 
     states = [batch.state(folder, run.id) for run in study.runs]
     waiting = [run for run, state in zip(study.runs, states, strict=True) if state == batch.WAITING]
     seconds, estimated_by = batch.estimate(study, folder, waiting)
+    shares = batch.shared_warm_ups(waiting, executor)
     columns = ("id", "status", "seed", *study.keys)
     rows = [(run.id, state, run.seed, *run.values.values()) for run, state in zip(study.runs, states, strict=True)]
     if as_json:
@@ -142,6 +143,12 @@ def print_runs(study: Study, folder: Path, slots: int, as_json: bool) -> None:
         f"{len(rows)} runs, {len(waiting)} to do, about {duration_text(seconds / slots)} with {slots} at a time "
         f"({estimated_by}); the batch would write {folder}"
     )
+    if shares:
+        shared = sum(map(len, shares.values()))
+        print(
+            f"{shared} of them share {len(shares)} warm-ups, each simulated once: "
+            f"{sum(run.warm_up_s for runs in shares.values() for run in runs[1:]):g} s of traffic are saved"
+        )
 
 
 def print_report(report: Report) -> None:

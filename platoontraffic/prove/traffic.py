@@ -67,6 +67,7 @@ def pairs(plans: Sequence[Plan], folder: Path) -> Iterator[Pair]:
                     "command_line": ["prove"],
                     "timeout_s": None,
                     "memory_mb": None,
+                    "warm_up": None,
                 }
                 futures[submit(job)] = plan, which, runs
         for future in as_completed(futures):

@@ -47,6 +47,22 @@ def point_id(scenario: Scenario) -> str:
     return hashlib.sha256(chr(10).join(parts).encode()).hexdigest()[:10]
 
 
+def warm_up_id(scenario: Scenario) -> str:
+    """Hash of all but the seed that traffic depends on until the platoons are placed; "" without a warm-up."""
+    spec = scenario.spec
+    if not spec.sumo.warm_up_s:
+        return ""
+    resolved, record = scenario.resolved(), spec.record
+    parts = {
+        "sumo": resolved["sumo"],
+        "step": spec.run.step_s,
+        "record": (record.sumo, record.sumo_every_s),
+        "native": any(law.native for law in scenario.laws.values()),  # lane changes take their time then
+        "files": [str(file.resolve()) for file in (scenario.net, *scenario.route_files, *scenario.additional)],
+    }
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:10]
+
+
 def before(scenario: Scenario) -> dict[str, Any]:
     """provenance.json as it is before the run; see `finished`."""
     config = scenario.configuration

@@ -11,13 +11,14 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+from platoontraffic.branches.process import can_fork
 from platoontraffic.errors import InputError, RunError, kind_of
 from platoontraffic.results.recorder import UNFINISHED, is_done
 from platoontraffic.study.batch_folder import (
@@ -136,7 +137,9 @@ def run(
             executor_of(executor if to_do else "serial", slots, say) as where,
         ):
             write = _now_and_then(study, folder, lock)
-            for new in _ended((_job(run, folder, limits) for run in to_do), folder, *where):
+            shares = shared_warm_ups(to_do, executor)
+            jobs = (_job(run, folder, limits, shares) for run in _in_order(to_do, shares, slots))
+            for new in _ended(jobs, folder, *where):
                 counts[new] += 1
                 ended += 1
                 if watcher:
@@ -155,6 +158,24 @@ def estimate(study: Study, folder: Path, runs: Sequence[Run]) -> tuple[float, st
         return sum(RUN_COST + per_step * run.steps for run in runs), f"from the {len(done)} finished runs"
     cost = sum(RUN_COST + run.steps * (STEP_COST + MEMBER_COST * run.members) for run in runs)
     return cost, "rough, without background traffic"
+
+
+def shared_warm_ups(to_do: Sequence[Run], executor: str) -> dict[str, list[Run]]:
+    """The runs that share a warm-up with others, by its id: it is simulated once, and copied for each of them."""
+    shares: dict[str, list[Run]] = {}
+    for run in to_do if can_fork and executor == "processes" else ():
+        if run.warm_up:
+            shares.setdefault(run.warm_up, []).append(run)
+    return {warm_up: runs for warm_up, runs in shares.items() if len(runs) > 1}
+
+
+def _in_order(to_do: Sequence[Run], shares: Mapping[str, Sequence[Run]], slots: int) -> list[Run]:
+    """As many warm-ups at a time as runs: no run waits for a warm-up while another one could begin."""
+    groups = list(shares.values())
+    taken = [zip_longest(*groups[i : i + slots]) for i in range(0, len(groups), slots)]
+    return [run for rows in taken for row in rows for run in row if run] + [
+        run for run in to_do if run.warm_up not in shares
+    ]
 
 
 def _check_limits(limits: Limits, executor: str) -> None:
@@ -187,7 +208,8 @@ def _ended(to_do: Iterable[Job], folder: Path, submit: Submit, window: int) -> I
             yield FAILED if "error" in outcome else DONE
 
 
-def _job(run: Run, folder: Path, limits: Limits) -> Job:
+def _job(run: Run, folder: Path, limits: Limits, shares: Mapping[str, Sequence[Run]]) -> Job:
+    together = shares.get(run.warm_up)
     return {
         "base": run.base,
         "changes": [list(change) for change in run.changes],
@@ -198,6 +220,7 @@ def _job(run: Run, folder: Path, limits: Limits) -> Job:
         "command_line": sys.argv[1:],
         "timeout_s": limits.timeout,
         "memory_mb": limits.memory,
+        "warm_up": {"key": run.warm_up, "runs": len(together)} if together else None,
     }
 
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import threading
 import time
+from typing import TYPE_CHECKING
 
-from platoontraffic.errors import RunError
+from platoontraffic.errors import InputError, RunError
 from platoontraffic.study.process_tree import Census
 from platoontraffic.study.silence import Job, Outcome, Pulse, Say
 from platoontraffic.study.worker_process import Stopped, WorkerProcess
+
+if TYPE_CHECKING:
+    from platoontraffic.study.warm_ups import WarmUps
 
 # Processes that may end in a row before they have started; the batch ends with the last one. A machine that is short of
 # memory kills some. Where all end by themselves, the installation is broken.
@@ -28,6 +32,7 @@ class Workers:
         self._one_has_started = False
         self._lock = threading.Lock()
         self._census = Census()
+        self._warm_ups: WarmUps | None = None  # made when it is needed: it imports libsumo
 
     def run(self, job: Job, say: Say) -> Outcome:
         """The outcome of a run. It is tried once more, in a new process, if its process died, or if it failed in a
@@ -38,6 +43,8 @@ class Workers:
         raises: RunError if no process can be started
         """
         began = time.monotonic()
+        if job["warm_up"] and (outcome := self._run_warm(job, say)):
+            return outcome
         for attempt in range(2):
             process = self._started(new=attempt > 0)
             pulse, used = Pulse(job["id"], say), process.used
@@ -55,9 +62,28 @@ class Workers:
                 break
         return outcome | {"wall_s": round(time.monotonic() - began, 3)}
 
+    def _run_warm(self, job: Job, say: Say) -> Outcome | None:
+        """The outcome of a run that begins with a warm-up of others; None if it failed: it is tried by itself."""
+        from platoontraffic.study.warm_ups import WarmUps
+
+        with self._lock:
+            if self._closed.is_set():
+                raise RunError("stopped")
+            self._warm_ups = self._warm_ups or WarmUps(self._census)
+        pulse = Pulse(job["id"], say)
+        try:
+            outcome = self._warm_ups.run(job, pulse)
+        except (Stopped, InputError):
+            return None
+        finally:
+            pulse.end()
+        return None if "error" in outcome else outcome
+
     def close(self) -> None:
         with self._lock:
             self._closed.set()
+            if self._warm_ups:
+                self._warm_ups.close()
             for process in list(self._all):  # threads that notice change it
                 process.close()
 

@@ -75,6 +75,8 @@ class Run:
     steps: int
     members: int
     laws: tuple[str, ...]  # their names
+    warm_up: str  # equal for runs with the same warm-up; "" without one
+    warm_up_s: float
 
 
 @dataclass(frozen=True)
@@ -353,7 +355,11 @@ def _runs(
         steps, members = round(spec.run.duration_s / spec.run.step_s), sum(p.size for p in spec.platoon)
         laws = tuple(dict.fromkeys(getattr(spec.platoon[i], role).law for i, role in checked.laws))
         for seed in seeds or [checked.seed]:
-            yield Run(f"{point_id}-s{seed}", base, seed, values, changes, steps, members, laws)
+            warm_up = provenance.warm_up_id(checked)
+            warm_up = warm_up and f"{warm_up}-s{seed}"
+            yield Run(
+                f"{point_id}-s{seed}", base, seed, values, changes, steps, members, laws, warm_up, spec.sumo.warm_up_s
+            )
     if faults:
         raise InputError(*faults.values())
 

@@ -26,7 +26,8 @@ from platoontraffic.errors import InputError, RunError
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import provenance
 from platoontraffic.results import recorder as recording
-from platoontraffic.run import run
+from platoontraffic.road.network import Network
+from platoontraffic.run import Warm, run
 from platoontraffic.simulation import prepare
 from platoontraffic.study.folder_lock import Lock, share_of
 from platoontraffic.study.silence import Job, Outcome
@@ -50,11 +51,15 @@ class Heartbeat:
             self._say(instant.time)
 
 
-def attempt(job: Job, say: Callable[[float], None]) -> Outcome:
+def attempt(
+    job: Job, say: Callable[[float], None], network: Network | None = None, warm: Warm | None = None
+) -> Outcome:
     """Execute one run; returns its outcome.
 
     job     : base, changes (fields of `scenario.Change`), seed, id (of the run), folder, command_line
     say     : called now and then with the simulated time [s]
+    network : of the run, if it was read before
+    warm    : SUMO after the run's warm-up, if it is in this process
     returns : wall_s and, if it failed, error (one line), traceback, stop (whether every other run would fail as well),
               disk (whether because of the disk)
     """
@@ -69,7 +74,7 @@ def attempt(job: Job, say: Callable[[float], None]) -> Outcome:
             what = "a file of the scenario, or the program, is not what it was when the batch was started"
             outcome = {"error": f"{job['base']}: {what}; start it again", "traceback": "", "stop": True, "disk": False}
         elif not recording.is_done(folder):
-            run(prepare(checked), folder, [Heartbeat(say)])
+            run(prepare(checked, network), folder, [Heartbeat(say)], warm=warm)
     except Exception as error:
         cause = error.__cause__ if isinstance(error, RunError) else error
         stop = isinstance(cause, OSError) and cause.errno in OF_THE_DISK
@@ -105,7 +110,7 @@ def main(jobs: int, answers: int, parent: int) -> None:
     tell(started=True)
     while True:
         job = waiting.get()
-        with _alone(Path(job["lock"]), job["id"]):
+        with alone(Path(job["lock"]), job["id"]):
             outcome = attempt(job, beat)
         try:
             tell(outcome=outcome)
@@ -114,7 +119,7 @@ def main(jobs: int, answers: int, parent: int) -> None:
 
 
 @contextmanager
-def _alone(file: Path, run_id: str) -> Iterator[None]:
+def alone(file: Path, run_id: str) -> Iterator[None]:
     """Wait until no other process executes this run: a dask worker goes on with its run when its batch is killed."""
     with closing(Lock(file)) as lock:
         while not lock.take(share_of(run_id), 1):

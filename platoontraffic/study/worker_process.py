@@ -15,6 +15,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 from platoontraffic.branches.process import ONE_THREAD
@@ -103,11 +104,11 @@ class WorkerProcess:
                 pulse.beat(answer["simulated"])
                 continue
             pulse.check()
-            if job["timeout_s"] and time.monotonic() - began > job["timeout_s"]:
-                raise Stopped(f"timeout after {job['timeout_s']:g} s", self._where(), again=False)
-            if job["memory_mb"] and self._census.memory(self._process.pid) > job["memory_mb"]:
-                # What earlier runs left in the process is not this run's.
-                raise Stopped(f"memory above {job['memory_mb']:g} MB", self._where(), again=used)
+            try:
+                check_limits(job, time.monotonic() - began, lambda: self._census.memory(self._process.pid))
+            except Stopped as stopped:
+                # Time is the run's own; memory may be what earlier runs have left in the process.
+                raise Stopped(stopped.why, self._where(), again=stopped.again and used) from None
 
     def close(self) -> None:
         """Kill it and what it has started."""
@@ -156,6 +157,14 @@ class WorkerProcess:
             while some := self._process.stderr.read1():
                 self._words += some
                 del self._words[:-LAST_WORDS]
+
+
+def check_limits(job: Job, took: float, memory: Callable[[], float]) -> None:
+    """raises: Stopped if a run has taken more time [s] or memory [MB] than its job allows"""
+    if job["timeout_s"] and took > job["timeout_s"]:
+        raise Stopped(f"timeout after {job['timeout_s']:g} s", again=False)
+    if job["memory_mb"] and memory() > job["memory_mb"]:
+        raise Stopped(f"memory above {job['memory_mb']:g} MB")
 
 
 def _cause(code: int) -> str:

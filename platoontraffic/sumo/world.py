@@ -35,6 +35,7 @@ class World:
     options : more of SUMO's options, by their names without dashes: files to read and to write
     warm_up : background traffic drives alone for so long before members are deployed [s]
     client  : the SUMO to call; default: libsumo, in this process
+    warm    : its SUMO goes on in this world, after its warm-up; default: a SUMO of its own
     """
 
     def __init__(
@@ -46,12 +47,14 @@ class World:
         options: Mapping[str, str] = MappingProxyType({}),
         warm_up: float = 0.0,
         client: Client | None = None,
+        warm: World | None = None,
     ) -> None:
         self._sumo: Client = client or libsumo
         options = {**options, **shadow_options(network, options)}
         self._options = start_options(network.path, step, seed, options)
         self._step, self._warm_up = step, warm_up
-        self._process = Process(self._sumo, network.path, words)
+        self._warm = warm
+        self._process = warm._process if warm else Process(self._sumo, network.path, words)
         self._background = Background(self._sumo, network)
         self._obstacles = HeldObstacles(self._sumo, network.drivable, self._background)
         self._placement = Placement(self._sumo, network, step)
@@ -60,7 +63,8 @@ class World:
         self._later: list[Fleet] = []  # platoons that depart later, the next one first
 
     def __enter__(self) -> World:
-        self._process.start(self._options)
+        if not self._warm:
+            self._process.start(self._options)
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
@@ -82,8 +86,8 @@ class World:
         `later` wait for room instead: see `advance`.
         """
         self._later = sorted(later, key=lambda platoon: platoon.members[0].departs)
-        if self._warm_up:
-            self._process.step(self._sumo.simulation.getTime() + self._warm_up)
+        if not self._warm:
+            self.warm_up()
         self._placement.insert(fleet)
         self._simulate()
         for name in in_the_way(fleet, self.snapshot(fleet), self._sumo):
@@ -93,6 +97,11 @@ class World:
         self._simulate()
         self._start = self._sumo.simulation.getTime()
         return self._taken_over(fleet)
+
+    def warm_up(self) -> None:
+        """Let background traffic drive alone for its time; without another world that goes on, `deploy` does that."""
+        if self._warm_up:
+            self._process.step(self._sumo.simulation.getTime() + self._warm_up)
 
     def snapshot(self, fleet: Fleet, reach: float = np.inf) -> TrafficSnapshot:
         """Vehicles and people at this instant: members as the fleet has them, background traffic as SUMO does.

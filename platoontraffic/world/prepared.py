@@ -28,9 +28,9 @@ class Prepared:
     then: tuple[Member, ...] = ()  # the members as they are after the scenario's branch; (): it has none
 
 
-def prepare(scenario: Scenario) -> Prepared:
-    """raises: InputError with one line for every fault found"""
-    network = Network.read(scenario.net)
+def prepare(scenario: Scenario, network: Network | None = None) -> Prepared:
+    """network: if it was read before. raises: InputError with one line for every fault found"""
+    network = network or Network.read(scenario.net)
     # In large networks these two take seconds, which should not count as the loop's.
     network.middle_lines()
     network.entered_from  # noqa: B018

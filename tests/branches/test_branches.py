@@ -87,7 +87,7 @@ def assert_same(folder: Path, other: Path) -> None:
 def copies_are_exact(name: str | Path, changes: Sequence[str], times: Sequence[float], folder: Path) -> None:
     """The run that is copied at some times [s], each copy, and the undisturbed run."""
     undisturbed = run(prepare(scenario.load(name, changes)), folder / "undisturbed")
-    trunk, copies = Process(_Recorded, Source(str(name), tuple(changes)), folder / "trunk", []), []
+    trunk, copies = Process.holding(_Recorded, Source(str(name), tuple(changes)), folder / "trunk", []), []
     for time_ in times:
         trunk.call("advance", time_)
         same = Change("platoon.leader.lidar.mount_y_m", 0.0, "test", "")
