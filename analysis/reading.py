@@ -11,7 +11,8 @@ import pandas as pd
 # Columns that are text in every table: the id of a vehicle may be 12, or NA. A test compares with all tables.
 TEXTS = (
     "id", "platoon_id", "vehicle_id", "other_id", "target_id", "closest_id", "obstacle_id", "behind_id", "edge_id",
-    "lane_id", "kind", "detail", "what", "scope", "metric", "unit", "type", "status", "error", "scenario",
+    "lane_id", "kind", "detail", "what", "scope", "metric", "unit", "type", "status", "error", "scenario", "signal_id",
+    "state",
 )  # fmt: skip
 
 

@@ -254,7 +254,7 @@ def write_tables(recorder: Recorder, scenario: Scenario) -> None:
     for name in dict.fromkeys(scenario.spec.record.sumo):
         table = TABLES[name]
         own = recorder.folder / _RAW.format(name)
-        file = own if own.is_file() else _inside(recorder.folder, asked[table.option])
+        file = own if own.is_file() or not table.option else _inside(recorder.folder, asked[table.option])
         rows = (_signal_rows if name == "signals" else _rows)(file, table, start_time(scenario))
         recorder.write_table(f"sumo_{name}.csv", rows, table.written)
         own.unlink(missing_ok=True)
@@ -264,7 +264,7 @@ def write_tables(recorder: Recorder, scenario: Scenario) -> None:
 def _signal_rows(file: Path, table: Table, start: float) -> Iterator[tuple]:
     """State of each light at `start`, and every one after it."""
     before: dict[str, tuple] = {}
-    for _, element in ElementTree.iterparse(file):
+    for _, element in ElementTree.iterparse(file) if file.is_file() else ():  # without lights SUMO writes no file
         if element.tag == table.row:
             time, light = float(element.get("time", 0)) - start, element.get("id", "")
             row = max(time, 0.0), light, element.get("state", "")

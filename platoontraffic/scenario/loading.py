@@ -123,7 +123,10 @@ def _with_then(scenario: Scenario, loaded: _Loaded) -> Scenario:
     then = replace(loaded, table=table, places=places, stale=stale).scenario()
     if faults := faults_of_branch(branch.at_s, scenario.spec, scenario.laws, then.spec, then.laws):
         raise InputError(*(placed(fault, places) for fault in faults))
-    return replace(scenario, then=then, sources=tuple(sorted({*scenario.sources, *then.sources})))
+    # Messages are there from the begin, also if only the law after the branch needs them.
+    spec = scenario.spec.model_copy(update={"channel": scenario.spec.channel or then.spec.channel})
+    sources = tuple(sorted({*scenario.sources, *then.sources}))
+    return replace(scenario, spec=spec, then=then, sources=sources)
 
 
 def _find(name_or_file: str | Path) -> Path:

@@ -233,7 +233,7 @@ def test_a_branch_that_is_killed_costs_nothing_else(trunk: SimulationProcess) ->
     for process in (killed, hangs, other):
         process.close()
     assert time.monotonic() - began < 20
-    assert not alive(hangs._process.pid)
+    assert until(lambda: not alive(hangs._process.pid))
     assert until(lambda: not os.path.exists(killed._folder.name))
 
 
