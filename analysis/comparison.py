@@ -1,15 +1,20 @@
-"""Runs beside each other: how the metrics of some differ from those of the first."""
+"""Runs beside each other: how the metrics and the motion of some differ from those of the first."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
-from platoontraffic.analysis.results import load
+from platoontraffic.analysis import figures
+from platoontraffic.analysis.results import Results, load
 
 KEYS = ["scope", "platoon_id", "vehicle_id", "metric", "unit"]
+DRAWN = {"gap_m": "gap [m]", "speed_mps": "speed [m/s]"}
 
 
 def compared(folders: Sequence[Path], scope: str | None = None) -> pd.DataFrame:
@@ -27,7 +32,41 @@ def compared(folders: Sequence[Path], scope: str | None = None) -> pd.DataFrame:
         metrics = metrics[metrics.scope == scope] if scope else metrics
         values.append(metrics.set_index(KEYS).value)
     table = pd.concat(values, axis=1, keys=range(len(values)), sort=False)
-    differs = ~(table.eq(table[0], axis=0) | (table.isna() & table[0].isna().to_numpy()[:, None])).all(axis=1)
-    table = table[differs]
+    equal = table.eq(table[0], axis=0) | (table.isna() & table[0].isna().to_numpy()[:, None])
+    table = table[~equal.all(axis=1)]
     columns = {f"difference_{i}": table[i] - table[0] for i in range(1, len(values))}
     return table[[0]].rename(columns={0: "value"}).assign(**columns).reset_index()
+
+
+def difference(first: pd.DataFrame, other: pd.DataFrame, column: str) -> pd.DataFrame:
+    """Trajectories of a run, with a column minus that of the first run, at the instants that both have."""
+    both = other.merge(first[["time_s", "vehicle_id", column]], on=["time_s", "vehicle_id"], suffixes=("", "_first"))
+    return both.assign(**{column: both[column] - both[f"{column}_first"]})
+
+
+def difference_figure(first: Results, others: Sequence[Results], names: Sequence[str]) -> Figure:
+    """Gap and speed of each other run minus those of the first, over time: a row a run.
+
+    names: of the other runs
+    """
+    made = Figure(figsize=(9, 0.8 + 2.2 * len(others)), layout="constrained")
+    FigureCanvasAgg(made)
+    table = first.trajectories
+    columns = [column for column in DRAWN if table[column].notna().any()]
+    axes = made.subplots(len(others), len(columns), sharex=True, sharey="col", squeeze=False)
+    platoon = figures.main_platoon(table)
+    for row, other, name in zip(axes, others, names, strict=True):
+        for one, column in zip(row, columns, strict=True):
+            for place, vehicle, rows in figures.rows_of_members(difference(table, other.trajectories, column), platoon):
+                one.plot(rows.time_s, rows[column], **figures.line_style(place, rows), label=vehicle)
+            one.axhline(0, color="#999999", linewidth=0.8, zorder=0)
+            one.set_ylabel(f"Δ {DRAWN[column]}")
+            one.spines[["top", "right"]].set_visible(False)
+        row[0].set_title(name, loc="left", fontsize=10)
+    for one in axes[-1]:
+        one.set_xlabel("time [s]")
+    if np.size(axes):
+        made.legend(
+            *axes[0, -1].get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=9
+        )
+    return made

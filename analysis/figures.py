@@ -75,9 +75,9 @@ def over_time(trajectories: pd.DataFrame, column: str, axes: Axes, platoon: str 
     """
     columns_of(trajectories, ["time_s", "platoon_id", "vehicle_id", "place", column])
     drawn = []
-    for place, vehicle, rows in _members(trajectories, platoon):
+    for place, vehicle, rows in rows_of_members(trajectories, platoon):
         if rows[column].notna().any():
-            axes.plot(rows.time_s, rows[column], **_line(place, rows), label=vehicle)
+            axes.plot(rows.time_s, rows[column], **line_style(place, rows), label=vehicle)
             drawn.append(rows)
     if not drawn:
         raise ResultsError(f"{column!r}: has no values")
@@ -130,12 +130,12 @@ def offsets(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) 
     """Lateral offset of each follower from the path of its predecessor, over the distance driven from the leader's
     start."""
     columns_of(trajectories, ["time_s", "x_m", "y_m", "cross_track_m"])
-    members = list(_members(trajectories, platoon))
+    members = list(rows_of_members(trajectories, platoon))
     start = members[0][2][["x_m", "y_m"]].iloc[0].to_numpy()
     if not any(rows.cross_track_m.notna().any() for *_, rows in members):
         raise ResultsError("'cross_track_m': has no values")
     for place, vehicle, rows in members[1:]:
-        axes.plot(_driven(rows, start), rows.cross_track_m, **_line(place, rows), label=vehicle)
+        axes.plot(_driven(rows, start), rows.cross_track_m, **line_style(place, rows), label=vehicle)
     axes.axhline(0, color=WALL, linewidth=0.6)
     axes.set_xlabel("distance driven from the leader's start [m]")
     axes.set_ylabel("offset from the path of\nthe predecessor, left > 0 [m]")
@@ -171,7 +171,7 @@ def gap_distribution(
     events: of the run, to leave out the time in which a follower was split off
     """
     names, values = [], []
-    for _, vehicle, rows in _members(trajectories, platoon):
+    for _, vehicle, rows in rows_of_members(trajectories, platoon):
         split = _spans(events, vehicle, "split", "rejoined", rows.time_s.max()) if events is not None else []
         out = np.zeros(len(rows), bool)
         for begin, length in split:
@@ -194,14 +194,14 @@ def gap_distribution(
 def lanes(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) -> Axes:
     """Index of each member's lane over time, 0 the rightmost; nothing inside junctions."""
     columns_of(trajectories, ["time_s", "lane_id"])
-    members = list(_members(trajectories, platoon))
+    members = list(rows_of_members(trajectories, platoon))
     most = 0
     for place, vehicle, rows in members:
         lane = rows.lane_id.astype("str")
         index = pd.to_numeric(lane.str.rpartition("_")[2], errors="coerce").where(~lane.str.startswith(":"))
         most = max(most, 0 if index.isna().all() else index.max())
         beside = 0.5 * (place / max(len(members) - 1, 1) - 0.5)  # members on one lane lie beside each other
-        axes.plot(rows.time_s, index - beside, **_line(place, rows) | {"linewidth": 1.6}, label=vehicle)
+        axes.plot(rows.time_s, index - beside, **line_style(place, rows) | {"linewidth": 1.6}, label=vehicle)
     axes.set_yticks(range(int(most) + 1))
     axes.set_ylim(-0.6, most + 0.6)
     axes.set_xlabel(label(trajectories, "time_s"))
@@ -212,7 +212,9 @@ def lanes(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) ->
 def losses(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon: str | None = None) -> Axes:
     """Lock losses of each follower over time: a row each, the first follower on top."""
     columns_of(events, ["time_s", "kind", "vehicle_id"])
-    followers = [(place, vehicle, rows.time_s) for place, vehicle, rows in _members(trajectories, platoon) if place > 0]
+    followers = [
+        (place, vehicle, rows.time_s) for place, vehicle, rows in rows_of_members(trajectories, platoon) if place > 0
+    ]
     if not followers:
         raise ResultsError("losses: the platoon has no followers")
     never = True
@@ -234,7 +236,7 @@ def losses(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon
 def states(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon: str | None = None) -> Axes:
     """Periods in which members were held at a stop line, split off or broken down: a row each, the leader on top."""
     columns_of(events, ["time_s", "kind", "vehicle_id"])
-    members = [(place, vehicle, rows.time_s) for place, vehicle, rows in _members(trajectories, platoon)]
+    members = [(place, vehicle, rows.time_s) for place, vehicle, rows in rows_of_members(trajectories, platoon)]
     for name, (begin, end, colour, height) in STATES.items():
         for place, vehicle, times in members:
             axes.broken_barh(
@@ -276,7 +278,7 @@ def time_space(
     if not members and line is None:
         raise ResultsError("time_space: traffic needs a line of the road to be placed along")
     if members and line is None:
-        of_platoon = list(_members(table, platoon))
+        of_platoon = list(rows_of_members(table, platoon))
         start = of_platoon[0][2][["x_m", "y_m"]].iloc[0].to_numpy()
         drawn = [(place, vehicle, rows, _driven(rows, start)) for place, vehicle, rows in of_platoon]
     else:
@@ -287,7 +289,7 @@ def time_space(
         if place is None:
             axes.plot(rows.time_s, station, color=OTHERS, linewidth=0.5, alpha=0.7, zorder=1)
         else:
-            axes.plot(rows.time_s, station, **_line(place, rows) | {"linewidth": 1.2}, label=vehicle, zorder=2)
+            axes.plot(rows.time_s, station, **line_style(place, rows) | {"linewidth": 1.2}, label=vehicle, zorder=2)
     if events is not None:
         _mark_stations(events, axes, drawn)
     axes.set_xlabel(label(table, "time_s"))
@@ -468,7 +470,7 @@ def paths(
     main, length = main_platoon(trajectories), length or 0.28 * max(1.0, _reach(trajectories) / TOWN * 6)
     for (platoon, place, vehicle), rows in trajectories.groupby(["platoon_id", "place", "vehicle_id"]):
         colour = _colour(place) if platoon == main else OTHERS
-        style = _line(place, rows) if platoon == main else {"color": colour, "linewidth": 0.9}
+        style = line_style(place, rows) if platoon == main else {"color": colour, "linewidth": 0.9}
         axes.plot(rows.x_m, rows.y_m, **style, alpha=0.75)
         last = rows.iloc[-1]
         axes.add_patch(Polygon(_arrowhead(last, length), facecolor=colour, edgecolor="white", linewidth=0.5, zorder=3))
@@ -501,7 +503,7 @@ def unrolled(trajectories: pd.DataFrame, axes: Axes, scene: Scene, platoon: str 
 
     raises: ResultsError if that path is shorter than TOWN, or meets itself
     """
-    members = list(_members(trajectories, platoon))
+    members = list(rows_of_members(trajectories, platoon))
     line = driven_line(trajectories, platoon)
     if line is None:
         raise ResultsError(f"unrolled: the path of the platoon is shorter than {TOWN:g} m, or meets itself")
@@ -517,7 +519,7 @@ def unrolled(trajectories: pd.DataFrame, axes: Axes, scene: Scene, platoon: str 
         station[np.abs(np.diff(station, prepend=station[:1])) > 20.0] = np.nan
         axes.plot(station, np.where(np.abs(left) < 2 * BESIDE, left, np.nan), **style, zorder=1)
     for place, vehicle, rows in members:
-        axes.plot(*_beside(rows[["x_m", "y_m"]].to_numpy(), road), **_line(place, rows), label=vehicle, zorder=2)
+        axes.plot(*_beside(rows[["x_m", "y_m"]].to_numpy(), road), **line_style(place, rows), label=vehicle, zorder=2)
     axes.set_ylim(-2 * BESIDE, 2 * BESIDE)
     axes.set_xlabel("distance along the path of the leader [m]")
     axes.set_ylabel("to the left of that path [m]")
@@ -529,7 +531,7 @@ def driven_line(trajectories: pd.DataFrame, platoon: str | None = None) -> np.nd
 
     None if it is shorter than TOWN, or meets itself
     """
-    members = [rows[["x_m", "y_m"]].to_numpy() for *_, rows in _members(trajectories, platoon)]
+    members = [rows[["x_m", "y_m"]].to_numpy() for *_, rows in rows_of_members(trajectories, platoon)]
     line, tail = members[0], members[-1]
     distance = np.hypot(*(tail - line[0]).T)
     if distance.min() < BESIDE / 2:
@@ -567,7 +569,7 @@ def extent(scene: Scene) -> tuple[float, float]:
     return right - left, high - low
 
 
-def _members(trajectories: pd.DataFrame, platoon: str | None = None) -> Iterator[tuple[int, str, pd.DataFrame]]:
+def rows_of_members(trajectories: pd.DataFrame, platoon: str | None = None) -> Iterator[tuple[int, str, pd.DataFrame]]:
     """(place, vehicle, its rows) of one platoon of one run."""
     if "id" in trajectories.columns and trajectories.id.nunique() > 1:
         raise ResultsError(f"trajectories of {trajectories.id.nunique()} runs; must be of one")
@@ -592,7 +594,7 @@ def _colour(place: int) -> str:
     return COLOURS[place % len(COLOURS)]
 
 
-def _line(place: int, rows: pd.DataFrame) -> dict[str, object]:
+def line_style(place: int, rows: pd.DataFrame) -> dict[str, object]:
     """Style of a member's line: colour, and a marker that shows without it, at other instants than its neighbours'."""
     every = max(1, len(rows) // MARKED)
     return {

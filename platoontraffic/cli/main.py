@@ -500,24 +500,34 @@ def replay(
 
 @command
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="RUN|BATCH", help="the folder of a run or of a batch")],
-    to: Annotated[Path | None, typer.Option("--to", help="page to make; default FOLDER/report.html")] = None,
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN...|BATCH", help="folder of a run, of several to compare with the first, or of a batch"
+        ),
+    ],
+    to: Annotated[
+        Path | None, typer.Option("--to", help="page to make; default report.html in the first folder")
+    ] = None,
     metric: Annotated[
         str | None,
         typer.Option("--metric", help="columns of a batch's summary.csv to draw, with commas between; default: two"),
     ] = None,
 ) -> None:
     """Make one HTML page of figures, metrics, events or failures; the figures are beside it as PNG and SVG."""
-    from platoontraffic.report import batch_page, page
+    from platoontraffic.report import batch_page, comparison_page, page
 
-    to = to or folder / "report.html"
+    folder = folders[0]
+    is_batch = (folder / "study.toml").is_file()
+    if metric is not None and not (is_batch and len(folders) == 1):
+        raise InputError("--metric: is only for batches; the report of a run has all metrics")
     with result_faults():
-        if (folder / "study.toml").is_file():
-            print(batch_page(folder, to, metric))
-        elif metric is not None:
-            raise InputError("--metric: is only for batches; the report of a run has all metrics")
+        if len(folders) > 1:
+            print(comparison_page(folders, to or folder / "comparison.html"))
+        elif is_batch:
+            print(batch_page(folder, to or folder / "report.html", metric))
         else:
-            print(page(folder, to))
+            print(page(folder, to or folder / "report.html"))
 
 
 @command

@@ -35,7 +35,8 @@ DONE = "DONE"
 UNFINISHED = ".unfinished"
 # Files that commands make of results, beside them.
 MADE_OF_RESULTS = (
-    "report.html", "report-*.png", "report-*.svg", "replay.html", "plot.png", "fcd.xml", "rosbag", "*.parquet",
+    *(f"{page}{file}" for page in ("report", "comparison") for file in (".html", "-*.png", "-*.svg")),
+    "replay.html", "plot.*", "plot-*", "fcd.xml", "rosbag", "*.parquet",
 )  # fmt: skip
 SAFE_EVERY = 10.0  # interval of simulated time at which rows are flushed to disk [s]
 

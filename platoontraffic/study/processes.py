@@ -63,7 +63,7 @@ class Workers:
         return outcome | {"wall_s": round(time.monotonic() - began, 3)}
 
     def _run_warm(self, job: Job, say: Say) -> Outcome | None:
-        """The outcome of a run that begins with a warm-up of others; None if it failed: it is tried by itself."""
+        """The outcome of a run that shares its warm-up; None if it failed, and is to be tried by itself."""
         from platoontraffic.study.warm_ups import WarmUps
 
         with self._lock:
@@ -73,7 +73,9 @@ class Workers:
         pulse = Pulse(job["id"], say)
         try:
             outcome = self._warm_ups.run(job, pulse)
-        except (Stopped, InputError):
+        except Stopped as stopped:
+            return None if stopped.again else {"error": stopped.why, "traceback": "", "stop": False}
+        except InputError:
             return None
         finally:
             pulse.end()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -34,4 +35,6 @@ class WarmRoad:
 
     def run(self, say: Say, job: Job) -> Outcome:
         with alone(Path(job["lock"]), job["id"]):
-            return attempt(job, say, self._network, Warm(self._world, self._folder))
+            outcome = attempt(job, say, self._network, Warm(self._world, self._folder))
+        shutil.rmtree(self._folder, ignore_errors=True)
+        return outcome

@@ -46,8 +46,10 @@ class WarmUps:
         except RunError as error:
             raise Stopped(str(error)) from None
         finally:
-            self._runs[key] += 1
-            if self._runs[key] == job["warm_up"]["runs"]:
+            with self._lock:
+                self._runs[key] += 1
+                last = self._runs[key] == job["warm_up"]["runs"]
+            if last:
                 self._end(key)
 
     def close(self) -> None:
@@ -66,8 +68,14 @@ class WarmUps:
         self._folders[key] = TemporaryDirectory(prefix="platoontraffic-", ignore_cleanup_errors=True)
         process = self._processes[key] = Process(quiet=True)
         process.send("hold", WARM_ROAD, job, Path(self._folders[key].name))
-        while not process.speaks(WATCH):
-            pulse.check()
+        began = time.monotonic()
+        try:
+            while not process.speaks(WATCH):
+                pulse.check()
+                check_limits(job, time.monotonic() - began, lambda: self._census.memory(process.pid))
+        except Stopped:
+            process.kill()
+            raise
         process.answer()
         return process
 
