@@ -82,11 +82,11 @@ class Recording:
         self._recorder = Recorder(folder, Clocks.of(spec.record, spec.run.step_s))
         world = warm and warm.world
         self.simulation = Simulation(setting_of(prepared, self._recorder.folder, window, forkable, world))
-        if warm:
-            with self._ended_by_errors():
+        with self._ended_by_errors():
+            if warm:
                 take_own_copies(warm.folder, self._recorder.folder)
                 world.logs_in(self._recorder.folder)
-        self._run_of(prepared)
+            self._run_of(prepared)
 
     def advance(self, watchers: Sequence[Watcher] = (), until: float = math.inf) -> Instant:
         """Simulate and record, until a time [s] or to the end; the last instant."""
@@ -105,12 +105,14 @@ class Recording:
         return now
 
     def goes_on_as(self, prepared: Prepared, folder: Path) -> None:
-        """In a fork of the process: go on as the run of a scenario with a branch at this instant, in its own folder."""
-        with self._ended_by_errors():
-            self._recorder.goes_on_in(folder)
-            self.simulation.goes_on_in(self._recorder.folder)
-            self.simulation.setting = setting_of(prepared, self._recorder.folder)
-            self._run_of(prepared)
+        """In a fork of the process: go on as the run of a scenario with a branch at this instant, in its own folder.
+
+        What fails must end the fork at once: until then its files may be those of its parent.
+        """
+        self._recorder.goes_on_in(folder)
+        self.simulation.goes_on_in(self._recorder.folder)
+        self.simulation.becomes(setting_of(prepared, self._recorder.folder))
+        self._run_of(prepared)
 
     def finish(self, replace: bool = False, say: Callable[[str], None] = lambda text: None) -> Path:
         """Write what is made of the complete tables; the folder. Arguments as of `run`."""
@@ -132,17 +134,17 @@ class Recording:
 
     def abandon(self) -> None:
         """End it before its end; what was recorded is kept."""
-        with suppress(KeyboardInterrupt), self._ended_by_errors():
-            raise KeyboardInterrupt
+        if not self._closed:
+            with suppress(KeyboardInterrupt), self._ended_by_errors():
+                raise KeyboardInterrupt
 
     def _run_of(self, prepared: Prepared) -> None:
         """Write what is known of a run before it."""
         self._prepared, recorder = prepared, self._recorder
-        with self._ended_by_errors():
-            self._facts = provenance.before(prepared.scenario)
-            recorder.write("config.toml", tomli_w.dumps(prepared.scenario.resolved(recorder.folder)))
-            recorder.write_json("provenance.json", self._facts)
-            recorder.write_json("scene.geojson", scene(prepared.scene, prepared.network))
+        self._facts = provenance.before(prepared.scenario)
+        recorder.write("config.toml", tomli_w.dumps(prepared.scenario.resolved(recorder.folder)))
+        recorder.write_json("provenance.json", self._facts)
+        recorder.write_json("scene.geojson", scene(prepared.scene, prepared.network))
 
     def _close(self, error: BaseException | None = None) -> None:
         """End SUMO, because of an error if there is one; the last table of the loop."""

@@ -161,8 +161,7 @@ class Simulation:
         self.sensors = watch.wrap(Sensing(setting.scene, setting.lidar_engine, setting.seed), sense="scan")
         self.observer = watch.wrap(setting.observer(), observe="observe", measure="measure")
         self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
-        solids = setting.scene.solids
-        self.messages = Messages(setting.channel, setting.members, setting.dt, setting.seed, solids)
+        self.messages = _no_messages(setting)
         fleet = self.world.deploy(*departures(setting.members, setting.dt))
         self.obstacles = Obstacles(setting.obstacles, fleet)
         self.encounters = Encounters(self.obstacles, setting.members)
@@ -225,6 +224,12 @@ class Simulation:
         self._open.push(self.world)
         self.world.logs_in(folder)
 
+    def becomes(self, setting: Setting) -> None:
+        """Go on by another setting, with the same members: until its `then`, all else is as before."""
+        if setting.channel and not self.setting.channel:
+            self.messages = _no_messages(setting)  # nobody has listened yet
+        self.setting = setting
+
     @property
     def outcome(self) -> Outcome:
         """raises: RuntimeError while it goes on"""
@@ -266,6 +271,10 @@ class Simulation:
         return self.observer.measure(fleet)
 
 
+def _no_messages(setting: Setting) -> Messages:
+    return Messages(setting.channel, setting.members, setting.dt, setting.seed, setting.scene.solids)
+
+
 def setting_of(
     prepared: Prepared,
     folder: Path | None = None,
@@ -288,7 +297,8 @@ def setting_of(
     def ground() -> Iterator[World]:
         with ExitStack() as stack:
             files = folder or Path(stack.enter_context(TemporaryDirectory(prefix="platoontraffic-")))
-            options = sumo_options(scenario, stack.enter_context(named(files)))
+            # SUMO may be reading the files that are made for its options.
+            options = {} if warm else sumo_options(scenario, stack.enter_context(named(files)))
             words, warm_up = files / "run.log", spec.sumo.warm_up_s
             world = World(prepared.network, dt, scenario.seed, words, options, warm_up, client, warm)
             try:

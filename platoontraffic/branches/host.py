@@ -19,6 +19,7 @@ from multiprocessing.reduction import recv_handle
 from typing import Any
 
 from platoontraffic.errors import InputError, RunError
+from platoontraffic.results.conclusion import MetricError
 
 PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 LOOK = 1.0  # interval at which an idle process looks whether its parent lives [s]
@@ -71,10 +72,9 @@ class Host:
                 result = self._fork(*arguments)
             else:
                 result = getattr(self._held, name)(self._say, *arguments)
+            self._send("done", result)
         except (Exception, KeyboardInterrupt) as error:
             self._send("failed", _sendable(error))
-        else:
-            self._send("done", result)
 
     def _fork(self, *arguments: Any) -> int | None:
         """Fork this process: the id of the fork, which has a connection of its own; in the fork None.
@@ -100,8 +100,10 @@ class Host:
         die_with(parent)
         try:
             self._held.forked(*arguments)
-        finally:
-            os.close(tells)
+        except BaseException as error:
+            self._send("failed", _sendable(error))
+            os._exit(1)  # its files may still be the parent's: nothing is closed
+        os.close(tells)
         return None
 
     def _reap(self) -> None:
@@ -149,7 +151,7 @@ def die_with(parent: int) -> None:
 
 def _sendable(error: BaseException) -> BaseException:
     """The exception, with where it was raised as a note; exceptions of plug-ins may not exist on the other side."""
-    if isinstance(error, InputError | RunError | KeyboardInterrupt | ValueError | RuntimeError):
+    if type(error) in (InputError, RunError, MetricError, KeyboardInterrupt, ValueError, RuntimeError):
         return error
     sent = RunError(f"{type(error).__name__}: {error}")
     sent.add_note("".join(traceback.format_exception(error)))

@@ -71,10 +71,14 @@ class Process:
             raise RuntimeError("the process is closed")
         self.send(name, *arguments)
         try:
-            return self.answer(heard)
-        except KeyboardInterrupt:
+            kind, value = self._end(heard)
+        except BaseException:  # Ctrl-C, or an error of `heard`: a later call would get the answer to this one
             self.interrupt()
+            self.close()
             raise
+        if kind == "failed":
+            raise value
+        return value
 
     def send(self, name: str, *arguments: Any) -> None:
         """Begin a call, the result of which `answer` gives; the process is busy until then."""
@@ -85,14 +89,17 @@ class Process:
 
     def answer(self, heard: Callable[[Any], None] = lambda value: None) -> Any:
         """The result of the call that was sent; errors as of `call`."""
+        kind, value = self._end(heard)
+        if kind == "failed":
+            raise value
+        return value
+
+    def _end(self, heard: Callable[[Any], None]) -> tuple[str, Any]:
         while True:
             kind, value = self.word()
-            if kind == "said":
-                heard(value)
-            elif kind == "failed":
-                raise value
-            else:
-                return value
+            if kind != "said":
+                return kind, value
+            heard(value)
 
     def word(self) -> tuple[str, Any]:
         """What comes next of a call: "said", "done" or "failed", and the value, result or exception.
@@ -121,7 +128,10 @@ class Process:
 
     def speaks(self, within: float) -> bool:
         """Whether there is a `word` within a time [s]; also if it has died."""
-        return self._connection.poll(within)
+        try:
+            return self._connection.poll(within)
+        except OSError:  # it was closed by another thread
+            return True
 
     def kill(self) -> None:
         with contextlib.suppress(ProcessLookupError):

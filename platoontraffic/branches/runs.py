@@ -12,11 +12,11 @@ from typing import NamedTuple
 from platoontraffic import scenario as scenarios
 from platoontraffic.branches.host import Say
 from platoontraffic.branches.process import Process
-from platoontraffic.errors import RunError
+from platoontraffic.errors import InputError, RunError
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results.recorder import UNFINISHED
 from platoontraffic.run import Recording
-from platoontraffic.scenario import Change
+from platoontraffic.scenario import Change, Scenario
 from platoontraffic.simulation import prepare
 from platoontraffic.world.prepared import branched
 
@@ -45,6 +45,13 @@ class Ended(NamedTuple):
 
     folder: Path
     error: Exception | None = None
+
+
+def check_has_no_branch(scenario: Scenario) -> None:
+    """raises: InputError if the scenario itself changes at a time: a run has one branch"""
+    if branch := scenario.spec.branch:
+        what = f"the scenario has a branch at {branch.at_s:g} s itself; must have none to be branched"
+        raise InputError(scenario.fault(("branch",), what))
 
 
 def run_branches(
@@ -82,10 +89,13 @@ def _run(source, folder, at, branches, slots, replace, say, reached) -> list[End
     with ExitStack() as stack:
         trunk = stack.enter_context(_closed(Process.holding(_Recorded, source, folder, sys.argv[1:])))
         trunk.call("advance", at, heard=reached)
-        runs = [(trunk, folder)]
+        runs, failed = [(trunk, folder)], []
         for one in branches:
-            runs.append((stack.enter_context(_closed(trunk.fork(*one))), one.folder))
-        return _finished(runs, slots, replace, say, reached)
+            try:
+                runs.append((stack.enter_context(_closed(trunk.fork(*one))), one.folder))
+            except (RunError, InputError) as error:
+                failed.append(Ended(one.folder, error))
+        return [*_finished(runs, slots, replace, say, reached), *failed]
 
 
 @contextmanager
@@ -109,8 +119,11 @@ def _finished(
         while waiting or busy:
             while waiting and len(busy) < slots:
                 process, folder = waiting.pop(0)
-                process.send("finish", replace)
-                busy[process] = folder
+                try:
+                    process.send("finish", replace)
+                    busy[process] = folder
+                except RunError as error:
+                    ended[folder] = Ended(folder, error)
             for process in wait(list(busy)):
                 try:
                     kind, value = process.word()

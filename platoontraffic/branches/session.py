@@ -11,6 +11,7 @@ from types import TracebackType
 from platoontraffic import scenario as scenarios
 from platoontraffic.branches.host import Say
 from platoontraffic.branches.process import Process
+from platoontraffic.branches.runs import check_has_no_branch
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import statistics
 from platoontraffic.results.own_copies import take_own_copies
@@ -30,7 +31,8 @@ class SimulationProcess:
                 print(simulation.run().measures.gap, wider.run().measures.gap)
 
     The copy has the same traffic, members, memories and random numbers. It goes on by itself, and ends with the process
-    that was loaded. Each has a process of its own, so several may run at a time, each called by a thread of its own.
+    that was loaded. Each has a process of its own, so several may run at a time, each called by a thread of its own. On
+    Linux a process ends with the thread that loaded it.
     """
 
     def __init__(self, scenario: Scenario, process: Process, folder: TemporaryDirectory, now: Instant) -> None:
@@ -82,6 +84,7 @@ class SimulationProcess:
         """
         scenario, parsed = self._scenario, [Change.parse(text, number) for number, text in enumerate(changes, start=1)]
         if parsed:
+            check_has_no_branch(scenario)
             scenario = scenario.branched(branch_of(self.now.time, parsed)).then
         copy = TemporaryDirectory(prefix="platoontraffic-", dir=self._folder.name, ignore_cleanup_errors=True)
         return SimulationProcess(scenario, self._process.fork(parsed, Path(copy.name)), copy, self.now)
@@ -136,7 +139,7 @@ class _Held:
         if changes:
             scenario = self._prepared.scenario.branched(branch_of(self._simulation.now.time, changes))
             prepared = branched(self._prepared, scenario)
-            self._simulation.setting = setting_of(prepared, self._folder)
+            self._simulation.becomes(setting_of(prepared, self._folder))
             self._prepared = after_branch(prepared)
 
     def close(self) -> None:

@@ -11,7 +11,7 @@ import pandas as pd
 from rich.table import Table
 
 from platoontraffic.branches.process import can_fork
-from platoontraffic.branches.runs import Branch, Ended, Source, run_branches
+from platoontraffic.branches.runs import Branch, Ended, Source, check_has_no_branch, run_branches
 from platoontraffic.cli.alone import alone
 from platoontraffic.cli.printing import out, print_json, print_remarks, result_faults, summary
 from platoontraffic.cli.progress import RunBar, err, run_progress, say
@@ -70,6 +70,7 @@ def branches_of(
         raise InputError(
             "--branch-at: needs --then, what changes at that time: --then platoon.follower.time_headway_s=2"
         )
+    check_has_no_branch(prepared.scenario)
     made: list[tuple[Branch, Prepared]] = []
     faults: list[str] = []
     for number, texts in enumerate(then, start=1):
@@ -104,7 +105,11 @@ def run_all(
 
     raises: RunError if one of them fails, after the others have ended; what `run` raises
     """
-    missing = {branch.folder: (branch, one) for branch, one in made if force or not is_done(branch.folder)}
+
+    def to_do() -> dict[Path, tuple[Branch, Prepared]]:
+        return {branch.folder: (branch, one) for branch, one in made if force or not is_done(branch.folder)}
+
+    missing = to_do()
     if not missing and is_done(folder):
         if not quiet:
             err.print("results of equal runs exist; they are not repeated without --force", soft_wrap=True)
@@ -119,6 +124,9 @@ def run_all(
     with ExitStack() as stack:
         for one in sorted({folder, *missing}):  # in one order, so that two commands do not wait for each other
             stack.enter_context(alone(one, waits, say))
+        missing = to_do()  # another process may have done some
+        if not missing and is_done(folder) and not force:
+            return
         if can_fork:
             bars = stack.enter_context(run_progress(total, spec.name, quiet))
             branches = [branch for branch, _ in missing.values()]

@@ -28,28 +28,35 @@ def named_for_forks(folder: Path) -> Iterator[Path]:
 def take_own_copies(of: Path, folder: Path) -> None:
     """Copy all files of a folder; what this process has open there goes on in the copy, at the same offset.
 
-    To be called in the fork, while its parent waits. raises: OSError
+    Other files that are open to be read, such as SUMO's routes, are opened anew at the same offset. To be called in the
+    fork, while its parent waits. raises: OSError
     """
     import fcntl  # not on Windows, which has no fork
 
     shutil.copytree(of, folder, symlinks=True, dirs_exist_ok=True)
-    for descriptor, file in _open_in(of.resolve()):
+    before = of.resolve()
+    for descriptor, file in _open_files():
         mode = fcntl.fcntl(descriptor, fcntl.F_GETFL) & (os.O_ACCMODE | os.O_APPEND)
-        copy = os.open(folder / file, mode)
-        os.lseek(copy, os.lseek(descriptor, 0, os.SEEK_CUR), os.SEEK_SET)
-        os.dup2(copy, descriptor, os.get_inheritable(descriptor))
-        os.close(copy)
+        if file.is_relative_to(before):
+            own = os.open(folder / file.relative_to(before), mode)
+        elif mode == os.O_RDONLY and file.is_file():
+            own = os.open(file, mode)
+        else:
+            continue
+        os.lseek(own, os.lseek(descriptor, 0, os.SEEK_CUR), os.SEEK_SET)
+        os.dup2(own, descriptor, os.get_inheritable(descriptor))
+        os.close(own)
 
 
-def _open_in(folder: Path) -> Iterator[tuple[int, Path]]:
-    """Descriptors of this process that are open on a folder or on something in it, each with the path from there."""
+def _open_files() -> Iterator[tuple[int, Path]]:
+    """Descriptors of this process that are open on a file or a folder, each with its path."""
     for name in os.listdir("/dev/fd"):
         try:
             file = _path_of(int(name))
         except OSError:  # it has no path; or it was that of the list, and is closed
             continue
-        if file.is_relative_to(folder) and file.exists():
-            yield int(name), file.relative_to(folder)
+        if file.exists():
+            yield int(name), file
 
 
 def _path_of(descriptor: int) -> Path:

@@ -91,7 +91,11 @@ class Recorder:
         """
         before = self.folder
         self._goes_to(folder)
-        take_own_copies(before, self.folder)
+        try:
+            take_own_copies(before, self.folder)
+        except OSError:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            raise
         if self._scans:
             self._scans.folder = self.folder
 

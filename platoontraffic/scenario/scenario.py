@@ -67,6 +67,11 @@ class Scenario:
             **{f"metric.{i}.{file.name}": file for i, file in enumerate(self.metrics.sources)},
         }
 
+    def files_of_sumo(self) -> list[Path]:
+        """The input files that SUMO reads, or that say how it runs."""
+        config = (self.configuration.path, *self.configuration.inputs) if self.configuration else ()
+        return [*config, self.net, *self.route_files, *self.additional]
+
     def remarks(self) -> list[str]:
         """Options of the SUMO configuration that the run does not use."""
         config = self.configuration
@@ -99,7 +104,8 @@ class Scenario:
             "scans_every_s": record.scans_every_s or round(scans, 3),
             "sumo": [*record.sumo, *({"signals"} - set(record.sumo))],
         }
-        return replace(self, spec=self.spec.model_copy(update={"record": record.model_copy(update=intervals)}))
+        spec = self.spec.model_copy(update={"record": record.model_copy(update=intervals)})
+        return replace(self, spec=spec, branched=lambda changes: self.branched(changes).for_replay())
 
     def default_preset(self, role: Role) -> str:
         """The lidar of a driver that names none."""

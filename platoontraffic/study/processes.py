@@ -79,7 +79,7 @@ class Workers:
             return None
         finally:
             pulse.end()
-        return None if "error" in outcome else outcome
+        return None if "error" in outcome and not outcome["stop"] else outcome
 
     def close(self) -> None:
         with self._lock:

@@ -28,6 +28,7 @@ class WarmUps:
         self._runs: Counter[str] = Counter()  # ended ones
         self._locks: dict[str, threading.Lock] = {}
         self._lock = threading.Lock()
+        self._failed: set[str] = set()  # whose runs are run by themselves
         self._closed = False
 
     def run(self, job: Job, pulse: Pulse) -> Outcome:
@@ -37,13 +38,18 @@ class WarmUps:
             lock = self._locks.setdefault(key, threading.Lock())
         try:
             with lock:
-                fork = self._warm(key, job, pulse).fork(job)
+                process = self._warm(key, job, pulse)
+                try:
+                    fork = process.fork(job)
+                except RunError:
+                    self._failed.add(key)
+                    raise
             try:
                 return self._run(fork, job, pulse)
             finally:
                 process_tree.end(fork.pid)
                 fork.close()
-        except RunError as error:
+        except RunError as error:  # of the warm-up's process, or of the fork
             raise Stopped(str(error)) from None
         finally:
             with self._lock:
@@ -54,29 +60,34 @@ class WarmUps:
 
     def close(self) -> None:
         """Kill all processes, and with them their forks."""
-        self._closed = True
-        for key in list(self._processes):
-            self._processes[key].kill()
+        with self._lock:
+            self._closed = True
+        for key, process in list(self._processes.items()):
+            process.kill()
             self._end(key)
 
     def _warm(self, key: str, job: Job, pulse: Pulse) -> Process:
         """The process after the warm-up. raises: RunError, InputError"""
-        if key in self._processes and not self._processes[key].closed:
+        if key in self._failed:
+            raise RunError("its warm-up has failed before")
+        if key in self._processes:
             return self._processes[key]
-        if self._closed:
-            raise RunError("stopped")
-        self._folders[key] = TemporaryDirectory(prefix="platoontraffic-", ignore_cleanup_errors=True)
-        process = self._processes[key] = Process(quiet=True)
-        process.send("hold", WARM_ROAD, job, Path(self._folders[key].name))
+        with self._lock:
+            if self._closed:
+                raise RunError("stopped")
+            folder = self._folders[key] = TemporaryDirectory(prefix="platoontraffic-", ignore_cleanup_errors=True)
+            process = self._processes[key] = Process(quiet=True)
         began = time.monotonic()
         try:
+            process.send("hold", WARM_ROAD, job, Path(folder.name))
             while not process.speaks(WATCH):
                 pulse.check()
                 check_limits(job, time.monotonic() - began, lambda: self._census.memory(process.pid))
-        except Stopped:
+            process.answer()
+        except BaseException:
+            self._failed.add(key)
             process.kill()
             raise
-        process.answer()
         return process
 
     def _run(self, fork: Process, job: Job, pulse: Pulse) -> Outcome:

@@ -31,7 +31,8 @@ HEADWAY = "platoon.follower.time_headway_s"
 CONFIGURATION = """<configuration>
     <input>
         <net-file value="{net}"/>
-        <route-files value="{routes}"/>
+        <route-files value="{routes},late.rou.xml"/>
+        <route-steps value="2"/>
         <additional-files value="{stops},detector.add.xml"/>
     </input>
     <output>
@@ -49,11 +50,22 @@ CONFIGURATION = """<configuration>
 DETECTOR = '<additional><inductionLoop id="loop" lane="{lane}" pos="20" period="5" file="loop.xml"/></additional>'
 
 
+def late_routes() -> str:
+    """Cars that SUMO reads step by step from a file that is larger than what it reads at once."""
+    param = f'<param key="padding" value="{"x" * 60_000}"/>'
+    cars = (
+        f'<vehicle id="late{i}" depart="{2 * i}" departSpeed="max"><route edges="A2_B2 B2_C2 C2_D2"/>{param}</vehicle>'
+        for i in range(40)
+    )
+    return f"<routes>{''.join(cars)}</routes>"
+
+
 @pytest.fixture(scope="module")
 def town(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The shipped town, of which SUMO writes everything."""
     folder, net = tmp_path_factory.mktemp("town"), shipped.networks()["grid"]
     routes = net.with_name("grid.rou.xml")
+    (folder / "late.rou.xml").write_text(late_routes())
     (folder / "detector.add.xml").write_text(DETECTOR.format(lane="A0_B0_0"))
     (folder / "town.sumocfg").write_text(
         CONFIGURATION.format(net=net.resolve(), routes=routes.resolve(), stops=net.with_name("grid.add.xml").resolve())
@@ -116,6 +128,7 @@ def test_copies_of_a_town_are_exact(town: Path, tmp_path: Path) -> None:
         "scans.npz",
     } <= set(written)
     assert written["sumo_cars.xml"].count(b"<timestep") == 302
+    assert b'id="late13"' in written["sumo_cars.xml"]
 
 
 @pytest.mark.slow
@@ -267,6 +280,41 @@ def test_ctrl_c_ends_a_run_from_outside(trunk: SimulationProcess) -> None:
     threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
         trunk.run()
+    with pytest.raises(RuntimeError, match="closed"):  # not the answer to the call before
+        trunk.step()
+
+
+@pytest.mark.parametrize("at", [2.0, 3000.0], ids=["after the branch", "before it"])
+def test_ctrl_c_keeps_what_was_recorded(at: float, tmp_path: Path) -> None:
+    source = Source("corridor_tracking", ("run.duration_s=4000", "platoon.size=2"))
+    branch = Branch(tuple(branch_of(at, [Change.parse(f"{HEADWAY}=2", 1)])), tmp_path / "branch")
+    simulated = 0.0
+
+    def reached(time_: float) -> None:
+        nonlocal simulated
+        before, simulated = simulated, simulated + time_
+        if before < 5.0 <= simulated:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt) as error:
+        run_branches(source, tmp_path / "trunk", at, [branch], 2, reached=reached)
+    kept = sorted(path.name for path in tmp_path.iterdir())
+    assert kept == (["branch.unfinished", "trunk.unfinished"] if at == 2.0 else ["trunk.unfinished"])
+    assert (tmp_path / "trunk.unfinished" / "trajectories.csv").read_bytes().count(b"\n") > 20
+    assert len(error.value.__notes__) == len(kept)
+
+
+def test_a_branch_that_cannot_be_recorded_costs_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    change = tuple(branch_of(1.0, [Change.parse(f"{HEADWAY}=2", 1)]))
+    branches = [Branch(change, tmp_path / "file" / "branch"), Branch(change, tmp_path / "branch")]
+    source = Source("corridor_tracking", ("run.duration_s=2", "platoon.size=2"))
+    ended = run_branches(source, tmp_path / "trunk", 1.0, branches, 2)
+    assert {one.folder for one in ended if one.error} == {tmp_path / "file" / "branch"}
+    assert_same(
+        tmp_path / "trunk", run(prepare(scenario.load("corridor_tracking", source.changes)), tmp_path / "alone")
+    )
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["alone", "branch", "file", "trunk"]
 
 
 def test_faults_of_changes_are_reported_before_the_copy(trunk: SimulationProcess) -> None:
@@ -276,6 +324,12 @@ def test_faults_of_changes_are_reported_before_the_copy(trunk: SimulationProcess
     assert "platoon.0.size: does not change at a branch" in str(error.value)
     with pytest.raises(InputError, match="time_headway_s"):
         trunk.branch("platoon.follower.time_hedway_s=2")
+    changes = "branch.at_s=1", f"branch.then.{HEADWAY}=2"
+    with (
+        SimulationProcess.load("corridor_tracking", *changes) as other,
+        pytest.raises(InputError, match="at 1 s itself"),
+    ):
+        other.branch(f"{HEADWAY}=3")
     with pytest.raises(ValueError, match="no member"):
         trunk.step({"nobody": None})
     assert trunk.step().time > 1.0

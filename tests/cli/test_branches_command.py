@@ -32,6 +32,7 @@ def run(tmp_path: Path, *arguments: str):
         (["--branch-at", "2", "--then", "platoon.follower.law=sumo"], "law: SUMO drives it, or would"),
         (["--branch-at", "2", "--then", "platoon.follower.time_hedway_s=2"], "did you mean 'time_headway_s'?"),
         (["--branch-at", "2", "--then", HEADWAY, "--gui"], "--gui: not with --branch-at"),
+        (["branch.at_s=1", f"branch.then.{HEADWAY}", "--branch-at", "2", "--then", HEADWAY], "has a branch at 1 s"),
     ],
 )  # fmt: skip
 def test_what_cannot_branch_is_said_in_a_line(arguments: list[str], fault: str, tmp_path: Path) -> None:

@@ -67,6 +67,21 @@ def test_tables_are_those_without_sharing(file: Path, tmp_path: Path, copies: li
     assert tables(tmp_path / "shared") == tables(tmp_path / "apart")
 
 
+def test_another_configuration_is_another_warm_up(file: Path) -> None:
+    net = shipped.networks()["grid"]
+    text = net.with_name("grid.sumocfg").read_text().replace('value="grid.', f'value="{net.parent}/grid.')
+    text = text.replace(",grid.", f",{net.parent}/grid.")
+    for name, scale in (("a", 1.0), ("b", 0.5)):
+        scaled = text.replace("<processing>", f'<processing><scale value="{scale}"/>')
+        file.with_name(f"{name}.sumocfg").write_text(scaled)
+    town = file.with_name("town.toml")
+    town.write_text(town.read_text().replace('net = "grid"', 'config = "a.sumocfg"'))
+    file.write_text(STUDY.replace("grid = {", 'grid = { sumo.config = ["a.sumocfg", "b.sumocfg"],'))
+    runs = study.load(file).runs
+    assert len(runs) == 8
+    assert len({run.warm_up for run in runs}) == 4
+
+
 def test_a_run_whose_process_is_killed_is_repeated(file: Path, tmp_path: Path, copies: list[int]) -> None:
     def kill() -> None:
         while len(copies) < 1:
