@@ -44,7 +44,7 @@ def test_your_own_follower_in_twenty_lines_runs(tmp_path, monkeypatch):
     assert (done.exit_code, done.stderr) == (0, "mine: its plug-ins run code, of my_follower.py\n")
     header, row = ((Path(done.stdout.strip()) / "summary.csv").read_text()).splitlines()
     values = dict(zip(header.split(","), row.split(","), strict=True))
-    assert (values["collisions"], values["lock_on_ratio_min"]) == ("0", "1")
+    assert (values["collisions"], float(values["lock_on_ratio_min"])) == ("0", 1)
 
 
 @pytest.mark.sumo
