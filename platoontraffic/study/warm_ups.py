@@ -47,8 +47,9 @@ class WarmUps:
             try:
                 return self._run(fork, job, pulse)
             finally:
-                process_tree.end(fork.pid)
-                fork.close()
+                if not fork.closed:  # else its id may be that of another process
+                    process_tree.end(fork.pid)
+                    fork.close()
         except RunError as error:  # of the warm-up's process, or of the fork
             raise Stopped(str(error)) from None
         finally:

@@ -104,10 +104,13 @@ if os.fork() == 0:
 time.sleep(1e6)
 """
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, start_new_session=True) as process:
-        children = [int(process.stdout.readline()) for _ in range(3)]
-        assert all(map(alive, children))
-        process_tree.end(process.pid)
-        until(lambda: not any(map(alive, children)), deadline=5)
+        try:
+            children = [int(process.stdout.readline()) for _ in range(3)]
+            assert all(map(alive, children))
+            process_tree.end(process.pid)
+            until(lambda: not any(map(alive, children)), deadline=5)
+        finally:
+            process.kill()  # or a failure would wait for it
     assert process.returncode == -signal.SIGKILL
 
 
