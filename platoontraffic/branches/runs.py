@@ -76,26 +76,21 @@ def run_branches(
     raises: what the run raises before the branch; KeyboardInterrupt. What is recorded is kept as `Recording` says.
     """
     try:
-        return _run(source, folder, at, branches, slots, replace, say, reached)
+        with ExitStack() as stack:
+            trunk = stack.enter_context(_closed(Process.holding(_Recorded, source, folder, sys.argv[1:])))
+            trunk.call("advance", at, heard=reached)
+            runs, failed = [(trunk, folder)], []
+            for one in branches:
+                try:
+                    runs.append((stack.enter_context(_closed(trunk.fork(*one))), one.folder))
+                except (RunError, InputError) as error:
+                    failed.append(Ended(one.folder, error))
+            return [*_finished(runs, slots, replace, say, reached), *failed]
     except KeyboardInterrupt as error:
         for one in (folder, *(branch.folder for branch in branches)):
             if (kept := one.with_name(one.name + UNFINISHED)).exists():
                 error.add_note(f"what was recorded until then is kept in {kept}")
         raise
-
-
-def _run(source, folder, at, branches, slots, replace, say, reached) -> list[Ended]:
-    """Arguments as of `run_branches`."""
-    with ExitStack() as stack:
-        trunk = stack.enter_context(_closed(Process.holding(_Recorded, source, folder, sys.argv[1:])))
-        trunk.call("advance", at, heard=reached)
-        runs, failed = [(trunk, folder)], []
-        for one in branches:
-            try:
-                runs.append((stack.enter_context(_closed(trunk.fork(*one))), one.folder))
-            except (RunError, InputError) as error:
-                failed.append(Ended(one.folder, error))
-        return [*_finished(runs, slots, replace, say, reached), *failed]
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from platoontraffic.world.prepared import after_branch, branched
 class SimulationProcess:
     """A simulation in a process of its own, which is copied exactly by `branch`, at any instant.
 
-        with SimulationProcess.load("corridor_platoon", "run.duration_s=60") as simulation:
+        with SimulationProcess.load("corridor_tracking", "run.duration_s=60") as simulation:
             simulation.run(until=20)
             with simulation.branch("platoon.follower.time_headway_s=2") as wider:
                 print(simulation.run().measures.gap, wider.run().measures.gap)

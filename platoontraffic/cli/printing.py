@@ -146,7 +146,7 @@ def print_runs(study: Study, folder: Path, slots: int, executor: str, as_json: b
     if shares:
         shared = sum(map(len, shares.values()))
         print(
-            f"{shared} of them share {len(shares)} warm-ups, each simulated once: "
+            f"{shared} of them share warm-ups, of which {len(shares)} are simulated: "
             f"{sum(run.warm_up_s for runs in shares.values() for run in runs[1:]):g} s of traffic are saved"
         )
 

@@ -28,7 +28,7 @@ class WarmUps:
         self._runs: Counter[str] = Counter()  # ended ones
         self._locks: dict[str, threading.Lock] = {}
         self._lock = threading.Lock()
-        self._failed: set[str] = set()  # whose runs are run by themselves
+        self._failed: set[str] = set()  # warm-ups that failed: their runs are run by themselves
         self._closed = False
 
     def run(self, job: Job, pulse: Pulse) -> Outcome:

@@ -306,7 +306,7 @@ class StopLines:
         return np.inf
 
     def _is_beside(self, line: Line, ego: Ego) -> bool:
-        """Whether a slow vehicle that is not yet on its lane has another one there, whose rear is beside its own front.
+        """Whether a slow vehicle that is not yet on its lane has another one there with its rear beside the own front.
 
         The other one came in between, and does not see what is behind its own front. A member does not see what is
         beside it either; of two that go over to each other's lanes one waits.
