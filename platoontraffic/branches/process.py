@@ -119,7 +119,10 @@ class Process:
         ours, theirs = socket.socketpair()
         with theirs:
             self.send("fork", *arguments)
-            send_handle(self._connection, theirs.fileno(), self.pid)
+            try:
+                send_handle(self._connection, theirs.fileno(), self.pid)
+            except OSError:  # it has died in the meantime
+                raise self._dead() from None
             pid = self.answer()
         fork = type(self).__new__(type(self))
         fork._open(Connection(ours.detach()), pid)
