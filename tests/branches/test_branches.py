@@ -253,6 +253,15 @@ def test_a_branch_that_is_killed_costs_nothing_else(trunk: SimulationProcess) ->
     assert until(lambda: not os.path.exists(killed._folder.name))
 
 
+def test_a_process_that_dies_while_it_is_asked_to_fork_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    process = Process(quiet=True)
+    os.kill(process.pid, signal.SIGKILL)
+    process._popen.wait()
+    monkeypatch.setattr(Process, "send", lambda self, *call: None)  # it was alive then
+    with pytest.raises(RunError, match="has died"):
+        process.fork()
+
+
 def test_a_trunk_that_is_killed_leaves_no_branch(trunk: SimulationProcess) -> None:
     branches = [trunk.branch() for _ in range(3)]
     pids = [one._process.pid for one in branches]
