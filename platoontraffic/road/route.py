@@ -102,31 +102,26 @@ class Route:
     def _line_stations(self) -> list[float]:
         return [line.station for line in self.lines]
 
-    def line_passed(self, station: float) -> tuple[Line | None, float]:
-        """The last stop line before a station, and the distance since it [m]; None and inf where there is none."""
-        here, ahead = self._located(station)
-        if not ahead and not (self.closed and self.lines):
-            return None, np.inf
-        line = self.lines[ahead - 1]
-        return line, here - line.station + (0.0 if ahead else self.length)
+    def lines_about(self, station: float, reach: float) -> tuple[Line | None, float, list[tuple[Line, float]]]:
+        """The last stop line before a station, the distance since it [m], and the next lines with the distance to each.
 
-    def lines_ahead(self, station: float, reach: float) -> list[tuple[Line, float]]:
-        """The next stop line, further ones within `reach` [m], and the distance to each [m]."""
-        here, ahead = self._located(station)
+        Without a line before it None and inf. The next line, and further ones within `reach` [m].
+        """
+        lines, closed = self.lines, self.closed
+        here = station % self.length if closed else station
+        ahead = bisect.bisect_left(self._line_stations, here)
+        passed, over = None, np.inf
+        if ahead or (closed and lines):
+            passed = lines[ahead - 1]
+            over = here - passed.station + (0.0 if ahead else self.length)
         found: list[tuple[Line, float]] = []
-        for k in range(ahead, len(self.lines) + (ahead if self.closed else 0)):
-            lap, number = divmod(k, len(self.lines))
-            line = self.lines[number]
-            distance = line.station + lap * self.length - here
+        for k in range(ahead, len(lines) + (ahead if closed else 0)):
+            lap, number = divmod(k, len(lines))
+            distance = lines[number].station + lap * self.length - here
             if found and distance >= reach:
                 break
-            found.append((line, distance))
-        return found
-
-    def _located(self, station: float) -> tuple[float, int]:
-        """The station within one lap, and the index of the next stop line."""
-        here = station % self.length if self.closed else station
-        return here, bisect.bisect_left(self._line_stations, here)
+            found.append((lines[number], distance))
+        return passed, over, found
 
 
 class Routes:

@@ -32,6 +32,7 @@ from platoontraffic.sumo.conflicts import (
     Conflicts,
     Crossing,
 )
+from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.vehicles.motion import scale
 from platoontraffic.world import ground
 from platoontraffic.world.fleet import WINDOW, Fleet, Member
@@ -81,6 +82,11 @@ class Ego(NamedTuple):
         gains = [_gain(one, "acceleration", cls._field_defaults["acceleration"]) for one in _drivers(law)]
         lateral = [_gain(one, "lateral_acceleration", cls._field_defaults["lateral"]) for one in _drivers(law)]
         return cls(member.id, "", 0.0, float(member.model.length), min(gains), min(lateral))
+
+    @property
+    def size(self) -> float:
+        """Factor for distances."""
+        return scale(self.length)
 
     @property
     def checks_from(self) -> float:
@@ -134,7 +140,9 @@ class StopLines:
 
     def __init__(self, network: Network, sumo: Client) -> None:
         self._network, self._sumo = network, sumo
-        self._conflicts: dict[Line, Conflicts] = {}
+        self._now = Reads(sumo)
+        self._conflicts = Once(lambda line: Conflicts.at(line, network, sumo))
+        self._outside = Once(self._foes_outside)  # by line, at this instant
         # Vehicles that stand at an open line ("") or on a lane inside a junction: since when, and when last seen [s].
         self._standing: dict[tuple[str, str], tuple[float, float]] = {}
         self._adjacent: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
@@ -146,6 +154,11 @@ class StopLines:
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
         self._no_room: dict[str, Line] = {}  # the lane change ahead for which each member has no room now
         self._later: dict[tuple[Route, Line, float], Route | None] = {}  # routes with a lane change later
+
+    def stepped(self) -> None:
+        """To be called after every step of SUMO's, before anything is asked: all vehicles are elsewhere."""
+        self._now.renew()
+        self._outside.clear()
 
     def signals(self, fleet: Fleet, roads: Mapping[str, tuple[str, str]]) -> Signals | None:
         """The next stop line of each member with a law that needs it; None if no law does.
@@ -196,7 +209,7 @@ class StopLines:
         """
         found, row = [], {m.id: i for i, m in enumerate(fleet.members)} if entered else {}
         for name, lane, via in entered:
-            state = next((link[LINK_STATE] for link in self._sumo.lane.getLinks(lane) if link[LINK_VIA] == via), "")
+            state = next((link[LINK_STATE] for link in self._now.links[lane] if link[LINK_VIA] == via), "")
             i = row.get(name)
             if i is None or fleet.native[i] or not state:
                 continue
@@ -215,15 +228,13 @@ class StopLines:
 
         Of several lines ahead that is the first, unless it is open and has priority: then the first closed one.
         """
-        passed, over = member.route.line_passed(station)
+        passed, over, lines = member.route.lines_about(station, ego.checks_from)
         if passed and (state := self._passed(passed, over, ego)):
             return state
-        near = ego.checks_from
-        lines = member.route.lines_ahead(station, near)
         if not lines:
             return NO_LINE
         if self._is_beside(lines[0][0], ego):
-            return LineState(AT_ONCE * scale(ego.length), False, False, False, LANE_CHANGE)
+            return LineState(AT_ONCE * ego.size, False, False, False, LANE_CHANGE)
         ahead = [self._ahead(line, distance, ego) for line, distance in lines]
         first = ahead[0]
         return first if first.minor or not first.open else next((line for line in ahead if not line.open), first)
@@ -236,8 +247,8 @@ class StopLines:
         over: distance driven beyond the line [m]
         """
         if len(line.via) > 1 and ego.lane == line.via[0]:
-            inside = self._sumo.lane.getLength(ego.lane)
-            driven = self._sumo.vehicle.getLanePosition(ego.id)
+            inside = self._now.lane_length[ego.lane]
+            driven = self._now.position[ego.id]
             is_open = self._may_cross(line, -driven, ego, midway=True)
             return LineState(inside - driven, is_open, False, False, RIGHT_OF_WAY)
         if line.state == CHANGING:
@@ -245,7 +256,7 @@ class StopLines:
             if before < np.inf and ego.lane != line.onto:
                 return LineState(before, False, False, False, LANE_CHANGE)
         elif ego.lane in line.via and (state := self._link_state(line)) not in PRIORITY:
-            left = OVERRUN * scale(ego.length) - over
+            left = OVERRUN * ego.size - over
             if ego.speed**2 / (2 * EARLY_BRAKING) < left and not self._has_way(line, state, -over, ego):
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
         return None
@@ -258,7 +269,7 @@ class StopLines:
             if not is_open and self._is_passed_soon(line, distance, ego):
                 self._no_room[ego.id] = line
             return LineState(distance, is_open, False, False, LANE_CHANGE)
-        state, conflicts = self._link_state(line), self._conflicts_at(line)
+        state, conflicts = self._link_state(line), self._conflicts[line]
         minor = state in STOP or (state in MINOR and bool(conflicts.entering))
         yellow = state in YELLOW
         if state in RED + YELLOW:
@@ -273,7 +284,7 @@ class StopLines:
             return LineState(distance, False, minor, yellow, PEOPLE)
         if near and line.light and not self._is_cleared(line):
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
-        if near and not self._has_room(line, ego.length):
+        if near and not self._has_room(line, ego):
             return LineState(distance, False, False, False, NO_ROOM)
         if near and len(line.via) > 1 and not self._may_cross(line, distance, ego, midway=True):
             return LineState(distance + conflicts.waits, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
@@ -282,8 +293,8 @@ class StopLines:
     def _link_state(self, line: Line) -> str:
         """State of the link beyond a line now, as SUMO writes it; but equal where the network gives nobody priority."""
         if not line.light:
-            return EQUAL[0] if self._conflicts_at(line).unregulated else line.state
-        return self._sumo.trafficlight.getRedYellowGreenState(line.light)[line.index]
+            return EQUAL[0] if self._conflicts[line].unregulated else line.state
+        return self._now.lights[line.light][line.index]
 
     # ---- lane changes
 
@@ -297,7 +308,7 @@ class StopLines:
         """
         crossed = _crossed(line)
         share = line.across / len(crossed)
-        patient = self._sumo.vehicle.getWaitingTime(ego.id) < QUEUE_PATIENCE
+        patient = self._now.waited[ego.id] < QUEUE_PATIENCE
         queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
         for k, one in enumerate(crossed):
             stop = distance + (k + COMMITTED) * share
@@ -314,16 +325,17 @@ class StopLines:
         line: the next one of the route: it begins on the lane on which the vehicle should be
         """
         self._beside.discard(ego.id)
-        slow = ego.speed < QUEUE_SPEED * scale(ego.length)
-        if not slow or ego.lane == line.lane or ego.lane.rpartition("_")[0] != line.lane.rpartition("_")[0]:
+        if ego.lane == line.lane or ego.speed >= QUEUE_SPEED * ego.size:
             return False
-        vehicle, lane, here = self._sumo.vehicle, self._sumo.lane, self._sumo.vehicle.getLanePosition(ego.id)
-        for place, before in ((line.lane, 0.0), *((via, lane.getLength(line.lane)) for via in line.via[:1])):
-            for name in lane.getLastStepVehicleIDs(place):
-                front = before + vehicle.getLanePosition(name)
+        if ego.lane.rpartition("_")[0] != line.lane.rpartition("_")[0]:
+            return False
+        now, here = self._now, self._now.position[ego.id]
+        for place, before in ((line.lane, 0.0), *((via, now.lane_length[line.lane]) for via in line.via[:1])):
+            for name in now.on_lane[place]:
+                front = before + now.position[name]
                 yields = name not in self._members or name in self._beside
                 begin = here if yields else here - ego.length
-                if begin < front < here + vehicle.getLength(name) + BEHIND * scale(ego.length):
+                if begin < front < here + now.length[name] + BEHIND * ego.size:
                     self._beside.add(ego.id)
                     return True
         return False
@@ -335,7 +347,7 @@ class StopLines:
         crossed = _crossed(line)
         for k, one in enumerate(crossed):
             for name in self._blocking(one, distance, distance + (k + 0.5) * line.across / len(crossed), ego):
-                if self._sumo.vehicle.getSpeed(name) < ego.speed + PASSES_BY:
+                if self._now.speed[name] < ego.speed + PASSES_BY:
                     return False
         return True
 
@@ -354,9 +366,9 @@ class StopLines:
         for name, foe_to_end in self._on_adjacent(line):
             if name == ego.id:
                 continue
-            ahead, foe_speed = distance + line.to_end - foe_to_end, self._sumo.vehicle.getSpeed(name)
+            ahead, foe_speed = distance + line.to_end - foe_to_end, self._now.speed[name]
             if ahead >= 0:
-                gap = ahead - self._sumo.vehicle.getLength(name)
+                gap = ahead - self._now.length[name]
                 closing, rear_speed = max(ego.speed - foe_speed, 0.0), ego.speed
             else:
                 gap = -ahead - ego.length - foe_speed * time + half
@@ -366,75 +378,69 @@ class StopLines:
 
     def _queue_within(self, line: Line, distance: float, ego: Ego) -> bool:
         """Whether a vehicle stands on one of the two lanes before the end of the lane change."""
-        vehicle, lane = self._sumo.vehicle, self._sumo.lane
-        here = lane.getLength(line.lane) - line.to_end - distance  # position of the own front bumper
-        end = here + distance + line.across + OWN_GAP * scale(ego.length)
-        for name in (*lane.getLastStepVehicleIDs(line.lane), *lane.getLastStepVehicleIDs(line.onto)):
-            if name != ego.id and vehicle.getSpeed(name) < QUEUE_STANDS * scale(ego.length):
-                position = vehicle.getLanePosition(name)
-                if position > here and position - vehicle.getLength(name) < end:
+        now = self._now
+        here = now.lane_length[line.lane] - line.to_end - distance  # position of the own front bumper
+        end, stands = here + distance + line.across + OWN_GAP * ego.size, QUEUE_STANDS * ego.size
+        for name in (*now.on_lane[line.lane], *now.on_lane[line.onto]):
+            if name != ego.id and now.speed[name] < stands:
+                position = now.position[name]
+                if position > here and position - now.length[name] < end:
                     return True
         return False
 
     def _on_adjacent(self, line: Line) -> Iterator[tuple[str, float]]:
         """Vehicles on the adjacent lane and lanes that lead to it, and the distance of each to its end [m]."""
-        lane = self._sumo.lane
+        now = self._now
         if line not in self._adjacent:
-            reach = lane.getLength(line.onto) + GAP_HORIZON * lane.getMaxSpeed(line.onto)
+            reach = now.lane_length[line.onto] + GAP_HORIZON * now.max_speed[line.onto]
             self._adjacent[line] = tuple(self._network.upstream(line.onto, reach))
         for name, beyond in self._adjacent[line]:
-            for vehicle in lane.getLastStepVehicleIDs(name):
-                yield vehicle, beyond + lane.getLength(name) - self._sumo.vehicle.getLanePosition(vehicle)
+            for vehicle in now.on_lane[name]:
+                yield vehicle, beyond + now.lane_length[name] - now.position[vehicle]
 
     # ---- junctions
 
-    def _conflicts_at(self, line: Line) -> Conflicts:
-        if line not in self._conflicts:
-            self._conflicts[line] = Conflicts.at(line, self._network, self._sumo)
-        return self._conflicts[line]
-
     def _is_cleared(self, line: Line) -> bool:
         """Whether crossing vehicles that entered the junction before their light became red have left it."""
-        lane = self._sumo.lane
-        for crossing in self._conflicts_at(line).crossings.values():
+        for crossing in self._conflicts[line].crossings.values():
             there = [one for one in self._on(crossing) if not self._is_past(one) and not self._held_up(one.id, "in")]
             via = crossing.via[0]
             if there and any(
-                link[LINK_VIA] == via and link[LINK_STATE] in RED for link in lane.getLinks(crossing.before)
+                link[LINK_VIA] == via and link[LINK_STATE] in RED for link in self._now.links[crossing.before]
             ):
                 return False
         return True
 
-    def _has_room(self, line: Line, length: float) -> bool:
+    def _has_room(self, line: Line, ego: Ego) -> bool:
         """Whether a vehicle can leave a junction with cross traffic before it stands behind the queue beyond it.
 
         Where it may wait midway, there must be room for it: no other vehicle stands there.
         """
-        vehicle, lane, size = self._sumo.vehicle, self._sumo.lane, scale(length)
+        now, length, size = self._now, ego.length, ego.size
         if len(line.via) > 1:
-            for name in lane.getLastStepVehicleIDs(line.via[0]):
-                behind = vehicle.getLanePosition(name) - vehicle.getLength(name)
-                if vehicle.getSpeed(name) < STANDING and behind < length:
+            for name in now.on_lane[line.via[0]]:
+                behind = now.position[name] - now.length[name]
+                if now.speed[name] < STANDING and behind < length:
                     return False
-        onto = lane.getLastStepVehicleIDs(line.onto)  # the last one first
-        last = next((k for k, name in enumerate(onto) if vehicle.getSpeed(name) < QUEUE_SPEED * size), None)
-        if last is None or not any(map(lane.getInternalFoes, line.via)):
+        onto = now.on_lane[line.onto]  # the last one first
+        last = next((k for k, name in enumerate(onto) if now.speed[name] < QUEUE_SPEED * size), None)
+        if last is None or not any(map(self._sumo.lane.getInternalFoes, line.via)):
             return True
-        left = vehicle.getLanePosition(onto[last]) - vehicle.getLength(onto[last])
-        before = [*onto[:last], *(name for via in line.via for name in lane.getLastStepVehicleIDs(via))]
-        taken = sum(vehicle.getLength(name) + QUEUE_GAP * size for name in before)
+        left = now.position[onto[last]] - now.length[onto[last]]
+        before = [*onto[:last], *(name for via in line.via for name in now.on_lane[via])]
+        taken = sum(now.length[name] + QUEUE_GAP * size for name in before)
         return left > taken + length + OWN_GAP * size
 
     def _is_free_of_people(self, line: Line, distance: float, ego: Ego) -> bool:
         """Whether nobody on a pedestrian crossing stands where the vehicle drives, or will be there when it comes."""
-        conflicts = self._conflicts_at(line)
+        conflicts = self._conflicts[line]
         for walk in conflicts.walks:
             if distance + walk.own[1] + ego.length < 0:
                 continue
             pace = self._pace(line, ego)
             comes = SOONER * pace.time_for(distance + walk.own[0])
             gone = LATER * pace.time_for(distance + walk.own[1] + ego.length)
-            for name in self._sumo.edge.getLastStepPersonIDs(walk.edge):
+            for name in self._now.people[walk.edge]:
                 person = self._sumo.person
                 here, speed = np.array(person.getPosition(name)[:2]), person.getSpeed(name)
                 course = math.radians(90 - person.getAngle(name))
@@ -445,8 +451,8 @@ class StopLines:
         return True
 
     def _pace(self, line: Line, ego: Ego) -> Pace:
-        limit = max(map(self._sumo.lane.getMaxSpeed, line.via), default=ego.speed)
-        return ego.pace(self._conflicts_at(line), limit)
+        limit = max(map(self._now.max_speed.__getitem__, line.via), default=ego.speed)
+        return ego.pace(self._conflicts[line], limit)
 
     # ---- right of way
 
@@ -467,17 +473,17 @@ class StopLines:
             foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
             foes = [foe if foe.to_line > 0 else self._setting_out(foe) for foe in foes]
         margin = margin_after(self._waited(ego))
-        enters = distance + self._conflicts_at(line).waits if midway else distance
+        enters = distance + self._conflicts[line].waits if midway else distance
         return self._has_gap_among(self._met(line, foes, distance, midway), line, distance, ego, margin, enters)
 
     def _setting_out(self, foe: Approach) -> Approach:
         """A vehicle inside the junction, as it drives if it sets out now."""
-        pace = Pace(foe.pace.speed, self._sumo.vehicle.getAccel(foe.id), foe.crossing.fastest)
+        pace = Pace(foe.pace.speed, self._now.acceleration[foe.id], foe.crossing.fastest)
         return foe._replace(pace=pace)
 
     def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
         """The foes that are met after, or before, the place where the vehicle may wait midway."""
-        waits = self._conflicts_at(line).waits
+        waits = self._conflicts[line].waits
         if midway:  # where it is already in another one's way, it cannot wait
             return [foe for foe in foes if foe.crossing.own[0] + distance > 0]
         return [foe for foe in foes if foe.crossing.own[0] < waits]
@@ -505,7 +511,7 @@ class StopLines:
                 one.to_line + crossing.its[0],
                 one.to_line + crossing.its[1],
                 one.pace,
-                self._sumo.vehicle.getLength(one.id),
+                self._now.length[one.id],
                 crossing.fastest,
                 crossing.merges,
             )
@@ -515,31 +521,36 @@ class StopLines:
 
     def _coming(self, line: Line, ego: Ego, state: str) -> Iterator[Approach]:
         """Vehicles outside the junction that will cross the path with priority and are not stopped by a light."""
-        conflicts = self._conflicts_at(line)
-        vehicle, lane = self._sumo.vehicle, self._sumo.lane
+        for foe, hurrying, is_open in self._outside[line]:
+            patience = HELD_UP_AFTER
+            if state in EQUAL and self._order(foe.id, foe.crossing.before) > self._order(ego.id, line.lane):
+                patience = 0.0  # both stand, and it came later
+            yield hurrying if self._hurries(foe.id, foe.to_line, is_open, patience) else foe
+
+    def _foes_outside(self, line: Line) -> list[tuple[Approach, Approach, bool]]:
+        """Those vehicles at their speed, and as they hurry, and whether the line ahead of each is open."""
+        conflicts, now, found = self._conflicts[line], self._now, []
         for name, beyond in conflicts.entering:
-            for foe in lane.getLastStepVehicleIDs(name):
-                links = vehicle.getNextLinks(foe)[:3]
+            to_end = beyond + now.lane_length[name]
+            for foe in now.on_lane[name]:
+                links = now.next_links[foe][:3]
                 crossing = next(
-                    (conflicts.crossings[via] for _, _, _, _, via, *_ in links if via in conflicts.crossings), None
+                    (conflicts.crossings[link[LINK_VIA]] for link in links if link[LINK_VIA] in conflicts.crossings), None
                 )
                 if crossing is None or not crossing.first or links[0][LINK_STATE] in RED:
                     continue
-                to_line = beyond + lane.getLength(name) - vehicle.getLanePosition(foe)
-                patience = HELD_UP_AFTER
-                if state in EQUAL and self._order(foe, crossing.before) > self._order(ego.id, line.lane):
-                    patience = 0.0  # both stand, and it came later
-                hurries = self._hurries(foe, to_line, links[0][LINK_OPEN], patience)
-                speed = vehicle.getSpeed(foe)
-                pace = Pace(speed, vehicle.getAccel(foe), lane.getMaxSpeed(name)) if hurries else Pace(speed)
-                yield Approach(foe, crossing, to_line, pace)
+                to_line, speed = to_end - now.position[foe], now.speed[foe]
+                hurrying = Pace(speed, now.acceleration[foe], now.max_speed[name])
+                approaches = (Approach(foe, crossing, to_line, pace) for pace in (Pace(speed), hurrying))
+                found.append((*approaches, links[0][LINK_OPEN]))
+        return found
 
     def _inside(self, line: Line, *, first: bool) -> Iterator[Approach]:
         """Vehicles inside the junction whose paths cross the own one.
 
         first: only those with priority
         """
-        for crossing in self._conflicts_at(line).crossings.values():
+        for crossing in self._conflicts[line].crossings.values():
             if crossing.first or not first:
                 for one in self._on(crossing):
                     if not self._is_past(one) and not self._held_up(one.id, "in"):
@@ -547,31 +558,31 @@ class StopLines:
 
     def _on(self, crossing: Crossing) -> Iterator[Approach]:
         """Vehicles inside the junction on a path; one that has left it with its nose only is on the next lane."""
-        vehicle, lane, driven = self._sumo.vehicle, self._sumo.lane, 0.0
+        now, driven = self._now, 0.0
         for via in crossing.via:
-            for name in lane.getLastStepVehicleIDs(via):
-                yield Approach(name, crossing, -driven - vehicle.getLanePosition(name), Pace(vehicle.getSpeed(name)))
-            driven += lane.getLength(via)
+            for name in now.on_lane[via]:
+                yield Approach(name, crossing, -driven - now.position[name], Pace(now.speed[name]))
+            driven += now.lane_length[via]
 
     def _is_past(self, one: Approach) -> bool:
         """Whether its rear has left the conflict area."""
-        return one.to_line + one.crossing.its[1] + self._sumo.vehicle.getLength(one.id) < 0
+        return one.to_line + one.crossing.its[1] + self._now.length[one.id] < 0
 
     def _hurries(self, foe: str, to_line: float, is_open: bool, patience: float = HELD_UP_AFTER) -> bool:
         """Whether a foe may come sooner than by its speed: one that drives, or that stands at a line just opened.
 
         Whether a line is open to a member SUMO does not know.
         """
-        if self._sumo.vehicle.getSpeed(foe) >= STANDING:
+        if self._now.speed[foe] >= STANDING:
             self._standing.pop((foe, ""), None)
             return True  # even if it brakes now: two that brake for each other would both count on that
-        if not (is_open or foe in self._members) or to_line > self._sumo.vehicle.getLength(foe):
+        if not (is_open or foe in self._members) or to_line > self._now.length[foe]:
             return False
         return not self._held_up(foe, "", patience)
 
     def _held_up(self, foe: str, where: str, patience: float = HELD_UP_AFTER) -> bool:
         """Whether a foe stands too long where it might drive: at an open line ("") or inside a junction ("in")."""
-        if self._sumo.vehicle.getSpeed(foe) >= STANDING:
+        if self._now.speed[foe] >= STANDING:
             self._standing.pop((foe, where), None)
             return False
         time = self._sumo.simulation.getTime()
@@ -591,9 +602,9 @@ class StopLines:
         before, since = self._stood.get(name, ("", 0.0))
         if before == lane:
             return since
-        if self._sumo.vehicle.getSpeed(name) >= STANDING or to_line > AT_LINE * scale(length):
+        if self._now.speed[name] >= STANDING or to_line > AT_LINE * scale(length):
             return None
-        since = self._sumo.simulation.getTime() - self._sumo.vehicle.getWaitingTime(name)
+        since = self._sumo.simulation.getTime() - self._now.waited[name]
         self._stood[name] = lane, since
         return since
 
@@ -609,18 +620,18 @@ class StopLines:
 
     def _at_lines(self, line: Line) -> Iterator[Approach]:
         """The first vehicle on each crossing lane, if it stands at its line or has stood there."""
-        vehicle, lane, conflicts = self._sumo.vehicle, self._sumo.lane, self._conflicts_at(line)
+        now, conflicts = self._now, self._conflicts[line]
         for before in sorted({crossing.before for crossing in conflicts.crossings.values()} - {line.lane}):
-            names = lane.getLastStepVehicleIDs(before)
+            names = now.on_lane[before]
             if not names:
                 continue
             foe = names[-1]
-            to_line = lane.getLength(before) - vehicle.getLanePosition(foe)
-            links = vehicle.getNextLinks(foe)[:1]
+            to_line = now.lane_length[before] - now.position[foe]
+            links = now.next_links[foe][:1]
             crossing = conflicts.crossings.get(links[0][LINK_VIA]) if links else None
-            if crossing and self._stood_since(foe, before, to_line, vehicle.getLength(foe)) is not None:
+            if crossing and self._stood_since(foe, before, to_line, now.length[foe]) is not None:
                 yield Approach(
-                    foe, crossing, to_line, Pace(vehicle.getSpeed(foe), vehicle.getAccel(foe), crossing.fastest)
+                    foe, crossing, to_line, Pace(now.speed[foe], now.acceleration[foe], crossing.fastest)
                 )
 
     def _departs(self, foe: Approach, ego: Ego) -> bool:

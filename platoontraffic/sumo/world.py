@@ -195,3 +195,4 @@ class World:
     def _simulate(self) -> None:
         self._process.step()
         self._background.stepped()
+        self._lines.stepped()

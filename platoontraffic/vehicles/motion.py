@@ -23,6 +23,8 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 def scale(length):
     """Factor for distances: 1 for a vehicle of full size; for a smaller one, its length [m] beside a car's."""
+    if isinstance(length, float):  # asked for often, and an array of one number takes ten times as long
+        return 1.0 if length >= FULL_SIZE else length / CAR_LENGTH
     return np.where(length >= FULL_SIZE, 1.0, length / CAR_LENGTH)
 
 

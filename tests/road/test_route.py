@@ -190,8 +190,7 @@ def line_at(station: float) -> Line:
 )
 def test_stop_lines_before_and_ahead_on_an_open_route(station, passed, ahead, distance):
     straight = route([(0, 0), (100, 0)], lines=[line_at(30.0), line_at(70.0)])
-    before, since = straight.line_passed(station)
-    onward = straight.lines_ahead(station, 1.0)
+    before, since, onward = straight.lines_about(station, 1.0)
     assert (before and before.station, onward[0][0].station if onward else None) == (passed, ahead)
     assert not before or since == pytest.approx(station - passed)
     assert not onward or onward[0][1] == pytest.approx(distance)
@@ -211,20 +210,18 @@ def test_stop_lines_before_and_ahead_on_an_open_route(station, passed, ahead, di
 )
 def test_stop_lines_before_and_ahead_on_a_closed_route_and_at_its_seam(station, passed, ahead, distance):
     square = route([(0, 0), (25, 0), (25, 25), (0, 25)], closed=True, lines=[line_at(30.0), line_at(70.0)])
-    before, since = square.line_passed(station)
-    ((after, left),) = square.lines_ahead(station, 1.0)
+    before, since, ((after, left),) = square.lines_about(station, 1.0)
     assert (before.station, after.station) == (passed, ahead)
     assert left == pytest.approx(distance)
     assert since == pytest.approx((station - passed) % 100.0)
-    both = square.lines_ahead(station, 100.0)
+    *_, both = square.lines_about(station, 100.0)
     assert [line.station for line, _ in both] == [ahead, passed]
     assert both[1][1] == pytest.approx(100.0 - since)
 
 
 def test_routes_without_junctions_have_no_stop_lines():
     for one in (route([(0, 0), (9, 0)]), circle(3.0)):
-        assert one.line_passed(5.0)[0] is None
-        assert one.lines_ahead(5.0, np.inf) == []
+        assert one.lines_about(5.0, np.inf) == (None, np.inf, [])
 
 
 # ---- along the lanes of networks
