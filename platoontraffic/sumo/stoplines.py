@@ -534,9 +534,8 @@ class StopLines:
             to_end = beyond + now.lane_length[name]
             for foe in now.on_lane[name]:
                 links = now.next_links[foe][:3]
-                crossing = next(
-                    (conflicts.crossings[link[LINK_VIA]] for link in links if link[LINK_VIA] in conflicts.crossings), None
-                )
+                via = next((link[LINK_VIA] for link in links if link[LINK_VIA] in conflicts.crossings), None)
+                crossing = conflicts.crossings.get(via)
                 if crossing is None or not crossing.first or links[0][LINK_STATE] in RED:
                     continue
                 to_line, speed = to_end - now.position[foe], now.speed[foe]
@@ -630,9 +629,7 @@ class StopLines:
             links = now.next_links[foe][:1]
             crossing = conflicts.crossings.get(links[0][LINK_VIA]) if links else None
             if crossing and self._stood_since(foe, before, to_line, now.length[foe]) is not None:
-                yield Approach(
-                    foe, crossing, to_line, Pace(now.speed[foe], now.acceleration[foe], crossing.fastest)
-                )
+                yield Approach(foe, crossing, to_line, Pace(now.speed[foe], now.acceleration[foe], crossing.fastest))
 
     def _departs(self, foe: Approach, ego: Ego) -> bool:
         """Whether a vehicle that has stood at its line sets out, before this one."""
