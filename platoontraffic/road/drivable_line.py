@@ -115,16 +115,17 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
 @compiled
 def _flow(line, lock, held, closed, rounds):
     """Move points (m, 4) of `drivable` in place, but those held; whether any still moved in the last round."""
-    last = len(line) - 1
-    awake, wakes = np.ones(last + 1, np.bool_), np.ones(last + 1, np.bool_)
+    first, last = 0 if closed else 1, len(line) - 1
+    awake, count = np.arange(first, last), last - first  # the points that may be too sharp, the first `count` of these
+    wakes = np.zeros(last + 1, np.bool_)
     step = np.zeros((last + 1, 2))
+    turns_back = False
+    for i in range(last + 1):
+        turns_back |= line[i, 3] != 0.0
     for _ in range(rounds):
         any_moved = False
-        wakes[:] = False
-        for i in range(0 if closed else 1, last):
-            step[i] = 0.0
-            if not awake[i]:
-                continue
+        for k in range(count):
+            i = awake[k]
             before, behind = (i - 1 if i > 0 else last - 1), i + 1
             from_x, from_y = line[i, 0] - line[before, 0], line[i, 1] - line[before, 1]
             to_x, to_y = line[behind, 0] - line[i, 0], line[behind, 1] - line[i, 1]
@@ -136,14 +137,22 @@ def _flow(line, lock, held, closed, rounds):
                 step[i, 0], step[i, 1] = share * (to_x - from_x), share * (to_y - from_y)
                 wakes[before], wakes[i], wakes[behind] = True, True, True
                 any_moved = True
-        _widen(line, step, wakes)
-        line[:last, :2] += step[:last]
-        if closed:
-            line[last, :2] = line[0, :2]
-            wakes[0] |= wakes[last]
         if not any_moved:
             return False
-        awake[:] = wakes
+        if turns_back:
+            _widen(line, step, wakes)
+        if closed:
+            wakes[0] |= wakes[last]
+        count = 0
+        for i in range(first, last):
+            if wakes[i]:
+                line[i, 0] += step[i, 0]
+                line[i, 1] += step[i, 1]
+                awake[count] = i
+                count += 1
+                wakes[i], step[i, 0], step[i, 1] = False, 0.0, 0.0
+        if closed:
+            line[last, 0], line[last, 1], wakes[last] = line[0, 0], line[0, 1], False
     return True
 
 

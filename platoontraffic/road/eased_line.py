@@ -123,12 +123,13 @@ def _graduated(points, weight):
                 pivot[i] = element
             else:
                 below[i, k] = element / pivot[i - k]
-    for i in range(n):
-        for k in range(1, min(3, i) + 1):
-            solution[i] -= below[i, k] * solution[i - k]
-    for i in range(n):
-        solution[i] /= pivot[i]
-    for i in range(n - 2, -1, -1):
-        for k in range(1, min(3, n - 1 - i) + 1):
-            solution[i] -= below[i + k, k] * solution[i + k]
+    for c in range(points.shape[1]):
+        for i in range(n):
+            for k in range(1, min(3, i) + 1):
+                solution[i, c] -= below[i, k] * solution[i - k, c]
+        for i in range(n):
+            solution[i, c] /= pivot[i]
+        for i in range(n - 2, -1, -1):
+            for k in range(1, min(3, n - 1 - i) + 1):
+                solution[i, c] -= below[i + k, k] * solution[i + k, c]
     return solution

@@ -129,9 +129,11 @@ class Routes:
 
     def __init__(self, routes: Sequence[Route], length: np.ndarray) -> None:
         """length: of the vehicles [m], (n,)"""
-        kinds = list(dict.fromkeys(zip(map(id, routes), length.tolist(), strict=True)))
+        each = list(zip(map(id, routes), length.tolist(), strict=True))
+        kinds = list(dict.fromkeys(each))
         chosen = {id(route): route for route in routes}
-        which = np.array([kinds.index(kind) for kind in zip(map(id, routes), length.tolist(), strict=True)])
+        number = {kind: i for i, kind in enumerate(kinds)}
+        which = np.array([number[kind] for kind in each])
         lines = [chosen[key].line for key, _ in kinds]
         spans = np.array([line.stations[-1] for line in lines])
         bases = np.concatenate([[0.0], np.cumsum(spans[:-1] + 1.0)])
