@@ -21,7 +21,9 @@ _HOMES = {
     "SimulationProcess": "branches.session",
     "Target": "controllers",
     "Twist": "vehicles.motion",
+    "batch": "session",
     "per_vehicle": "controllers",
+    "run": "session",
 }
 
 __all__ = [
@@ -35,7 +37,9 @@ __all__ = [
     "SimulationProcess",
     "Target",
     "Twist",
+    "batch",
     "per_vehicle",
+    "run",
 ]
 
 

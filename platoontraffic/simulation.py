@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from platoontraffic import scenario as scenarios
-from platoontraffic.errors import InputError
+from platoontraffic.controllers.law import Law
+from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import Scene
 from platoontraffic.observation.encounters import Encounters
 from platoontraffic.observation.instant import Instant
@@ -118,7 +119,7 @@ class Simulation:
                 print(instant.time, instant.measures.gap)
 
     In place of the iteration, `reset` gives the first instant and each `step` the next one. One process holds one
-    simulation in SUMO at a time.
+    simulation in SUMO at a time; a `SimulationProcess` has a process of its own.
     """
 
     def __init__(self, setting: Setting, stopwatch: Stopwatch | None = None) -> None:
@@ -129,12 +130,17 @@ class Simulation:
         self._of_parents: list[ExitStack] = []
 
     @classmethod
-    def load(cls, scenario: str | Path, *changes: str, seed: int | None = None) -> Simulation:
+    def load(
+        cls, scenario: str | Path, *changes: str, seed: int | None = None, laws: Mapping[str, Law] | None = None
+    ) -> Simulation:
         """The simulation of a scenario file, or of a shipped scenario by its name, with keys changed: `key=value`.
+
+        laws: in place of those of the scenario, by member id; the sensors are those of the scenario
 
         raises: InputError with one line for every fault found
         """
-        return cls(setting_of(prepare(scenarios.load(scenario, changes, seed))))
+        setting = setting_of(prepare(scenarios.load(scenario, changes, seed)))
+        return cls(with_laws(setting, laws) if laws else setting)
 
     def __enter__(self) -> Simulation:
         return self
@@ -231,6 +237,18 @@ class Simulation:
         self.setting = setting
 
     @property
+    def sumo(self) -> Client:
+        """SUMO as libsumo has it: `simulation.sumo.trafficlight.setPhase(...)`. Its frames and units are SUMO's own.
+
+        What it changes holds from the next step on. Members are driven by the simulation, and the clock is its own.
+
+        raises: RuntimeError (there was no reset, or there is no SUMO)
+        """
+        if self.now is None or not isinstance(world := self.world, World):
+            raise RuntimeError("there is no SUMO: reset() starts it, where the simulation has a road network")
+        return world.client
+
+    @property
     def outcome(self) -> Outcome:
         """raises: RuntimeError while it goes on"""
         if self.now is None or not self.now.ended:
@@ -269,6 +287,17 @@ class Simulation:
         if fleet is not self.now.fleet:
             raise RuntimeError("the measures of an instant must be looked at before the next step")
         return self.observer.measure(fleet)
+
+
+def with_laws(setting: Setting, laws: Mapping[str, Law]) -> Setting:
+    """The setting with other laws for some members, by id. raises: InputError"""
+    ids = [m.id for m in setting.members]
+    faults = [f"laws: {name!r}: no member{did_you_mean(name, ids)}" for name in laws if name not in ids]
+    faults += [f"laws: {name!r}: {law!r} is no Law" for name, law in laws.items() if not isinstance(law, Law)]
+    if faults:
+        raise InputError(*faults)
+    members = tuple(replace(m, law=laws.get(m.id, m.law)) for m in setting.members)
+    return replace(setting, members=members)
 
 
 def _no_messages(setting: Setting) -> Messages:

@@ -24,10 +24,11 @@ LAYERS = [
     {"observation", "sumo"},
     {"results", "export"},
     {"simulation"},
-    {"run"},
+    {"recording"},
     {"branches"},
     {"study"},
     {"prove", "string_stability"},
+    {"session"},
     {"cli"},
     {"__main__"},
 ]

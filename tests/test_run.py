@@ -14,8 +14,8 @@ import pytest
 
 from platoontraffic import scenario, simulation
 from platoontraffic.errors import InputError
+from platoontraffic.recording import run as run_into
 from platoontraffic.results.provenance import run_id
-from platoontraffic.run import run as run_into
 from tests.support.runs import ONE_CORNER, run
 
 TABLES = ["trajectories.csv", "events.csv", "metrics.csv", "statistics.csv", "summary.csv"]

@@ -14,8 +14,8 @@ from platoontraffic.branches.host import Say
 from platoontraffic.branches.process import Process
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.observation.instant import Instant
+from platoontraffic.recording import Recording
 from platoontraffic.results.recorder import UNFINISHED
-from platoontraffic.run import Recording
 from platoontraffic.scenario import Change, Scenario
 from platoontraffic.simulation import prepare
 from platoontraffic.world.prepared import branched

@@ -31,9 +31,9 @@ from platoontraffic.cli.bench_floor import COUNTED, HIGHWAY, LAB, WARM_UP, Above
 from platoontraffic.cli.net_sources import run_program
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.lidar.benchmark.frame import as_json, facts, machine, peak_memory, table
+from platoontraffic.recording import run as run_into
 from platoontraffic.results import sumo_tables
 from platoontraffic.results.provenance import commit
-from platoontraffic.run import run as run_into
 from platoontraffic.simulation import Instant
 from platoontraffic.sumo.client import libsumo
 from platoontraffic.sumo.programs import program

@@ -16,7 +16,7 @@ from platoontraffic.cli.alone import alone
 from platoontraffic.cli.printing import out, print_json, print_remarks, result_faults, summary
 from platoontraffic.cli.progress import RunBar, err, run_progress, say
 from platoontraffic.errors import InputError, RunError
-from platoontraffic.run import is_done, result_folder, run
+from platoontraffic.recording import is_done, result_folder, run
 from platoontraffic.scenario import Change
 from platoontraffic.scenario.overrides import branch_of
 from platoontraffic.world.prepared import Prepared, branched

@@ -574,8 +574,8 @@ def _runs() -> ModuleType:
     libsumo warns on stdout, which is for results, of a pyarrow release that it does not know; `doctor` reports it.
     """
     with redirect_stdout(io.StringIO()):
-        from platoontraffic import run
-    return run
+        from platoontraffic import recording
+    return recording
 
 
 def _shard(text: str) -> tuple[int, int]:

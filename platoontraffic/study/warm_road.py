@@ -9,8 +9,8 @@ from pathlib import Path
 
 from platoontraffic import scenario
 from platoontraffic.branches.host import Say
+from platoontraffic.recording import Warm
 from platoontraffic.results.own_copies import take_own_copies
-from platoontraffic.run import Warm
 from platoontraffic.simulation import prepare, setting_of
 from platoontraffic.study.silence import Job, Outcome
 from platoontraffic.study.worker import alone, attempt

@@ -24,10 +24,10 @@ from platoontraffic import scenario
 from platoontraffic.branches.host import die_with
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.observation.instant import Instant
+from platoontraffic.recording import Warm, run
 from platoontraffic.results import provenance
 from platoontraffic.results import recorder as recording
 from platoontraffic.road.network import Network
-from platoontraffic.run import Warm, run
 from platoontraffic.simulation import prepare
 from platoontraffic.study.folder_lock import Lock, share_of
 from platoontraffic.study.silence import Job, Outcome

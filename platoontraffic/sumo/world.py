@@ -70,6 +70,10 @@ class World:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._process.close(error)
 
+    @property
+    def client(self) -> Client:
+        return self._sumo
+
     def logs_in(self, folder: Path) -> None:
         """The file of SUMO's messages is in another folder now."""
         self._process.log = folder / self._process.log.name

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from platoontraffic import scenario, simulation
 from platoontraffic.analysis import load
-from platoontraffic.run import run as run_into
+from platoontraffic.recording import run as run_into
 from platoontraffic.study import batch, study
 
 

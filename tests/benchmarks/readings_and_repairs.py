@@ -35,7 +35,7 @@ ROWS = [
 
 def row(text: str, name: str, argument: str) -> str:
     from platoontraffic import scenario, simulation
-    from platoontraffic.run import run as run_into
+    from platoontraffic.recording import run as run_into
 
     changes = ["run.duration_s=600", *([argument] if argument else [])]
     prepared = simulation.prepare(scenario.load(name, changes))

@@ -18,7 +18,7 @@ from platoontraffic.branches.process import Process, can_fork
 from platoontraffic.branches.runs import Branch, Source, _Recorded, run_branches
 from platoontraffic.branches.session import SimulationProcess
 from platoontraffic.errors import InputError, RunError
-from platoontraffic.run import run
+from platoontraffic.recording import run
 from platoontraffic.scenario import Change
 from platoontraffic.scenario.overrides import branch_of
 from platoontraffic.simulation import Simulation, prepare

@@ -17,7 +17,7 @@ from platoontraffic.cli import net_findings, net_sources
 from platoontraffic.cli.net_content import read
 from platoontraffic.cli.net_sources import differences, run_program
 from platoontraffic.cli.nets import nets_app
-from platoontraffic.run import run as run_into
+from platoontraffic.recording import run as run_into
 from platoontraffic.sumo.programs import program
 from tests.support import ODD_NETS
 

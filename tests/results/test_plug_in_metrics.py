@@ -13,8 +13,8 @@ import pytest
 
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
+from platoontraffic.recording import run as recorded
 from platoontraffic.results import plug_in_metrics, provenance
-from platoontraffic.run import run as recorded
 from tests.results.test_metrics import events, trajectories
 from tests.support import ROOT
 

@@ -18,7 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from platoontraffic import run as runs
+from platoontraffic import recording as runs
 from platoontraffic import scenario
 from platoontraffic.cli.entry import main as command
 from tests.soak import mutants

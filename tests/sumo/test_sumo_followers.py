@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from platoontraffic import Simulation, scenario
-from platoontraffic.run import run
+from platoontraffic.recording import run
 from platoontraffic.simulation import prepare
 
 CONTROL = """

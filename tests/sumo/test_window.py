@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from platoontraffic import scenario, simulation
 from platoontraffic.cli.main import app
 from platoontraffic.errors import RunError
-from platoontraffic.run import run as run_into
+from platoontraffic.recording import run as run_into
 from platoontraffic.sumo.window import Window
 
 SHORT = ("run.duration_s=4", "sumo.warm_up_s=60", "record.scans_every_s=0.5", "record.traffic_every_s=0.5")

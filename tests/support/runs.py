@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from platoontraffic import scenario, simulation
-from platoontraffic.run import run as run_into
+from platoontraffic.recording import run as run_into
 
 # In the first corner of the loop: the leader turns on the spot, all followers go round. Two members, one corner.
 ONE_CORNER = ("run.duration_s=70", "platoon.size=3")

@@ -15,7 +15,7 @@ from platoontraffic.analysis import load
 from platoontraffic.controllers import Decision, Law
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import LidarModel, Mount, Noise
-from platoontraffic.run import run
+from platoontraffic.recording import run
 from platoontraffic.simulation import Setting, Simulation, prepare
 from platoontraffic.vehicles.motion import Twist
 from platoontraffic.vehicles.sensor import NamedSensor, Sensor

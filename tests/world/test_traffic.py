@@ -12,8 +12,8 @@ import pytest
 
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
+from platoontraffic.recording import run as run_into
 from platoontraffic.road.sumo_configuration import read_configuration
-from platoontraffic.run import run as run_into
 from tests.support import ODD_NETS
 
 pytestmark = pytest.mark.sumo

@@ -1,0 +1,52 @@
+"""Runs and batches from Python, as the commands `run` and `batch` make them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from platoontraffic import recording
+from platoontraffic import scenario as scenarios
+from platoontraffic.analysis import Batch, Results, load
+from platoontraffic.errors import RunError
+from platoontraffic.study import batch as batches
+from platoontraffic.study import study as studies
+
+
+def run(
+    scenario: str | Path, *changes: str, seed: int | None = None, results: str | Path = "results", force: bool = False
+) -> Results:
+    """Run a scenario file, or a shipped scenario by its name, and load its results: tables, events, scans, the scene.
+
+    changes : keys of the scenario to change: `key=value`
+    results : folder; the run's own folder in it is `Results.folder`
+    force   : repeat the run even if its results exist
+
+    raises: InputError with one line for every fault found, RunError, MetricError
+    """
+    prepared = recording.prepare(scenarios.load(scenario, changes, seed))
+    folder = recording.result_folder(prepared.scenario, Path(results))
+    if force or not recording.is_done(folder):
+        recording.run(prepared, folder, replace=force)
+    return load(folder)
+
+
+def batch(
+    study: str | Path, *changes: str, results: str | Path = "results", jobs: int | None = None, retry: bool = False
+) -> Batch:
+    """Run all missing runs of a study file, or of a shipped study by its name, and load its tables.
+
+    changes : keys of the scenario to change in every run: `key=value`
+    results : folder; the study's own folder in it is `Batch.folder`
+    jobs    : runs at a time; default: one per processor
+    retry   : repeat runs that failed before
+
+    raises: InputError with one line for every fault found, RunError (runs failed; all others are kept)
+    """
+    loaded = studies.load(study, changes)
+    folder, slots = Path(results) / loaded.name, jobs or os.cpu_count() or 1
+    report = batches.run(loaded, folder, slots=slots, retry_failed=retry)
+    if report.failures:
+        first = next(iter(report.failures.items()))
+        raise RunError(f"{folder}: {len(report.failures)} of {len(loaded.runs)} runs failed; {first[0]}: {first[1]}")
+    return load(folder)
