@@ -16,6 +16,7 @@ from platoontraffic.world.events import (
 )
 from platoontraffic.world.traffic import TrafficSnapshot
 
+CLOSE = 1e-3  # distance from which on two bodies do not touch, whatever is rounded [m]
 PAIRS = 4  # pairs a member that can begin to be near in one step
 
 
@@ -27,22 +28,29 @@ class Closeness:
         n, self._scale = len(scale), scale
         self.clearance, self.contact_in = np.full((2, n), np.nan)
         self.closest = np.full(n, "", dtype=object)
+        self.any_close = True  # a body may touch a member
+        self._pairs = np.empty((0, 2), dtype=np.intp)  # rows of those that are near
         self._near: set[tuple[str, str]] = set()  # one step before
 
+    def look(self, step: Step) -> None:
+        """Measure the distances of this step."""
+        number, traffic, n = step.number, step.traffic, len(step.fleet)
+        near = NEAR_MISS_GAP * self._scale[number]
+        clearance, closest, contact_in, self._pairs = look_around(traffic, n, near)
+        self.clearance[number], self.contact_in[number] = clearance, contact_in
+        self.any_close = bool((clearance < CLOSE).any())
+        ids = np.array([*traffic.ids, ""], dtype=object)
+        self.closest[number] = ids[closest]
+
     def observe(self, step: Step, touching: set[tuple[str, str]]) -> Iterator[Event]:
-        """near_miss_other
+        """near_miss_other, by the distances of `look`
 
         touching: pairs in contact, as in `Contacts.of`
         """
-        number, traffic, n = step.number, step.traffic, len(step.fleet)
-        near = NEAR_MISS_GAP * self._scale[number]
-        clearance, closest, contact_in, pairs = look_around(traffic, n, near)
-        self.clearance[number], self.contact_in[number] = clearance, contact_in
-        ids = np.array([*traffic.ids, ""], dtype=object)
-        self.closest[number] = ids[closest]
+        traffic, n, near = step.traffic, len(step.fleet), NEAR_MISS_GAP * self._scale[step.number]
         predecessor, before = step.fleet.predecessor, self._near
         self._near = set()
-        for i, k in pairs.tolist():
+        for i, k in self._pairs.tolist():
             if predecessor[i] == k or (k < n and predecessor[k] == i):
                 continue
             pair = traffic.ids[i], traffic.ids[k]

@@ -50,12 +50,15 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
         widest = radius[i] + largest + max(reach, (abs(bodies.speed[i]) + fastest) * horizon)
         vx, vy = bodies.speed[i] * bodies.cos[i], bodies.speed[i] * bodies.sin[i]
         for k in range(len(bodies.x)):
-            dx = bodies.x[k] - bodies.x[i]
-            if abs(dx) > widest or k == i:
+            dx, dy = bodies.x[k] - bodies.x[i], bodies.y[k] - bodies.y[i]
+            if abs(dx) > widest or abs(dy) > widest or k == i:
                 continue
-            dy = bodies.y[k] - bodies.y[i]
+            far = max(least, near[i], (abs(bodies.speed[i]) + abs(bodies.speed[k])) * soonest)
+            far += radius[i] + radius[k]
+            if dx * dx + dy * dy > far * far:
+                continue
             wx, wy = bodies.speed[k] * bodies.cos[k] - vx, bodies.speed[k] * bodies.sin[k] - vy
-            apart, closing = math.hypot(dx, dy) - radius[i] - radius[k], math.hypot(wx, wy)
+            apart, closing = math.sqrt(dx * dx + dy * dy) - radius[i] - radius[k], math.hypot(wx, wy)
             if apart < max(least, near[i]):
                 away = _distance(bodies, i, k)
                 if away < least - EQUAL or (away < least + EQUAL and _is_ahead(bodies, i, k, closest[i])):

@@ -35,11 +35,15 @@ class Collisions:
         self._entries = LaneEntries(drivable)
         self.touching: set[tuple[str, str]] = set()
 
-    def observe(self, step: Step) -> Iterator[Event]:
-        """collision"""
+    def observe(self, step: Step, any_close: bool = True) -> Iterator[Event]:
+        """collision
+
+        any_close: a body may touch a member; if none does, only walls are asked for
+        """
         traffic = step.traffic
         self._entries.observe(traffic)
-        before, self.touching = self.touching, self._contacts.of(traffic)
+        asked = any_close or self._contacts.has_walls
+        before, self.touching = self.touching, self._contacts.of(traffic) if asked else set()
         for vehicle, other in sorted(self.touching - before):
             i = traffic.ids.index(vehicle)
             entry = self._entries.of(vehicle, other)

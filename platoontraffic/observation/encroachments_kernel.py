@@ -101,8 +101,9 @@ def _beside(trails, head, second, first, length):
     """Whether a body is beside every place of a trail, by an ellipse about that: the way from one end of a path over
     any place of it to the other end is no longer than the path."""
     x, y, row = trails.x[head, second], trails.y[head, second], _oldest(trails, head, first)
-    to_new = math.hypot(trails.x[head, first] - x, trails.y[head, first] - y)
-    return to_new + math.hypot(trails.x[row, first] - x, trails.y[row, first] - y) > length
+    new_x, new_y = trails.x[head, first] - x, trails.y[head, first] - y
+    old_x, old_y = trails.x[row, first] - x, trails.y[row, first] - y
+    return math.sqrt(new_x * new_x + new_y * new_y) + math.sqrt(old_x * old_x + old_y * old_y) > length
 
 
 @compiled

@@ -40,6 +40,7 @@ class Background:
         self._skipped: set[str] = set()  # members, held obstacles, distant vehicles
         self._skipped_for: tuple[Member, ...] = ()  # members at the last check
         self._skipped_until = -np.inf  # [s], SUMO's clock
+        self._sized: tuple[Sequence[str], np.ndarray] = (), np.empty((2, 0))  # sizes of the vehicles read last
         self._near: list[str] | None = None  # vehicles that are not skipped; None: unknown
         self._expected = 0  # vehicles on the road or due
 
@@ -59,7 +60,10 @@ class Background:
         if not n:
             return TrafficSnapshot(time, (), *[np.empty(0)] * 6)
         # Thousands in every step: numbers go from the calls into the arrays without lists between them.
-        length, width = np.fromiter(chain.from_iterable(map(self._size, names)), float, 2 * n).reshape(-1, 2).T
+        if names is not self._sized[0]:  # the list of near vehicles holds for several steps
+            sizes = np.fromiter(chain.from_iterable(map(self._size, names)), float, 2 * n).reshape(-1, 2)
+            self._sized = names, np.ascontiguousarray(sizes.T)
+        length, width = self._sized[1]
         front = self._fronts(names)
         heading = heading_of(np.fromiter(map(vehicle.getAngle, names), float, n))
         x, y = centre_of(*front.T, heading, length)

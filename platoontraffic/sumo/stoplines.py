@@ -155,8 +155,8 @@ class StopLines:
         self._no_room: dict[str, Line] = {}  # the lane change ahead for which each member has no room now
         self._later: dict[tuple[Route, Line, float], Route | None] = {}  # routes with a lane change later
 
-    def stepped(self) -> None:
-        """To be called after every step of SUMO's, before anything is asked: all vehicles are elsewhere."""
+    def renew(self) -> None:
+        """Ask SUMO anew: it has made a step since, and all vehicles are elsewhere."""
         self._now.renew()
         self._outside.clear()
 
@@ -172,6 +172,7 @@ class StopLines:
             self._asking = [(k, i, Ego.of(members[i])) for k, i in rows if "signals" in members[i].law.needs]
         if not self._asking:
             return None
+        self.renew()
         front = (progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]).tolist()
         n, speed = len(fleet), fleet.motion.speed.tolist()
         self._no_room.clear()
@@ -207,7 +208,10 @@ class StopLines:
 
         entered: ids of members that entered one, the lane that each left, its lane inside
         """
-        found, row = [], {m.id: i for i, m in enumerate(fleet.members)} if entered else {}
+        if not entered:
+            return []
+        self.renew()
+        found, row = [], {m.id: i for i, m in enumerate(fleet.members)}
         for name, lane, via in entered:
             state = next((link[LINK_STATE] for link in self._now.links[lane] if link[LINK_VIA] == via), "")
             i = row.get(name)

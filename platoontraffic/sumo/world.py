@@ -199,4 +199,3 @@ class World:
     def _simulate(self) -> None:
         self._process.step()
         self._background.stepped()
-        self._lines.stepped()

@@ -31,6 +31,7 @@ class Contacts:
         self._space = pymunk.Space()
         self._poses = BodyPoses(self._space)
         self._members = members
+        self.has_walls = len(scene.segments) > 0
         self._ids: tuple[str, ...] | None = None  # of the previous snapshot
         self._rows = np.empty(0, dtype=np.intp)  # of its vehicles in the table
         self._table = np.empty((0, 3))  # x, y, angle of all bodies; zeros for the body of the walls

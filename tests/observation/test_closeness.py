@@ -7,9 +7,10 @@ import pytest
 import shapely
 from shapely import affinity
 
-from platoontraffic.lidar import Boxes
-from platoontraffic.observation.closeness import look_around
+from platoontraffic.lidar import Boxes, Scene
+from platoontraffic.observation.closeness import CLOSE, look_around
 from platoontraffic.vehicles.bicycle import CARS
+from platoontraffic.world.contact import Contacts
 from platoontraffic.world.events import CLEARANCE_REACH, CONTACT_HORIZON
 from platoontraffic.world.traffic import TrafficSnapshot
 from tests.support.bench import constant, platoon
@@ -51,6 +52,24 @@ def test_clearance_is_the_least_distance_between_outlines():
         assert (closest[met] == apart[:n].argmin(axis=1)[met]).all()
         overlaps += (clearance == 0).sum()
     assert overlaps > 20
+
+
+def test_contacts_are_the_same_where_they_are_only_looked_for_if_a_body_is_close():
+    rng, members, asked, contacts = np.random.default_rng(3), {"b0", "b1"}, 0, 0
+    sizes = random_scene(rng)  # of a body they never change
+    always, rarely = Contacts(Scene(np.empty((0, 4))), members), Contacts(Scene(np.empty((0, 4))), members)
+    for _ in range(400):
+        traffic = random_scene(rng, bodies=int(rng.integers(3, 12)))
+        traffic.length[:], traffic.width[:] = (v[: len(traffic.ids)] for v in (sizes.length, sizes.width))
+        # A body is 4.5 mm beside the first member, or touches it by as little as counts.
+        x, y, cos, sin = traffic.x, traffic.y, np.cos(traffic.heading[0]), np.sin(traffic.heading[0])
+        beside = (traffic.width[0] + traffic.width[2]) / 2 + rng.choice([4.5e-3, 1e-12])
+        x[2], y[2], traffic.heading[2] = x[0] - beside * sin, y[0] + beside * cos, traffic.heading[0]
+        found, close = always.of(traffic), (look_around(traffic, 2, np.full(2, 0.5))[0] < CLOSE).any()
+        assert found == (rarely.of(traffic) if close else set())
+        asked, contacts = asked + close, contacts + bool(found)
+    assert 100 < asked < 400
+    assert contacts > 100
 
 
 def test_contact_comes_when_the_swept_outlines_meet():

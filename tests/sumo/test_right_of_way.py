@@ -304,7 +304,7 @@ def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
     assert lines._may_change(line, 10.0, ego) == pytest.approx(10.0 + 0.25 * 40.0)
     assert lines._may_change(line, -15.0, ego) == np.inf  # it is on that lane, and the next one is free
     places["road_2"] = [("c2", 53.0)]
-    lines.stepped()
+    lines.renew()
     assert lines._may_change(line, -15.0, ego) == pytest.approx(40.0 + 0.25 * 40.0 - 15.0)
 
 
@@ -349,7 +349,7 @@ def test_a_vehicle_that_has_moved_counts_as_held_up_only_after_it_has_stood_agai
     )
     lines, held = StopLines(None, client), []
     for now.step in range(len(speeds)):
-        lines.stepped()
+        lines.renew()
         held.append(lines._held_up("foe", ":inside_0"))
     assert held.index(True) == 30 + 31
 
@@ -397,7 +397,7 @@ def test_a_slow_member_waits_for_another_one_abreast_and_of_two_only_one_waits()
         assert lines._is_beside(second, behind)  # the first one's rear is beside its front
         assert not lines._is_beside(first, ahead)
     places["m.1"] = "road_1", 20.0
-    lines.stepped()
+    lines.renew()
     assert not lines._is_beside(second, behind)
 
 
