@@ -20,7 +20,9 @@ OF_ACCELERATION = 0.65
 OF_BRAKING = 0.5
 SLOWEST = 0.1  # acceleration that SUMO is given at least, near the top speed [m/s2]
 
-ALL_CHECKS_OFF = 32  # speed mode: SUMO believes the speed that follows from the displacement
+# Speed mode of a moved vehicle: SUMO believes the speed that follows from its displacement (32), and that it stops
+# before red lights (16). Otherwise drivers inside a junction wait for one that stands at red, as if it were to come.
+MOVED = 32 + 16
 NO_LANE_CHANGE = 0  # lane change mode
 
 
@@ -60,5 +62,5 @@ def limit_acceleration(sumo: Client, kind: str, strongest: float) -> None:
 
 def release(sumo: Client, name: str) -> None:
     """Take a vehicle from SUMO's driver: it moves only as it is moved."""
-    sumo.vehicle.setSpeedMode(name, ALL_CHECKS_OFF)
+    sumo.vehicle.setSpeedMode(name, MOVED)
     sumo.vehicle.setLaneChangeMode(name, NO_LANE_CHANGE)

@@ -211,6 +211,23 @@ def test_a_driver_that_turns_left_waits_for_an_oncoming_member(scene):
 
 
 @pytest.mark.sumo
+def test_a_driver_that_waits_inside_the_junction_goes_on_when_the_oncoming_member_stops_at_red(scene):
+    """It must not expect of the member that it runs the red light, while the own light is still green."""
+    own = Car("m", ("east_in", "west_out"), LINE - 60.0, speeds=braking(8.0, 2.0, at=5.0))
+    turning = Car("f", ("west_in", "north_out"), LINE - 30.0, speed=8.0, lane=1)
+
+    def red_after_five_seconds() -> None:
+        if libsumo.simulation.getTime() > 5:
+            libsumo.trafficlight.setRedYellowGreenState("middle", 13 * "r" + "GGGgg")  # green from the west
+
+    seen = scene("lights", [own], [turning], 30.0, red_after_five_seconds)
+    x, y, speed = track(seen, "f").T
+    assert (np.hypot(x - 500, y)[speed < 0.1] < 10).any()  # it has waited inside
+    assert y[-1] > 10
+    assert track(seen, "m")[-1, 0] > 507  # behind its line
+
+
+@pytest.mark.sumo
 @pytest.mark.parametrize("net", ["cross", "lights"])
 def test_a_driver_with_priority_or_green_stops_for_a_member_that_stands_on_the_crossing(scene, net):
     own = Car("m", MINOR, 280.0, speeds=between(5.0, 0.0, 5.4))  # to the middle of the lane that crosses
