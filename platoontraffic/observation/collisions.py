@@ -2,7 +2,8 @@
 
 A contact is caused by one of the two, whichever of them is a member. The one that entered the other's lane less than
 LANE_CHANGE_BLAME before is the cause (`lane_entries`), whichever struck the other. If neither did, the one behind is
-the cause; and if neither is behind, side by side or head on, the contact counts as caused by the member.
+the cause; and if neither is behind, side by side or head on, the one that has swung its rear into the other (`swings`).
+If neither has, the contact counts as caused by the member.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-import shapely
 
 from platoontraffic.observation.lane_entries import SAME_DIRECTION, LaneEntries
 from platoontraffic.observation.step import Step
+from platoontraffic.observation.swings import Course, swung
+from platoontraffic.road.network import Network
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.events import NEAR_MISS_GAP, Event
 from platoontraffic.world.traffic import TrafficSnapshot
@@ -24,15 +26,18 @@ DETAILS = {
     "struck_from_behind": "struck from behind",
     "struck_other_from_behind": "struck it from behind",
     "beside": "side by side or head on",
+    "swung_out": "swung its rear into the other, in a bend that no vehicle on wheels can drive so",
+    "other_swung_out": "the other swung its rear into it, in a bend that no vehicle on wheels can drive so",
 }
+SIDE = 0.1  # distance beyond the middle of the road up to which a vehicle is on its own side [m]
 
 
 class Collisions:
     """Episodes of contact; `touching` are the pairs of this step, as in `Contacts.of`."""
 
-    def __init__(self, contacts: Contacts, drivable: shapely.Geometry) -> None:
-        self._contacts = contacts
-        self._entries = LaneEntries(drivable)
+    def __init__(self, contacts: Contacts, network: Network) -> None:
+        self._contacts, self._network = contacts, network
+        self._entries = LaneEntries(network.drivable)
         self.touching: set[tuple[str, str]] = set()
 
     def observe(self, step: Step, any_close: bool = True) -> Iterator[Event]:
@@ -48,12 +53,28 @@ class Collisions:
             i = traffic.ids.index(vehicle)
             entry = self._entries.of(vehicle, other)
             what = _impact(traffic, i, other)
+            if what == "beside" and not entry:
+                what = self._swing(vehicle, other)
             detail = DETAILS[what]
             if entry:
                 what = "changed_lanes" if entry.vehicle == vehicle else "other_changed_lanes"
                 before = f"{step.time - entry.time:.1f} s before, gap {entry.gap:.1f} m"
                 detail = f"{entry.vehicle} changed lanes into the path of the other {before}"
             yield step.event("collision", i, other, what=what, detail=detail)
+
+    def _swing(self, vehicle: str, other: str) -> str:
+        """The kind of a contact side by side or head on, by which of the two has swung into the other."""
+        both = self._entries.together(vehicle, other)
+        if len(both.time) < 2:
+            return "beside"
+        courses = [Course.of(*both.poses[n], both.length[n], both.width[n]) for n in (0, 1)]
+
+        def on_own_side(n: int) -> bool:
+            x, y, heading = (values[-1:] for values in both.poses[n])
+            right = float(self._network.right_of_middle(x, y, heading)[0])  # NaN, as inside junctions: unknown
+            return (-right if self._network.left_hand else right) > both.width[n] / 2 - SIDE
+
+        return {None: "beside", 0: "swung_out", 1: "other_swung_out"}[swung(both.time, courses, on_own_side)]
 
 
 class NearMisses:

@@ -3,8 +3,8 @@
 Two vehicles are in line while the offset between them, across the mean of their headings, is less than the mean of
 their widths. The move of a vehicle across the road is the change of its distance from the border of the drivable area,
 along its right normal (or its left one, where that to the right is not continuous), so that a bend moves nobody; a
-vehicle that SUMO puts sideways at once moves by that. The one that moved more towards the other, from LANE_CHANGE_TIME
-before they came in line on, entered the other's lane.
+vehicle that SUMO puts sideways at once moves by that, at its front bumper, which SUMO keeps on the lane's line. The one
+that moved more towards the other, from LANE_CHANGE_TIME before they came in line on, entered the other's lane.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
+from platoontraffic.observation.swings import AT_ONCE, Course, sideways
 from platoontraffic.world.events import LANE_CHANGE_BLAME, LANE_CHANGE_TIME
 from platoontraffic.world.traffic import TrafficSnapshot
 
-AT_ONCE = 1.0  # sideways motion in one step that is a lane change at once [m]
 FASTEST = 3.0  # lateral speed; the border that changes faster has an opening there [m/s]
 MOVED = 0.5  # least move of a vehicle that entered the other's lane [m]
 BORDER = 50.0  # distance up to which the border is looked for [m]
@@ -43,6 +43,15 @@ class Poses(NamedTuple):
     heading: np.ndarray
 
 
+class Together(NamedTuple):
+    """Two vehicles at the last instants at which both were there."""
+
+    time: np.ndarray  # (k,)
+    poses: list[Poses]  # of each
+    length: np.ndarray  # of each, (2,)
+    width: np.ndarray
+
+
 class LaneEntries:
     """Remembers where all vehicles were."""
 
@@ -58,28 +67,35 @@ class LaneEntries:
     def of(self, one: str, other: str) -> Entry | None:
         """The last one of two vehicles that are in line now; None if they have been so for LANE_CHANGE_BLAME, are not
         now, do not head in one direction, or if neither moved."""
+        both = self.together(one, other)
+        if len(both.time) < 2:
+            return None
+        moves = lambda poses, length: self._moves(both.time, poses, length)  # noqa: E731
+        return entry(both.time, both.poses, (one, other), (both.length, both.width), moves)
+
+    def together(self, one: str, other: str) -> Together:
+        """The remembered instants of both up to now, without a break."""
         both = []
-        for traffic in reversed(self._past):  # the instants of both without a break, the last one first
+        for traffic in reversed(self._past):
             if one not in traffic.ids or other not in traffic.ids:
                 break
             both.append((traffic, traffic.ids.index(one), traffic.ids.index(other)))
         both.reverse()
-        if len(both) < 2:
-            return None
-        now, i, k = both[-1]
         time = np.array([traffic.time for traffic, *_ in both])
         poses = [
-            Poses(*np.array([(t.x[row[n]], t.y[row[n]], t.heading[row[n]]) for t, *row in both]).T) for n in (0, 1)
+            Poses(*np.array([(t.x[row[n]], t.y[row[n]], t.heading[row[n]]) for t, *row in both]).reshape(-1, 3).T)
+            for n in (0, 1)
         ]
-        return entry(time, poses, (one, other), (now.length[[i, k]], now.width[[i, k]]), lambda p: self._moves(time, p))
+        now, *rows = both[-1] if both else (self._past[-1], [], [])
+        return Together(time, poses, now.length[rows], now.width[rows])
 
-    def _moves(self, time: np.ndarray, poses: Poses) -> np.ndarray:
+    def _moves(self, time: np.ndarray, poses: Poses, length: float) -> np.ndarray:
         """Moves of a vehicle to its left from each instant to the next, across the road [m], (k - 1,)."""
         right, left = (self._to_border(poses, side) for side in (-1, 1))
         limit = FASTEST * np.diff(time)
         by_right, by_left = np.diff(right), -np.diff(left)
-        dx, dy, heading = np.diff(poses.x), np.diff(poses.y), poses.heading[1:]
-        aside = dy * np.cos(heading) - dx * np.sin(heading)
+        front = Course.of(*poses, length, 0.0)
+        aside = sideways(front.x, front.y, front.heading)
         with np.errstate(invalid="ignore"):
             moves = np.where(np.abs(by_right) < limit, by_right, np.where(np.abs(by_left) < limit, by_left, 0.0))
         return np.where(np.abs(aside) > AT_ONCE, aside, moves)
@@ -93,7 +109,8 @@ class LaneEntries:
 
 
 def entry(time: np.ndarray, poses: Sequence[Poses], names: Sequence[str], size, moves) -> Entry | None:
-    """As `LaneEntries.of`; time (k,) and the poses of both up to now, size: lengths and widths, moves: of one [m]."""
+    """As `LaneEntries.of`; time (k,) and the poses of both up to now, size: lengths and widths, moves: of one by its
+    poses and its length [m]."""
     (a, b), (length, width) = poses, size
     dx, dy = b.x - a.x, b.y - a.y
     mean = np.arctan2(np.sin(a.heading) + np.sin(b.heading), np.cos(a.heading) + np.cos(b.heading))
@@ -104,7 +121,7 @@ def entry(time: np.ndarray, poses: Sequence[Poses], names: Sequence[str], size, 
     came = apart[-1] + 1
     first = np.searchsorted(time, time[came] - LANE_CHANGE_TIME - 1e-6)
     towards = math.copysign(1.0, aside[apart[-1]])  # the second vehicle was to the left of the first one
-    moved = [towards * moves(a)[first:].sum(), -towards * moves(b)[first:].sum()]
+    moved = [towards * moves(a, length[0])[first:].sum(), -towards * moves(b, length[1])[first:].sum()]
     which = int(np.argmax(moved))
     if moved[which] < MOVED:
         return None

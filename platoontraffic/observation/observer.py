@@ -77,7 +77,7 @@ class Observer:
         self._splits = Splits(size, self._locks, self._hindrances, self._limits)
         self._standstills = Standstills(len(members), self._locks, self._hindrances, self._limits)
         self._braking = Braking(length)
-        self._collisions = Collisions(contacts, network.drivable)
+        self._collisions = Collisions(contacts, network)
         self._near_misses = NearMisses(size)
         self._closeness = Closeness(size)
         self._encroachments = Encroachments(members)

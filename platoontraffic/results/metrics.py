@@ -23,7 +23,8 @@ from platoontraffic.results.statistics import from_trajectories
 from platoontraffic.vehicles.bicycle import VALID_LATERAL
 from platoontraffic.world.events import ENOUGH_BEAMS, EXPOSED, SHORT_ENCROACHMENT, STANDSTILL_AFTER, WALL
 
-CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes")  # kinds of contact of which the other is the cause
+# Kinds of contact of which the other is the cause.
+CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes", "other_swung_out")
 LAST_CORNER = 10.0  # a quarter turn counts when this much of it is missing [deg]
 
 
@@ -145,7 +146,7 @@ OF_MEMBERS = (
         "",
         "episodes of contact of which it is the cause: it changed lanes into the other's path just before, or else "
         "struck the other from behind, a wall, or the other side by side or head on; not those in which the other "
-        "changed lanes or struck it from behind",
+        "changed lanes, struck it from behind, or swung its rear into it",
         lambda m: _caused(m.collisions, m.vehicle),
         "sum",
     ),

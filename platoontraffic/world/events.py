@@ -158,8 +158,18 @@ EVENT_KINDS = {
             "touches a vehicle or a wall (other_id); once per episode. If the two came in line less than "
             f"{LANE_CHANGE_BLAME:g} s before, the one of them that moved towards the other across the road had changed "
             f"lanes: of the moves since {LANE_CHANGE_TIME:g} s before that, the larger one counts. Else it was struck "
-            "from behind, struck the other from behind, or they met side by side or head on; empty for a wall",
-            ("struck_from_behind", "struck_other_from_behind", "changed_lanes", "other_changed_lanes", "beside"),
+            "from behind, struck the other from behind, or they met side by side or head on. Or one of them has swung "
+            "its rear out, as SUMO's vehicles do at kinks: they would not have touched had its rear axle followed its "
+            "front, and the other was on its own side of the road. Empty for a wall",
+            (
+                "struck_from_behind",
+                "struck_other_from_behind",
+                "changed_lanes",
+                "other_changed_lanes",
+                "beside",
+                "swung_out",
+                "other_swung_out",
+            ),
         ),
         Kind(
             "near_miss",

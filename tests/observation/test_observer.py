@@ -207,3 +207,20 @@ def cut_in(goes: str) -> str:
 def test_whoever_has_just_changed_lanes_is_named():
     assert cut_in("other") == "other_changed_lanes"
     assert cut_in("own") == "changed_lanes"
+
+
+def test_a_car_that_is_put_onto_the_next_lane_and_turns_at_once_has_changed_lanes():
+    """Its front goes 2.2 m aside in a step in which its centre, across its new heading, goes less than 2 m: as SUMO
+    moves a car that changes lanes where it leaves a bend.
+    """
+    turn, half = np.radians(21.0), LENGTH / 2
+    observed = Observed(platoon(constant(0.0), model=CAR))
+    front, mean = np.array([8.0, 2.6]), -turn / 2
+    after = front + np.array([[np.cos(mean), np.sin(mean)], [-np.sin(mean), np.cos(mean)]]).T @ (0.7, -2.2)
+    for k in range(5):
+        x, y = front - (half + 0.7 * (4 - k), 0.0)
+        observed.at(0.1 * k, x=0.1 * k - 2.0, others=[(x, y, 0.0)])
+    x, y = after - half * np.array([np.cos(turn), -np.sin(turn)])
+    assert abs((y - front[1]) * np.cos(turn) + (x - (front[0] - half)) * np.sin(turn)) < 2.0
+    (collision,) = observed.at(0.5, x=x - 2.5, others=[(x, y, -turn)]).events
+    assert (collision.kind, collision.what) == ("collision", "other_changed_lanes")

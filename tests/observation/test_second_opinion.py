@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import itertools
 import json
 import math
@@ -196,12 +197,12 @@ def moved(border: shapely.Geometry, rows: list) -> float:
     """How far a vehicle has moved to its left across the road [m]."""
     total = 0.0
     for before, after in itertools.pairwise(rows):
-        aside = (after.y_m - before.y_m) * math.cos(after.heading_rad) - (after.x_m - before.x_m) * math.sin(
-            after.heading_rad
-        )
+        front = [complex(row.x_m, row.y_m) + cmath.rect(row.length_m / 2, row.heading_rad) for row in (before, after)]
+        mean = cmath.rect(1, before.heading_rad) + cmath.rect(1, after.heading_rad)
+        aside = ((front[1] - front[0]) * mean.conjugate() / abs(mean)).imag
         limit = 3.0 * (after.time_s - before.time_s)
         steps = [-side * (to_border(border, after, side) - to_border(border, before, side)) for side in (-1, 1)]
-        total += aside if abs(aside) > 1.0 else next((step for step in steps if abs(step) < limit), 0.0)
+        total += aside if abs(aside) > 2.0 else next((step for step in steps if abs(step) < limit), 0.0)
     return total
 
 

@@ -24,7 +24,9 @@ from tests.support.bench import NO_WALLS, batch_of, constant, platoon
 
 CAR = CARS["car"]
 LENGTH = CAR.length
-ROAD = SimpleNamespace(drivable=shapely.box(-100, -5, 1000, 5), right_of_middle=lambda x, y, heading: np.nan * x)
+ROAD = SimpleNamespace(
+    drivable=shapely.box(-100, -5, 1000, 5), right_of_middle=lambda x, y, heading: np.nan * x, left_hand=False
+)
 NO_HIT = -2
 
 
@@ -47,11 +49,11 @@ class Seen(NamedTuple):
 
 
 class Observed:
-    """Members whose motion is given step by step, among further cars that stand and head east."""
+    """Members whose motion is given step by step, among further cars that stand."""
 
-    def __init__(self, members: Sequence[Member]) -> None:
+    def __init__(self, members: Sequence[Member], road=ROAD) -> None:
         self.members = members
-        self.observer = Observer(members, ROAD, Contacts(NO_WALLS, {m.id for m in members}))
+        self.observer = Observer(members, road, Contacts(NO_WALLS, {m.id for m in members}))
 
     def at(
         self,
@@ -68,7 +70,7 @@ class Observed:
 
         number : of the members on the road, (n,); by default all
         hits   : rows of the snapshot that the beams of the last member met, (k,); None: it has not scanned
-        others : (x, y) of further cars, rows n, n + 1, ...
+        others : (x, y), or (x, y, heading), of further cars, rows n, n + 1, ...; without a heading they head east
         bearing: of every member's target
         motion : fields of `Motion`, one number or (n,); by default 0
         """
@@ -119,15 +121,15 @@ def _scanned(fleet: _Fleet, hits: np.ndarray) -> tuple[_Fleet, tuple]:
     return _Fleet(**(vars(fleet) | {"groups": (group,)})), (scan,)
 
 
-def _snapshot(time: float, fleet: _Fleet, others: Sequence[tuple[float, float]]) -> TrafficSnapshot:
+def _snapshot(time: float, fleet: _Fleet, others: Sequence[tuple[float, ...]]) -> TrafficSnapshot:
     motion, rest = fleet.motion, np.ones(len(others))
-    x, y = np.array(others, dtype=float).reshape(-1, 2).T
+    x, y, heading = np.array([(*other, 0.0)[:3] for other in others], dtype=float).reshape(-1, 3).T
     return TrafficSnapshot(
         time,
         (*(m.id for m in fleet.members), *(f"other.{i}" for i in range(len(others)))),
         np.concatenate([motion.x, x]),
         np.concatenate([motion.y, y]),
-        np.concatenate([motion.heading, 0 * rest]),
+        np.concatenate([motion.heading, heading]),
         np.concatenate([motion.speed, 0 * rest]),
         np.concatenate([fleet.model.length, LENGTH * rest]),
         np.concatenate([fleet.model.width, 1.8 * rest]),
