@@ -14,6 +14,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from platoontraffic.controllers.law import NEEDS, Law
 
 
+class Keys(tuple):
+    """A table of a law as a gain: pairs of key and value, so that it is hashable."""
+
+
 def with_files(kind: type, gains: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The keys of a law, with whole paths where a field is a Path. Nested tables too."""
     if not is_dataclass(kind):
@@ -93,10 +97,13 @@ def table_of(plug_in: Any, named: Callable[[Path], str]) -> dict[str, Any]:
     def value_of(gain: Any) -> Any:
         if is_dataclass(gain):
             return table_of(gain, named)
+        if isinstance(gain, Keys):
+            return dict(gain) or None
         return named(gain) if isinstance(gain, Path) else gain
 
     gains = {key: getattr(plug_in, name) for name, key in keys_of(type(plug_in)).items()}
-    return {key: value_of(gain) for key, gain in gains.items() if gain is not None}
+    values = {key: value_of(gain) for key, gain in gains.items()}
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def _model(kind: type, given: Any = None) -> type[BaseModel]:

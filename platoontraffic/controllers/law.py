@@ -32,6 +32,9 @@ class Law:
     further_lidars: Mapping[str, str] = MappingProxyType({})  # presets of more lasers, by their names, as `lidar`
     native: bool = False  # SUMO's own driver model drives, by the law's gains max_speed [m/s] and speed_factor alone
     imperfection: float = 0.5  # of that driver: SUMO's sigma, 0 to 1
+    vehicle_type: Mapping[str, str] = MappingProxyType({})  # of that driver: attributes of SUMO's vehicle type
+    overtakes: bool = True  # that driver
+    controller: str | None = None  # of that driver, if its type is of SUMO's car-following model CC
     hardest_braking: float = math.inf  # it never brakes harder [m/s2]
     distance_from: Literal["laser", "bumper"] = "laser"  # the own point from which `desired_distance` counts
     drives_alone: bool = False  # it drives its route when it has no predecessor, so it can be given manoeuvres

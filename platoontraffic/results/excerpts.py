@@ -14,7 +14,7 @@ import pandas as pd
 
 from platoontraffic.results.following import Stretch, lengths, split_off, stretches, within
 from platoontraffic.results.statistics import NOTHING, Row, by_vehicle, of_values
-from platoontraffic.results.strings import Gains, Motion, gains_behind, head_to_tail, overlaps, together
+from platoontraffic.results.strings import Gains, Motion, gains_behind, head_to_tail, overlaps, together, without
 from platoontraffic.world.events import GONE
 
 MOVING = 0.1  # slower than this share of its mean speed a member hardly moves [1]
@@ -104,8 +104,17 @@ class Own:
 
     @cached_property
     def together(self) -> list[Stretch]:
-        """Periods in which it follows, has been locked on, and is not split off."""
-        return together(self.events, self.follows, split_off(self.events, self.follows))
+        """Periods in which it follows, has been locked on, and is not split off; where SUMO drives it, has a gap."""
+        if self.has_laser:
+            return together(self.events, self.follows, split_off(self.events, self.follows))
+        time = self.rows.time_s.to_numpy()
+        gaps = self.rows.gap_m.notna().to_numpy()
+        apart = [(a, b) for a, b, here in zip(time, [*time[1:], math.inf], gaps, strict=True) if not here]
+        return [Stretch(*period, one.ahead) for one in self.follows for period in without((one.begin, one.end), apart)]
+
+    @property
+    def has_laser(self) -> bool:
+        return "beams_enough" in self.statistics
 
     @cached_property
     def accel_gains(self) -> Gains:

@@ -663,8 +663,7 @@ def column(scope: str, name: str, unit: str) -> str:
 def _of_member(member: Own) -> Iterator[tuple[str, float, str]]:
     """(name, value, unit) of each metric that a member has."""
     rows = OF_MEMBERS
-    by_laser = "beams_enough" in member.statistics
-    rows += tuple(m for m in OF_FOLLOWERS if by_laser or m.name not in BY_LASER) if member.is_follower else ()
+    rows += tuple(m for m in OF_FOLLOWERS if member.has_laser or m.name not in BY_LASER) if member.is_follower else ()
     return ((metric.name, metric.value(member), metric.unit) for metric in rows)
 
 

@@ -58,6 +58,7 @@ def warm_up_id(scenario: Scenario) -> str:
         "step": spec.run.step_s,
         "record": (record.sumo, record.sumo_every_s),
         "native": any(law.native for law in scenario.laws.values()),  # lane changes take their time then
+        "types": sorted({json.dumps(dict(law.vehicle_type), sort_keys=True) for law in scenario.laws.values()}),
         "files": [str(file.resolve()) for file in scenario.files_of_sumo()],
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:10]

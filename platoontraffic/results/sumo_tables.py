@@ -18,6 +18,7 @@ from platoontraffic.results.columns import Column
 from platoontraffic.results.recorder import Recorder
 from platoontraffic.road.network import file_named_in, names_files
 from platoontraffic.scenario import Scenario
+from platoontraffic.sumo.vehicle_types import driver_types
 
 LANE_CHANGE_DURATION = (
     "3"  # of SUMO-driven vehicles, where lasers follow them [s]; by default SUMO's cars jump sideways
@@ -50,8 +51,9 @@ def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
     additional = [file for file in scenario.additional if ".poly.xml" not in file.name]
     for option, files in (("route-files", scenario.route_files), ("additional-files", additional)):
         safe = [str(_harmless(file, folder, f"{option.partition('-')[0]}_{i}")) for i, file in enumerate(files)]
-        if option == "additional-files" and {"edges", "signals"} & set(record.sumo):
-            safe.append(str(_outputs(scenario, folder)))
+        if option == "additional-files" and (added := _added(scenario)):
+            (folder / _ADDED).write_text(f"<additional>{added}</additional>\n", encoding="utf-8")
+            safe.append(str(folder / _ADDED))
         if safe:
             options[option] = ",".join(safe)
     if (demand := scenario.spec.sumo.demand) is not None:
@@ -76,17 +78,16 @@ def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
     return options
 
 
-def _outputs(scenario: Scenario, folder: Path) -> Path:
-    """A file by which SUMO writes the tables that no option switches on."""
+def _added(scenario: Scenario) -> str:
+    """Elements by which SUMO writes the tables that no option switches on, and types of the vehicles that it drives."""
     begin, record = start_time(scenario), scenario.spec.record
-    file, elements = folder / _ADDED, []
+    elements = [driver_types(law.vehicle_type for law in scenario.laws.values())]
     if "edges" in record.sumo:
         when = f'begin="{begin:.3f}" freq="{record.sumo_every_s}"'
         elements.append(f'<edgeData id="platoontraffic" file="{_RAW.format("edges")}" {when} excludeEmpty="true"/>')
     if "signals" in record.sumo:
         elements.append(f'<timedEvent type="SaveTLSSwitchStates" dest="{_RAW.format("signals")}"/>')
-    file.write_text(f"<additional>{''.join(elements)}</additional>\n", encoding="utf-8")
-    return file
+    return "".join(elements)
 
 
 def _inside(folder: Path, name: str) -> Path:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from platoontraffic import shipped
 from platoontraffic.controllers.law import NEEDS, Law
+from platoontraffic.controllers.native import MOST_IN_CONSENSUS
 from platoontraffic.errors import InputError, did_you_mean, no_file
 from platoontraffic.lidar import LidarModel
 from platoontraffic.lidar.noise import DEFAULT_NAME
@@ -174,6 +175,9 @@ def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon, channel: Cha
         key = f"platoon.{at[1]}"
         what = f"{driver.law!r} needs {key}.route, the edges to drive, or {key}.to, the last of them"
         yield Fault((*at, "law"), what)
+    if law.controller == "CONSENSUS" and platoon.size > MOST_IN_CONSENSUS:
+        what = f"'CONSENSUS': a size of {platoon.size}; SUMO has it for up to {MOST_IN_CONSENSUS}"
+        yield Fault((*at, "controller"), what)
     if "messages" in law.needs and channel is None:
         yield Fault((*at, "law"), f"{driver.law!r} needs messages; the scenario must have a [channel]")
 

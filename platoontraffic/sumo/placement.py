@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 
 from platoontraffic.errors import RunError
@@ -9,8 +12,9 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.frame import centre_of, front_of, heading_of, sumo_angle
+from platoontraffic.sumo.plexe import feed, switch_on
 from platoontraffic.sumo.shadows import Mover, Shadows
-from platoontraffic.sumo.vehicle_types import kind_of, limit_acceleration, make_type_of, release
+from platoontraffic.sumo.vehicle_types import AS_THE_ROUTE_DOES, kind_of, limit_acceleration, make_type_of, release
 from platoontraffic.world.fleet import Fleet, Member
 
 # Arguments of moveToXY: edge and lane, before the position; keepRoute and matchThreshold [m], behind the angle.
@@ -22,6 +26,7 @@ EXACTLY = (2, 5.0)
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
 
 NOWHERE = ("", "")  # edge and lane
+NO_ATTRIBUTES: Mapping[str, str] = MappingProxyType({})
 
 Entry = tuple[str, str, str]  # a member enters a junction: its id, the lane it leaves, the lane inside
 
@@ -66,7 +71,7 @@ class Placement:
 
     def _add(self, member: Member, native: bool) -> None:
         types, kind, model = self._sumo.vehicletype, kind_of(member.id), member.model
-        make_type_of(self._sumo, kind, model)
+        make_type_of(self._sumo, kind, model, member.law.vehicle_type if native else NO_ATTRIBUTES)
         if native:
             types.setSpeedFactor(kind, member.law.speed_factor)
             types.setMaxSpeed(kind, min(member.law.max_speed, model.top_speed))
@@ -86,8 +91,13 @@ class Placement:
         for i, (member, native) in enumerate(zip(platoon.members, platoon.native, strict=True)):
             if not native:
                 release(self._sumo, member.id)
-            elif followed[i]:  # back on the right it would cut in before its own followers
+                continue
+            if followed[i]:  # back on the right it would cut in before its own followers
                 vehicle.setParameter(member.id, "laneChangeModel.lcKeepRight", "0")
+            if not member.law.overtakes:
+                vehicle.setLaneChangeMode(member.id, AS_THE_ROUTE_DOES)
+            if member.law.controller:
+                switch_on(self._sumo, platoon, i)
         self.locate(platoon)
         self.settle(platoon)
         return self.read(platoon)
@@ -114,7 +124,8 @@ class Placement:
         if len(fleet.native_rows):
             strongest = fleet.model.strongest_acceleration(motion.speed)
             for i in fleet.native_rows:
-                limit_acceleration(self._sumo, kind_of(fleet.members[i].id), float(strongest[i]))
+                if "accel" not in fleet.members[i].law.vehicle_type:
+                    limit_acceleration(self._sumo, kind_of(fleet.members[i].id), float(strongest[i]))
         self._slow(fleet, brakes)
 
     def _slow(self, fleet: Fleet, brakes: np.ndarray | None) -> None:
@@ -223,7 +234,9 @@ class Placement:
         front = np.array([vehicle.getPosition(name) for name in names])
         heading = heading_of(np.array([vehicle.getAngle(name) for name in names]))
         speed = np.array([vehicle.getSpeed(name) for name in names])
-        return fleet.driven(rows, *centre_of(*front.T, heading, fleet.model.length[rows]), heading, speed, self._step)
+        fleet = fleet.driven(rows, *centre_of(*front.T, heading, fleet.model.length[rows]), heading, speed, self._step)
+        feed(self._sumo, fleet)
+        return fleet
 
     def _moved(self, fleet: Fleet) -> list[Mover]:
         """The members that SUMO does not drive."""

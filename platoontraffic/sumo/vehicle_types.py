@@ -5,7 +5,12 @@ Of SUMO's classes they are all passenger cars, which may drive on every road tha
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from xml.sax.saxutils import quoteattr
 
 from platoontraffic.sumo.client import Client
 from platoontraffic.vehicles.catalogue import VehicleModel
@@ -24,6 +29,28 @@ SLOWEST = 0.1  # acceleration that SUMO is given at least, near the top speed [m
 # before red lights (16). Otherwise drivers inside a junction wait for one that stands at red, as if it were to come.
 MOVED = 32 + 16
 NO_LANE_CHANGE = 0  # lane change mode
+AS_THE_ROUTE_DOES = 0b1000000001  # strategic changes, with regard to the gaps of others
+
+# Parameters that are set by vehicle, not by type.
+BY_VEHICLE = frozenset({"ccaht"})
+
+
+def driver_type(attributes: Mapping[str, str]) -> str:
+    """The vehicle type that a driver's types are copies of; attributes: of SUMO's vehicle type."""
+    if not attributes:
+        return "DEFAULT_VEHTYPE"
+    text = json.dumps(dict(attributes), sort_keys=True)
+    return f"platoontraffic.driver.{hashlib.sha256(text.encode()).hexdigest()[:10]}"
+
+
+def driver_types(drivers: Iterable[Mapping[str, str]]) -> str:
+    """The types of drivers as elements of an additional file: SUMO chooses a car-following model when it reads them."""
+    elements = {}
+    for attributes in filter(None, drivers):
+        given = {name: value for name, value in attributes.items() if name not in BY_VEHICLE}
+        text = " ".join(f"{name}={quoteattr(value)}" for name, value in given.items())
+        elements[driver_type(attributes)] = f"<vType id={quoteattr(driver_type(attributes))} {text}/>"
+    return "".join(element for _, element in sorted(elements.items()))
 
 
 def kind_of(name: str) -> str:
@@ -31,25 +58,35 @@ def kind_of(name: str) -> str:
     return f"platoontraffic.{name}"
 
 
-def make_type(sumo: Client, kind: str, length: float, width: float) -> None:
-    """A vehicle type `kind` of this size [m], otherwise SUMO's default passenger car."""
+def make_type(
+    sumo: Client, kind: str, length: float, width: float, attributes: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """A vehicle type `kind` of this size [m], otherwise SUMO's default passenger car with these attributes."""
     types = sumo.vehicletype
-    types.copy("DEFAULT_VEHTYPE", kind)
+    types.copy(driver_type(attributes), kind)
     types.setVehicleClass(kind, "passenger")  # a scenario may have changed the default
     types.setLength(kind, length)
     types.setWidth(kind, width)
-    types.setMinGap(kind, min(LARGEST_MIN_GAP, length / 2))
+    if "minGap" not in attributes:
+        types.setMinGap(kind, min(LARGEST_MIN_GAP, length / 2))
     types.setSpeedDeviation(kind, 0)
 
 
-def make_type_of(sumo: Client, kind: str, model: VehicleModel) -> None:
-    """A vehicle type `kind` with the size and the brakes of a vehicle, which may be moved at any speed."""
+def make_type_of(
+    sumo: Client, kind: str, model: VehicleModel, attributes: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """A vehicle type `kind` with the size and the brakes of a vehicle, which may be moved at any speed.
+
+    attributes: of SUMO's vehicle type; they replace what would follow from the vehicle
+    """
     types, hardest = sumo.vehicletype, float(model.hardest_braking)
-    make_type(sumo, kind, model.length, model.width)
+    make_type(sumo, kind, model.length, model.width, attributes)
     if math.isfinite(hardest):
-        types.setEmergencyDecel(kind, hardest)
-        types.setDecel(kind, OF_BRAKING * hardest)
-        types.setApparentDecel(kind, OF_BRAKING * hardest)
+        braking = float(attributes.get("decel", OF_BRAKING * hardest))
+        values = {"emergencyDecel": max(hardest, braking), "decel": braking, "apparentDecel": braking}
+        for name, value in values.items():
+            set_value = getattr(types, f"set{name[0].upper()}{name[1:]}")
+            set_value(kind, float(attributes.get(name, value)))
     types.setSpeedFactor(kind, ANY_SPEED)
     types.setMaxSpeed(kind, TOP_SPEED_MARGIN * model.top_speed)
 
