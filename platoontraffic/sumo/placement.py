@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -211,8 +212,26 @@ class Placement:
             # Other drivers judge right of way by the route. Moving a vehicle off its route replaces the route.
             if self._routed.get(member.id, ("", member.route))[1] is not member.route:
                 self._leg.pop(member.id, None)
-            vehicle.setRoute(member.id, self._edges_ahead(member, edge))
+            self._set_route(member.id, self._edges_ahead(member, edge))
             self._routed[member.id] = edge, member.route
+
+    def _set_route(self, name: str, ahead: list[str]) -> None:
+        """Give a vehicle its route from the edge on that it is on.
+
+        SUMO keeps the edges that it has driven in front of the route, and refuses the whole if one of these is closed
+        to it: where it was beside its lane inside a junction, and so came from a road of buses as SUMO sees it.
+        Vehicles of the class "ignoring" may drive on every road. Where SUMO refuses that too, the route is the one that
+        SUMO has made.
+        """
+        vehicle, types, kind = self._sumo.vehicle, self._sumo.vehicletype, kind_of(name)
+        try:
+            vehicle.setRoute(name, ahead)
+        except self._sumo.TraCIException:
+            own = types.getVehicleClass(kind)
+            types.setVehicleClass(kind, "ignoring")
+            with contextlib.suppress(self._sumo.TraCIException):
+                vehicle.setRoute(name, ahead)
+            types.setVehicleClass(kind, own)
 
     def _edges_ahead(self, member: Member, edge: str) -> list[str]:
         """The intended edges from this one on; straight on for a member without a route."""

@@ -418,3 +418,27 @@ def test_order_is_repaired_inside_junctions_too(scene):
     scene("cross", [own], [Car("f", MINOR, 280.0, speed=2.0, limit=2.0)], 15.0, orders(":middle_1_0", noted))
     assert ("f", "m") in [names for names, _ in noted]
     assert all(positions == sorted(positions) for _, positions in noted)
+
+
+# ---- the route that SUMO has of a member
+
+
+@pytest.mark.sumo
+def test_a_member_keeps_its_route_where_the_road_is_closed_behind_it(scene):
+    """SUMO refuses a route whose first edges, which the member has driven, are not connected. It sets it only where it
+    differs: so it is shortened inside the junction, as SUMO does where the member is beside its lane.
+    """
+    own = Car("m", (*MAJOR, "east_in"), LINE - 5.0, speeds=steady(8.0))
+    routes = []
+
+    def close_behind() -> None:
+        if libsumo.vehicle.getLaneID("m").startswith(":"):
+            libsumo.vehicle.setRoute("m", MAJOR)
+            for lane in ("west_in_0", "west_in_1"):
+                libsumo.lane.setDisallowed(lane, ["passenger"])
+        routes.append(libsumo.vehicle.getRoute("m"))
+
+    seen = scene("cross", [own], [], 6.0, close_behind)
+    assert routes[0] == (*MAJOR, "east_in")
+    assert routes[-1][-2:] == ("east_out", "east_in")
+    assert np.diff(track(seen, "m")[:, 0]) == pytest.approx(0.8, abs=0.01)
