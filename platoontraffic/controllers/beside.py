@@ -7,9 +7,9 @@ nearer, say whether there is room (`lane_room`); a rate is known from the second
 stays on its lane: it drives its route, shifted to that lane. When there has been room for a moment it goes over, along
 a cosine. The laser sees nothing that a body hides or that is out of range.
 
-In a street, near stop lines, this rule is too slow: a follower that stays or goes over there comes to the line on the
-wrong lane. So below ENDS it gives it up as soon as nothing is abreast or will soon be so from behind, and drives as its
-predecessor did, without looking, until it is faster than BEGINS.
+The rule itself is in `beside_kernel`. In a street, near stop lines, it is too slow: a follower that stays or goes over
+there comes to the line on the wrong lane. So below ENDS it gives it up as soon as nothing is abreast or will soon be so
+from behind, and drives as its predecessor did, without looking, until it is faster than BEGINS.
 """
 
 from __future__ import annotations
@@ -19,34 +19,20 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.controllers.closing import closing_speed
-from platoontraffic.controllers.lane_room import room_needed
+from platoontraffic.controllers.lane_room import ANOTHER
 from platoontraffic.controllers.law import RouteAhead, Sensed
 from platoontraffic.controllers.tracker.own_motion import seen_from
 from platoontraffic.controllers.tracker.records import X, Y
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.lidar import ScanBatch
 
-BEGINS, ENDS = 12.0, 8.0  # speeds from which a follower looks beside, and below which it gives that up [m/s]
-IN_LINE = 0.4  # lane offset from the goal up to which a follower drives in line with it [m]
-WATCHED = 0.5  # the same from which the side of the goal is looked at [m]
-ANOTHER = 1.0  # the same from which the goal is on another lane [m]
-COMMITTED = 0.6  # offset from its lane from which it goes over in any case [m]
 INNER, OUTER = (
     0.5,
     0.3,
 )  # the strip looked at: from so far beside the own body, to so far beyond it on the goal's lane [m]
 NARROWEST = 2.0  # least distance of another lane [m]
-BEFORE_PREDECESSOR = 2.0  # distance before the predecessor's axle at which the strip ends [m]
-GOAL_DRIFT = 1.2  # greatest speed at which it goes after a goal that is going over itself [m/s]
-STEADY, LANE_AFTER = 0.3, 1.0  # a goal that has kept within [m] for [s] drives along a lane
-SURE = 0.3  # time for which there must be room before it goes over [s]
-CROSSING_TIME, SHORTEST = 3.0, 20.0  # of going over [s], and its least length [m]
 SAME, FILTER = 1.5, 0.3  # of the closing speed: as in `closing_speed` [m], [s]
 LEAST_SHRUNK = 0.3  # share to which a bend may shrink on its inner side
-STANDS = 2.0  # speed of what is behind up to which nothing need be left to it [m/s]
-UNTIL_CLEAR = 3.0  # where it no longer looks for room: least time until what is behind would be abreast [s]
-PATIENCE = 4.0  # time that it waits for room beside what keeps pace, before it falls back [s]
-SLOWER, FALLS_BACK, GENTLE = 2.0, 25.0, 1.0  # falls back: slower by [m/s], as far as [m], braking by [m/s2]
 
 
 class Side(NamedTuple):
@@ -62,26 +48,6 @@ class Side(NamedTuple):
     def unknown(cls, n: int) -> Side:
         inf, nan = np.full(n, np.inf), np.full(n, np.nan)
         return cls(np.zeros(n), inf, nan, inf, nan)
-
-    def room_ahead(self, length: np.ndarray, speed: np.ndarray, age: float) -> np.ndarray:
-        """Room before what is ahead, bool (n,); length, speed: own [m], [m/s]; age: of the scan [s]."""
-        with np.errstate(invalid="ignore"):
-            ahead = self.ahead - self.ahead_closing * age if age else self.ahead
-            return (self.ahead == np.inf) | (ahead > room_needed(length, speed, self.ahead_closing))
-
-    def is_clear(self) -> np.ndarray:
-        """Nothing is abreast, or will soon be from behind, bool (n,)."""
-        with np.errstate(invalid="ignore"):
-            comes = self.behind < np.fmax(self.behind_closing, 0.0) * UNTIL_CLEAR
-        return (self.ahead > 0) & (self.behind > 0) & ~comes
-
-    def room_behind(self, length: np.ndarray, speed: np.ndarray, age: float) -> np.ndarray:
-        """Room for what is behind, as `room_ahead`."""
-        theirs = speed + self.behind_closing
-        with np.errstate(invalid="ignore"):
-            behind = self.behind - self.behind_closing * age if age else self.behind
-            stands = (behind > 0) & (theirs < STANDS)
-            return (self.behind == np.inf) | (behind > room_needed(length, theirs, self.behind_closing)) | stands
 
 
 class Beside(NamedTuple):
@@ -181,51 +147,30 @@ def places(track: Track, given: RouteAhead, odometry: Odometry) -> tuple[np.ndar
     return station, offset, heading
 
 
+class Goals(NamedTuple):
+    """Where followers drive, and where they are to drive, arrays (n,). Offsets are lane offsets [m]."""
+
+    there: np.ndarray  # of the goal: of the predecessor, or of the route
+    lane: np.ndarray  # as of `Beside`
+    base: np.ndarray  # of the lane that is driven along
+    away: np.ndarray  # the goal from that
+    reach: np.ndarray  # distance ahead at which the strip ends [m]; inf: without a predecessor
+    steady_for: np.ndarray  # time for which the goal has kept within STEADY [s]
+
+
 def look(beside: Beside, scene: Scene) -> Beside:
     """After a scan: whether each follower stays on its lane or goes over to that of its goal."""
-    given, sensed, dt = scene.given, scene.sensed, scene.dt
-    speed, length = scene.odometry.speed, sensed.body.length
-    own = _own_offset(given) + given.aside[:, 0]
+    from platoontraffic.controllers.beside_kernel import change, find_goals
+
+    given, speed, length = scene.given, scene.odometry.speed, scene.sensed.body.length
+    n, own = len(speed), _own_offset(given) + given.aside[:, 0]
     station, offset, _ = places(scene.track, given, scene.odometry)
-    follows = scene.follows & np.isfinite(station)
-    there = np.where(follows, offset + _at(given.aside, given.distance, station), given.aside[:, 0])
-    keeps = np.abs(there - beside.seen_at) < STEADY
-    steady_for = np.where(keeps, beside.steady_for + dt, 0.0)
-
-    lane = np.where(np.isnan(beside.lane), own, beside.lane)
-    base = np.where(beside.active, beside.stays, lane)
-    away = there - base
-    side = _looked(beside.side, scene, base, away, np.where(follows, station - BEFORE_PREDECESSOR, np.inf))
-    age = scene.age
-    room = side.room_ahead(length, speed, age) & side.room_behind(length, speed, age) & (side.side != 0)
-    room_for = np.where(room, beside.room_for + dt, 0.0)
-
-    left = np.abs(own - base) > COMMITTED  # its lane
-    held, crossing = beside.held, beside.active & ~beside.held
-    begins = ~beside.active & (speed > BEGINS) & (np.abs(away) > ANOTHER) & ~room & ~left
-    stops = crossing & ~room & ~left & (np.abs(away) > ANOTHER)
-    goes = held & (room_for > SURE - 1e-6)
-    back = held & (np.abs(away) < IN_LINE)
-    done = crossing & (beside.driven > beside.length) & ((steady_for > LANE_AFTER) | ~follows)
-    ends = back | done | (beside.active & (speed < ENDS) & side.is_clear())
-
-    stays = np.where(begins, lane, np.where(ends, np.nan, beside.stays))
-    driven = np.where(stops | begins | ends, np.nan, np.where(goes, 0.0, beside.driven + speed * dt))
-    # A predecessor that is going over itself is on no lane; in line with it, a follower still has its former one.
-    in_line = (np.abs(there - own) < IN_LINE) & (steady_for > LANE_AFTER) & ~beside.active
-    drifts = np.where(crossing & follows, np.clip(there - beside.goal, -GOAL_DRIFT * dt, GOAL_DRIFT * dt), 0.0)
-    return Beside(
-        lane=np.where(in_line | done, own, lane),
-        stays=stays,
-        goal=np.where(goes, np.where(follows, there, np.nan), beside.goal + drifts),
-        driven=driven,
-        length=np.where(goes, np.maximum(SHORTEST, CROSSING_TIME * speed), beside.length),
-        side=side,
-        room_for=room_for,
-        waits=np.where(held & ~goes & ~back, beside.waits + dt, 0.0),
-        seen_at=np.where(keeps, beside.seen_at, there),
-        steady_for=steady_for,
-    )
+    goals, before = Goals(*np.empty((6, n))), Side(*np.empty((5, n)))
+    find_goals(given, scene.follows, own, (station, offset), beside, scene.dt, goals, before)
+    side, values = _looked(before, scene, goals.base, goals.away, goals.reach), np.empty((9, n))
+    after = Beside(*values[:5], side, *values[5:])
+    change(beside, own, goals, length, speed, scene.age, scene.dt, after)
+    return after
 
 
 def slowed(
@@ -238,13 +183,11 @@ def slowed(
     error         : distance to it less the desired one [m]
     age           : of the scan that looks beside [s]
     """
-    side = beside.side
-    with np.errstate(invalid="ignore"):
-        paced = ~side.room_behind(length, speed, age) & ~(side.behind_closing > SLOWER)
-    opens = paced | ~side.room_ahead(length, speed, age)
-    opens &= beside.held & (beside.waits > PATIENCE) & (error < FALLS_BACK)
-    slower = np.maximum(target - SLOWER - speed, -GENTLE)
-    return np.where(opens & np.isfinite(slower), np.minimum(wanted, slower), wanted)
+    from platoontraffic.controllers.beside_kernel import slow_down
+
+    less = wanted.copy()
+    slow_down(beside, length, speed, target, error, age, less)
+    return less
 
 
 def _own_offset(given: RouteAhead) -> np.ndarray:
@@ -265,18 +208,16 @@ def _looked(before: Side, scene: Scene, base: np.ndarray, away: np.ndarray, reac
 
     Without a laser that looks beside it is free for all that is known.
 
+    before     : unknown where the goal was on another side
     base, away : lane offset of the own lane, and of the goal from it [m], (n,)
     reach      : distance at which the strip ends [m], (n,)
     """
-    from platoontraffic.controllers.tracker.beside_kernel import first_returns
-
-    n, scan, body = len(base), scene.scan, scene.sensed.body
-    side = np.where(np.abs(away) > WATCHED, np.sign(away), 0.0)
-    before = Side(
-        side, *(np.where(side == before.side, *pair) for pair in zip(before[1:], Side.unknown(n)[1:], strict=True))
-    )
+    side, scan = before.side, scene.scan
     if not side.any() or scan is None:
         return before
+    from platoontraffic.controllers.tracker.beside_kernel import first_returns
+
+    n, body = len(base), scene.sensed.body
     inner = body.width / 2 + INNER
     outer = np.maximum(np.abs(away), NARROWEST) + body.width / 2 + OUTER
     ends = -body.length / 2 - body.axle, body.length / 2 - body.axle

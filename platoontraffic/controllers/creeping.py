@@ -20,8 +20,6 @@ SPEED = 0.25  # greatest while it creeps [vehicle lengths a second]: 1.2 m/s
 GAIN = 0.8  # by which it approaches that speed; the drive line lags behind its command by half a second [1/s]
 CLEARANCE = 0.05  # on each side of the body [vehicle widths]: 9 cm; its offset from the path is added
 STOP = 0.1  # distance before a return in the swath at which it stops [vehicle lengths]
-STANDS = 0.02  # speed below which a vehicle stands [vehicle lengths a second]
-MOVES = 0.05  # change of the obstacle's distance from one scan to the next by which it moves [vehicle lengths]
 PLACES = 0.02  # distance of the poses at which the swath is compared with the returns [vehicle lengths]
 REACH = 3.0  # length of the swath [vehicle lengths]
 
@@ -46,18 +44,15 @@ class Creeping(NamedTuple):
         free, before : distance to the first obstacle on the strip, in this scan and in the last one [m], (n,)
         held         : the vehicle stands, or would, for something else: a line, a predecessor; bool (n,)
         """
-        length, driven = sensed.body.length, sensed.speed * dt
-        blocked = np.isfinite(free)
-        with np.errstate(invalid="ignore"):
-            same = blocked & (np.abs(free - (before - driven)) < MOVES * length)
-        stands = (sensed.speed < STANDS * length) & same & ~held
-        stood = np.where(stands, self.stood + dt, 0.0)
-        moved = blocked & np.isfinite(before) & ~same
-        left = np.where(same & self.active, length, self.left - driven)
-        for i in np.flatnonzero((stood > AFTER) & ~self.active):
-            if swept(sensed, int(i)) >= min(free[i] + length[i], (REACH - PLACES) * length[i]):
-                left[i] = length[i]
-        return Creeping(stood, np.where(moved | held, 0.0, np.maximum(left, 0.0)))
+        # Imported here: importing numba takes half a second.
+        from platoontraffic.controllers.creeping_kernel import wait
+
+        length, after = sensed.body.length, Creeping(*np.empty((2, len(free))))
+        if wait(self, sensed.speed, length, free, before, held, AFTER, dt, after):
+            for i in np.flatnonzero((after.stood > AFTER) & ~self.active):
+                if swept(sensed, int(i)) >= min(free[i] + length[i], (REACH - PLACES) * length[i]):
+                    after.left[i] = length[i]
+        return after
 
 
 def acceleration(sensed: Sensed, rows: np.ndarray, braking: float) -> np.ndarray:

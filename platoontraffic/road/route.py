@@ -150,6 +150,7 @@ class Routes:
         shifts = [_lane_changes(chosen[key]) for key, _ in kinds]
         self._changes = np.concatenate([at + base for (at, _), base in zip(shifts, bases, strict=True)])
         self._aside = np.concatenate([aside for _, aside in shifts])
+        self._shifted = bool(self._aside.any())
         self._closed = np.array([route.closed for route in routes])
         self.walled = np.array([route.walled for route in routes])  # a wall closes the road at the end of the route
         self._end = np.array([route.length for route in routes])
@@ -163,19 +164,21 @@ class Routes:
         _project((self._stations, self._points), self._base, self._points_of, x, y, near, window, station)
         return station
 
-    def ahead(self, station: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> RouteAhead:
-        """The road ahead of stations (n,), in the frames of driven axles at poses (n,)."""
-        distance = REACH * self._length[:, None]
-        there = station[:, None] + distance
-        turn = np.where(self._closed, self._end, np.inf)[:, None]
-        there = np.where(self._closed[:, None], np.mod(there, turn), np.minimum(there, self._span[:, None]))
-        there += self._base[:, None]
-        points, limit = np.empty((*there.shape, 2)), np.empty(there.shape)
-        facing = np.cos(heading), np.sin(heading)
-        _seen(there, self._stations, self._points, self._limits, x, y, *facing, points, limit)
-        curvature = np.interp(there, self._grid, self._curvature)
-        aside = np.interp(there, self._changes, self._aside) if self._aside.any() else np.zeros(there.shape)
-        return RouteAhead(distance, points, limit, curvature, aside)
+    def ahead(
+        self, station: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray, rows: np.ndarray | None = None
+    ) -> RouteAhead:
+        """The road ahead of stations (m,), in the frames of driven axles at poses (m,).
+
+        rows: of the routes, (m,); by default all
+        """
+        rows = np.arange(len(station)) if rows is None else rows
+        shape = len(station), len(REACH)
+        ahead = RouteAhead(np.empty(shape), np.empty((*shape, 2)), *np.empty((2, *shape)), np.zeros(shape))
+        routes = self._length, self._closed, self._end, self._span, self._base
+        lines, grid = (self._stations, self._points, self._limits), (self._grid, self._curvature)
+        poses = x, y, np.cos(heading), np.sin(heading)
+        _look_ahead(rows, station, poses, routes, lines, grid, (self._changes, self._aside), self._shifted, ahead)
+        return ahead
 
     def left(self, station: np.ndarray) -> np.ndarray:
         """Distance to the end of the route [m], (n,); inf on a closed one."""
@@ -197,23 +200,61 @@ def _project(lines, base, points_of, x, y, near, window, station):
 
 
 @compiled
-def _seen(there, stations, points, limits, x, y, cos, sin, seen, limit):
-    """Fill in points (n, k, 2) at stations (n, k), in the frames of poses (n,), and the speed limits there (n, k)."""
-    for i in range(there.shape[0]):
-        k = len(stations)
-        for j in range(there.shape[1]):
-            if k == len(stations) or there[i, j] < stations[k]:  # the first, or a new lap
-                k = max(np.searchsorted(stations, there[i, j], side="right") - 1, 0)
-            while k + 1 < len(stations) and stations[k + 1] <= there[i, j]:
+def _look_ahead(rows, station, poses, routes, lines, grid, changes, shifted, ahead):
+    """Fill in `RouteAhead` as of `Routes.ahead`.
+
+    poses   : x, y [m], cosine and sine of the heading, (m,)
+    routes  : vehicle length, whether it is closed, its length, that of its line, base station, (n,) each
+    lines   : stations, points and limits of all routes
+    grid    : stations and curvature there; changes: stations and distance from the first lane there
+    shifted : a route changes lanes
+    """
+    x, y, cos, sin = poses
+    length, closed, end, span, base = routes
+    stations, points, limits = lines
+    for i in range(len(rows)):
+        r = rows[i]
+        k = bend = change = -1
+        before = np.inf
+        for j in range(len(REACH)):
+            distance = REACH[j] * length[r]
+            there = station[i] + distance
+            there = (there % end[r] if closed[r] else min(there, span[r])) + base[r]
+            if there < before:  # the first, or a new lap
+                k, bend, change = _last(stations, there), _last(grid[0], there), _last(changes[0], there)
+            before = there
+            while k + 1 < len(stations) and stations[k + 1] <= there:
                 k += 1
-            limit[i, j] = limits[k]
+            while bend + 1 < len(grid[0]) and grid[0][bend + 1] <= there:
+                bend += 1
+            ahead.distance[i, j], ahead.limit[i, j] = distance, limits[k]
+            ahead.curvature[i, j] = _between(grid[0], grid[1], bend, there)
+            if shifted:
+                while change + 1 < len(changes[0]) and changes[0][change + 1] <= there:
+                    change += 1
+                ahead.aside[i, j] = _between(changes[0], changes[1], change, there)
             east, north = points[k, 0], points[k, 1]
-            if there[i, j] != stations[k] and k + 1 < len(stations):
-                size, along = stations[k + 1] - stations[k], there[i, j] - stations[k]
+            if there != stations[k] and k + 1 < len(stations):
+                size, along = stations[k + 1] - stations[k], there - stations[k]
                 east += (points[k + 1, 0] - east) / size * along
                 north += (points[k + 1, 1] - north) / size * along
             east, north = east - x[i], north - y[i]
-            seen[i, j, 0], seen[i, j, 1] = east * cos[i] + north * sin[i], north * cos[i] - east * sin[i]
+            ahead.points[i, j, 0] = east * cos[i] + north * sin[i]
+            ahead.points[i, j, 1] = north * cos[i] - east * sin[i]
+
+
+@compiled
+def _last(stations, there):
+    """The last one of stations that is not beyond a station; the first, if all are."""
+    return max(np.searchsorted(stations, there, side="right") - 1, 0)
+
+
+@compiled
+def _between(stations, values, k, there):
+    """As np.interp, where the k-th one is the last station that is not beyond."""
+    if there <= stations[k] or k + 1 == len(stations):
+        return values[k]
+    return (values[k + 1] - values[k]) / (stations[k + 1] - stations[k]) * (there - stations[k]) + values[k]
 
 
 def _lane_changes(route: Route) -> tuple[np.ndarray, np.ndarray]:

@@ -188,12 +188,16 @@ class RouteProgress:
         x, y = (axle[self.rows] for axle in model.axle_position(motion))
         return changed(self, station=self.routes.project(x, y, self.station, window * model.length[self.rows]))
 
-    def ahead(self, model: FleetModel, motion: Motion) -> RouteAhead | None:
-        """The routes ahead as seen from the driven axles, (m,); None if there are none."""
+    def ahead(self, model: FleetModel, motion: Motion, rows: np.ndarray) -> RouteAhead | None:
+        """The routes ahead as seen from the driven axles of some of these members; None if nobody has a route.
+
+        rows: of those members in the fleet, (m,)
+        """
         if self.routes is None:
             return None
-        x, y = (axle[self.rows] for axle in model.axle_position(motion))
-        return self.routes.ahead(self.station, x, y, motion.heading[self.rows])
+        which = np.searchsorted(self.rows, rows)
+        x, y = (axle[rows] for axle in model.axle_position(motion))
+        return self.routes.ahead(self.station[which], x, y, motion.heading[rows], which)
 
     def ended(self, model: FleetModel, motion: Motion) -> np.ndarray:
         """Rows of the fleet whose front bumper has reached the end of the route.
@@ -433,14 +437,13 @@ class Fleet(MemberState):
         raises   : InputError if a plug-in fails
         """
         own = odometry or Twist(self.motion.speed, self.motion.yaw_rate)
-        ahead = self.progress.ahead(self.model, self.motion)
         groups, rows, decisions = [], [], []
         for i, (group, scan) in enumerate(zip(self.groups, scans, strict=True)):
             since, more = None if group.since is None else group.since + 1, readings[i] if readings else NOTHING
             if scan is None and not more.sensors:
                 groups.append(group._replace(since=since))
                 continue
-            sensed = self._sensed(i, scan, own, ahead, signals, more, messages, dt)
+            sensed = self._sensed(i, scan, own, signals, more, messages, dt)
             at = Occasion(more.time if scan is None else scan.stamp, self.ids_by_group[i])
             decision = decide(group.law, sensed, group.memory, (since or group.decides_every) * dt, at)
             groups.append(group._replace(memory=decision.memory, since=0))
@@ -508,7 +511,6 @@ class Fleet(MemberState):
         i: int,
         scan: ScanBatch | None,
         own: Twist,
-        ahead: RouteAhead | None,
         signals: Signals | None,
         more: Readings,
         messages: Known | None,
@@ -517,7 +519,6 @@ class Fleet(MemberState):
         """What the law of group i is given.
 
         own, signals, messages : of all members, (n,)
-        ahead                  : of the members with a route, (m,)
         dt                     : of a step [s]
         """
         group = self.groups[i]
@@ -527,7 +528,7 @@ class Fleet(MemberState):
             own.speed[rows],
             own.yaw_rate[rows],
             Body(*[values[rows] for values in self.body]),
-            take(ahead, np.searchsorted(self.progress.rows, rows)) if "route" in needs else None,
+            self.progress.ahead(self.model, self.motion, rows) if "route" in needs else None,
             take(signals, rows) if "signals" in needs else None,
             self.leads[rows] if "leads" in needs else None,
             {name: without_surfaces(further) for name, further in more.scans.items()},

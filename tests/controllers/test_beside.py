@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from platoontraffic.controllers import beside
+from platoontraffic.controllers import beside, beside_kernel
 from platoontraffic.controllers.beside import Beside
 from platoontraffic.controllers.lane_room import HEADWAY, REACTION, room_needed
 from platoontraffic.controllers.path import PathLeader
@@ -121,7 +121,7 @@ def test_the_middle_between_two_lanes_is_no_lane(monkeypatch):
     log = scene(1.0, (-faster * (BEGINS + 3.0), faster), lasts=10.0)
     assert np.minimum(np.abs(lanes), np.abs(np.array(lanes) - LANE)).max() < 0.45
     assert lanes[-1] == pytest.approx(LANE, abs=0.3)
-    assert clearance(log, 1, 2) > BETWEEN_LANES - beside.COMMITTED - 0.1
+    assert clearance(log, 1, 2) > BETWEEN_LANES - beside_kernel.COMMITTED - 0.1
 
 
 @pytest.mark.parametrize("ahead", [-4.0, 0.0, 4.0])
