@@ -18,6 +18,7 @@ from shapely.geometry import LinearRing, LineString, Polygon
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import kerbs
 from platoontraffic.road import levels
+from platoontraffic.road.fastest_routes import TURNS_BACK, FastestRoutes
 from platoontraffic.road.lane_routes import CHANGING, LaneRoute, Line, inside, least_changes, links_between
 from platoontraffic.road.middle_lines import MiddleLines
 from platoontraffic.road.netconvert import build_net
@@ -53,7 +54,6 @@ __all__ = [
 ]
 
 CACHED_LANES = 100  # below this number, computing the drivable area takes some 15 ms: not worth a file in the cache
-TURNS_BACK = "tT"  # directions of links that return on the same road; T in left-hand traffic
 REVERSAL_PENALTY = 3600.0  # extra travel time that a route may take to avoid turning back [s]
 START_POSITION = 40.0  # of a sample trip on its first lane, where that is long enough [m]
 
@@ -187,6 +187,10 @@ class Network:
         if route is None:
             raise InputError(f"no route for cars from edge '{start}' to '{end}'")
         return [edge.getID() for edge in route]
+
+    def fastest_routes(self, vclass: str = CAR) -> FastestRoutes:
+        """Routes as SUMO finds them for trips on an empty network."""
+        return FastestRoutes(self._net, vclass)
 
     def leads_on(self, edge: str) -> bool:
         """Whether cars can drive on at an edge's end, other than by turning back."""

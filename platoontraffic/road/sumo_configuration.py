@@ -130,7 +130,7 @@ class _Written:
         for option in sorted({"begin", "end", "step-length"} & self.given.keys()):
             value, line = self.given[option]
             try:
-                times[option] = _seconds(value)
+                times[option] = in_seconds(value)
             except ValueError:
                 self.fault(line, option, f"'{value}'; must be a time: seconds, or hours:minutes:seconds")
         return times
@@ -200,7 +200,7 @@ def _environment(value: str) -> str:
     return re.sub(r"\$\{(\w+)\}", lambda match: os.environ.get(match[1], match[0]), value)
 
 
-def _seconds(time: str) -> float:
+def in_seconds(time: str) -> float:
     """SUMO's times in seconds: seconds, or [days:]hours:minutes:seconds."""
     *larger, seconds = map(float, time.split(":"))
     if len(larger) not in (0, 2, 3):

@@ -206,10 +206,18 @@ def fault_at(path: str | Path, parser: expat.XMLParserType, words: str) -> Input
     return InputError(f"{path}:{parser.CurrentLineNumber}: {words}")
 
 
-def parse(path: str | Path, start: Start, wanted: str) -> int:
+def parse(
+    path: str | Path,
+    start: Start,
+    wanted: str,
+    end: Callable[[str], None] | None = None,
+    text: Callable[[str], None] | None = None,
+) -> int:
     """Read a plain or gzipped XML file to its end, calling `start` at every element.
 
     wanted  : `must be …`, said where the file cannot be read
+    end     : called with the tag of each element that ends
+    text    : called with what stands between tags, in pieces
     returns : the number of its last line
     raises  : InputError
     """
@@ -220,6 +228,7 @@ def parse(path: str | Path, start: Start, wanted: str) -> int:
         raise InputError(f"{path}: {absent}; {wanted}")
     parser = expat.ParserCreate()
     parser.StartElementHandler = lambda tag, attributes: start(tag, attributes, parser)
+    parser.EndElementHandler, parser.CharacterDataHandler = end, text
     try:
         with path.open("rb") as file:
             magic = file.read(2)
