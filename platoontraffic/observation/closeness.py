@@ -27,7 +27,7 @@ class Closeness:
         """scale: size of each member beside a car, (N,); NEAR_MISS_GAP shrinks with it"""
         n, self._scale = len(scale), scale
         self.clearance, self.contact_in = np.full((2, n), np.nan)
-        self.closest = np.full(n, "", dtype=object)
+        self._closest: tuple[np.ndarray, tuple[str, ...]] = np.empty(0, dtype=np.intp), ()  # rows in the last step, ids
         self.any_close = True  # a body may touch a member
         self._pairs = np.empty((0, 2), dtype=np.intp)  # rows of those that are near
         self._near: set[tuple[str, str]] = set()  # one step before
@@ -36,11 +36,15 @@ class Closeness:
         """Measure the distances of this step."""
         number, traffic, n = step.number, step.traffic, len(step.fleet)
         near = NEAR_MISS_GAP * self._scale[number]
-        clearance, closest, contact_in, self._pairs = look_around(traffic, n, near)
+        clearance, rows, contact_in, self._pairs = look_around(traffic, n, near)
         self.clearance[number], self.contact_in[number] = clearance, contact_in
         self.any_close = bool((clearance < CLOSE).any())
-        ids = np.array([*traffic.ids, ""], dtype=object)
-        self.closest[number] = ids[closest]
+        self._closest = rows, traffic.ids
+
+    def closest(self) -> np.ndarray:
+        """Ids of the bodies closest to the members on the road in the last step, "" where there is none, (n,)."""
+        rows, ids = self._closest
+        return np.array([ids[k] if k >= 0 else "" for k in rows.tolist()], dtype=object)
 
     def observe(self, step: Step, touching: set[tuple[str, str]]) -> Iterator[Event]:
         """near_miss_other, by the distances of `look`
@@ -67,9 +71,8 @@ def look_around(traffic: TrafficSnapshot, n: int, near: np.ndarray) -> tuple[np.
     # Imported here: importing numba takes half a second.
     from platoontraffic.observation import closeness_kernel as kernel
 
-    cos, sin = np.cos(traffic.heading), np.sin(traffic.heading)
     size = traffic.length / 2, traffic.width / 2
-    bodies = kernel.Bodies(traffic.x, traffic.y, cos, sin, *size, traffic.speed)
+    bodies = kernel.Bodies(traffic.x, traffic.y, *traffic.facing, *size, traffic.speed)
     clearance, closest, contact_in = np.empty(n), np.empty(n, dtype=np.intp), np.empty(n)
     pairs = np.empty((PAIRS * n, 2), dtype=np.intp)
     if not n:

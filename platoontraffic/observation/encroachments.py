@@ -61,9 +61,8 @@ class Encroachments:
         slot, trails = self._columns, self._trails
         trails.half_length[slot], trails.half_width[slot] = traffic.length / 2, traffic.width / 2
         head = self._step % len(trails.x)
-        cos, sin = np.cos(traffic.heading), np.sin(traffic.heading)
         position = traffic.x, traffic.y
-        extend(trails, head, slot, *position, cos, sin)
+        extend(trails, head, slot, *position, *traffic.facing)
         found = np.empty((AT_ONCE * n, 4))
         own = step.number, self._platoon[step.number]
         count = meet(trails, self._meetings, head, self._step, dt, slot, *position, *own, found)

@@ -159,6 +159,6 @@ class Observer:
             jerk=values["jerk"],
             target=self._locks.target[number],
             clearance=values["clearance"],
-            closest=self._closeness.closest[number],
+            closest=self._closeness.closest(),
             contact_in=values["contact_in"],
         )

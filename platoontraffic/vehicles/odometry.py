@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import lru_cache
 
 import numpy as np
 
@@ -39,37 +38,29 @@ ODOMETRY = {
 }
 
 
-class _Draws(NamedTuple):
-    """Random numbers, nearly normal, of standard deviation 1. Arrays (n,)."""
-
-    speed_scale: np.ndarray
-    yaw_rate_bias: np.ndarray
-    speed_noise: np.ndarray
-    yaw_rate_noise: np.ndarray
-
-
 def measured(
-    errors: Sequence[OdometryErrors],
+    errors: OdometryErrors,
     ids: tuple[str, ...],
     speed: np.ndarray,
     yaw_rate: np.ndarray,
     seed: int,
     step: int,
 ) -> Twist:
-    """Speed [m/s] and yaw rate [rad/s] as n vehicles measure them in a step. Arrays (n,).
+    """Speed [m/s] and yaw rate [rad/s] as n vehicles measure them in a step. Arrays (n,), in `errors` too.
 
     Equal seed, id and step give equal errors.
     """
-    draws = _draws(seed, ids, step)
-    sigma = [(one.speed_scale, one.speed_noise, one.yaw_rate_bias, one.yaw_rate_noise) for one in errors]
-    scale, noise, bias, turning = np.array(sigma).reshape(-1, 4).T
-    driven = speed * (1 + scale * draws.speed_scale) + noise * draws.speed_noise
-    turned = yaw_rate + bias * draws.yaw_rate_bias + turning * draws.yaw_rate_noise
+    keys, scale, bias = _of_vehicles(int(seed), ids)
+    now = scan_keys(keys, step)
+    noise, turning = gauss(mixed(now)), gauss(mixed(now + GOLDEN))
+    driven = speed * (1 + errors.speed_scale * scale) + errors.speed_noise * noise
+    turned = yaw_rate + errors.yaw_rate_bias * bias + errors.yaw_rate_noise * turning
     stands = speed == 0
     return Twist(np.where(stands, 0.0, np.maximum(driven, 0.0)), np.where(stands, 0.0, turned))
 
 
-def _draws(seed: int, ids: tuple[str, ...], step: int) -> _Draws:
-    vehicles = sensor_keys(seed, tuple(f"{name} odometry" for name in ids))
-    now = scan_keys(vehicles, step)
-    return _Draws(*(gauss(mixed(keys + offset)) for keys in (vehicles, now) for offset in (np.uint64(0), GOLDEN)))
+@lru_cache(maxsize=64)  # the same vehicles measure again and again
+def _of_vehicles(seed: int, ids: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Keys of vehicles, and what is drawn once for each: nearly normal, of standard deviation 1. Arrays (n,)."""
+    keys = sensor_keys(seed, tuple(f"{name} odometry" for name in ids))
+    return keys, gauss(mixed(keys)), gauss(mixed(keys + GOLDEN))

@@ -19,7 +19,7 @@ from platoontraffic.road.route import Route, Routes
 from platoontraffic.vehicles.catalogue import FleetModel, VehicleModel
 from platoontraffic.vehicles.motion import Command, Drive, Motion, Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
-from platoontraffic.vehicles.records import changed, concatenate, put, take
+from platoontraffic.vehicles.records import changed, concatenate, put, stack, take
 from platoontraffic.vehicles.sensor import NamedSensor
 from platoontraffic.world.neighbours import chains, known_by, nothing_known
 from platoontraffic.world.under_way import Seen, UnderWay
@@ -304,15 +304,19 @@ class Fleet(MemberState):
         return tuple(tuple(self.members[i].id for i in group.rows) for group in self.groups)
 
     @cached_property
+    def bodies_by_group(self) -> tuple[Body, ...]:
+        return tuple(take(self.body, group.rows) for group in self.groups)
+
+    @cached_property
     def has_more_sensors(self) -> bool:
         """Somebody has a further laser, or a sensor of the scenario's own."""
         return any(group.further_lidars or group.sensors for group in self.groups)
 
     @cached_property
-    def odometry(self) -> list[OdometryErrors] | None:
-        """Of each member; None if none has errors."""
+    def odometry(self) -> OdometryErrors | None:
+        """Of all members, arrays (n,); None if none has errors."""
         errors = [m.odometry for m in self.members]
-        return None if all(one.exact for one in errors) else errors
+        return None if all(one.exact for one in errors) else stack(errors)
 
     @cached_property
     def is_late(self) -> bool:
@@ -527,7 +531,7 @@ class Fleet(MemberState):
             without_surfaces(scan),
             own.speed[rows],
             own.yaw_rate[rows],
-            Body(*[values[rows] for values in self.body]),
+            self.bodies_by_group[i],
             self.progress.ahead(self.model, self.motion, rows) if "route" in needs else None,
             take(signals, rows) if "signals" in needs else None,
             self.leads[rows] if "leads" in needs else None,

@@ -181,7 +181,7 @@ def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:
 
     Members turn about the middle of their driven axle. SUMO gives no yaw rate of its own vehicles; it is taken as 0.
     """
-    cos, sin = np.cos(traffic.heading), np.sin(traffic.heading)
+    cos, sin = traffic.facing
     yaw_rate, aside = np.zeros((2, len(cos)))
     yaw_rate[: len(fleet)] = fleet.motion.yaw_rate
     aside[: len(fleet)] = -fleet.model.axle * fleet.motion.yaw_rate

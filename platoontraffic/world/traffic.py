@@ -26,6 +26,11 @@ class TrafficSnapshot:
     width: np.ndarray
 
     @cached_property
+    def facing(self) -> tuple[np.ndarray, np.ndarray]:
+        """Cosine and sine of the heading, (n,)."""
+        return np.cos(self.heading), np.sin(self.heading)
+
+    @cached_property
     def surfaces(self) -> tuple[str, ...]:
         """Names of what hits number: ids; of -1, a wall, and of -2, nothing, as indices from the end."""
         return (*self.ids, "", WALL)

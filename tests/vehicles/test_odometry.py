@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors, measured
+from platoontraffic.vehicles.records import stack
 
 N, STEPS = 200, 200
 IDS = tuple(f"car.{i}" for i in range(N))
@@ -14,7 +15,10 @@ SPEED, YAW_RATE = np.full(N, 20.0), np.full(N, 0.1)
 
 def readings(errors: OdometryErrors, ids=IDS, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Errors (steps, n) of speed and of yaw rate."""
-    own = [measured([errors] * len(ids), ids, SPEED[: len(ids)], YAW_RATE[: len(ids)], seed, k) for k in range(STEPS)]
+    own = [
+        measured(stack([errors] * len(ids)), ids, SPEED[: len(ids)], YAW_RATE[: len(ids)], seed, k)
+        for k in range(STEPS)
+    ]
     return np.array([one.speed for one in own]) - 20.0, np.array([one.yaw_rate for one in own]) - 0.1
 
 
@@ -36,13 +40,13 @@ def test_errors_depend_on_seed_vehicle_and_step_alone():
 
 
 def test_a_standing_vehicle_measures_speed_0_and_yaw_rate_0():
-    own = measured([ODOMETRY["car"]] * 2, ("a", "b"), np.array([0.0, 0.01]), np.array([0.0, 0.0]), 1, 1)
+    own = measured(stack([ODOMETRY["car"]] * 2), ("a", "b"), np.array([0.0, 0.01]), np.array([0.0, 0.0]), 1, 1)
     assert own.speed[0] == own.yaw_rate[0] == 0
     assert own.speed[1] >= 0
     assert own.yaw_rate[1] != 0
 
 
 def test_odometry_without_errors_is_the_truth():
-    own = measured([ODOMETRY["none"]] * N, IDS, SPEED, YAW_RATE, 1, 1)
+    own = measured(stack([ODOMETRY["none"]] * N), IDS, SPEED, YAW_RATE, 1, 1)
     assert (own.speed == SPEED).all()
     assert (own.yaw_rate == YAW_RATE).all()
