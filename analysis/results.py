@@ -235,10 +235,15 @@ def load_run(folder: Path) -> Results:
         tables[name].attrs["units"] = units.get(name, {})
     try:
         scene = json.loads(drawn.read_text(encoding="utf-8"))
-        shapes = {f["properties"]["kind"]: _lines(f["geometry"]) for f in scene["features"]}
+        shapes = shapes_of(scene)
     except (ValueError, TypeError, KeyError) as error:
         raise ResultsError(f"{drawn}: is not the scene of a run: {error}") from error
     return Results(folder, **tables, scene=shapes)
+
+
+def shapes_of(scene: dict) -> dict[str, list[list[list[float]]]]:
+    """Kind -> lines, as `Results.scene`, from GeoJSON."""
+    return {f["properties"]["kind"]: _lines(f["geometry"]) for f in scene["features"]}
 
 
 def resources(folder: Path) -> dict[str, list[dict[str, str]]]:

@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import tomli_w
 
+from platoontraffic.controllers.external import External
 from platoontraffic.errors import InputError, MissingError, RunError
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import provenance
@@ -78,6 +79,9 @@ class Recording:
         warm     : what it begins with, in place of a SUMO of its own
         """
         spec = prepared.scenario.spec
+        if outside := [m.id for m in prepared.members if isinstance(m.law, External)]:
+            what = "law 'external' has its commands from a program that steps the simulation; a run needs another law"
+            raise InputError(f"{', '.join(outside[:3])}: {what}")
         self._window, self._wall, self._closed = window, 0.0, False
         self._recorder = Recorder(folder, Clocks.of(spec.record, spec.run.step_s))
         world = warm and warm.world

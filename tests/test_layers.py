@@ -26,9 +26,9 @@ LAYERS = [
     {"simulation"},
     {"recording"},
     {"branches"},
-    {"study"},
+    {"study", "episodes"},
     {"prove", "string_stability"},
-    {"session"},
+    {"session", "environments"},
     {"cli"},
     {"__main__"},
 ]

@@ -6,6 +6,7 @@ import math
 import typing
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import MISSING, fields, is_dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,7 @@ def instance_of(
     if not (is_dataclass(kind) and kind.__dataclass_params__.frozen):
         raise LookupError(f"{kind.__qualname__} must be a frozen dataclass, of its gains")
     try:
-        model = _model(kind)
+        model = _model_of(kind)
     except Exception as error:  # whatever a user's annotations may come to
         raise LookupError(f"{kind.__qualname__}: its fields cannot be keys: {error}") from error
     try:
@@ -104,6 +105,11 @@ def table_of(plug_in: Any, named: Callable[[Path], str]) -> dict[str, Any]:
     gains = {key: getattr(plug_in, name) for name, key in keys_of(type(plug_in)).items()}
     values = {key: value_of(gain) for key, gain in gains.items()}
     return {key: value for key, value in values.items() if value is not None}
+
+
+@lru_cache
+def _model_of(kind: type) -> type[BaseModel]:
+    return _model(kind)
 
 
 def _model(kind: type, given: Any = None) -> type[BaseModel]:
@@ -149,6 +155,7 @@ def _default(field: Any) -> Any:
     return ... if field.default is MISSING else field.default
 
 
+@lru_cache
 def keys_of(kind: type) -> dict[str, str]:
     """Field name -> key in a scenario file."""
     hints = typing.get_type_hints(kind, include_extras=True)

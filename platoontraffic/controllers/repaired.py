@@ -53,13 +53,13 @@ class RepairedFollower(Law):
 
     def find(self, scan: ScanBatch) -> Middle:
         """The middle between the first and the last return of the predecessor."""
-        ranges, ends = self._nearest_group(scan) if self.nearest_group else self._between_edges(scan)
+        ranges, ends = self.nearest(scan) if self.nearest_group else self._between_edges(scan)
         if not self.visible_middle:
             first, last = ends
             ends = np.where((first > 0) & (last < scan.model.samples - 1), ends, -1)
         return middle(scan.model, ranges, ends)
 
-    def _nearest_group(self, scan: ScanBatch) -> tuple[np.ndarray, np.ndarray]:
+    def nearest(self, scan: ScanBatch) -> tuple[np.ndarray, np.ndarray]:
         """Ranges (n, k), and the first and last beam of the run of neighbouring returns around the nearest, (2, n)."""
         from platoontraffic.controllers.repaired_kernel import nearest_groups  # importing numba takes half a second
 

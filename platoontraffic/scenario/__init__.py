@@ -6,6 +6,7 @@ one line, `file:line: key: what is wrong; what is allowed`.
 
 from platoontraffic.scenario.base import Identifier, Table
 from platoontraffic.scenario.faults import dotted, fault_of
+from platoontraffic.scenario.learn_table import Learn
 from platoontraffic.scenario.loading import load
 from platoontraffic.scenario.overrides import Change
 from platoontraffic.scenario.scenario import Scenario
@@ -17,6 +18,7 @@ __all__ = [
     "Change",
     "Channel",
     "Identifier",
+    "Learn",
     "Platoon",
     "Run",
     "Scenario",

@@ -24,6 +24,7 @@ from platoontraffic.scenario.base import (
     filled_in,
 )
 from platoontraffic.scenario.defaults import usual, usual_step, with_drivers
+from platoontraffic.scenario.learn_table import Learn
 from platoontraffic.scenario.obstacle_tables import Obstacle
 from platoontraffic.scenario.vehicle_tables import Lidar, NoiseTable, OdometryTable, Vehicle
 from platoontraffic.vehicles.catalogue import VehicleModel
@@ -401,6 +402,8 @@ class Spec(Table):
     """Messages between members. Default: there are none."""
     branch: Branch | None = None
     """Keys that change at a set time. Default: none does."""
+    learn: Learn | None = None
+    """For environments, in which members learn; runs do not use it. Default: that of the table's defaults."""
 
     @model_validator(mode="before")
     @classmethod

@@ -81,9 +81,9 @@ def test_group_is_what_a_walk_from_the_nearest_return_to_both_sides_finds():
     scans[rng.random(scans.shape) < rng.choice([0, 0.02, 0.5], (1000, 1))] = np.nan
     scans = scans[(scans < np.inf).any(axis=1)]
     expected = [group_by_walking(ranges, REPAIRED.group_step) for ranges in scans]
-    _, ends = REPAIRED._nearest_group(batch_of(scans))
+    _, ends = REPAIRED.nearest(batch_of(scans))
     np.testing.assert_array_equal(ends.T, expected)
-    _, none = REPAIRED._nearest_group(batch_of([np.full(720, np.inf), np.full(720, np.nan)]))
+    _, none = REPAIRED.nearest(batch_of([np.full(720, np.inf), np.full(720, np.nan)]))
     np.testing.assert_array_equal(none, -1)
 
 

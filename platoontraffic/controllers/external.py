@@ -1,0 +1,39 @@
+"""The seat of a law that is outside of the simulation: an environment, or a program that steps it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from platoontraffic.controllers.law import Decision, Law, Sensed, Target
+from platoontraffic.controllers.policy import group_target
+from platoontraffic.vehicles.motion import NotNegative, Twist
+
+
+@dataclass(frozen=True)
+class External(Law):
+    """Stands still, but for the commands that `Simulation.step` is given for it.
+
+    Its target, from which lock is measured, is the nearest group of returns within a view straight ahead.
+    """
+
+    view: Annotated[float, Field(gt=0, le=math.tau, alias="view_rad")] = math.radians(23.0)
+    # Distance from laser to rear that it is to keep, for the spacing error: at rest; None: none.
+    stand_off: Annotated[NotNegative | None, Field(alias="stand_off_m")] = None
+    headway: Annotated[NotNegative, Field(alias="headway_s")] = 0.0  # what it grows by with the speed
+
+    def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
+        scan = sensed.scan
+        aside = np.abs(scan.model.angles + scan.model.mount.yaw) > self.view / 2 * (1 + 1e-9)
+        if aside.any():
+            scan = replace(scan, ranges=np.where(aside, np.inf, scan.ranges).astype(scan.ranges.dtype))
+        still = np.zeros(len(sensed.speed))
+        return Decision(Twist(still, still), target=Target(*group_target(scan)))
+
+    def desired_distance(self, speed):
+        """Distance from laser to rear that it is to keep [m]; NaN: none."""
+        return (np.nan if self.stand_off is None else self.stand_off) + self.headway * speed

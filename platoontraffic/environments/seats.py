@@ -1,0 +1,79 @@
+"""What the two kinds of environment share: the seats of the members that learn, filled from frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from platoontraffic.environments import spaces
+from platoontraffic.episodes.episodes import Frame, Source, draw
+from platoontraffic.episodes.parents import Parents
+
+
+class Seats:
+    """Members that learn, in episodes that are copies of parents."""
+
+    def __init__(self, scenario: str | Path, changes: Sequence[str], vehicles: tuple[str, ...], all_: bool) -> None:
+        self._parents = Parents(Source(str(scenario), tuple(changes), vehicles, all_))
+        self.facts = self._parents.facts
+        self.names = [seat.id for seat in self.facts.seats]
+        self.actions = {seat.id: spaces.action_space(self.facts, seat) for seat in self.facts.seats}
+        self.observations = {seat.id: spaces.observation_space(self.facts, seat) for seat in self.facts.seats}
+        self._picture: Any = None
+        self.frame: Frame | None = None
+
+    def begin(self, random: np.random.Generator) -> None:
+        """A new episode: parent, seed of the sensors' errors, and the values of `draw`, in this order."""
+        learn, self.frame = self.facts.learn, None
+        number, seed = int(random.integers(learn.parents)), int(random.integers(2**31))
+        self.frame = self._parents.begin(number, seed, {key: draw(random, one) for key, one in learn.draw.items()})
+
+    def step(self, actions: Mapping[str, Any]) -> None:
+        """raises: ValueError (an action is wrong; nothing has moved), RuntimeError (there is no episode)"""
+        if self.frame is None or self.frame.ended:
+            raise RuntimeError("there is no episode, or it has ended: reset() begins one")
+        seats = {seat.id: seat for seat in self.facts.seats}
+        commands = {name: spaces.command_of(self.facts, seats[name], one) for name, one in actions.items()}
+        frame, self.frame = self.frame, None
+        try:
+            frame = self._parents.call("step", commands)
+        except (ValueError, RuntimeError):
+            self._parents.end()
+            raise
+        self.frame = frame
+
+    def observation(self, row: int) -> Any:
+        seat = self.facts.seats[row]
+        return spaces.observation(self.observations[seat.id], seat, self.frame, row)
+
+    def reward(self, row: int) -> float:
+        return float(sum(term[row] for term in self.frame.terms.values()))
+
+    def terminated(self, row: int) -> bool:
+        ended = not self.frame.here[row] or self.frame.ended == "arrived"
+        return bool(ended or set(self.frame.events[row]) & set(self.facts.learn.ends))
+
+    def info(self, row: int, last: bool) -> dict[str, Any]:
+        """Time, the quantities that the member has, terms of the reward; at the end its metrics of the episode."""
+        frame = self.frame
+        info: dict[str, Any] = {"time_s": frame.time, "events": frame.events[row]}
+        info |= {name: float(values[row]) for name, values in frame.values.items() if not np.isnan(values[row])}
+        info |= {f"reward_{name}": float(term[row]) for name, term in frame.terms.items()}
+        if last:
+            info["metrics"] = self._parents.call("metrics")[row]
+        return info
+
+    def pixels(self) -> np.ndarray:
+        if self._picture is None:
+            from platoontraffic.environments.map_picture import MapPicture
+
+            self._picture = MapPicture(self.facts.scene)
+        bodies, members, learners = self._parents.call("bodies")
+        return self._picture.pixels(bodies, members, learners)
+
+    def close(self) -> None:
+        self.frame = None
+        self._parents.close()

@@ -1,0 +1,70 @@
+"""Spaces, observations and commands of members that learn. SI and radians, in the frame of the vehicle."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box, Dict, Space
+
+from platoontraffic.episodes.episodes import Facts, Frame, Seat
+from platoontraffic.vehicles.motion import Drive, Twist
+
+COMMANDS = {"twist": Twist, "drive": Drive}
+
+
+def action_space(facts: Facts, seat: Seat) -> Box:
+    """The command, (2,): forward speed [m/s] and yaw rate [rad/s], or acceleration [m/s2] and curvature [1/m]."""
+    return Box(np.float32(seat.low), np.float32(seat.high), dtype=np.float32)
+
+
+def observation_space(facts: Facts, seat: Seat) -> Space:
+    """As of `observation`."""
+    lidar, learn = seat.lidar, facts.learn
+    near, far = np.float32(lidar.range_min), np.float32(lidar.range_max)
+    speed, yaw_rate = np.float32(2 * seat.top_speed), np.float32(2 * np.pi)
+    if learn.observation == "dict":
+        return Dict(
+            ranges=Box(near, far, (lidar.samples,), np.float32),
+            speed=Box(-speed, speed, (1,), np.float32),
+            yaw_rate=Box(-yaw_rate, yaw_rate, (1,), np.float32),
+        )
+    if learn.observation == "scan":
+        low, high = [near] * learn.sectors, [far] * learn.sectors
+    else:
+        first, last = np.float32(lidar.angle_min), np.float32(lidar.angle_max)
+        half = np.float32(np.pi / 2)
+        low = [0, 0, first, first, first, -half, 0, 0]
+        high = [1, far, last, last, last, half, 1, 1]
+    return Box(np.float32([*low, -speed, -yaw_rate]), np.float32([*high, speed, yaw_rate]), dtype=np.float32)
+
+
+def observation(space: Space, seat: Seat, frame: Frame, row: int) -> Any:
+    """What the member of a row observes.
+
+    A dictionary: `ranges`, of the laser's beams from right to left [m]; nothing there, or a lost return: range_max;
+    nearer than range_min: range_min. `speed` [m/s] and `yaw_rate`, to the left [rad/s], as its odometry has them. Or a
+    vector: the inputs of the law "policy" (`controllers.policy`).
+    """
+    if isinstance(space, Box):
+        return np.clip(frame.own[row].astype(np.float32), space.low, space.high)
+    box = space["ranges"]
+    ranges = np.broadcast_to(frame.ranges[row], box.shape)
+    ranges = np.clip(np.where(np.isnan(ranges), np.inf, ranges), box.low, box.high)
+    speed, yaw_rate = (np.clip(np.float32([value]), -space[name].high, space[name].high)
+                       for name, value in zip(("speed", "yaw_rate"), frame.own[row], strict=True))  # fmt: skip
+    return {"ranges": ranges.astype(np.float32), "speed": speed, "yaw_rate": yaw_rate}
+
+
+def command_of(facts: Facts, seat: Seat, action: Any) -> Twist | Drive:
+    """The command of an action; beyond the limits of the space it is the nearest within them.
+
+    raises: ValueError
+    """
+    given = np.asarray(action)
+    names = ", ".join(COMMANDS[facts.command]._fields)
+    if given.shape != (2,) or given.dtype.kind not in "iuf":
+        raise ValueError(f"{seat.id}: action {action!r}: must be two numbers ({names}), an array of shape (2,)")
+    if not np.isfinite(given).all():
+        raise ValueError(f"{seat.id}: action {action!r}: must be finite ({names})")
+    return COMMANDS[facts.command](*np.clip(given.astype(float), seat.low, seat.high).tolist())

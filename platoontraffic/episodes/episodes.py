@@ -1,0 +1,350 @@
+"""The simulation of an environment, inside its process: a parent that warms up, and a fork of it for each episode."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from platoontraffic import scenario as scenarios
+from platoontraffic.branches.host import Say
+from platoontraffic.controllers.external import External
+from platoontraffic.controllers.law import Sensed, Signals
+from platoontraffic.controllers.policy import inputs_of
+from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.lidar import LidarModel, ScanBatch
+from platoontraffic.observation.instant import Instant
+from platoontraffic.results.conclusion import scene
+from platoontraffic.results.own_copies import take_own_copies
+from platoontraffic.results.statistics import QUANTITIES
+from platoontraffic.scenario import Change, Learn, Scenario
+from platoontraffic.simulation import Prepared, Setting, Simulation, prepare, setting_of
+from platoontraffic.vehicles.motion import Drive, Twist
+from platoontraffic.world.events import EVENT_KINDS
+from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.ground import BareGround
+from platoontraffic.world.prepared import departures
+
+FIELDS = {one.name: one.field for one in QUANTITIES}
+GROUP_SHIFT = np.zeros(10)  # inputs of a group where nothing is seen
+OF_BOTH = ("collision",)  # events that concern their `other` as well
+
+
+class Source(NamedTuple):
+    """What the scenario of an environment is loaded from."""
+
+    scenario: str
+    changes: tuple[str, ...] = ()
+    vehicles: tuple[str, ...] = ()  # members that learn; (): see `_learners`
+    all: bool = False  # all followers learn, if `vehicles` names none
+
+
+class Seat(NamedTuple):
+    """A member that learns."""
+
+    id: str
+    lidar: LidarModel
+    top_speed: float  # [m/s]
+    low: tuple[float, float]  # least command
+    high: tuple[float, float]
+
+
+class Facts(NamedTuple):
+    """What an environment is made of."""
+
+    learn: Learn
+    seats: tuple[Seat, ...]
+    command: str  # "twist" or "drive"
+    interval: float  # from one decision to the next [s]
+    seed: int  # of the scenario
+    scene: dict[str, Any]  # GeoJSON
+
+
+class Frame(NamedTuple):
+    """What members that learn have at a decision: rows (n, ...) in the order of the seats."""
+
+    time: float  # [s]
+    ended: str  # as of `Instant`
+    here: np.ndarray  # on the road, bool
+    ranges: np.ndarray | None  # [m], (n, k) float32, +inf: nothing; None if the observation is a vector
+    own: np.ndarray  # measured speed [m/s] and yaw rate [rad/s], (n, 2); all of the vector if it is one
+    terms: dict[str, np.ndarray]  # of the reward since the last decision, weighted
+    values: dict[str, np.ndarray]  # of quantities, now
+    events: tuple[tuple[str, ...], ...]  # kinds since the last decision, for each member
+
+
+class Episodes:
+    """A parent: SUMO after its warm-up, and in a fork of it, an episode."""
+
+    def __init__(self, source: Source, number: int, folder: Path) -> None:
+        """number: of the parent, from 0; folder: for its files. raises: InputError"""
+        self._source, self._folder = source, folder / "files"
+        self._folder.mkdir()
+        base = scenarios.load(source.scenario, source.changes)
+        self._learn = base.spec.learn or Learn()
+        _check(self._learn, base)
+        self._seed = base.seed + number
+        random = np.random.default_rng([self._seed, number])
+        drawn = {key: one for key, one in self._learn.draw.items() if key.startswith("sumo.")}
+        self._drawn = {key: draw(random, one) for key, one in drawn.items()}
+        self._prepared = self._prepare({}) if drawn or number else prepare(base)
+        self._learners = _learners(self._prepared, source, self._learn)
+        self._open = ExitStack()
+        self._world = None
+        setting = self._setting(self._prepared)
+        _kernels(setting)
+        self._world = self._open.enter_context(setting_of(self._prepared, self._folder, forkable=True).ground())
+        self._world.warm_up()
+        self._world.snapshot(departures(setting.members, setting.dt)[0], 1.0)  # compiled, too
+        gc.collect()
+        gc.freeze()  # in forks, collections need not touch, and so copy, what is here
+
+    def facts(self, say: Say) -> Facts:
+        members = {m.id: m for m in self._prepared.members}
+        seats = [members[name] for name in self._learners]
+        drives = [m.model.turning_radius > 0 for m in seats]
+        command = self._learn.command or ("drive" if drives[0] else "twist")
+        every = {m.lidar.rate for m in seats}
+        if len(every) > 1:
+            rates = f"{', '.join(self._learners)}: their lasers have rates of {sorted(every)} Hz"
+            raise InputError(f"{rates}; members that learn in one environment must have one rate")
+        drawn = {key: one for key, one in self._learn.draw.items() if not key.startswith("sumo.")}
+        return Facts(
+            self._learn.model_copy(update={"draw": drawn}),
+            tuple(Seat(m.id, m.lidar, float(m.model.top_speed), *_limits(m, command)) for m in seats),
+            command,
+            1 / every.pop(),
+            self._prepared.scenario.seed,
+            scene(self._prepared.scene, self._prepared.network),
+        )
+
+    def forked(self, seed: int, values: Mapping[str, Any], folder: Path) -> None:
+        before, self._folder = self._folder, folder / "files"
+        take_own_copies(before, self._folder)
+        self._world.logs_in(self._folder)
+        prepared = self._prepare(values) if values else self._prepared
+        setting = replace(self._setting(prepared), seed=seed, whole_traffic_every=None)
+        self._simulation = Simulation(setting)
+        n = len(self._learners)
+        self._ranges: list[np.ndarray | None] = [None] * n
+
+    def begin(self, say: Say) -> Frame:
+        """The first decision: when all members that learn are on the road."""
+        now = self._simulation.reset()
+        while not now.ended and not set(self._learners) <= set(now.fleet.ids):
+            now = self._simulation.step()
+        self._every = next(g.every for g in now.fleet.groups if set(g.rows) & set(self._rows_in(now).values()))
+        return self._frame(now, {}, [])
+
+    def step(self, say: Say, commands: dict[str, Twist | Drive]) -> Frame:
+        """The next decision."""
+        simulation, learn = self._simulation, self._learn
+        here = self._rows_in(simulation.now)
+        given: dict[str, Twist | Drive] | None = {name: one for name, one in commands.items() if name in here}
+        n, dt = len(self._learners), simulation.setting.dt
+        terms, events = {name: np.zeros(n) for name in learn.reward}, []
+        for _ in range(self._every):
+            now = simulation.step(given)
+            given = None  # it holds until the next decision
+            events += now.events
+            if now.fleet:
+                values = simulation.observer.statistics.values
+                rows = self._rows_in(now)
+                for name, weight in learn.reward.items():
+                    if name in FIELDS:
+                        for i, learner in enumerate(self._learners):
+                            value = values[FIELDS[name]][rows[learner]] if learner in rows else np.nan
+                            terms[name][i] += 0.0 if np.isnan(value) else weight * abs(value) * dt
+            self._keep(now)
+            if now.ended:
+                break
+        return self._frame(now, terms, events)
+
+    def bodies(self, say: Say) -> tuple[np.ndarray, int, list[int]]:
+        """Of all vehicles near the members: x, y, heading, length and width, members first, (n, 5).
+
+        returns also: how many are members, and the rows of those that learn
+        """
+        now = self._simulation.now
+        t = now.traffic
+        return (
+            np.stack([t.x, t.y, t.heading, t.length, t.width], axis=1),
+            len(now.fleet),
+            [*self._rows_in(now).values()],
+        )
+
+    def metrics(self, say: Say) -> list[dict[str, float]]:
+        """Statistics of each member that learns over the episode: `gap_m_mean`, `gap_m_rms`, `gap_m_min` ..."""
+        statistics, found = self._simulation.observer.statistics, []
+        number = {m.id: i for i, m in enumerate(self._simulation.setting.members)}
+        for learner in self._learners:
+            of = statistics.of(number[learner])
+            table = {
+                f"{name}_{end}": float(getattr(of[field], part))
+                for name, field in FIELDS.items()
+                for end, part in (("mean", "mean"), ("rms", "rms"), ("min", "least"), ("max", "most"))
+                if field in of
+            }
+            found.append(table)
+        return found
+
+    def close(self) -> None:
+        self._open.close()
+
+    def _prepare(self, values: Mapping[str, Any]) -> Prepared:
+        changes = [Change.parse(text, i) for i, text in enumerate(self._source.changes, start=1)]
+        drawn = (self._drawn | dict(values)).items()
+        changes += [Change(key, value, f"learn.draw.{key}", f"{key}={value}") for key, value in drawn]
+        scenario = scenarios.load(self._source.scenario, changes, self._seed)
+        before = getattr(self, "_prepared", None)
+        return prepare(scenario, before and before.network)
+
+    def _setting(self, prepared: Prepared) -> Setting:
+        """With the seats of the members that learn."""
+        setting = setting_of(prepared, self._folder, warm=self._world)
+        members = tuple(_with_seat(m) if m.id in self._learners else m for m in setting.members)
+        steps = setting.steps
+        if self._learn.episode_s:
+            steps = min(steps, round(self._learn.episode_s / setting.dt))
+        return replace(setting, members=members, steps=steps)
+
+    def _rows_in(self, now: Instant) -> dict[str, int]:
+        ids = now.fleet.ids
+        return {name: ids.index(name) for name in self._learners if name in ids}
+
+    def _keep(self, now: Instant) -> None:
+        """Keep the last scans of the members that learn."""
+        for group, batch in zip(now.fleet.groups, now.scans, strict=True):
+            if batch is not None:
+                for row, ranges in zip(group.rows, batch.ranges, strict=True):
+                    if (name := now.fleet.members[row].id) in self._learners:
+                        self._ranges[self._learners.index(name)] = ranges
+
+    def _frame(self, now: Instant, terms: dict[str, np.ndarray], events: Sequence[Any]) -> Frame:
+        self._keep(now)
+        rows, n = self._rows_in(now), len(self._learners)
+        here = np.array([name in rows for name in self._learners])
+        kinds = tuple(
+            tuple(e.kind for e in events if e.vehicle == name or (e.kind in OF_BOTH and e.other == name))
+            for name in self._learners
+        )
+        for name, weight in self._learn.reward.items():
+            if name not in FIELDS and terms:
+                terms[name] += weight * np.array([own.count(name) for own in kinds])
+        own = np.zeros((n, 2))
+        values = {name: np.full(n, np.nan) for name in FIELDS}
+        if rows:
+            at = [rows[name] for name in self._learners if name in rows]
+            odometry = self._simulation.sensors.odometry(now.fleet, now.step)
+            motion = now.fleet.motion
+            both = (motion.speed, motion.yaw_rate) if odometry is None else odometry
+            own[here] = np.stack(both, axis=1)[at]
+            measured = self._simulation.observer.statistics.values
+            for name, field in FIELDS.items():
+                values[name][here] = measured[field][at]
+        ranges = np.stack([np.full(1, np.inf) if one is None else one for one in self._ranges])
+        if self._learn.observation == "dict":
+            return Frame(now.time, now.ended, here, ranges.astype(np.float32), own, terms, values, kinds)
+        return Frame(now.time, now.ended, here, None, self._vector(now, ranges, own), terms, values, kinds)
+
+    def _vector(self, now: Instant, ranges: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """The observation as a vector, (n, ...)."""
+        lidar = next(m.lidar for m in self._simulation.setting.members if m.id == self._learners[0])
+        n, kind = len(self._learners), self._learn.observation
+        if ranges.shape[1] == 1:  # nothing has been measured yet
+            ranges = np.full((n, lidar.samples), np.inf)
+        batch = ScanBatch(lidar, now.time, tuple(self._learners), ranges, None, np.zeros(n, bool))
+        shift = GROUP_SHIFT if kind == "group" else np.zeros(self._learn.sectors + 2)
+        return inputs_of(kind, shift, Sensed(batch, own[:, 0], own[:, 1])).values
+
+
+def draw(random: np.random.Generator, values: Any) -> Any:
+    """A value of a range or a list, as of the table `learn.draw`."""
+    if isinstance(values, list):
+        return values[int(random.integers(len(values)))]
+    low, high = values["from"], values["to"]
+    return int(random.integers(low, high + 1)) if type(low) is type(high) is int else float(random.uniform(low, high))
+
+
+def _check(learn: Learn, scenario: Scenario) -> None:
+    """raises: InputError with a line for each name that is not known"""
+    faults = []
+    for key, names, known in (
+        ("reward", learn.reward, [*FIELDS, *EVENT_KINDS]),
+        ("ends", learn.ends, list(EVENT_KINDS)),
+    ):
+        what = "quantity of statistics.csv or kind of event" if key == "reward" else "kind of event"
+        faults += [
+            scenario.fault(("learn", key), f"{name!r}: no {what}{did_you_mean(name, known)}")
+            for name in names
+            if name not in known
+        ]
+    if faults:
+        raise InputError(*faults)
+
+
+def _learners(prepared: Prepared, source: Source, learn: Learn) -> tuple[str, ...]:
+    """Ids of the members that learn. raises: InputError"""
+    members = {m.id: m for m in prepared.members}
+    named = source.vehicles or ((learn.vehicle,) if learn.vehicle and not source.all else ())
+    if unknown := [name for name in named if name not in members]:
+        raise InputError(*(f"vehicle: {name!r}: no member{did_you_mean(name, members)}" for name in unknown))
+    found = tuple(named)
+    if not found:
+        outside = [m.id for m in members.values() if isinstance(m.law, External)]
+        followers = outside or [m.id for m in members.values() if m.place > 0]
+        if not followers:
+            raise InputError(f"{prepared.scenario.source}: has no follower that could learn")
+        found = tuple(followers if source.all else followers[:1])
+    if native := [name for name in found if members[name].law.native]:
+        raise InputError(f"{', '.join(native)}: SUMO drives it; it cannot learn")
+    empty = [m.id for m in members.values() if isinstance(m.law, External) and m.id not in found]
+    if empty:
+        raise InputError(f"{', '.join(empty)}: law 'external' without a driver: only {', '.join(found)} learns here")
+    return found
+
+
+def _with_seat(member: Member) -> Member:
+    """It is to keep the distance that its law in the scenario declares, as at 0 and 1 m/s."""
+    law = member.law
+    if not isinstance(law, External):
+        stop, slow = (float(one) for one in law.desired_distance(np.array([0.0, 1.0])) * np.ones(2))
+        to_laser = 0.0 if law.distance_from == "laser" else member.seen_ahead_of_gap
+        law = External() if np.isnan(stop) else External(stand_off=stop + to_laser, headway=slow - stop)
+    return replace(member, law=law, further_lidars=(), sensors=())
+
+
+def _limits(member: Member, command: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Least and greatest command of a member's vehicle."""
+    model = member.model
+    top = float(model.top_speed)
+    sharpest = 1 / model.turning_radius if model.turning_radius > 0 else 2 / model.width
+    if command == "twist":
+        return (0.0, -top * sharpest), (top, top * sharpest)
+    hardest, strongest = float(model.hardest_braking), float(model.strongest_acceleration(np.zeros(1))[0])
+    return (-min(hardest, 10.0), -sharpest), (min(strongest, 10.0), sharpest)
+
+
+class _OpenRoad(BareGround):
+    """Bare ground where nobody has to stop."""
+
+    def signals(self, fleet: Fleet) -> Signals:
+        n = len(fleet)
+        return Signals(np.full(n, np.inf), np.ones(n, bool), *np.zeros((2, n), bool), np.zeros(n, int))
+
+
+def _kernels(setting: Setting) -> None:
+    """Load what is compiled, once for all forks: a few steps without SUMO."""
+    members = tuple(replace(m, law=External()) if m.law.native else m for m in setting.members)
+    with Simulation(
+        replace(setting, members=members, ground=lambda: _OpenRoad(setting.dt), channel=None, then=None)
+    ) as simulation:
+        simulation.reset()
+        for _ in range(4):
+            if not simulation.now.ended:
+                simulation.step()

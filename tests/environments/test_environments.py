@@ -1,0 +1,293 @@
+"""Environments for Gymnasium and PettingZoo: their contracts, seeds, rewards, and what goes wrong."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium")
+pytest.importorskip("pettingzoo")
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+from pettingzoo.test import parallel_api_test, parallel_seed_test  # noqa: E402
+
+from platoontraffic.controllers.printed import SPEED_GAIN  # noqa: E402
+from platoontraffic.environments.follower import Follower  # noqa: E402
+from platoontraffic.environments.platoon import Platoon  # noqa: E402
+from platoontraffic.errors import InputError, RunError  # noqa: E402
+
+pytestmark = [
+    pytest.mark.sumo,
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork"),
+    pytest.mark.filterwarnings("ignore:.*For Box action spaces"),
+]
+
+SHORT = ("platoon.size=3", "learn.episode_s=1")
+ID = "platoontraffic.environments:platoontraffic/Follower-v0"
+AHEAD = np.array([0.1, 0.0], np.float32)
+
+
+@pytest.fixture(scope="module")
+def follower():
+    env = Follower("paper_loop", SHORT)
+    yield env
+    env.close()
+
+
+def test_gymnasium_accepts_it(follower):
+    check_env(follower, skip_render_check=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "scenario", ["paper_loop", "paper_path", "highway_tracking", "corridor_tracking", "highway_traffic"]
+)
+@pytest.mark.parametrize("observation", ["dict", "scan", "group"])
+def test_gymnasium_accepts_the_shipped_scenarios(scenario, observation):
+    changes = ["learn.episode_s=2", "learn.parents=1", f"learn.observation={observation}"]
+    env = gymnasium.make(ID, scenario=scenario, changes=changes, render_mode="rgb_array")
+    check_env(env.unwrapped)
+    env.reset(seed=1)
+    picture = env.render()
+    assert picture.shape == (480, 640, 3)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 3
+    env.close()
+
+
+@pytest.mark.slow
+def test_pettingzoo_accepts_it():
+    env = Platoon("paper_loop", SHORT)
+    parallel_api_test(env, num_cycles=50)
+    env.close()
+
+
+@pytest.mark.slow
+def test_agents_with_equal_seeds_have_equal_episodes():
+    parallel_seed_test(lambda: Platoon("paper_loop", SHORT), num_cycles=30)
+
+
+EPISODE = """
+import hashlib, sys
+import numpy as np
+from platoontraffic.environments.follower import Follower
+env = Follower("paper_loop", ["platoon.size=2", "platoon.follower.lidar.noise=utm30lx", "learn.episode_s=1",
+               "learn.parents=2"])
+digest = hashlib.sha256()
+for seed in (5, 6):
+    seen, _ = env.reset(seed=seed)
+    for _ in range(20):
+        seen, reward, *_ = env.step(np.float32([0.1, 0.05]))
+        digest.update(seen["ranges"].tobytes() + seen["speed"].tobytes() + np.float64(reward).tobytes())
+print(digest.hexdigest())
+env.close()
+"""
+
+
+@pytest.mark.slow
+def test_a_seed_gives_the_same_episode_in_every_process():
+    said = {subprocess.run([sys.executable, "-c", EPISODE], capture_output=True, text=True, check=True).stdout
+            for _ in range(2)}  # fmt: skip
+    assert len(said) == 1
+
+
+@pytest.mark.slow
+def test_seeds_differ_by_noise_and_by_what_is_drawn():
+    draw = 'learn.draw={"platoon.start.position_m" = {from = 1.5, to = 1.9}, "platoon.gap_m" = [0.4, 0.5]}'
+    env = Follower("paper_loop", [*SHORT, draw, "platoon.follower.lidar.noise=none"])
+    first = [env.reset(seed=seed)[0]["ranges"].min() for seed in (1, 2, 3, 4, 1)]
+    env.close()
+    gaps = {round(float(distance), 2) for distance in first}
+    assert gaps == {0.43, 0.53}  # the laser stands 0.03 m behind the bumper
+    assert first[0] == first[-1]
+
+
+@pytest.mark.slow
+def test_the_reward_is_the_sum_of_its_terms_which_are_integrals_of_quantities():
+    reward = "learn.reward={gap_error_m=-2.0, collision=-10.0}"
+    straight = 'platoon.start={edge="n_w", position_m=1.5}'
+    changes = ["platoon.size=2", "learn.episode_s=20", reward, straight, "platoon.leader.speed_mps=0.02"]
+    env = Follower("paper_path", changes)
+    env.reset(seed=1)
+    ended = False
+    while not ended:
+        _, gained, terminated, truncated, info = env.step(np.array([0.1, 0.0]))
+        assert gained == info["reward_gap_error_m"] + info["reward_collision"]
+        if not terminated:
+            assert info["reward_gap_error_m"] == pytest.approx(-2.0 * abs(info["gap_error_m"]) * 0.025)
+            assert info["gap_error_m"] == pytest.approx(info["gap_m"] + 0.03 - 0.45 - 0.1 / SPEED_GAIN)  # `repaired`
+        ended = terminated or truncated
+    env.close()
+    assert terminated
+    assert not truncated
+    assert info["reward_collision"] == -10.0
+    assert "collision" in info["events"]
+    assert info["metrics"]["gap_m_min"] < 0.01
+
+
+def test_an_episode_is_truncated_at_its_time_and_then_needs_a_reset(follower):
+    follower.reset(seed=1)
+    ends = [follower.step(np.zeros(2))[2:4] for _ in range(40)]
+    assert ends == [(False, False)] * 39 + [(False, True)]
+    with pytest.raises(RuntimeError, match="it has ended: reset"):
+        follower.step(np.zeros(2))
+
+
+def test_the_command_moves_the_vehicle_within_its_limits(follower):
+    follower.reset(seed=1)
+    seen, *_ = follower.step(np.array([0.2, 0.5]))
+    assert (seen["speed"][0], seen["yaw_rate"][0]) == pytest.approx((0.2, 0.5))
+    seen, *_ = follower.step(np.array([-1.0, 0.0]))
+    assert seen["speed"][0] == 0.0  # the nearest within the space
+
+
+@pytest.mark.parametrize(
+    ("action", "what"),
+    [([np.nan, 0.0], "must be finite"), ([0.1], "shape"), (None, "two numbers"), (["a", "b"], "two numbers")],
+)
+def test_a_wrong_action_is_an_error_and_moves_nothing(follower, action, what):
+    follower.reset(seed=1)
+    with pytest.raises(ValueError, match=what):
+        follower.step(np.array(action, dtype=object if action is None else None))
+    _, _, _, _, info = follower.step(AHEAD)
+    assert info["time_s"] == pytest.approx(0.025)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        (("paper_lop",), "did you mean"),
+        (("paper_loop", ["learn.reward={gap=1.0}"]), "'gap': no quantity .* or kind of event"),
+        (("paper_loop", ["learn.ends=['colision']"]), "did you mean 'collision'"),
+        (("paper_loop", [], "robot.7"), "'robot.7': no member"),
+        (("paper_loop", ["platoon.size=1"]), "no follower that could learn"),
+        (("paper_loop", ["learn.draw={a={from=2,to=1}}"]), "`from` up to `to`"),
+    ],
+)
+def test_faults_of_the_scenario_are_said_before_anything_starts(arguments, what):
+    with pytest.raises(InputError, match=what):
+        Follower(*arguments)
+
+
+@pytest.mark.slow
+def test_a_drawn_value_that_the_scenario_refuses_is_an_error_and_the_next_reset_works():
+    draw = 'learn.draw={"platoon.gap_m" = [-1.0, 0.5]}'
+    env = Follower("paper_loop", [*SHORT, draw, "learn.parents=1"])
+    ends = set()
+    for seed in range(8):
+        try:
+            env.reset(seed=seed)
+            ends.add("fine")
+        except InputError as error:
+            assert "learn.draw.platoon.gap_m" in str(error)  # noqa: PT017
+            ends.add("fault")
+    env.close()
+    assert ends == {"fine", "fault"}
+
+
+@pytest.mark.slow
+def test_two_environments_in_one_process_do_not_disturb_each_other(follower):
+    other = Follower("paper_path", SHORT)
+    follower.reset(seed=3)
+    other.reset(seed=3)
+    alone = [follower.step(AHEAD)[0]["ranges"] for _ in range(3)]
+    follower.reset(seed=3)
+    both = []
+    for _ in range(3):
+        both.append(follower.step(AHEAD)[0]["ranges"])
+        other.step(AHEAD)
+    other.close()
+    assert np.array_equal(alone, both)
+
+
+def descendants(pid: int) -> set[int]:
+    found: set[int] = set()
+    for task in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = task.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid and fields[0] != "Z":
+            found |= {int(task.parent.name)} | descendants(int(task.parent.name))
+    return found
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
+
+
+@pytest.mark.slow
+@needs_proc
+@pytest.mark.parametrize("end", ["pass", "1 / 0", "os.kill(os.getpid(), 2)", "os._exit(1)"])
+def test_a_program_that_ends_without_closing_leaves_nothing(end):
+    code = (
+        "import os, sys\nfrom platoontraffic.environments.follower import Follower\n"
+        f"env = Follower('paper_loop', {list(SHORT)!r})\nenv.reset(seed=1)\n"
+        f"print('ready', flush=True); sys.stdin.readline()\n{end}\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, text=True) as program:  # fmt: skip
+        assert program.stdout.readline() == "ready\n"
+        below = descendants(program.pid)
+        assert len(below) == 2
+        program.communicate("\n", timeout=60)
+    until = time.monotonic() + 10
+    while (left := {pid for pid in below if Path(f"/proc/{pid}").exists()}) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not left
+
+
+@pytest.mark.slow
+def test_an_interrupted_step_ends_the_episode_and_a_reset_begins_anew():
+    env = Follower("paper_loop", ["platoon.size=3"])
+    env.reset(seed=1)
+    main = threading.main_thread().ident
+    timer = threading.Timer(0.3, signal.pthread_kill, (main, signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):  # noqa: PT012
+        while True:
+            env.step(np.zeros(2))
+    with pytest.raises(RuntimeError, match="no episode"):
+        env.step(np.zeros(2))
+    env.reset(seed=1)
+    env.step(np.zeros(2))
+    env.close()
+
+
+def test_an_episode_whose_process_dies_is_an_error_and_a_reset_begins_anew(follower):
+    follower.reset(seed=1)
+    os.kill(follower._seats._parents._episode.pid, signal.SIGKILL)
+    with pytest.raises(RunError, match="has died"):
+        follower.step(AHEAD)
+    follower.reset(seed=1)
+    follower.step(AHEAD)
+
+
+@pytest.mark.slow
+@needs_proc
+def test_vector_environments_of_gymnasium_work_in_daemons():
+    envs = gymnasium.make_vec(ID, num_envs=2, vectorization_mode="async", scenario="paper_loop", changes=SHORT)
+    below = descendants(os.getpid())
+    seen, _ = envs.reset(seed=1)
+    assert seen["ranges"].shape == (2, 720)
+    for _ in range(45):  # over the end of an episode
+        envs.step(np.zeros((2, 2), np.float32))
+    envs.close()
+    time.sleep(1)
+    assert not below & descendants(os.getpid())
+
+
+@pytest.mark.sumo
+def test_a_run_refuses_the_seat(tmp_path):
+    import platoontraffic
+
+    with pytest.raises(InputError, match="a run needs another law"):
+        platoontraffic.run("paper_loop", "platoon.follower.law=external", results=tmp_path)
+    assert not list(tmp_path.rglob("*.csv"))
