@@ -103,7 +103,7 @@ class PathLeader(Law):
     lasts: Annotated[Positive, Field(alias="lasts_s")] = 60.0  # duration of a chirp
     last_speed: Annotated[NotNegative, Field(alias="last_speed_mps")] = 0.0  # after a step or braking
     rate: Annotated[Positive, Field(alias="rate_mps2")] = 4.0  # of the profile `brake`
-    trace: Path | None = None  # a CSV file with time_s and speed_mps, instead of speed and profile
+    trace: Path | None = None  # a CSV file with time_s and speed_mps, or of OpenACC, instead of speed and profile
     catch_up: Annotated[Positive | None, Field(alias="catch_up_m")] = None  # to the route; default: 1 vehicle length
     catch_up_time: Annotated[Positive, Field(alias="catch_up_time_s")] = 0.6  # that the distance above takes at least
     half_width: Annotated[Positive | None, Field(alias="half_width_m")] = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,16 +55,22 @@ class Trace:
 
     @classmethod
     def read(cls, file: Path) -> Trace:
-        """The trace in a CSV file with columns time_s and speed_mps.
+        """The trace in a CSV file with columns time_s and speed_mps, or in one of OpenACC's.
+
+        OpenACC (M. Makridis et al., "OpenACC. An open database of car-following experiments to study the properties of
+        commercial ACC systems", Transportation Research Part C 125, 2021): after some lines about the experiment the
+        columns Time [s] and Speed1 to SpeedN [m/s] of N cars, and others. The trace is that of the first car, from the
+        first row on.
 
         raises: ValueError with one line that says what is wrong, and where
         """
         try:
             with file.open(encoding="utf-8-sig", newline="") as lines:
-                table = np.array(_samples(file, csv.DictReader(lines))).reshape(-1, 2).T
-        except (OSError, UnicodeDecodeError) as error:
+                rows = list(csv.reader(lines))
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
             what = getattr(error, "strerror", None) or error
             raise ValueError(f"{file}: cannot be read: {what}; {_ALLOWED}") from None
+        table = np.array(_samples(file, rows)).reshape(-1, 2).T
         if not table.size:
             raise ValueError(f"{file}: has no rows; {_ALLOWED}")
         if not np.isfinite(table).all() or (table[1] < 0).any() or (np.diff(table[0]) <= 0).any():
@@ -72,21 +78,31 @@ class Trace:
         return cls(*table)
 
 
-_ALLOWED = "must be a CSV file with columns time_s and speed_mps"
+_ALLOWED = "must be a CSV file with columns time_s and speed_mps, or with Time and Speed1, as of OpenACC"
+_OPENACC = "Time", "Speed1"
+_PREAMBLE = 20  # most lines before the columns of a file of OpenACC
 
 
-def _samples(file: Path, rows: csv.DictReader) -> list[tuple[float, float]]:
+def _samples(file: Path, rows: Sequence[Sequence[str]]) -> list[tuple[float, float]]:
     """Time [s] and speed [m/s] of every row.
 
     raises: ValueError with file, line and what is wrong
     """
-    if missing := {"time_s", "speed_mps"} - set(rows.fieldnames or ()):
+    head = next((i for i, row in enumerate(rows[:_PREAMBLE]) if {*_OPENACC} <= {*row}), 0)
+    found = rows[head] if rows else ()
+    names = _OPENACC if {*_OPENACC} <= {*found} else ("time_s", "speed_mps")
+    if missing := {*names} - {*found}:
         raise ValueError(f"{file}: has no column {' and '.join(sorted(missing))}; {_ALLOWED}")
+    columns = [found.index(name) for name in names]
     samples = []
-    for row in rows:
+    for number, row in enumerate(rows[head + 1 :], start=head + 2):
+        if not row:
+            continue
+        values = [row[k] if k < len(row) else None for k in columns]
         try:
-            samples.append((float(row["time_s"]), float(row["speed_mps"])))
+            samples.append((float(values[0]), float(values[1])))
         except (TypeError, ValueError):
-            what = f"time_s {row['time_s']!r}, speed_mps {row['speed_mps']!r}; must be numbers"
-            raise ValueError(f"{file}:{rows.line_num}: {what}") from None
-    return samples
+            what = ", ".join(f"{name} {value!r}" for name, value in zip(names, values, strict=True))
+            raise ValueError(f"{file}:{number}: {what}; must be numbers") from None
+    begin = samples[0][0] if names == _OPENACC and samples else 0.0
+    return [(time - begin, speed) for time, speed in samples]

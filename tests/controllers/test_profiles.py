@@ -95,6 +95,30 @@ def test_a_fault_of_a_trace_is_one_line_with_its_file(tmp_path, content, said):
     assert len(str(error.value).splitlines()) == 1
 
 
+OPENACC = """\
+Date,2019-09-19
+Test,1
+Vehicle_order,lead,first,second
+ACC,1
+Distance_setting,min
+Time,Speed1,Lat1,Lon1,E1,N1,U1,Speed2,E2,N2,U2,IVS1,Driver1,Driver2
+100.0,20.0,0.9,0.1,1.0,2.0,3.0,19.5,1.0,2.0,3.0,30.1,Human,ACC
+100.1,20.5,0.9,0.1,1.0,2.0,3.0,19.6,1.0,2.0,3.0,30.2,Human,ACC
+100.2,21.0,0.9,0.1,1.0,2.0,3.0,19.8,1.0,2.0,3.0,30.3,Human,ACC
+"""
+
+
+def test_a_file_of_openacc_is_the_trace_of_its_first_car(tmp_path):
+    file = tmp_path / "openacc.csv"
+    file.write_text(OPENACC)
+    trace = Trace.read(file)
+    np.testing.assert_allclose(trace.time, [0, 0.1, 0.2], atol=1e-9)
+    np.testing.assert_array_equal(trace.speed, [20.0, 20.5, 21.0])
+    file.write_text(OPENACC.replace("100.1,20.5", "100.1,"))
+    with pytest.raises(ValueError, match=r"openacc.csv:8: Time '100.1', Speed1 ''; must be numbers"):
+        Trace.read(file)
+
+
 def test_a_trace_that_is_not_there_or_is_a_folder_cannot_be_read(tmp_path):
     for file in (tmp_path / "none.csv", tmp_path):
         with pytest.raises(ValueError, match="cannot be read"):
