@@ -240,7 +240,7 @@ def _channel(spec: Spec, names: _Names, laws: Mapping[Role, Found]) -> Iterator[
     if channel is None:
         return
     found = [one.law for one in laws.values() if one.law is not None]
-    if len(found) == len(laws) and not any("messages" in law.needs for law in found):
+    if spec.branch is None and len(found) == len(laws) and not any("messages" in law.needs for law in found):
         yield Fault(("channel",), "no law needs messages, so nobody receives them; must be left out")
     if not is_multiple(1 / channel.rate_hz, step):
         what = f"the interval must be a multiple of run.step_s = {step}, as at {1 / step:g} Hz"

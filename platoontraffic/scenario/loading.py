@@ -123,6 +123,10 @@ def _with_then(scenario: Scenario, loaded: _Loaded) -> Scenario:
     then = replace(loaded, table=table, places=places, stale=stale).scenario()
     if faults := faults_of_branch(branch.at_s, scenario.spec, scenario.laws, then.spec, then.laws):
         raise InputError(*(placed(fault, places) for fault in faults))
+    laws = (*scenario.laws.values(), *then.laws.values())
+    if scenario.spec.channel and not any("messages" in law.needs for law in laws):
+        what = "no law needs messages, before the branch or after it, so nobody receives them; must be left out"
+        raise InputError(placed(Fault(("channel",), what), places))
     # Messages are there from the begin, also if only the law after the branch needs them.
     spec = scenario.spec.model_copy(update={"channel": scenario.spec.channel or then.spec.channel})
     sources = tuple(sorted({*scenario.sources, *then.sources}))

@@ -194,6 +194,41 @@ def test_a_channel_that_a_change_of_the_law_leaves_without_receivers_is_left_out
         scenario.load("yardsticks", ["platoon.follower.law=tracking", "channel.loss=0.1"])
 
 
+BRANCHED = """
+[sumo]
+net = "highway"
+traffic = false
+[scene]
+walls = "none"
+[run]
+duration_s = 20
+[channel]
+latency_s = 0.1
+[[platoon]]
+size = 3
+vehicle = "car"
+start = { edge = "e0_e1", position_m = 400.0, speed_mps = 20.0 }
+to = "e4_e5"
+leader = { law = "path", speed_mps = 20.0 }
+follower = "acc"
+[branch]
+at_s = 10
+then = { platoon.follower.law = "THEN" }
+"""
+
+
+def test_a_channel_may_have_receivers_only_after_a_branch(tmp_path):
+    file = tmp_path / "branched.toml"
+    file.write_text(BRANCHED.replace('law = "THEN"', 'feed = "messages"'))
+    found = scenario.load(file)
+    assert found.spec.channel is not None
+    assert "messages" not in found.laws[0, "follower"].needs
+    assert "messages" in found.then.laws[0, "follower"].needs
+    file.write_text(BRANCHED.replace("THEN", "idm"))
+    with pytest.raises(InputError, match="before the branch or after it"):
+        scenario.load(file)
+
+
 @pytest.mark.sumo
 @pytest.mark.slow
 @pytest.mark.parametrize("instead", ["laser", "headway"])
