@@ -17,7 +17,9 @@ from platoontraffic.cli import net_findings, net_sources
 from platoontraffic.cli.net_content import read
 from platoontraffic.cli.net_sources import differences, run_program
 from platoontraffic.cli.nets import nets_app
+from platoontraffic.prove.alone import drives
 from platoontraffic.recording import run as run_into
+from platoontraffic.road.network import Network
 from platoontraffic.sumo.programs import program
 from tests.support import ODD_NETS
 
@@ -189,6 +191,13 @@ def test_the_check_tells_a_finished_change_from_a_forgotten_connection(netconver
     (kind,) = net_findings.findings(changed(tmp_path, JOINED)).kinds
     assert (kind.name, len(kind.places)) == ("lane ends", 1)
     assert kind.places[0].text.startswith("'E1_1' at ")
+
+
+def test_random_routes_over_the_changes_keep_to_their_lanes(netconvert, tmp_path):
+    """As `prove` drives them."""
+    found = drives(Network.read(changed(tmp_path)), 12, 1, "car")
+    assert {"E0", "E1"} & {edge for one in found for edge in (one.start, one.end)}
+    assert [one for one in found if not one.holds] == []
 
 
 @pytest.mark.slow
