@@ -127,7 +127,9 @@ class Recording:
             wall = self._wall + time.perf_counter() - began
             _note_end(recorder, outcome)
             obstacles = [plan.id for plan in prepared.obstacles]
-            conclude(recorder, prepared.scenario, prepared.members, obstacles, simulation.encounters)
+            conclude(
+                recorder, prepared.scenario, simulation.members, obstacles, simulation.encounters, simulation.trips()
+            )
             words = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:SUMO_WORDS]
             facts = provenance.finished(self._facts, outcome.time, wall, simulation.stopwatch.seconds, words)
             recorder.write_json("provenance.json", facts)

@@ -42,7 +42,10 @@ from platoontraffic.world.ground import BareGround, Ground
 from platoontraffic.world.manoeuvres import Manoeuvres, Order
 from platoontraffic.world.obstacles import Obstacles, Plan
 from platoontraffic.world.prepared import Prepared, departures
+from platoontraffic.world.recruits import Recruits
 from platoontraffic.world.sensing import Sensing, arriving
+from platoontraffic.world.stuck import Stuck
+from platoontraffic.world.trips import Trip
 
 __all__ = ["Instant", "Outcome", "Prepared", "Setting", "Simulation", "prepare", "setting_of"]
 
@@ -66,6 +69,8 @@ class Unobserved:
         raise RuntimeError("this simulation has no observer, so it has no measures")
 
     def refit(self, members: Sequence[Member]) -> None: ...
+
+    def extend(self, newcomers: Sequence[Member]) -> None: ...
 
     @property
     def statistics(self) -> Statistics:
@@ -95,6 +100,7 @@ class Setting:
     obstacles: Sequence[Plan] = ()
     orders: Sequence[Order] = ()
     breakdowns: Sequence[Breakdown] = ()
+    recruits: Recruits | None = None  # vehicles of the traffic that become members
     channel: Channel | None = None  # of messages between members; None: there are none
     laps: float | None = None  # it ends when every member has turned through as many full circles
     whole_traffic_every: int | None = None  # steps; snapshots between them may lack what is out of range of all members
@@ -168,6 +174,8 @@ class Simulation:
         self.observer = watch.wrap(setting.observer(), observe="observe", measure="measure")
         self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
         self.messages = _no_messages(setting)
+        self.stuck, self._remedies = Stuck(setting.recruits.tables if setting.recruits else ()), {}
+        self.members = list(setting.members)  # all that it has had, by their number
         fleet = self.world.deploy(*departures(setting.members, setting.dt))
         self.obstacles = Obstacles(setting.obstacles, fleet)
         self.encounters = Encounters(self.obstacles, setting.members)
@@ -194,7 +202,7 @@ class Simulation:
         self.obstacles.move(self.now.traffic, fleet.expected(dt), dt)
         self.world.place(fleet, brakes)
         self._hold_obstacles()
-        return self._decide(self.now.step + 1, self.world.advance(fleet))
+        return self._decide(self.now.step + 1, self.world.advance(fleet, self._remedies))
 
     def _refit(self, then: Then) -> None:
         """Every member has the law and the sensors of `then` from now on."""
@@ -207,15 +215,20 @@ class Simulation:
     def _decide(self, step: int, fleet: Fleet) -> Instant:
         """Every member senses the same world; then every law decides."""
         dt, timed = self.setting.dt, self.stopwatch.call
+        self._welcome(fleet)
         traffic = self.world.snapshot(fleet, self._reach(step, fleet))
         failed = self.breakdowns.due(fleet, traffic.time)
+        stuck, self._remedies = self.stuck.observe(fleet, traffic.time)
         fleet, ordered = self.manoeuvres.applied(fleet.regrouped(), traffic.time)
         measured = self.sensors.sense(traffic, fleet, step, self.breakdowns.blind(fleet))
         sensed, fleet = arriving(measured, fleet, step)
         signals = self.world.signals(fleet)
         messages, fleet, radio = self.messages.received(fleet, step, traffic.time)
         fleet = timed("decide", fleet.decided, sensed.scans, dt, signals, sensed.odometry, sensed.readings, messages)
-        roads, noted = self.world.roads(fleet), [*ordered, *failed, *radio, *violations(self.world.entries(fleet))]
+        roads, noted = (
+            self.world.roads(fleet),
+            [*ordered, *failed, *stuck, *radio, *violations(self.world.entries(fleet))],
+        )
         events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted, sensed.seen)
         events = [*events, *self.encounters.observe(traffic, fleet, events)]
         ended = self._ended(step, fleet)
@@ -223,6 +236,16 @@ class Simulation:
             step, traffic, fleet, sensed.scans, roads, events, self._measured, ended, sensed.readings, sensed.seen
         )
         return self.now
+
+    def _welcome(self, fleet: Fleet) -> None:
+        """Members from the traffic, which have departed in the last step, are observed from now on."""
+        if not self.setting.recruits or fleet.number.max(initial=-1) < len(self.members):
+            return
+        new = sorted((number, i) for i, number in enumerate(fleet.number) if number >= len(self.members))
+        newcomers = [fleet.members[i] for _, i in new]
+        self.members += newcomers
+        for one in (self.observer, self.encounters, self.messages):
+            one.extend(newcomers)
 
     def goes_on_in(self, folder: Path) -> None:
         """In a fork of the process: SUMO's files are those in `folder` now, and closing leaves the parent's alone."""
@@ -256,6 +279,10 @@ class Simulation:
         waiting = [member for platoon in self.world.waiting for member in platoon.members]
         return Outcome(self.now.time, self.now.ended, waiting)
 
+    def trips(self) -> list[Trip]:
+        """Trips until now of the members from the traffic, by their beginning."""
+        return self.world.trips
+
     def statistics(self) -> list[statistics.Row]:
         """Statistics of every member's measured values over all steps until now, the rows of statistics.csv.
 
@@ -263,7 +290,7 @@ class Simulation:
         """
         if self.now is None:
             return []
-        return list(statistics.rows(self.observer.statistics, self.setting.members, self.setting.dt))
+        return list(statistics.rows(self.observer.statistics, self.members, self.setting.dt))
 
     def _reach(self, step: int, fleet: Fleet) -> float:
         """How far from every member background vehicles are wanted [m]."""
@@ -277,7 +304,7 @@ class Simulation:
     def _ended(self, step: int, fleet: Fleet) -> str:
         """Why the simulation ends at this instant; "" if it goes on."""
         waiting, laps = self.world.waiting, self.setting.laps
-        if not len(fleet) and not waiting:
+        if not len(fleet) and not waiting and not self.world.expects_more:
             return "arrived"
         if laps and len(fleet) and not waiting and (np.abs(fleet.motion.turned) >= 2 * np.pi * laps).all():
             return "laps"
@@ -320,6 +347,7 @@ def setting_of(
     """
     named = named_for_forks if forkable else plainly_named
     scenario, spec = prepared.scenario, prepared.scenario.spec
+    recruits = Recruits(scenario, prepared.network) if spec.equip else None
     dt, members = spec.run.step_s, prepared.members
 
     @contextmanager
@@ -329,7 +357,8 @@ def setting_of(
             # SUMO may be reading the files that are made for its options.
             options = {} if warm else sumo_options(scenario, stack.enter_context(named(files)))
             words, warm_up = files / "run.log", spec.sumo.warm_up_s
-            world = World(prepared.network, dt, scenario.seed, words, options, warm_up, client, warm)
+            more = client, warm, recruits
+            world = World(prepared.network, dt, scenario.seed, words, options, warm_up, *more)
             try:
                 stack.enter_context(world)
             except RefusedError as error:
@@ -351,6 +380,7 @@ def setting_of(
         obstacles=prepared.obstacles,
         orders=prepared.orders,
         breakdowns=spec.breakdown,
+        recruits=recruits,
         channel=spec.channel,
         laps=spec.run.laps,
         whole_traffic_every=steps_of(spec.record.traffic_every_s, dt),

@@ -28,9 +28,19 @@ class DrivenPaths:
 
     def __init__(self, spacing: np.ndarray, capacity: int = 2048) -> None:
         """spacing: of each path [m], (count,); capacity: points in a path; a full one drops its older half."""
-        self._spacing = np.asarray(spacing, dtype=float)
-        self._points = np.empty((len(self._spacing), capacity, 3))  # x, y, station; untouched, it takes no memory
-        self._size = np.zeros(len(self._spacing), dtype=np.intp)
+        self.spacing = np.asarray(spacing, dtype=float)
+        self._points = np.empty((len(self.spacing), capacity, 3))  # x, y, station; untouched, it takes no memory
+        self._size = np.zeros(len(self.spacing), dtype=np.intp)
+
+    def extend(self, spacing: np.ndarray) -> None:
+        """Further paths, with the numbers that come next."""
+        self.spacing, used = np.append(self.spacing, spacing), len(self._size)
+        self._size = np.append(self._size, np.zeros(len(spacing), dtype=np.intp))
+        if len(self._size) <= len(self._points):
+            return
+        points, self._points = self._points, np.empty((2 * len(self._size), *self._points.shape[1:]))
+        for k in range(used):  # not whole: what is untouched takes no memory
+            self._points[k, : self._size[k]] = points[k, : self._size[k]]
 
     def begin(self, number: np.ndarray, from_x, from_y, x, y) -> None:
         """Start paths (anew) with a straight piece from one point to another, arrays (m,)."""
@@ -40,7 +50,7 @@ class DrivenPaths:
 
     def drive(self, number: np.ndarray, x, y, backwards: np.ndarray) -> None:
         """Extend paths to points, arrays (m,); where `backwards` (bool), shorten them to the nearest point instead."""
-        _drive(self._points, self._size, self._spacing, number, x, y, backwards)
+        _drive(self._points, self._size, self.spacing, number, x, y, backwards)
 
     def end(self, number: np.ndarray) -> np.ndarray:
         """Stations of the last points [m], (m,)."""

@@ -59,6 +59,11 @@ class Encounters:
         self._met: list[_Outcome] = []
         self._begun: set[tuple[str, str]] = set()  # obstacle, member
 
+    def extend(self, newcomers: Sequence[Member]) -> None:
+        """Further members of the run."""
+        self._member |= {m.id: m for m in newcomers}
+        self._paths |= {m.id: PathLine(m.route) for m in newcomers if m.route}
+
     def observe(self, traffic: TrafficSnapshot, fleet: Fleet, events: Iterable[Event]) -> list[Event]:
         """The events of obstacles in this step; events: those of the members in it, for their collisions."""
         if not self._obstacles.plans:

@@ -35,7 +35,9 @@ class Encroachments:
 
     def __init__(self, members: Sequence[Member]) -> None:
         """members: all of the run, by their number"""
-        _, self._platoon = np.unique([m.platoon for m in members], return_inverse=True)
+        names = [m.id if m.recruited else m.platoon for m in members]
+        numbers = {name: i for i, name in enumerate(dict.fromkeys(names))}
+        self._platoon = np.array([numbers[name] for name in names], dtype=np.intp)
         self._time: float | None = None  # one step before [s]
         self._step = 0
         self._trails: Trails | None = None  # from the second step on, with `_meetings`
@@ -43,6 +45,9 @@ class Encroachments:
         self._ids: tuple[str, ...] = ()  # of the bodies of the last step ...
         self._columns = np.empty(0, dtype=np.intp)  # ... and their columns
         self._free: list[int] = []
+        self._numbers = np.empty(0, dtype=np.intp)  # of the members of the last step ...
+        self._seats = np.empty(0, dtype=np.intp)  # ... and their rows in `_meetings`
+        self._seat: dict[int, int] = {}  # by number
 
     def observe(self, step: Step) -> Iterator[Event]:
         """encroachment"""
@@ -58,13 +63,15 @@ class Encroachments:
             self._begin(round(TRAIL / dt) + 1)
         if traffic.ids != self._ids:
             self._find_columns(traffic.ids)
+        if step.number is not self._numbers:
+            self._find_seats(step.number)
         slot, trails = self._columns, self._trails
         trails.half_length[slot], trails.half_width[slot] = traffic.length / 2, traffic.width / 2
         head = self._step % len(trails.x)
         position = traffic.x, traffic.y
         extend(trails, head, slot, *position, *traffic.facing)
         found = np.empty((AT_ONCE * n, 4))
-        own = step.number, self._platoon[step.number]
+        own = self._seats, self._platoon[step.number]
         count = meet(trails, self._meetings, head, self._step, dt, slot, *position, *own, found)
         for i, k, was_first, time in found[:count].tolist():
             if k < n and not was_first:  # whatever their order in the fleet
@@ -76,9 +83,9 @@ class Encroachments:
     def _begin(self, steps: int) -> None:
         from platoontraffic.observation.encroachments_kernel import Meetings, Trails
 
-        nothing, m = np.zeros((steps, 0)), len(self._platoon)
+        nothing = np.zeros((steps, 0))
         self._trails = Trails(*[nothing] * 5, np.zeros(0, dtype=np.intp), *np.zeros((3, 0)))
-        self._meetings = Meetings(np.zeros((2, m, 0), dtype=np.intp), *np.zeros((2, 2, m, 0)))
+        self._meetings = Meetings(np.zeros((2, 0, 0), dtype=np.intp), *np.zeros((2, 2, 0, 0)))
         self._make_room()
 
     def _make_room(self) -> None:
@@ -104,3 +111,21 @@ class Encroachments:
             self._trails.count[one] = 0
             self._meetings.last[..., one] = NEVER
         self._ids, self._columns = ids, np.fromiter(map(column.__getitem__, ids), np.intp, len(ids))
+
+    def _find_seats(self, numbers: np.ndarray) -> None:
+        """Give a row of the meetings to every member that was not there one step before."""
+        here = numbers.tolist()
+        for gone in self._seat.keys() - set(here):
+            del self._seat[gone]
+        taken, there = set(self._seat.values()), self._meetings.last.shape[1]
+        if (more := len(here) - there) > 0:  # some to spare
+            more += there
+            self._meetings = type(self._meetings)(
+                *(np.concatenate([a, np.zeros((2, more, a.shape[2]), a.dtype)], axis=1) for a in self._meetings)
+            )
+        free = iter([seat for seat in range(there + max(more, 0)) if seat not in taken])
+        for number in here:
+            if number not in self._seat:
+                self._seat[number] = seat = next(free)
+                self._meetings.last[:, seat] = NEVER
+        self._numbers, self._seats = numbers, np.array([self._seat[number] for number in here], dtype=np.intp)

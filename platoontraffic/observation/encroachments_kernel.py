@@ -34,7 +34,7 @@ class Trails(NamedTuple):
 
 
 class Meetings(NamedTuple):
-    """Of M members with S bodies, (2, M, S): [0] the member is the second of the two, [1] it is the first."""
+    """Of members on the road with S bodies, (2, M, S): [0] the member is the second of the two, [1] it is the first."""
 
     last: np.ndarray  # step at which the second was last in the first's trail, int
     entered: np.ndarray  # length of the second's path when it entered that [m]
@@ -60,15 +60,15 @@ def extend(trails, head, slot, x, y, cos, sin):
 
 
 @compiled
-def meet(trails, meetings, head, step, dt, slot, x, y, number, platoon, found):
+def meet(trails, meetings, head, step, dt, slot, x, y, seat, platoon, found):
     """Look at every pair of a member and another body, which is of no platoon or of another one.
 
     slot    : column of each body in trails, members first, (N,); x, y: where they are now [m], (N,)
-    number  : of each member, (n,); platoon: of each, (n,)
+    seat    : row of each member in meetings, (n,); platoon: of each, (n,)
     found   : rows of member and body, 1 where the member was first, and post-encroachment time, (capacity, 4)
     returns : how many were found
     """
-    n, count, bodies = len(number), 0, len(slot)
+    n, count, bodies = len(seat), 0, len(slot)
     length, radius = np.empty(bodies), np.empty(bodies)
     for k in range(bodies):
         s = slot[k]
@@ -85,7 +85,7 @@ def meet(trails, meetings, head, step, dt, slot, x, y, number, platoon, found):
             b = slot[k]
             for is_first in range(2):
                 second, first, longest = (b, a, length[i]) if is_first else (a, b, length[k])
-                pair = is_first, number[i], b
+                pair = is_first, seat[i], b
                 was_in = meetings.last[pair] == step - 1
                 if not was_in and _beside(trails, head, second, first, longest + 2 * (radius[i] + radius[k])):
                     continue

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from platoontraffic.controllers import Signals
+from platoontraffic.geometry.driven_paths import DrivenPaths
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.braking import Braking
 from platoontraffic.observation.closeness import Closeness
@@ -67,7 +69,7 @@ class Observer:
         """members: all of the run, by their number"""
         length = np.array([m.model.length for m in members])
         size = scale(length)
-        self._network = network
+        self._members, self._network, self._contacts = members, network, contacts
         self._presence = Presence(members)
         self._gaps = Gaps(members)
         self._desired_gaps = DesiredGaps(members)
@@ -83,6 +85,17 @@ class Observer:
         self._encroachments = Encroachments(members)
         self._off_road = OffRoad(network.drivable, size)
         self.statistics = Statistics(len(members))
+
+    def extend(self, newcomers: Sequence[Member]) -> None:
+        """Further members of the run, with the numbers that come next."""
+        before = len(self._members)
+        self._members = (*self._members, *newcomers)
+        self._contacts.members |= {m.id for m in newcomers}
+        fresh = Observer(self._members, self._network, self._contacts)
+        for name, part in vars(fresh).items():
+            if hasattr(part, "__dict__") and part not in (self._network, self._contacts):
+                _extend(getattr(self, name), part, before)
+        self._presence.members = self._members
 
     def refit(self, members: Sequence[Member]) -> None:
         """All members, by their number, with the laws and sensors that they have from now on."""
@@ -107,7 +120,7 @@ class Observer:
         """
         seen = seen or [Seen(traffic, group.rows) for group in fleet.groups]
         step = Step(traffic, fleet, roads, signals, *fleet.model.axle_position(fleet.motion), seen)
-        events = [*self._presence.observe(step, self._splits.left_behind), *map(step.noted, noted)]
+        events = [*self._presence.observe(step, self._splits.left_behind, noted), *map(step.noted, noted)]
         if len(new := self._presence.new):
             self._gaps.begin(step, new)
             self._braking.begin(step, new)
@@ -162,3 +175,17 @@ class Observer:
             closest=self._closeness.closest(),
             contact_in=values["contact_in"],
         )
+
+
+def _extend(part: Any, fresh: Any, before: int) -> None:
+    """Give the arrays of all members in a part of the observer the rows that they have in a fresh one.
+
+    before: number of members that `part` knows; arrays of another length are of something else
+    """
+    for name, begun in vars(fresh).items():
+        own = getattr(part, name)
+        if isinstance(own, DrivenPaths):
+            own.extend(begun.spacing[before:])
+        elif isinstance(own, np.ndarray | list) and len(own) == before < len(begun):
+            rows = begun[before:]
+            setattr(part, name, [*own, *rows] if isinstance(own, list) else np.concatenate([own, rows]))

@@ -19,6 +19,7 @@ class OffRoad:
         self._drivable, self._scale = drivable, scale
         self.distance = np.zeros(len(scale))  # of the driven axle from the drivable area [m]; 0 in it
         self._since = np.full(len(scale), np.nan)  # [s]; NaN: on the road
+        self._entered = np.zeros(len(scale), dtype=bool)  # SUMO inserts vehicles with their rear before the first lane
         self._any_off = False  # a member was outside one step before
 
     def observe(self, step: Step) -> Iterator[Event]:
@@ -26,10 +27,13 @@ class OffRoad:
         number = step.number
         away = (~shapely.contains_xy(self._drivable, step.x, step.y)).nonzero()[0]
         if not len(away) and not self._any_off:
+            self._entered[number] = True
             return
         distance = np.zeros(len(number))
         if len(away):
             distance[away] = shapely.distance(self._drivable, shapely.points(step.x[away], step.y[away]))
+        self._entered[number] |= distance == 0
+        distance[~self._entered[number]] = 0.0
         self.distance[number] = distance
         off, since = distance > OFF_ROAD_DISTANCE * self._scale[number], self._since[number]
         left, back = off & np.isnan(since), ~off & ~np.isnan(since)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from platoontraffic.observation.step import Step
-from platoontraffic.world.events import Event
+from platoontraffic.world.events import Event, Noted
 from platoontraffic.world.fleet import Member
 
 
@@ -19,14 +19,16 @@ class Presence:
         self.members = members
         self._here = np.zeros(len(members), dtype=bool)
         self._before: Step | None = None
+        self._stuck: dict[str, str] = {}  # members that were stuck one step before, with the remedy
         self.new = np.empty(0, dtype=np.intp)  # rows of members that entered the road in this step, (m,)
 
-    def observe(self, step: Step, left_behind: np.ndarray) -> Iterator[Event]:
-        """arrived, stranded, departed
+    def observe(self, step: Step, left_behind: np.ndarray, noted: Sequence[Noted] = ()) -> Iterator[Event]:
+        """arrived, stranded, given_up, departed
 
         left_behind: members of the run that were split off from and far behind their predecessor one step before, (N,)
         """
         before, self._before = self._before, step
+        stuck, self._stuck = self._stuck, {step.fleet.ids[one.row]: one.what for one in noted if one.kind == "stuck"}
         if before and before.number is step.number:
             self.new = self.new[:0]
             return
@@ -34,7 +36,9 @@ class Presence:
         self._here[:] = False
         self._here[step.number] = True
         for row in (~self._here[before.number]).nonzero()[0] if before else ():
-            yield self._gone(step.time, before, row, left_behind)
+            event = self._gone(step.time, before, row, left_behind)
+            given_up = stuck.get(event.vehicle, "wait") != "wait"
+            yield event._replace(kind="given_up", what=stuck[event.vehicle], detail="") if given_up else event
         for row in self.new:
             yield step.event("departed", row)
 

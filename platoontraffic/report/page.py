@@ -18,6 +18,12 @@ STRIPS = (
     "Gap, speed and spacing error over time; periods in which a follower had lost its predecessor, and in which a "
     "member was held at a stop line, split off or broken down"
 )
+CAPTIONS_OF_SCOPES = {
+    "run": "The run",
+    "everybody": "All trips of the traffic",
+    "equipped": "Trips of members from the traffic",
+    "traffic": "Trips of other vehicles",
+}
 CAPTIONS = {  # of `analysis.pictures.PICTURES`
     "map": "The road, the path of every member, and its last position",
     "unrolled": "The road straightened along the leader's path, with kerbs and lanes; lateral scale enlarged",
@@ -101,7 +107,7 @@ def _metrics(results: Results, meanings: dict[str, dict[str, str]]) -> str:
     metrics = results.metrics.dropna(subset="value")
     metrics = metrics.assign(unit=metrics.unit.fillna("") if "unit" in metrics else "")
     parts = []
-    for scope, caption in (("run", "The run"), ("traffic", "Background traffic")):
+    for scope, caption in CAPTIONS_OF_SCOPES.items():
         rows = metrics[metrics.scope == scope]
         if len(rows):
             lines = [(m.metric, m.unit, f"{m.value:.4g}") for m in rows.itertuples()]

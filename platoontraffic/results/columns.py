@@ -263,6 +263,22 @@ ENCOUNTERS = (
     integer("contact", "1: the two bodies touched within the next 10 s"),
 )
 
+TRIPS = (
+    text("vehicle_id", "vehicle of the traffic"),
+    text("type", "vehicle type that it has in the demand"),
+    integer("member", "1: it was a member, and the row is measured by the tool; 0: SUMO drove it, and measured it"),
+    text("status", "'arrived', at the end 'running' or 'waiting' to depart, 'removed', or 'sumo_drives': see stuck"),
+    number("depart_s", "s", "departure, since the platoons were placed; negative if before that", format="%.3f"),
+    number("arrival_s", "s", "arrival, since the platoons were placed; empty for unfinished trips", format="%.3f"),
+    number("duration_s", "s", "time on the road, for unfinished trips until the end", format="%.3f"),
+    number("route_length_m", "m", "distance driven", format="%.9g"),
+    number("waiting_s", "s", "time slower than 0.1 m/s, without planned stops", format="%.3f"),
+    number("time_loss_s", "s", "time lost by driving slower than the driver would on a free road", format="%.3f"),
+    number("depart_delay_s", "s", "delay of departure for want of room", format="%.3f"),
+    number("co2_kg", "kg", "CO2 emitted", format="%.9g"),
+    number("fuel_kg", "kg", "fuel used", format="%.9g"),
+)
+
 STATISTICS = (
     text("platoon_id", "platoon"),
     integer("place", "place in the platoon"),
@@ -276,8 +292,12 @@ STATISTICS = (
 )
 
 METRICS = (
-    text("scope", "'vehicle' (one member), 'platoon', 'run' (all members) or 'traffic' (background traffic)"),
-    text("platoon_id", "platoon; empty for the scopes run and traffic"),
+    text(
+        "scope",
+        "'vehicle' (one member), 'platoon', 'run' (all members), 'traffic' (background traffic), 'everybody' "
+        "(members from the traffic too) or 'equipped' (these alone)",
+    ),
+    text("platoon_id", "platoon; only for vehicles and platoons"),
     text("vehicle_id", "member; empty for the other scopes"),
     text("metric", "name of the metric; the list of metrics is below"),
     number("value", "", "value", format="%.9g"),

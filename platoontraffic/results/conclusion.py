@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import pandas as pd
 import shapely
 
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import Scene
 from platoontraffic.observation.encounters import Encounters
 from platoontraffic.results import metrics, plug_in_metrics, sumo_tables
-from platoontraffic.results.columns import ENCOUNTERS, METRICS, Column, integer, text
+from platoontraffic.results.columns import ENCOUNTERS, METRICS, TRIPS, Column, integer, text
 from platoontraffic.results.data_package import data_package
 from platoontraffic.results.metrics import Value
 from platoontraffic.results.recorder import Recorder
 from platoontraffic.road.network import Network
 from platoontraffic.scenario import Scenario
 from platoontraffic.world.fleet import Member
+from platoontraffic.world.trips import Trip
 
 TYPES = {str: "string", int: "integer", float: "number", bool: "boolean"}  # of varied values, in datapackage.json
 
@@ -27,11 +29,17 @@ class MetricError(InputError):
 
 
 def conclude(
-    recorder: Recorder, scenario: Scenario, members: Sequence[Member], obstacles: Sequence[str], encounters: Encounters
+    recorder: Recorder,
+    scenario: Scenario,
+    members: Sequence[Member],
+    obstacles: Sequence[str],
+    encounters: Encounters,
+    trips: Sequence[Trip],
 ) -> None:
     """Write these files; to be called when SUMO is closed.
 
     members, obstacles : all that the run ever had, the latter by id
+    trips              : of members from the traffic
     raises             : MetricError
     """
     spec = scenario.spec
@@ -39,7 +47,11 @@ def conclude(
     sumo_tables.write_tables(recorder, scenario)
     if obstacles:
         recorder.write_table("encounters.csv", encounters.rows(), ENCOUNTERS)
-    values = _values(recorder, scenario, members, obstacles)
+    with_trips = bool(spec.equip) and "trips" in spec.record.sumo
+    if with_trips:
+        others = _trips_of_others(recorder, members, obstacles)
+        recorder.write_table("trips.csv", all_trips(trips, others, _end(recorder)), TRIPS)
+    values = _values(recorder, scenario, members, obstacles, with_trips)
     of_plug_ins, faults = _of_plug_ins(recorder, scenario)
     values += of_plug_ins
     recorder.write_table("metrics.csv", values, METRICS)
@@ -51,6 +63,7 @@ def conclude(
         traffic=spec.record.traffic_every_s is not None,
         scans=spec.record.scans_every_s is not None,
         encounters=bool(obstacles),
+        trips=with_trips,
         sumo=spec.record.sumo,
         metrics=_meanings(values, scenario),
         summary=_summary_columns(values, scenario),
@@ -87,13 +100,47 @@ def scene(static: Scene, network: Network) -> dict[str, Any]:
     }
 
 
-def _values(recorder: Recorder, scenario: Scenario, members: Sequence[Member], obstacles: Sequence[str]) -> list[Value]:
+def _end(recorder: Recorder) -> float:
+    """End of the run [s]."""
+    events = recorder.read_table("events")
+    return float(events.loc[events.kind == "end", "time_s"].iloc[0])
+
+
+def _trips_of_others(recorder: Recorder, members: Sequence[Member], obstacles: Sequence[str]) -> pd.DataFrame:
+    """The rows of sumo_trips.csv without members and obstacles: SUMO knows too little about them."""
+    table = recorder.read_table("sumo_trips")
+    return table[~table.vehicle_id.isin([*(m.id for m in members), *obstacles])]
+
+
+def all_trips(trips: Sequence[Trip], others: pd.DataFrame, end: float) -> list[tuple]:
+    """The rows of trips.csv by departure: trips of members from the traffic, and of others by the table sumo_trips.
+
+    end: of the run [s]
+    """
+    rows = []
+    for trip in trips:
+        over = trip.ended if trip.status != "running" else end
+        arrival = trip.ended if trip.status == "arrived" else None
+        own = trip.distance, trip.waiting, trip.time_loss, trip.depart_delay, trip.co2, trip.fuel
+        rows.append((trip.vehicle, trip.type, 1, trip.status, trip.departed, arrival, over - trip.departed, *own))
+    names = [column.name for column in TRIPS if column.name != "member"]
+    for row in others[names].astype(object).where(others[names].notna(), None).itertuples(index=False):
+        rows.append((*row[:2], 0, *row[2:]))
+    return sorted(rows, key=lambda row: (row[4] is None, row[4] or 0.0, row[0]))
+
+
+def _values(
+    recorder: Recorder, scenario: Scenario, members: Sequence[Member], obstacles: Sequence[str], with_trips: bool
+) -> list[Value]:
     """The tool's own metrics."""
     spec = scenario.spec
     loops = {p.id for p in spec.platoon if p.loop or spec.run.laps} | {m.platoon for m in members if m.route is None}
     values = metrics.compute(*map(recorder.read_table, ("trajectories", "events", "statistics")), loops)
     if "trips" in spec.record.sumo:
-        values += metrics.of_traffic(recorder.read_table("sumo_trips"), {*(m.id for m in members), *obstacles})
+        values += metrics.of_trips("traffic", _trips_of_others(recorder, members, obstacles))
+    if with_trips:
+        trips = recorder.read_table("trips")
+        values += [*metrics.of_trips("everybody", trips), *metrics.of_trips("equipped", trips[trips.member == 1])]
     if obstacles:
         values += metrics.of_obstacles(recorder.read_table("encounters"), recorder.read_table("events"))
     return values
@@ -122,7 +169,7 @@ def _summary_columns(values: Sequence[Value], scenario: Scenario) -> list[Column
             Column(key, TYPES.get(type(value), "any"), "", "key of the scenario")
             for key, value in scenario.varied.items()
         ),
-        *(_summary_column(one) for one in values if one.scope in ("run", "traffic")),
+        *(_summary_column(one) for one in values if one.scope in ("run", *metrics.OF_TRIPS)),
     ]
 
 

@@ -13,6 +13,7 @@ from platoontraffic.results.columns import (
     STATISTICS,
     TRAFFIC,
     TRAJECTORIES,
+    TRIPS,
     VEHICLES,
     Column,
 )
@@ -35,13 +36,14 @@ def data_package(
     traffic: bool = False,
     scans: bool = False,
     encounters: bool = False,
+    trips: bool = False,
     sumo: Sequence[str] = (),
     metrics: Mapping[str, Mapping[str, str]] | None = None,
     summary: Sequence[Column] = (),
 ) -> dict[str, Any]:
     """The package of a run.
 
-    traffic, scans, encounters : whether the run has these
+    traffic, scans, encounters, trips : whether the run has these
     sumo                       : names of SUMO's tables that it has
     metrics                    : scope -> metric -> meaning, of the metrics that it has
     summary                    : columns of summary.csv
@@ -54,6 +56,7 @@ def data_package(
         _table("vehicles", VEHICLES),
         *([_table("traffic", TRAFFIC)] if traffic else []),
         *([_table("encounters", ENCOUNTERS)] if encounters else []),
+        *([_table("trips", TRIPS)] if trips else []),
         _table("summary", summary, description=SUMMARY),
         {"name": "scene", "path": "scene.geojson", "description": SCENE},
         *([_scans()] if scans else []),

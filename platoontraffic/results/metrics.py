@@ -480,7 +480,7 @@ OF_OBSTACLES = (
 
 
 class Trips(NamedTuple):
-    """Rows of sumo_trips.csv that belong to no member."""
+    """Rows of sumo_trips.csv or trips.csv."""
 
     all: pd.DataFrame
     finished: pd.DataFrame
@@ -495,6 +495,8 @@ class Trips(NamedTuple):
     def per_kilometre(self, column: str) -> float:
         return self.all[column].sum() / self.kilometres if self.kilometres > 0 else math.nan
 
+
+OF_TRIPS = ("traffic", "everybody", "equipped")  # scopes of the following: trips of no member, all, those of members
 
 OF_TRAFFIC = (
     Metric("trips_finished", "", "trips that arrived", lambda trips: trips.count("arrived")),
@@ -553,7 +555,7 @@ COUNTS = frozenset(
 # Columns of summary.csv whose values are integers.
 INTEGERS = COUNTS | {
     "seed", "members", "arrived", "stranded", "corners_min",
-    *(f"traffic_{m.name}" for m in OF_TRAFFIC if not m.unit),
+    *(f"{scope}_{m.name}" for scope in OF_TRIPS for m in OF_TRAFFIC if not m.unit),
 }  # fmt: skip
 
 
@@ -601,15 +603,10 @@ def of_obstacles(encounters: pd.DataFrame, events: pd.DataFrame) -> list[Value]:
     return [Value("run", "", "", metric.name, metric.value(met), metric.unit) for metric in OF_OBSTACLES]
 
 
-def of_traffic(trips: pd.DataFrame, members: Collection[str]) -> list[Value]:
-    """Metrics of the background traffic.
-
-    trips   : the table of sumo_trips.csv
-    members : ids of members and obstacles; SUMO knows too little about them
-    """
-    others = trips[~trips.vehicle_id.isin(list(members))]
-    found = Trips(others, others[others.status == "arrived"])
-    return [Value("traffic", "", "", metric.name, metric.value(found), metric.unit) for metric in OF_TRAFFIC]
+def of_trips(scope: str, trips: pd.DataFrame) -> list[Value]:
+    """Metrics of some rows of sumo_trips.csv or trips.csv; scope: a name in `OF_TRIPS`"""
+    found = Trips(trips, trips[trips.status == "arrived"])
+    return [Value(scope, "", "", metric.name, metric.value(found), metric.unit) for metric in OF_TRAFFIC]
 
 
 def aggregate(values: Sequence[Value], name: str, over: str) -> float:
@@ -633,14 +630,16 @@ def meanings() -> dict[str, dict[str, str]]:
     group = {name: f"{AGGREGATES[m.over][1]} over the members of {m.name}: {m.meaning}" for name, m in _aggregated()}
     group |= {m.name: m.meaning for m in (*OF_GROUPS, *OF_STRINGS)}
     run = group | {m.name: m.meaning for m in OF_OBSTACLES} | {DURATION[0]: DURATION[1]}
-    return {"vehicle": of_members, "platoon": group, "run": run, "traffic": {m.name: m.meaning for m in OF_TRAFFIC}}
+    return {"vehicle": of_members, "platoon": group, "run": run} | {
+        scope: {m.name: m.meaning for m in OF_TRAFFIC} for scope in OF_TRIPS
+    }
 
 
 def summary(name: str, seed: int, varied: dict[str, Any], values: Sequence[Value]) -> str:
-    """summary.csv: one row with the run, the keys that arguments varied, and every metric of run and traffic."""
+    """summary.csv: one row with the run, the keys that arguments varied, and every metric of run and trips."""
     row: dict[str, Any] = {"scenario": name, "seed": seed, **varied}
     for one in values:
-        if one.scope in ("run", "traffic"):
+        if one.scope in ("run", *OF_TRIPS):
             of = column(one.scope, one.name, one.unit)
             row[of] = _number(one.value, of in INTEGERS)
     return pd.DataFrame([row]).to_csv(index=False, float_format="%.9g", lineterminator="\n")
@@ -656,7 +655,7 @@ def _number(value: float, integer: bool) -> str:
 
 def column(scope: str, name: str, unit: str) -> str:
     """Column of summary.csv for a metric: `gap_mean_m`, or `traffic_delay_mean_finished_s` for one of the traffic."""
-    parts = ["traffic" if scope == "traffic" else "", name, unit.replace("/", "p")]
+    parts = [scope if scope in OF_TRIPS else "", name, unit.replace("/", "p")]
     return "_".join(filter(None, parts))
 
 

@@ -42,6 +42,8 @@ class Route:
     limit: np.ndarray  # speed limit from each point of the line on [m/s], (k,)
     lines: tuple[Line, ...]  # stop lines and lane changes
     walled: bool = False  # a wall closes the road at its end
+    speed_factor: float = 1.0  # of the one that drives it: times the limits
+    top_speed: float = np.inf  # that it drives [m/s]
 
     @classmethod
     def along(
@@ -129,11 +131,11 @@ class Routes:
 
     def __init__(self, routes: Sequence[Route], length: np.ndarray) -> None:
         """length: of the vehicles [m], (n,)"""
-        each = list(zip(map(id, routes), length.tolist(), strict=True))
-        kinds = list(dict.fromkeys(each))
-        chosen = {id(route): route for route in routes}
-        number = {kind: i for i, kind in enumerate(kinds)}
-        which = np.array([number[kind] for kind in each])
+        # Vehicles that differ in their speeds alone have the same line.
+        of_row = [(id(route.line), size) for route, size in zip(routes, length.tolist(), strict=True)]
+        kinds = {kind: number for number, kind in enumerate(dict.fromkeys(of_row))}
+        chosen = {id(route.line): route for route in routes}
+        which = np.array([kinds[kind] for kind in of_row])
         lines = [chosen[key].line for key, _ in kinds]
         spans = np.array([line.stations[-1] for line in lines])
         bases = np.concatenate([[0.0], np.cumsum(spans[:-1] + 1.0)])
@@ -154,6 +156,7 @@ class Routes:
         self._closed = np.array([route.closed for route in routes])
         self.walled = np.array([route.walled for route in routes])  # a wall closes the road at the end of the route
         self._end = np.array([route.length for route in routes])
+        self._factor, self._top_speed = np.array([(route.speed_factor, route.top_speed) for route in routes]).T
 
     def project(self, x: np.ndarray, y: np.ndarray, near: np.ndarray, window: np.ndarray) -> np.ndarray:
         """Stations (n,) of the nearest points within `window` (n,) of stations `near`, as Polyline.project."""
@@ -174,7 +177,7 @@ class Routes:
         rows = np.arange(len(station)) if rows is None else rows
         shape = len(station), len(REACH)
         ahead = RouteAhead(np.empty(shape), np.empty((*shape, 2)), *np.empty((2, *shape)), np.zeros(shape))
-        routes = self._length, self._closed, self._end, self._span, self._base
+        routes = self._length, self._closed, self._end, self._span, self._base, self._factor, self._top_speed
         lines, grid = (self._stations, self._points, self._limits), (self._grid, self._curvature)
         poses = x, y, np.cos(heading), np.sin(heading)
         _look_ahead(rows, station, poses, routes, lines, grid, (self._changes, self._aside), self._shifted, ahead)
@@ -204,13 +207,14 @@ def _look_ahead(rows, station, poses, routes, lines, grid, changes, shifted, ahe
     """Fill in `RouteAhead` as of `Routes.ahead`.
 
     poses   : x, y [m], cosine and sine of the heading, (m,)
-    routes  : vehicle length, whether it is closed, its length, that of its line, base station, (n,) each
+    routes  : vehicle length, whether it is closed, its length, that of its line, base station, factor on its limits,
+              top speed, (n,) each
     lines   : stations, points and limits of all routes
     grid    : stations and curvature there; changes: stations and distance from the first lane there
     shifted : a route changes lanes
     """
     x, y, cos, sin = poses
-    length, closed, end, span, base = routes
+    length, closed, end, span, base, factor, top_speed = routes
     stations, points, limits = lines
     for i in range(len(rows)):
         r = rows[i]
@@ -227,7 +231,7 @@ def _look_ahead(rows, station, poses, routes, lines, grid, changes, shifted, ahe
                 k += 1
             while bend + 1 < len(grid[0]) and grid[0][bend + 1] <= there:
                 bend += 1
-            ahead.distance[i, j], ahead.limit[i, j] = distance, limits[k]
+            ahead.distance[i, j], ahead.limit[i, j] = distance, min(factor[r] * limits[k], top_speed[r])
             ahead.curvature[i, j] = _between(grid[0], grid[1], bend, there)
             if shifted:
                 while change + 1 < len(changes[0]) and changes[0][change + 1] <= there:

@@ -5,6 +5,7 @@ one line, `file:line: key: what is wrong; what is allowed`.
 """
 
 from platoontraffic.scenario.base import Identifier, Table
+from platoontraffic.scenario.equip_tables import Equip
 from platoontraffic.scenario.faults import dotted, fault_of
 from platoontraffic.scenario.learn_table import Learn
 from platoontraffic.scenario.loading import load
@@ -17,6 +18,7 @@ __all__ = [
     "Breakdown",
     "Change",
     "Channel",
+    "Equip",
     "Identifier",
     "Learn",
     "Platoon",

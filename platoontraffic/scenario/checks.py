@@ -15,11 +15,13 @@ from platoontraffic.lidar import LidarModel
 from platoontraffic.lidar.noise import DEFAULT_NAME
 from platoontraffic.road.sumo_files import id_clashes
 from platoontraffic.scenario.base import is_multiple
-from platoontraffic.scenario.drivers import Found, Role, default_preset, drivers_of
+from platoontraffic.scenario.driver_tables import Driver
+from platoontraffic.scenario.drivers import Found, Role, default_preset, drivers_of, key_of
+from platoontraffic.scenario.equip_tables import Equip
 from platoontraffic.scenario.faults import Fault, KeyPath
 from platoontraffic.scenario.files import Files
 from platoontraffic.scenario.obstacle_tables import Car, CutIn, Pedestrian, name_of
-from platoontraffic.scenario.tables import Breakdown, Channel, Driver, Manoeuvre, Platoon, Spec, Sumo
+from platoontraffic.scenario.tables import Breakdown, Channel, Manoeuvre, Platoon, Spec, Sumo
 from platoontraffic.scenario.vehicle_tables import Lidar
 
 SOME = 8  # names are enough to say what is allowed
@@ -42,6 +44,7 @@ def faults_of(spec: Spec, files: Files, laws: Mapping[Role, Found], folder: Path
         _sumo(spec.sumo, files.net, folder),
         _times(spec),
         _platoons(spec),
+        _equip(spec),
         _obstacles(spec, names),
         _traffic(spec, files, names),
         _drivers(spec, laws),
@@ -59,7 +62,7 @@ def faults_of_branch(
     for role, law in laws_then.items():
         if law != laws[role] and (law.native or laws[role].native):
             what = "SUMO drives it, or would; such a law does not change at a branch"
-            faults.append(Fault(("platoon", *role, "law"), what))
+            faults.append(Fault((*key_of(then, role), "law"), what))
     begun = [[one for one in spec.breakdown if one.time_s <= at] for spec in (before, then)]
     for i, one in enumerate(then.breakdown):
         if one in begun[1] and one not in begun[0]:
@@ -105,6 +108,17 @@ def _platoons(spec: Spec) -> Iterator[Fault]:
         if platoon.id in ids[:i]:
             what = f"{platoon.id!r}: platoon.{ids.index(platoon.id)} has the same id; must be another"
             yield Fault(("platoon", i, "id"), what)
+
+
+def _equip(spec: Spec) -> Iterator[Fault]:
+    ids = [platoon.id for platoon in spec.platoon]
+    for i, equip in enumerate(spec.equip):
+        yield from _before_end(("equip", i, "begin_s"), equip.begin_s, spec)
+        if equip.id in ids:
+            yield Fault(("equip", i, "id"), f"{equip.id!r}: another table has the same id; must be another")
+        ids.append(equip.id)
+    if spec.equip and spec.branch:
+        yield Fault(("branch",), "changes members of [[platoon]] tables only; must be left out beside [[equip]]")
 
 
 def _obstacles(spec: Spec, names: _Names) -> Iterator[Fault]:
@@ -158,16 +172,19 @@ def _clashes(clashes: list[tuple[str, str]], spec: Spec, names: _Names) -> Itera
 
 def _drivers(spec: Spec, laws: Mapping[Role, Found]) -> Iterator[Fault]:
     for role, driver in drivers_of(spec):
-        found, at, platoon = laws[role], ("platoon", *role), spec.platoon[role[0]]
+        found, at, group = laws[role], key_of(spec, role), spec.groups[role[0]]
         yield from found.faults
         if found.law is not None:
-            yield from _needs(at, driver, found.law, platoon, spec.channel)
+            if isinstance(group, Equip):
+                yield from _alone(at, driver, found.law)
+            else:
+                yield from _needs(at, driver, found.law, group, spec.channel)
             yield from _sensors((*at, "sensors"), driver, found, spec.run.step_s)
         if found.kind is None:
             continue
         if not found.kind.native:
-            preset = default_preset(role[1], found.kind, platoon.model(0))
-            yield from _lidars(at, driver, preset, platoon, spec.run.step_s)
+            preset = default_preset(role[1], found.kind, group.model(0))
+            yield from _lidars(at, driver, preset, group, spec.run.step_s)
 
 
 def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon, channel: Channel | None) -> Iterator[Fault]:
@@ -182,6 +199,18 @@ def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon, channel: Cha
         yield Fault((*at, "law"), f"{driver.law!r} needs messages; the scenario must have a [channel]")
 
 
+def _alone(at: KeyPath, driver: Driver, law: Law) -> Iterator[Fault]:
+    """Members from the traffic have no predecessor of their own, and a route."""
+    if "messages" in law.needs:
+        yield Fault((*at, "law"), f"{driver.law!r} needs messages, and it has nobody to receive them from")
+    elif getattr(law, "vehicle_type", None):
+        what = "vehicles of the traffic keep the car-following model of their type; must be left out"
+        yield Fault((*at, "model"), f"{law.model!r}: {what}")
+    elif not (law.native or law.drives_alone):
+        what = 'cannot drive alone; must be a law that declares drives_alone, such as "tracking" with on_loss = "drive"'
+        yield Fault((*at, "law"), f"{driver.law!r} {what}")
+
+
 def _sensors(at: KeyPath, driver: Driver, found: Found, step: float) -> Iterator[Fault]:
     for name in driver.sensors:
         if name in NEEDS:
@@ -194,8 +223,8 @@ def _sensors(at: KeyPath, driver: Driver, found: Found, step: float) -> Iterator
             yield Fault((*at, name), f"rate = {sensor.rate:g} Hz: {what}")
 
 
-def _lidars(at: KeyPath, driver: Driver, preset: str, platoon: Platoon, step: float) -> Iterator[Fault]:
-    main = _lidar((*at, "lidar"), driver.lidar, preset, platoon)
+def _lidars(at: KeyPath, driver: Driver, preset: str, group: Platoon | Equip, step: float) -> Iterator[Fault]:
+    main = _lidar((*at, "lidar"), driver.lidar, preset, group)
     if isinstance(main, Fault):
         yield main
         return
@@ -204,7 +233,7 @@ def _lidars(at: KeyPath, driver: Driver, preset: str, platoon: Platoon, step: fl
         yield Fault((*at, "lidar", "rate_hz"), f"{main.rate:g}: {what}")
     for name, table in driver.lidars.items():
         path = (*at, "lidars", name)
-        further = _lidar(path, table, preset, platoon)
+        further = _lidar(path, table, preset, group)
         if isinstance(further, Fault):
             yield further
         elif not is_multiple(1 / further.rate, 1 / main.rate):
@@ -214,9 +243,9 @@ def _lidars(at: KeyPath, driver: Driver, preset: str, platoon: Platoon, step: fl
             yield Fault(path, f"{name!r}: is the name of the scanner of the key `lidar`; must be another")
 
 
-def _lidar(at: KeyPath, table: Lidar, preset: str, platoon: Platoon) -> LidarModel | Fault:
+def _lidar(at: KeyPath, table: Lidar, preset: str, group: Platoon | Equip) -> LidarModel | Fault:
     try:
-        return table.model(preset, platoon.model(0).length)
+        return table.model(preset, group.model(0).length)
     except ValueError as error:
         return Fault(at, str(error))
 

@@ -12,7 +12,8 @@ from platoontraffic.errors import InputError
 from platoontraffic.road.network import Network
 from platoontraffic.road.sumo_configuration import Configuration
 from platoontraffic.scenario.base import is_multiple
-from platoontraffic.scenario.defaults import usual_step
+from platoontraffic.scenario.defaults import usual_step, vehicles_in
+from platoontraffic.scenario.equip_tables import A_DAY
 from platoontraffic.scenario.overrides import Change
 
 SEEDS = range(2**31)  # that a scenario may have
@@ -40,13 +41,15 @@ def complete(table: dict[str, Any], config: Configuration, changes: Sequence[Cha
     sumo = table["sumo"]
     if taken := [key for key in ("net", "config", "traffic") if key in sumo]:
         raise InputError(f"--platoon: sumo.{taken[0]}: must not be given; the configuration {config.path} says it")
-    sumo["config"] = os.path.abspath(config.path) if "platoon" in table else config.path.name
+    sumo["config"] = os.path.abspath(config.path) if "platoon" in table or "equip" in table else config.path.name
     table["scene"].setdefault("walls", "none")
-    if "platoon" not in table:
+    if any(change.key.startswith("equip.") for change in changes):
+        table.setdefault("equip", [{}])
+    if "platoon" not in table and "equip" not in table:
         if not any(change.key.startswith("platoon.") for change in changes):
             raise InputError(f"{config.path}: no platoon is given; a complete command, for example: {_example(config)}")
         table["platoon"] = [{}]
-    if isinstance(table["platoon"], list):
+    if isinstance(table.get("platoon"), list):
         table["platoon"] = [{"vehicle": "car"} | p if isinstance(p, dict) else p for p in table["platoon"]]
 
 
@@ -57,12 +60,14 @@ def take_values(table: dict[str, Any], config: Configuration) -> None:
     run, sumo = table.get("run"), table.get("sumo")
     if not (isinstance(run, dict) and isinstance(sumo, dict)):
         return  # reported when the table is validated
-    if config.step and step_fits(config.step, usual_step(table.get("platoon"))):
+    if config.step and step_fits(config.step, usual_step(vehicles_in(table))):
         run.setdefault("step_s", config.step)
     if config.end is not None:
         warm_up = sumo.get("warm_up_s", 0.0)
         lasts = config.end - config.begin - (warm_up if isinstance(warm_up, int | float) else 0)
         run.setdefault("duration_s", round(lasts, 3))
+    elif "equip" in table:
+        run.setdefault("duration_s", A_DAY)  # it ends when its demand has arrived
 
 
 def step_fits(step: float, usual: float) -> bool:

@@ -63,6 +63,13 @@ def with_drivers(platoon: Any) -> Any:
     return {**platoon, **given}
 
 
+def vehicles_in(table: Any) -> list[Any]:
+    """The tables of a scenario, as they are written, that say which vehicles and lasers there are."""
+    tables = [table.get(key) if isinstance(table, dict) else None for key in ("platoon", "equip")]
+    platoons, equips = (one if isinstance(one, list) else [] for one in tables)
+    return [*platoons, *({**equip, "vehicle": "car"} for equip in equips if isinstance(equip, dict))]
+
+
 def usual_step(platoons: Any) -> float:
     """The step of a run with these platoons, tables as they are written [s].
 

@@ -14,14 +14,15 @@ from platoontraffic.controllers.law import Law
 from platoontraffic.lidar import PRESETS
 from platoontraffic.plug_ins import find_class, plug_in_file
 from platoontraffic.scenario.defaults import usual
+from platoontraffic.scenario.driver_tables import Driver
 from platoontraffic.scenario.faults import Fault, KeyPath, what_of
-from platoontraffic.scenario.tables import Driver, Spec
+from platoontraffic.scenario.tables import Spec
 from platoontraffic.scenario.vehicle_tables import Lidar
 from platoontraffic.vehicles.catalogue import VehicleModel
 from platoontraffic.vehicles.sensor import NamedSensor
 
 SENSORS = "platoontraffic.sensors"  # entry point group
-Role = tuple[int, str]  # number of the platoon, "leader" or "follower"
+Role = tuple[int, str]  # index in `Spec.groups`, "leader" or "follower"
 
 
 class FoundSensor(NamedTuple):
@@ -43,10 +44,16 @@ class Found(NamedTuple):
 
 
 def drivers_of(spec: Spec) -> Iterator[tuple[Role, Driver]]:
-    for i, platoon in enumerate(spec.platoon):
-        yield (i, "leader"), platoon.leader
-        if platoon.follower:
-            yield (i, "follower"), platoon.follower
+    for i, group in enumerate(spec.groups):
+        if group.leader:
+            yield (i, "leader"), group.leader
+        if group.follower:
+            yield (i, "follower"), group.follower
+
+
+def key_of(spec: Spec, role: Role) -> KeyPath:
+    """The key of a driver."""
+    return (*spec.key_of(role[0]), role[1])
 
 
 class Finder:
@@ -64,7 +71,7 @@ def find_laws(spec: Spec, find: Finder, stale: Collection[KeyPath] = ()) -> dict
 
     stale: keys that were written for another law; those that this one does not have are left out
     """
-    return {role: _find_law(driver, ("platoon", *role), find, stale) for role, driver in drivers_of(spec)}
+    return {role: _find_law(driver, key_of(spec, role), find, stale) for role, driver in drivers_of(spec)}
 
 
 def default_preset(role: str, law: Law | type[Law], vehicle: VehicleModel) -> str:

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel
 
 from platoontraffic.errors import did_you_mean, shortened
+from platoontraffic.scenario.driver_tables import SHORT
 from platoontraffic.scenario.obstacle_tables import KINDS
-from platoontraffic.scenario.tables import SHORT
 
 VALUE = 200  # longest value that a fault repeats whole [characters]
 

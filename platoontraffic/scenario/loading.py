@@ -181,7 +181,7 @@ def _change(
         for *driver, _ in paths:
             was = _at(before, driver)
             if isinstance(was, dict) and was.get("law", change.value) != change.value:
-                stale |= {("platoon", driver[1] if len(driver) == 3 else 0, driver[-1], key) for key in was}
+                stale |= {(driver[0], driver[1] if len(driver) == 3 else 0, driver[-1], key) for key in was}
     if seed is not None:
         table["seed"] = seed
         set_by["seed",] = "--seed"

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from platoontraffic.errors import InputError
+from platoontraffic.scenario.driver_tables import SHORT
 from platoontraffic.scenario.faults import KeyPath, dotted
-from platoontraffic.scenario.tables import SHORT
 from platoontraffic.scenario.toml_lines import loads
 
 TEXTS = frozenset({"edge", "to", "id", "name", "title", "net", "config"})  # keys of texts that may look like a number

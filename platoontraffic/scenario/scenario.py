@@ -101,7 +101,7 @@ class Scenario:
         scans *= math.ceil(run.duration_s * self._beams() / (scans * REPLAY_RANGES))
         intervals = {
             "traffic_every_s": record.traffic_every_s or round(traffic, 3),
-            "scans_every_s": record.scans_every_s or round(scans, 3),
+            "scans_every_s": record.scans_every_s or round(scans, 3) or None,  # None: only vehicles of the traffic
             "sumo": [*record.sumo, *({"signals"} - set(record.sumo))],
         }
         spec = self.spec.model_copy(update={"record": record.model_copy(update=intervals)})
@@ -109,37 +109,38 @@ class Scenario:
 
     def default_preset(self, role: Role) -> str:
         """The lidar of a driver that names none."""
-        return default_preset(role[1], self.laws[role], self.spec.platoon[role[0]].model(0))
+        return default_preset(role[1], self.laws[role], self.spec.groups[role[0]].model(0))
 
     def further_lidars(self, role: Role) -> dict[str, Lidar]:
         """The tables of a driver's further lasers, by name."""
-        driver = getattr(self.spec.platoon[role[0]], role[1])
+        driver = getattr(self.spec.groups[role[0]], role[1])
         return further_lidars(driver, self.default_preset(role), self.laws[role])
 
     def _beams(self) -> int:
         """Beams of all members' lidars in one scan each."""
         beams = 0
         for (i, role), driver in drivers_of(self.spec):
-            platoon = self.spec.platoon[i]
-            lidar = driver.lidar.model(self.default_preset((i, role)), platoon.model(0).length)
-            beams += lidar.samples * (1 if role == "leader" else platoon.size - 1)
+            group = self.spec.groups[i]
+            lidar = driver.lidar.model(self.default_preset((i, role)), group.model(0).length)
+            beams += lidar.samples * (1 if role == "leader" else group.size - 1)
         return beams
 
     def resolved(self, folder: Path | None = None) -> dict[str, Any]:
         """All keys with their values, as for TOML. Files are named relative to `folder`; without one, by ""."""
         table = self.spec.model_dump(exclude_none=True)
-        for key in ("obstacle", "manoeuvre", "breakdown"):
+        for key in ("platoon", "equip", "obstacle", "manoeuvre", "breakdown"):
             if not table[key]:
                 del table[key]
         if "channel" in table and not table["channel"]["blackout"]:
             del table["channel"]["blackout"]
         table["sumo"] |= self._resolved_files(folder)
         table["record"]["metrics"] = self.metrics.names(lambda file: _relative(file, folder))
-        for platoon in table["platoon"]:
+        for platoon in table.get("platoon", []):
             if "vehicles" in platoon:
                 del platoon["vehicle"]
         for (i, role), _ in drivers_of(self.spec):
-            table["platoon"][i][role] = self._resolved_driver((i, role), folder)
+            key, number = self.spec.key_of(i)
+            table[key][number][role] = self._resolved_driver((i, role), folder)
         if self.then:
             table["branch"]["then"] = self._resolved_changes(folder)
         return table
@@ -167,7 +168,7 @@ class Scenario:
 
     def _resolved_driver(self, role: Role, folder: Path | None) -> dict[str, Any]:
         """The table of a leader or follower, with all gains of its law."""
-        law, driver = self.laws[role], getattr(self.spec.platoon[role[0]], role[1])
+        law, driver = self.laws[role], getattr(self.spec.groups[role[0]], role[1])
         name = driver.law
         if file := self.plug_ins.get(role):
             name = f"{_relative(file, folder)}:{name.rsplit(':', 1)[1]}"
@@ -181,7 +182,7 @@ class Scenario:
     def _resolved_extras(self, role: Role, folder: Path | None) -> dict[str, Any]:
         """The tables of further lasers and of sensors, where there are any."""
         lidars = {name: one.model_dump(exclude_none=True) for name, one in self.further_lidars(role).items()}
-        driver, sensors = getattr(self.spec.platoon[role[0]], role[1]), {}
+        driver, sensors = getattr(self.spec.groups[role[0]], role[1]), {}
         for (name, sensor), file in self.sensors[role]:
             written = driver.sensors[name].sensor
             if file:

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from platoontraffic.scenario.base import (
     Finite,
     Fraction,
     Identifier,
     LaneIndex,
-    Named,
     NotNegative,
     Positive,
     Speed,
@@ -23,10 +22,12 @@ from platoontraffic.scenario.base import (
     Text,
     filled_in,
 )
-from platoontraffic.scenario.defaults import usual, usual_step, with_drivers
+from platoontraffic.scenario.defaults import usual, usual_step, vehicles_in, with_drivers
+from platoontraffic.scenario.driver_tables import Driver
+from platoontraffic.scenario.equip_tables import Equip
 from platoontraffic.scenario.learn_table import Learn
 from platoontraffic.scenario.obstacle_tables import Obstacle
-from platoontraffic.scenario.vehicle_tables import Lidar, NoiseTable, OdometryTable, Vehicle
+from platoontraffic.scenario.vehicle_tables import Vehicle
 from platoontraffic.vehicles.catalogue import VehicleModel
 
 
@@ -113,51 +114,6 @@ class Record(Table):
     @classmethod
     def listed(cls, names: Any) -> Any:
         return names.split(",") if isinstance(names, str) else names
-
-
-class SensorTable(Named):
-    """A sensor of a plug-in."""
-
-    model_config = ConfigDict(extra="allow")
-    short = "sensor"
-
-    sensor: str
-    """Name of an installed sensor, or module:Class from a file beside the scenario.
-    All further keys are parameters of the sensor."""
-
-
-class Driver(Named):
-    """The law that drives a leader or the followers, its gains as further keys, and the sensors that it gets."""
-
-    model_config = filled_in("law") | ConfigDict(extra="allow")
-    short = "law"
-
-    law: str
-    """Name of a law (`platoontraffic list laws` prints all), or module:Class from a file beside the scenario.
-    All keys besides `law`, `lidar`, `lidars`, `odometry` and `sensors` are gains of the law. Default: for cars, vans
-    and trucks, a leader drives by "path" and a follower by "tracking" with policy = "obey" and on_loss = "drive", both
-    with odometry = "car"; required for robots."""
-    lidar: Lidar = Lidar()
-    """Laser scanner, by name or as a table."""
-    lidars: dict[Identifier, Lidar] = Field({})
-    """Further laser scanners, each with a name of its own. Their interval must be a multiple of that of `lidar`.
-    Default: those that the law declares: "tracking" has "around", of preset "car-around"."""
-    sensors: dict[Identifier, SensorTable] = Field({})
-    """Sensors from plug-ins, each with the name by which the law asks for it in `needs`. Default: none."""
-    odometry: OdometryTable = OdometryTable()
-    """Errors of the measured own speed and yaw rate, by name or as a table. Default: "none"; "car" where the law is
-    left out."""
-
-
-# Keys that take a table or a name -> the key of the table that the name is the value of.
-SHORT = {
-    "leader": Driver.short,
-    "follower": Driver.short,
-    "lidar": Lidar.short,
-    "noise": NoiseTable.short,
-    "odometry": OdometryTable.short,
-    "vehicle": Vehicle.short,
-}
 
 
 class Start(Table):
@@ -390,8 +346,10 @@ class Spec(Table):
     """The step of the simulation, and when the run ends."""
     record: Record = Record()
     """Which tables the run leaves, and their sampling intervals."""
-    platoon: Annotated[list[Platoon], Field(min_length=1)]
-    """The platoons, one [[platoon]] table each."""
+    platoon: list[Platoon] = Field([])
+    """The platoons, one [[platoon]] table each. Required, unless there is an [[equip]] table."""
+    equip: list[Equip] = Field([])
+    """Shares of the traffic that become members, one [[equip]] table each."""
     obstacle: list[Obstacle] = Field([])
     """Bodies that get in the way, one [[obstacle]] table each."""
     manoeuvre: list[Manoeuvre] = Field([])
@@ -405,10 +363,32 @@ class Spec(Table):
     learn: Learn | None = None
     """For environments, in which members learn; runs do not use it. Default: that of the table's defaults."""
 
+    @property
+    def groups(self) -> list[Platoon | Equip]:
+        """Tables of members: the platoons, then the shares of the traffic."""
+        return [*self.platoon, *self.equip]
+
+    def key_of(self, group: int) -> tuple[str, int]:
+        """The key of one of `groups`."""
+        platoons = len(self.platoon)
+        return ("platoon", group) if group < platoons else ("equip", group - platoons)
+
+    @model_validator(mode="after")
+    def has_members(self) -> Spec:
+        if not self.groups:
+            raise ValueError("has no members; must have a [[platoon]] or an [[equip]] table")
+        return self
+
     @model_validator(mode="before")
     @classmethod
     def step_by_vehicles(cls, table: Any) -> Any:
+        if isinstance(table, dict) and table.get("equip"):
+            # Of hundreds of members a row each step would be gigabytes; the question is what they do to all trips.
+            record = table.get("record", {})
+            table = (
+                table | {"record": {"every_s": 1.0, "sumo": ["trips"], **record}} if isinstance(record, dict) else table
+            )
         run = table.get("run") if isinstance(table, dict) else None
         if not isinstance(run, dict) or "step_s" in run:
             return table
-        return table | {"run": {"step_s": usual_step(table.get("platoon")), **run}}
+        return table | {"run": {"step_s": usual_step(vehicles_in(table)), **run}}

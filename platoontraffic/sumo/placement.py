@@ -15,7 +15,17 @@ from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.frame import centre_of, front_of, heading_of, sumo_angle
 from platoontraffic.sumo.plexe import feed, switch_on
 from platoontraffic.sumo.shadows import Mover, Shadows
-from platoontraffic.sumo.vehicle_types import AS_THE_ROUTE_DOES, kind_of, limit_acceleration, make_type_of, release
+from platoontraffic.sumo.vehicle_types import (
+    ALL_CHECKS_ON,
+    ANY_SPEED,
+    AS_THE_ROUTE_DOES,
+    USUAL_LANE_CHANGES,
+    kind_of,
+    limit_acceleration,
+    make_type_from,
+    make_type_of,
+    release,
+)
 from platoontraffic.world.fleet import Fleet, Member
 
 # Arguments of moveToXY: edge and lane, before the position; keepRoute and matchThreshold [m], behind the angle.
@@ -102,6 +112,28 @@ class Placement:
         self.locate(platoon)
         self.settle(platoon)
         return self.read(platoon)
+
+    def adopt(self, vehicles: Fleet) -> Fleet:
+        """Vehicles of the traffic that become members, each where it is."""
+        vehicle = self._sumo.vehicle
+        for member, native in zip(vehicles.members, vehicles.native.tolist(), strict=True):
+            kind = kind_of(member.id)
+            make_type_from(self._sumo, kind, vehicle.getTypeID(member.id), member.model, native)
+            vehicle.setType(member.id, kind)
+            if not native:
+                vehicle.setSpeedFactor(member.id, ANY_SPEED)
+        return self.take_over(vehicles)
+
+    def hand_back(self, name: str, member: Member) -> None:
+        """From now on SUMO drives a member from the traffic, where it is, as the driver that it was."""
+        vehicle, types, kind = self._sumo.vehicle, self._sumo.vehicletype, kind_of(name)
+        if member.law.native:
+            return
+        types.setMaxSpeed(kind, member.route.top_speed)
+        vehicle.setSpeedFactor(name, member.route.speed_factor)
+        vehicle.setSpeedMode(name, ALL_CHECKS_ON)
+        vehicle.setLaneChangeMode(name, USUAL_LANE_CHANGES)
+        vehicle.setSpeed(name, OWN_DRIVER)
 
     # ---- before a step
 

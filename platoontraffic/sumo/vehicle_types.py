@@ -28,7 +28,9 @@ SLOWEST = 0.1  # acceleration that SUMO is given at least, near the top speed [m
 # Speed mode of a moved vehicle: SUMO believes the speed that follows from its displacement (32), and that it stops
 # before red lights (16). Otherwise drivers inside a junction wait for one that stands at red, as if it were to come.
 MOVED = 32 + 16
+ALL_CHECKS_ON = 31  # speed mode of a vehicle that SUMO drives, its default
 NO_LANE_CHANGE = 0  # lane change mode
+USUAL_LANE_CHANGES = 1621  # the default
 AS_THE_ROUTE_DOES = 0b1000000001  # strategic changes, with regard to the gaps of others
 
 # Parameters that are set by vehicle, not by type.
@@ -79,8 +81,23 @@ def make_type_of(
 
     attributes: of SUMO's vehicle type; they replace what would follow from the vehicle
     """
-    types, hardest = sumo.vehicletype, float(model.hardest_braking)
     make_type(sumo, kind, model.length, model.width, attributes)
+    _drive_as(sumo, kind, model, attributes)
+
+
+def make_type_from(sumo: Client, kind: str, original: str, model: VehicleModel, native: bool) -> None:
+    """A vehicle type `kind` that is another one but for what moving the vehicle needs.
+
+    native: SUMO goes on driving it
+    """
+    sumo.vehicletype.copy(original, kind)
+    if not native:
+        _drive_as(sumo, kind, model, {})
+
+
+def _drive_as(sumo: Client, kind: str, model: VehicleModel, attributes: Mapping[str, str]) -> None:
+    """Give a type the brakes of a vehicle, and any speed."""
+    types, hardest = sumo.vehicletype, float(model.hardest_braking)
     if math.isfinite(hardest):
         braking = float(attributes.get("decel", OF_BRAKING * hardest))
         values = {"emergencyDecel": max(hardest, braking), "decel": braking, "apparentDecel": braking}

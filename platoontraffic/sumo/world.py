@@ -20,11 +20,15 @@ from platoontraffic.sumo.departures import in_the_way
 from platoontraffic.sumo.obstacles import HeldObstacles
 from platoontraffic.sumo.placement import Placement
 from platoontraffic.sumo.process import Process, start_options
+from platoontraffic.sumo.recruiting import Recruiting
 from platoontraffic.sumo.shadows import shadow_options
 from platoontraffic.sumo.stoplines import StopLines
+from platoontraffic.sumo.trips import Trips
 from platoontraffic.world.fleet import Fleet, Member
-from platoontraffic.world.ground import Entry, departs_by, members_at, with_their_followers
+from platoontraffic.world.ground import NOBODY, Entry, departs_by, members_at, with_their_followers
+from platoontraffic.world.recruits import Recruits
 from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.trips import Trip
 
 
 class World:
@@ -36,6 +40,7 @@ class World:
     warm_up : background traffic drives alone for so long before members are deployed [s]
     client  : the SUMO to call; default: libsumo, in this process
     warm    : its SUMO goes on in this world, after its warm-up; default: a SUMO of its own
+    recruits: vehicles of the traffic that become members; default: none do
     """
 
     def __init__(
@@ -48,6 +53,7 @@ class World:
         warm_up: float = 0.0,
         client: Client | None = None,
         warm: World | None = None,
+        recruits: Recruits | None = None,
     ) -> None:
         self._sumo: Client = client or libsumo
         options = {**options, **shadow_options(network, options)}
@@ -59,6 +65,8 @@ class World:
         self._obstacles = HeldObstacles(self._sumo, network.drivable, self._background)
         self._placement = Placement(self._sumo, network, step)
         self._lines = StopLines(network, self._sumo)
+        self._trips = Trips(self._sumo, self._placement, step)
+        self._recruiting = recruits and Recruiting(self._sumo, recruits, step)
         self._start = 0.0  # time 0 of the run, on SUMO's clock [s]
         self._later: list[Fleet] = []  # platoons that depart later, the next one first
 
@@ -83,6 +91,16 @@ class World:
         """Platoons that have not yet departed."""
         return self._later
 
+    @property
+    def expects_more(self) -> bool:
+        """There may be further members: vehicles of the traffic are still to arrive or to depart."""
+        return bool(self._recruiting) and self._sumo.simulation.getMinExpectedNumber() > 0
+
+    @property
+    def trips(self) -> list[Trip]:
+        """Trips of members from the traffic."""
+        return self._trips.rows()
+
     def deploy(self, fleet: Fleet, later: Sequence[Fleet] = ()) -> Fleet:
         """Insert members at their start poses; this is time 0.
 
@@ -100,6 +118,8 @@ class World:
         self.place(fleet)
         self._simulate()
         self._start = self._sumo.simulation.getTime()
+        if self._recruiting:
+            self._recruiting.begin(len(fleet) + sum(map(len, later)))
         return self._taken_over(fleet)
 
     def warm_up(self) -> None:
@@ -140,12 +160,15 @@ class World:
         """
         self._placement.place(fleet, brakes)
 
-    def advance(self, fleet: Fleet) -> Fleet:
+    def advance(self, fleet: Fleet, given_up: Mapping[str, str] = NOBODY) -> Fleet:
         """One step of SUMO: the fleet after it.
+
+        given_up: members that are none any more, with "remove" or "sumo_drives"
 
         Members at the end of their routes are removed, and with a leader those of its followers that know no route. A
         platoon that is due departs as soon as there is room.
         """
+        fleet = self._without(fleet, given_up)
         departing = self._departing(fleet)
         gone, native = fleet.arrived(), {fleet.members[i].id for i in fleet.native_rows}
         self._simulate()
@@ -153,6 +176,7 @@ class World:
         gone = with_their_followers(fleet, gone | removed_by_sumo)
         for name in sorted(gone - removed_by_sumo):
             self._sumo.vehicle.remove(name, self._sumo.constants.REMOVE_ARRIVED)
+        self._trips.end(gone, self._time(), "arrived")
         fleet = fleet.without(gone)
         self._placement.locate(fleet)
         self._placement.put_in_order(fleet)
@@ -162,7 +186,7 @@ class World:
         for platoon in departing:
             self._later.remove(platoon)
             fleet = fleet.joined(self._taken_over(platoon))
-        return self._lines.with_later_changes(fleet)
+        return self._lines.with_later_changes(self._with_newcomers(fleet))
 
     def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
         """Edge and lane of each member after the last step; the lane is "" off the road."""
@@ -188,6 +212,30 @@ class World:
             self._placement.insert(platoon)
             departing.append(platoon)
         return departing
+
+    def _with_newcomers(self, fleet: Fleet) -> Fleet:
+        """The fleet with the vehicles of the traffic that have become members in the last step."""
+        if not self._recruiting:
+            return fleet
+        self._trips.observe(fleet)
+        found = self._recruiting.newcomers(self._time(), {*fleet.ids, *self._obstacles.in_sumo})
+        if not found:
+            return fleet
+        self._trips.begin(found, map(self._sumo.vehicle.getTypeID, found.ids))
+        return fleet.joined(self._placement.adopt(found))
+
+    def _without(self, fleet: Fleet, given_up: Mapping[str, str]) -> Fleet:
+        """The fleet without members that are none any more: they are removed, or SUMO drives them."""
+        for name, remedy in given_up.items():
+            self._trips.end([name], self._time(), "removed" if remedy == "remove" else remedy)
+            if remedy == "remove":
+                self._sumo.vehicle.remove(name)
+            else:
+                self._placement.hand_back(name, fleet.members[fleet.ids.index(name)])
+        return fleet.without(set(given_up))
+
+    def _time(self) -> float:
+        return round(self._sumo.simulation.getTime() - self._start, 6)
 
     def _taken_over(self, platoon: Fleet) -> Fleet:
         missing = {m.id for m in platoon.members} - set(self._sumo.vehicle.getIDList())

@@ -52,6 +52,16 @@ class Messages:
         self._state = np.full((len(State._fields), *shape), np.nan)  # in that message
         self._bad, self._down = np.zeros((2, *shape), bool)
 
+    def extend(self, newcomers: Sequence[Member]) -> None:
+        """Further members of the run, with the numbers that come next. They neither send nor listen."""
+        more = len(newcomers), 2
+        self._ids += [m.id for m in newcomers]
+        self._sender = np.concatenate([self._sender, np.full(more, NEVER)])
+        self._sent = np.concatenate([self._sent, np.full(more, np.nan)])
+        self._since = np.concatenate([self._since, np.zeros(more)])
+        self._state = np.concatenate([self._state, np.full((len(self._state), *more), np.nan)], axis=1)
+        self._bad, self._down = (np.concatenate([one, np.zeros(more, bool)]) for one in (self._bad, self._down))
+
     def received(self, fleet: Fleet, step: int, time: float) -> tuple[Known | None, Fleet, list[Noted]]:
         """What all members have received by now, the fleet with ages and losses of messages, and what has happened.
 

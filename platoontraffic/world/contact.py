@@ -30,7 +30,7 @@ class Contacts:
         """scene: its segments are the walls; members: ids of all platoon members of the run"""
         self._space = pymunk.Space()
         self._poses = BodyPoses(self._space)
-        self._members = members
+        self.members = members
         self.has_walls = len(scene.segments) > 0
         self._ids: tuple[str, ...] | None = None  # of the previous snapshot
         self._rows = np.empty(0, dtype=np.intp)  # of its vehicles in the table
@@ -58,7 +58,7 @@ class Contacts:
     def _note(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         pair = sorted(self._names.get(shape, WALL) for shape in arbiter.shapes)
         # A member comes first, and a wall last.
-        first, second = pair if pair[0] in self._members and pair[0] != WALL else pair[::-1]
+        first, second = pair if pair[0] in self.members and pair[0] != WALL else pair[::-1]
         self._touching.add((first, second))
 
     def _come_and_go(self, traffic: TrafficSnapshot) -> None:
@@ -86,7 +86,7 @@ class Contacts:
         body.position, body.angle = (traffic.x[i], traffic.y[i]), traffic.heading[i]
         corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (traffic.length[i] / 2, traffic.width[i] / 2)
         shape = pymunk.Poly(body, corners.tolist(), radius=TOUCH / 2)
-        shape.filter = _MEMBER if name in self._members else _OTHER
+        shape.filter = _MEMBER if name in self.members else _OTHER
         self._space.add(body, shape)
         self._bodies[name], self._body_id[name], self._names[shape] = body, body.id, name
 

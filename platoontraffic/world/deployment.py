@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -96,9 +96,9 @@ class Equipment(NamedTuple):
 
     @classmethod
     def of(cls, scenario: Scenario, i: int, role: str, model: VehicleModel) -> Equipment:
-        """Of the i-th platoon's leader, or of a follower with this vehicle."""
-        platoon, law = scenario.spec.platoon[i], scenario.laws[i, role]
-        driver, preset = getattr(platoon, role), scenario.default_preset((i, role))
+        """Of a leader or follower, with this vehicle. i: of its table among `Spec.groups`"""
+        law, driver = scenario.laws[i, role], getattr(scenario.spec.groups[i], role)
+        preset = scenario.default_preset((i, role))
         length = model.length
         further = (table.model(preset, length, name) for name, table in scenario.further_lidars((i, role)).items())
         sensors = tuple(found.sensor for found in scenario.sensors[i, role])
@@ -183,26 +183,45 @@ def _route(network: Network, platoon: Platoon, edges: list[str], walls: bool, mo
     """
     if platoon.start.edge not in edges:
         raise InputError(f"{edges}: does not contain the start edge {platoon.start.edge!r}")
-    here = edges.index(platoon.start.edge)
+    here, last = edges.index(platoon.start.edge), platoon.size - 1
     onward = [*edges[here:], *(edges[:here] if platoon.loop else [])]
-    points, limit, lines = network.route_lanes(onward, platoon.start.lane, platoon.loop, platoon.start.position_m)
-    last = platoon.size - 1
     rear = platoon.start.position_m - platoon.behind_leader(last) - platoon.model(last).length
-    if rear < 0 and not platoon.loop:  # members before the lane's start drive its prolongation first
+    start = platoon.start.lane, platoon.start.position_m, rear
+    return route_from(network, onward, *start, walls, model, platoon.loop)
+
+
+def route_from(
+    network: Network,
+    edges: Sequence[str],
+    lane: int,
+    position: float,
+    rear: float,
+    walls: bool,
+    model: VehicleModel,
+    loop: bool = False,
+) -> Route:
+    """The route along edges, as a vehicle can drive it.
+
+    lane, position : on the first edge, of the first vehicle's front bumper [m]
+    rear           : position of the last vehicle's rear bumper [m]; below 0: on the lane's straight prolongation
+    walls          : walls stand along the outline of the road
+    raises         : InputError where there is no such route, or where it turns back too tightly
+    """
+    points, limit, lines = network.route_lanes(edges, lane, loop, position)
+    if rear < 0 and not loop:  # members before the lane's start drive its prolongation first
         step = points[1] - points[0]
-        more = platoon.model(last).length - rear
+        more = model.length - rear
         points = np.vstack([points[0] - more * step / np.hypot(*step), points])
         limit = np.append(limit[0], limit)
         lines = [line._replace(station=line.station + more) for line in lines]
-    around = [*onward, onward[0]] if platoon.loop else onward
-    network.check_reversals(around, model.turning_radius)
-    walled = walls and not network.leads_on(onward[-1])
-    return Route.along(onward, points, limit, lines, platoon.loop, walled).drivable_by(model)
+    network.check_reversals([*edges, edges[0]] if loop else edges, model.turning_radius)
+    walled = walls and not network.leads_on(edges[-1])
+    return Route.along(edges, points, limit, lines, loop, walled).drivable_by(model)
 
 
 def _misplaced(scenario: Scenario, members: list[Member], network: Network, scene: Scene) -> list[str]:
     """Faults of the start poses; the first of each platoon is enough."""
-    footprints = np.array([_footprint(m) for m in members])
+    footprints = np.array([_footprint(m) for m in members], dtype=object)
     faults: dict[str, str] = {}  # by platoon
     for check in (_off_road(footprints, network), _on_obstacles(footprints, scene), _on_members(footprints, members)):
         for i, what in check:

@@ -34,7 +34,7 @@ ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognis
 ENCOUNTER_TIME = 10.0  # time for which the consequences of a cut-in or crossing are measured [s]
 
 
-GONE = ("arrived", "stranded")  # kinds of events by which a member leaves the road
+GONE = ("arrived", "stranded", "given_up")  # kinds of events by which a member leaves the road
 
 
 class Event(NamedTuple):
@@ -148,6 +148,16 @@ EVENT_KINDS = {
             ("held", "behind", "blocked", "lost", "broken"),
         ),
         Kind("standstill_end", "moves again, after duration_s"),
+        Kind(
+            "stuck",
+            "a member from the traffic has stood still for stuck_after_s of its table equip; the word is the remedy",
+            ("wait", "remove", "sumo_drives"),
+        ),
+        Kind(
+            "given_up",
+            "is a member no more, because it was stuck: it is removed, or SUMO drives it from now on",
+            ("remove", "sumo_drives"),
+        ),
         Kind(
             "creeps",
             f"begins to creep past other_id: both have stood for {CREEPS_AFTER:g} s. It drives at walking pace, and "

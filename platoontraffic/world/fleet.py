@@ -35,7 +35,7 @@ class Member:
     """A vehicle of a platoon as it is deployed."""
 
     id: str
-    platoon: str
+    platoon: str  # of members from the traffic, the table `equip`
     place: int  # 0: the leader
     model: VehicleModel
     lidar: LidarModel
@@ -50,10 +50,16 @@ class Member:
     odometry: OdometryErrors = ODOMETRY["none"]
     further_lidars: tuple[LidarModel, ...] = ()  # each with a name of its own
     sensors: tuple[NamedSensor, ...] = ()
+    recruited: bool = False  # from the traffic: it has no predecessor of its own, and follows any vehicle
 
     @property
     def lidars(self) -> tuple[LidarModel, ...]:
         return (self.lidar, *self.further_lidars)
+
+    @property
+    def leads(self) -> bool:
+        """It is to follow no vehicle."""
+        return self.place == 0 and not self.recruited
 
     @property
     def is_given_its_route(self) -> bool:
@@ -257,7 +263,7 @@ class Fleet(MemberState):
         motion = Motion.at_rest(*np.array([m.pose for m in members]).reshape(n, 3).T)
         state = MemberState(
             number=np.arange(n) if number is None else number,
-            leads=np.array([m.place == 0 for m in members], dtype=bool),
+            leads=np.array([m.leads for m in members], dtype=bool),
             native=np.array([m.law.native for m in members], dtype=bool),
             motion=replace(motion, speed=np.array([m.speed for m in members], dtype=float)),
             command=Command.of(Twist(np.array([m.speed for m in members], dtype=float), still)),  # until a law decides

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import NamedTuple, Protocol, Self
 
 import numpy as np
@@ -11,8 +11,12 @@ import numpy as np
 from platoontraffic.controllers import Signals
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.trips import Trip
 
 RED, YELLOW, PRIORITY, GIVES_WAY = "red", "yellow", "priority", "gives way"
+
+
+NOBODY: Mapping[str, str] = MappingProxyType({})
 
 
 class Entry(NamedTuple):
@@ -33,6 +37,10 @@ class Ground(Protocol):
     @property
     def waiting(self) -> Sequence[Fleet]:
         """Platoons that have not yet departed."""
+
+    @property
+    def expects_more(self) -> bool:
+        """There may be further members, from the traffic."""
 
     def __enter__(self) -> Self: ...
 
@@ -67,8 +75,15 @@ class Ground(Protocol):
         brakes: deceleration of members with a failed drive, (n,), NaN: sound [m/s2]; SUMO-driven ones are slowed by it
         """
 
-    def advance(self, fleet: Fleet) -> Fleet:
-        """One step: the fleet after it, without members that have arrived, with platoons that have departed."""
+    def advance(self, fleet: Fleet, given_up: Mapping[str, str] = NOBODY) -> Fleet:
+        """One step: the fleet after it, without members that have arrived, with platoons that have departed.
+
+        given_up: members that are none any more, with "remove" or "sumo_drives"
+        """
+
+    @property
+    def trips(self) -> list[Trip]:
+        """Trips of members from the traffic."""
 
     def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
         """Edge and lane of each member after the last step; the lane is "" off the road."""
@@ -105,6 +120,14 @@ class BareGround:
     def waiting(self) -> Sequence[Fleet]:
         return self._later
 
+    @property
+    def expects_more(self) -> bool:
+        return False
+
+    @property
+    def trips(self) -> list[Trip]:
+        return []
+
     def deploy(self, fleet: Fleet, later: Sequence[Fleet] = ()) -> Fleet:
         """raises: ValueError (a member is SUMO-driven: nothing would move it)"""
         native = [some.members[i].id for some in (fleet, *later) for i in np.flatnonzero(some.native)]
@@ -128,7 +151,7 @@ class BareGround:
     def place(self, fleet: Fleet, brakes: np.ndarray | None = None) -> None:
         """Nothing: the fleet has its poses."""
 
-    def advance(self, fleet: Fleet) -> Fleet:
+    def advance(self, fleet: Fleet, given_up: Mapping[str, str] = NOBODY) -> Fleet:
         self._steps += 1
         fleet = fleet.without(with_their_followers(fleet, fleet.arrived()))
         for platoon in departs_by(self._later, self.time, self._step):

@@ -12,7 +12,7 @@ import pytest
 
 from platoontraffic import scenario
 from platoontraffic.analysis.reading import read_table
-from platoontraffic.results.metrics import of_traffic
+from platoontraffic.results.metrics import of_trips
 from platoontraffic.results.sumo_tables import TABLES, sumo_options
 from tests.support.runs import run
 
@@ -49,17 +49,16 @@ def trip(name: str, status: str = "arrived", **more: float) -> dict:
     return row | {"vehicle_id": name, "type": "car", "status": status} | more
 
 
-def test_traffic_metrics_leave_members_out():
+def test_metrics_of_trips():
     trips = pd.DataFrame(
         [
             trip("a", duration_s=100.0, time_loss_s=10.0, route_length_m=1500.0, co2_kg=0.3, fuel_kg=0.1),
             trip("b", duration_s=200.0, time_loss_s=30.0, route_length_m=2500.0, co2_kg=0.5, fuel_kg=0.1),
             trip("c", "running", duration_s=7.0, time_loss_s=500.0, route_length_m=1000.0, co2_kg=0.2),
             trip("d", "waiting", depart_delay_s=50.0),
-            trip("platoon.0", duration_s=1e6, time_loss_s=1e6, route_length_m=1e6, co2_kg=1e6),
         ]
     )
-    values = {one.name: one.value for one in of_traffic(trips, {"platoon.0", "platoon.1"})}
+    values = {one.name: one.value for one in of_trips("traffic", trips)}
     assert [values[f"trips_{kind}"] for kind in ("finished", "running", "waiting")] == [2, 1, 1]
     finished = [values[f"{name}_mean_finished"] for name in ("travel_time", "delay", "depart_delay")]
     assert finished == [150, 20, 0]
@@ -70,7 +69,7 @@ def test_traffic_metrics_leave_members_out():
 
 def test_without_traffic_counts_are_zero_and_means_undefined():
     none = pd.DataFrame([trip("platoon.0")]).iloc[:0]
-    values = {one.name: one.value for one in of_traffic(none, set())}
+    values = {one.name: one.value for one in of_trips("traffic", none)}
     assert values["trips_finished"] == values["distance"] == 0
     assert np.isnan(values["delay_mean_finished"])
     assert np.isnan(values["co2_per_distance"])

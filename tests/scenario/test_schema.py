@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from platoontraffic.scenario import Spec
+from platoontraffic.scenario.driver_tables import SHORT
 from platoontraffic.scenario.obstacle_tables import KINDS
-from platoontraffic.scenario.tables import SHORT
 
 UNITS = {
     "m_per_m": "m/m", "m": "m", "s": "s", "hz": "Hz", "deg": "deg", "degps": "deg/s", "radps": "rad/s",

@@ -1,0 +1,70 @@
+"""Vehicles of the traffic that become members in the step in which SUMO inserts them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.frame import centre_of, heading_of
+from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.recruits import Newcomer, Recruits
+
+
+class Recruiting:
+    """Finds the new members of each step.
+
+    step: of SUMO's [s]
+    """
+
+    def __init__(self, sumo: Client, recruits: Recruits, step: float) -> None:
+        self._sumo, self._recruits, self._step = sumo, recruits, step
+        self._number = 0  # of the next member of the run
+
+    def begin(self, members: int) -> None:
+        """members: that the run has without those from the traffic"""
+        self._number = members
+
+    def newcomers(self, time: float, own: set[str]) -> Fleet | None:
+        """Members among the vehicles that SUMO has inserted in the last step; None: there are none.
+
+        time : now [s]
+        own  : ids of vehicles that the run itself has inserted
+        """
+        found = []
+        for name in self._sumo.simulation.getDepartedIDList():
+            if name not in own and (member := self._member(name, time)):
+                found.append(member)
+        if not found:
+            return None
+        numbers = np.arange(self._number, self._number + len(found))
+        self._number += len(found)
+        return Fleet.deployed(found, self._step, numbers)
+
+    def _member(self, name: str, time: float) -> Member | None:
+        vehicle = self._sumo.vehicle
+        kind, vehicle_class = vehicle.getTypeID(name), vehicle.getVehicleClass(name)
+        edges = vehicle.getRoute(name)
+        equip = self._recruits.chosen(name, kind, vehicle_class, edges[vehicle.getRouteIndex(name)], time)
+        return None if equip is None else self._recruits.member(equip, self._read(name, kind, edges), time)
+
+    def _read(self, name: str, kind: str, edges: Sequence[str]) -> Newcomer:
+        vehicle = self._sumo.vehicle
+        length, heading = vehicle.getLength(name), float(heading_of(vehicle.getAngle(name)))
+        x, y = centre_of(*vehicle.getPosition(name), heading, length)
+        return Newcomer(
+            id=name,
+            type=kind,
+            vehicle_class=vehicle.getVehicleClass(name),
+            edges=tuple(edges[vehicle.getRouteIndex(name) :]),
+            lane=vehicle.getLaneIndex(name),
+            position=vehicle.getLanePosition(name),
+            pose=(float(x), float(y), heading),
+            speed=vehicle.getSpeed(name),
+            length=length,
+            width=vehicle.getWidth(name),
+            speed_factor=vehicle.getSpeedFactor(name),
+            max_speed=vehicle.getMaxSpeed(name),
+            stops=bool(vehicle.getStops(name)),
+        )

@@ -1,0 +1,91 @@
+"""Trips of members from the traffic, as SUMO's tripinfo has them of its own vehicles.
+
+SUMO's device would compare a moved member with a driver ten times as fast as the limit (see `vehicle_types`); here it
+is compared with the driver that it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.placement import Placement
+from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.trips import Trip
+
+WAITING = 0.1  # speed below which a vehicle waits, as of SUMO's device [m/s]
+MG = 1e-6  # a milligram [kg]
+
+SUMS = ("distance", "waiting", "stops", "time_loss", "co2", "fuel")  # over the steps, in SI
+
+
+class Trips:
+    """Follows the members from the traffic.
+
+    step: of SUMO's [s]
+    """
+
+    def __init__(self, sumo: Client, placement: Placement, step: float) -> None:
+        self._sumo, self._placement, self._step = sumo, placement, step
+        self._trips: dict[str, Trip] = {}
+        self._sums = np.empty((0, len(SUMS)))  # of each trip
+        self._waits = np.empty(0, dtype=bool)
+        self._row: dict[str, int] = {}
+        self._limits: dict[str, float] = {}  # [m/s], by lane
+        self._rows = np.empty(0, dtype=np.intp)  # of the members in the fleet that are from the traffic ...
+        self._of_rows = np.empty(0, dtype=np.intp)  # ... and their rows in the sums
+        self._for: tuple[str, ...] = ()
+
+    def begin(self, newcomers: Fleet, kinds: Iterable[str]) -> None:
+        """kinds: the types that they had in the traffic"""
+        for member, kind in zip(newcomers.members, kinds, strict=True):
+            self._row[member.id] = len(self._trips)
+            self._trips[member.id] = Trip(member.id, kind, member.departs, self._sumo.vehicle.getDepartDelay(member.id))
+        more = len(self._trips) - len(self._sums)
+        self._sums = np.concatenate([self._sums, np.zeros((more, len(SUMS)))])
+        self._waits = np.concatenate([self._waits, np.zeros(more, dtype=bool)])
+
+    def observe(self, fleet: Fleet) -> None:
+        """After every step."""
+        if fleet.ids is not self._for:
+            self._for = fleet.ids
+            self._rows = np.array([i for i, name in enumerate(fleet.ids) if name in self._row], dtype=np.intp)
+            self._of_rows = np.array([self._row[fleet.ids[i]] for i in self._rows], dtype=np.intp)
+        if not len(self._rows):
+            return
+        names, speed = [fleet.ids[i] for i in self._rows], np.abs(fleet.motion.speed[self._rows])
+        routes = [fleet.members[i].route for i in self._rows]
+        limit = np.array([self._limit(name) for name in names])
+        desired = np.minimum(limit * [r.speed_factor for r in routes], [r.top_speed for r in routes])
+        waits, vehicle = speed < WAITING, self._sumo.vehicle
+        sums = np.empty((len(names), len(SUMS)))
+        sums[:, 0], sums[:, 1] = speed * self._step, waits * self._step
+        sums[:, 2] = waits & ~self._waits[self._of_rows]
+        sums[:, 3] = (1 - speed / desired) * self._step
+        sums[:, 4] = [vehicle.getCO2Emission(name) for name in names]
+        sums[:, 5] = [vehicle.getFuelConsumption(name) for name in names]
+        sums[:, 4:] *= MG * self._step
+        self._sums[self._of_rows] += sums
+        self._waits[self._of_rows] = waits
+
+    def end(self, names: Iterable[str], time: float, status: str) -> None:
+        """Members that have left: status "arrived" or "removed". time: [s]"""
+        for name in names:
+            if name in self._trips:
+                self._trips[name] = self._trips[name]._replace(ended=time, status=status)
+
+    def rows(self) -> list[Trip]:
+        """All trips, by their beginning."""
+        return [
+            trip._replace(**dict(zip(SUMS, sums, strict=True)))
+            for trip, sums in zip(self._trips.values(), self._sums.tolist(), strict=True)
+        ]
+
+    def _limit(self, name: str) -> float:
+        """Speed limit of a member's lane [m/s]."""
+        lane = self._placement.where[name][1] or self._sumo.vehicle.getLaneID(name)
+        if lane not in self._limits:
+            self._limits[lane] = self._sumo.lane.getMaxSpeed(lane) if lane else np.inf
+        return self._limits[lane]

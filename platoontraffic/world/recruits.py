@@ -1,0 +1,152 @@
+"""Members from the traffic: which vehicles of SUMO's become members, and as what.
+
+A vehicle is chosen by a number in [0, 1), a hash of the seed and its id. So the choice does not depend on the order or
+the time of departures, and a larger share contains a smaller one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from dataclasses import replace
+from typing import NamedTuple
+
+from platoontraffic.errors import InputError
+from platoontraffic.road.network import Network
+from platoontraffic.road.route import Route
+from platoontraffic.scenario import Equip, Scenario
+from platoontraffic.vehicles.bicycle import CARS, Car
+from platoontraffic.vehicles.records import changed
+from platoontraffic.world.deployment import Equipment, route_from
+from platoontraffic.world.fleet import Member
+
+# The vehicle of the catalogue that a vehicle class of SUMO's drives like; all others stay SUMO's.
+VEHICLE_OF = {
+    **dict.fromkeys(("passenger", "private", "hov", "taxi", "evehicle", "custom1", "custom2"), "car"),
+    "delivery": "van",
+    "truck": "truck",
+}
+SMALLEST, LARGEST = 0.6, 1.6  # length that is driven as such a vehicle [times its length]
+
+# Why a vehicle of the share stays SUMO's.
+OTHER_CLASS, OTHER_SIZE, HAS_STOPS, NO_ROUTE = "another class", "another size", "has stops", "a route not to be driven"
+
+
+class Newcomer(NamedTuple):
+    """A vehicle of the traffic that SUMO has just inserted."""
+
+    id: str
+    type: str
+    vehicle_class: str
+    edges: tuple[str, ...]  # its route
+    lane: int
+    position: float  # of its front bumper on the lane [m]
+    pose: tuple[float, float, float]  # x, y of its centre [m], heading [rad]
+    speed: float  # [m/s]
+    length: float  # [m]
+    width: float
+    speed_factor: float  # of its driver: times the speed limit
+    max_speed: float  # of its type [m/s]
+    stops: bool  # it is to stop on its way
+
+
+def hashed(seed: int, name: str) -> float:
+    """A number in [0, 1) that depends on the seed and an id only."""
+    digest = hashlib.blake2b(f"{seed} {name}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "big") / 2**64
+
+
+class Recruits:
+    """The shares of a scenario's traffic that become members."""
+
+    def __init__(self, scenario: Scenario, network: Network) -> None:
+        self._scenario, self._network = scenario, network
+        self._first = len(scenario.spec.platoon)  # group of the first share
+        self._routes: dict[tuple, Route | None] = {}  # None: it cannot be driven
+        self.tables = scenario.spec.equip
+        self.left: Counter[str] = Counter()  # vehicles of the shares that stay SUMO's, by the reason
+
+    def chosen(self, name: str, kind: str, vehicle_class: str, edge: str, time: float) -> int | None:
+        """The number of the table `equip` whose share a vehicle is of; None: it is of none.
+
+        Where several tables fit, their shares add up.
+
+        kind, edge: its type, and the edge on which it departs; time: of its departure [s]
+        """
+        number, below = hashed(self._scenario.seed, name), 0.0
+        for i, equip in enumerate(self.tables):
+            if _fits(equip, kind, vehicle_class, edge, time):
+                below += equip.share
+                if number < below:
+                    return i
+        return None
+
+    def member(self, equip: int, vehicle: Newcomer, time: float) -> Member | None:
+        """The vehicle as a member of a table `equip`; None if it stays SUMO's: see `left`.
+
+        time: of its departure [s]
+        """
+        model, why = _model(vehicle)
+        route = self._route(vehicle, model) if model else None
+        if model and route is None:
+            why = NO_ROUTE
+        if vehicle.stops:
+            why = HAS_STOPS
+        if why:
+            self.left[why] += 1
+            return None
+        equipment = Equipment.of(self._scenario, self._first + equip, "follower", model)
+        return Member(
+            id=vehicle.id,
+            platoon=self.tables[equip].id,
+            place=0,
+            model=model,
+            lidar=equipment.lidars[0],
+            law=equipment.law,
+            edge=vehicle.edges[0],
+            lane=vehicle.lane,
+            position=vehicle.position,
+            pose=vehicle.pose,
+            # The line of the route is shared by all that drive it, their speeds are not.
+            route=changed(route, speed_factor=vehicle.speed_factor, top_speed=vehicle.max_speed),
+            departs=time,
+            speed=vehicle.speed,
+            odometry=equipment.odometry,
+            further_lidars=equipment.lidars[1:],
+            sensors=equipment.sensors,
+            recruited=True,
+        )
+
+    def _route(self, vehicle: Newcomer, model: Car) -> Route | None:
+        key = vehicle.edges, vehicle.lane, vehicle.position, model.length, model.width
+        if key not in self._routes:
+            try:
+                walls, rear = self._scenario.spec.scene.walls == "outline", vehicle.position - vehicle.length
+                route = route_from(self._network, vehicle.edges, vehicle.lane, vehicle.position, rear, walls, model)
+            except InputError:
+                route = None
+            self._routes[key] = route
+        return self._routes[key]
+
+
+def _fits(equip: Equip, kind: str, vehicle_class: str, edge: str, time: float) -> bool:
+    return (
+        (not equip.types or kind in equip.types)
+        and (not equip.classes or vehicle_class in equip.classes)
+        and (not equip.edges or edge in equip.edges)
+        and equip.begin_s <= time
+        and (equip.end_s is None or time < equip.end_s)
+    )
+
+
+def _model(vehicle: Newcomer) -> tuple[Car | None, str]:
+    """How the vehicle drives, with its own size; or None, and why not."""
+    if vehicle.vehicle_class not in VEHICLE_OF:
+        return None, OTHER_CLASS
+    like = CARS[VEHICLE_OF[vehicle.vehicle_class]]
+    size = vehicle.length / like.length
+    if not SMALLEST <= size <= LARGEST:
+        return None, OTHER_SIZE
+    return replace(
+        like, length=vehicle.length, width=vehicle.width, axle=size * like.axle, wheelbase=size * like.wheelbase
+    ), ""
