@@ -1,0 +1,137 @@
+"""A share of the traffic becomes members: no vehicle is lost, and trips are measured as SUMO measures them."""
+
+from __future__ import annotations
+
+import filecmp
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from platoontraffic import shipped
+from platoontraffic.simulation import Simulation
+from platoontraffic.sumo.client import libsumo
+from tests.support.runs import run
+
+pytestmark = pytest.mark.sumo
+
+SCENARIO = """
+[sumo]
+net = "corridor"
+warm_up_s = 40
+[run]
+duration_s = 60
+[[equip]]
+share = 1.0
+"""
+ROUTES = """<routes>
+    <vType id="private" vClass="private" length="4.4" speedFactor="1.05" sigma="0"/>
+    <vType id="city_bus" vClass="bus"/>
+    <vehicle id="first" type="private" depart="1" departSpeed="10"><route edges="west_light light_light_n"/></vehicle>
+    <trip id="second" type="private" depart="2" from="west_light" to="light_prio" departSpeed="10"/>
+    <vehicle id="bus" type="city_bus" depart="3"><route edges="light_n_light light_light_s"/></vehicle>
+    <flow id="flow" type="private" begin="4" end="20" number="2" from="west_light" to="light_light_s"/>
+</routes>
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    written = tmp_path / "equip.toml"
+    written.write_text(SCENARIO)
+    return written
+
+
+def departures(file, *changes):
+    """Route, type length and departure of every vehicle that departs, by id; and the members."""
+    found = {}
+    with Simulation.load(file, *changes) as simulation:
+        for _ in simulation:
+            for name in libsumo.simulation.getDepartedIDList():
+                found[name] = tuple(libsumo.vehicle.getRoute(name)), libsumo.vehicle.getLength(name)
+        return found, {m.id for m in simulation.members}, simulation.setting.recruits.left
+
+
+def test_the_demand_is_conserved(file):
+    """Later departures may wait for room behind others; the first half minute is the same whoever drives."""
+    short = "run.duration_s=30"
+    none, nobody, _ = departures(file, "equip.share=0.0", short)
+    half, some, _ = departures(file, "equip.share=0.5", short)
+    whole, everybody, left = departures(file, short)
+    assert not nobody
+    assert some < everybody
+    assert 0 < len(some) < len(everybody)
+    assert none == half == whole
+    assert len(none) == len(everybody) + sum(left.values())
+
+
+def test_two_runs_of_a_seed_are_the_same_bytes(file, tmp_path):
+    first, second = (run(tmp_path / name, file, "equip.share=0.5", "run.duration_s=30") for name in ("a", "b"))
+    for table in ("trajectories", "events", "trips", "metrics", "statistics"):
+        assert filecmp.cmp(first / f"{table}.csv", second / f"{table}.csv", shallow=False), table
+
+
+def test_trips_of_vehicles_that_sumo_drives_are_measured_as_by_sumo(file, tmp_path):
+    """Through the turns of junctions, where a vehicle that leaves its lane's line would be measured wrong."""
+    folder = run(tmp_path / "run", file, "equip.follower.law=sumo", "run.duration_s=150")
+    own, sumo = (pd.read_csv(folder / f"{name}.csv", index_col="vehicle_id") for name in ("trips", "sumo_trips"))
+    own = own[(own.member == 1) & (own.status == "arrived")]
+    assert len(own) > 10
+    sumo = sumo.loc[own.index]
+    for column in ("co2_kg", "fuel_kg", "route_length_m"):
+        assert own[column].sum() == pytest.approx(sumo[column].sum(), rel=0.005), column
+    assert own.time_loss_s.sum() == pytest.approx(sumo.time_loss_s.sum(), rel=0.005, abs=0.5)
+    assert own.waiting_s.to_numpy() == pytest.approx(sumo.waiting_s.to_numpy(), abs=0.15)
+    assert (own.type == "car").any()
+
+
+@pytest.fixture
+def demand(tmp_path):
+    """A demand of vehicles, trips, flows and a bus, in a configuration without an end."""
+    (tmp_path / "demand.rou.xml").write_text(ROUTES)
+    net = shipped.networks()["corridor"]
+    file = tmp_path / "town.sumocfg"
+    file.write_text(f"""<configuration><input><net-file value="{net}"/><route-files value="demand.rou.xml"/></input>
+</configuration>""")
+    return file
+
+
+def test_a_configuration_without_an_end_runs_until_its_demand_has_arrived(demand, tmp_path):
+    folder = run(tmp_path / "run", demand, "equip.share=1.0")
+    trips = pd.read_csv(folder / "trips.csv", index_col="vehicle_id")
+    assert set(trips.index) == {"first", "second", "flow.0", "flow.1", "bus"}
+    assert (trips.status == "arrived").all()
+    assert trips.member.to_dict() == {"first": 1, "second": 1, "flow.0": 1, "flow.1": 1, "bus": 0}
+    assert set(trips.type[trips.member == 1]) == {"private"}
+    events = pd.read_csv(folder / "events.csv")
+    assert events.loc[events.kind == "end", "what"].item() == "arrived"
+    metrics = pd.read_csv(folder / "metrics.csv").set_index(["scope", "metric"]).value
+    assert metrics["everybody", "trips_finished"] == 5
+    assert metrics["equipped", "trips_finished"] == 4
+    assert metrics["equipped", "delay_mean_finished"] == pytest.approx(trips.time_loss_s[trips.member == 1].mean())
+
+
+def test_vehicles_that_are_on_the_road_at_the_end_of_the_warm_up_stay_sumos(demand, tmp_path):
+    folder = run(tmp_path / "run", demand, "equip.share=1.0", "sumo.warm_up_s=2", "run.duration_s=20")
+    trips = pd.read_csv(folder / "trips.csv", index_col="vehicle_id")
+    assert trips.member.to_dict() == {"first": 0, "second": 0, "flow.0": 1, "flow.1": 1, "bus": 0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("remedy", ["remove", "sumo_drives"])
+def test_a_member_that_is_stuck_is_removed_or_driven_by_sumo(file, tmp_path, remedy):
+    """At a light that is red for longer. Whatever is done, none is lost without a word."""
+    folder = run(
+        tmp_path / "run", file, "sumo.warm_up_s=30", "run.duration_s=120", "equip.stuck_after_s=10",
+        f"equip.stuck={remedy}",
+    )  # fmt: skip
+    events = pd.read_csv(folder / "events.csv")
+    given_up, stuck = (events[events.kind == kind] for kind in ("given_up", "stuck"))
+    assert len(stuck) == len(given_up) > 0
+    assert set(given_up.what) == {remedy}
+    assert (given_up.time_s.to_numpy() - stuck.time_s.to_numpy()) == pytest.approx(0.1)
+    trips = pd.read_csv(folder / "trips.csv", index_col="vehicle_id")
+    assert set(trips.status[given_up.vehicle_id]) == {"removed" if remedy == "remove" else remedy}
+    sumo = pd.read_csv(folder / "sumo_trips.csv", index_col="vehicle_id").loc[given_up.vehicle_id]
+    assert set(sumo.status) <= ({"removed"} if remedy == "remove" else {"arrived", "running"})
+    assert np.isfinite(sumo.depart_s).all()
