@@ -108,8 +108,13 @@ class Selection(NamedTuple):
 
 def chosen(seed: int, vehicle_id: str, share: float) -> bool:
     """Whether a vehicle is among a share of all; smaller shares are parts of larger ones."""
+    return drawn(seed, vehicle_id) < share
+
+
+def drawn(seed: int, vehicle_id: str) -> float:
+    """A number in [0, 1) that depends on the seed and an id only."""
     digest = hashlib.blake2b(f"{seed}/{vehicle_id}".encode(), digest_size=8).digest()
-    return (int.from_bytes(digest, "big") >> 11) / 2**53 < share
+    return (int.from_bytes(digest, "big") >> 11) / 2**53
 
 
 def common_beginning(one: tuple[str, ...], other: tuple[str, ...]) -> tuple[str, ...]:

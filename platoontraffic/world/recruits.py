@@ -1,17 +1,17 @@
 """Members from the traffic: which vehicles of SUMO's become members, and as what.
 
-A vehicle is chosen by a number in [0, 1), a hash of the seed and its id. So the choice does not depend on the order or
-the time of departures, and a larger share contains a smaller one.
+A vehicle is chosen by a number in [0, 1) that depends on the seed and its id (`road.demand.drawn`). So the choice does
+not depend on the order or the time of departures, and a larger share contains a smaller one.
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
 from dataclasses import replace
 from typing import NamedTuple
 
 from platoontraffic.errors import InputError
+from platoontraffic.road.demand import drawn
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.scenario import Equip, Scenario
@@ -50,12 +50,6 @@ class Newcomer(NamedTuple):
     stops: bool  # it is to stop on its way
 
 
-def hashed(seed: int, name: str) -> float:
-    """A number in [0, 1) that depends on the seed and an id only."""
-    digest = hashlib.blake2b(f"{seed} {name}".encode(), digest_size=8).digest()
-    return int.from_bytes(digest, "big") / 2**64
-
-
 class Recruits:
     """The shares of a scenario's traffic that become members."""
 
@@ -73,7 +67,7 @@ class Recruits:
 
         kind, edge: its type, and the edge on which it departs; time: of its departure [s]
         """
-        number, below = hashed(self._scenario.seed, name), 0.0
+        number, below = drawn(self._scenario.seed, name), 0.0
         for i, equip in enumerate(self.tables):
             if _fits(equip, kind, vehicle_class, edge, time):
                 below += equip.share

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from platoontraffic import scenario
@@ -14,7 +13,6 @@ from platoontraffic.world.recruits import (
     OTHER_SIZE,
     Newcomer,
     Recruits,
-    hashed,
 )
 
 TABLE = """
@@ -42,14 +40,6 @@ def newcomer(**values):
 
 def chosen(of, ids, kind="car", vehicle_class="passenger", edge="west_light", time=1.0):
     return {name for name in ids if of.chosen(name, kind, vehicle_class, edge, time) is not None}
-
-
-def test_hashes_are_uniform_and_differ_by_seed():
-    numbers = np.array([hashed(1, f"flow.{i}") for i in range(20_000)])
-    counts, _ = np.histogram(numbers, bins=20, range=(0, 1))
-    assert ((counts - 1000) ** 2 / 1000).sum() < 43.8  # chi-squared with 19 degrees of freedom, 0.001
-    others = np.array([hashed(2, f"flow.{i}") for i in range(20_000)])
-    assert abs(np.corrcoef(numbers, others)[0, 1]) < 0.03
 
 
 def test_a_larger_share_contains_a_smaller_one(tmp_path):
