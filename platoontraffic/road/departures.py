@@ -24,10 +24,12 @@ def with_departures(
     """Route files and additional files of a demand with which some vehicles depart later.
 
     Copies differ from their originals in `depart` and `line` of the vehicles that wait, in flows, and in names of
-    files that SUMO reads, which are absolute. If a vehicle of a flow waits, all flows are expanded into vehicles,
-    except those with random or triggered departures and those that stop. SUMO then draws the same speed factors as
-    for flows if each flow has a type of its own, not a distribution, and no two flows have departures within one
-    step.
+    files that SUMO reads, which are absolute. Types and speed factors that SUMO draws stay the same; if there are
+    several route files, only with its option `route-steps` 0, which reads each at once.
+
+    If a vehicle of a flow waits, all flows are expanded into vehicles, except those with random or triggered
+    departures and those that stop. SUMO then draws the same as for flows only if the demand has nothing but flows,
+    each flow has a type of its own, not a distribution, and no two flows have departures within one step.
 
     waits   : vehicle -> wait [s]
     folder  : for the copies

@@ -62,6 +62,23 @@ def test_those_that_wait_depart_later_and_all_keep_type_and_speed_factor(tmp_pat
 
 
 @pytest.mark.sumo
+def test_draws_of_several_route_files_stay_the_same_if_each_is_read_at_once(tmp_path):
+    files = [tmp_path / "a.rou.xml", tmp_path / "b.rou.xml"]
+    for file in files:
+        name = file.name[0]
+        vehicles = (f'<trip id="{name}{t}" depart="{t}" from="e0_e1" to="e4_e5"/>' for t in range(0, 500, 9))
+        file.write_text(f"<routes>{''.join(vehicles)}</routes>")
+    demand = read_demand(files)
+    waits = {v.id: 30.0 for v in demand.vehicles[::3]}
+    routes, _ = with_departures(demand, waits, tmp_path)
+    before, after = (
+        loaded(tmp_path, HIGHWAY, each, end=600, options=("--route-steps", "0")) for each in (files, routes)
+    )
+    assert len(before) == 2 * 56
+    assert after == {name: v._replace(depart=v.depart + waits.get(name, 0)) for name, v in before.items()}
+
+
+@pytest.mark.sumo
 def test_vehicles_of_flows_wait(tmp_path):
     demand = demand_of(tmp_path, FLOWS)
     routes, _ = with_departures(demand, {"a.3": 20.0, "c.13": 60.0}, tmp_path)

@@ -17,13 +17,18 @@ class Loaded(NamedTuple):
 
 
 def loaded(
-    folder: Path, net: Path, routes: Sequence[Path], additional: Sequence[Path] = (), begin: int = 0, end: int = 100
+    folder: Path,
+    net: Path,
+    routes: Sequence[Path],
+    additional: Sequence[Path] = (),
+    begin: int = 0,
+    end: int = 100,
+    options: Sequence[str] = (),
 ) -> dict[str, Loaded]:
     """Every vehicle that SUMO loads from begin to end [s]; none of them is inserted."""
     found = {}
-    for trip in _trips(
-        folder, net, routes, additional, begin, end, ["--max-num-vehicles", "0", "--step-length", "0.1"]
-    ):
+    more = ("--max-num-vehicles", "0", "--step-length", "0.1", *options)
+    for trip in _trips(folder, net, routes, additional, begin, end, more):
         depart = round(end - float(trip.attrib["departDelay"]), 3)
         found[trip.attrib["id"]] = Loaded(depart, trip.attrib["vType"], trip.attrib["speedFactor"])
     return found
