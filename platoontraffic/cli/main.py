@@ -221,7 +221,7 @@ def batch(
     if json:
         print_json({"folder": str(folder), **report.progress._asdict(), "failures": report.failures})
     elif not quiet:
-        print_report(report)
+        print_report(report, folder)
     if not json:
         print(folder)
     if report.failures:

@@ -151,8 +151,8 @@ def print_runs(study: Study, folder: Path, slots: int, executor: str, as_json: b
         )
 
 
-def print_report(report: Report) -> None:
-    """The outcome of a batch."""
+def print_report(report: Report, folder: Path) -> None:
+    """The outcome of a batch, and how one of its runs is repeated; folder: the batch's."""
     runs, earlier, done, failed, _ = report.progress
     before = f" ({earlier} of them earlier)" if earlier else ""
     print(f"{runs} runs: {done} done{before}, {failed} failed")
@@ -162,6 +162,8 @@ def print_report(report: Report) -> None:
         print(f"  and {failed - FAILURES} more, in runs.csv")
     if failed:
         print("  details: RUN.unfinished/failure.json; --retry-failed repeats these runs")
+    if done:
+        print(f"a run alone, RUN being its id in summary.csv: platoontraffic run {folder / 'RUN' / 'config.toml'}")
 
 
 def duration_text(seconds: float) -> str:

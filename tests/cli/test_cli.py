@@ -98,6 +98,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
                 "corridor_platoon",
                 "corridor_tracking",
                 "corridor_two_platoons",
+                "cut_ins",
                 "grid_platoons",
                 "highway_merge",
                 "highway_platoon",

@@ -41,7 +41,8 @@ def test_a_batch_leaves_tables_and_is_not_repeated(tiny, tmp_path):
     first = call(tiny(), "-j", 2, "--out", tmp_path / "out")
     folder = tmp_path / "out" / "tiny"
     assert (first.returncode, first.stderr) == (0, "")
-    assert first.stdout == f"4 runs: 4 done, 0 failed\n{folder}\n"
+    alone = f"a run alone, RUN being its id in summary.csv: platoontraffic run {folder}/RUN/config.toml"
+    assert first.stdout == f"4 runs: 4 done, 0 failed\n{alone}\n{folder}\n"
     before, made = tables(folder), done(folder)
     assert before[0][0] == ["id", "status", "seed", "platoon.follower.heading_gain_per_s", "error"]
     assert [row[1:4] for row in before[0][1:]] == [
