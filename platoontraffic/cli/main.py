@@ -532,7 +532,10 @@ def report(
 
 @command
 def bench(
-    what: Annotated[str, typer.Argument(help="lidar: the cost of scans; traffic: that of a step, beside SUMO alone")],
+    what: Annotated[
+        str,
+        typer.Argument(help="lidar: the cost of scans; traffic: of a step, beside SUMO alone; env: of environments"),
+    ],
     quick: Annotated[bool, typer.Option("--quick", help="small towns only; takes half a minute")] = False,
     compare: Annotated[
         Path | None, typer.Option(metavar="FILE", help="traffic: also print ratios to a document of --json kept before")
@@ -546,8 +549,11 @@ def bench(
     """Measure speed on this machine, in CPU time of one thread."""
     import subprocess
 
-    if what not in ("lidar", "traffic"):
-        raise InputError(f"argument 1: {what!r}: no such benchmark; must be lidar or traffic")
+    if what not in ("lidar", "traffic", "env"):
+        raise InputError(f"argument 1: {what!r}: no such benchmark; must be lidar, traffic or env")
+    if what == "env":
+        _bench_env(quick, bool(compare or config or platoons or json))
+        return
     benchmark = import_module("platoontraffic.lidar.benchmark" if what == "lidar" else "platoontraffic.cli.bench")
     if (config is None) != (platoons is None) or (config and what != "traffic"):
         raise InputError("--config: goes with bench traffic, and with the platoons of --platoon")
@@ -566,6 +572,17 @@ def bench(
     print(measured.json() if json else benchmark.text(measured))
     if before:
         print(f"\n{benchmark.compared(measured, before)}")
+
+
+def _bench_env(quick: bool, more: bool) -> None:
+    if more:
+        raise InputError("bench env: takes no option but --quick")
+    try:
+        from platoontraffic.cli.bench_env import text
+
+        print(text(quick))
+    except ImportError as error:
+        raise MissingError(f'{error.name} is not installed: pip install "platoontraffic[learn]"') from error
 
 
 def _runs() -> ModuleType:

@@ -152,3 +152,14 @@ def test_the_seat_stands_and_takes_what_is_ahead_for_its_target():
     assert decision.target.distance[0] == pytest.approx(2.0, abs=1e-3)
     assert np.isnan(External().desired_distance(np.ones(1))).all()
     assert External(stand_off=1.0, headway=0.5).desired_distance(2.0) == 2.0
+
+
+def test_the_learned_follower_of_the_examples_speeds_up_for_a_distant_rear_and_turns_to_where_it_is():
+    file = Path(__file__).parents[2] / "docs" / "examples" / "learned_follower" / "follower.npz"
+    assert file.stat().st_size < 100_000
+    law = LearnedFollower(file)
+    batch = scans(rear(0.4, 0.0, 0.0), rear(0.7, 0.0, 0.0), rear(0.5, 0.04, 0.0), rear(0.5, -0.04, 0.0))
+    still = Sensed(batch, np.full(4, 0.1), np.zeros(4))
+    command = law(still, None, 0.025).command
+    assert command.speed[1] > command.speed[0] + 0.1
+    assert command.yaw_rate[2] > command.yaw_rate[3] + 0.2  # it is not quite symmetric
