@@ -36,7 +36,8 @@ from platoontraffic.world import prepared as preparation
 from platoontraffic.world.breakdowns import Breakdowns
 from platoontraffic.world.channel import Messages
 from platoontraffic.world.contact import Contacts
-from platoontraffic.world.events import Event
+from platoontraffic.world.convoys import Convoys
+from platoontraffic.world.events import Event, Noted
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import BareGround, Ground
 from platoontraffic.world.manoeuvres import Manoeuvres, Order
@@ -175,6 +176,7 @@ class Simulation:
         self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
         self.messages = _no_messages(setting)
         self.stuck, self._remedies = Stuck(setting.recruits.tables if setting.recruits else ()), {}
+        self.convoys = Convoys()
         self.members = list(setting.members)  # all that it has had, by their number
         fleet = self.world.deploy(*departures(setting.members, setting.dt))
         self.obstacles = Obstacles(setting.obstacles, fleet)
@@ -215,7 +217,7 @@ class Simulation:
     def _decide(self, step: int, fleet: Fleet) -> Instant:
         """Every member senses the same world; then every law decides."""
         dt, timed = self.setting.dt, self.stopwatch.call
-        self._welcome(fleet)
+        parted, fleet = self._recruited(fleet) if self.setting.recruits else ([], fleet)
         traffic = self.world.snapshot(fleet, self._reach(step, fleet))
         failed = self.breakdowns.due(fleet, traffic.time)
         stuck, self._remedies = self.stuck.observe(fleet, traffic.time)
@@ -227,7 +229,7 @@ class Simulation:
         fleet = timed("decide", fleet.decided, sensed.scans, dt, signals, sensed.odometry, sensed.readings, messages)
         roads, noted = (
             self.world.roads(fleet),
-            [*ordered, *failed, *stuck, *radio, *violations(self.world.entries(fleet))],
+            [*parted, *ordered, *failed, *stuck, *radio, *violations(self.world.entries(fleet))],
         )
         events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted, sensed.seen)
         events = [*events, *self.encounters.observe(traffic, fleet, events)]
@@ -237,15 +239,22 @@ class Simulation:
         )
         return self.now
 
-    def _welcome(self, fleet: Fleet) -> None:
-        """Members from the traffic, which have departed in the last step, are observed from now on."""
-        if not self.setting.recruits or fleet.number.max(initial=-1) < len(self.members):
-            return
+    def _recruited(self, fleet: Fleet) -> tuple[list[Noted], Fleet]:
+        """The fleet in which the members from the traffic follow one another, and events of those whose routes part.
+
+        Those that have departed in the last step are observed from now on.
+        """
+        if fleet.number.max(initial=-1) >= len(self.members):
+            fleet = self._welcome(fleet)
+        return self.convoys.parted(fleet, self.world.roads(fleet))
+
+    def _welcome(self, fleet: Fleet) -> Fleet:
         new = sorted((number, i) for i, number in enumerate(fleet.number) if number >= len(self.members))
         newcomers = [fleet.members[i] for _, i in new]
         self.members += newcomers
         for one in (self.observer, self.encounters, self.messages):
             one.extend(newcomers)
+        return self.convoys.joined(fleet, [m.id for m in newcomers])
 
     def goes_on_in(self, folder: Path) -> None:
         """In a fork of the process: SUMO's files are those in `folder` now, and closing leaves the parent's alone."""
@@ -347,7 +356,9 @@ def setting_of(
     """
     named = named_for_forks if forkable else plainly_named
     scenario, spec = prepared.scenario, prepared.scenario.spec
-    recruits = Recruits(scenario, prepared.network) if spec.equip else None
+    recruits = (
+        Recruits(scenario, prepared.network, prepared.platooning and prepared.platooning.plan) if spec.equip else None
+    )
     dt, members = spec.run.step_s, prepared.members
 
     @contextmanager
@@ -355,7 +366,7 @@ def setting_of(
         with ExitStack() as stack:
             files = folder or Path(stack.enter_context(TemporaryDirectory(prefix="platoontraffic-")))
             # SUMO may be reading the files that are made for its options.
-            options = {} if warm else sumo_options(scenario, stack.enter_context(named(files)))
+            options = {} if warm else sumo_options(scenario, stack.enter_context(named(files)), prepared.platooning)
             words, warm_up = files / "run.log", spec.sumo.warm_up_s
             more = client, warm, recruits
             world = World(prepared.network, dt, scenario.seed, words, options, warm_up, *more)

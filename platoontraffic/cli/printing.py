@@ -65,6 +65,8 @@ def print_remarks(prepared: Prepared) -> None:
 
     for remark in prepared.scenario.remarks():
         print(remark, file=sys.stderr)
+    for line in prepared.platooning.plan.summary(prepared.scenario.scale) if prepared.platooning else ():
+        print(line, file=sys.stderr)
     for warning in (*sight.warnings(prepared), *tested.warnings(prepared)):
         print(f"warning: {warning}", file=sys.stderr)
 

@@ -30,7 +30,8 @@ def stretches(places: Mapping[str, tuple[str, int]], events: pd.DataFrame, end: 
     places : platoon and place of each member
     end    : of the run [s]
     """
-    ahead: dict[str, Predecessor] = {v: f"{p}.{place - 1}" if place else None for v, (p, place) in places.items()}
+    at = {place: vehicle for vehicle, place in places.items()}
+    ahead: dict[str, Predecessor] = {v: at.get((p, place - 1)) if place else None for v, (p, place) in places.items()}
     since = dict.fromkeys(places, -np.inf)
     found: dict[str, list[Stretch]] = {v: [] for v in places}
     ends = [(end, vehicle, None) for vehicle in places]
@@ -48,8 +49,15 @@ def stretches(places: Mapping[str, tuple[str, int]], events: pd.DataFrame, end: 
 
 
 def _changes(ahead: dict[str, Predecessor], events: pd.DataFrame) -> Iterator[tuple[float, str, Predecessor]]:
-    """(time, vehicle, its new predecessor) of every order that was carried out; ahead: before the first of them."""
-    for order in _carried_out(events).itertuples():
+    """(time, vehicle, its new predecessor) of every order that was carried out, and of routes that part.
+
+    ahead: before the first of them
+    """
+    for order in pd.concat([_carried_out(events), events[events.kind == "parted"]]).sort_values("time_s").itertuples():
+        if order.kind == "parted":
+            ahead[order.vehicle_id] = None
+            yield order.time_s, order.vehicle_id, None
+            continue
         changed: dict[str, Predecessor] = {}
         if order.what == "leave":  # its followers close up to its own predecessor
             behind = [v for v, predecessor in ahead.items() if predecessor == order.vehicle_id]

@@ -39,7 +39,7 @@ def _files(scenario: Scenario) -> dict[str, Sequence[Path]]:
     return {
         "net": [scenario.net],
         "routes": scenario.route_files,
-        "additional": [file for file in scenario.additional if ".poly.xml" not in file.name],
+        "additional": scenario.additional_of_sumo,
         "configuration": [config.path] if config else [],
     }
 

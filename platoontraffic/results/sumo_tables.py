@@ -16,9 +16,11 @@ from xml.etree import ElementTree
 
 from platoontraffic.results.columns import Column
 from platoontraffic.results.recorder import Recorder
+from platoontraffic.road.departures import with_departures
 from platoontraffic.road.network import file_named_in, names_files
 from platoontraffic.scenario import Scenario
 from platoontraffic.sumo.vehicle_types import driver_types
+from platoontraffic.world.prepared import Platooning
 
 LANE_CHANGE_DURATION = (
     "3"  # of SUMO-driven vehicles, where lasers follow them [s]; by default SUMO's cars jump sideways
@@ -41,15 +43,22 @@ def plainly_named(folder: Path) -> Iterator[Path]:
         yield link
 
 
-def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
-    """Options that let SUMO read the scenario's files and write into `folder` only."""
+def sumo_options(scenario: Scenario, folder: Path, platooning: Platooning | None = None) -> dict[str, str]:
+    """Options that let SUMO read the scenario's files and write into `folder` only.
+
+    platooning: platoons that vehicles of the traffic form
+    """
     folder = folder.absolute()  # SUMO resolves relative names against the file that holds them
     config, record = scenario.configuration, scenario.spec.record
     options = dict(config.options) if config else {}
     options["net-file"] = str(_harmless(scenario.net, folder, "net"))
-    # Polygons are for lasers and pictures; SUMO does not use them.
-    additional = [file for file in scenario.additional if ".poly.xml" not in file.name]
-    for option, files in (("route-files", scenario.route_files), ("additional-files", additional)):
+    routes, additional = scenario.route_files, scenario.additional_of_sumo
+    if platooning:
+        plan, demand, lanes = platooning
+        routes, additional = with_departures(demand, plan.waits, folder, lanes=lanes)
+    if scenario.spec.equip:
+        options["route-steps"] = "0"  # types and speed factors are drawn alike, whoever waits: `road.departures`
+    for option, files in (("route-files", routes), ("additional-files", additional)):
         safe = [str(_harmless(file, folder, f"{option.partition('-')[0]}_{i}")) for i, file in enumerate(files)]
         if option == "additional-files" and (added := _added(scenario)):
             (folder / _ADDED).write_text(f"<additional>{added}</additional>\n", encoding="utf-8")
@@ -80,7 +89,7 @@ def sumo_options(scenario: Scenario, folder: Path) -> dict[str, str]:
 
 def _added(scenario: Scenario) -> str:
     """Elements by which SUMO writes the tables that no option switches on, and types of the vehicles that it drives."""
-    begin, record = start_time(scenario), scenario.spec.record
+    begin, record = scenario.start, scenario.spec.record
     elements = [driver_types(law.vehicle_type for law in scenario.laws.values())]
     if "edges" in record.sumo:
         when = f'begin="{begin:.3f}" freq="{record.sumo_every_s}"'
@@ -243,12 +252,6 @@ TABLES["signals"] = Table(
 _TAKEN = [f"{name}.csv" for name in TABLES]
 
 
-def start_time(scenario: Scenario) -> float:
-    """SUMO's time at time 0 of the run [s]; it takes two steps to place the platoons."""
-    begin = scenario.configuration.begin if scenario.configuration else 0.0
-    return begin + scenario.spec.sumo.warm_up_s + 2 * scenario.spec.run.step_s
-
-
 def write_tables(recorder: Recorder, scenario: Scenario) -> None:
     """Write the tables of `record.sumo`, such as sumo_trips.csv; to be called when SUMO is closed."""
     asked = scenario.configuration.outputs if scenario.configuration else {}
@@ -256,7 +259,7 @@ def write_tables(recorder: Recorder, scenario: Scenario) -> None:
         table = TABLES[name]
         own = recorder.folder / _RAW.format(name)
         file = own if own.is_file() or not table.option else _inside(recorder.folder, asked[table.option])
-        rows = (_signal_rows if name == "signals" else _rows)(file, table, start_time(scenario))
+        rows = (_signal_rows if name == "signals" else _rows)(file, table, scenario.start)
         recorder.write_table(f"sumo_{name}.csv", rows, table.written)
         own.unlink(missing_ok=True)
     (recorder.folder / _ADDED).unlink(missing_ok=True)

@@ -6,6 +6,7 @@ import heapq
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
@@ -19,13 +20,17 @@ OF_FLOWS = ("id", "begin", "end", "number", "period", "vehsPerHour", "perHour") 
 
 
 def with_departures(
-    demand: Demand, waits: Mapping[str, float], folder: Path, expand: bool = False
+    demand: Demand,
+    waits: Mapping[str, float],
+    folder: Path,
+    expand: bool = False,
+    lanes: Mapping[str, int] = MappingProxyType({}),
 ) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     """Route files and additional files of a demand with which some vehicles depart later.
 
-    Copies differ from their originals in `depart` and `line` of the vehicles that wait, in flows, and in names of
-    files that SUMO reads, which are absolute. Types and speed factors that SUMO draws stay the same; if there are
-    several route files, only with its option `route-steps` 0, which reads each at once.
+    Copies differ from their originals in `depart` and `line` of vehicles that wait, in `departLane`, in flows, and in
+    names of files that SUMO reads, which are absolute. Types and speed factors that SUMO draws stay the same; if there
+    are several route files, only with its option `route-steps` 0, which reads each at once.
 
     If a vehicle of a flow waits, all flows are expanded into vehicles, except those with random or triggered
     departures and those that stop. SUMO then draws the same as for flows only if the demand has nothing but flows,
@@ -33,17 +38,18 @@ def with_departures(
 
     waits   : vehicle -> wait [s]
     folder  : for the copies
+    lanes   : vehicle -> index of the lane on which it departs; others depart as before
     expand  : expand flows even if none of their vehicles waits, so that runs with and without waits have the same draws
     returns : route files and additional files, copies in the place of those that change
     raises  : ValueError for a vehicle that the demand does not have, or whose departure is not known
     """
     movable = {v.id: v for v in demand.vehicles if v.depart is not None and not (v.flow and v.stops)}
-    if unknown := sorted(waits.keys() - movable):
+    if unknown := sorted((waits.keys() | lanes.keys()) - movable.keys()):
         raise ValueError(f"the departure of vehicle '{unknown[0]}' cannot be changed")
     moved = {name: milliseconds(wait) for name, wait in waits.items() if wait > 0}
-    expand = expand or any(movable[name].flow for name in moved)
+    expand = expand or any(movable[name].flow for name in moved.keys() | lanes.keys())
     flows = {v.flow for v in movable.values() if v.flow} if expand else set()
-    changed = {v.file for v in movable.values() if v.id in moved or v.flow in flows}
+    changed = {v.file for v in movable.values() if v.id in moved or v.id in lanes or v.flow in flows}
     copies = []
     for kind, files in (("routes", demand.routes), ("additional", demand.additional)):
         for i, file in enumerate(files):
@@ -52,7 +58,9 @@ def with_departures(
             if file in changed:
                 with copy.open("w", encoding="utf-8") as out:
                     begin, end = milliseconds(demand.begin), None if demand.end is None else milliseconds(demand.end)
-                    _Copier(begin, end, out=out, waits=moved, flows=flows).read(file, in_order=kind == "routes")
+                    _Copier(begin, end, out=out, waits=moved, flows=flows, lanes=lanes).read(
+                        file, in_order=kind == "routes"
+                    )
     return tuple(copies[: len(demand.routes)]), tuple(copies[len(demand.routes) :])
 
 
@@ -72,6 +80,7 @@ class _Copier(Walk):
     out: IO[str] | None = None
     waits: Mapping[str, int] = field(default_factory=dict)  # [ms]
     flows: Collection[str] = ()  # to be expanded
+    lanes: Mapping[str, int] = field(default_factory=dict)
     _due: list[_Expanded] = field(default_factory=list)  # a heap
     _coming: list[Iterator[_Expanded]] = field(default_factory=list)  # the rest of each flow
     _flow: dict[str, str] | None = None  # attributes of the flow that is being read
@@ -124,6 +133,8 @@ class _Copier(Walk):
 
     def _later(self, attributes: Mapping[str, str], depart: int | None) -> dict[str, str]:
         """Attributes of a vehicle, with its later departure if it waits."""
+        if (lane := self.lanes.get(attributes.get("id", ""))) is not None:
+            attributes = {**attributes, "departLane": str(lane)}
         wait = self.waits.get(attributes.get("id", ""))
         if depart is None or wait is None:
             return dict(attributes)

@@ -175,6 +175,23 @@ class Network:
             raise InputError(f"the route returns to '{edges[0]}' in lane {lane}, not {first}; start it in lane {lane}")
         return route.joined()
 
+    def lane_for(self, edges: Sequence[str]) -> int:
+        """Index of the lane for cars of the first edge from which a route crosses the fewest lanes; of equal ones, the
+        right one."""
+        road = [self._net.getEdge(self._known(edge)) for edge in edges]
+
+        def crossed(lane: int) -> int:
+            number = 0
+            try:
+                for link in least_changes(road, lane, None):
+                    number += abs(link.getFromLane().getIndex() - lane)
+                    lane = link.getToLane().getIndex()
+            except ValueError:  # there is no way on
+                return 1000
+            return number
+
+        return min((lane.getIndex() for lane in road[0].getLanes() if lane.allows(CAR)), key=crossed, default=0)
+
     def fastest_route(self, start: str, end: str) -> list[str]:
         """The edges of the route that takes the least time at the speed limits, `start` and `end` included.
 

@@ -117,6 +117,8 @@ def _equip(spec: Spec) -> Iterator[Fault]:
         if equip.id in ids:
             yield Fault(("equip", i, "id"), f"{equip.id!r}: another table has the same id; must be another")
         ids.append(equip.id)
+    if len(spec.equip) > 1 and (i := next((i for i, one in enumerate(spec.equip) if one.mode == "platoons"), None)):
+        yield Fault(("equip", i, "mode"), "'platoons': there is another [[equip]] table; must be the only one")
     if spec.equip and spec.branch:
         yield Fault(("branch",), "changes members of [[platoon]] tables only; must be left out beside [[equip]]")
 
@@ -176,7 +178,7 @@ def _drivers(spec: Spec, laws: Mapping[Role, Found]) -> Iterator[Fault]:
         yield from found.faults
         if found.law is not None:
             if isinstance(group, Equip):
-                yield from _alone(at, driver, found.law)
+                yield from _alone(at, driver, found.law, group, spec.channel)
             else:
                 yield from _needs(at, driver, found.law, group, spec.channel)
             yield from _sensors((*at, "sensors"), driver, found, spec.run.step_s)
@@ -199,14 +201,16 @@ def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon, channel: Cha
         yield Fault((*at, "law"), f"{driver.law!r} needs messages; the scenario must have a [channel]")
 
 
-def _alone(at: KeyPath, driver: Driver, law: Law) -> Iterator[Fault]:
-    """Members from the traffic have no predecessor of their own, and a route."""
-    if "messages" in law.needs:
+def _alone(at: KeyPath, driver: Driver, law: Law, equip: Equip, channel: Channel | None) -> Iterator[Fault]:
+    """Members from the traffic have a route; alone or when routes part, they have no predecessor."""
+    if "messages" in law.needs and equip.mode == "single":
         yield Fault((*at, "law"), f"{driver.law!r} needs messages, and it has nobody to receive them from")
+    elif "messages" in law.needs and channel is None:
+        yield Fault((*at, "law"), f"{driver.law!r} needs messages; the scenario must have a [channel]")
     elif getattr(law, "vehicle_type", None):
         what = "vehicles of the traffic keep the car-following model of their type; must be left out"
         yield Fault((*at, "model"), f"{law.model!r}: {what}")
-    elif not (law.native or law.drives_alone):
+    elif not (law.native or law.drives_alone or at[-1] == "leader"):
         what = 'cannot drive alone; must be a law that declares drives_alone, such as "tracking" with on_loss = "drive"'
         yield Fault((*at, "law"), f"{driver.law!r} {what}")
 

@@ -12,11 +12,18 @@ from platoontraffic.scenario.driver_tables import Driver
 from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
 
 MODEL = VEHICLES["car"]  # of the vehicle on which a driver's keys are checked; each member has the size of its own
+KEEPS_UP = 1.05  # times the speed at which its leader drives on a free road, a follower may drive to catch up
+USUAL_SIZE, USUAL_WINDOW = 5, 30.0  # of a platoon; time that vehicles wait for others [s]
 A_DAY = 86_400.0  # [s]; a run that is to end with its demand may last so long
 
 
 class Equip(Table):
     """A share of SUMO's vehicles that become members, at the place and time at which SUMO inserts them.
+
+    By themselves (mode "single") they follow whatever is ahead. In mode "platoons", vehicles that start at the same
+    place within `window_s`, with a common beginning of their routes, wait for each other and are one platoon until
+    their routes part; a follower then drives as fast as the driver ahead of it would, if that is faster. A vehicle
+    without others is a platoon of one.
 
     Each keeps its id, its route, its size, its lane and its speed. It is chosen by a hash of the seed and its id, so
     that a larger share contains a smaller one. Vehicles that are on the road at the end of the warm-up stay SUMO's, and
@@ -27,7 +34,8 @@ class Equip(Table):
     model_config = filled_in("follower")
 
     id: Identifier = "equip"
-    """Id of the table, which stands for the platoon of its members in all tables of results."""
+    """Id of the table. In all tables of results it stands for the platoon of the members that are in none; the platoons
+    are ID.0, ID.1 and so on."""
     share: Fraction
     """Share of the vehicles that become members; 0: none does."""
     types: list[Text] = Field([])
@@ -40,8 +48,17 @@ class Equip(Table):
     """Departures from this time on [s]."""
     end_s: Positive | None = None
     """Departures before this time [s]. Default: all until the end."""
+    mode: Literal["single", "platoons"] = "single"
+    """Whether the members are by themselves or form platoons."""
+    size: Annotated[int, Field(ge=2, le=100)] | None = None
+    """Mode platoons: vehicles of a platoon, at most. Default: 5."""
+    window_s: NotNegative | None = None
+    """Mode platoons: longest time that a vehicle waits for others [s]. Default: 30."""
+    leader: Driver | None = None
+    """Mode platoons: law of the leaders, by name or as a table. Default: "path"."""
     follower: Driver
-    """Law of the members, by name or as a table. Default: "tracking" with policy = "obey" and on_loss = "drive"."""
+    """Law of all other members, by name or as a table. Default: "tracking" with policy = "obey" and
+    on_loss = "drive"; in mode platoons with alone.speed_factor = 1.05, so that it catches up."""
     stuck: Literal["wait", "remove", "sumo_drives"] = "wait"
     """Remedy for a member that has stood for `stuck_after_s`: none, it is removed, or SUMO drives it from then on."""
     stuck_after_s: Annotated[float, Field(ge=10, le=86_400)] = 300.0
@@ -49,28 +66,35 @@ class Equip(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def usual_driver(cls, table: Any) -> Any:
+    def usual_values(cls, table: Any) -> Any:
         if not isinstance(table, dict):
             return table
-        driver, named = usual(MODEL).drivers["follower"], table.get("follower")
-        if named is None:
-            return {**table, "follower": dict(driver)}
-        return {**table, "follower": {**driver, **named}} if isinstance(named, dict) and "law" not in named else table
+        given = dict(table)
+        if table.get("mode") == "platoons":
+            given = {"size": USUAL_SIZE, "window_s": USUAL_WINDOW, **given}
+        for role in ("leader", "follower") if table.get("mode") == "platoons" else ("follower",):
+            driver, named = dict(usual(MODEL).drivers[role]), table.get(role)
+            if role == "follower" and table.get("mode") == "platoons":
+                driver["alone"] = {"speed_factor": KEEPS_UP}
+            if named is None:
+                given[role] = driver
+            elif isinstance(named, dict) and "law" not in named:
+                given[role] = {**driver, **named}
+        return given
+
+    @model_validator(mode="after")
+    def keys_of_its_mode(self) -> Equip:
+        if self.mode == "single" and (
+            given := [k for k in ("size", "window_s", "leader") if getattr(self, k) is not None]
+        ):
+            raise ValueError(f'`{given[0]}` goes with mode = "platoons"; must be left out')
+        return self
 
     @model_validator(mode="after")
     def ends_after_its_begin(self) -> Equip:
         if self.end_s is not None and self.end_s <= self.begin_s:
             raise ValueError(f"end_s {self.end_s:g}; must be after begin_s = {self.begin_s:g}")
         return self
-
-    @property
-    def leader(self) -> None:
-        """None: all its members drive by the law of followers."""
-
-    @property
-    def size(self) -> int:
-        """Of each of its platoons."""
-        return 1
 
     def model(self, place: int) -> VehicleModel:
         """The vehicle that its keys are checked with."""

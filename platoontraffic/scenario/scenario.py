@@ -53,6 +53,22 @@ class Scenario:
     def seed(self) -> int:
         return self.spec.seed
 
+    @property
+    def begin(self) -> float:
+        """SUMO's time when it begins [s]."""
+        return self.configuration.begin if self.configuration else 0.0
+
+    @property
+    def scale(self) -> float:
+        """Factor on the number of vehicles in the route files."""
+        of_configuration = self.configuration.options.get("scale", 1) if self.configuration else 1
+        return (self.spec.sumo.demand or 1.0) * float(of_configuration)
+
+    @property
+    def start(self) -> float:
+        """SUMO's time at time 0 of the run [s]; it takes two steps to place the platoons."""
+        return self.begin + self.spec.sumo.warm_up_s + 2 * self.spec.run.step_s
+
     def files(self) -> dict[str, Path]:
         """Every input file, by a name that says its purpose."""
         config = {"config": self.configuration.path} if self.configuration else {}
@@ -66,6 +82,11 @@ class Scenario:
             **{f"law.{i}.{file.name}": file for i, file in enumerate(self.sources)},
             **{f"metric.{i}.{file.name}": file for i, file in enumerate(self.metrics.sources)},
         }
+
+    @property
+    def additional_of_sumo(self) -> list[Path]:
+        """The additional files but polygons, which are for lasers and pictures."""
+        return [file for file in self.additional if ".poly.xml" not in file.name]
 
     def files_of_sumo(self) -> list[Path]:
         """The input files that SUMO reads, or that say how it runs."""
@@ -120,9 +141,11 @@ class Scenario:
         """Beams of all members' lidars in one scan each."""
         beams = 0
         for (i, role), driver in drivers_of(self.spec):
+            if i >= len(self.spec.platoon):
+                break  # how many there will be is not known
             group = self.spec.groups[i]
             lidar = driver.lidar.model(self.default_preset((i, role)), group.model(0).length)
-            beams += lidar.samples * (1 if role == "leader" else group.size - 1)
+            beams += lidar.samples * (1 if role == "leader" else (group.size or 1) - 1)
         return beams
 
     def resolved(self, folder: Path | None = None) -> dict[str, Any]:

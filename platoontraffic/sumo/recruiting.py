@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -21,6 +21,11 @@ class Recruiting:
     def __init__(self, sumo: Client, recruits: Recruits, step: float) -> None:
         self._sumo, self._recruits, self._step = sumo, recruits, step
         self._number = 0  # of the next member of the run
+
+    @property
+    def waits(self) -> Mapping[str, float]:
+        """Of vehicles, for others of their platoons [s]."""
+        return self._recruits.waits
 
     def begin(self, members: int) -> None:
         """members: that the run has without those from the traffic"""

@@ -6,7 +6,7 @@ is compared with the driver that it was.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -32,17 +32,25 @@ class Trips:
         self._trips: dict[str, Trip] = {}
         self._sums = np.empty((0, len(SUMS)))  # of each trip
         self._waits = np.empty(0, dtype=bool)
+        self._drivers = np.empty((0, 2))  # of each trip: speed factor, and top speed [m/s]
         self._row: dict[str, int] = {}
         self._limits: dict[str, float] = {}  # [m/s], by lane
         self._rows = np.empty(0, dtype=np.intp)  # of the members in the fleet that are from the traffic ...
         self._of_rows = np.empty(0, dtype=np.intp)  # ... and their rows in the sums
         self._for: tuple[str, ...] = ()
 
-    def begin(self, newcomers: Fleet, kinds: Iterable[str]) -> None:
-        """kinds: the types that they had in the traffic"""
+    def begin(self, newcomers: Fleet, kinds: Iterable[str], waits: Mapping[str, float]) -> None:
+        """
+        newcomers : still as SUMO has inserted them
+        kinds     : the types that they had in the traffic
+        waits     : of vehicles, for others of their platoons [s]
+        """
         for member, kind in zip(newcomers.members, kinds, strict=True):
             self._row[member.id] = len(self._trips)
-            self._trips[member.id] = Trip(member.id, kind, member.departs, self._sumo.vehicle.getDepartDelay(member.id))
+            delay = self._sumo.vehicle.getDepartDelay(member.id) + waits.get(member.id, 0.0)
+            self._trips[member.id] = Trip(member.id, kind, member.departs, delay)
+        routes = [member.route for member in newcomers.members]
+        self._drivers = np.concatenate([self._drivers, [(r.speed_factor, r.top_speed) for r in routes]])
         more = len(self._trips) - len(self._sums)
         self._sums = np.concatenate([self._sums, np.zeros((more, len(SUMS)))])
         self._waits = np.concatenate([self._waits, np.zeros(more, dtype=bool)])
@@ -56,9 +64,9 @@ class Trips:
         if not len(self._rows):
             return
         names, speed = [fleet.ids[i] for i in self._rows], np.abs(fleet.motion.speed[self._rows])
-        routes = [fleet.members[i].route for i in self._rows]
         limit = np.array([self._limit(name) for name in names])
-        desired = np.minimum(limit * [r.speed_factor for r in routes], [r.top_speed for r in routes])
+        factor, top_speed = self._drivers[self._of_rows].T
+        desired = np.minimum(factor * limit, top_speed)
         waits, vehicle = speed < WAITING, self._sumo.vehicle
         sums = np.empty((len(names), len(SUMS)))
         sums[:, 0], sums[:, 1] = speed * self._step, waits * self._step

@@ -221,7 +221,8 @@ class World:
         found = self._recruiting.newcomers(self._time(), {*fleet.ids, *self._obstacles.in_sumo})
         if not found:
             return fleet
-        self._trips.begin(found, map(self._sumo.vehicle.getTypeID, found.ids))
+        kinds = map(self._sumo.vehicle.getTypeID, found.ids)
+        self._trips.begin(found, kinds, self._recruiting.waits)
         return fleet.joined(self._placement.adopt(found))
 
     def _without(self, fleet: Fleet, given_up: Mapping[str, str]) -> Fleet:

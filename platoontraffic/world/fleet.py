@@ -50,7 +50,8 @@ class Member:
     odometry: OdometryErrors = ODOMETRY["none"]
     further_lidars: tuple[LidarModel, ...] = ()  # each with a name of its own
     sensors: tuple[NamedSensor, ...] = ()
-    recruited: bool = False  # from the traffic: it has no predecessor of its own, and follows any vehicle
+    recruited: bool = False  # from the traffic
+    single: bool = False  # it is in no platoon: it has no predecessor of its own, and follows any vehicle
 
     @property
     def lidars(self) -> tuple[LidarModel, ...]:
@@ -59,7 +60,7 @@ class Member:
     @property
     def leads(self) -> bool:
         """It is to follow no vehicle."""
-        return self.place == 0 and not self.recruited
+        return self.place == 0 and not self.single
 
     @property
     def is_given_its_route(self) -> bool:

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from platoontraffic.lidar import Scene
+from platoontraffic.road.demand import Demand, Selection, read_demand
 from platoontraffic.road.network import Network
+from platoontraffic.road.platooning import Plan, plan
 from platoontraffic.scenario import Scenario
 from platoontraffic.world import manoeuvres, obstacles
 from platoontraffic.world.deployment import deploy, static_scene
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.manoeuvres import Order
-from platoontraffic.world.obstacles import Plan
+from platoontraffic.world.obstacles import Plan as ObstaclePlan
+from platoontraffic.world.recruits import VEHICLE_OF
+
+
+class Platooning(NamedTuple):
+    """Platoons that vehicles of the traffic form."""
+
+    plan: Plan
+    demand: Demand
+    lanes: dict[str, int]  # on which they depart
 
 
 @dataclass(frozen=True)
@@ -23,8 +36,9 @@ class Prepared:
     network: Network
     scene: Scene  # static obstacles
     members: tuple[Member, ...]
-    obstacles: tuple[Plan, ...] = ()  # moving or temporary ones
+    obstacles: tuple[ObstaclePlan, ...] = ()  # moving or temporary ones
     orders: tuple[Order, ...] = ()
+    platooning: Platooning | None = None  # of members from the traffic; None: they are in no platoons
     then: tuple[Member, ...] = ()  # the members as they are after the scenario's branch; (): it has none
 
 
@@ -38,8 +52,31 @@ def prepare(scenario: Scenario, network: Network | None = None) -> Prepared:
     members = deploy(scenario, network, scene)
     plans = obstacles.plans_of(scenario, network, members)
     orders = manoeuvres.orders(scenario, network, members)
-    prepared = Prepared(scenario, network, scene, members, plans, orders)
+    prepared = Prepared(scenario, network, scene, members, plans, orders, _platooning(scenario, network))
     return branched(prepared, scenario) if scenario.then else prepared
+
+
+def _platooning(scenario: Scenario, network: Network) -> Platooning | None:
+    """The platoons of the traffic's share. raises: InputError"""
+    equip = next((one for one in scenario.spec.equip if one.mode == "platoons"), None)
+    if equip is None:
+        return None
+    config, start = scenario.configuration, scenario.start
+    last = config.end if config else None
+    demand = read_demand(scenario.route_files, scenario.additional_of_sumo, scenario.begin, last)
+    end = math.inf if equip.end_s is None else start + equip.end_s
+    chosen = Selection(
+        scenario.seed,
+        equip.share,
+        frozenset(equip.types),
+        frozenset(equip.classes) or frozenset(VEHICLE_OF),
+        frozenset(equip.edges),
+        start + equip.begin_s,
+        end,
+    )
+    found = plan(demand, chosen, equip.size, equip.window_s, network)
+    lanes = {name: network.lane_for(one.edges) for one in found.platoons for name in one.ids}
+    return Platooning(found, demand, lanes)
 
 
 def branched(prepared: Prepared, scenario: Scenario) -> Prepared:

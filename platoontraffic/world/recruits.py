@@ -13,6 +13,7 @@ from typing import NamedTuple
 from platoontraffic.errors import InputError
 from platoontraffic.road.demand import drawn
 from platoontraffic.road.network import Network
+from platoontraffic.road.platooning import Plan
 from platoontraffic.road.route import Route
 from platoontraffic.scenario import Equip, Scenario
 from platoontraffic.vehicles.bicycle import CARS, Car
@@ -53,8 +54,12 @@ class Newcomer(NamedTuple):
 class Recruits:
     """The shares of a scenario's traffic that become members."""
 
-    def __init__(self, scenario: Scenario, network: Network) -> None:
+    def __init__(self, scenario: Scenario, network: Network, plan: Plan | None = None) -> None:
+        """plan: the platoons that they form; None: none"""
         self._scenario, self._network = scenario, network
+        platoons = plan.platoons if plan else ()
+        self._places = {name: (k, i) for k, one in enumerate(platoons) for i, name in enumerate(one.ids)}
+        self.waits = plan.waits if plan else {}  # of vehicles, for others of their platoons [s]
         self._first = len(scenario.spec.platoon)  # group of the first share
         self._routes: dict[tuple, Route | None] = {}  # None: it cannot be driven
         self.tables = scenario.spec.equip
@@ -89,11 +94,14 @@ class Recruits:
         if why:
             self.left[why] += 1
             return None
-        equipment = Equipment.of(self._scenario, self._first + equip, "follower", model)
+        table = self.tables[equip]
+        platoon, place = self._places.get(vehicle.id, (None, 0))
+        role = "leader" if table.leader and place == 0 else "follower"
+        equipment = Equipment.of(self._scenario, self._first + equip, role, model)
         return Member(
             id=vehicle.id,
-            platoon=self.tables[equip].id,
-            place=0,
+            platoon=table.id if platoon is None else f"{table.id}.{platoon}",
+            place=place,
             model=model,
             lidar=equipment.lidars[0],
             law=equipment.law,
@@ -109,6 +117,7 @@ class Recruits:
             further_lidars=equipment.lidars[1:],
             sensors=equipment.sensors,
             recruited=True,
+            single=table.mode == "single",
         )
 
     def _route(self, vehicle: Newcomer, model: Car) -> Route | None:
@@ -126,7 +135,7 @@ class Recruits:
 def _fits(equip: Equip, kind: str, vehicle_class: str, edge: str, time: float) -> bool:
     return (
         (not equip.types or kind in equip.types)
-        and (not equip.classes or vehicle_class in equip.classes)
+        and vehicle_class in (equip.classes or VEHICLE_OF)
         and (not equip.edges or edge in equip.edges)
         and equip.begin_s <= time
         and (equip.end_s is None or time < equip.end_s)

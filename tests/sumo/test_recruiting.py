@@ -11,6 +11,7 @@ import pytest
 from platoontraffic import shipped
 from platoontraffic.simulation import Simulation
 from platoontraffic.sumo.client import libsumo
+from platoontraffic.world.recruits import VEHICLE_OF
 from tests.support.runs import run
 
 pytestmark = pytest.mark.sumo
@@ -43,12 +44,12 @@ def file(tmp_path):
 
 
 def departures(file, *changes):
-    """Route, type length and departure of every vehicle that departs, by id; and the members."""
+    """Route and class of every vehicle that departs, by id; the members; and how many stay SUMO's, by the reason."""
     found = {}
     with Simulation.load(file, *changes) as simulation:
         for _ in simulation:
             for name in libsumo.simulation.getDepartedIDList():
-                found[name] = tuple(libsumo.vehicle.getRoute(name)), libsumo.vehicle.getLength(name)
+                found[name] = tuple(libsumo.vehicle.getRoute(name)), libsumo.vehicle.getVehicleClass(name)
         return found, {m.id for m in simulation.members}, simulation.setting.recruits.left
 
 
@@ -62,7 +63,9 @@ def test_the_demand_is_conserved(file):
     assert some < everybody
     assert 0 < len(some) < len(everybody)
     assert none == half == whole
-    assert len(none) == len(everybody) + sum(left.values())
+    of_class = [name for name, (_, vehicle_class) in none.items() if vehicle_class in VEHICLE_OF]
+    assert everybody <= set(of_class)
+    assert len(of_class) == len(everybody) + sum(left.values())
 
 
 def test_two_runs_of_a_seed_are_the_same_bytes(file, tmp_path):
@@ -135,3 +138,33 @@ def test_a_member_that_is_stuck_is_removed_or_driven_by_sumo(file, tmp_path, rem
     sumo = pd.read_csv(folder / "sumo_trips.csv", index_col="vehicle_id").loc[given_up.vehicle_id]
     assert set(sumo.status) <= ({"removed"} if remedy == "remove" else {"arrived", "running"})
     assert np.isfinite(sumo.depart_s).all()
+
+
+PLATOONS = """<routes>
+    <vType id="private" length="4.4" speedFactor="1" sigma="0"/>
+    <vehicle id="a" type="private" depart="1"><route edges="west_light light_prio prio_rw"/></vehicle>
+    <vehicle id="b" type="private" depart="6"><route edges="west_light light_prio prio_rw"/></vehicle>
+    <vehicle id="c" type="private" depart="7"><route edges="west_light light_prio prio_prio_s"/></vehicle>
+    <vehicle id="late" type="private" depart="90"><route edges="west_light light_prio prio_rw"/></vehicle>
+</routes>
+"""
+
+
+def test_vehicles_wait_for_each_other_and_are_a_platoon_until_their_routes_part(demand, tmp_path):
+    (demand.parent / "demand.rou.xml").write_text(PLATOONS)
+    more = "equip.share=1.0", "equip.mode=platoons", "equip.window_s=10"
+    folder = run(tmp_path / "run", demand, *more, "run.duration_s=150")
+    vehicles, trips = (pd.read_csv(folder / f"{name}.csv", index_col="vehicle_id") for name in ("vehicles", "trips"))
+    members = list(vehicles[["platoon_id", "place"]].itertuples(name=None))
+    assert sorted(members) == [("a", "equip.0", 0), ("b", "equip.0", 1), ("c", "equip.0", 2), ("late", "equip", 0)]
+    assert trips.depart_delay_s["a"] >= 6 - 0.2  # it waits for the last of them, which departs 6 s later
+    assert trips.depart_delay_s["b"] >= 1 - 0.2
+    assert (trips.depart_delay_s < 10).all()
+    assert trips.depart_s[["a", "b", "c"]].is_monotonic_increasing
+    events = pd.read_csv(folder / "events.csv")
+    assert set(events.vehicle_id[events.kind == "locked"]) == {"b", "c"}
+    assert events.vehicle_id[events.kind == "parted"].tolist() == ["c"]
+    assert not set(events.kind) & {"collision", "red_light", "failed_to_yield", "given_up"}
+    metrics = pd.read_csv(folder / "metrics.csv").query("scope == 'vehicle'").set_index(["vehicle_id", "metric"]).value
+    assert metrics["b", "in_platoon_share"] > 0.8
+    assert ("late", "in_platoon_share") not in metrics.index
