@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from platoontraffic.world.prepared import Prepared
 
 # Columns of the table of a run: heading, metric of a member, format.
+MOST_MEMBERS = 30  # that are listed; metrics.csv has all
 COLUMNS = (
     ("laps", "laps", ".2f"),
     ("right\nshare", "right_lane_share", ".3f"),
@@ -80,15 +81,19 @@ def print_run(folder: Path) -> None:
         results = load(folder)
         said = headline(results.events, results.metrics)
         table = _members(results)
-    out.print(said, soft_wrap=True, markup=False)
-    out.print(table)
+    out.print(said if table.row_count else "There were no members.", soft_wrap=True, markup=False)
+    if 0 < table.row_count <= MOST_MEMBERS:
+        out.print(table)
+    if "equipped" in set(results.metrics.scope):
+        out.print(_trips(results))
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     whole = results.metrics[results.metrics.scope == "run"].set_index("metric").value
     stood, stranded = whole["standstill_share_mean"], whole["stranded"]
     out.print(
         f"{facts['simulated_s']:g} s at {facts['real_time_factor']:g} x real time, contacts {whole['collisions']:g}"
-        f"{f', {stood:.0%} of the time at a standstill' if stood else ''}"
-        f"{f', {stranded:g} members stranded' if stranded else ''}. Gaps and cross-track in m, while in the platoon",
+        f"{f', {stood:.0%} of the time at a standstill' if stood > 0 else ''}"
+        f"{f', {stranded:g} members stranded' if stranded > 0 else ''}"
+        f"{'. Gaps and cross-track in m, while in the platoon' if table.row_count else ''}",
         soft_wrap=True,
     )
     for text in facts.get("sumo_options_replaced", ()):
@@ -109,6 +114,19 @@ def _members(results: Results) -> Table:
     for vehicle, rows in members.groupby("vehicle_id", sort=False):
         values = rows.set_index("metric").value
         table.add_row(vehicle, *(format(values[name], form) if name in values else "" for _, name, form in columns))
+    return table
+
+
+def _trips(results: Results) -> Table:
+    """Trips of the traffic: of its members, of other vehicles, of all."""
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("trips of the traffic")
+    for heading in ("arrived", "on the road", "mean delay in s"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for scope, name in (("equipped", "members"), ("traffic", "others"), ("everybody", "all")):
+        values = results.metrics[results.metrics.scope == scope].set_index("metric").value
+        arrived, running, delay = (values[m] for m in ("trips_finished", "trips_running", "delay_mean_finished"))
+        table.add_row(name, f"{arrived:g}", f"{running:g}", f"{delay:.1f}" if delay == delay else "")
     return table
 
 

@@ -121,6 +121,9 @@ class Observer:
         seen = seen or [Seen(traffic, group.rows) for group in fleet.groups]
         step = Step(traffic, fleet, roads, signals, *fleet.model.axle_position(fleet.motion), seen)
         events = [*self._presence.observe(step, self._splits.left_behind, noted), *map(step.noted, noted)]
+        for event in events:
+            if event.kind == "given_up":
+                self._contacts.release(event.vehicle)
         if len(new := self._presence.new):
             self._gaps.begin(step, new)
             self._braking.begin(step, new)

@@ -58,6 +58,8 @@ def warm_up_id(scenario: Scenario) -> str:
         "step": spec.run.step_s,
         "record": (record.sumo, record.sumo_every_s),
         "native": any(law.native for law in scenario.laws.values()),  # lane changes take their time then
+        # Vehicles that wait for others of their platoons have other departures.
+        "equip": ["single" if one["mode"] == "single" else one for one in resolved.get("equip", [])],
         "types": sorted({json.dumps(dict(law.vehicle_type), sort_keys=True) for law in scenario.laws.values()}),
         "files": [str(file.resolve()) for file in scenario.files_of_sumo()],
     }

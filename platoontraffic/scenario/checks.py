@@ -207,7 +207,7 @@ def _alone(at: KeyPath, driver: Driver, law: Law, equip: Equip, channel: Channel
         yield Fault((*at, "law"), f"{driver.law!r} needs messages, and it has nobody to receive them from")
     elif "messages" in law.needs and channel is None:
         yield Fault((*at, "law"), f"{driver.law!r} needs messages; the scenario must have a [channel]")
-    elif getattr(law, "vehicle_type", None):
+    elif law.vehicle_type:
         what = "vehicles of the traffic keep the car-following model of their type; must be left out"
         yield Fault((*at, "model"), f"{law.model!r}: {what}")
     elif not (law.native or law.drives_alone or at[-1] == "leader"):

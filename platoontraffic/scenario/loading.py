@@ -26,6 +26,8 @@ from platoontraffic.scenario.overrides import Change
 from platoontraffic.scenario.scenario import Scenario, placed
 from platoontraffic.scenario.tables import Spec
 
+ROADS = ("sumo.net", "sumo.config")
+
 
 @dataclass(frozen=True)
 class _Places:
@@ -176,6 +178,8 @@ def _change(
     stale: set[KeyPath] = set()
     for change in changes:
         before = copy.deepcopy(table) if change.key.endswith(".law") else {}
+        if change.key in ROADS and isinstance(table.get("sumo"), dict):
+            change = _on_another_road(change, table["sumo"])
         paths = overrides.apply(change, table)
         set_by |= dict.fromkeys(paths, change.place)
         for *driver, _ in paths:
@@ -186,6 +190,18 @@ def _change(
         table["seed"] = seed
         set_by["seed",] = "--seed"
     return set_by, frozenset(stale.difference(set_by))
+
+
+def _on_another_road(change: Change, sumo: dict[str, Any]) -> Change:
+    """The change of `sumo.net` or `sumo.config`, which takes the place of the file's road and traffic.
+
+    The path of an argument is one from the working directory, if there is such a file.
+    """
+    for key in ("net", "config", "routes", "additional", "traffic"):
+        sumo.pop(key, None)
+    if change.place.startswith("argument") and isinstance(change.value, str) and os.path.isfile(change.value):
+        return change._replace(value=os.path.abspath(change.value))
+    return change
 
 
 def _at(node: Any, path: Sequence[str | int]) -> Any:

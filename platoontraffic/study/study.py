@@ -31,6 +31,7 @@ from platoontraffic.study.folder_lock import SHARES
 from platoontraffic.world.deployment import deploy, static_scene
 
 ENOUGH_FAULTS = 20  # number of faults at which the search for more ends
+EQUIPPED = 100  # vehicles of the traffic on the road at a time, for the estimate of a run's time
 MOST = len(SHARES)  # greatest number of runs of a study, and of values of a key
 
 RANGE = "a range: { from = 1, to = 5, step = 1 }, or with `count`"
@@ -353,7 +354,8 @@ def _runs(
             continue
         spec, values = checked.spec, {change.key: change.value for change in point}
         steps, members = round(spec.run.duration_s / spec.run.step_s), sum(p.size for p in spec.platoon)
-        laws = tuple(dict.fromkeys(getattr(spec.platoon[i], role).law for i, role in checked.laws))
+        members += round(sum(EQUIPPED * one.share for one in spec.equip))
+        laws = tuple(dict.fromkeys(getattr(spec.groups[i], role).law for i, role in checked.laws))
         for seed in seeds or [checked.seed]:
             warm_up = provenance.warm_up_id(checked)
             warm_up = warm_up and f"{warm_up}-s{seed}"

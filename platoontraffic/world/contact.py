@@ -45,6 +45,12 @@ class Contacts:
             self._space.add(wall)
         self._space.on_collision(None, None, pre_solve=self._note)
 
+    def release(self, name: str) -> None:
+        """A vehicle that stays on the road is a member no more."""
+        self.members.discard(name)
+        for shape in self._bodies[name].shapes if name in self._bodies else ():
+            shape.filter = _OTHER
+
     def of(self, traffic: TrafficSnapshot) -> set[tuple[str, str]]:
         """Pairs (member, other vehicle or WALL) that touch in this snapshot; of two members the first by name leads."""
         if traffic.ids != self._ids:

@@ -211,3 +211,11 @@ def test_only_pairs_with_a_member_are_reported_and_it_comes_first():
     at = (0.0, 0.0, 0.0, 0.2, 0.15)
     rows = {"a": at, "m": at, "z": at}
     assert contacts_of(rows, members={"m"}) == {("m", "a"), ("m", "z")}
+
+
+def test_a_member_that_is_none_any_more_is_noted_with_members_only():
+    rows = {"a": (0, 0, 0, 4, 2), "b": (1, 0, 0, 4, 2), "m": (2, 0, 0, 4, 2)}
+    contacts = Contacts(NO_WALLS, {"a", "m"})
+    assert contacts.of(snapshot(rows)) == {("a", "b"), ("a", "m"), ("m", "b")}
+    contacts.release("a")
+    assert contacts.of(snapshot(rows)) == {("m", "a"), ("m", "b")}
