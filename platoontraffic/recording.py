@@ -127,8 +127,15 @@ class Recording:
             wall = self._wall + time.perf_counter() - began
             _note_end(recorder, outcome)
             obstacles = [plan.id for plan in prepared.obstacles]
+            waits = prepared.platooning.plan.waits if prepared.platooning else {}
             conclude(
-                recorder, prepared.scenario, simulation.members, obstacles, simulation.encounters, simulation.trips()
+                recorder,
+                prepared.scenario,
+                simulation.members,
+                obstacles,
+                simulation.encounters,
+                simulation.trips(),
+                waits,
             )
             words = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:SUMO_WORDS]
             facts = provenance.finished(self._facts, outcome.time, wall, simulation.stopwatch.seconds, words)

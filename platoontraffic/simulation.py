@@ -199,12 +199,14 @@ class Simulation:
         if self.setting.then and self.now.step == self.setting.then.step:
             self._refit(self.setting.then)
         fleet, dt, timed = self.now.fleet.commanded(override or {}), self.setting.dt, self.stopwatch.call
+        if self._remedies:
+            fleet = self.world.without(fleet, self._remedies)
         brakes = self.breakdowns.brakes(fleet)
         fleet = timed("move", fleet.moved, dt, brakes)
         self.obstacles.move(self.now.traffic, fleet.expected(dt), dt)
         self.world.place(fleet, brakes)
         self._hold_obstacles()
-        return self._decide(self.now.step + 1, self.world.advance(fleet, self._remedies))
+        return self._decide(self.now.step + 1, self.world.advance(fleet))
 
     def _refit(self, then: Then) -> None:
         """Every member has the law and the sensors of `then` from now on."""

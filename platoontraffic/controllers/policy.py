@@ -192,7 +192,7 @@ def _group(scan: ScanBatch, ranges: np.ndarray, first: np.ndarray, last: np.ndar
     model, k = scan.model, ranges.shape[1]
     beams = np.arange(k)
     within = (beams >= first[:, None]) & (beams <= last[:, None]) & (first >= 0)[:, None]
-    x, y = (np.where(within, ranges * one, 0.0) for one in model.directions)
+    x, y = (np.where(within, ranges, 0.0) * one for one in model.directions)
     count = np.maximum(within.sum(axis=1), 1)
     mean_x, mean_y = x.sum(axis=1) / count, y.sum(axis=1) / count
     xx, yy, xy = ((a * b).sum(axis=1) / count for a, b in ((x, x), (y, y), (x, y)))

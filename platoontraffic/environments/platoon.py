@@ -62,9 +62,10 @@ class Platoon(ParallelEnv):
         seats.step(actions)
         terminated = self._of_agents(seats.terminated)
         truncated = {name: not end and bool(seats.frame.ended) for name, end in terminated.items()}
+        ends = {name: terminated[name] or truncated[name] for name in terminated}
         given = (
             self._of_agents(seats.observation), self._of_agents(seats.reward), terminated, truncated,
-            self._of_agents(lambda row: seats.info(row, terminated[self.possible_agents[row]])),
+            self._of_agents(lambda row: seats.info(row, ends[self.possible_agents[row]])),
         )  # fmt: skip
         self.agents = [name for name in self.agents if not (terminated[name] or truncated[name])]
         return given

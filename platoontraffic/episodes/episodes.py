@@ -13,10 +13,11 @@ import numpy as np
 
 from platoontraffic import scenario as scenarios
 from platoontraffic.branches.host import Say
+from platoontraffic.controllers.calls import desired_distance
 from platoontraffic.controllers.external import External
 from platoontraffic.controllers.law import Sensed, Signals
 from platoontraffic.controllers.policy import inputs_of
-from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.errors import InputError, RunError, did_you_mean
 from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results.conclusion import scene
@@ -32,6 +33,7 @@ from platoontraffic.world.prepared import departures
 
 FIELDS = {one.name: one.field for one in QUANTITIES}
 GROUP_SHIFT = np.zeros(10)  # inputs of a group where nothing is seen
+FIXED = ("seed", "equip", "branch", "learn")  # keys and tables that are the same in all episodes
 OF_BOTH = ("collision",)  # events that concern their `other` as well
 
 
@@ -109,16 +111,16 @@ class Episodes:
         seats = [members[name] for name in self._learners]
         drives = [m.model.turning_radius > 0 for m in seats]
         command = self._learn.command or ("drive" if drives[0] else "twist")
-        every = {m.lidar.rate for m in seats}
-        if len(every) > 1:
-            rates = f"{', '.join(self._learners)}: their lasers have rates of {sorted(every)} Hz"
-            raise InputError(f"{rates}; members that learn in one environment must have one rate")
+        if any(m.lidar != seats[0].lidar for m in seats):
+            raise InputError(
+                f"{', '.join(self._learners)}: members that learn in one environment must have equal lasers"
+            )
         drawn = {key: one for key, one in self._learn.draw.items() if not key.startswith("sumo.")}
         return Facts(
             self._learn.model_copy(update={"draw": drawn}),
             tuple(Seat(m.id, m.lidar, float(m.model.top_speed), *_limits(m, command)) for m in seats),
             command,
-            1 / every.pop(),
+            1 / seats[0].lidar.rate,
             self._prepared.scenario.seed,
             scene(self._prepared.scene, self._prepared.network),
         )
@@ -138,6 +140,8 @@ class Episodes:
         now = self._simulation.reset()
         while not now.ended and not set(self._learners) <= set(now.fleet.ids):
             now = self._simulation.step()
+        if not self._rows_in(now):
+            raise RunError(f"{', '.join(self._learners)}: did not depart before the end of the episode ({now.ended})")
         self._every = next(g.every for g in now.fleet.groups if set(g.rows) & set(self._rows_in(now).values()))
         return self._frame(now, {}, [])
 
@@ -247,7 +251,8 @@ class Episodes:
             measured = self._simulation.observer.statistics.values
             for name, field in FIELDS.items():
                 values[name][here] = measured[field][at]
-        ranges = np.stack([np.full(1, np.inf) if one is None else one for one in self._ranges])
+        samples = next((len(one) for one in self._ranges if one is not None), 1)
+        ranges = np.stack([np.full(samples, np.inf) if one is None else one for one in self._ranges])
         if self._learn.observation == "dict":
             return Frame(now.time, now.ended, here, ranges.astype(np.float32), own, terms, values, kinds)
         return Frame(now.time, now.ended, here, None, self._vector(now, ranges, own), terms, values, kinds)
@@ -284,6 +289,11 @@ def _check(learn: Learn, scenario: Scenario) -> None:
             for name in names
             if name not in known
         ]
+    faults += [
+        scenario.fault(("learn", "draw", key), "cannot be drawn: it is the same in all episodes")
+        for key in learn.draw
+        if key.partition(".")[0] in FIXED or key in ("run.step_s", "record.sumo")
+    ]
     if faults:
         raise InputError(*faults)
 
@@ -313,7 +323,7 @@ def _with_seat(member: Member) -> Member:
     """It is to keep the distance that its law in the scenario declares, as at 0 and 1 m/s."""
     law = member.law
     if not isinstance(law, External):
-        stop, slow = (float(one) for one in law.desired_distance(np.array([0.0, 1.0])) * np.ones(2))
+        stop, slow = (float(desired_distance(law, speed)) for speed in (0.0, 1.0))
         to_laser = 0.0 if law.distance_from == "laser" else member.seen_ahead_of_gap
         law = External() if np.isnan(stop) else External(stand_off=stop + to_laser, headway=slow - stop)
     return replace(member, law=law, further_lidars=(), sensors=())

@@ -25,11 +25,14 @@ def errors_of(results: Results) -> tuple[dict[tuple[str, bool], OdometryErrors],
     try:
         config = tomllib.loads(file.read_text(encoding="utf-8"))
         found = {
-            (platoon["id"], role == "leader"): OdometryTable.model_validate(platoon[role].get("odometry", {})).model()
-            for platoon in config["platoon"]
+            (group["id"], role == "leader"): OdometryTable.model_validate(group[role].get("odometry", {})).model()
+            for group in (*config.get("platoon", []), *config.get("equip", []))
             for role in ("leader", "follower")
-            if isinstance(platoon.get(role), dict)
+            if isinstance(group.get(role), dict)
         }
+        for table in config.get("equip", []):
+            if table["mode"] == "single":  # all its members are followers, at place 0
+                found[table["id"], True] = found[table["id"], False]
         return found, float(config["run"]["step_s"])
     except (ValueError, KeyError, TypeError) as error:
         raise ResultsError(f"{file}: is not the scenario of a run: {error}") from error

@@ -139,7 +139,7 @@ def _odometry(results: Results, number: dict[str, int], starts: pd.DataFrame) ->
     transforms: dict[int, list[Any]] = {}
     for vehicle, own in results.trajectories.groupby("vehicle_id", sort=False):
         i, frame, base, start = number[vehicle], f"{vehicle}/odom", f"{vehicle}/base_link", starts.loc[vehicle]
-        of_vehicle = errors.get((start.platoon_id, start.place == 0), OdometryErrors())
+        of_vehicle = errors.get((start.platoon_id.partition(".")[0], start.place == 0), OdometryErrors())
         cos, sin = np.cos(start.heading_rad), np.sin(start.heading_rad)
         for row, spread in zip(own.itertuples(), covariances(own, of_vehicle, dt), strict=True):
             time, x, y = _nanoseconds(row.time_s), row.x_m - start.x_m, row.y_m - start.y_m

@@ -62,7 +62,8 @@ class Encounters:
     def extend(self, newcomers: Sequence[Member]) -> None:
         """Further members of the run."""
         self._member |= {m.id: m for m in newcomers}
-        self._paths |= {m.id: PathLine(m.route) for m in newcomers if m.route}
+        if self._obstacles.plans:
+            self._paths |= {m.id: PathLine(m.route) for m in newcomers if m.route}
 
     def observe(self, traffic: TrafficSnapshot, fleet: Fleet, events: Iterable[Event]) -> list[Event]:
         """The events of obstacles in this step; events: those of the members in it, for their collisions."""

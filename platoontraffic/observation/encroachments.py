@@ -35,7 +35,7 @@ class Encroachments:
 
     def __init__(self, members: Sequence[Member]) -> None:
         """members: all of the run, by their number"""
-        names = [m.id if m.single else m.platoon for m in members]
+        names = [m.id if m.platoon == m.equip else m.platoon for m in members]
         numbers = {name: i for i, name in enumerate(dict.fromkeys(names))}
         self._platoon = np.array([numbers[name] for name in names], dtype=np.intp)
         self._time: float | None = None  # one step before [s]

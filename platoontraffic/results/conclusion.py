@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -35,11 +35,13 @@ def conclude(
     obstacles: Sequence[str],
     encounters: Encounters,
     trips: Sequence[Trip],
+    waits: Mapping[str, float],
 ) -> None:
     """Write these files; to be called when SUMO is closed.
 
     members, obstacles : all that the run ever had, the latter by id
     trips              : of members from the traffic
+    waits              : of vehicles, for others of their platoons [s]
     raises             : MetricError
     """
     spec = scenario.spec
@@ -50,7 +52,7 @@ def conclude(
     with_trips = bool(spec.equip) and "trips" in spec.record.sumo
     if with_trips:
         others = _trips_of_others(recorder, members, obstacles)
-        recorder.write_table("trips.csv", all_trips(trips, others, _end(recorder)), TRIPS)
+        recorder.write_table("trips.csv", all_trips(trips, others, _end(recorder), waits), TRIPS)
     values = _values(recorder, scenario, members, obstacles, with_trips)
     of_plug_ins, faults = _of_plug_ins(recorder, scenario)
     values += of_plug_ins
@@ -112,11 +114,14 @@ def _trips_of_others(recorder: Recorder, members: Sequence[Member], obstacles: S
     return table[~table.vehicle_id.isin([*(m.id for m in members), *obstacles])]
 
 
-def all_trips(trips: Sequence[Trip], others: pd.DataFrame, end: float) -> list[tuple]:
+def all_trips(trips: Sequence[Trip], others: pd.DataFrame, end: float, waits: Mapping[str, float]) -> list[tuple]:
     """The rows of trips.csv by departure: trips of members from the traffic, and of others by the table sumo_trips.
 
-    end: of the run [s]
+    end   : of the run [s]
+    waits : of vehicles, for others of their platoons [s]; those of members are in their trips
     """
+    waited = [waits.get(vehicle, 0.0) for vehicle in others.vehicle_id]
+    others = others.assign(depart_delay_s=others.depart_delay_s + waited)
     rows = []
     for trip in trips:
         over = trip.ended if trip.status != "running" else end

@@ -109,7 +109,8 @@ class Own:
             return together(self.events, self.follows, split_off(self.events, self.follows))
         time = self.rows.time_s.to_numpy()
         gaps = self.rows.gap_m.notna().to_numpy()
-        apart = [(a, b) for a, b, here in zip(time, [*time[1:], math.inf], gaps, strict=True) if not here]
+        until = np.append(time, math.inf)[1:]
+        apart = [(a, b) for a, b, here in zip(time, until, gaps, strict=True) if not here]
         return [Stretch(*period, one.ahead) for one in self.follows for period in without((one.begin, one.end), apart)]
 
     @property

@@ -16,7 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import platoontraffic
 from platoontraffic import lidar
-from platoontraffic.scenario import Scenario
+from platoontraffic.scenario import Scenario, dotted
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -81,7 +81,12 @@ def before(scenario: Scenario) -> dict[str, Any]:
         "platform": platform.platform(),
         "packages": {name: version(name) for name in _PACKAGES},
         "given_to_laws": {
-            f"platoon.{i}.{role}": ["scan", *(f"scan {name}" for name in lidars), "own motion", *sorted(law.needs)]
+            dotted((*scenario.spec.key_of(i), role)): [
+                "scan",
+                *(f"scan {name}" for name in lidars),
+                "own motion",
+                *sorted(law.needs),
+            ]
             for (i, role), law in scenario.laws.items()
             for lidars in [scenario.further_lidars((i, role))]
         },

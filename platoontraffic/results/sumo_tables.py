@@ -55,7 +55,7 @@ def sumo_options(scenario: Scenario, folder: Path, platooning: Platooning | None
     routes, additional = scenario.route_files, scenario.additional_of_sumo
     if platooning:
         plan, demand, lanes = platooning
-        routes, additional = with_departures(demand, plan.waits, folder, lanes=lanes)
+        routes, additional = with_departures(demand, plan.waits, folder, expand=True, lanes=lanes)
     if scenario.spec.equip:
         options["route-steps"] = "0"  # types and speed factors are drawn alike, whoever waits: `road.departures`
     for option, files in (("route-files", routes), ("additional-files", additional)):

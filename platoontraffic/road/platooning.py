@@ -46,7 +46,7 @@ class Plan(NamedTuple):
         """What was found and what is left over, in plain lines. scale: of the demand, in the run"""
         waits = [wait for platoon in self.platoons for wait in platoon.waits]
         sizes = sorted(Counter(len(platoon.ids) for platoon in self.platoons).items())
-        lines = [f"no platoon of up to {self.size} vehicles departs within {self.window:g} s"]
+        lines = [f"no two vehicles can form a platoon within {self.window:g} s"]
         if waits:
             lines = [
                 f"{_counted(len(self.platoons), 'platoon')} found, of {len(waits):,} vehicles: "

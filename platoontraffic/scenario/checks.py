@@ -204,12 +204,14 @@ def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon, channel: Cha
 def _alone(at: KeyPath, driver: Driver, law: Law, equip: Equip, channel: Channel | None) -> Iterator[Fault]:
     """Members from the traffic have a route; alone or when routes part, they have no predecessor."""
     if "messages" in law.needs and equip.mode == "single":
-        yield Fault((*at, "law"), f"{driver.law!r} needs messages, and it has nobody to receive them from")
+        yield Fault((*at, "law"), f"{driver.law!r} needs messages; in mode 'single' no other member sends to it")
     elif "messages" in law.needs and channel is None:
         yield Fault((*at, "law"), f"{driver.law!r} needs messages; the scenario must have a [channel]")
     elif law.vehicle_type:
         what = "vehicles of the traffic keep the car-following model of their type; must be left out"
         yield Fault((*at, "model"), f"{law.model!r}: {what}")
+    elif at[-1] == "leader" and not law.native and "route" not in law.needs:
+        yield Fault((*at, "law"), f"{driver.law!r} does not need its route, so it would never arrive")
     elif not (law.native or law.drives_alone or at[-1] == "leader"):
         what = 'cannot drive alone; must be a law that declares drives_alone, such as "tracking" with on_loss = "drive"'
         yield Fault((*at, "law"), f"{driver.law!r} {what}")

@@ -14,6 +14,7 @@ from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
 MODEL = VEHICLES["car"]  # of the vehicle on which a driver's keys are checked; each member has the size of its own
 KEEPS_UP = 1.05  # times the speed at which its leader drives on a free road, a follower may drive to catch up
 USUAL_SIZE, USUAL_WINDOW = 5, 30.0  # of a platoon; time that vehicles wait for others [s]
+CLASSES = "passenger", "private", "hov", "taxi", "evehicle", "custom1", "custom2", "delivery", "truck"
 A_DAY = 86_400.0  # [s]; a run that is to end with its demand may last so long
 
 
@@ -39,11 +40,11 @@ class Equip(Table):
     share: Fraction
     """Share of the vehicles that become members; 0: none does."""
     types: list[Text] = Field([])
-    """Ids of the vehicle types that the share is of. Default: all."""
-    classes: list[Text] = Field([])
-    """SUMO's vehicle classes that the share is of, such as "passenger". Default: all that can become members."""
+    """Only vehicles of these types: ids of vehicle types, not of distributions. Default: all."""
+    classes: list[Literal[CLASSES]] = Field([])
+    """Only vehicles of these of SUMO's vehicle classes. Default: all that can become members."""
     edges: list[Text] = Field([])
-    """Edges on which the vehicles depart that the share is of. Default: all."""
+    """Only vehicles that depart on these edges. Default: on all."""
     begin_s: NotNegative = 0.0
     """Departures from this time on [s]."""
     end_s: Positive | None = None

@@ -124,13 +124,15 @@ class Placement:
                 vehicle.setSpeedFactor(member.id, ANY_SPEED)
         return self.take_over(vehicles)
 
-    def hand_back(self, name: str, member: Member) -> None:
-        """From now on SUMO drives a member from the traffic, where it is, as the driver that it was."""
-        vehicle, types, kind = self._sumo.vehicle, self._sumo.vehicletype, kind_of(name)
-        if member.law.native:
-            return
-        types.setMaxSpeed(kind, member.route.top_speed)
-        vehicle.setSpeedFactor(name, member.route.speed_factor)
+    def hand_back(self, name: str, kind: str, speed_factor: float) -> None:
+        """From now on SUMO drives a member from the traffic, where it is, as the driver that it was.
+
+        kind: the type that it had
+        """
+        vehicle = self._sumo.vehicle
+        del self.where[name]
+        vehicle.setType(name, kind)
+        vehicle.setSpeedFactor(name, speed_factor)
         vehicle.setSpeedMode(name, ALL_CHECKS_ON)
         vehicle.setLaneChangeMode(name, USUAL_LANE_CHANGES)
         vehicle.setSpeed(name, OWN_DRIVER)

@@ -55,6 +55,10 @@ class Trips:
         self._sums = np.concatenate([self._sums, np.zeros((more, len(SUMS)))])
         self._waits = np.concatenate([self._waits, np.zeros(more, dtype=bool)])
 
+    def driver(self, name: str) -> tuple[str, float]:
+        """The type that a member had in the traffic, and its speed factor."""
+        return self._trips[name].type, float(self._drivers[self._row[name], 0])
+
     def observe(self, fleet: Fleet) -> None:
         """After every step."""
         if fleet.ids is not self._for:

@@ -25,7 +25,7 @@ from platoontraffic.sumo.shadows import shadow_options
 from platoontraffic.sumo.stoplines import StopLines
 from platoontraffic.sumo.trips import Trips
 from platoontraffic.world.fleet import Fleet, Member
-from platoontraffic.world.ground import NOBODY, Entry, departs_by, members_at, with_their_followers
+from platoontraffic.world.ground import Entry, departs_by, members_at, with_their_followers
 from platoontraffic.world.recruits import Recruits
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.trips import Trip
@@ -160,15 +160,12 @@ class World:
         """
         self._placement.place(fleet, brakes)
 
-    def advance(self, fleet: Fleet, given_up: Mapping[str, str] = NOBODY) -> Fleet:
+    def advance(self, fleet: Fleet) -> Fleet:
         """One step of SUMO: the fleet after it.
-
-        given_up: members that are none any more, with "remove" or "sumo_drives"
 
         Members at the end of their routes are removed, and with a leader those of its followers that know no route. A
         platoon that is due departs as soon as there is room.
         """
-        fleet = self._without(fleet, given_up)
         departing = self._departing(fleet)
         gone, native = fleet.arrived(), {fleet.members[i].id for i in fleet.native_rows}
         self._simulate()
@@ -225,15 +222,15 @@ class World:
         self._trips.begin(found, kinds, self._recruiting.waits)
         return fleet.joined(self._placement.adopt(found))
 
-    def _without(self, fleet: Fleet, given_up: Mapping[str, str]) -> Fleet:
-        """The fleet without members that are none any more: they are removed, or SUMO drives them."""
-        for name, remedy in given_up.items():
+    def without(self, fleet: Fleet, stuck: Mapping[str, str]) -> Fleet:
+        """The fleet without members that are stuck: each is removed ("remove"), or SUMO drives it ("sumo_drives")."""
+        for name, remedy in stuck.items():
             self._trips.end([name], self._time(), "removed" if remedy == "remove" else remedy)
             if remedy == "remove":
                 self._sumo.vehicle.remove(name)
             else:
-                self._placement.hand_back(name, fleet.members[fleet.ids.index(name)])
-        return fleet.without(set(given_up))
+                self._placement.hand_back(name, *self._trips.driver(name))
+        return fleet.without(set(stuck))
 
     def _time(self) -> float:
         return round(self._sumo.simulation.getTime() - self._start, 6)

@@ -53,7 +53,7 @@ class Messages:
         self._bad, self._down = np.zeros((2, *shape), bool)
 
     def extend(self, newcomers: Sequence[Member]) -> None:
-        """Further members of the run, with the numbers that come next. They neither send nor listen."""
+        """Further members of the run, with the numbers that come next."""
         more = len(newcomers), 2
         self._ids += [m.id for m in newcomers]
         self._sender = np.concatenate([self._sender, np.full(more, NEVER)])
@@ -61,6 +61,14 @@ class Messages:
         self._since = np.concatenate([self._since, np.zeros(more)])
         self._state = np.concatenate([self._state, np.full((len(self._state), *more), np.nan)], axis=1)
         self._bad, self._down = (np.concatenate([one, np.zeros(more, bool)]) for one in (self._bad, self._down))
+        self._flying = [
+            batch._replace(
+                sender=np.concatenate([batch.sender, np.full(more, NEVER)]),
+                arrives=np.concatenate([batch.arrives, np.full(more, LOST)]),
+                state=np.concatenate([batch.state, np.full((len(batch.state), *more), np.nan)], axis=1),
+            )
+            for batch in self._flying
+        ]
 
     def received(self, fleet: Fleet, step: int, time: float) -> tuple[Known | None, Fleet, list[Noted]]:
         """What all members have received by now, the fleet with ages and losses of messages, and what has happened.

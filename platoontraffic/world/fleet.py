@@ -35,7 +35,7 @@ class Member:
     """A vehicle of a platoon as it is deployed."""
 
     id: str
-    platoon: str  # of members from the traffic, the table `equip`
+    platoon: str  # of a member from the traffic that is in none, its table `equip`
     place: int  # 0: the leader
     model: VehicleModel
     lidar: LidarModel
@@ -50,12 +50,17 @@ class Member:
     odometry: OdometryErrors = ODOMETRY["none"]
     further_lidars: tuple[LidarModel, ...] = ()  # each with a name of its own
     sensors: tuple[NamedSensor, ...] = ()
-    recruited: bool = False  # from the traffic
+    equip: str = ""  # table of members from the traffic; "": it is of a [[platoon]]
     single: bool = False  # it is in no platoon: it has no predecessor of its own, and follows any vehicle
 
     @property
     def lidars(self) -> tuple[LidarModel, ...]:
         return (self.lidar, *self.further_lidars)
+
+    @property
+    def recruited(self) -> bool:
+        """It is from the traffic."""
+        return bool(self.equip)
 
     @property
     def leads(self) -> bool:

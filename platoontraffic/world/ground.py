@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType, TracebackType
+from types import TracebackType
 from typing import NamedTuple, Protocol, Self
 
 import numpy as np
@@ -14,9 +14,6 @@ from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.trips import Trip
 
 RED, YELLOW, PRIORITY, GIVES_WAY = "red", "yellow", "priority", "gives way"
-
-
-NOBODY: Mapping[str, str] = MappingProxyType({})
 
 
 class Entry(NamedTuple):
@@ -75,10 +72,13 @@ class Ground(Protocol):
         brakes: deceleration of members with a failed drive, (n,), NaN: sound [m/s2]; SUMO-driven ones are slowed by it
         """
 
-    def advance(self, fleet: Fleet, given_up: Mapping[str, str] = NOBODY) -> Fleet:
-        """One step: the fleet after it, without members that have arrived, with platoons that have departed.
+    def advance(self, fleet: Fleet) -> Fleet:
+        """One step: the fleet after it, without members that have arrived, with platoons that have departed."""
 
-        given_up: members that are none any more, with "remove" or "sumo_drives"
+    def without(self, fleet: Fleet, stuck: Mapping[str, str]) -> Fleet:
+        """The fleet without members that are stuck.
+
+        stuck: whether each is removed, "remove", or goes on as a vehicle of the traffic, "sumo_drives"
         """
 
     @property
@@ -151,7 +151,10 @@ class BareGround:
     def place(self, fleet: Fleet, brakes: np.ndarray | None = None) -> None:
         """Nothing: the fleet has its poses."""
 
-    def advance(self, fleet: Fleet, given_up: Mapping[str, str] = NOBODY) -> Fleet:
+    def without(self, fleet: Fleet, stuck: Mapping[str, str]) -> Fleet:
+        return fleet.without(set(stuck))
+
+    def advance(self, fleet: Fleet) -> Fleet:
         self._steps += 1
         fleet = fleet.without(with_their_followers(fleet, fleet.arrived()))
         for platoon in departs_by(self._later, self.time, self._step):

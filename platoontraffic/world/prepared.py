@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import Scene
 from platoontraffic.road.demand import Demand, Selection, read_demand
 from platoontraffic.road.network import Network
@@ -52,8 +53,21 @@ def prepare(scenario: Scenario, network: Network | None = None) -> Prepared:
     members = deploy(scenario, network, scene)
     plans = obstacles.plans_of(scenario, network, members)
     orders = manoeuvres.orders(scenario, network, members)
+    _check_edges(scenario, network)
     prepared = Prepared(scenario, network, scene, members, plans, orders, _platooning(scenario, network))
     return branched(prepared, scenario) if scenario.then else prepared
+
+
+def _check_edges(scenario: Scenario, network: Network) -> None:
+    """raises: InputError where a table `equip` names an edge that there is not"""
+    faults = [
+        scenario.fault(("equip", i, "edges", k), f"{edge!r}: no such edge{did_you_mean(edge, network.edges)}")
+        for i, equip in enumerate(scenario.spec.equip)
+        for k, edge in enumerate(equip.edges)
+        if edge not in network.edges
+    ]
+    if faults:
+        raise InputError(*faults)
 
 
 def _platooning(scenario: Scenario, network: Network) -> Platooning | None:

@@ -16,6 +16,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.platooning import Plan
 from platoontraffic.road.route import Route
 from platoontraffic.scenario import Equip, Scenario
+from platoontraffic.scenario.equip_tables import CLASSES
 from platoontraffic.vehicles.bicycle import CARS, Car
 from platoontraffic.vehicles.records import changed
 from platoontraffic.world.deployment import Equipment, route_from
@@ -23,7 +24,7 @@ from platoontraffic.world.fleet import Member
 
 # The vehicle of the catalogue that a vehicle class of SUMO's drives like; all others stay SUMO's.
 VEHICLE_OF = {
-    **dict.fromkeys(("passenger", "private", "hov", "taxi", "evehicle", "custom1", "custom2"), "car"),
+    **dict.fromkeys(CLASSES, "car"),
     "delivery": "van",
     "truck": "truck",
 }
@@ -72,6 +73,8 @@ class Recruits:
 
         kind, edge: its type, and the edge on which it departs; time: of its departure [s]
         """
+        if name in self._places:  # it may have waited past `end_s`
+            return 0
         number, below = drawn(self._scenario.seed, name), 0.0
         for i, equip in enumerate(self.tables):
             if _fits(equip, kind, vehicle_class, edge, time):
@@ -116,7 +119,7 @@ class Recruits:
             odometry=equipment.odometry,
             further_lidars=equipment.lidars[1:],
             sensors=equipment.sensors,
-            recruited=True,
+            equip=table.id,
             single=table.mode == "single",
         )
 

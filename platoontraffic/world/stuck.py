@@ -31,7 +31,7 @@ class Stuck:
         events, remedies = [], {}
         for i in stands.tolist():
             member, since = fleet.members[i], self._since[fleet.ids[i]]
-            table = self._tables.get(member.platoon) if member.recruited else None
+            table = self._tables.get(member.equip)
             if table is None or member.id in self._noted or time - since < table.stuck_after_s - 1e-6:
                 continue
             self._noted.add(member.id)

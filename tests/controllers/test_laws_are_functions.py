@@ -25,7 +25,9 @@ EYE = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03))
 ROUTE = Route.along(("road",), np.array([[-200.0, 0.0], [400.0, 0.0]]), np.full(2, 12.0))
 ROAD = Scene.from_shapely(walls=[shapely.box(-200, -4, 400, 4)])
 KINDS = {name: find_law(name, Path()).kind for name in law_names()}
-LAWS = [kind() for kind in KINDS.values() if not kind.native]
+LEARNED = Path("docs/examples/learned_follower/follower.npz")
+LAWS = [kind() for name, kind in KINDS.items() if not kind.native and name != "policy"]
+LAWS += [KINDS["policy"](file=LEARNED)]
 LAWS += [KINDS["tracking"](on_loss="drive"), KINDS["tracking"](policy="obey"), KINDS["printed"](on_loss="hold")]
 
 

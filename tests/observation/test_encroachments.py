@@ -36,7 +36,7 @@ def met(member, other, seconds=20.0, *, dt=DT, turn=0.0, both=False, appears=0.0
     both    : the other is a member of another platoon
     appears : from then on the other is there
     """
-    members = [SimpleNamespace(single=False, platoon=name) for name in "ab"][: 1 + both]
+    members = [SimpleNamespace(equip="", platoon=name) for name in "ab"][: 1 + both]
     observer, found = Encroachments(members), []
     for step in range(round(seconds / dt) + 1):
         t = step * dt
@@ -183,7 +183,7 @@ def random_tables(rng):
     poses, since = [somewhere(rng) for _ in range(12)], [0, 0, 0, 0, *rng.integers(0, 60, 8)]
     ids = np.array([f"{p}.{i}" for p in "ab" for i in range(2)] + [f"car{i}" for i in range(8)])
     platoons = ["a", "a", "b", "b"]
-    observer, rows, events = Encroachments([SimpleNamespace(single=False, platoon=p) for p in platoons]), [], []
+    observer, rows, events = Encroachments([SimpleNamespace(equip="", platoon=p) for p in platoons]), [], []
     for step in range(150):
         here = [i for i in range(12) if step >= since[i]]
         x, y, heading = np.array([poses[i](step * DT) for i in here]).T

@@ -158,7 +158,7 @@ def test_what_cannot_be_in_a_platoon_says_why(tmp_path, highway):
         "taz": "their route is known at departure only",
     }
     lines = made.summary(scale=1.5)
-    assert lines[0] == "no platoon of up to 4 vehicles departs within 30 s"
+    assert lines[0] == "no two vehicles can form a platoon within 30 s"
     assert lines[1].startswith("6 vehicles left over, each a platoon of one (1: ")
     assert lines[2].startswith("1 flow with random departures (some 50 vehicles before the share is taken)")
     assert lines[3].startswith("the demand is scaled by 1.5")

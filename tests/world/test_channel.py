@@ -107,6 +107,19 @@ def test_jitter_makes_later_messages_overtake_and_ages_never_come_down_to_older_
     assert 0.2 < (np.arange(len(sent)) * DT - sent)[known].max() <= 0.6 + 1e-9
 
 
+def test_a_member_that_comes_later_hears_its_predecessor_while_messages_are_under_way():
+    three = members(count=2)
+    messages = Messages(Channel(latency_s=0.3), three[:2], DT, 1, None)
+    two, all_three = Fleet.deployed(three[:2], DT), Fleet.deployed(three, DT)
+    for step in range(5):
+        messages.received(two, step, step * DT)
+    messages.extend(three[2:])
+    ages = [messages.received(all_three, step, step * DT)[1].radio.age for step in range(5, 10)]
+    assert [age[1] for age in ages] == pytest.approx([0.3] * 5)
+    assert np.isnan([age[2] for age in ages[:3]]).all()
+    assert [age[2] for age in ages[3:]] == pytest.approx([0.3] * 2)
+
+
 def test_a_known_position_is_carried_on_at_the_speed_sent():
     some = members(count=1, at=lambda time: (0.0, 0.0))
     fleet, messages = Fleet.deployed(some, DT), Messages(Channel(latency_s=0.3), some, DT, 1, None)

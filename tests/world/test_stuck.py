@@ -11,8 +11,8 @@ from platoontraffic.scenario import Equip
 from platoontraffic.world.stuck import Stuck
 
 
-def fleet(speeds, recruited=True):
-    members = [SimpleNamespace(id=f"m{i}", platoon="equip", recruited=recruited) for i in range(len(speeds))]
+def fleet(speeds, equip="equip"):
+    members = [SimpleNamespace(id=f"m{i}", platoon="equip.3", equip=equip) for i in range(len(speeds))]
     return SimpleNamespace(ids=[m.id for m in members], members=members, motion=SimpleNamespace(speed=np.array(speeds)))
 
 
@@ -40,7 +40,7 @@ def test_a_member_that_moves_between_is_not_stuck():
 def test_members_of_platoon_tables_are_not_observed():
     stuck = Stuck([table()])
     for time in (0.0, 20.0):
-        assert stuck.observe(fleet([0.0], recruited=False), time) == ([], {})
+        assert stuck.observe(fleet([0.0], equip=""), time) == ([], {})
 
 
 def test_the_time_must_be_ten_seconds_or_more():
