@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from platoontraffic.scenario.base import Fraction, Identifier, NotNegative, Positive, Table, Text, filled_in
 from platoontraffic.scenario.defaults import usual
@@ -64,6 +64,11 @@ class Equip(Table):
     """Remedy for a member that has stood for `stuck_after_s`: none, it is removed, or SUMO drives it from then on."""
     stuck_after_s: Annotated[float, Field(ge=10, le=86_400)] = 300.0
     """Time at a standstill after which a member is stuck [s]."""
+
+    @field_validator("types", "classes", "edges", mode="before")
+    @classmethod
+    def listed(cls, names: Any) -> Any:
+        return names.split(",") if isinstance(names, str) else names
 
     @model_validator(mode="before")
     @classmethod

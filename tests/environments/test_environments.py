@@ -280,7 +280,9 @@ def test_vector_environments_of_gymnasium_work_in_daemons():
     for _ in range(45):  # over the end of an episode
         envs.step(np.zeros((2, 2), np.float32))
     envs.close()
-    time.sleep(1)
+    until = time.monotonic() + 30
+    while below & descendants(os.getpid()) and time.monotonic() < until:
+        time.sleep(0.2)
     assert not below & descendants(os.getpid())
 
 
