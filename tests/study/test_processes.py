@@ -86,20 +86,23 @@ def test_memory_is_that_of_a_process_and_its_children():
 
 @needs_proc
 def test_a_process_ends_with_all_that_it_has_started():
-    """Children that ignore signals, in a session of their own, and whose parent has ended."""
+    """Children that ignore signals, in a session of their own, and whose parent has ended.
+
+    They write to one pipe: `print` would write a number and the end of its line one after the other.
+    """
     code = """
 import os, signal, time
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 if os.fork() == 0:
     if os.fork() == 0:
-        print(os.getpid(), flush=True)
+        os.write(1, b"%d\\n" % os.getpid())
         time.sleep(1e6)
     os._exit(0)
 if os.fork() == 0:
     os.setsid()
-    print(os.getpid(), flush=True)
+    os.write(1, b"%d\\n" % os.getpid())
     if os.fork() == 0:
-        print(os.getpid(), flush=True)
+        os.write(1, b"%d\\n" % os.getpid())
     time.sleep(1e6)
 time.sleep(1e6)
 """
