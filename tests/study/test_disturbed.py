@@ -29,10 +29,11 @@ def age(pid: int) -> float:
     return float(Path("/proc/uptime").read_text().split()[0]) - ticks / os.sysconf("SC_CLK_TCK")
 
 
-def kill_at_random(rng: random.Random, parent: subprocess.Popen) -> str:
-    """Kill a batch, one of its workers or one that starts; returns which."""
+def kill_at_random(rng: random.Random, parent: subprocess.Popen, before: list[str]) -> str:
+    """Kill a batch, one of its workers or one that starts; returns which. Each kind is among the first three."""
     workers = workers_below(parent.pid)
-    victim = rng.choice(["parent", "worker", "worker", "starting", "starting"])
+    missing = sorted({"parent", "worker", "starting"} - set(before))
+    victim = rng.choice(missing or ["parent", "worker", "worker", "starting", "starting"])
     if victim == "parent":
         parent.kill()
         parent.communicate()
@@ -71,7 +72,7 @@ def test_bad_laws_and_kills_leave_the_tables_as_they_are_or_rows_that_say_why(ba
             killed.append(started(*words, tmp_path / "out"))
             until(lambda: workers_below(killed[-1].pid), deadline=120)
         time.sleep(rng.uniform(0.0, 3.0))
-        victims.append(kill_at_random(rng, killed[-1]))
+        victims.append(kill_at_random(rng, killed[-1], victims))
     if killed[-1].poll() is None:
         killed[-1].communicate(timeout=600)
     call(*words, tmp_path / "out")
