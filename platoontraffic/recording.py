@@ -138,6 +138,8 @@ class Recording:
                 waits,
             )
             words = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:SUMO_WORDS]
+            if recruits := simulation.setting.recruits:
+                self._facts["not_equipped"] = dict(sorted(recruits.left.items()))
             facts = provenance.finished(self._facts, outcome.time, wall, simulation.stopwatch.seconds, words)
             recorder.write_json("provenance.json", facts)
             finished = recorder.finish(replace)

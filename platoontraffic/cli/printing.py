@@ -87,6 +87,8 @@ def print_run(folder: Path) -> None:
     if "equipped" in set(results.metrics.scope):
         out.print(_trips(results))
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
+    for why, number in facts.get("not_equipped", {}).items():
+        out.print(f"{number} of the share stay SUMO's: {why}", soft_wrap=True, markup=False)
     whole = results.metrics[results.metrics.scope == "run"].set_index("metric").value
     stood, stranded = whole["standstill_share_mean"], whole["stranded"]
     out.print(

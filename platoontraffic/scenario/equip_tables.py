@@ -14,7 +14,12 @@ from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
 MODEL = VEHICLES["car"]  # of the vehicle on which a driver's keys are checked; each member has the size of its own
 KEEPS_UP = 1.05  # times the speed at which its leader drives on a free road, a follower may drive to catch up
 USUAL_SIZE, USUAL_WINDOW = 5, 30.0  # of a platoon; time that vehicles wait for others [s]
-CLASSES = "passenger", "private", "hov", "taxi", "evehicle", "custom1", "custom2", "delivery", "truck"
+# The vehicle of the catalogue that a vehicle class of SUMO's drives like; vehicles of other classes stay SUMO's.
+VEHICLE_OF = {
+    **dict.fromkeys(("passenger", "private", "hov", "taxi", "evehicle", "custom1", "custom2"), "car"),
+    "delivery": "van",
+    "truck": "truck",
+}
 A_DAY = 86_400.0  # [s]; a run that is to end with its demand may last so long
 
 
@@ -41,7 +46,7 @@ class Equip(Table):
     """Share of the vehicles that become members; 0: none does."""
     types: list[Text] = Field([])
     """Only vehicles of these types: ids of vehicle types, not of distributions. Default: all."""
-    classes: list[Literal[CLASSES]] = Field([])
+    classes: list[Literal[tuple(VEHICLE_OF)]] = Field([])
     """Only vehicles of these of SUMO's vehicle classes. Default: all that can become members."""
     edges: list[Text] = Field([])
     """Only vehicles that depart on these edges. Default: on all."""

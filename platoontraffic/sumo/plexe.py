@@ -1,4 +1,4 @@
-"""Members that SUMO drives by its car-following model CC, the controllers of Plexe: switched on, and told of others.
+"""Members that SUMO drives by its car-following model CC, the controllers of Plexe: switched on, and fed with states.
 
 Keys and order of values: src/microsim/cfmodels/MSCFModel_CC.cpp and CC_Const.h of SUMO 1.28.
 """
@@ -32,20 +32,20 @@ def switch_on(sumo: Client, platoon: Fleet, i: int) -> None:
 
 
 def feed(sumo: Client, fleet: Fleet) -> None:
-    """Tell every member with a controller of predecessor and leader, or of its whole platoon, as they are now."""
-    told = [i for i in fleet.native_rows if fleet.members[i].law.controller]
-    if not told:
+    """Give every member with a controller the states of predecessor and leader, or of its whole platoon."""
+    driven = [i for i in fleet.native_rows if fleet.members[i].law.controller]
+    if not driven:
         return
     heads, _ = chains(fleet)
     motion, length, now = fleet.motion, fleet.model.length, sumo.simulation.getTime()
     demand = State.of(fleet).demand
-    for i in told:
+    for i in driven:
         demand[i] = float(sumo.vehicle.getParameter(fleet.members[i].id, "carFollowModel.ccsa").split(":")[2])
     x, y = front_of(motion.x, motion.y, motion.heading, length)
     vx, vy = motion.speed * np.cos(motion.heading), motion.speed * np.sin(motion.heading)
     angle = sumo_angle(motion.heading)
 
-    for i in told:
+    for i in driven:
         name, ahead = fleet.members[i].id, fleet.predecessor[i]
         if ahead < 0:
             continue

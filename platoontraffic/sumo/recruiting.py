@@ -30,6 +30,7 @@ class Recruiting:
     def begin(self, members: int) -> None:
         """members: that the run has without those from the traffic"""
         self._number = members
+        self._recruits.left.clear()
 
     def newcomers(self, time: float, own: set[str]) -> Fleet | None:
         """Members among the vehicles that SUMO has inserted in the last step; None: there are none.
@@ -52,16 +53,15 @@ class Recruiting:
         kind, vehicle_class = vehicle.getTypeID(name), vehicle.getVehicleClass(name)
         edges = vehicle.getRoute(name)
         equip = self._recruits.chosen(name, kind, vehicle_class, edges[vehicle.getRouteIndex(name)], time)
-        return None if equip is None else self._recruits.member(equip, self._read(name, kind, edges), time)
+        return None if equip is None else self._recruits.member(equip, self._read(name, vehicle_class, edges), time)
 
-    def _read(self, name: str, kind: str, edges: Sequence[str]) -> Newcomer:
+    def _read(self, name: str, vehicle_class: str, edges: Sequence[str]) -> Newcomer:
         vehicle = self._sumo.vehicle
         length, heading = vehicle.getLength(name), float(heading_of(vehicle.getAngle(name)))
         x, y = centre_of(*vehicle.getPosition(name), heading, length)
         return Newcomer(
             id=name,
-            type=kind,
-            vehicle_class=vehicle.getVehicleClass(name),
+            vehicle_class=vehicle_class,
             edges=tuple(edges[vehicle.getRouteIndex(name) :]),
             lane=vehicle.getLaneIndex(name),
             position=vehicle.getLanePosition(name),

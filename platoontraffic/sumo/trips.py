@@ -18,7 +18,7 @@ from platoontraffic.world.trips import Trip
 WAITING = 0.1  # speed below which a vehicle waits, as of SUMO's device [m/s]
 MG = 1e-6  # a milligram [kg]
 
-SUMS = ("distance", "waiting", "stops", "time_loss", "co2", "fuel")  # over the steps, in SI
+SUMS = ("distance", "waiting", "time_loss", "co2", "fuel")  # over the steps, in SI
 
 
 class Trips:
@@ -31,7 +31,6 @@ class Trips:
         self._sumo, self._placement, self._step = sumo, placement, step
         self._trips: dict[str, Trip] = {}
         self._sums = np.empty((0, len(SUMS)))  # of each trip
-        self._waits = np.empty(0, dtype=bool)
         self._drivers = np.empty((0, 2))  # of each trip: speed factor, and top speed [m/s]
         self._row: dict[str, int] = {}
         self._limits: dict[str, float] = {}  # [m/s], by lane
@@ -53,7 +52,6 @@ class Trips:
         self._drivers = np.concatenate([self._drivers, [(r.speed_factor, r.top_speed) for r in routes]])
         more = len(self._trips) - len(self._sums)
         self._sums = np.concatenate([self._sums, np.zeros((more, len(SUMS)))])
-        self._waits = np.concatenate([self._waits, np.zeros(more, dtype=bool)])
 
     def driver(self, name: str) -> tuple[str, float]:
         """The type that a member had in the traffic, and its speed factor."""
@@ -71,16 +69,10 @@ class Trips:
         limit = np.array([self._limit(name) for name in names])
         factor, top_speed = self._drivers[self._of_rows].T
         desired = np.minimum(factor * limit, top_speed)
-        waits, vehicle = speed < WAITING, self._sumo.vehicle
-        sums = np.empty((len(names), len(SUMS)))
-        sums[:, 0], sums[:, 1] = speed * self._step, waits * self._step
-        sums[:, 2] = waits & ~self._waits[self._of_rows]
-        sums[:, 3] = (1 - speed / desired) * self._step
-        sums[:, 4] = [vehicle.getCO2Emission(name) for name in names]
-        sums[:, 5] = [vehicle.getFuelConsumption(name) for name in names]
-        sums[:, 4:] *= MG * self._step
-        self._sums[self._of_rows] += sums
-        self._waits[self._of_rows] = waits
+        vehicle = self._sumo.vehicle
+        co2, fuel = (MG * np.array([*map(get, names)]) for get in (vehicle.getCO2Emission, vehicle.getFuelConsumption))
+        rates = speed, speed < WAITING, 1 - speed / desired, co2, fuel
+        self._sums[self._of_rows] += self._step * np.column_stack(rates)
 
     def end(self, names: Iterable[str], time: float, status: str) -> None:
         """Members that have left: status "arrived" or "removed". time: [s]"""

@@ -11,7 +11,7 @@ from platoontraffic.world.fleet import Fleet
 
 
 class Convoys:
-    """Who follows whom among the members from the traffic."""
+    """The predecessors of members from the traffic."""
 
     def __init__(self) -> None:
         self._together: dict[str, frozenset[str]] = {}  # edges that a member and its predecessor share, by the former
@@ -34,13 +34,16 @@ class Convoys:
         return fleet.with_orders(predecessor, fleet.leads)
 
     def parted(self, fleet: Fleet, roads: Sequence[tuple[str, str]]) -> tuple[list[Noted], Fleet]:
-        """Events of members whose predecessors have left their route, and the fleet in which they follow nobody.
+        """Events of members that a predecessor has left for another route, and the fleet in which they have none.
 
         roads: edge and lane of each member, (n,)
         """
+        if not self._together:
+            return [], fleet
         events = []
-        for name in self._together.keys() & set(fleet.ids) if self._together else ():
-            row = fleet.ids.index(name)
+        for row, name in enumerate(fleet.ids):
+            if name not in self._together:
+                continue
             ahead = fleet.predecessor[row]
             if ahead < 0:
                 del self._together[name]
@@ -48,7 +51,6 @@ class Convoys:
                 events.append(Noted(row, "parted", f"on {edge}", other=fleet.ids[ahead]))
         if not events:
             return [], fleet
-        events.sort(key=lambda one: one.row)
         predecessor = fleet.predecessor.copy()
         predecessor[[one.row for one in events]] = -1
         return events, fleet.with_orders(predecessor, fleet.leads)

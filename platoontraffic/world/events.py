@@ -111,7 +111,7 @@ EVENT_KINDS = {
             "another body in its way blocked it, vehicles came between, it fell behind, or a cause of lock_lost",
             ("held", "blocked", "between", "fell_behind", "taken", "not_recognised", "out_of_sight", "broken"),
         ),
-        Kind("parted", "follows nobody from now on: the route of its predecessor (other_id) leaves its own"),
+        Kind("parted", "has no predecessor from now on: the route of the one that it had (other_id) leaves its own"),
         Kind("rejoined", "is in its platoon again, duration_s after it was split off"),
         Kind(
             "told",

@@ -15,12 +15,12 @@ from platoontraffic.road.demand import Demand, Selection, read_demand
 from platoontraffic.road.network import Network
 from platoontraffic.road.platooning import Plan, plan
 from platoontraffic.scenario import Scenario
+from platoontraffic.scenario.equip_tables import VEHICLE_OF
 from platoontraffic.world import manoeuvres, obstacles
 from platoontraffic.world.deployment import deploy, static_scene
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.manoeuvres import Order
 from platoontraffic.world.obstacles import Plan as ObstaclePlan
-from platoontraffic.world.recruits import VEHICLE_OF
 
 
 class Platooning(NamedTuple):

@@ -16,29 +16,22 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.platooning import Plan
 from platoontraffic.road.route import Route
 from platoontraffic.scenario import Equip, Scenario
-from platoontraffic.scenario.equip_tables import CLASSES
+from platoontraffic.scenario.equip_tables import VEHICLE_OF
 from platoontraffic.vehicles.bicycle import CARS, Car
 from platoontraffic.vehicles.records import changed
 from platoontraffic.world.deployment import Equipment, route_from
 from platoontraffic.world.fleet import Member
 
-# The vehicle of the catalogue that a vehicle class of SUMO's drives like; all others stay SUMO's.
-VEHICLE_OF = {
-    **dict.fromkeys(CLASSES, "car"),
-    "delivery": "van",
-    "truck": "truck",
-}
 SMALLEST, LARGEST = 0.6, 1.6  # length that is driven as such a vehicle [times its length]
 
 # Why a vehicle of the share stays SUMO's.
-OTHER_CLASS, OTHER_SIZE, HAS_STOPS, NO_ROUTE = "another class", "another size", "has stops", "a route not to be driven"
+OTHER_SIZE, HAS_STOPS, NO_ROUTE = "another size", "has stops", "a route that members cannot drive"
 
 
 class Newcomer(NamedTuple):
     """A vehicle of the traffic that SUMO has just inserted."""
 
     id: str
-    type: str
     vehicle_class: str
     edges: tuple[str, ...]  # its route
     lane: int
@@ -147,8 +140,6 @@ def _fits(equip: Equip, kind: str, vehicle_class: str, edge: str, time: float) -
 
 def _model(vehicle: Newcomer) -> tuple[Car | None, str]:
     """How the vehicle drives, with its own size; or None, and why not."""
-    if vehicle.vehicle_class not in VEHICLE_OF:
-        return None, OTHER_CLASS
     like = CARS[VEHICLE_OF[vehicle.vehicle_class]]
     size = vehicle.length / like.length
     if not SMALLEST <= size <= LARGEST:

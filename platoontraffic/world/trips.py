@@ -17,7 +17,6 @@ class Trip(NamedTuple):
     status: str = "running"  # or "arrived", "removed"; "sumo_drives": SUMO has driven it since `ended`
     distance: float = 0.0  # [m]
     waiting: float = 0.0  # time slower than 0.1 m/s [s]
-    stops: float = 0.0  # times that it came to that
     time_loss: float = 0.0  # by driving slower than the limit times its speed factor [s]
     co2: float = 0.0  # [kg]
     fuel: float = 0.0

@@ -1,4 +1,4 @@
-"""Platoons of a demand: who departs with whom, who waits how long, and nobody twice."""
+"""Platoons of a demand: which vehicles depart together, how long each waits, and none is in two."""
 
 from itertools import pairwise
 from pathlib import Path

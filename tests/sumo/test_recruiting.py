@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import filecmp
+import json
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from platoontraffic import shipped
+from platoontraffic.scenario.equip_tables import VEHICLE_OF
 from platoontraffic.simulation import Simulation
 from platoontraffic.sumo.client import libsumo
-from platoontraffic.world.recruits import VEHICLE_OF
 from tests.support.runs import run
 
 pytestmark = pytest.mark.sumo
@@ -31,6 +32,8 @@ ROUTES = """<routes>
     <vehicle id="first" type="private" depart="1" departSpeed="10"><route edges="west_light light_light_n"/></vehicle>
     <trip id="second" type="private" depart="2" from="west_light" to="light_prio" departSpeed="10"/>
     <vehicle id="bus" type="city_bus" depart="3"><route edges="light_n_light light_light_s"/></vehicle>
+    <vehicle id="parks" type="private" depart="3"><route edges="west_light light_prio"/>
+        <stop lane="light_prio_0" endPos="100" duration="5" parking="true"/></vehicle>
     <flow id="flow" type="private" begin="4" end="20" number="2" from="west_light" to="light_light_s"/>
 </routes>
 """
@@ -102,22 +105,23 @@ def demand(tmp_path):
 def test_a_configuration_without_an_end_runs_until_its_demand_has_arrived(demand, tmp_path):
     folder = run(tmp_path / "run", demand, "equip.share=1.0")
     trips = pd.read_csv(folder / "trips.csv", index_col="vehicle_id")
-    assert set(trips.index) == {"first", "second", "flow.0", "flow.1", "bus"}
+    assert set(trips.index) == {"first", "second", "flow.0", "flow.1", "bus", "parks"}
     assert (trips.status == "arrived").all()
-    assert trips.member.to_dict() == {"first": 1, "second": 1, "flow.0": 1, "flow.1": 1, "bus": 0}
+    assert trips.member.to_dict() == {"first": 1, "second": 1, "flow.0": 1, "flow.1": 1, "bus": 0, "parks": 0}
     assert set(trips.type[trips.member == 1]) == {"private"}
     events = pd.read_csv(folder / "events.csv")
     assert events.loc[events.kind == "end", "what"].item() == "arrived"
     metrics = pd.read_csv(folder / "metrics.csv").set_index(["scope", "metric"]).value
-    assert metrics["everybody", "trips_finished"] == 5
+    assert metrics["everybody", "trips_finished"] == 6
     assert metrics["equipped", "trips_finished"] == 4
+    assert json.loads((folder / "provenance.json").read_text())["not_equipped"] == {"has stops": 1}
     assert metrics["equipped", "delay_mean_finished"] == pytest.approx(trips.time_loss_s[trips.member == 1].mean())
 
 
 def test_vehicles_that_are_on_the_road_at_the_end_of_the_warm_up_stay_sumos(demand, tmp_path):
     folder = run(tmp_path / "run", demand, "equip.share=1.0", "sumo.warm_up_s=2", "run.duration_s=20")
     trips = pd.read_csv(folder / "trips.csv", index_col="vehicle_id")
-    assert trips.member.to_dict() == {"first": 0, "second": 0, "flow.0": 1, "flow.1": 1, "bus": 0}
+    assert trips.member.to_dict() == {"first": 0, "second": 0, "flow.0": 1, "flow.1": 1, "bus": 0, "parks": 0}
 
 
 @pytest.mark.slow

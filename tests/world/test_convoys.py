@@ -1,4 +1,4 @@
-"""Platoons from the traffic: who follows whom, and until when."""
+"""Platoons from the traffic: the predecessor of each member, and until when it is one."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def test_members_follow_those_at_the_places_ahead():
     assert Convoys().joined(three, ["a", "b", "c", "other"]).predecessor.tolist() == [2, -1, -1, 0]
 
 
-def test_a_member_that_departs_before_its_predecessor_follows_nobody():
+def test_a_member_that_departs_before_its_predecessor_has_none():
     convoys = Convoys()
     first = convoys.joined(fleet(("b", "p.0", 1, "xy")), ["b"])
     both = replace(fleet(("b", "p.0", 1, "xy"), ("a", "p.0", 0, "xy")), predecessor=np.array([*first.predecessor, -1]))
     assert convoys.joined(both, ["a"]).predecessor.tolist() == [-1, -1]
 
 
-def test_a_member_follows_nobody_once_its_predecessor_has_left_its_route():
+def test_a_member_has_no_predecessor_once_that_has_left_its_route():
     convoys = Convoys()
     both = convoys.joined(fleet(("a", "p.0", 0, "xyz"), ("b", "p.0", 1, "xyw")), ["a", "b"])
     for edge in ("x", "y", ":junction", ""):

@@ -9,7 +9,6 @@ from platoontraffic.road.network import Network
 from platoontraffic.world.recruits import (
     HAS_STOPS,
     NO_ROUTE,
-    OTHER_CLASS,
     OTHER_SIZE,
     Newcomer,
     Recruits,
@@ -33,7 +32,7 @@ def recruits(folder, *changes, share=1.0, more=""):
 
 
 def newcomer(**values):
-    like = Newcomer("car.1", "car", "passenger", ("west_light",), 0, 4.7, (2.4, -1.6, 0.0), 13.0, 4.6, 1.8, 1.1, 50.0,
+    like = Newcomer("car.1", "passenger", ("west_light",), 0, 4.7, (2.4, -1.6, 0.0), 13.0, 4.6, 1.8, 1.1, 50.0,
                     stops=False)  # fmt: skip
     return like._replace(**values)
 
@@ -49,6 +48,11 @@ def test_a_larger_share_contains_a_smaller_one(tmp_path):
     assert len(smaller) / 2000 == pytest.approx(0.2, abs=0.03)
     assert chosen(recruits(tmp_path, share=0.0), ids) == set()
     assert chosen(recruits(tmp_path, share=1.0), ids) == set(ids)
+
+
+def test_buses_and_bicycles_are_of_no_share(tmp_path):
+    whole = recruits(tmp_path)
+    assert not any(chosen(whole, ["a"], vehicle_class=name) for name in ("bus", "bicycle", "motorcycle", "emergency"))
 
 
 def test_shares_of_several_tables_add_up(tmp_path):
@@ -94,8 +98,6 @@ def test_the_size_scales_the_vehicle_and_not_its_power(tmp_path):
 @pytest.mark.parametrize(
     ("what", "why"),
     [
-        ({"vehicle_class": "bus"}, OTHER_CLASS),
-        ({"vehicle_class": "bicycle"}, OTHER_CLASS),
         ({"length": 1.5}, OTHER_SIZE),
         ({"stops": True}, HAS_STOPS),
         ({"edges": ("west_light", "west_light")}, NO_ROUTE),
