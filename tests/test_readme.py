@@ -83,7 +83,7 @@ def test_a_platoon_in_three_lines_arrives_in_a_town_with_traffic(tmp_path, monke
     (lines,) = [block for block in blocks("toml") if "A2B2" in block]
     assert len(lines.strip().splitlines()) == 1 + 3
     (make,) = re.findall(r"^    netgenerate (.*)$", README, re.MULTILINE)
-    (drive,) = re.findall(r"^    platoontraffic (run city/run.sumocfg .*)$", README, re.MULTILINE)
+    (drive,) = re.findall(r"^    platoontraffic (run city/run.sumocfg --platoon .*)$", README, re.MULTILINE)
     monkeypatch.chdir(tmp_path)
     Path("city").mkdir()
     made = run_program(program("netgenerate"), *make.split(), folder=tmp_path)
