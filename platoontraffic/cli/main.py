@@ -42,6 +42,8 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # importing what it needs for boxes takes a tenth of a second
+    context_settings={"max_content_width": 120},
 )
 app.add_typer(nets_app, name="nets")
 command = commands_of(app)

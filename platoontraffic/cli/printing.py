@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.table import Table
 
 from platoontraffic.errors import InputError, not_written
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from platoontraffic.analysis.results import Results
     from platoontraffic.study.batch import Report
     from platoontraffic.study.study import Study
@@ -104,6 +105,8 @@ def print_run(folder: Path) -> None:
 
 def _members(results: Results) -> Table:
     """A row a member; without columns that no member has a value of."""
+    from rich.table import Table  # here, as the next one: not every command prints one
+
     metrics = results.metrics
     members = metrics[metrics.scope == "vehicle"].dropna(subset="value")
     of_robots = results.vehicles is not None and results.vehicles.wheelbase_m.isna().all()
@@ -121,6 +124,8 @@ def _members(results: Results) -> Table:
 
 def _trips(results: Results) -> Table:
     """Trips of the traffic: of its members, of other vehicles, of all."""
+    from rich.table import Table
+
     table = Table(box=None, header_style="bold", pad_edge=False)
     table.add_column("trips of the traffic")
     for heading in ("arrived", "on the road", "mean delay in s"):

@@ -9,11 +9,12 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from platoontraffic.cli.printing import duration_text
 
 if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
     from platoontraffic.simulation import Instant
     from platoontraffic.study import batch
     from platoontraffic.study.silence import Silence
@@ -49,6 +50,8 @@ def run_progress(duration: float, name: str, quiet: bool) -> Iterator[Sequence[R
     if quiet or not err.is_terminal:
         yield ()
         return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
     columns = [
         TextColumn("{task.description}"),
         BarColumn(),
@@ -111,6 +114,8 @@ def batch_progress(name: str, runs: int, quiet: bool) -> Iterator[BatchLines]:
     if quiet or not err.is_terminal:
         yield BatchLines()
         return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
     columns = [TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[status]}"), TimeElapsedColumn()]
     with Progress(*columns, console=err, transient=True) as bar:
         yield BatchBar(bar, bar.add_task(name, total=None, status=""), runs)

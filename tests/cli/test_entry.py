@@ -30,7 +30,7 @@ main()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize("module", ["typer", "rich.table", "pydantic", "numba", "libsumo"])
+@pytest.mark.parametrize("module", ["typer", "rich.console", "pydantic", "numba", "libsumo"])
 def test_control_c_while_modules_are_imported_is_one_word(tmp_path, module):
     code = INTERRUPTED.format(module=module, out=str(tmp_path / "out"))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
