@@ -1,6 +1,4 @@
-"""Runs, batches and simulations from Python, and the examples of docs/python.md."""
-
-import re
+"""Runs, batches and simulations from Python."""
 
 import numpy as np
 import pytest
@@ -13,16 +11,6 @@ from platoontraffic.simulation import Setting
 from tests.support import ROOT
 
 pytestmark = pytest.mark.sumo
-
-EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(encoding="utf-8"), re.DOTALL)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", range(len(EXAMPLES)))
-def test_examples_of_the_page_run(number, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    exec(compile(EXAMPLES[number], f"docs/python.md, example {number}", "exec"), {"__name__": "example"})
-    assert capsys.readouterr().out
 
 
 def test_a_run_gives_its_results_and_is_not_repeated(tmp_path):

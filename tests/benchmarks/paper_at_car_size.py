@@ -1,6 +1,6 @@
 """The paper's followers at the size of cars: how fast and how tightly a platoon of five can drive. Tables in Markdown.
 
-    python tests/benchmarks/paper_at_car_size.py [--picture docs/paper_at_car_size.png]
+    python tests/benchmarks/paper_at_car_size.py [--picture docs/pictures/paper_at_car_size.png]
 
 Lengths are times SCALE, times as they are. The laws are not touched: `Scaled` shows them the world at the size of the
 robots. No SUMO: a leader drives a prescribed twist, four followers see only their scans, 40 times a second.

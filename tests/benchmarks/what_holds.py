@@ -1,6 +1,6 @@
 """What holds: three followers of cars by radius, braking, noise, view, range and lag. Tables in Markdown.
 
-    python tests/benchmarks/what_holds.py [--picture docs/what_holds.png] [--quick]
+    python tests/benchmarks/what_holds.py [--picture docs/pictures/what_holds.png] [--quick]
 
 The paper's law as printed and repaired, in the world of `paper_at_car_size`, and `tracking` with its preset laser. No
 SUMO, no walls: a leader drives a prescribed acceleration and curvature, the followers see only their scans. Some six

@@ -1,6 +1,6 @@
 """With which sensors `tracking` holds: scans a second, lost returns, bias of the yaw rate, delay; in Markdown.
 
-    python tests/benchmarks/what_sensors_hold.py [--picture docs/what_sensors_hold.png] [--quick]
+    python tests/benchmarks/what_sensors_hold.py [--picture docs/pictures/what_sensors_hold.png] [--quick]
 
 The delay is that of the scans and of the odometry. Six cars on bare ground: on a straight at 25 m/s a wave of speed,
 then braking at 9 m/s2 to a stand; and quarter turns. It holds if no two cars touch, each is locked on in 0.99 of the
