@@ -235,9 +235,18 @@ class Simulation:
         )
         events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted, sensed.seen)
         events = [*events, *self.encounters.observe(traffic, fleet, events)]
-        ended = self._ended(step, fleet)
         self.now = Instant(
-            step, traffic, fleet, sensed.scans, roads, events, self._measured, ended, sensed.readings, sensed.seen
+            step,
+            traffic,
+            fleet,
+            sensed.scans,
+            roads,
+            events,
+            self._measured,
+            ended=self._ended(step, fleet),
+            passages=self.world.passages(fleet),
+            readings=sensed.readings,
+            seen=sensed.seen,
         )
         return self.now
 
@@ -370,7 +379,7 @@ def setting_of(
             # SUMO may be reading the files that are made for its options.
             options = {} if warm else sumo_options(scenario, stack.enter_context(named(files)), prepared.platooning)
             words, warm_up = files / "run.log", spec.sumo.warm_up_s
-            more = client, warm, recruits
+            more = client, warm, recruits, spec.record.passages
             world = World(prepared.network, dt, scenario.seed, words, options, warm_up, *more)
             try:
                 stack.enter_context(world)

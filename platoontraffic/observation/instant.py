@@ -11,6 +11,7 @@ from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.observer import Measures
 from platoontraffic.world.events import Event
 from platoontraffic.world.fleet import Fleet, Readings
+from platoontraffic.world.passages import Passage
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.under_way import Seen
 
@@ -31,6 +32,7 @@ class Instant:
     events: Sequence[Event] = ()  # since the instant before
     measure: Callable[[Fleet], Measures] | None = field(default=None, repr=False)
     ended: str = ""  # "arrived", "laps" or "duration" at the last instant
+    passages: Sequence[Passage] = ()  # of vehicles at the ends of counted edges, in the last step
     readings: Sequence[Readings] = ()  # of further lasers and own sensors, for each group; (): there are none
     seen: Sequence[Seen | None] = ()  # the world at the instant of each scan, to whose traffic its hits belong
 

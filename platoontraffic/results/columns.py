@@ -279,6 +279,16 @@ TRIPS = (
     number("fuel_kg", "kg", "fuel used", format="%.9g"),
 )
 
+PASSAGES = (
+    time(),
+    text("edge_id", "edge whose end was passed by the front bumper"),
+    integer("lane_index", "lane of it, 0 rightmost"),
+    text("vehicle_id", "vehicle"),
+    text("type", "vehicle type that it has in the demand"),
+    integer("member", "1: a member; 0: a vehicle of the traffic"),
+    number("speed_mps", "m/s", "speed"),
+)
+
 STATISTICS = (
     text("platoon_id", "platoon"),
     integer("place", "place in the platoon"),

@@ -11,7 +11,7 @@ import shapely
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import Scene
 from platoontraffic.observation.encounters import Encounters
-from platoontraffic.results import metrics, plug_in_metrics, sumo_tables
+from platoontraffic.results import flows, metrics, plug_in_metrics, sumo_tables
 from platoontraffic.results.columns import ENCOUNTERS, METRICS, TRIPS, Column, integer, text
 from platoontraffic.results.data_package import data_package
 from platoontraffic.results.metrics import Value
@@ -66,6 +66,7 @@ def conclude(
         scans=spec.record.scans_every_s is not None,
         encounters=bool(obstacles),
         trips=with_trips,
+        passages=bool(spec.record.passages),
         sumo=spec.record.sumo,
         metrics=_meanings(values, scenario),
         summary=_summary_columns(values, scenario),
@@ -146,6 +147,8 @@ def _values(
     if with_trips:
         trips = recorder.read_table("trips")
         values += [*metrics.of_trips("everybody", trips), *metrics.of_trips("equipped", trips[trips.member == 1])]
+    if spec.record.passages:
+        values += flows.of_passages(recorder.read_table("passages"), spec.record.passages, _end(recorder))
     if obstacles:
         values += metrics.of_obstacles(recorder.read_table("encounters"), recorder.read_table("events"))
     return values
@@ -187,6 +190,7 @@ def _summary_column(of: Value) -> Column:
 def _meanings(values: Sequence[Value], scenario: Scenario) -> dict[str, dict[str, str]]:
     """Scope -> metric -> meaning, of the metrics that the run has."""
     known, brought = metrics.meanings(), plug_in_metrics.meanings(scenario.metrics.metrics)
+    known["everybody"] |= flows.meanings(scenario.spec.record.passages)
     there: dict[str, dict[str, str]] = {}
     for one in values:
         of_scope = known[one.scope] | brought.get(one.scope, {})

@@ -9,6 +9,7 @@ from platoontraffic.results.columns import (
     ENCOUNTERS,
     EVENTS,
     METRICS,
+    PASSAGES,
     SCENE,
     STATISTICS,
     TRAFFIC,
@@ -37,13 +38,14 @@ def data_package(
     scans: bool = False,
     encounters: bool = False,
     trips: bool = False,
+    passages: bool = False,
     sumo: Sequence[str] = (),
     metrics: Mapping[str, Mapping[str, str]] | None = None,
     summary: Sequence[Column] = (),
 ) -> dict[str, Any]:
     """The package of a run.
 
-    traffic, scans, encounters, trips : whether the run has these
+    traffic, scans, encounters, trips, passages : whether the run has these
     sumo                       : names of SUMO's tables that it has
     metrics                    : scope -> metric -> meaning, of the metrics that it has
     summary                    : columns of summary.csv
@@ -57,6 +59,7 @@ def data_package(
         *([_table("traffic", TRAFFIC)] if traffic else []),
         *([_table("encounters", ENCOUNTERS)] if encounters else []),
         *([_table("trips", TRIPS)] if trips else []),
+        *([_table("passages", PASSAGES)] if passages else []),
         _table("summary", summary, description=SUMMARY),
         {"name": "scene", "path": "scene.geojson", "description": SCENE},
         *([_scans()] if scans else []),

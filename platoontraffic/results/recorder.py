@@ -24,7 +24,7 @@ from platoontraffic.analysis.reading import read_table
 from platoontraffic.errors import RunError
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import csv_text
-from platoontraffic.results.columns import EVENTS, TRAFFIC, TRAJECTORIES, VEHICLES, Column
+from platoontraffic.results.columns import EVENTS, PASSAGES, TRAFFIC, TRAJECTORIES, VEHICLES, Column
 from platoontraffic.results.own_copies import take_own_copies
 from platoontraffic.results.scans import ScanRecorder
 from platoontraffic.scenario.tables import Record
@@ -47,12 +47,14 @@ class Clocks(NamedTuple):
     trajectories: int = 1
     traffic: int | None = None
     scans: int | None = None
+    passages: bool = False
     flush: int = 400
 
     @classmethod
     def of(cls, record: Record, dt: float) -> Clocks:
         intervals = record.every_s, record.traffic_every_s, record.scans_every_s, SAFE_EVERY
-        return cls(*(every and round(every / dt) for every in intervals))
+        *tables, flush = (every and round(every / dt) for every in intervals)
+        return cls(*tables, bool(record.passages), flush)
 
 
 EVERY_STEP = Clocks()
@@ -74,6 +76,7 @@ class Recorder:
             self._trajectories = self._open("trajectories.csv", TRAJECTORIES)
             self._events = self._open("events.csv", EVENTS)
             self._traffic = self._open("traffic.csv", TRAFFIC) if clocks.traffic else None
+            self._passages = self._open("passages.csv", PASSAGES) if clocks.passages else None
             self._scans = ScanRecorder(self.folder) if clocks.scans else None
         except OSError as error:
             raise RunError(f"{folder.parent}: results cannot be written: {error.strerror}") from error
@@ -111,6 +114,8 @@ class Recorder:
         if self.wants_all_traffic(now.step):
             self._traffic.write(csv_text.lines_at(now, TRAFFIC))
             self._remember_sizes(now)
+        if self._passages:
+            self._passages.write(csv_text.lines(now.passages, PASSAGES))
         if self._scans:
             self._scans.record(now, self._clocks.scans)
         if now.step % self._clocks.flush == 0:
@@ -221,7 +226,7 @@ class Recorder:
                 self._background[vehicle] = float(traffic.length[i]), float(traffic.width[i])
 
     def _files(self) -> list[TextIO]:
-        return [file for file in (self._trajectories, self._events, self._traffic) if file]
+        return [file for file in (self._trajectories, self._events, self._traffic, self._passages) if file]
 
     def _open(self, name: str, columns: Sequence[Column]) -> TextIO:
         file = (self.folder / name).open("w", encoding="utf-8", newline="\n")

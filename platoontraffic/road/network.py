@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -208,6 +208,16 @@ class Network:
     def fastest_routes(self, vclass: str = CAR) -> FastestRoutes:
         """Routes as SUMO finds them for trips on an empty network."""
         return FastestRoutes(self._net, vclass)
+
+    def beyond(self, edge: str) -> Callable[[str], bool]:
+        """Whether an edge lies beyond the end of this one: in the junction there, or among the edges that leave it.
+
+        The edge that leads back does not, so that a vehicle that is put onto it has not passed the end.
+        """
+        node, start = self._net.getEdge(edge).getToNode(), self._net.getEdge(edge).getFromNode()
+        inside = f":{node.getID()}_"
+        onward = {out.getID() for out in node.getOutgoing() if out.getToNode() is not start}
+        return lambda other: other.startswith(inside) or other in onward
 
     def leads_on(self, edge: str) -> bool:
         """Whether cars can drive on at an edge's end, other than by turning back."""

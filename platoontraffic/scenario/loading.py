@@ -179,7 +179,7 @@ def _change(
     for change in changes:
         before = copy.deepcopy(table) if change.key.endswith(".law") else {}
         if change.key in ROADS and isinstance(table.get("sumo"), dict):
-            change = _on_another_road(change, table["sumo"])
+            change = _on_another_road(change, table)
         paths = overrides.apply(change, table)
         set_by |= dict.fromkeys(paths, change.place)
         for *driver, _ in paths:
@@ -192,13 +192,17 @@ def _change(
     return set_by, frozenset(stale.difference(set_by))
 
 
-def _on_another_road(change: Change, sumo: dict[str, Any]) -> Change:
+def _on_another_road(change: Change, table: dict[str, Any]) -> Change:
     """The change of `sumo.net` or `sumo.config`, which takes the place of the file's road and traffic.
+
+    Edges of the file's road are not counted on another.
 
     The path of an argument is one from the working directory, if there is such a file.
     """
     for key in ("net", "config", "routes", "additional", "traffic"):
-        sumo.pop(key, None)
+        table["sumo"].pop(key, None)
+    if isinstance(table.get("record"), dict):
+        table["record"].pop("passages", None)
     if change.place.startswith("argument") and isinstance(change.value, str) and os.path.isfile(change.value):
         return change._replace(value=os.path.abspath(change.value))
     return change

@@ -107,10 +107,12 @@ class Record(Table):
     traffic lights)."""
     sumo_every_s: Positive = 60.0
     """Interval between the rows of sumo_summary.csv, and length of the intervals of sumo_edges.csv [s]."""
+    passages: list[str] = Field([])
+    """Edges at whose ends all vehicles that pass are recorded, in passages.csv, as a detector would."""
     metrics: list[str] = Field([])
     """Metrics beside the tool's own: names of installed ones, or module:Class from a file beside the scenario."""
 
-    @field_validator("sumo", "metrics", mode="before")
+    @field_validator("sumo", "passages", "metrics", mode="before")
     @classmethod
     def listed(cls, names: Any) -> Any:
         return names.split(",") if isinstance(names, str) else names

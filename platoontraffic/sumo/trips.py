@@ -53,6 +53,10 @@ class Trips:
         more = len(self._trips) - len(self._sums)
         self._sums = np.concatenate([self._sums, np.zeros((more, len(SUMS)))])
 
+    def knows(self, name: str) -> bool:
+        """It is, or was, a member from the traffic."""
+        return name in self._row
+
     def driver(self, name: str) -> tuple[str, float]:
         """The type that a member had in the traffic, and its speed factor."""
         return self._trips[name].type, float(self._drivers[self._row[name], 0])

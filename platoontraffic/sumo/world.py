@@ -18,6 +18,7 @@ from platoontraffic.sumo.background import PERSON, Background
 from platoontraffic.sumo.client import Client, libsumo
 from platoontraffic.sumo.departures import in_the_way
 from platoontraffic.sumo.obstacles import HeldObstacles
+from platoontraffic.sumo.passages import Passages
 from platoontraffic.sumo.placement import Placement
 from platoontraffic.sumo.process import Process, start_options
 from platoontraffic.sumo.recruiting import Recruiting
@@ -26,6 +27,7 @@ from platoontraffic.sumo.stoplines import StopLines
 from platoontraffic.sumo.trips import Trips
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import Entry, departs_by, members_at, with_their_followers
+from platoontraffic.world.passages import Passage
 from platoontraffic.world.recruits import Recruits
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.trips import Trip
@@ -41,6 +43,7 @@ class World:
     client  : the SUMO to call; default: libsumo, in this process
     warm    : its SUMO goes on in this world, after its warm-up; default: a SUMO of its own
     recruits: vehicles of the traffic that become members; default: none do
+    counted : edges at whose ends vehicles are counted
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class World:
         client: Client | None = None,
         warm: World | None = None,
         recruits: Recruits | None = None,
+        counted: Sequence[str] = (),
     ) -> None:
         self._sumo: Client = client or libsumo
         options = {**options, **shadow_options(network, options)}
@@ -66,6 +70,7 @@ class World:
         self._placement = Placement(self._sumo, network, step)
         self._lines = StopLines(network, self._sumo)
         self._trips = Trips(self._sumo, self._placement, step)
+        self._passages = Passages(self._sumo, network, counted, self._trips)
         self._recruiting = recruits and Recruiting(self._sumo, recruits, step)
         self._start = 0.0  # time 0 of the run, on SUMO's clock [s]
         self._later: list[Fleet] = []  # platoons that depart later, the next one first
@@ -196,6 +201,10 @@ class World:
     def entries(self, fleet: Fleet) -> list[Entry]:
         """Members that entered a junction in the last step; SUMO-driven ones are left out."""
         return self._lines.entries(fleet, self._placement.entries())
+
+    def passages(self, fleet: Fleet) -> list[Passage]:
+        """Vehicles that passed the end of a counted edge in the last step."""
+        return self._passages.observe(fleet.ids, self._time())
 
     def _departing(self, fleet: Fleet) -> list[Fleet]:
         """Platoons that are due at the end of the coming step and have room; they are inserted."""

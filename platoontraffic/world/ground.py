@@ -10,6 +10,7 @@ import numpy as np
 
 from platoontraffic.controllers import Signals
 from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.passages import Passage
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.trips import Trip
 
@@ -94,6 +95,9 @@ class Ground(Protocol):
     def entries(self, fleet: Fleet) -> list[Entry]:
         """Members that entered a junction in the last step; SUMO-driven ones are left out."""
 
+    def passages(self, fleet: Fleet) -> list[Passage]:
+        """Vehicles that passed the end of a counted edge in the last step."""
+
 
 class BareGround:
     """Ground without SUMO: no roads, no background traffic. Steps are `step` seconds long.
@@ -169,6 +173,9 @@ class BareGround:
         return None
 
     def entries(self, fleet: Fleet) -> list[Entry]:
+        return []
+
+    def passages(self, fleet: Fleet) -> list[Passage]:
         return []
 
 

@@ -59,11 +59,13 @@ def prepare(scenario: Scenario, network: Network | None = None) -> Prepared:
 
 
 def _check_edges(scenario: Scenario, network: Network) -> None:
-    """raises: InputError where a table `equip` names an edge that there is not"""
+    """raises: InputError where a list of edges names one that there is not"""
+    lists = {("equip", i, "edges"): equip.edges for i, equip in enumerate(scenario.spec.equip)}
+    lists["record", "passages"] = scenario.spec.record.passages
     faults = [
-        scenario.fault(("equip", i, "edges", k), f"{edge!r}: no such edge{did_you_mean(edge, network.edges)}")
-        for i, equip in enumerate(scenario.spec.equip)
-        for k, edge in enumerate(equip.edges)
+        scenario.fault((*key, k), f"{edge!r}: no such edge{did_you_mean(edge, network.edges)}")
+        for key, edges in lists.items()
+        for k, edge in enumerate(edges)
         if edge not in network.edges
     ]
     if faults:

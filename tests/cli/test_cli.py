@@ -91,6 +91,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
             [
                 "bends_platoon",
                 "blackout",
+                "capacity",
                 "corridor_breakdown",
                 "corridor_cut_in",
                 "corridor_manoeuvres",
@@ -115,7 +116,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
                 "yardsticks",
             ],
         ),
-        ("nets", ["bends", "corridor", "grid", "highway", "lab_curves", "lab_loop", "lab_world", "ring"]),
+        ("nets", ["bends", "bottleneck", "corridor", "grid", "highway", "lab_curves", "lab_loop", "lab_world", "ring"]),
         (
             "laws",
             [

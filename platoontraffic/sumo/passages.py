@@ -1,0 +1,52 @@
+"""Vehicles that pass the ends of edges, whoever drives them.
+
+SUMO's own detectors are not asked: they see a moved vehicle only where SUMO thinks that it drove through them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from platoontraffic.road.network import Network
+from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.trips import Trips
+from platoontraffic.world.passages import Passage
+
+ONCE = 10.0  # a member that is put back and forth at a junction does not pass twice in this time [s]
+
+
+class Passages:
+    """edges: that are counted"""
+
+    def __init__(self, sumo: Client, network: Network, edges: Sequence[str], trips: Trips) -> None:
+        self._sumo, self._trips = sumo, trips
+        self._lanes = {edge: [f"{edge}_{i}" for i in range(len(network.edges[edge]))] for edge in edges}
+        self._beyond = {edge: network.beyond(edge) for edge in edges}
+        self._on: dict[str, dict[str, int]] = {edge: {} for edge in edges}  # vehicles on each edge, and their lanes
+        self._last: dict[tuple[str, str], float] = {}  # time of the last passage, by edge and vehicle
+
+    def observe(self, members: Collection[str], time: float) -> list[Passage]:
+        """Those of the last step. members: on the road now"""
+        found = []
+        for edge, lanes in self._lanes.items():
+            before, listed = self._on[edge], self._sumo.lane.getLastStepVehicleIDs
+            self._on[edge] = now = {vehicle: i for i, lane in enumerate(lanes) for vehicle in listed(lane)}
+            for vehicle in sorted(before.keys() - now.keys()):
+                if self._has_passed(edge, vehicle, time):
+                    found.append(self._passage(edge, before[vehicle], vehicle, vehicle in members, time))
+        return found
+
+    def _has_passed(self, edge: str, vehicle: str, time: float) -> bool:
+        try:
+            road = self._sumo.vehicle.getRoadID(vehicle)
+        except self._sumo.TraCIException:  # it has left the road
+            return False
+        if not self._beyond[edge](road) or time - self._last.get((edge, vehicle), -ONCE) < ONCE:
+            return False
+        self._last[edge, vehicle] = time
+        return True
+
+    def _passage(self, edge: str, lane: int, vehicle: str, member: bool, time: float) -> Passage:
+        ours = self._trips.knows(vehicle)
+        kind = self._trips.driver(vehicle)[0] if ours else self._sumo.vehicle.getTypeID(vehicle)
+        return Passage(time, edge, lane, vehicle, kind, member, self._sumo.vehicle.getSpeed(vehicle))
