@@ -33,6 +33,7 @@ html_static_path = ["_static"]
 html_css_files = ["manual.css"]
 html_show_sourcelink = False
 html_copy_source = False
+html_context = {"default_mode": "auto"}  # without it the theme says in the console that it has none
 html_theme_options = {
     "logo": {"text": "platoontraffic"},
     "secondary_sidebar_items": ["page-toc"],

@@ -30,6 +30,7 @@ from platoontraffic import shipped
 from platoontraffic.cli.main import app as command_line
 from platoontraffic.cli.printing import title
 from platoontraffic.controllers.gains import _model_of, keys_of
+from platoontraffic.controllers.law import Law
 from platoontraffic.controllers.registry import find_law, law_names
 from platoontraffic.lidar import PRESETS
 from platoontraffic.results import columns, metrics
@@ -47,6 +48,11 @@ MARK = re.compile(r"^<!-- from the code: (.+) -->$", re.MULTILINE)
 FAR = 1e9  # limits beyond this are not worth a word
 WORDS = {"string": "text", "boolean": "true or false", "integer": "whole number", "object": "table"}
 
+UNITS = {  # by the end of a key; longer ones first
+    "per_s2": "1/s2", "per_s": "1/s", "mps3": "m/s3", "mps2": "m/s2", "mps": "m/s", "radps": "rad/s", "rad": "rad",
+    "deg": "deg", "hz": "Hz", "m": "m", "s": "s",
+}  # fmt: skip
+
 Schema = Mapping[str, Any]
 
 
@@ -56,14 +62,14 @@ Schema = Mapping[str, Any]
 def keys_of_files(file: type[BaseModel], top: str) -> str:
     """Every table of a file, with its keys; a table that occurs at several places is described at the first one."""
     schema = file.model_json_schema()
-    places: dict[str, list[str]] = {}
-    for name, place in _tables_in(schema, schema.get("$defs", {}), ""):
+    known, places = schema.get("$defs", {}), {}
+    for name, place in _tables_in(schema, known, ""):
         places.setdefault(name, [])
         if place not in places[name]:
             places[name].append(place)
-    text = [_table_of_keys(f"Keys of the {top.lower()} itself", schema, ())]
-    for name, where in places.items():
-        text.append(_table_of_keys(_heading(where[0], schema["$defs"][name]), schema["$defs"][name], where[1:]))
+    text = [_table_of_keys(f"Keys of the {top} itself", schema, known)]
+    for name, (place, *also) in places.items():
+        text.append(_table_of_keys(_heading(place, known[name]), known[name], known, also))
     return "\n\n".join(text)
 
 
@@ -96,7 +102,7 @@ def _definitions(schema: Schema, listed: bool = False) -> Iterator[tuple[str, bo
         yield from _definitions(schema["items"], True)
 
 
-def _table_of_keys(heading: str, table: Schema, also: Iterable[str]) -> str:
+def _table_of_keys(heading: str, table: Schema, known: Mapping[str, Schema], also: Iterable[str] = ()) -> str:
     described = _object(table)
     text = [f"## {heading}", _prose(described.get("description") or table.get("description", ""))]
     if also:
@@ -104,12 +110,16 @@ def _table_of_keys(heading: str, table: Schema, also: Iterable[str]) -> str:
     required = described.get("required", ())
     for key, value in described["properties"].items():
         facts = [_kind(value), "required" if key in required else _default(value)]
-        text.append(_entry(key, facts, value.get("description", "")))
+        text.append(_entry(key, facts, value.get("description") or next(_described(value, known), "")))
     return "\n\n".join(filter(None, text))
 
 
+def _described(value: Schema, known: Mapping[str, Schema]) -> Iterator[str]:
+    return (_object(known[name]).get("description", "") for name, _ in _definitions(value))
+
+
 def _entry(key: str, facts: Iterable[str], meaning: str) -> str:
-    return f"`{key}` — {', '.join(filter(None, facts))}\n: {_prose(meaning) or 'See its table.'}"
+    return f"`{key}` — {', '.join(filter(None, facts))}\n: {_prose(meaning)}"
 
 
 def _prose(text: str) -> str:
@@ -181,7 +191,8 @@ def laws() -> str:
 def _law(name: str, kind: type) -> str:
     module = inspect.getmodule(kind)
     where = module.__name__.replace(".", "/") + ".py"
-    text = [f"## `{name}`", _block(kind.__doc__)]
+    bases = [one for one in kind.__mro__[1:-1] if one is not Law and issubclass(one, Law)]
+    text = [f"## `{name}`", _block(kind.__doc__), *(_block(one.__doc__) for one in bases)]
     if (module.__doc__ or "").count("\n"):
         text.append(f"From the head of `{where}`:\n\n{_block(module.__doc__)}")
     else:
@@ -204,20 +215,29 @@ def _gains(kind: type) -> Iterator[str]:
     of_field = {key: name for name, key in keys_of(kind).items()}
     for key, value in schema["properties"].items():
         nested = next((find for find, _ in _definitions(value)), None)
-        meaning = meanings.get(of_field[key], "")
+        meaning = ": ".join(filter(None, (_in_words(key), meanings.get(of_field[key], ""))))
         if nested:
             law = next(f.type for f in fields(kind) if f.name == of_field[key])
             facts = [f"table of gains, those of `{law}`"]
         else:
             facts = [_kind(value), "required" if key in schema.get("required", ()) else _default(value)]
-        yield _entry(key, facts, _capital(meaning))
+        yield _entry(key, facts, meaning)
+
+
+def _in_words(key: str) -> str:
+    """`time_headway_s` as Time headway [s]"""
+    for ending, unit in UNITS.items():
+        if key.endswith(f"_{ending}"):
+            return f"{_capital(key.removesuffix(f'_{ending}').replace('_', ' '))} [{unit}]"
+    return _capital(key.replace("_", " "))
 
 
 def _comments(kind: type) -> dict[str, str]:
-    """What stands beside each field in its source."""
+    """What stands beside each field in its source, or above it."""
     found = {}
     for one in reversed(kind.__mro__[:-1]):
         source = textwrap.dedent(inspect.getsource(one))
+        lines = source.splitlines()
         beside = {
             token.start[0]: token.string.lstrip("# ")
             for token in tokenize.generate_tokens(StringIO(source).readline)
@@ -225,8 +245,11 @@ def _comments(kind: type) -> dict[str, str]:
         }
         for node in ast.parse(source).body[0].body:
             if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-                lines = range(node.lineno, node.end_lineno + 1)
-                if words := " ".join(beside[line] for line in lines if line in beside):
+                above = node.lineno - 1
+                while lines[above - 1].lstrip().startswith("#"):
+                    above -= 1
+                places = range(above + 1, node.end_lineno + 1)
+                if words := " ".join(beside[place] for place in places if place in beside):
                     found[node.target.id] = words
     return found
 
@@ -393,8 +416,8 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 PARTS: Mapping[str, Callable[[], str]] = {
-    "scenario": lambda: keys_of_files(Spec, "Scenario"),
-    "study": lambda: keys_of_files(StudyFile, "Study"),
+    "scenario": lambda: keys_of_files(Spec, "scenario"),
+    "study": lambda: keys_of_files(StudyFile, "study"),
     "laws": laws,
     "lidars": lidars,
     "odometry": odometry,

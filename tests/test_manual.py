@@ -13,6 +13,7 @@ what the block before it prints.
 
 from __future__ import annotations
 
+import itertools
 import re
 import shlex
 import shutil
@@ -30,6 +31,7 @@ from platoontraffic.cli.main import app
 from platoontraffic.cli.net_sources import run_program
 from platoontraffic.sumo.programs import program
 from tests.support import ROOT
+from tests.support.browser import NoBrowser, chromium
 
 DOCS = ROOT / "docs"
 PAGES = ["README.md", *sorted(str(page.relative_to(ROOT)) for page in DOCS.rglob("*.md") if "_build" not in page.parts)]
@@ -39,6 +41,13 @@ FENCE = re.compile(
 )
 CODE = ("sh", "python", "toml", "xml", "bat", "output")
 ALONE = ("docs/start/own_network.md", "docs/start/first_study.md")  # tests of their own, in one folder
+
+
+NAMELESS = """() => [...document.querySelectorAll("a[href], button, input, select, summary")]
+    .filter((one) => one.checkVisibility())
+    .filter((one) => ![one.ariaLabel, one.title, one.textContent, one.placeholder, one.labels?.[0]?.textContent,
+                       ...[...one.querySelectorAll("img")].map((image) => image.alt)].some((name) => name?.trim()))
+    .map((one) => one.outerHTML)"""  # controls without a name for a screen reader
 
 
 class Block(NamedTuple):
@@ -105,14 +114,56 @@ def test_your_own_follower_has_twenty_lines():
         assert len(law.strip().splitlines()) <= 20
 
 
-@pytest.mark.slow
-def test_it_builds_without_a_warning(tmp_path):
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
     pytest.importorskip("pydata_sphinx_theme", reason='pip install -e ".[docs]"')
-    options = ["-W", "--keep-going", "-q", "-d", tmp_path / "trees"]
-    sphinx = [sys.executable, "-m", "sphinx", *options, DOCS, tmp_path / "html"]
+    folder = tmp_path_factory.mktemp("site")
+    options = ["-W", "--keep-going", "-q", "-d", folder / "trees"]
+    sphinx = [sys.executable, "-m", "sphinx", *options, DOCS, folder / "html"]
     done = subprocess.run(sphinx, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "warm_up_s" in (tmp_path / "html/reference/scenario.html").read_text(encoding="utf-8")
+    return folder / "html"
+
+
+@pytest.mark.slow
+def test_it_builds_without_a_warning_and_has_what_the_code_says(site):
+    for page, text in {
+        "scenario": "Time for which background traffic drives before",
+        "study": "replications",
+        "command_line": "--retry-failed",
+        "laws": "time_headway_s",
+        "sensors": "car-tracker",
+        "tables": "right_of_middle_m",
+        "events": "lock_regained",
+        "metrics": "head_to_tail_accel_gain_l2",
+        "shipped": "corridor_cut_in",
+        "python": "remembered_path",
+    }.items():
+        assert text in (site / f"reference/{page}.html").read_text(encoding="utf-8"), page
+
+
+@pytest.mark.slow
+def test_its_pages_show_and_print_without_an_error(site):
+    """On a phone and on screens, light and dark; nothing is fetched, nothing is wider than the page."""
+    pages = ["index", "start/own_network", "reference/scenario", "results/speed", "explanation/loop"]
+    said: list[str] = []
+    try:
+        with chromium() as browser:
+            for scheme, width in itertools.product(("light", "dark"), (390, 1280, 1920)):
+                tab = browser.new_context(viewport={"width": width, "height": 850}, color_scheme=scheme).new_page()
+                tab.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+                tab.on("pageerror", lambda error: said.append(str(error)))
+                tab.on("request", lambda request: said.append(request.url) if request.url[:4] == "http" else None)
+                tab.on("requestfailed", lambda request: said.append(request.url))
+                for page in pages:
+                    tab.goto((site / f"{page}.html").as_uri())
+                    assert tab.evaluate("document.documentElement.scrollWidth") <= width, page
+                    assert tab.evaluate(NAMELESS) == [], page
+                tab.goto((site / f"{pages[width % 2]}.html").as_uri())
+                assert tab.pdf().startswith(b"%PDF")
+    except NoBrowser as reason:
+        pytest.skip(str(reason))
+    assert said == []
 
 
 # ---- running blocks
