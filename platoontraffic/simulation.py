@@ -47,6 +47,7 @@ from platoontraffic.world.recruits import Recruits
 from platoontraffic.world.sensing import Sensing, arriving
 from platoontraffic.world.stuck import Stuck
 from platoontraffic.world.trips import Trip
+from platoontraffic.world.ways_round import WaysRound
 
 __all__ = ["Instant", "Outcome", "Prepared", "Setting", "Simulation", "prepare", "setting_of"]
 
@@ -101,6 +102,7 @@ class Setting:
     obstacles: Sequence[Plan] = ()
     orders: Sequence[Order] = ()
     breakdowns: Sequence[Breakdown] = ()
+    map: Network | None = None  # that members know; None: they find no way round what stands in their way
     recruits: Recruits | None = None  # vehicles of the traffic that become members
     channel: Channel | None = None  # of messages between members; None: there are none
     laps: float | None = None  # it ends when every member has turned through as many full circles
@@ -176,7 +178,7 @@ class Simulation:
         self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
         self.messages = _no_messages(setting)
         self.stuck, self._remedies = Stuck(setting.recruits.tables if setting.recruits else ()), {}
-        self.convoys = Convoys()
+        self.convoys, self.ways_round = Convoys(), WaysRound(setting.map)
         self.members = list(setting.members)  # all that it has had, by their number
         fleet = self.world.deploy(*departures(setting.members, setting.dt))
         self.obstacles = Obstacles(setting.obstacles, fleet)
@@ -226,12 +228,13 @@ class Simulation:
         fleet, ordered = self.manoeuvres.applied(fleet.regrouped(), traffic.time)
         measured = self.sensors.sense(traffic, fleet, step, self.breakdowns.blind(fleet))
         sensed, fleet = arriving(measured, fleet, step)
+        round_it, fleet = self.ways_round.followed(fleet, self.world.roads(fleet), sensed, traffic.time)
         signals = self.world.signals(fleet)
         messages, fleet, radio = self.messages.received(fleet, step, traffic.time)
         fleet = timed("decide", fleet.decided, sensed.scans, dt, signals, sensed.odometry, sensed.readings, messages)
         roads, noted = (
             self.world.roads(fleet),
-            [*parted, *ordered, *failed, *stuck, *radio, *violations(self.world.entries(fleet))],
+            [*parted, *ordered, *failed, *stuck, *round_it, *radio, *violations(self.world.entries(fleet))],
         )
         events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted, sensed.seen)
         events = [*events, *self.encounters.observe(traffic, fleet, events)]
@@ -402,6 +405,7 @@ def setting_of(
         obstacles=prepared.obstacles,
         orders=prepared.orders,
         breakdowns=spec.breakdown,
+        map=prepared.network,
         recruits=recruits,
         channel=spec.channel,
         laps=spec.run.laps,

@@ -8,6 +8,7 @@ from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGE_LENGTH, CHANGIN
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.motion import VehicleModel
+from platoontraffic.vehicles.records import changed
 
 AT_LEAST = 1.0  # by which a change must become later, to be worth another route [vehicle lengths]
 NEAR = 5.0  # distance by which rounding changes stations, at most [m]
@@ -53,4 +54,5 @@ def _spliced(route: Route, i: int, onward: Route, k: int, end: float, near: floa
     points = np.concatenate([route.line.points[:kept], [joint], onward.line.points[first:stop]])
     limit = np.concatenate([route.limit[:kept], route.limit[kept - 1 : kept], onward.limit[first:stop]])
     lines = [line._replace(station=line.station + end - begin) for line in onward.lines[k:]]
-    return Route.along(route.edges, points, limit, [*route.lines[:i], *lines], walled=route.walled)
+    later = Route.along(route.edges, points, limit, [*route.lines[:i], *lines], walled=route.walled)
+    return changed(later, speed_factor=route.speed_factor, top_speed=route.top_speed)

@@ -54,6 +54,7 @@ __all__ = [
 ]
 
 CACHED_LANES = 100  # below this number, computing the drivable area takes some 15 ms: not worth a file in the cache
+MARGIN = 0.3  # by which a corner of a vehicle may be beside its lanes and junctions [m]
 REVERSAL_PENALTY = 3600.0  # extra travel time that a route may take to avoid turning back [s]
 START_POSITION = 40.0  # of a sample trip on its first lane, where that is long enough [m]
 
@@ -100,9 +101,25 @@ class Network:
             import platformdirs
 
             cache = platformdirs.user_cache_path("platoontraffic")
-        area = kerbs.drivable(shapes, widths, self._junction_areas().values(), cache)
+        area = kerbs.drivable(shapes, widths, self._junction_areas.values(), cache)
         shapely.prepare(area)
         return area
+
+    def own_side(self, edge: str) -> shapely.Geometry:
+        """The area of all lanes of an edge and of the junctions at its ends, `MARGIN` larger."""
+        if edge not in self._own_sides:
+            road, areas = self._net.getEdge(edge), self._junction_areas
+            lanes = [
+                LineString(one.getShape()).buffer(one.getWidth() / 2, cap_style="square") for one in road.getLanes()
+            ]
+            ends = [areas[node.getID()] for node in (road.getFromNode(), road.getToNode()) if node.getID() in areas]
+            self._own_sides[edge] = shapely.union_all([*lanes, *ends]).buffer(MARGIN)
+            shapely.prepare(self._own_sides[edge])
+        return self._own_sides[edge]
+
+    @cached_property
+    def _own_sides(self) -> dict[str, shapely.Geometry]:
+        return {}
 
     def outline(self, tolerance: float = 0.0) -> list[LinearRing]:
         """The borders of the drivable area, within a tolerance [m]; they are the walls where a scene has walls."""
@@ -331,7 +348,7 @@ class Network:
 
     def junctions(self) -> list[shapely.Polygon]:
         """The areas of all junctions that have one."""
-        parts = shapely.get_parts(list(self._junction_areas().values()))
+        parts = shapely.get_parts(list(self._junction_areas.values()))
         return [part for part in parts if part.geom_type == "Polygon" and not part.is_empty]
 
     def right_of_middle(self, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> np.ndarray:
@@ -348,6 +365,7 @@ class Network:
         """Edges for road vehicles: no railways, waterways and footpaths."""
         return [edge for edge in self._net.getEdges(withInternal=False) if any(map(is_road, edge.getLanes()))]
 
+    @cached_property
     def _junction_areas(self) -> dict[str, shapely.Geometry]:
         """Areas of junctions by id; dead ends have none, and shapes may intersect themselves."""
         nodes = dict.fromkeys(node for edge in self._roads for node in (edge.getFromNode(), edge.getToNode()))
@@ -356,7 +374,7 @@ class Network:
 
     @cached_property
     def _middles(self) -> MiddleLines:
-        return MiddleLines.of(self._roads, self.left_hand, self._junction_areas())
+        return MiddleLines.of(self._roads, self.left_hand, self._junction_areas)
 
     def _known(self, edge_id: str) -> str:
         if edge_id not in self.edges:

@@ -1,7 +1,7 @@
 """Trips of members from the traffic, as SUMO's tripinfo has them of its own vehicles.
 
 SUMO's device would compare a moved member with a driver ten times as fast as the limit (see `vehicle_types`); here it
-is compared with the driver that it was.
+is compared with the driver that it was. A vehicle that departs or arrives in a step does so at the step's begin.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Trips:
         for member, kind in zip(newcomers.members, kinds, strict=True):
             self._row[member.id] = len(self._trips)
             delay = self._sumo.vehicle.getDepartDelay(member.id) + waits.get(member.id, 0.0)
-            self._trips[member.id] = Trip(member.id, kind, member.departs, delay)
+            self._trips[member.id] = Trip(member.id, kind, round(member.departs - self._step, 6), delay)
         routes = [member.route for member in newcomers.members]
         self._drivers = np.concatenate([self._drivers, [(r.speed_factor, r.top_speed) for r in routes]])
         more = len(self._trips) - len(self._sums)
@@ -79,7 +79,7 @@ class Trips:
         self._sums[self._of_rows] += self._step * np.column_stack(rates)
 
     def end(self, names: Iterable[str], time: float, status: str) -> None:
-        """Members that have left: status "arrived" or "removed". time: [s]"""
+        """Members that have left: status "arrived" or "removed". time: of the begin of the step in which they do [s]"""
         for name in names:
             if name in self._trips:
                 self._trips[name] = self._trips[name]._replace(ended=time, status=status)

@@ -178,7 +178,7 @@ class World:
         gone = with_their_followers(fleet, gone | removed_by_sumo)
         for name in sorted(gone - removed_by_sumo):
             self._sumo.vehicle.remove(name, self._sumo.constants.REMOVE_ARRIVED)
-        self._trips.end(gone, self._time(), "arrived")
+        self._trips.end(gone, round(self._time() - self._step, 6), "arrived")
         fleet = fleet.without(gone)
         self._placement.locate(fleet)
         self._placement.put_in_order(fleet)

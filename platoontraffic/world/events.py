@@ -165,6 +165,11 @@ EVENT_KINDS = {
             "keeps free what its body sweeps and some centimetres, until it is past",
         ),
         Kind(
+            "goes_round",
+            "steers past other_id, which stands and covers a part of its path: from now on until it is past, it drives "
+            "its route shifted to the side by what detail says, slowly, and follows no vehicle",
+        ),
+        Kind(
             "collision",
             "touches a vehicle or a wall (other_id); once per episode. If the two came in line less than "
             f"{LANE_CHANGE_BLAME:g} s before, the one of them that moved towards the other across the road had changed "

@@ -84,6 +84,8 @@ def test_trips_of_vehicles_that_sumo_drives_are_measured_as_by_sumo(file, tmp_pa
     own = own[(own.member == 1) & (own.status == "arrived")]
     assert len(own) > 10
     sumo = sumo.loc[own.index]
+    for column in ("depart_s", "arrival_s"):
+        assert own[column].to_numpy() == pytest.approx(sumo[column].to_numpy(), abs=1e-6), column
     for column in ("co2_kg", "fuel_kg", "route_length_m"):
         assert own[column].sum() == pytest.approx(sumo[column].sum(), rel=0.005), column
     assert own.time_loss_s.sum() == pytest.approx(sumo.time_loss_s.sum(), rel=0.005, abs=0.5)

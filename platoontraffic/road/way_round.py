@@ -1,0 +1,215 @@
+"""A way round a body that stands on a part of the path: the line of a route, shifted beside it for a while.
+
+The shift over a distance L is d (u - sin(2 pi u) / 2 pi) with u = s / L. Its curvature d 2 pi / L^2 sin(2 pi u) is
+continuous and zero at both ends, so steering follows it; L is so long that no place is sharper than the vehicle can
+steer. The way is one whose swept area, rectangles of the body along the line, is free of all returns of its laser by a
+clearance, and lies within an area that the vehicle may use.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.lidar.pose import wrap
+from platoontraffic.road.route import Route
+from platoontraffic.vehicles.records import changed
+
+MOST, LEAST, STEP = 1.9, 0.2, 0.1  # shifts that are tried [m]: a whole car in the way needs more, so queues are kept
+CLEARANCES = 0.3, 0.14  # to all returns, on each side; the smaller one if there is no way with the larger one [m]
+SPEED = 2.0  # greatest speed on the way [m/s]
+LOCK = 1.1  # least radius of the way [turning radii]
+SPACING = 0.25  # of the poses that are checked [m]
+REACH = 8.0  # distance ahead in which a body is looked for that stands in the way [m]
+LONGEST_BODY = 13.0  # ... and how far beyond it is followed [m]
+SAME_BODY = 1.5  # greatest distance along the path between returns from one body [m]
+DEPTH = 5.0  # of a body at least, since a laser sees its near side only [m]
+SHORTEST = 0.8  # of a shift [vehicle lengths]
+ON_LINE = 0.3, 0.15  # offset [m] and off-heading [rad] up to which a way begins at a place
+
+
+class Body(NamedTuple):
+    """A vehicle's size and steering, floats."""
+
+    length: float  # [m]
+    width: float
+    axle: float  # the driven one, ahead of the centre [m]
+    turning_radius: float  # [m]
+
+
+class Way(NamedTuple):
+    """A way round a body."""
+
+    route: Route  # with the way in it
+    ends: float  # station on that route at which the way ends [m]
+    shift: float  # to the left [m]
+    met: int  # the first return of the body, by its number
+
+
+class _Section(NamedTuple):
+    """Places along a line, from the driven axle on."""
+
+    distance: np.ndarray  # (k,) [m]
+    points: np.ndarray  # (k, 2)
+
+    @property
+    def heading(self) -> np.ndarray:
+        return np.arctan2(*np.gradient(self.points, axis=0).T[::-1])
+
+    @property
+    def curvature(self) -> np.ndarray:
+        steps = np.hypot(*np.gradient(self.points, axis=0).T)
+        return np.gradient(np.unwrap(self.heading)) / np.maximum(steps, 1e-9)
+
+    def shifted(self, offset: np.ndarray) -> _Section:
+        """With places moved to the left (k,) [m]."""
+        left = np.column_stack([-np.sin(self.heading), np.cos(self.heading)])
+        return self._replace(points=self.points + offset[:, None] * left)
+
+
+def blocked_at(route: Route, station: float, body: Body, returns: np.ndarray, clearance: float = 0.0) -> float:
+    """Distance along a route until the body would touch a return [m]; inf: not within `REACH`.
+
+    station : of the driven axle
+    returns : (k, 2) [m]
+    """
+    section = _ahead(route, station, REACH)
+    touched = _touches(section, body, returns, clearance).any(axis=1)
+    return float(section.distance[touched.argmax()]) if touched.any() else math.inf
+
+
+def way_round(
+    route: Route,
+    station: float,
+    pose: tuple[float, float, float],
+    body: Body,
+    returns: np.ndarray,
+    may_use: Callable[[float, np.ndarray], bool],
+    most: float = MOST,
+) -> Way | None:
+    """The way with the least shift; None if there is none.
+
+    station : of the driven axle, which is at rest
+    pose    : x, y of that axle [m], its heading [rad]
+    returns : of the laser (k, 2) [m]
+    may_use : whether the vehicle may go there; given the shift to the left [m] and the places of the body's corners on
+              the way (k, 4, 2)
+    most    : greatest shift [m]
+    """
+    if route.closed:
+        return None
+    here = _ahead(route, station, 1.0)
+    (x, y), heading = here.points[0], here.heading[0]
+    offset = math.cos(heading) * (pose[1] - y) - math.sin(heading) * (pose[0] - x)
+    if abs(offset) > ON_LINE[0] or abs(wrap(pose[2] - heading)) > ON_LINE[1]:
+        return None
+    section = _ahead(route, station, REACH + LONGEST_BODY)
+    stands = _touches(section, body, returns, 0.0)
+    touched = stands.any(axis=1)
+    if not touched[section.distance <= REACH].any() or touched[0]:
+        return None
+    met = int(stands[touched.argmax()].argmax())
+    passed, right, left = _extent(section, body, returns[stands.any(axis=0)])
+    for clearance in CLEARANCES:
+        for shift, side in product(np.arange(LEAST, most + STEP / 2, STEP).tolist(), (1, -1)):
+            if shift < body.width / 2 + (left if side > 0 else -right):
+                continue
+            way = _way(route, station, body, side * shift, passed)
+            if way is None or _touches(way[0], body, returns, clearance + abs(offset)).any():
+                continue
+            if may_use(side * shift, corners(way[0], body)):
+                return Way(*_spliced(route, station, *way), side * shift, met)
+    return None
+
+
+def corners(section: _Section, body: Body) -> np.ndarray:
+    """Of the body at each place of its driven axle, (k, 4, 2) [m]."""
+    cos, sin = np.cos(section.heading), np.sin(section.heading)
+    ahead = np.array([0.5, 0.5, -0.5, -0.5]) * body.length - body.axle
+    aside = np.array([0.5, -0.5, -0.5, 0.5]) * body.width
+    x = section.points[:, :1] + cos[:, None] * ahead - sin[:, None] * aside
+    y = section.points[:, 1:] + sin[:, None] * ahead + cos[:, None] * aside
+    return np.stack([x, y], axis=-1)
+
+
+def _ahead(route: Route, station: float, distance: float) -> _Section:
+    places = np.arange(0.0, distance + SPACING, SPACING)
+    return _Section(places, route.line.at(station + places))
+
+
+def _touches(section: _Section, body: Body, returns: np.ndarray, clearance: float) -> np.ndarray:
+    """Whether each return is within the clearance of the body at each place, (k, returns)."""
+    cos, sin = np.cos(section.heading)[:, None], np.sin(section.heading)[:, None]
+    x, y = returns[:, 0] - section.points[:, :1], returns[:, 1] - section.points[:, 1:]
+    ahead, aside = cos * x + sin * y + body.axle, cos * y - sin * x
+    return (np.abs(ahead) < body.length / 2 + clearance) & (np.abs(aside) < body.width / 2 + clearance)
+
+
+def _extent(section: _Section, body: Body, returns: np.ndarray) -> tuple[float, float, float]:
+    """The first of the bodies that returns (k, 2) are from, along the path.
+
+    returns: distance at which the own rear is past it; its greatest offsets to the right and to the left [m]
+    """
+    cos, sin = np.cos(section.heading), np.sin(section.heading)
+    away = np.hypot(returns[:, None, 0] - section.points[:, 0], returns[:, None, 1] - section.points[:, 1])
+    k = away.argmin(axis=1)
+    x, y = (returns - section.points[k]).T
+    along, aside = section.distance[k] + cos[k] * x + sin[k] * y, cos[k] * y - sin[k] * x
+    order = np.argsort(along, kind="stable")
+    gaps = np.flatnonzero(np.diff(along[order]) > SAME_BODY)
+    first = order[: gaps[0] + 1] if len(gaps) else order
+    end = max(float(along[first].max()), float(along[first].min()) + DEPTH)
+    return end + body.length / 2 + body.axle, float(aside[first].min()), float(aside[first].max())
+
+
+def _way(route: Route, station: float, body: Body, shift: float, passed: float) -> tuple[_Section, float] | None:
+    """The shifted line, and the distance at which it is back on the route [m]; None if it cannot be steered."""
+    ahead = _ahead(route, station, passed + 3 * body.length)
+    least = 1 / (LOCK * body.turning_radius)
+    reserve = least - np.abs(ahead.curvature).max()
+    if reserve < least / 4:
+        return None
+    length = max(math.sqrt(2 * math.pi * abs(shift) / reserve), SHORTEST * body.length)
+    back = max(passed, length)
+    end = back + length
+    if station + end > route.length:
+        return None
+    ahead = _ahead(route, station, end + body.length / 2)
+    offset = shift * (_eased(ahead.distance / length) - _eased((ahead.distance - back) / length))
+    return ahead.shifted(offset), end
+
+
+def _eased(share: np.ndarray) -> np.ndarray:
+    share = np.clip(share, 0.0, 1.0)
+    return share - np.sin(2 * math.pi * share) / (2 * math.pi)
+
+
+def _spliced(route: Route, station: float, section: _Section, end: float) -> tuple[Route, float]:
+    """The route with a way in it that ends at a distance [m], and the station there; those before it are the same."""
+    line, kept = route.line, int(np.searchsorted(route.line.stations, station - 1e-3))
+    on_way = section.distance <= end
+    points, distance = section.points[on_way], section.distance[on_way]
+    stop, first = np.searchsorted(line.stations, [route.length * (1 + 1e-12), station + end + SPACING])
+    last = max(stop, first + 1)  # the end of the route, or a point of the straight line beyond
+    limits = route.limit[np.searchsorted(line.stations, station + distance, side="right") - 1]
+    points = np.concatenate([line.points[:kept], points, line.points[first:last]])
+    limit = np.concatenate([route.limit[:kept], np.minimum(limits, SPEED), route.limit[first:last]])
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(section.points[on_way], axis=0).T))])
+    longer = float(driven[-1] - distance[-1])
+    lines = [one._replace(station=_moved(one.station, station, distance, driven, longer)) for one in route.lines]
+    found = Route.along(route.edges, points, limit, lines, walled=route.walled)
+    found = changed(found, speed_factor=route.speed_factor, top_speed=route.top_speed)
+    return found, station + float(driven[-1])
+
+
+def _moved(here: float, begin: float, distance: np.ndarray, driven: np.ndarray, longer: float) -> float:
+    """A station of the route, on the route with the way in it [m]."""
+    if here <= begin:
+        return here
+    if here >= begin + distance[-1]:
+        return here + longer
+    return begin + float(np.interp(here - begin, distance, driven))

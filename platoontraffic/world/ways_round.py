@@ -1,0 +1,196 @@
+"""Members that stand before a body which covers a part of their path, and go round it.
+
+A driver who cannot go on because another vehicle reaches into the path steers past it, if there is room. A member does
+so by its own lasers, its route and the map: after `AFTER` at a stand, if the body has not moved since, its route gets a
+way round it (`road.way_round`). The way keeps to the lanes of its own direction and to junctions; nothing may be there,
+nor behind on the side to which it goes, as far as a laser looks back. Until it is past, it follows no vehicle: it stops
+for whatever is in its way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from platoontraffic.controllers import BRAKES_FOR
+from platoontraffic.controllers.tracking import AROUND
+from platoontraffic.lidar import ScanBatch
+from platoontraffic.road.network import Network
+from platoontraffic.road.way_round import MOST, Body, blocked_at, way_round
+from platoontraffic.vehicles.motion import FULL_SIZE
+from platoontraffic.world.events import Noted
+from platoontraffic.world.fleet import NOTHING, WINDOW, Fleet, Readings
+from platoontraffic.world.sensing import Measurements
+
+AFTER = 5.0  # time that a member has stood before it looks for a way [s]
+EVERY = 2.0  # period after which it looks again [s]
+STANDS = 0.05  # speed below which it stands [m/s]
+STILL = 0.05  # by which a body that stands may seem to move between two looks [m]
+NEAR = 25.0  # distance of returns that matter [m]; nothing may be so far behind where it pulls out
+WITHIN_LANE = 1.5  # greatest shift with which the vehicle is still on its lane [m]
+STAYS = 0.6  # shift up to which it stays on its lane with its whole width [m]
+APART = 0.3  # from the side of the own body at which a strip behind begins and ends [m]
+
+BLOCKED = [BRAKES_FOR.index(word) for word in ("obstacle", "predecessor")]
+PREDECESSOR = BRAKES_FOR.index("predecessor")
+
+
+class _Look(NamedTuple):
+    """What a member that stands knew when it last looked."""
+
+    since: float  # it stands [s]
+    at: float  # time of that look [s]
+    free: float  # distance to the body [m]; NaN: it has not looked yet
+
+
+class _UnderWay(NamedTuple):
+    """A member on its way round a body."""
+
+    ends: float  # station at which the way ends [m]
+    led: bool  # it was ordered to follow no vehicle anyway
+
+
+class WaysRound:
+    """The ways round bodies that members drive.
+
+    network: None: no map is known, so there are none
+    """
+
+    def __init__(self, network: Network | None) -> None:
+        self._network = network
+        self._looks: dict[str, _Look] = {}  # of members that stand
+        self._under_way: dict[str, _UnderWay] = {}
+
+    def followed(
+        self,
+        fleet: Fleet,
+        roads: Sequence[tuple[str, str]],
+        sensed: Measurements,
+        time: float,
+    ) -> tuple[list[Noted], Fleet]:
+        """Events of members that go round a body from now on, and the fleet with their routes.
+
+        roads  : edge and lane of each member, (n,)
+        sensed : what arrives in this step
+        """
+        if self._network is None:
+            return [], fleet
+        scans, readings, seen = sensed.scans, sensed.readings, sensed.seen
+        leads = fleet.leads.copy()
+        for row in list(self._past(fleet)):
+            leads[row] = self._under_way.pop(fleet.ids[row]).led
+        events, routes = [], {}
+        for row, group, k in self._blocked(fleet, time):
+            if scans[group] is None:
+                continue
+            returns, behind = _returns(fleet, row, k, scans[group], readings[group] if readings else NOTHING)
+            station = float(fleet.progress.station[np.searchsorted(fleet.progress.rows, row)])
+            name, member = fleet.ids[row], fleet.members[row]
+            body = Body(*(float(getattr(member.model, key)) for key in Body._fields))
+            free, last = blocked_at(member.route, station, body, returns.points), self._looks[name]
+            self._looks[name] = last._replace(at=time, free=free)
+            if not abs(free - last.free) < STILL:
+                continue
+            pose = *(float(axle[row]) for axle in fleet.model.axle_position(fleet.motion)), fleet.motion.heading[row]
+            inside = roads[row][0][:1] == ":"
+            may_use = self._may_use(member.route.edges, body, behind)
+            most = MOST if inside else WITHIN_LANE
+            way = way_round(member.route, station, pose, body, returns.points, may_use, most)
+            if way is None:
+                continue
+            led = self._under_way[name].led if name in self._under_way else bool(leads[row])
+            routes[row], self._under_way[name] = way.route, _UnderWay(way.ends, led)
+            del self._looks[name]
+            other = seen[group].traffic.surfaces[returns.hits[way.met]] if seen[group] else ""
+            side = "left" if way.shift > 0 else "right"
+            events.append(Noted(row, "goes_round", f"{abs(way.shift):.1f} m to the {side}", other=other))
+            leads[row] |= "leads" in member.law.needs
+        for row, route in routes.items():
+            fleet = fleet.with_route(row, route, WINDOW)
+        if not np.array_equal(leads, fleet.leads):
+            fleet = fleet.with_orders(fleet.predecessor, leads)
+        return events, fleet
+
+    def _past(self, fleet: Fleet) -> Iterator[int]:
+        """Rows of members that are past the body and follow again."""
+        if not self._under_way:
+            return
+        place = {fleet.ids[i]: (i, k) for k, i in enumerate(fleet.progress.rows.tolist())}
+        self._under_way = {name: one for name, one in self._under_way.items() if name in place}
+        for name, one in self._under_way.items():
+            row, k = place[name]
+            if fleet.progress.station[k] > one.ends:
+                yield row
+
+    def _blocked(self, fleet: Fleet, time: float) -> Iterator[tuple[int, int, int]]:
+        """Members that have stood for long before a body: row, group, row in the group."""
+        stands = np.abs(fleet.motion.speed) < STANDS
+        for name in self._looks.keys() - {fleet.ids[i] for i in np.flatnonzero(stands)}:
+            del self._looks[name]
+        for number, group in enumerate(fleet.groups):
+            limit = group.law.braking_for(group.memory) if group.memory is not None else None
+            if limit is None or "route" not in group.law.needs:
+                continue
+            for k in np.flatnonzero(stands[group.rows] & np.isin(limit.reason, BLOCKED) & ~limit.creeps).tolist():
+                row = int(group.rows[k])
+                if fleet.members[row].route is None or fleet.model.length[row] < FULL_SIZE:
+                    continue  # a robot in a laboratory stays
+                if limit.reason[k] == PREDECESSOR and fleet.predecessor[row] >= 0:
+                    continue  # its own one, behind which it stays
+                look = self._looks.setdefault(fleet.ids[row], _Look(time, time, math.nan))
+                if time - look.since > AFTER - EVERY - 1e-6 and time - look.at > EVERY - 1e-6:
+                    yield row, number, k
+
+    def _may_use(self, edges: Sequence[str], body: Body, behind: np.ndarray) -> Callable[[float, np.ndarray], bool]:
+        """Whether a way is on the road, and nothing is behind on its side.
+
+        behind: returns of the laser that looks back, from the centre, x forward, y to the left (k, 2) [m]
+        """
+
+        def may_use(shift: float, corners: np.ndarray) -> bool:
+            if abs(shift) > STAYS:
+                ahead, aside = behind.T
+                aside = math.copysign(1.0, shift) * aside - body.width / 2
+                there = (aside > APART) & (aside < abs(shift) + APART)
+                if (there & (ahead < -body.length / 2) & (ahead > -body.length / 2 - NEAR)).any():
+                    return False
+            points = shapely.points(corners.reshape(-1, 2))
+            on_road = np.zeros(len(points), bool)
+            bounds = shapely.box(*shapely.total_bounds(points))
+            for edge in edges:
+                area = self._network.own_side(edge)
+                if shapely.intersects(area, bounds):
+                    on_road |= shapely.intersects(area, points)
+            return bool(on_road.all())
+
+        return may_use
+
+
+class _Returns(NamedTuple):
+    points: np.ndarray  # (k, 2) [m]
+    hits: np.ndarray  # row in the traffic that each belongs to, (k,)
+
+
+def _returns(fleet: Fleet, row: int, k: int, scan: ScanBatch, readings: Readings) -> tuple[_Returns, np.ndarray]:
+    """Near returns of a member's laser, and those of the one that looks back, from the centre, x forward (k, 2) [m]."""
+    near, hits = _near(scan, k)
+    back = [_near(one, k)[0] for name, one in sorted(readings.scans.items()) if name == AROUND]
+    behind = back[0] if back else np.empty((0, 2))
+    motion = fleet.motion
+    cos, sin = math.cos(motion.heading[row]), math.sin(motion.heading[row])
+    there = np.array([motion.x[row], motion.y[row]]) + near @ np.array([[cos, sin], [-sin, cos]])
+    return _Returns(there, hits), behind
+
+
+def _near(scan: ScanBatch, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns of the k-th laser within `NEAR`, from the centre of its vehicle (m, 2) [m], and what they belong to."""
+    model, ranges = scan.model, scan.ranges[k]
+    beams = np.flatnonzero(ranges < NEAR)  # lost ones, NaN, are not
+    angle = model.angles[beams] + model.mount.yaw
+    x, y = np.maximum(ranges[beams], model.range_min) * np.array([np.cos(angle), np.sin(angle)])
+    hits = np.full(len(beams), -2) if scan.hits is None else scan.hits[k, beams]
+    return np.column_stack([x + model.mount.x, y + model.mount.y]), hits

@@ -1,0 +1,139 @@
+"""A way round a body that stands on a part of the path: where there is one, and that it touches nothing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import affinity
+
+from platoontraffic.road import way_round as ways
+from platoontraffic.road.lane_routes import Line
+from platoontraffic.road.route import Route
+from platoontraffic.road.way_round import Body, corners, way_round
+from platoontraffic.vehicles.bicycle import CARS
+
+CAR = CARS["car"]
+BODY = Body(CAR.length, CAR.width, CAR.axle, float(CAR.turning_radius))
+NOSE = BODY.length / 2 - BODY.axle  # of a vehicle whose driven axle is at the origin [m]
+
+
+def street(bend: float = 0.0) -> Route:
+    """From the west to the origin and on, with a constant curvature [1/m] to the left."""
+    s = np.linspace(-50.0, 150.0, 2001)
+    points = np.column_stack([s, np.zeros_like(s)])
+    if bend:
+        points = np.column_stack([np.sin(bend * s), 1 - np.cos(bend * s)]) / bend
+    return Route.along(("road",), points, np.full(len(s), 13.9))
+
+
+def anywhere(_shift, _corners) -> bool:
+    return True
+
+
+def within(half: float):
+    """A straight corridor about the x axis [m]."""
+    return lambda _, body: bool((np.abs(body[..., 1]) < half).all())
+
+
+def seen(body: shapely.Geometry, every: float = 0.1) -> np.ndarray:
+    """Points all round a body, (k, 2)."""
+    ring = body.exterior
+    return shapely.get_coordinates(ring.interpolate(np.arange(0.0, ring.length, every)))
+
+
+def box(overlap: float, ahead: float = 3.0, length: float = 3.0, angle: float = 0.0) -> shapely.Polygon:
+    """A body to the left, so far ahead of the bumper, that covers so much of the path of the body [m]."""
+    body = shapely.box(NOSE + ahead, BODY.width / 2 - overlap, NOSE + ahead + length, BODY.width / 2 + 4.0)
+    return affinity.rotate(body, angle, origin=(NOSE + ahead, BODY.width / 2 - overlap))
+
+
+def found(bodies, bend: float = 0.0, may_use=anywhere):
+    returns = np.vstack([seen(one) for one in bodies])
+    return way_round(street(bend), 50.0, (0.0, 0.0, 0.0), BODY, returns, may_use)
+
+
+def swept(way, end: float = 2.0) -> shapely.Geometry:
+    stations = np.arange(50.0, way.ends + end, 0.05)
+    section = ways._Section(stations - 50.0, way.route.line.at(stations))
+    return shapely.union_all(shapely.polygons(corners(section, BODY)))
+
+
+@pytest.mark.parametrize("overlap", [0.1, 0.5, 1.0, 1.4])
+def test_there_is_a_way_past_a_body_that_leaves_room(overlap):
+    body = box(overlap)
+    way = found([body])
+    assert way.shift == pytest.approx(-(overlap + ways.CLEARANCES[0]), abs=0.15)
+    assert swept(way).distance(body) > ways.CLEARANCES[1] - 0.02
+    assert way.route.line.at(np.array([way.ends + 1.0]))[0, 1] == pytest.approx(0.0, abs=1e-9)  # it is back
+
+
+def test_it_is_mirrored():
+    """Of a body to the right the way is the mirrored one; left-hand traffic is no special case."""
+    left, right = found([box(0.6)]), found([affinity.scale(box(0.6), yfact=-1, origin=(0, 0))])
+    mirrored = right.route.line.points * np.array([1.0, -1.0])
+    assert left.route.line.points == pytest.approx(mirrored, abs=1e-9)
+    assert left.shift == -right.shift
+
+
+@pytest.mark.parametrize(
+    ("bodies", "may_use"),
+    [
+        ([box(BODY.width)], anywhere),  # the whole path: a queue
+        ([box(0.5, ahead=0.2)], anywhere),  # too near to steer round it
+        ([box(0.5), affinity.scale(box(-0.3), yfact=-1, origin=(0, 0))], anywhere),  # no room on the other side
+        ([box(1.0)], within(BODY.width / 2 + 0.8)),  # the road is too narrow
+        ([box(-0.05)], anywhere),  # nothing is in the way
+    ],
+)
+def test_there_is_none(bodies, may_use):
+    assert found(bodies, may_use=may_use) is None
+
+
+def test_it_goes_through_a_gap_with_less_clearance():
+    """Between two bodies there is room for 0.2 m on each side, not for 0.3 m."""
+    first = box(0.4, ahead=7.5)
+    second = affinity.translate(box(0.0, ahead=7.5), 0, -BODY.width - 4.0 - 0.8)
+    way = found([first, second])
+    assert swept(way).distance(shapely.union(first, second)) > ways.CLEARANCES[1] - 0.02
+
+
+def test_stop_lines_keep_their_places():
+    route = street()
+    lines = [Line(s, "m", "", 0, "a_0", "b_0", (), 5.0) for s in (40.0, 60.0, 120.0)]
+    route = Route.along(route.edges, route.line.points, route.limit, lines)
+    way = way_round(route, 50.0, (0.0, 0.0, 0.0), BODY, seen(box(1.0)), anywhere)
+    before, after = ([one.line.at(np.array([line.station]))[0, 0] for line in one.lines] for one in (route, way.route))
+    assert after == pytest.approx(before, abs=0.05)
+    assert way.route.length == pytest.approx(route.length, abs=0.6)
+    assert way.route.limit[np.searchsorted(way.route.line.stations, [49.0, 51.0, way.ends + 2.0])].tolist() == [
+        13.9, ways.SPEED, 13.9,
+    ]  # fmt: skip
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    overlap=st.floats(0.05, 1.9),
+    ahead=st.floats(0.3, 6.0),
+    length=st.floats(0.5, 12.0),
+    angle=st.floats(-40.0, 40.0),
+    bend=st.sampled_from([0.0, 0.02, -0.02, 0.08, -0.08]),
+    other=st.floats(1.0, 6.0),
+    mirrored=st.booleans(),
+)
+def test_it_never_touches_anything_and_can_be_steered(overlap, ahead, length, angle, bend, other, mirrored):
+    bodies = [box(overlap, ahead, length, angle), shapely.box(NOSE - 3, -other - 3.0, NOSE + 20, -other)]
+    if mirrored:
+        bodies = [affinity.scale(one, yfact=-1, origin=(0, 0)) for one in bodies]
+    way = found(bodies, bend)
+    if way is None:
+        return
+    assert swept(way).distance(shapely.union_all(bodies)) > ways.CLEARANCES[1] - 0.06  # returns are 0.1 m apart
+    stations = np.arange(50.0, way.ends, 0.5)
+    heading = np.unwrap(np.arctan2(*np.gradient(way.route.line.at(stations), axis=0).T[::-1]))
+    assert np.abs(np.gradient(heading, 0.5)).max() < 1.05 / BODY.turning_radius
+    assert math.isclose(ways.blocked_at(way.route, 50.0, BODY, np.vstack([seen(one) for one in bodies])), math.inf)

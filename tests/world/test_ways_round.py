@@ -1,0 +1,88 @@
+"""Members that stand before a body in a part of their path go round it, whatever law drives them; without SUMO."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from platoontraffic.controllers.path import PathLeader
+from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.lidar import PRESETS, Mount, Noise, Scene
+from platoontraffic.road.route import Route
+from platoontraffic.road.way_round import MOST, SPEED
+from platoontraffic.vehicles.bicycle import CARS
+from platoontraffic.world.traffic import TrafficSnapshot
+from platoontraffic.world.ways_round import AFTER, EVERY
+from tests.support.bench import drive, platoon
+
+CAR = CARS["car"]
+EYE = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03), noise=Noise())
+ROUTE = Route.along(("road",), np.array([[-200.0, 0.0], [400.0, 0.0]]), np.full(2, 12.0))
+LAWS = {"path": PathLeader(), "tracking": TrackingFollower(policy="obey", on_loss="drive")}
+PLACE = 60.0
+
+
+class Street:
+    """A map of one straight road along the x axis, so wide on each side [m]."""
+
+    def __init__(self, half: float) -> None:
+        self._area = shapely.box(-1e3, -half, 1e3, half)
+
+    def own_side(self, edge: str) -> shapely.Geometry:
+        return self._area
+
+
+def driven(law, body, half: float = 6.0, seconds: float = 40.0):
+    (member,) = platoon(LAWS[law], at=(0.0, 0.0, 0.0), leader_eye=EYE, model=CAR)
+    member = replace(member, route=ROUTE, speed=8.0, single=True, equip="equip")
+    scene = Scene.from_shapely(solids=[body])
+    return drive([member], scene, seconds, 0.1, map=Street(half))
+
+
+def footprints(log) -> np.ndarray:
+    n = len(log.time)
+    size = np.full(n, CAR.length), np.full(n, CAR.width)
+    rows = tuple(map(str, range(n)))
+    return shapely.polygons(
+        TrafficSnapshot(0.0, rows, log.x[:, 0], log.y[:, 0], log.heading[:, 0], log.speed[:, 0], *size)
+        .boxes()
+        .corners()
+    )
+
+
+def box(overlap: float, side: int = 1, length: float = 4.0) -> shapely.Polygon:
+    """A body at x = PLACE that covers so much of the path from the left (1) or from the right (-1) [m]."""
+    inner, outer = sorted((side * (CAR.width / 2 - overlap), side * (CAR.width / 2 + 3.0)))
+    return shapely.box(PLACE, inner, PLACE + length, outer)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("overlap", "side"), [(0.4, 1), (1.0, -1)])
+def test_it_goes_round_a_body_and_returns(law, overlap, side):
+    body = box(overlap, side)
+    log = driven(law, body)
+    stood = log.time[(log.speed[:, 0] < 0.05) & (log.time > 2.0)]
+    assert AFTER - EVERY < stood[-1] - stood[0] < AFTER + 2 * EVERY
+    assert log.x[-1, 0] > PLACE + 30
+    assert abs(log.y[-1, 0]) < 0.05
+    assert shapely.distance(footprints(log), body).min() > 0.1
+    aside = np.abs(log.y[:, 0]) > 0.2
+    assert log.speed[aside, 0].max() < SPEED + 0.3
+    assert 0.3 < np.abs(log.y[:, 0]).max() < MOST + 0.1
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_it_stands_where_there_is_no_room(law):
+    body = box(1.0)
+    log = driven(law, body, half=CAR.width / 2 + 0.6, seconds=30.0)
+    assert log.speed[-1, 0] < 0.01
+    assert shapely.distance(footprints(log), body).min() > 0.5
+
+
+def test_without_a_map_it_stands():
+    (member,) = platoon(LAWS["path"], leader_eye=EYE, model=CAR)
+    log = drive([replace(member, route=ROUTE, speed=8.0)], Scene.from_shapely(solids=[box(0.4)]), 30.0, 0.1)
+    assert log.speed[-1, 0] < 0.01
