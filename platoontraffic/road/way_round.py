@@ -21,6 +21,7 @@ from platoontraffic.vehicles.records import changed
 
 MOST, LEAST, STEP = 1.9, 0.2, 0.1  # shifts that are tried [m]: a whole car in the way needs more, so queues are kept
 CLEARANCES = 0.3, 0.14  # to all returns, on each side; the smaller one if there is no way with the larger one [m]
+KEPT_FREE = 0.2  # a body that is nearer to the path of the own one, on either side, stands in the way [m]
 SPEED = 2.0  # greatest speed on the way [m/s]
 LOCK = 1.1  # least radius of the way [turning radii]
 SPACING = 0.25  # of the poses that are checked [m]
@@ -71,14 +72,14 @@ class _Section(NamedTuple):
         return self._replace(points=self.points + offset[:, None] * left)
 
 
-def blocked_at(route: Route, station: float, body: Body, returns: np.ndarray, clearance: float = 0.0) -> float:
-    """Distance along a route until the body would touch a return [m]; inf: not within `REACH`.
+def blocked_at(route: Route, station: float, body: Body, returns: np.ndarray) -> float:
+    """Distance along a route until a return is within `KEPT_FREE` of the body [m]; inf: not within `REACH`.
 
     station : of the driven axle
     returns : (k, 2) [m]
     """
     section = _ahead(route, station, REACH)
-    touched = _touches(section, body, returns, clearance).any(axis=1)
+    touched = _touches(section, body, returns, KEPT_FREE).any(axis=1)
     return float(section.distance[touched.argmax()]) if touched.any() else math.inf
 
 
@@ -108,9 +109,9 @@ def way_round(
     if abs(offset) > ON_LINE[0] or abs(wrap(pose[2] - heading)) > ON_LINE[1]:
         return None
     section = _ahead(route, station, REACH + LONGEST_BODY)
-    stands = _touches(section, body, returns, 0.0)
+    stands = _touches(section, body, returns, KEPT_FREE)
     touched = stands.any(axis=1)
-    if not touched[section.distance <= REACH].any() or touched[0]:
+    if touched[0] or not touched[section.distance <= REACH].any():
         return None
     met = int(stands[touched.argmax()].argmax())
     passed, right, left = _extent(section, body, returns[stands.any(axis=0)])
