@@ -19,7 +19,7 @@ from platoontraffic.controllers.path import LINE, AlongRoute, PathLeader, bearin
 from platoontraffic.controllers.tracker.drive_line import DriveLine
 from platoontraffic.controllers.tracker.fitted import Fitted, fitted
 from platoontraffic.controllers.tracker.own_motion import Moved, Past, YawBias, seen_from
-from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED, PathAhead, Sighting, X, Y
+from platoontraffic.controllers.tracker.records import ACCELERATION, CUTS_IN, OVERHANG, SPEED, PathAhead, Sighting, X, Y
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracker.trail import Ahead, RouteSection, Strip, Trail
 from platoontraffic.lidar.segments import find_segments
@@ -31,6 +31,7 @@ LEAST_HEADWAY, HEADWAY_PER_DELAY = 0.5, 1.1  # time headway with which no string
 FILTER = 0.2  # time constant of the filter of the closing speed of obstacles [s]
 SAME = 1.0  # greatest difference of the free distance from its prediction, for one obstacle [m]
 RECOVERY = 2.5  # lateral acceleration of the return to the trail [m/s2]
+HIDDEN = 0.25  # time after which a vehicle that has cut in takes the place of a predecessor that it hides [s]
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
 KEPT_FREE = 0.22  # on each side of the vehicle, on its path [m]
 SHOWN = 32  # points of the trail that are recorded
@@ -190,7 +191,9 @@ class TrackingFollower(Law):
        time_headway >= LEAST_HEADWAY + HEADWAY_PER_DELAY d.
     4. Avoid. It brakes harder than in comfort if that is needed: by the braking that just suffices, if both vehicles go
        on as they do now (constant-acceleration heuristic: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 2010),
-       for the predecessor and for any obstacle on the strip ahead.
+       for the predecessor and for any obstacle on the strip ahead. An obstacle that drives there, a vehicle that has
+       cut in, is also followed, and becomes the predecessor after HIDDEN of hiding it. If a gap is shorter than the one
+       in which it could stop behind a vehicle that brakes as hard as it can itself, it is opened (`_open_gap`).
     5. Alone. A predecessor not seen for `patience` is lost: the vehicle then stops, in the trail. With
        on_loss = "drive" it is given its route, and drives on along it as the path law `alone` does, until a vehicle is
        ahead on the route. It follows that one, along the route, since a laser cannot identify it; a predecessor that
@@ -271,7 +274,9 @@ class TrackingFollower(Law):
         decide(now.speed, memory.acceleration, known, memory.never_lost, pursuit, obstacle, stop, held,
                along is not None, road, limit, self._gains, dt, command)  # fmt: skip
 
-        never_lost = memory.never_lost & ~now.leads & (estimate.predicted.known | ~memory.track.known)
+        lost = memory.track.known & ~estimate.predicted.known
+        replaced = estimate.predicted.known & estimate.track.seen & np.isnan(estimate.track.nis)
+        never_lost = memory.never_lost & ~(now.leads | lost | replaced)
         if along is not None:  # another vehicle may have come in between, so the next one is found anew
             never_lost &= limit.reason != LINE
         distance = np.where(known, ahead.length - OVERHANG - now.laser, np.nan)
@@ -325,7 +330,8 @@ class TrackingFollower(Law):
         if sensed.age and route is not None:
             points = seen_from(points, now.odometry, scanned)
         path, segments = PathAhead(turning, points), find_segments(sensed.scan, jump=0.3, bridge=5)
-        track, sighting = predicted.corrected(sensed.scan, segments, scanned, now.laser, path, now.dt)
+        hidden = self._hidden_by(now, predicted)
+        track, sighting = predicted.corrected(sensed.scan, segments, scanned, now.laser, path, hidden, now.dt)
         if now.leads.any():
             track, sighting = track.forgotten(now.leads), sighting.without(now.leads)
         # A predecessor that was met on the route is followed along the route.
@@ -335,6 +341,13 @@ class TrackingFollower(Law):
         if now.given is not None and now.memory.beside.active.any():
             aligned, aligned_now = (now.memory.beside.aligned(one, now.given, now.odometry) for one in (track, at_use))
         return Estimate(predicted, track, at_use, aligned, aligned_now, sighting, on_route)
+
+    def _hidden_by(self, now: Now, predicted: Track) -> np.ndarray:
+        """Distance from the laser to what drives ahead and hides the predecessor [m], (n,); NaN: nothing does."""
+        free, body, mount = now.memory.free, now.sensed.body, now.sensed.scan.model.mount.x
+        drives = now.scanned.speed - now.memory.closing > CUTS_IN * now.scanned.speed  # False where it is not known
+        hides = predicted.known & (predicted.blind > HIDDEN) & np.isfinite(free) & drives
+        return np.where(hides, free + body.length / 2 - mount, np.nan)
 
     def _predict(self, now: Now) -> Track:
         """The track at the time of this scan, without predecessors that are lost, off the route, or not wanted."""

@@ -11,7 +11,7 @@ from platoontraffic.controllers.path import BESIDE, LINE, LOST, OBSTACLE, PREDEC
 from platoontraffic.controllers.tracker import bends_kernel, own_motion, records
 from platoontraffic.controllers.tracker.bends_kernel import BRAKING, acceleration_along
 from platoontraffic.controllers.tracker.own_motion import STILL
-from platoontraffic.controllers.tracker.records import ACCELERATION, OVERHANG, SPEED
+from platoontraffic.controllers.tracker.records import ACCELERATION, CUTS_IN, OVERHANG, SPEED
 from platoontraffic.lidar.compiled import compiler
 
 compiled = compiler(
@@ -23,6 +23,8 @@ STANDING = 0.05  # speed below which it is held [m/s]
 CLOSE_ENOUGH, MOVE_UP = 0.1, 0.4  # excess of distance at which it stops, and at which it moves up again [m]
 APPROACH = 1.5  # deceleration of the approach to a standing car [m/s2]
 STEEPEST = 0.35  # sine of the greatest angle of the return to the trail
+NOTICED = 0.4  # time after which its braking shows in its measured speed [s]
+OPENING = 2.0  # time in which a gap that is too short for its hardest braking is opened [s]
 ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed [m]
 
 curvature_back = compiled(steering.curvature_back)
@@ -54,9 +56,17 @@ def pursue(speed, last, body, mount, fitted, line, track, ahead, obstacle, on_ro
             ahead_of_it = their_speed, their_acceleration
             wanted = _headway(i, v, last[i], distance, ahead_of_it, line, body, gains, dt)
             needed = _brake_for(v, distance, their_speed, np.minimum(their_acceleration, 0.0), reaction, gains)
+            needed = np.minimum(needed, _open_gap(v, distance, their_speed, reaction, gains))
 
         blind_spot = body.length[i] / 2 - mount  # from laser to front bumper
-        brake = _brake_for(v, obstacle.free[i] + blind_spot, v - obstacle.closing[i], 0.0, reaction, gains)
+        to_obstacle, its_speed = obstacle.free[i] + blind_spot, v - obstacle.closing[i]
+        brake = _brake_for(v, to_obstacle, its_speed, 0.0, reaction, gains)
+        if its_speed > CUTS_IN * v:  # it has cut in, and is followed before it is the predecessor
+            error = to_obstacle - gains.stand_off - gains.time_headway * v
+            wanted = np.minimum(wanted, (gains.distance_gain * error - obstacle.closing[i]) / gains.time_headway)
+            brake = np.minimum(brake, _open_gap(v, to_obstacle, its_speed, reaction, gains))
+        elif math.isfinite(its_speed) and track.blind[i] > 0:  # a predecessor that it hides is no reason to speed up
+            wanted = np.minimum(wanted, 0.0)
         planned = reaction + BRAKING * gains.braking / (2 * gains.jerk)
         steepest = fitted.steepest_bend[i]
         found.bends[i] = acceleration_along(ahead.bend[i], ahead.distance[i], curvature, v, planned, steepest, gains)
@@ -106,6 +116,20 @@ def _brake_for(v, distance, their_speed, their_acceleration, reaction, gains):
     if their_speed * rate <= -2 * left * their_acceleration and their_speed > 0:  # it stops first
         needed = v**2 * their_acceleration / (their_speed**2 - 2 * left * their_acceleration)
     return math.inf if math.isnan(needed) or distance == math.inf else needed
+
+
+@compiled
+def _open_gap(v, distance, their_speed, reaction, gains):
+    """Acceleration that opens within OPENING the gap in which it could stop if the vehicle ahead braked as hard as it
+    can itself [m/s2].
+
+    That gap is the safe distance of S. Shalev-Shwartz, S. Shammah, A. Shashua, "On a formal model of safe and scalable
+    self-driving cars", arXiv:1708.06374 (2017), definition 1; it shall not be longer than the one that is kept anyway.
+    """
+    further = np.maximum(v**2 - their_speed**2, 0.0) / (2 * gains.hardest_braking)  # than it, to stand
+    safe = gains.margin + v * (reaction + NOTICED) + further
+    kept = gains.stand_off + gains.time_headway * v
+    return 2 * (distance - np.minimum(safe, kept)) / OPENING**2
 
 
 @compiled

@@ -9,6 +9,7 @@ import numpy as np
 X, Y, HEADING, SPEED, ACCELERATION, CURVATURE = range(6)  # elements of a track's state
 
 OVERHANG = 1.0  # assumed distance from a vehicle's rear axle to its rear [m]; cars have 0.8 to 1.2
+CUTS_IN = 0.5  # share of the own speed from which an obstacle on the strip is a vehicle that drives ahead [1]
 
 
 class PathAhead(NamedTuple):

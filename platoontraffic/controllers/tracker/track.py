@@ -89,13 +89,16 @@ class Track(NamedTuple):
         return self._replace(mean=mean, cov=cov, blind=self.blind + dt, nis=np.full(len(mean), np.nan))
 
     def corrected(
-        self, scan: ScanBatch, segments: Segments, odometry: Odometry, forward: np.ndarray, path: PathAhead, dt: float
-    ) -> tuple[Track, Sighting]:
+        self, scan: ScanBatch, segments: Segments, odometry: Odometry, forward: np.ndarray, path: PathAhead,
+        hidden: np.ndarray, dt: float,
+    ) -> tuple[Track, Sighting]:  # fmt: skip
         """After a scan: corrected by the group of returns that fits best, if one fits.
 
-        Without a predecessor, the nearest rear within a lane of the path ahead becomes one.
+        Without a predecessor, the nearest rear within a lane of the path ahead becomes one; a vehicle that hides the
+        predecessor takes its place. New tracks have no nis.
 
         forward : of the own driven axle to the laser [m], (n,)
+        hidden  : distance from the laser to what drives ahead and hides the predecessor [m], (n,); NaN: nothing does
         """
         from platoontraffic.controllers.tracker.track_kernel import correct
 
@@ -104,7 +107,7 @@ class Track(NamedTuple):
         numbers = mount.y, mount.yaw, scan.model.angle_increment, noise.sigma, noise.sigma_per_metre
         laser = Laser(forward, *(float(number) for number in numbers))
         groups = Groups(*columns_of(segments))
-        correct(track, sighting, odometry, laser, path, groups, scan.ranges, dt)
+        correct(track, sighting, odometry, laser, path, groups, scan.ranges, hidden, dt)
         return track, sighting
 
     def offset(self, points: np.ndarray, odometry: Odometry) -> np.ndarray:

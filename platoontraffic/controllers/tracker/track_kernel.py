@@ -44,6 +44,7 @@ BEND_STEP = 0.05  # standard deviation of the curvature there [1/m]
 HARD, FAST = 5.0, 10.0  # braking that counts as hard [m/s2], and speed above which that matters at once [m/s]
 HARDEST, STRONGEST = 12.0, 6.0  # greatest braking and acceleration of any vehicle [m/s2]
 NEAR = 6.0  # greatest distance of a group from the predicted rear [m]
+BETWEEN = 2.0  # greatest distance of a rear beyond the obstacle that hides the predecessor, for it to be that one's [m]
 LANE = 1.5  # half the width in which a new predecessor is looked for [m]
 OBLIQUE = math.radians(35)  # greatest angle of a new predecessor to the route
 NEW = (0.1, 0.1, 0.05, 5.0, 2.0, 0.05)  # standard deviations of a new track; that of the speed grows with the own speed
@@ -61,10 +62,12 @@ class Pose(NamedTuple):
 
 
 @compiled
-def correct(track, sighting, odometry, laser, path, groups, ranges, dt):
+def correct(track, sighting, odometry, laser, path, groups, ranges, hidden, dt):
     """Correct all rows in place by the groups of returns in their scans.
 
     track    : `track.Track`; rows of NaN begin with the nearest rear on the path ahead
+    hidden   : distance from the laser to what drives ahead and hides the predecessor [m], (n,); NaN: nothing does. Its
+               rear becomes the predecessor's, if the predecessor is not seen
     sighting : `records.Sighting`, filled in where a predecessor is seen
     ranges   : (n, k) [m]; NaN: lost
     """
@@ -81,6 +84,12 @@ def correct(track, sighting, odometry, laser, path, groups, ranges, dt):
                 track.nis[i] = _fit(track.mean[i], track.cov[i], rear, pose, dt, state, cov)
                 track.mean[i], track.cov[i] = state, cov
                 track.mean[i, SPEED] = max(track.mean[i, SPEED], 0.0)
+            elif not math.isnan(hidden[i]):
+                found, rear = _first_rear(i, laser, path, groups, ranges)
+                if found >= 0 and math.hypot(rear.x, rear.y) > hidden[i] + BETWEEN:
+                    found = -1
+                if found >= 0:
+                    _begin(i, track, rear, pose, odometry.speed[i], path.curvature[i])
         if found < 0:
             continue
         if not math.isnan(rear.width):
