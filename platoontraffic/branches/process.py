@@ -116,16 +116,30 @@ class Process:
 
         raises: what that raises, RunError
         """
+        return self.answer_fork(self.send_fork(*arguments))
+
+    def send_fork(self, *arguments: Any, then: str = "") -> Connection:
+        """Begin a `fork`, which `answer_fork` gives: the connection to it; the process is busy until then.
+
+        then: method that the copy calls next; its `answer` gives the result
+        """
         ours, theirs = socket.socketpair()
+        connection = Connection(ours.detach())
         with theirs:
             self.send("fork", *arguments)
             try:
                 send_handle(self._connection, theirs.fileno(), self.pid)
             except OSError:  # it has died in the meantime
                 raise self._dead() from None
-            pid = self.answer()
+        if then:
+            connection.send((then, ()))
+        return connection
+
+    def answer_fork(self, connection: Connection) -> Self:
+        """The `fork` of this connection; errors as there."""
+        pid = self.answer()
         fork = type(self).__new__(type(self))
-        fork._open(Connection(ours.detach()), pid)
+        fork._open(connection, pid)
         fork.answer()
         return fork
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from platoontraffic.environments import spaces
-from platoontraffic.episodes.episodes import Frame, Source, draw
-from platoontraffic.episodes.parents import Parents
+from platoontraffic.episodes.episodes import FIELDS, Frame, Source, draw
+from platoontraffic.episodes.parents import Parents, Plan
 
 
 class Seats:
@@ -24,12 +25,23 @@ class Seats:
         self.observations = {seat.id: spaces.observation_space(self.facts, seat) for seat in self.facts.seats}
         self._picture: Any = None
         self.frame: Frame | None = None
+        self._next: Plan | None = None  # episode of a reset without a seed
+        self._prepares = False
 
     def begin(self, random: np.random.Generator) -> None:
-        """A new episode: parent, seed of the sensors' errors, and the values of `draw`, in this order."""
-        learn, self.frame = self.facts.learn, None
+        """A new episode.
+
+        At its first step the next one is made, in the background, unless the last reset was not the one expected.
+        """
+        self.frame, plan = None, self._drawn(random)
+        self._prepares, self._next = self._next in (None, plan), self._drawn(deepcopy(random))
+        self.frame = self._parents.begin(plan)
+
+    def _drawn(self, random: np.random.Generator) -> Plan:
+        """Parent, seed of the sensors' errors, and the values of `draw`, in this order."""
+        learn = self.facts.learn
         number, seed = int(random.integers(learn.parents)), int(random.integers(2**31))
-        self.frame = self._parents.begin(number, seed, {key: draw(random, one) for key, one in learn.draw.items()})
+        return Plan(number, seed, {key: draw(random, one) for key, one in learn.draw.items()})
 
     def step(self, actions: Mapping[str, Any]) -> None:
         """raises: ValueError (an action is wrong; nothing has moved), RuntimeError (there is no episode)"""
@@ -38,6 +50,9 @@ class Seats:
         seats = {seat.id: seat for seat in self.facts.seats}
         commands = {name: spaces.command_of(self.facts, seats[name], one) for name, one in actions.items()}
         frame, self.frame = self.frame, None
+        if self._prepares:
+            self._prepares = False
+            self._parents.prepare(self._next)
         try:
             frame = self._parents.call("step", commands)
         except (ValueError, RuntimeError):
@@ -50,7 +65,7 @@ class Seats:
         return spaces.observation(self.observations[seat.id], seat, self.frame, row)
 
     def reward(self, row: int) -> float:
-        return float(sum(term[row] for term in self.frame.terms.values()))
+        return float(sum(self.frame.terms[row].tolist()))
 
     def terminated(self, row: int) -> bool:
         ended = not self.frame.here[row] or self.frame.ended == "arrived"
@@ -60,8 +75,9 @@ class Seats:
         """Time, the quantities that the member has, terms of the reward; at the end its metrics of the episode."""
         frame = self.frame
         info: dict[str, Any] = {"time_s": frame.time, "events": frame.events[row]}
-        info |= {name: float(values[row]) for name, values in frame.values.items() if not np.isnan(values[row])}
-        info |= {f"reward_{name}": float(term[row]) for name, term in frame.terms.items()}
+        info |= {name: value for name, value in zip(FIELDS, frame.values[row].tolist(), strict=True) if value == value}
+        terms = zip(self.facts.learn.reward, frame.terms[row].tolist(), strict=False)  # at the beginning there are none
+        info |= {f"reward_{name}": term for name, term in terms}
         if last:
             info["metrics"] = self._parents.call("metrics")[row]
         return info
@@ -70,9 +86,12 @@ class Seats:
         if self._picture is None:
             from platoontraffic.environments.map_picture import MapPicture
 
-            self._picture = MapPicture(self.facts.scene)
+            self._picture = MapPicture(self._parents.call("scene"))
         bodies, members, learners = self._parents.call("bodies")
         return self._picture.pixels(bodies, members, learners)
+
+    def spent(self) -> dict[str, float]:
+        return self._parents.call("spent")
 
     def close(self) -> None:
         self.frame = None

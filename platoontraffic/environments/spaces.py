@@ -49,11 +49,10 @@ def observation(space: Space, seat: Seat, frame: Frame, row: int) -> Any:
     if isinstance(space, Box):
         return np.clip(frame.own[row].astype(np.float32), space.low, space.high)
     box = space["ranges"]
-    ranges = np.broadcast_to(frame.ranges[row], box.shape)
-    ranges = np.clip(np.where(np.isnan(ranges), np.inf, ranges), box.low, box.high)
-    speed, yaw_rate = (np.clip(np.float32([value]), -space[name].high, space[name].high)
-                       for name, value in zip(("speed", "yaw_rate"), frame.own[row], strict=True))  # fmt: skip
-    return {"ranges": ranges.astype(np.float32), "speed": speed, "yaw_rate": yaw_rate}
+    ranges = np.maximum(np.fmin(frame.ranges[row], box.high), box.low)  # where it is NaN, fmin gives the other one
+    speed, yaw_rate = (np.clip(np.float32([value]), space[name].low, space[name].high)
+                       for name, value in zip(("speed", "yaw_rate"), frame.own[row].tolist(), strict=True))  # fmt: skip
+    return {"ranges": ranges, "speed": speed, "yaw_rate": yaw_rate}
 
 
 def command_of(facts: Facts, seat: Seat, action: Any) -> Twist | Drive:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -22,6 +23,7 @@ from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results.conclusion import scene
 from platoontraffic.results.own_copies import take_own_copies
+from platoontraffic.results.provenance import Stopwatch
 from platoontraffic.results.statistics import QUANTITIES
 from platoontraffic.scenario import Change, Learn, Scenario
 from platoontraffic.simulation import Prepared, Setting, Simulation, prepare, setting_of
@@ -64,7 +66,6 @@ class Facts(NamedTuple):
     command: str  # "twist" or "drive"
     interval: float  # from one decision to the next [s]
     seed: int  # of the scenario
-    scene: dict[str, Any]  # GeoJSON
 
 
 class Frame(NamedTuple):
@@ -75,8 +76,8 @@ class Frame(NamedTuple):
     here: np.ndarray  # on the road, bool
     ranges: np.ndarray | None  # [m], (n, k) float32, +inf: nothing; None if the observation is a vector
     own: np.ndarray  # measured speed [m/s] and yaw rate [rad/s], (n, 2); all of the vector if it is one
-    terms: dict[str, np.ndarray]  # of the reward since the last decision, weighted
-    values: dict[str, np.ndarray]  # of quantities, now
+    terms: np.ndarray  # of the reward since the last decision, weighted, (n, r) in the order of `learn.reward`
+    values: np.ndarray  # of quantities, now, (n, q) in the order of `FIELDS`; NaN: it has none
     events: tuple[tuple[str, ...], ...]  # kinds since the last decision, for each member
 
 
@@ -122,7 +123,6 @@ class Episodes:
             command,
             1 / seats[0].lidar.rate,
             self._prepared.scenario.seed,
-            scene(self._prepared.scene, self._prepared.network),
         )
 
     def forked(self, seed: int, values: Mapping[str, Any], folder: Path) -> None:
@@ -131,19 +131,21 @@ class Episodes:
         self._world.logs_in(self._folder)
         prepared = self._prepare(values) if values else self._prepared
         setting = replace(self._setting(prepared), seed=seed, whole_traffic_every=None)
-        self._simulation = Simulation(setting)
+        self._simulation = Simulation(setting, Stopwatch(time.process_time))
         n = len(self._learners)
         self._ranges: list[np.ndarray | None] = [None] * n
 
     def begin(self, say: Say) -> Frame:
         """The first decision: when all members that learn are on the road."""
-        now = self._simulation.reset()
+        simulation = self._simulation
+        now = simulation.reset()
         while not now.ended and not set(self._learners) <= set(now.fleet.ids):
-            now = self._simulation.step()
+            now = simulation.step()
         if not self._rows_in(now):
             raise RunError(f"{', '.join(self._learners)}: did not depart before the end of the episode ({now.ended})")
+        self._columns = [simulation.observer.statistics.values.dtype.names.index(field) for field in FIELDS.values()]
         self._every = next(g.every for g in now.fleet.groups if set(g.rows) & set(self._rows_in(now).values()))
-        return self._frame(now, {}, [])
+        return self._frame(now, np.zeros((len(self._learners), 0)), [])
 
     def step(self, say: Say, commands: dict[str, Twist | Drive]) -> Frame:
         """The next decision."""
@@ -151,23 +153,24 @@ class Episodes:
         here = self._rows_in(simulation.now)
         given: dict[str, Twist | Drive] | None = {name: one for name, one in commands.items() if name in here}
         n, dt = len(self._learners), simulation.setting.dt
-        terms, events = {name: np.zeros(n) for name in learn.reward}, []
+        names, reward = list(FIELDS), enumerate(learn.reward.items())
+        paid = [(i, weight, names.index(name)) for i, (name, weight) in reward if name in FIELDS]
+        terms, events = np.zeros((n, len(learn.reward))), []
         for _ in range(self._every):
-            now = simulation.step(given)
+            now = simulation.stopwatch.call("loop", simulation.step, given)
             given = None  # it holds until the next decision
             events += now.events
-            if now.fleet:
-                values = simulation.observer.statistics.values
-                rows = self._rows_in(now)
-                for name, weight in learn.reward.items():
-                    if name in FIELDS:
-                        for i, learner in enumerate(self._learners):
-                            value = values[FIELDS[name]][rows[learner]] if learner in rows else np.nan
-                            terms[name][i] += 0.0 if np.isnan(value) else weight * abs(value) * dt
+            values = self._values(now)
+            for i, weight, column in paid:
+                terms[:, i] += np.where(np.isnan(values[:, column]), 0.0, weight * np.abs(values[:, column]) * dt)
             self._keep(now)
             if now.ended:
                 break
         return self._frame(now, terms, events)
+
+    def scene(self, say: Say) -> dict[str, Any]:
+        """GeoJSON, as scene.geojson of a run."""
+        return scene(self._prepared.scene, self._prepared.network)
 
     def bodies(self, say: Say) -> tuple[np.ndarray, int, list[int]]:
         """Of all vehicles near the members: x, y, heading, length and width, members first, (n, 5).
@@ -181,6 +184,11 @@ class Episodes:
             len(now.fleet),
             [*self._rows_in(now).values()],
         )
+
+    def spent(self, say: Say) -> dict[str, float]:
+        """CPU time of this process [s]: in the stages of steps, "loop", the rest of these, and "frame", all else."""
+        stages = dict(self._simulation.stopwatch.seconds)
+        return stages | {"frame": time.process_time() - sum(stages.values())}
 
     def metrics(self, say: Say) -> list[dict[str, float]]:
         """Statistics of each member that learns over the episode: `gap_m_mean`, `gap_m_rms`, `gap_m_min` ..."""
@@ -221,6 +229,15 @@ class Episodes:
         ids = now.fleet.ids
         return {name: ids.index(name) for name in self._learners if name in ids}
 
+    def _values(self, now: Instant) -> np.ndarray:
+        """Of quantities, as in a frame."""
+        values, rows = np.full((len(self._learners), len(FIELDS)), np.nan), self._rows_in(now)
+        if rows:
+            measured = self._simulation.observer.statistics.values
+            table = measured.view(float).reshape(len(measured), -1)
+            values[[name in rows for name in self._learners]] = table[np.ix_(list(rows.values()), self._columns)]
+        return values
+
     def _keep(self, now: Instant) -> None:
         """Keep the last scans of the members that learn."""
         for group, batch in zip(now.fleet.groups, now.scans, strict=True):
@@ -229,7 +246,7 @@ class Episodes:
                     if (name := now.fleet.members[row].id) in self._learners:
                         self._ranges[self._learners.index(name)] = ranges
 
-    def _frame(self, now: Instant, terms: dict[str, np.ndarray], events: Sequence[Any]) -> Frame:
+    def _frame(self, now: Instant, terms: np.ndarray, events: Sequence[Any]) -> Frame:
         self._keep(now)
         rows, n = self._rows_in(now), len(self._learners)
         here = np.array([name in rows for name in self._learners])
@@ -237,20 +254,15 @@ class Episodes:
             tuple(e.kind for e in events if e.vehicle == name or (e.kind in OF_BOTH and e.other == name))
             for name in self._learners
         )
-        for name, weight in self._learn.reward.items():
-            if name not in FIELDS and terms:
-                terms[name] += weight * np.array([own.count(name) for own in kinds])
-        own = np.zeros((n, 2))
-        values = {name: np.full(n, np.nan) for name in FIELDS}
+        for i, (name, weight) in enumerate(self._learn.reward.items()):
+            if name not in FIELDS and terms.size:
+                terms[:, i] += [weight * own.count(name) for own in kinds]
+        own, values = np.zeros((n, 2)), self._values(now)
         if rows:
-            at = [rows[name] for name in self._learners if name in rows]
             odometry = self._simulation.sensors.odometry(now.fleet, now.step)
             motion = now.fleet.motion
             both = (motion.speed, motion.yaw_rate) if odometry is None else odometry
-            own[here] = np.stack(both, axis=1)[at]
-            measured = self._simulation.observer.statistics.values
-            for name, field in FIELDS.items():
-                values[name][here] = measured[field][at]
+            own[here] = np.stack(both, axis=1)[list(rows.values())]
         samples = next((len(one) for one in self._ranges if one is not None), 1)
         ranges = np.stack([np.full(samples, np.inf) if one is None else one for one in self._ranges])
         if self._learn.observation == "dict":
