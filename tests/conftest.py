@@ -57,9 +57,9 @@ def generated_nets(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The package built as a wheel."""
+    """The package built as a wheel, from its source distribution, which is beside it."""
     folder = tmp_path_factory.mktemp("wheel")
-    subprocess.run([sys.executable, "-m", "build", "--wheel", "-o", folder, ROOT], check=True)
+    subprocess.run([sys.executable, "-m", "build", "-o", folder, ROOT], check=True)
     (built,) = folder.glob("*.whl")
     return built
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 import venv
 from pathlib import Path
 
@@ -40,3 +41,19 @@ def test_the_wheel_installed_elsewhere_finds_its_scenarios_and_nets(tmp_path, wh
         call("check", name)
     folder = tmp_path / call("run", "paper_loop", "run.duration_s=5", "-q").strip()
     assert Path(call("plot", str(folder)).strip()).is_file()
+
+
+@pytest.mark.install
+def test_wheel_and_source_distribution_are_small(wheel):
+    (source,) = wheel.parent.glob("*.tar.gz")
+    assert max(wheel.stat().st_size, source.stat().st_size) < 5e6
+
+
+def test_a_library_that_sumo_lacks_is_named_with_its_package(tmp_path):
+    (tmp_path / "libsumo.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(tmp_path), str(ROOT)))}
+    command = [sys.executable, "-m", "platoontraffic", "run", "paper_loop", "--dry-run"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 3
+    assert done.stderr.startswith("SUMO's library does not load: libGL.so.1: cannot open shared object file; on Debian")
+    assert "libgl1" in done.stderr

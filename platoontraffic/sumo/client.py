@@ -6,11 +6,21 @@ import os
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+from platoontraffic.errors import MissingError
+
 # When libsumo finds a pyarrow of another version it prints a warning on stdout, which is for results, unless this
 # variable says "quiet"; `doctor` reports the mismatch. traci reads the same variable, so it is put back.
 _before = os.environ.get("LIBSUMO_AS_TRACI")
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"
-import libsumo  # noqa: E402
+try:
+    import libsumo
+except ModuleNotFoundError:
+    raise
+except ImportError as error:  # the system lacks a library that it is linked with
+    packages = "libgl1 libx11-6 libxext6 libxrender1 libatomic1"
+    raise MissingError(
+        f"SUMO's library does not load: {error}; on Debian and Ubuntu: apt install {packages}"
+    ) from error
 
 os.environ.pop("LIBSUMO_AS_TRACI")
 if _before is not None:
