@@ -85,7 +85,7 @@ def over_time(trajectories: pd.DataFrame, column: str, axes: Axes, platoon: str 
     _mark_cut(axes, column, drawn)
     axes.set_xlabel(label(trajectories, "time_s"))
     axes.set_ylabel(label(trajectories, column))
-    return _plain(axes)
+    return plain(axes)
 
 
 def _cut(axes: Axes, column: str, drawn: pd.DataFrame, trajectories: pd.DataFrame) -> None:
@@ -139,7 +139,7 @@ def offsets(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) 
     axes.axhline(0, color=WALL, linewidth=0.6)
     axes.set_xlabel("distance driven from the leader's start [m]")
     axes.set_ylabel("offset from the path of\nthe predecessor, left > 0 [m]")
-    return _plain(axes)
+    return plain(axes)
 
 
 def gains(metrics: pd.DataFrame, axes: Axes, platoon: str) -> Axes:
@@ -160,7 +160,7 @@ def gains(metrics: pd.DataFrame, axes: Axes, platoon: str) -> Axes:
     axes.set_xticks(range(len(vehicles)), vehicles, rotation=20 if len(vehicles) > 6 else 0)
     axes.set_ylim(bottom=0)
     axes.set_ylabel("gain behind the predecessor;\nabove 1: amplified")
-    return _plain(axes)
+    return plain(axes)
 
 
 def gap_distribution(
@@ -188,7 +188,7 @@ def gap_distribution(
     axes.invert_yaxis()
     axes.set_xlim(left=min(0, axes.get_xlim()[0]))
     axes.set_xlabel(label(trajectories, "gap_m"))
-    return _plain(axes)
+    return plain(axes)
 
 
 def lanes(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) -> Axes:
@@ -206,7 +206,7 @@ def lanes(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) ->
     axes.set_ylim(-0.6, most + 0.6)
     axes.set_xlabel(label(trajectories, "time_s"))
     axes.set_ylabel("lane, 0 the rightmost")
-    return _plain(axes)
+    return plain(axes)
 
 
 def losses(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon: str | None = None) -> Axes:
@@ -284,7 +284,7 @@ def time_space(
     else:
         groups = table.groupby(["place", "vehicle_id"] if members else "vehicle_id")
         road = shapely.LineString(np.asarray(line, dtype=float))
-        drawn = [(k[0] if members else None, k[-1] if members else k, rows, _along(rows, road)) for k, rows in groups]
+        drawn = [(k[0] if members else None, k[-1] if members else k, rows, along(rows, road)) for k, rows in groups]
     for place, vehicle, rows, station in drawn:
         if place is None:
             axes.plot(rows.time_s, station, color=OTHERS, linewidth=0.5, alpha=0.7, zorder=1)
@@ -294,7 +294,7 @@ def time_space(
         _mark_stations(events, axes, drawn)
     axes.set_xlabel(label(table, "time_s"))
     axes.set_ylabel("distance along the road [m]")
-    return _plain(axes)
+    return plain(axes)
 
 
 def _mark_stations(events: pd.DataFrame, axes: Axes, drawn: Sequence[tuple]) -> None:
@@ -315,7 +315,7 @@ def _driven(rows: pd.DataFrame, start: np.ndarray) -> np.ndarray:
     return steps.cumsum().to_numpy() - np.hypot(*(rows[["x_m", "y_m"]].iloc[0].to_numpy() - start))
 
 
-def _along(rows: pd.DataFrame, road: shapely.LineString) -> np.ndarray:
+def along(rows: pd.DataFrame, road: shapely.LineString) -> np.ndarray:
     """Station along the road [m]; NaN beside it, against its direction, and where it starts again, as on a ring."""
     points = shapely.points(rows.x_m, rows.y_m)
     station = shapely.line_locate_point(road, points)
@@ -369,7 +369,7 @@ def estimates(table: pd.DataFrame, x: str, axes: Axes, by: str | None = None) ->
         axes.legend(title=label(table, by), frameon=False)
     axes.set_xlabel(label(table, x))
     axes.set_ylabel(label(table, metrics[0]))
-    return _plain(axes)
+    return plain(axes)
 
 
 def heat_map(
@@ -523,7 +523,7 @@ def unrolled(trajectories: pd.DataFrame, axes: Axes, scene: Scene, platoon: str 
     axes.set_ylim(-2 * BESIDE, 2 * BESIDE)
     axes.set_xlabel("distance along the path of the leader [m]")
     axes.set_ylabel("to the left of that path [m]")
-    return _plain(axes)
+    return plain(axes)
 
 
 def driven_line(trajectories: pd.DataFrame, platoon: str | None = None) -> np.ndarray | None:
@@ -607,7 +607,8 @@ def _short(value: object) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def _plain(axes: Axes) -> Axes:
+def plain(axes: Axes) -> Axes:
+    """With a light grid, and no frame above and to the right."""
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
     return axes

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from platoontraffic.analysis import figures
+from platoontraffic.analysis import crowd, figures
 from platoontraffic.analysis.reading import inside
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import replacing
@@ -30,18 +30,19 @@ class Picture(NamedTuple):
 def picture(folder: Path | str, to: Path | str, what: str = "sheet") -> Path:
     """Draw a finished run into a file (.png, .svg or .pdf), its largest platoon in colours.
 
-    what: a name of PICTURES, or "sheet": the road, the gaps and the lock losses
+    what: a name in NAMES, or "sheet": the road, the gaps and the lock losses; of a crowd, the map
 
     raises: ResultsError (also: the run has no values for it), OSError (it cannot be written)
     """
     results = load_run(Path(folder))
+    what = "map" if what == "sheet" and crowd.is_crowd(results.trajectories) else what
     return _saved(_sheet(results) if what == "sheet" else figure(results, what), Path(to))
 
 
 def pictures(folder: Path | str, names: Sequence[str], format: str = "png") -> list[Path]:
     """Draw several pictures of a finished run, each into the file plot-NAME in its folder.
 
-    names: of PICTURES; none: all of which the run has values
+    names: in NAMES; none: all of which the run has values
 
     raises: as `picture`
     """
@@ -51,9 +52,9 @@ def pictures(folder: Path | str, names: Sequence[str], format: str = "png") -> l
 
 
 def there(results: Results, names: Iterable[str] = ()) -> dict[str, Figure]:
-    """Those of some PICTURES, or of all, of which a run has values."""
+    """Those of some NAMES, or of all, of which a run has values."""
     drawn = {}
-    for name in names or PICTURES:
+    for name in names or NAMES:
         try:
             drawn[name] = figure(results, name)
         except ResultsError:
@@ -62,8 +63,13 @@ def there(results: Results, names: Iterable[str] = ()) -> dict[str, Figure]:
 
 
 def figure(results: Results, name: str) -> Figure:
-    """One of PICTURES. raises: ResultsError if the run has no values for it"""
-    known = PICTURES[name]
+    """One of PICTURES, or of OF_CROWDS if there are too many members to tell apart.
+
+    raises: ResultsError if the run has no values for it, or too many members
+    """
+    known = (OF_CROWDS if (many := crowd.is_crowd(results.trajectories)) else PICTURES).get(name)
+    if known is None:
+        raise ResultsError(f"{name}: is drawn of {'up to' if many else 'more than'} {crowd.MOST} members")
     made = _figure(*known.size)
     axes = made.subplots()
     known.draw(axes, results)
@@ -141,6 +147,21 @@ def _over_time(column: str) -> Callable[[Axes, Results], object]:
     return draw
 
 
+def _of_all(column: str) -> Callable[[Axes, Results], object]:
+    """A column of all members over time."""
+    return lambda axes, results: crowd.over_time(results.trajectories, column, axes)
+
+
+def _density(axes: Axes, results: Results) -> None:
+    crowd.density(results.trajectories, axes, results.scene)
+    figures.show_part(axes, results.trajectories)
+
+
+def _speeds(axes: Axes, results: Results) -> None:
+    crowd.speeds(results.trajectories, axes, results.scene)
+    figures.show_part(axes, results.trajectories)
+
+
 def _map(axes: Axes, results: Results) -> None:
     figures.paths(results.trajectories, axes, results.scene, results.events)
     figures.obstacles(results.events, axes, results.traffic)
@@ -157,6 +178,13 @@ def _time_space(axes: Axes, results: Results) -> None:
     axes.set_xlim(main.time_s.min(), main.time_s.max())
 
 
+OVER_TIME = {  # title and column
+    "speed": ("Speed", "speed_mps"),
+    "acceleration": ("Acceleration", "accel_mps2"),
+    "gap": ("Gap to the member ahead", "gap_m"),
+    "error": ("Spacing error", "gap_error_m"),
+    "ttc": ("Time to collision", "ttc_s"),
+}
 PICTURES: Mapping[str, Picture] = {
     "map": Picture("Paths on the road", _map),
     "unrolled": Picture(
@@ -164,11 +192,7 @@ PICTURES: Mapping[str, Picture] = {
         lambda axes, results: figures.unrolled(results.trajectories, axes, results.scene),
     ),
     "timespace": Picture("Time-space diagram", _time_space, (9, 5)),
-    "speed": Picture("Speed", _over_time("speed_mps")),
-    "acceleration": Picture("Acceleration", _over_time("accel_mps2")),
-    "gap": Picture("Gap to the member ahead", _over_time("gap_m")),
-    "error": Picture("Spacing error", _over_time("gap_error_m")),
-    "ttc": Picture("Time to collision", _over_time("ttc_s")),
+    **{name: Picture(title, _over_time(column)) for name, (title, column) in OVER_TIME.items()},
     "lateral": Picture(
         "Lateral offset along the path", lambda axes, results: figures.offsets(results.trajectories, axes)
     ),
@@ -182,6 +206,21 @@ PICTURES: Mapping[str, Picture] = {
     ),
     "lanes": Picture("Lane over time", lambda axes, results: figures.lanes(results.trajectories, axes)),
 }
+
+
+OF_CROWDS: Mapping[str, Picture] = {
+    "map": Picture("Where the members were", _density),
+    "slow": Picture("Where the members were slow", _speeds),
+    "number": Picture("Members on the road", lambda axes, results: crowd.number(results.trajectories, axes)),
+    "timespace": Picture(
+        "Time-space diagram",
+        lambda axes, results: crowd.time_space(results.trajectories, axes, results.traffic),
+        (9, 5),
+    ),
+    **{name: Picture(title, _of_all(column)) for name, (title, column) in OVER_TIME.items()},
+}
+
+NAMES = tuple(dict.fromkeys([*PICTURES, *OF_CROWDS]))
 
 
 def of_run(results: Results) -> str:

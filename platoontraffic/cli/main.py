@@ -442,10 +442,10 @@ def plot(
     ] = None,
 ) -> None:
     """Draw pictures of a run: paths, time-space diagram, gaps, speeds, lanes and others; --what says which."""
-    from platoontraffic.analysis.pictures import FORMATS, PICTURES, picture, pictures
+    from platoontraffic.analysis.pictures import FORMATS, NAMES, picture, pictures
 
     names = [name.strip() for name in (what or "").split(",") if name.strip()]
-    known = [*PICTURES, "all"]
+    known = [*NAMES, "all"]
     faults = [
         f"--what: {name!r}: no such picture; there are {', '.join(known)}{did_you_mean(name, known)}"
         for name in names

@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from platoontraffic.analysis import crowd
 from platoontraffic.analysis.outcome import headline
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import write
@@ -24,7 +25,7 @@ CAPTIONS_OF_SCOPES = {
     "equipped": "Trips of members from the traffic",
     "traffic": "Trips of other vehicles",
 }
-CAPTIONS = {  # of `analysis.pictures.PICTURES`
+CAPTIONS = {  # of the pictures of `analysis.pictures`
     "map": "The road, the path of every member, and its last position",
     "unrolled": "The road straightened along the leader's path, with kerbs and lanes; lateral scale enlarged",
     "timespace": "Time-space diagram: position along the road over time; background traffic, if recorded, in grey",
@@ -35,6 +36,21 @@ CAPTIONS = {  # of `analysis.pictures.PICTURES`
     "distribution": "Gaps in the platoon: median, quartiles, and the range of 90 % of the recorded instants",
     "lanes": "Index of the lane over time; members on one lane are drawn beside each other",
 }
+CAPTIONS_OF_CROWDS = {
+    "map": "Where the members were: their mean number, by place",
+    "slow": "Where the members were slow: their mean speed, by place",
+    "number": "Members on the road over time, and those of them that stand",
+    "timespace": "Time-space diagram along the path of the member that drove farthest, of all that drive along it; "
+    "background traffic, if recorded, in grey",
+    "speed": "Speed over time",
+    "acceleration": "Acceleration over time",
+    "gap": "Gap to the member ahead, in platoons",
+}
+MOST_PLATOONS = 12  # of which each has a table with a column a member; of more, there is one table by platoon
+OF_PLATOONS = (  # metrics in that table, where the platoons have them
+    "arrived", "collisions", "splits", "in_platoon_share_mean", "gap_mean", "gap_min", "gap_error_rms_max",
+    "lock_on_ratio_min", "standstill_share_mean", "accel_rms_max",
+)  # fmt: skip
 # Metrics of the run at the top of the page.
 FIRST = ("duration", "members", "collisions", "near_misses", "lock_on_ratio_min", "lock_losses", "gap_mean", "gap_min")
 
@@ -95,15 +111,18 @@ def _pictures(results: Results, to: Path) -> Iterable[str]:
     """The pictures as parts of the page; each is also written beside it."""
     from platoontraffic.analysis import pictures
 
-    drawn = pictures.there(results, CAPTIONS)
-    yield figure_files(drawn.pop("map"), to, "road", CAPTIONS["map"])
-    yield figure_files(pictures.strips_figure(results), to, "strips", STRIPS)
+    many = crowd.is_crowd(results.trajectories)
+    captions = CAPTIONS_OF_CROWDS if many else CAPTIONS
+    drawn = pictures.there(results, captions)
+    yield figure_files(drawn.pop("map"), to, "road", captions["map"])
+    if not many:
+        yield figure_files(pictures.strips_figure(results), to, "strips", STRIPS)
     for name, figure in drawn.items():
-        yield figure_files(figure, to, name, CAPTIONS[name])
+        yield figure_files(figure, to, name, captions[name])
 
 
 def _metrics(results: Results, meanings: dict[str, dict[str, str]]) -> str:
-    """Tables of the run and of the background traffic; then a table a platoon with a column a member."""
+    """Tables of the run and of the background traffic; then of platoons and members."""
     metrics = results.metrics.dropna(subset="value")
     metrics = metrics.assign(unit=metrics.unit.fillna("") if "unit" in metrics else "")
     parts = []
@@ -114,15 +133,49 @@ def _metrics(results: Results, meanings: dict[str, dict[str, str]]) -> str:
             parts.append(table(caption, ("metric", "unit", "value"), lines))
             parts.append(_meanings(caption, rows.metric, meanings.get(scope, {})))
     of_members = metrics[metrics.scope == "vehicle"]
+    parts += _of_many(metrics) if _are_many(of_members) else _of_each(of_members)
+    parts.append(_meanings("Members", of_members.metric.unique(), meanings.get("vehicle", {})))
+    return "".join(parts)
+
+
+def _are_many(of_members: pd.DataFrame) -> bool:
+    sizes = of_members.groupby("platoon_id").vehicle_id.nunique()
+    return len(sizes) > MOST_PLATOONS or sizes.max() > crowd.MOST
+
+
+def _of_many(metrics: pd.DataFrame) -> Iterable[str]:
+    """A table with a row a platoon, if there are several, and the distribution of each metric over all members."""
+    of_platoons = metrics[(metrics.scope == "platoon") & metrics.metric.isin(OF_PLATOONS)]
+    of_members = metrics[metrics.scope == "vehicle"]
+    if of_platoons.platoon_id.nunique() > 1:
+        values = of_platoons.pivot_table(index="platoon_id", columns="metric", values="value", sort=False)
+        units = of_platoons.drop_duplicates("metric").set_index("metric").unit
+        names = [name for name in OF_PLATOONS if name in values]
+        sizes = of_members.groupby("platoon_id").vehicle_id.nunique()
+        lines = [
+            (platoon, str(sizes[platoon]), *(_number(values.at[platoon, n]) for n in names)) for platoon in values.index
+        ]
+        headings = [f"{name} [{units[name]}]" if units[name] else name for name in names]
+        yield details("By platoon", table("By platoon", ("platoon", "members", *headings), lines))
+    lines = []
+    for name, rows in of_members.groupby("metric", sort=False):
+        ends = (rows.loc[getattr(rows.value, end)()] for end in ("idxmin", "idxmax"))
+        extremes = [f"{_number(one.value)} ({one.vehicle_id})" for one in ends]
+        middle = map(_number, rows.value.quantile([0.05, 0.5, 0.95]))
+        lines.append((name, rows.unit.iloc[0], str(len(rows)), extremes[0], *middle, extremes[1]))
+    headings = ("metric", "unit", "members", "least", "5 %", "median", "95 %", "greatest")
+    yield table("Members", headings, lines)
+
+
+def _of_each(of_members: pd.DataFrame) -> Iterable[str]:
+    """A table a platoon with a column a member."""
     for n, (platoon, rows) in enumerate(of_members.groupby("platoon_id", sort=False)):
         vehicles = rows.vehicle_id.unique().tolist()
         values = rows.pivot_table(index="metric", columns="vehicle_id", values="value", sort=False)
         units = rows.drop_duplicates("metric").set_index("metric").unit
         lines = [(name, units[name], *(_number(values.at[name, v]) for v in vehicles)) for name in values.index]
         inside = table(f"Members of {platoon}", ("metric", "unit", *vehicles), lines)
-        parts.append(details(f"Members of {platoon}", inside, opened=n == 0))
-    parts.append(_meanings("Members", of_members.metric.unique(), meanings.get("vehicle", {})))
-    return "".join(parts)
+        yield details(f"Members of {platoon}", inside, opened=n == 0)
 
 
 def _meanings(of: str, names: Iterable[str], meanings: dict[str, str]) -> str:

@@ -67,6 +67,20 @@ def test_events_and_metrics_are_those_of_the_tables(report):
     assert len(listed) == len(results.events)
 
 
+def test_many_members_are_not_named_one_by_one(tmp_path, monkeypatch):
+    """With a limit of one member the made run's are many: places and shares of them, and the ends by name."""
+    monkeypatch.setattr("platoontraffic.analysis.crowd.MOST", 1)
+    folder = made_run(tmp_path / "ring" / "made")
+    made = page(folder, folder / "report.html")
+    names = {file.name for file in folder.glob("report-*.png")}
+    assert {"report-road.png", "report-number.png", "report-slow.png"} <= names
+    assert not names & {"report-strips.png", "report-lanes.png", "report-distribution.png"}
+    rows = Reader(made.read_text(encoding="utf-8")).rows
+    values = load(folder).metrics.query("scope == 'vehicle' and metric == 'gap_mean'").set_index("vehicle_id").value
+    (row,) = [row for row in rows if row[0] == "gap_mean" and len(row) == 8]
+    assert row[1:4] == ["m", str(len(values)), f"{values.min():.4g} ({values.idxmin()})"]
+
+
 def test_pictures_are_there_as_files(report):
     for name, start in (("png", b"\x89PNG"), ("svg", b"<?xml")):
         for what in ("road", "strips", "acceleration", "distribution"):
