@@ -35,9 +35,9 @@ class Encroachments:
 
     def __init__(self, members: Sequence[Member]) -> None:
         """members: all of the run, by their number"""
-        names = [m.id if m.platoon == m.equip else m.platoon for m in members]
-        numbers = {name: i for i, name in enumerate(dict.fromkeys(names))}
-        self._platoon = np.array([numbers[name] for name in names], dtype=np.intp)
+        self._platoons: dict[str, int] = {}  # their numbers
+        self._platoon = np.empty(0, dtype=np.intp)  # of each member
+        self.number_platoons(members)
         self._time: float | None = None  # one step before [s]
         self._step = 0
         self._trails: Trails | None = None  # from the second step on, with `_meetings`
@@ -48,6 +48,12 @@ class Encroachments:
         self._numbers = np.empty(0, dtype=np.intp)  # of the members of the last step ...
         self._seats = np.empty(0, dtype=np.intp)  # ... and their rows in `_meetings`
         self._seat: dict[int, int] = {}  # by number
+
+    def number_platoons(self, members: Sequence[Member]) -> None:
+        """Those of further members of the run; a member from the traffic by itself is one of its own."""
+        names = (m.id if m.platoon == m.equip else m.platoon for m in members)
+        numbers = [self._platoons.setdefault(name, len(self._platoons)) for name in names]
+        self._platoon = np.concatenate([self._platoon, np.array(numbers, dtype=np.intp)])
 
     def observe(self, step: Step) -> Iterator[Event]:
         """encroachment"""

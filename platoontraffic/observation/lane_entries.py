@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -56,8 +57,12 @@ class LaneEntries:
     """Remembers where all vehicles were."""
 
     def __init__(self, drivable: shapely.Geometry) -> None:
-        self._border = drivable.boundary
+        self._drivable = drivable
         self._past: deque[TrafficSnapshot] = deque()
+
+    @cached_property
+    def _border(self) -> shapely.Geometry:
+        return self._drivable.boundary
 
     def observe(self, traffic: TrafficSnapshot) -> None:
         self._past.append(traffic)

@@ -91,10 +91,11 @@ class Observer:
         before = len(self._members)
         self._members = (*self._members, *newcomers)
         self._contacts.members |= {m.id for m in newcomers}
-        fresh = Observer(self._members, self._network, self._contacts)
-        for name, part in vars(fresh).items():
-            if hasattr(part, "__dict__") and part not in (self._network, self._contacts):
-                _extend(getattr(self, name), part, before)
+        theirs, nobodys = (vars(Observer(some, self._network, self._contacts)) for some in (newcomers, ()))
+        for name, part in theirs.items():
+            if hasattr(part, "__dict__") and name not in ("_network", "_contacts", "_encroachments"):
+                _extend(getattr(self, name), part, nobodys[name], before, len(newcomers))
+        self._encroachments.number_platoons(newcomers)
         self._presence.members = self._members
 
     def refit(self, members: Sequence[Member]) -> None:
@@ -180,15 +181,18 @@ class Observer:
         )
 
 
-def _extend(part: Any, fresh: Any, before: int) -> None:
-    """Give the arrays of all members in a part of the observer the rows that they have in a fresh one.
+def _extend(part: Any, theirs: Any, nobodys: Any, before: int, count: int) -> None:
+    """Give the arrays of all members in a part of the observer the rows of newcomers.
 
-    before: number of members that `part` knows; arrays of another length are of something else
+    theirs  : the part of an observer of `count` newcomers
+    nobodys : that of an observer of no members, whose arrays of all members are empty
+    before  : number of members that `part` knows
     """
-    for name, begun in vars(fresh).items():
+    for name, rows in vars(theirs).items():
         own = getattr(part, name)
         if isinstance(own, DrivenPaths):
-            own.extend(begun.spacing[before:])
-        elif isinstance(own, np.ndarray | list) and len(own) == before < len(begun):
-            rows = begun[before:]
-            setattr(part, name, [*own, *rows] if isinstance(own, list) else np.concatenate([own, rows]))
+            own.extend(rows.spacing)
+        elif isinstance(own, np.ndarray | list):
+            lengths = len(own), len(rows), len(getattr(nobodys, name))
+            if lengths == (before, count, 0):  # else it is of something else
+                setattr(part, name, [*own, *rows] if isinstance(own, list) else np.concatenate([own, rows]))

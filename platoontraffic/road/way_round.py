@@ -19,8 +19,10 @@ from platoontraffic.lidar.pose import wrap
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.records import changed
 
-MOST, LEAST, STEP = 1.9, 0.2, 0.1  # shifts that are tried [m]: a whole car in the way needs more, so queues are kept
+MOST, LEAST, STEP = 2.6, 0.2, 0.1  # shifts that are tried [m]
 CLEARANCES = 0.3, 0.14  # to all returns, on each side; the smaller one if there is no way with the larger one [m]
+ALONGSIDE = 1.5  # a return beside the body, and as far ahead of it and behind, may be within the clearance [m] ...
+BESIDE = 0.03  # ... if the way does not come nearer to it by more than this [m]
 KEPT_FREE = 0.2  # a body that is nearer to the path of the own one, on either side, stands in the way [m]
 SPEED = 2.0  # greatest speed on the way [m/s]
 LOCK = 1.1  # least radius of the way [turning radii]
@@ -79,7 +81,7 @@ def blocked_at(route: Route, station: float, body: Body, returns: np.ndarray) ->
     returns : (k, 2) [m]
     """
     section = _ahead(route, station, REACH)
-    touched = _touches(section, body, returns, KEPT_FREE).any(axis=1)
+    touched = _touches(section, body, returns, _kept(section, body, returns, KEPT_FREE)).any(axis=1)
     return float(section.distance[touched.argmax()]) if touched.any() else math.inf
 
 
@@ -109,18 +111,18 @@ def way_round(
     if abs(offset) > ON_LINE[0] or abs(wrap(pose[2] - heading)) > ON_LINE[1]:
         return None
     section = _ahead(route, station, REACH + LONGEST_BODY)
-    stands = _touches(section, body, returns, KEPT_FREE)
+    stands = _touches(section, body, returns, _kept(section, body, returns, KEPT_FREE))
     touched = stands.any(axis=1)
     if touched[0] or not touched[section.distance <= REACH].any():
         return None
     met = int(stands[touched.argmax()].argmax())
     passed, right, left = _extent(section, body, returns[stands.any(axis=0)])
-    for clearance in CLEARANCES:
+    for clearance in (_kept(section, body, returns, one + abs(offset)) for one in CLEARANCES):
         for shift, side in product(np.arange(LEAST, most + STEP / 2, STEP).tolist(), (1, -1)):
             if shift < body.width / 2 + (left if side > 0 else -right):
                 continue
             way = _way(route, station, body, side * shift, passed)
-            if way is None or _touches(way[0], body, returns, clearance + abs(offset)).any():
+            if way is None or _touches(way[0], body, returns, clearance).any():
                 continue
             if may_use(side * shift, corners(way[0], body)):
                 return Way(*_spliced(route, station, *way), side * shift, met)
@@ -142,11 +144,24 @@ def _ahead(route: Route, station: float, distance: float) -> _Section:
     return _Section(places, route.line.at(station + places))
 
 
-def _touches(section: _Section, body: Body, returns: np.ndarray, clearance: float) -> np.ndarray:
-    """Whether each return is within the clearance of the body at each place, (k, returns)."""
+def _kept(section: _Section, body: Body, returns: np.ndarray, clearance: float) -> np.ndarray:
+    """The clearance, or less for returns close beside the body at the begin of a section [m], (returns,)."""
+    ahead, aside = (place[0] for place in _seen_from(section._replace(points=section.points[:2]), body, returns))
+    away = np.abs(aside) - body.width / 2
+    close = (away > 0) & (np.abs(ahead) < body.length / 2 + ALONGSIDE)
+    return np.where(close, np.clip(away - BESIDE, 0.0, clearance), clearance)
+
+
+def _seen_from(section: _Section, body: Body, returns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places of returns from the body's centre, forward and to the left, (k, returns) each [m]."""
     cos, sin = np.cos(section.heading)[:, None], np.sin(section.heading)[:, None]
     x, y = returns[:, 0] - section.points[:, :1], returns[:, 1] - section.points[:, 1:]
-    ahead, aside = cos * x + sin * y + body.axle, cos * y - sin * x
+    return cos * x + sin * y + body.axle, cos * y - sin * x
+
+
+def _touches(section: _Section, body: Body, returns: np.ndarray, clearance: np.ndarray) -> np.ndarray:
+    """Whether each return is within its clearance (returns,) of the body at each place, (k, returns)."""
+    ahead, aside = _seen_from(section, body, returns)
     return (np.abs(ahead) < body.length / 2 + clearance) & (np.abs(aside) < body.width / 2 + clearance)
 
 

@@ -224,3 +224,19 @@ def test_a_car_that_is_put_onto_the_next_lane_and_turns_at_once_has_changed_lane
     assert abs((y - front[1]) * np.cos(turn) + (x - (front[0] - half)) * np.sin(turn)) < 2.0
     (collision,) = observed.at(0.5, x=x - 2.5, others=[(x, y, -turn)]).events
     assert (collision.kind, collision.what) == ("collision", "other_changed_lanes")
+
+
+@pytest.mark.parametrize("first", range(6))
+def test_members_that_come_later_have_the_same_rows(first):
+    """As if all had been known from the beginning, however many come at a time."""
+    members = [replace(m, platoon=f"p{i // 2}") for i, m in enumerate(cars(5))]
+    whole, grown = Observed(members).observer, Observed(members[:first]).observer
+    for i in range(first, len(members), 2):
+        grown.extend(members[i : i + 2])
+    for name, part in vars(whole).items():
+        theirs = getattr(grown, name)
+        for key, value in vars(part).items() if hasattr(part, "__dict__") else ():
+            if isinstance(value, np.ndarray | list):
+                np.testing.assert_array_equal(getattr(theirs, key), value, f"{name}.{key}")
+    np.testing.assert_array_equal(grown._gaps._paths.spacing, whole._gaps._paths.spacing)
+    assert list(grown._presence.members) == members

@@ -50,6 +50,11 @@ def box(overlap: float, ahead: float = 3.0, length: float = 3.0, angle: float = 
     return affinity.rotate(body, angle, origin=(NOSE + ahead, BODY.width / 2 - overlap))
 
 
+def car(ahead: float) -> shapely.Polygon:
+    """A car on the path, so far ahead of the bumper [m]."""
+    return shapely.box(NOSE + ahead, -BODY.width / 2, NOSE + ahead + BODY.length, BODY.width / 2)
+
+
 def found(bodies, bend: float = 0.0, may_use=anywhere):
     returns = np.vstack([seen(one) for one in bodies])
     return way_round(street(bend), 50.0, (0.0, 0.0, 0.0), BODY, returns, may_use)
@@ -81,7 +86,8 @@ def test_it_is_mirrored():
 @pytest.mark.parametrize(
     ("bodies", "may_use"),
     [
-        ([box(BODY.width)], anywhere),  # the whole path: a queue
+        ([car(3.0), car(10.2)], anywhere),  # a queue: it could not go back to its path
+        ([box(BODY.width)], within(BODY.width / 2 + 1.9)),  # the whole path
         ([box(0.5, ahead=0.2)], anywhere),  # too near to steer round it
         ([box(0.5), affinity.scale(box(-0.3), yfact=-1, origin=(0, 0))], anywhere),  # no room on the other side
         ([box(1.0)], within(BODY.width / 2 + 0.8)),  # the road is too narrow
@@ -98,6 +104,20 @@ def test_it_goes_through_a_gap_with_less_clearance():
     second = affinity.translate(box(0.0, ahead=7.5), 0, -BODY.width - 4.0 - 0.8)
     way = found([first, second])
     assert swept(way).distance(shapely.union(first, second)) > ways.CLEARANCES[1] - 0.02
+
+
+def test_it_goes_past_a_body_that_is_close_beside_it():
+    """It does not come nearer to that one."""
+    beside = shapely.box(1.0, BODY.width / 2 + 0.08, 5.0, 4.0)
+    way = found([beside, box(0.3)])
+    assert way.shift < -0.4
+    assert swept(way).distance(beside) > 0.04
+
+
+def test_it_goes_past_a_single_car_if_the_road_is_wide_enough():
+    way = found([car(3.0)])
+    assert abs(way.shift) == pytest.approx(BODY.width + ways.CLEARANCES[0], abs=0.1)
+    assert swept(way).distance(car(3.0)) > ways.CLEARANCES[1]
 
 
 def test_stop_lines_keep_their_places():
