@@ -51,6 +51,12 @@ class Noise:
     grazing_from: float = math.radians(75)
     dropped: str = "error"
 
+    @property
+    def random(self) -> bool:
+        """Whether anything of it is drawn; steps of the reported range are not."""
+        spreads = (self.sigma, self.sigma_per_metre, self.bias)
+        return any((*spreads, self.dropout, self.dropout_at_range_max, self.dropout_grazing))
+
     def __post_init__(self):
         for field in fields(self)[:-1]:
             value = getattr(self, field.name)

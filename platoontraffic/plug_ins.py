@@ -49,6 +49,8 @@ def find_class(name: str, folder: Path, group: str, what: str, abstract: type = 
         raise LookupError(f"{name!r}: there is no file {folder / module_name}")
     module, sources = _imported(module_name, file)
     kind = getattr(module, class_name, None)
+    if isinstance(kind, type) and "__call__" not in dir(kind):
+        raise LookupError(f"{module_name}: the class {class_name} has no __call__; a {what} must have one")
     if not isinstance(kind, type) or not any(
         "__call__" in base.__dict__ for base in kind.__mro__ if base is not abstract
     ):

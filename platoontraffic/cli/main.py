@@ -19,6 +19,7 @@ from platoontraffic.cli.commands import commands_of
 from platoontraffic.cli.last_resort import one_line_at_death
 from platoontraffic.cli.nets import nets_app
 from platoontraffic.cli.printing import (
+    equal_runs,
     first_line,
     out,
     print_json,
@@ -218,6 +219,8 @@ def batch(
         print_runs(loaded, folder, 1 if executor == "serial" else slots, executor, json)
         return
     limits = batches.Limits(timeout, memory)
+    if not quiet and not json and (equal := equal_runs(loaded)):
+        err.print(equal, soft_wrap=True)
     with batch_progress(loaded.name, len(loaded.runs), quiet or json) as watcher:
         report = batches.run(loaded, folder, executor, slots, part, retry_failed, limits, watcher)
     if json:

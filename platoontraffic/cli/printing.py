@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -170,12 +171,21 @@ def print_runs(study: Study, folder: Path, slots: int, executor: str, as_json: b
         f"{len(rows)} runs, {len(waiting)} to do, about {duration_text(seconds / slots)} with {slots} at a time "
         f"({estimated_by}); the batch would write {folder}"
     )
+    if equal := equal_runs(study):
+        print(equal)
     if shares:
         shared = sum(map(len, shares.values()))
         print(
             f"{shared} of them share warm-ups, of which {len(shares)} are simulated: "
             f"{sum(run.warm_up_s for runs in shares.values() for run in runs[1:]):g} s of traffic are saved"
         )
+
+
+def equal_runs(study: Study) -> str:
+    """How many runs are equal to others, because nothing in them depends on their seed; "": none is."""
+    points = Counter(str(run.values) for run in study.runs if not run.random)
+    more = sum(points.values()) - len(points)
+    return f"{more} of these runs are equal to others: nothing in them is random, and one seed would do" if more else ""
 
 
 def print_report(report: Report, folder: Path) -> None:

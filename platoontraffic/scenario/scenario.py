@@ -112,6 +112,22 @@ class Scenario:
             texts.append(f"step-length = {config.step:g} is not used: the run has run.step_s = {step:g}{why}")
         return texts
 
+    @property
+    def random(self) -> bool:
+        """Whether anything may depend on the seed: vehicles that SUMO drives, errors of sensors, messages."""
+        spec, channel = self.spec, self.spec.channel
+        drawn = channel is not None and any((channel.jitter_s, channel.loss, channel.burst_loss))
+        of_sumo = self.configuration or self.route_files or self.additional_of_sumo or spec.equip
+        driven = any(law.native for law in self.laws.values())
+        return bool(drawn or of_sumo or driven or any(map(self._errs, self.laws)) or (self.then and self.then.random))
+
+    def _errs(self, role: Role) -> bool:
+        """Whether a driver's sensors have errors that are drawn, or are those of a plug-in."""
+        driver, length = getattr(self.spec.groups[role[0]], role[1]), self.spec.groups[role[0]].model(0).length
+        lasers = [driver.lidar.model(self.default_preset(role), length)]
+        lasers += [one.model(self.default_preset(role), length) for one in self.further_lidars(role).values()]
+        return bool(self.sensors[role] or any(one.noise.random for one in lasers) or not driver.odometry.model().exact)
+
     def for_replay(self) -> Scenario:
         """The scenario with all tables recorded that a replay shows; intervals that are given stay.
 

@@ -78,6 +78,7 @@ class Run:
     laws: tuple[str, ...]  # their names
     warm_up: str  # equal for runs with the same warm-up; "" without one
     warm_up_s: float
+    random: bool  # whether anything in it may depend on the seed
 
 
 @dataclass(frozen=True)
@@ -356,12 +357,10 @@ def _runs(
         steps, members = round(spec.run.duration_s / spec.run.step_s), sum(p.size for p in spec.platoon)
         members += round(sum(EQUIPPED * one.share for one in spec.equip))
         laws = tuple(dict.fromkeys(getattr(spec.groups[i], role).law for i, role in checked.laws))
+        warm_up_id, warm_up_s, random = provenance.warm_up_id(checked), spec.sumo.warm_up_s, checked.random
         for seed in seeds or [checked.seed]:
-            warm_up = provenance.warm_up_id(checked)
-            warm_up = warm_up and f"{warm_up}-s{seed}"
-            yield Run(
-                f"{point_id}-s{seed}", base, seed, values, changes, steps, members, laws, warm_up, spec.sumo.warm_up_s
-            )
+            run_id, warm_up = f"{point_id}-s{seed}", warm_up_id and f"{warm_up_id}-s{seed}"
+            yield Run(run_id, base, seed, values, changes, steps, members, laws, warm_up, warm_up_s, random)
     if faults:
         raise InputError(*faults.values())
 

@@ -91,7 +91,7 @@ def test_a_metric_must_not_be_named_like_one_of_the_tool(given):
     ("code", "what"),
     [
         ("class Wrong:\n    name = 'wrong'\n    def __call__(self, t, e): ...", r"wrong.py:1: .*has no text 'unit'"),
-        ("class Wrong: pass", "no metric 'Wrong', a class with __call__"),
+        ("class Wrong: pass", "the class Wrong has no __call__; a metric must have one"),
         ("class Wrong:\n    name, unit, meaning = 'a b', '', ''\n    def __call__(self, t, e): ...", "must be of a-z"),
         (
             "class Wrong:\n    def __init__(self, x): ...\n    def __call__(self, t, e): ...",

@@ -9,6 +9,7 @@ import pytest
 import tomli_w
 from typer.testing import CliRunner
 
+import platoontraffic
 from platoontraffic import scenario, shipped
 from platoontraffic.cli.main import app
 from platoontraffic.errors import InputError
@@ -224,3 +225,33 @@ def test_the_values_of_a_point_are_its_own(written):
     loaded = study.load(written(text))
     assert all(run.values["platoon.follower.lidar"] == lidar for run in loaded.runs)
     assert len({run.id for run in loaded.runs}) == 2
+
+
+@pytest.mark.parametrize(
+    ("scenario", "change", "random"),
+    [
+        ("paper_loop", "run.laps=1", False),
+        ("paper_loop", "platoon.follower.lidar.noise=utm30lx", True),
+        ("paper_loop", "platoon.follower.odometry=car", True),
+        ("lab_obstacles", "run.duration_s=60", False),
+        ("corridor_platoon", "platoon.size=2", True),
+        ("highway_tracking", "platoon.size=2", True),
+    ],
+)
+def test_runs_that_differ_in_a_seed_that_nothing_depends_on_are_said_to_be_equal(tmp_path, scenario, change, random):
+    file = tmp_path / "seeds.toml"
+    file.write_text(f'base = "{scenario}"\nreplications = 3\ngrid.record.every_s = [0.5, 1.0]')
+    done = CliRunner().invoke(app, ["batch", str(file), change, "--dry-run"])
+    assert done.exit_code == 0, done.stderr
+    assert ("4 of these runs are equal to others" in done.stdout) == (not random)
+
+
+@pytest.mark.sumo
+@pytest.mark.parametrize("noise", ["none", "utm30lx"])
+def test_tables_depend_on_the_seed_exactly_where_a_scenario_is_random(tmp_path, noise):
+    change = f"platoon.follower.lidar.noise={noise}"
+    tables = [
+        platoontraffic.run("paper_loop", "run.duration_s=0.5", change, seed=seed, results=tmp_path).trajectories
+        for seed in (1, 2)
+    ]
+    assert tables[0].equals(tables[1]) == (not scenario.load("paper_loop", [change]).random)

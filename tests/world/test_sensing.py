@@ -147,7 +147,7 @@ def test_the_example_follows_by_radar_and_records_both_lasers(tmp_path):
         ("platoon.follower.sensors.radar.rate_hz=7.0", "its interval must be a multiple of run.step_s"),
         ("platoon.follower.sensors.radar.rnge_m=7.0", "sensors.radar.rnge_m: unknown key"),
         ("platoon.follower.sensors.sonar.sensor=radar.py:Radar", "does not declare 'sonar' in its needs"),
-        ("platoon.follower.sensors.radar.sensor=radar.py:Echo", "no sensor 'Echo', a class with __call__"),
+        ("platoon.follower.sensors.radar.sensor=radar.py:Echo", "the class Echo has no __call__"),
         ("platoon.follower.lidars.rear.rate_hz=40.0", "must be a multiple of that of lidar"),
         ("platoon.follower.lidars.lidar.preset=car-leader", "must be another"),
         ("platoon.follower.lidars.rear.preset=car-leder", "did you mean"),
