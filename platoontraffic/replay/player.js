@@ -2,6 +2,7 @@
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 20];
 const MOST_LISTED = 400; // events in the list
+const CROWD = 20; // members of a platoon that are listed and drawn over time; of more, only the chosen one is
 const BEGIN_WIDTH = 26; // lengths of the chosen vehicle that the map shows across at first, ...
 const LARGE_ENOUGH = 10; // ... unless it has as many pixels as this when all of the road is shown
 
@@ -86,8 +87,11 @@ class Player {
   choose(member) {
     const { members } = this.run;
     this.chosen = member;
-    this.members = members.ids.flatMap((_, v) => (members.platoon[v] === members.platoon[member] ? [v] : []));
-    this.members.sort((a, b) => members.place[a] - members.place[b]);
+    const platoon = members.ids.flatMap((_, v) => (members.platoon[v] === members.platoon[member] ? [v] : []));
+    const crowd = platoon.length > CROWD;
+    this.members = crowd ? [member] : platoon.sort((a, b) => members.place[a] - members.place[b]);
+    element("crowd").hidden = !crowd;
+    element("crowd").textContent = `one of ${platoon.length}: a click on the map chooses another`;
     if (this.follows) this.follow({ member });
     this.#fillMembers();
     this.#fillNumbers();

@@ -238,6 +238,18 @@ def test_another_vehicle_is_followed(opened, made):
     assert tab.evaluate("replay.chosen") == "platoon.0"
 
 
+@pytest.mark.parametrize(("members", "listed"), [(20, 20), (21, 1)])
+def test_of_a_crowd_only_the_chosen_one_is_listed_and_all_are_drawn(opened, tmp_path, members, listed):
+    folder = made_run(tmp_path / "run", members=members, seconds=2.0)
+    tab = opened(page(folder, folder / "replay.html"))
+    assert tab.locator("#members tbody tr").count() == listed
+    assert tab.locator("#crowd").is_visible() == (listed == 1)
+    assert len(tab.evaluate("replay.drawn.members")) == members
+    tab.evaluate("location.hash = '#t=1&member=platoon.7'")
+    until(tab, "replay.chosen === 'platoon.7'")
+    assert "platoon.7" in tab.locator("#members tbody").inner_text()
+
+
 def test_a_link_leads_to_a_time_and_a_member(opened, made):
     tab = opened(made / "replay.html")
     tab.evaluate("location.hash = '#t=12.5&member=platoon.2'")
