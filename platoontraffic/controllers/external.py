@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.law import Decision, Law, Sensed, Target
+from platoontraffic.controllers.law import Decision, Known, Law, Sensed, Target
 from platoontraffic.controllers.policy import group_target
 from platoontraffic.vehicles.motion import NotNegative, Twist
+
+
+class Given(NamedTuple):
+    """What the seat was given at the last decision, as of `Sensed`, for who drives it."""
+
+    truth: Known | None
+    messages: Known | None
 
 
 @dataclass(frozen=True)
@@ -25,14 +32,25 @@ class External(Law):
     # Distance from laser to rear that it is to keep, for the spacing error: at rest; None: none.
     stand_off: Annotated[NotNegative | None, Field(alias="stand_off_m")] = None
     headway: Annotated[NotNegative, Field(alias="headway_s")] = 0.0  # what it grows by with the speed
+    # Other members that whoever drives it observes.
+    observes: Annotated[tuple[Literal["truth", "messages", "leader"], ...], Field(alias="needs")] = ()
 
-    def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
+    def __post_init__(self) -> None:
+        if self.needs == {"leader"}:
+            raise ValueError("needs: 'leader' must stand beside 'truth' or 'messages', which say how it is known")
+
+    @property
+    def needs(self) -> frozenset[str]:
+        return frozenset(self.observes)
+
+    def __call__(self, sensed: Sensed, memory: Given | None, dt: float) -> Decision:
         scan = sensed.scan
         aside = np.abs(scan.model.angles + scan.model.mount.yaw) > self.view / 2 * (1 + 1e-9)
         if aside.any():
             scan = replace(scan, ranges=np.where(aside, np.inf, scan.ranges).astype(scan.ranges.dtype))
         still = np.zeros(len(sensed.speed))
-        return Decision(Twist(still, still), target=Target(*group_target(scan)))
+        given = Given(sensed.truth, sensed.messages) if self.needs else None
+        return Decision(Twist(still, still), given, Target(*group_target(scan)))
 
     def desired_distance(self, speed):
         """Distance from laser to rear that it is to keep [m]; NaN: none."""

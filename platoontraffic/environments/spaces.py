@@ -10,6 +10,9 @@ from gymnasium.spaces import Box, Dict, Space
 from platoontraffic.episodes.episodes import Facts, Frame, Seat
 from platoontraffic.vehicles.motion import Drive, Twist
 
+# Least and greatest values of another member: gap [m], relative speed, speed [m/s], acceleration and its demand [m/s2],
+# age [s], and whether it is lost.
+OTHER = (-1e4, -200, -200, -100, -100, 0, 0), (1e4, 200, 200, 100, 100, 1e4, 1)
 COMMANDS = {"twist": Twist, "drive": Drive}
 
 
@@ -28,6 +31,7 @@ def observation_space(facts: Facts, seat: Seat) -> Space:
             ranges=Box(near, far, (lidar.samples,), np.float32),
             speed=Box(-speed, speed, (1,), np.float32),
             yaw_rate=Box(-yaw_rate, yaw_rate, (1,), np.float32),
+            **{name: Box(np.float32(OTHER[0]), np.float32(OTHER[1]), dtype=np.float32) for name in facts.known},
         )
     if learn.observation == "scan":
         low, high = [near] * learn.sectors, [far] * learn.sectors
@@ -45,6 +49,9 @@ def observation(space: Space, seat: Seat, frame: Frame, row: int) -> Any:
     A dictionary: `ranges`, of the laser's beams from right to left [m]; nothing there, or a lost return: range_max;
     nearer than range_min: range_min. `speed` [m/s] and `yaw_rate`, to the left [rad/s], as its odometry has them. Or a
     vector: the inputs of the law "policy" (`controllers.policy`).
+
+    Where the seat needs them, the dictionary also has other members, `truth` or `messages`, and `..._leader`, (7,): the
+    fields of `controllers.law.Neighbour`; 0 where one is not known, and 1 for `lost`.
     """
     if isinstance(space, Box):
         return np.clip(frame.own[row].astype(np.float32), space.low, space.high)
@@ -52,7 +59,14 @@ def observation(space: Space, seat: Seat, frame: Frame, row: int) -> Any:
     ranges = np.maximum(np.fmin(frame.ranges[row], box.high), box.low)  # where it is NaN, fmin gives the other one
     speed, yaw_rate = (np.clip(np.float32([value]), space[name].low, space[name].high)
                        for name, value in zip(("speed", "yaw_rate"), frame.own[row].tolist(), strict=True))  # fmt: skip
-    return {"ranges": ranges, "speed": speed, "yaw_rate": yaw_rate}
+    others = {
+        name: np.clip(np.nan_to_num(values[row]).astype(np.float32), space[name].low, space[name].high)
+        for name, values in frame.known.items()
+    }
+    if not frame.here[row]:
+        for other in others.values():
+            other[-1] = 1.0
+    return {"ranges": ranges, "speed": speed, "yaw_rate": yaw_rate, **others}
 
 
 def command_of(facts: Facts, seat: Seat, action: Any) -> Twist | Drive:

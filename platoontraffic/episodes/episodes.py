@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from platoontraffic import scenario as scenarios
 from platoontraffic.branches.host import Say
 from platoontraffic.controllers.calls import desired_distance
 from platoontraffic.controllers.external import External
-from platoontraffic.controllers.law import Sensed, Signals
+from platoontraffic.controllers.law import Neighbour, Sensed, Signals
 from platoontraffic.controllers.policy import inputs_of
 from platoontraffic.errors import InputError, RunError, did_you_mean
 from platoontraffic.lidar import LidarModel, ScanBatch
@@ -65,6 +65,7 @@ class Facts(NamedTuple):
     seats: tuple[Seat, ...]
     command: str  # "twist" or "drive"
     interval: float  # from one decision to the next [s]
+    known: tuple[str, ...]  # other members that are observed: "truth", "messages", each also with "_leader"
     seed: int  # of the scenario
 
 
@@ -79,6 +80,7 @@ class Frame(NamedTuple):
     terms: np.ndarray  # of the reward since the last decision, weighted, (n, r) in the order of `learn.reward`
     values: np.ndarray  # of quantities, now, (n, q) in the order of `FIELDS`; NaN: it has none
     events: tuple[tuple[str, ...], ...]  # kinds since the last decision, for each member
+    known: dict[str, np.ndarray]  # by the names in `Facts.known`: fields of `Neighbour`, (n, 7)
 
 
 class Episodes:
@@ -97,6 +99,8 @@ class Episodes:
         self._drawn = {key: draw(random, one) for key, one in drawn.items()}
         self._prepared = self._prepare({}) if drawn or number else prepare(base)
         self._learners = _learners(self._prepared, source, self._learn)
+        seat = next(m for m in self._prepared.members if m.id == self._learners[0])
+        self._known = _known(_with_seat(seat).law.needs) if self._learn.observation == "dict" else ()
         self._open = ExitStack()
         self._world = None
         setting = self._setting(self._prepared)
@@ -112,16 +116,16 @@ class Episodes:
         seats = [members[name] for name in self._learners]
         drives = [m.model.turning_radius > 0 for m in seats]
         command = self._learn.command or ("drive" if drives[0] else "twist")
-        if any(m.lidar != seats[0].lidar for m in seats):
-            raise InputError(
-                f"{', '.join(self._learners)}: members that learn in one environment must have equal lasers"
-            )
+        if len({(m.lidar, _with_seat(m).law.needs) for m in seats}) > 1:
+            names = ", ".join(self._learners)
+            raise InputError(f"{names}: members that learn in one environment must have equal lasers and needs")
         drawn = {key: one for key, one in self._learn.draw.items() if not key.startswith("sumo.")}
         return Facts(
             self._learn.model_copy(update={"draw": drawn}),
             tuple(Seat(m.id, m.lidar, float(m.model.top_speed), *_limits(m, command)) for m in seats),
             command,
             1 / seats[0].lidar.rate,
+            self._known,
             self._prepared.scenario.seed,
         )
 
@@ -266,8 +270,21 @@ class Episodes:
         samples = next((len(one) for one in self._ranges if one is not None), 1)
         ranges = np.stack([np.full(samples, np.inf) if one is None else one for one in self._ranges])
         if self._learn.observation == "dict":
-            return Frame(now.time, now.ended, here, ranges.astype(np.float32), own, terms, values, kinds)
-        return Frame(now.time, now.ended, here, None, self._vector(now, ranges, own), terms, values, kinds)
+            known = self._others(now.fleet)
+            return Frame(now.time, now.ended, here, ranges.astype(np.float32), own, terms, values, kinds, known)
+        return Frame(now.time, now.ended, here, None, self._vector(now, ranges, own), terms, values, kinds, {})
+
+    def _others(self, fleet: Fleet) -> dict[str, np.ndarray]:
+        """Other members as the members that learn know them, as in a frame."""
+        found = {name: np.full((len(self._learners), len(Neighbour._fields)), np.nan) for name in self._known}
+        for group in fleet.groups if found else ():
+            for k, row in enumerate(group.rows):
+                if (name := fleet.members[row].id) in self._learners and group.memory is not None:
+                    for key, values in found.items():
+                        source, _, whom = key.partition("_")
+                        other = getattr(getattr(group.memory, source), whom or "predecessor")
+                        values[self._learners.index(name)] = [one[k] for one in other]
+        return found
 
     def _vector(self, now: Instant, ranges: np.ndarray, own: np.ndarray) -> np.ndarray:
         """The observation as a vector, (n, ...)."""
@@ -337,8 +354,16 @@ def _with_seat(member: Member) -> Member:
     if not isinstance(law, External):
         stop, slow = (float(desired_distance(law, speed)) for speed in (0.0, 1.0))
         to_laser = 0.0 if law.distance_from == "laser" else member.seen_ahead_of_gap
-        law = External() if np.isnan(stop) else External(stand_off=stop + to_laser, headway=slow - stop)
+        observes = tuple(sorted(law.needs & {"truth", "messages", "leader"}))
+        distance = {} if np.isnan(stop) else {"stand_off": stop + to_laser, "headway": slow - stop}
+        law = External(observes=observes, **distance)
     return replace(member, law=law, further_lidars=(), sensors=())
+
+
+def _known(needs: Collection[str]) -> tuple[str, ...]:
+    """Names of the other members that a law with such needs is told of."""
+    whom = ("", "_leader") if "leader" in needs else ("",)
+    return tuple(source + end for source in ("truth", "messages") if source in needs for end in whom)
 
 
 def _limits(member: Member, command: str) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -248,6 +248,42 @@ def test_two_environments_in_one_process_do_not_disturb_each_other(follower):
     assert np.array_equal(alone, both)
 
 
+@pytest.mark.slow
+def test_a_seat_observes_what_its_needs_declare():
+    law = 'platoon.follower={law="external", needs=["truth", "leader"], lidar="paper-follower"}'
+    straight = 'platoon.start={edge="n_w", position_m=2.5}'
+    env = Platoon("paper_path", ["platoon.size=3", law, straight, "learn.episode_s=3", "learn.parents=1"])
+    seen, _ = env.reset(seed=1)
+    for _ in range(20):
+        seen, _, _, _, info = env.step({"robot.1": AHEAD, "robot.2": np.array([0.05, 0.0])})
+    assert set(seen["robot.2"]) == {"ranges", "speed", "yaw_rate", "truth", "truth_leader"}
+    gap, closing, speed, *_, age, lost = seen["robot.2"]["truth"]
+    assert (gap, -closing) == pytest.approx((info["robot.2"]["gap_m"], info["robot.2"]["closing_mps"]), abs=1e-4)
+    assert (speed, age, lost) == pytest.approx((0.1, 0.0, 0.0))
+    first = seen["robot.1"]["truth"]
+    assert first == pytest.approx(seen["robot.1"]["truth_leader"])
+    along = gap + 0.2 + first[0]  # [m], a robot is 0.2 m long; gaps are straight, so that the sum is an upper limit
+    assert along - 0.005 < seen["robot.2"]["truth_leader"][0] < along + 1e-6
+    env.close()
+
+
+@pytest.mark.slow
+def test_a_seat_of_a_law_by_messages_has_them_and_loses_them_in_a_blackout():
+    changes = ["run.duration_s=6", "channel.blackout=[{time_s=2, lasts_s=10}]", "learn.parents=1", "platoon.size=2"]
+    env = Follower("blackout", changes)
+    env.reset(seed=1)
+    for step in range(1, 31):
+        seen, _, _, _, info = env.step(np.array([0.0, 0.0]))
+        assert env.observation_space.contains(seen)
+        age, lost = seen["messages"][5:]
+        if step < 20:
+            assert (age, lost) == pytest.approx((0.1, 0.0))  # latency_s
+        if not lost:
+            assert age == pytest.approx(info["message_age_s"])
+    assert seen["messages"].tolist() == [0, 0, 0, 0, 0, 0, 1]
+    env.close()
+
+
 def descendants(pid: int) -> set[int]:
     found: set[int] = set()
     for task in Path("/proc").glob("[0-9]*/stat"):
