@@ -21,6 +21,7 @@ GAIN = 0.8  # by which it approaches that speed; the drive line lags behind its 
 CLEARANCE = 0.05  # on each side of the body [vehicle widths]: 9 cm; its offset from the path is added
 STOP = 0.1  # distance before a return in the swath at which it stops [vehicle lengths]
 PLACES = 0.02  # distance of the poses at which the swath is compared with the returns [vehicle lengths]
+ALONGSIDE, BESIDE = 0.1, 0.02  # a return so far before the front bumper [vehicle lengths] may be as near as it is [m]
 REACH = 3.0  # length of the swath [vehicle lengths]
 
 
@@ -83,7 +84,21 @@ def swept(sensed: Sensed, i: int) -> float:
     cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
     away_x, away_y = x - at[:, :1], y - at[:, 1:]
     ahead, aside = cos * away_x + sin * away_y, cos * away_y - sin * away_x
-    side = width / 2 + CLEARANCE * width + abs(offset[1])
+    side = width / 2 + _kept(ahead[0] + axle, aside[0], length, width, float(offset[1]))
     inside = (np.abs(aside) < side) & (ahead > -length / 2 - axle) & (ahead < length / 2 - axle)
     first = inside.any(axis=1)
     return max(float(there[first.argmax()]) - PLACES * length, 0.0) if first.any() else REACH * length
+
+
+def _kept(ahead: np.ndarray, aside: np.ndarray, length: float, width: float, offset: float) -> np.ndarray:
+    """Distance that is kept from returns on each side of the body (k,) [m].
+
+    That is less for what is close beside it already, and to which the return to the route leads no nearer.
+
+    ahead, aside : of the centre, forward and to the left (k,) [m]
+    offset       : of the route, to the left [m]
+    """
+    usual, away = CLEARANCE * width + abs(offset), np.abs(aside) - width / 2
+    towards = np.where(aside * offset > 0, abs(offset), 0.0)
+    beside = (away > 0) & (np.abs(ahead) < length / 2 + ALONGSIDE * length)
+    return np.where(beside & (away > towards + BESIDE), np.minimum(usual, away - BESIDE), usual)

@@ -295,12 +295,23 @@ class Network:
         links = (link for edge in self._roads for links in edge.getOutgoing().values() for link in links)
         return {lane.getID(): link.getFromLane().getID() for link in links for lane in inside(link, self._net)}
 
+    def inside_with(self, lane_id: str) -> Sequence[str]:
+        """All lanes inside the junction in which a lane is; () if it is in none."""
+        return self._inside_of.get(_junction_of(lane_id), ())
+
+    @cached_property
+    def _inside_of(self) -> Mapping[str, list[str]]:
+        lanes: dict[str, list[str]] = {}
+        for name in sorted(self.entered_from):
+            lanes.setdefault(_junction_of(name), []).append(name)
+        return lanes
+
     @cached_property
     def unregulated(self) -> frozenset[str]:
         """Lanes inside junctions at which nobody has to give way, though paths cross: SUMO's type `unregulated`."""
         return frozenset(
             lane for lane in self.entered_from
-            if self._net.getNode(lane[1:].rsplit("_", 2)[0]).getType() == "unregulated"
+            if self._net.getNode(_junction_of(lane)).getType() == "unregulated"
         )  # fmt: skip
 
     def onward(self, edge_id: str, n: int = 2) -> tuple[str, ...]:
@@ -435,6 +446,11 @@ def _leads_out(lane: Any) -> bool:
         seen.add(lane)
         lane = links[0].getToLane()
     return True
+
+
+def _junction_of(lane_id: str) -> str:
+    """The junction of a lane inside it; of another lane, something else."""
+    return lane_id[1:].rsplit("_", 2)[0]
 
 
 def _heading(two: Sequence[Sequence[float]]) -> float:

@@ -17,6 +17,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.sumo.background import PERSON, Background
 from platoontraffic.sumo.client import Client, libsumo
 from platoontraffic.sumo.departures import in_the_way
+from platoontraffic.sumo.letting_go import LettingGo
 from platoontraffic.sumo.obstacles import HeldObstacles
 from platoontraffic.sumo.passages import Passages
 from platoontraffic.sumo.placement import Placement
@@ -69,6 +70,7 @@ class World:
         self._obstacles = HeldObstacles(self._sumo, network.drivable, self._background)
         self._placement = Placement(self._sumo, network, step)
         self._lines = StopLines(network, self._sumo)
+        self._letting_go = LettingGo(self._sumo, network)
         self._trips = Trips(self._sumo, self._placement, step)
         self._passages = Passages(self._sumo, network, counted, self._trips)
         self._recruiting = recruits and Recruiting(self._sumo, recruits, step)
@@ -163,6 +165,7 @@ class World:
 
         raises: RunError (a pose is not finite)
         """
+        self._letting_go.observe(fleet, self._placement.where)
         self._placement.place(fleet, brakes)
 
     def advance(self, fleet: Fleet) -> Fleet:

@@ -71,6 +71,15 @@ def test_it_stops_when_what_it_creeps_past_moves():
     assert not state.after(sensed, 2.9 * one, 3.0 * one, ~no, 0.1).active.any()  # a line closes
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_it_creeps_on_with_a_body_close_beside_it(side):
+    """It has come to a stand abreast; going straight on brings it no nearer."""
+    wall = shapely.box(10.0, side * (CAR.width / 2 + 0.07), 14.0, side * 4.0)
+    log = along(STRAIGHT, PathLeader(speed=10.0), Scene.from_shapely(solids=[wall]), 40.0, CAR, EYE, 0.0, 0.1, at=10.0)
+    assert log.x[-1, 0] > 40.0
+    assert shapely.distance(footprints(log), wall).min() > 0.03
+
+
 def test_it_passes_a_nose_beside_its_strip_without_creeping():
     log = driven(nose(STRIP + 0.05), 20.0)
     assert log.speed[:, 0].min() > 9.5

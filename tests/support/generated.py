@@ -49,6 +49,24 @@ def generated(
     return file
 
 
+def crossroads(folder: Path) -> Path:
+    """Two roads of two lanes each way that cross at a light, whose second phase is green for west and east."""
+    arms = {"w": (-200, 0), "e": (200, 0), "s": (0, -200), "n": (0, 200)}
+    nodes = [f'<node id="{arm}" x="{x}" y="{y}"/>' for arm, (x, y) in arms.items()]
+    edges = [
+        f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="2"/>' for arm in arms for a, b in ((arm, "c"), ("c", arm))
+    ]
+    nodes.append('<node id="c" x="0" y="0" type="traffic_light"/>')
+    files = {"nod": f"<nodes>{''.join(nodes)}</nodes>", "edg": f"<edges>{''.join(edges)}</edges>"}
+    for kind, text in files.items():
+        (folder / f"cross.{kind}.xml").write_text(text)
+    file = folder / "cross.net.xml"
+    sources = f"--node-files={folder / 'cross.nod.xml'}", f"--edge-files={folder / 'cross.edg.xml'}"
+    # Green for good, without arrows: left turns give way.
+    _run("netconvert", *sources, "--tls.green.time=1000", "--no-turnarounds", f"--output-file={file}")
+    return file
+
+
 def roundabouts(folder: Path, lanes: int = 1, arms: int = 4, count: int = 3) -> Path:
     """Write a street with roundabouts, each with side roads."""
     file = folder / f"roundabouts_{lanes}_{arms}_{count}.net.xml"

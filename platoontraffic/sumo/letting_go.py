@@ -1,0 +1,126 @@
+"""SUMO's vehicles that wait inside a junction for a member which stands, and could drive past it.
+
+SUMO's driver gives way to every vehicle that has priority and is inside the junction or comes to it, also to a member
+that stands there because a body is in its way. Where that body is the one that waits, both would stand for ever. A
+human driver goes as soon as it is clear that the other one does not. So a vehicle that stands inside a junction is told
+to ignore a member (SUMO's parameter `junctionModel.ignoreIDs`) that has stood before a body for `AFTER`, if its own
+body stays `CLEARANCE` away from the member's on its path through the junction; until the member moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import shapely
+
+from platoontraffic.controllers import BRAKES_FOR
+from platoontraffic.lidar import Boxes
+from platoontraffic.road.network import Network
+from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_VIA
+from platoontraffic.world.fleet import Fleet
+
+AFTER = 5.0  # time that a member has stood before a body [s]
+EVERY = 1.0  # period of looking for vehicles that wait [s]
+STANDS = 0.1  # speed below which a vehicle stands [m/s]
+CLEARANCE = 0.3  # between the bodies [m]
+NEAR = 60.0  # a vehicle further away does not wait for the member [m]
+SPACING = 1.0  # of the places on its path [m]
+IGNORED = "junctionModel.ignoreIDs"
+BLOCKED = [BRAKES_FOR.index(word) for word in ("obstacle", "predecessor")]
+
+
+class LettingGo:
+    """Which vehicles ignore which members."""
+
+    def __init__(self, sumo: Client, network: Network) -> None:
+        self._sumo, self._network = sumo, network
+        self._since: dict[str, float] = {}  # of members that stand before a body [s]
+        self._ignored: dict[str, set[str]] = {}  # members, by the vehicle that ignores them
+        self._looked = -np.inf  # [s]
+
+    def observe(self, fleet: Fleet, where: Mapping[str, tuple[str, str]]) -> None:
+        """Before every step. where: edge and lane of each member"""
+        time, blocked = self._sumo.simulation.getTime(), dict(_blocked(fleet))
+        self._since = {name: self._since.get(name, time) for name in blocked}
+        on_road = set(self._sumo.vehicle.getIDList()) if self._ignored else set()
+        for foe, members in list(self._ignored.items()):
+            if foe not in on_road:
+                del self._ignored[foe]
+            elif not members <= blocked.keys() or self._sumo.vehicle.getRoadID(foe)[:1] != ":":
+                self._ignore(foe, members & blocked.keys() if self._sumo.vehicle.getRoadID(foe)[:1] == ":" else set())
+        if time < self._looked + EVERY - 1e-6:
+            return
+        self._looked = time
+        for name, row in blocked.items():
+            if time - self._since[name] < AFTER - 1e-6:
+                continue
+            body = shapely.polygons(_box(fleet, row).corners())[0]
+            for foe in self._waiting(where[name][1], where):
+                if name not in self._ignored.get(foe, ()) and self._passes(foe, body):
+                    self._ignore(foe, {*self._ignored.get(foe, ()), name})
+
+    def _ignore(self, foe: str, members: set[str]) -> None:
+        self._sumo.vehicle.setParameter(foe, IGNORED, " ".join(sorted(members)))
+        if members:
+            self._ignored[foe] = members
+        else:
+            del self._ignored[foe]
+
+    def _waiting(self, lane: str, members: Mapping[str, tuple[str, str]]) -> Iterator[str]:
+        """Vehicles that SUMO drives and that stand inside the junction on which, or before which, a lane is."""
+        if lane and lane[0] != ":":
+            lane = next((link[LINK_VIA] for link in self._sumo.lane.getLinks(lane) if link[LINK_VIA]), "")
+        for inside in self._network.inside_with(lane):
+            for foe in self._sumo.lane.getLastStepVehicleIDs(inside):
+                if foe not in members and self._sumo.vehicle.getSpeed(foe) < STANDS:
+                    yield foe
+
+    def _passes(self, foe: str, body: shapely.Geometry) -> bool:
+        """Whether a vehicle on its way through the junction stays away from a body."""
+        vehicle = self._sumo.vehicle
+        if shapely.distance(shapely.Point(vehicle.getPosition(foe)), body) > NEAR:
+            return False
+        path, inside = self._path(vehicle.getLaneID(foe))
+        begin, length = vehicle.getLanePosition(foe), vehicle.getLength(foe)
+        steps = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+        front = np.arange(begin, inside + length, SPACING)
+        # Its rear is on the path too, which is prolonged straight before its begin.
+        ends = [np.column_stack([_on(steps, path[:, k], s) for k in (0, 1)]) for s in (front, front - length)]
+        middle, along = (ends[0] + ends[1]) / 2, ends[0] - ends[1]
+        n = len(front)
+        size = np.full(n, length), np.full(n, vehicle.getWidth(foe))
+        boxes = Boxes(*middle.T, np.arctan2(*along.T[::-1]), *size, np.arange(n))
+        return bool((shapely.distance(shapely.polygons(boxes.corners()), body) > CLEARANCE).all())
+
+    def _path(self, lane: str) -> tuple[np.ndarray, float]:
+        """The line of a lane inside a junction and of those that it leads to, (k, 2) [m], and its length inside."""
+        lanes = [lane]
+        while lanes[-1][0] == ":" and (links := self._sumo.lane.getLinks(lanes[-1])):
+            lanes.append(links[0][LINK_VIA] or links[0][LINK_ONTO])
+        line = np.array([point for name in lanes for point in self._sumo.lane.getShape(name)])
+        inside = sum(self._sumo.lane.getLength(name) for name in lanes if name[0] == ":")
+        return line[np.concatenate([[True], np.hypot(*np.diff(line, axis=0).T) > 1e-6])], inside
+
+
+def _blocked(fleet: Fleet) -> Iterator[tuple[str, int]]:
+    """Members that stand before a body, and their rows."""
+    stands = np.abs(fleet.motion.speed) < STANDS
+    for group in fleet.groups:
+        limit = group.law.braking_for(group.memory) if group.memory is not None else None
+        for k in () if limit is None else np.flatnonzero(stands[group.rows] & np.isin(limit.reason, BLOCKED)).tolist():
+            yield fleet.ids[group.rows[k]], int(group.rows[k])
+
+
+def _box(fleet: Fleet, row: int) -> Boxes:
+    motion, model, one = fleet.motion, fleet.model, slice(row, row + 1)
+    return Boxes(
+        motion.x[one], motion.y[one], motion.heading[one], model.length[one], model.width[one], np.zeros(1, int)
+    )
+
+
+def _on(stations: np.ndarray, values: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Values at places along a line, prolonged straight before its begin."""
+    slope = (values[1] - values[0]) / (stations[1] - stations[0])
+    return np.where(there < 0, values[0] + slope * there, np.interp(there, stations, values))
