@@ -109,7 +109,7 @@ class Route:
 
         Without a line before it None and inf. The next line, and further ones within `reach` [m].
         """
-        lines, closed = self.lines, self.closed
+        lines, closed = self.lines, self.line.closed
         here = station % self.length if closed else station
         ahead = bisect.bisect_left(self._line_stations, here)
         passed, over = None, np.inf
@@ -117,12 +117,12 @@ class Route:
             passed = lines[ahead - 1]
             over = here - passed.station + (0.0 if ahead else self.length)
         found: list[tuple[Line, float]] = []
-        for k in range(ahead, len(lines) + (ahead if closed else 0)):
-            lap, number = divmod(k, len(lines))
-            distance = lines[number].station + lap * self.length - here
-            if found and distance >= reach:
-                break
-            found.append((lines[number], distance))
+        for lap, onward in ((0.0, lines[ahead:]), (self.length, lines[:ahead] if closed else ())):
+            for line in onward:
+                distance = line.station + lap - here
+                if found and distance >= reach:
+                    return passed, over, found
+                found.append((line, distance))
         return passed, over, found
 
 

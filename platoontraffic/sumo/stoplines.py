@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -142,7 +142,11 @@ class StopLines:
         self._network, self._sumo = network, sumo
         self._now = Reads(sumo)
         self._conflicts = Once(lambda line: Conflicts.at(line, network, sumo))
-        self._outside = Once(self._foes_outside)  # by line, at this instant
+        self._at_junction = Once(lambda line: line._replace(station=0.0))  # one for all routes over it
+        # By line, at this instant: those outside the junction, the same as they come, and those inside with priority.
+        self._outside = Once(self._foes_outside)
+        self._patiently = Once(lambda line: [*self._approaching(line)])
+        self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
         # Vehicles that stand at an open line ("") or on a lane inside a junction: since when, and when last seen [s].
         self._standing: dict[tuple[str, str], tuple[float, float]] = {}
         self._adjacent: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
@@ -158,7 +162,8 @@ class StopLines:
     def renew(self) -> None:
         """Ask SUMO anew: it has made a step since, and all vehicles are elsewhere."""
         self._now.renew()
-        self._outside.clear()
+        for foes in (self._outside, self._patiently, self._first_inside):
+            foes.clear()
 
     def signals(self, fleet: Fleet, roads: Mapping[str, tuple[str, str]]) -> Signals | None:
         """The next stop line of each member with a law that needs it; None if no law does.
@@ -174,15 +179,13 @@ class StopLines:
             return None
         self.renew()
         front = (progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]).tolist()
-        n, speed = len(fleet), fleet.motion.speed.tolist()
+        states, speed = [NO_LINE] * len(fleet), fleet.motion.speed.tolist()
         self._no_room.clear()
-        signals = Signals(np.full(n, np.inf), np.ones(n, bool), *np.zeros((2, n), bool), np.zeros(n, int))
-        for k, i, ego in self._asking:
-            ego = ego._replace(lane=roads[ego.id][1], speed=speed[i])
-            state = self._state(members[i], front[k], ego)
-            for values, value in zip(signals, state, strict=True):
-                values[i] = value
-        return signals
+        for k, i, (name, _, _, *own) in self._asking:
+            states[i] = self._state(members[i], front[k], Ego(name, roads[name][1], speed[i], *own))
+        distance, is_open, minor, changing, reason = zip(*states, strict=True)
+        flags = np.array(is_open), np.array(minor), np.array(changing)
+        return Signals(np.array(distance), *flags, np.array(reason))
 
     def with_later_changes(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members that brake because there is no room for their lane change here.
@@ -221,7 +224,9 @@ class StopLines:
             line = next((line for line in lines if line.lane == lane and line.via[:1] == (via,)), None)
             ego = Ego.of(fleet.members[i])._replace(lane=via, speed=float(fleet.motion.speed[i]))
             signal = _signal(state)
-            has_gap = signal != ground.GIVES_WAY or line is None or self._may_enter(line, state, ego)
+            has_gap = (
+                signal != ground.GIVES_WAY or line is None or self._may_enter(self._at_junction[line], state, ego)
+            )
             found.append(Entry(i, lane, signal, has_gap))
         return found
 
@@ -233,7 +238,7 @@ class StopLines:
         Of several lines ahead that is the first, unless it is open and has priority: then the first closed one.
         """
         passed, over, lines = member.route.lines_about(station, ego.checks_from)
-        if passed and (state := self._passed(passed, over, ego)):
+        if passed and (state := self._passed(self._at_junction[passed], over, ego)):
             return state
         if not lines:
             return NO_LINE
@@ -273,6 +278,7 @@ class StopLines:
             if not is_open and self._is_passed_soon(line, distance, ego):
                 self._no_room[ego.id] = line
             return LineState(distance, is_open, False, False, LANE_CHANGE)
+        line = self._at_junction[line]
         state, conflicts = self._link_state(line), self._conflicts[line]
         minor = state in STOP or (state in MINOR and bool(conflicts.entering))
         yellow = state in YELLOW
@@ -472,7 +478,7 @@ class StopLines:
         distance: to the junction [m]
         midway  : judged for what is met after the place where it may wait midway; else for what is met before it
         """
-        foes = [*self._coming(line, ego, state), *self._inside(line, first=True)]
+        foes = [*self._coming(line, ego, state), *self._first_inside[line]]
         if state in ZIPPER:  # the nearer one goes first, and one that stands inside may set out at any time
             foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
             foes = [foe if foe.to_line > 0 else self._setting_out(foe) for foe in foes]
@@ -523,11 +529,15 @@ class StopLines:
                 return False
         return True
 
-    def _coming(self, line: Line, ego: Ego, state: str) -> Iterator[Approach]:
+    def _coming(self, line: Line, ego: Ego, state: str) -> Iterable[Approach]:
         """Vehicles outside the junction that will cross the path with priority and are not stopped by a light."""
+        return self._approaching(line, ego) if state in EQUAL else self._patiently[line]
+
+    def _approaching(self, line: Line, ego: Ego | None = None) -> Iterator[Approach]:
+        """The same as they come; ego: where nobody has priority."""
         for foe, hurrying, is_open in self._outside[line]:
             patience = HELD_UP_AFTER
-            if state in EQUAL and self._order(foe.id, foe.crossing.before) > self._order(ego.id, line.lane):
+            if ego and self._order(foe.id, foe.crossing.before) > self._order(ego.id, line.lane):
                 patience = 0.0  # both stand, and it came later
             yield hurrying if self._hurries(foe.id, foe.to_line, is_open, patience) else foe
 
