@@ -9,7 +9,7 @@ import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.road.network import Network
-from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.frame import centre_of, heading_of
 from platoontraffic.world.fleet import CLOSING, Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
@@ -65,9 +65,9 @@ class Background:
             self._sized = names, np.ascontiguousarray(sizes.T)
         length, width = self._sized[1]
         front = self._fronts(names)
-        heading = heading_of(np.fromiter(map(vehicle.getAngle, names), float, n))
+        heading = heading_of(np.fromiter(map(direct(vehicle.getAngle), names), float, n))
         x, y = centre_of(*front.T, heading, length)
-        speed = np.fromiter(map(vehicle.getSpeed, names), float, n)
+        speed = np.fromiter(map(direct(vehicle.getSpeed), names), float, n)
         return TrafficSnapshot(time, tuple(names), x, y, heading, speed, length, width)
 
     def _on_their_level(self, fleet: Fleet, vehicles: TrafficSnapshot) -> TrafficSnapshot:
@@ -137,7 +137,7 @@ class Background:
 
     def _fronts(self, names: Sequence[str]) -> np.ndarray:
         """Positions of front bumpers (n, 2) [m]."""
-        numbers = chain.from_iterable(map(self._sumo.vehicle.getPosition, names))
+        numbers = chain.from_iterable(map(direct(self._sumo.vehicle.getPosition), names))
         return np.fromiter(numbers, float, 2 * len(names)).reshape(-1, 2)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from platoontraffic.errors import MissingError
@@ -14,6 +14,7 @@ _before = os.environ.get("LIBSUMO_AS_TRACI")
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"
 try:
     import libsumo
+    from libsumo import _libsumo
 except ModuleNotFoundError:
     raise
 except ImportError as error:  # the system lacks a library that it is linked with
@@ -26,7 +27,16 @@ os.environ.pop("LIBSUMO_AS_TRACI")
 if _before is not None:
     os.environ["LIBSUMO_AS_TRACI"] = _before
 
-__all__ = ["Client", "libsumo"]
+__all__ = ["Client", "direct", "libsumo"]
+
+
+def direct(function: Callable) -> Callable:
+    """The compiled function that one of libsumo's calls, where it does no more: it takes half the time.
+
+    function: of a `Client`, as `sumo.vehicle.getSpeed`; a remote one's stays as it is. All arguments are to be given.
+    """
+    name = getattr(function, "__qualname__", "").replace(".", "_")
+    return getattr(_libsumo, name, function)
 
 
 class Client(Protocol):

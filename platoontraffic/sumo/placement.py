@@ -11,7 +11,7 @@ import numpy as np
 from platoontraffic.errors import RunError
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
-from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.frame import centre_of, front_of, heading_of, sumo_angle
 from platoontraffic.sumo.plexe import feed, switch_on
 from platoontraffic.sumo.shadows import Mover, Shadows
@@ -146,10 +146,10 @@ class Placement:
 
         raises: RunError (a pose is not finite: SUMO would accept it)
         """
-        motion, move = fleet.motion, self._sumo.vehicle.moveToXY
+        motion, move = fleet.motion, direct(self._sumo.vehicle.moveToXY)
         x, y = front_of(motion.x, motion.y, motion.heading, fleet.model.length)
         angle = sumo_angle(motion.heading)
-        if not (np.isfinite(x).all() and np.isfinite(y).all() and np.isfinite(angle).all()):
+        if not np.isfinite(x + y + angle).all():
             raise RunError("a member's pose is not finite")
         self._shadows.cast(self._moved(fleet))
         poses = zip(fleet.members, fleet.native.tolist(), x.tolist(), y.tolist(), angle.tolist(), strict=True)
@@ -181,8 +181,9 @@ class Placement:
 
     def locate(self, fleet: Fleet) -> None:
         """Read the edge and lane of every member, and note those that have entered a junction."""
+        lane_of = direct(self._sumo.vehicle.getLaneID)
         for name in fleet.ids:
-            lane, before = self._sumo.vehicle.getLaneID(name), self.where.get(name, NOWHERE)
+            lane, before = lane_of(name), self.where.get(name, NOWHERE)
             if lane and lane == before[1]:
                 continue
             if lane[:1] == ":" and before[1] and before[1][0] != ":":
@@ -197,16 +198,17 @@ class Placement:
         for its leader. So members leave the lane and enter it again, both before the next step: no driver sees them
         elsewhere.
         """
-        vehicle = self._sumo.vehicle
+        vehicle, on_lane = self._sumo.vehicle, direct(self._sumo.lane.getLastStepVehicleIDs)
+        position_of = direct(vehicle.getLanePosition)
         members: dict[str, list[str]] = {}  # by lane
         for member, native in zip(fleet.members, fleet.native, strict=True):
             if not native and (lane := self.where[member.id][1]):
                 members.setdefault(lane, []).append(member.id)
         for lane, names in members.items():
-            order = self._sumo.lane.getLastStepVehicleIDs(lane)
+            order = on_lane(lane)
             if len(order) < 2:
                 continue
-            positions = list(map(vehicle.getLanePosition, order))
+            positions = list(map(position_of, order))
             if positions == sorted(positions):
                 continue
             position = dict(zip(order, positions, strict=True))
@@ -227,14 +229,14 @@ class Placement:
 
     def settle(self, fleet: Fleet) -> None:
         """Correct the members' speeds and routes in SUMO."""
-        vehicle = self._sumo.vehicle
+        vehicle, set_speed = self._sumo.vehicle, direct(self._sumo.vehicle.setPreviousSpeed)
         speeds, natives = fleet.motion.speed.tolist(), fleet.native.tolist()
         for member, speed, native in zip(fleet.members, speeds, natives, strict=True):
             if native and not member.route.closed:  # it keeps to the route that it was given
                 continue
             if not native:
                 # The speed SUMO derives is wrong where a lane's length is not that of the path driven: at corners.
-                vehicle.setPreviousSpeed(member.id, abs(speed))
+                set_speed(member.id, abs(speed))
             edge = self.where[member.id][0]
             if self._routed.get(member.id) == (edge, member.route) or edge not in self._network.edges:  # a junction
                 continue

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
-from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.client import Client, direct
 
 
 class Once(dict):
@@ -19,6 +20,18 @@ class Once(dict):
         return value
 
 
+class OfSumo(Once):
+    """Values of a function of SUMO's. A remote client has it only after it has started."""
+
+    def __init__(self, sumo: Client, domain: str, name: str) -> None:
+        self._named = sumo, domain, name
+
+    @cached_property
+    def _function(self) -> Callable[[Any], Any]:
+        sumo, domain, name = self._named
+        return direct(getattr(getattr(sumo, domain), name))
+
+
 class Reads:
     """Values of SUMO's by the id of a vehicle, lane, edge or traffic light, named as SUMO's functions.
 
@@ -26,19 +39,18 @@ class Reads:
     """
 
     def __init__(self, sumo: Client) -> None:
-        # A remote client has its domains only after it has started.
-        self.lane_length = Once(lambda lane: sumo.lane.getLength(lane))
-        self.length = Once(lambda vehicle: sumo.vehicle.getLength(vehicle))
-        self.max_speed = Once(lambda lane: sumo.lane.getMaxSpeed(lane))
-        self.links = Once(lambda lane: sumo.lane.getLinks(lane))
-        self.on_lane = Once(lambda lane: sumo.lane.getLastStepVehicleIDs(lane))
-        self.people = Once(lambda edge: sumo.edge.getLastStepPersonIDs(edge))
-        self.speed = Once(lambda vehicle: sumo.vehicle.getSpeed(vehicle))
-        self.position = Once(lambda vehicle: sumo.vehicle.getLanePosition(vehicle))
-        self.acceleration = Once(lambda vehicle: sumo.vehicle.getAccel(vehicle))
-        self.next_links = Once(lambda vehicle: sumo.vehicle.getNextLinks(vehicle))
-        self.waited = Once(lambda vehicle: sumo.vehicle.getWaitingTime(vehicle))
-        self.lights = Once(lambda light: sumo.trafficlight.getRedYellowGreenState(light))
+        self.lane_length = OfSumo(sumo, "lane", "getLength")
+        self.length = OfSumo(sumo, "vehicle", "getLength")
+        self.max_speed = OfSumo(sumo, "lane", "getMaxSpeed")
+        self.links = OfSumo(sumo, "lane", "getLinks")
+        self.on_lane = OfSumo(sumo, "lane", "getLastStepVehicleIDs")
+        self.people = OfSumo(sumo, "edge", "getLastStepPersonIDs")
+        self.speed = OfSumo(sumo, "vehicle", "getSpeed")
+        self.position = OfSumo(sumo, "vehicle", "getLanePosition")
+        self.acceleration = OfSumo(sumo, "vehicle", "getAccel")
+        self.next_links = OfSumo(sumo, "vehicle", "getNextLinks")
+        self.waited = OfSumo(sumo, "vehicle", "getWaitingTime")
+        self.lights = OfSumo(sumo, "trafficlight", "getRedYellowGreenState")
         self._of_instant = [
             self.max_speed, self.links, self.on_lane, self.people, self.speed, self.position, self.acceleration,
             self.next_links, self.waited, self.lights,

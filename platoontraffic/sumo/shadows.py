@@ -22,7 +22,7 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from platoontraffic.road.network import Network
-from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.client import Client, direct
 
 LEFT, NONE, RIGHT = 1, 0, -1
 AHEAD = 1.5  # a shadow is on the lane that the body will reach within this time at its present lateral speed [s]
@@ -82,12 +82,13 @@ class Shadows:
         for mover in self._widened:
             self._sumo.vehicletype.setWidth(mover.kind, mover.width)
         widened, self._widened = {mover.id for mover in self._widened}, []
+        lateral_of = direct(self._sumo.vehicle.getLateralLanePosition)
         for mover in movers:
             edge, lane = where[mover.id]
             if not lane or self._lane_number(edge) < 2:
                 self._seen.pop(mover.id, None)
                 continue
-            placed, before = self._sumo.vehicle.getLateralLanePosition(mover.id), self._seen.get(mover.id)
+            placed, before = lateral_of(mover.id), self._seen.get(mover.id)
             lateral = self._mirror * placed
             same = before is not None and before.lane == lane
             speed = (lateral - before.lateral) / self._step if same else before.speed if before else 0.0
