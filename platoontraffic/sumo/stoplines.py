@@ -224,9 +224,7 @@ class StopLines:
             line = next((line for line in lines if line.lane == lane and line.via[:1] == (via,)), None)
             ego = Ego.of(fleet.members[i])._replace(lane=via, speed=float(fleet.motion.speed[i]))
             signal = _signal(state)
-            has_gap = (
-                signal != ground.GIVES_WAY or line is None or self._may_enter(self._at_junction[line], state, ego)
-            )
+            has_gap = signal != ground.GIVES_WAY or line is None or self._may_enter(self._at_junction[line], state, ego)
             found.append(Entry(i, lane, signal, has_gap))
         return found
 

@@ -417,4 +417,5 @@ def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
     ego = Ego("m.0", "road_0", 0.0, CAR.length)
     assert not lines._may_cross(line, 1.0, ego, state="Z")
     inside.clear()
+    lines.renew()
     assert lines._may_cross(line, 1.0, ego, state="Z")
