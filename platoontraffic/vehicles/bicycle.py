@@ -28,18 +28,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
+from operator import attrgetter
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles import bicycle_formulas
-from platoontraffic.vehicles.motion import Command, Drive, Motion, NotNegative, Positive, Twist
+from platoontraffic.vehicles.motion import Command, Drive, Motion, NotNegative, Positive, Twist, rows
 
 VALID_LATERAL = 4.0  # greatest lateral acceleration for which the kinematic bicycle is valid [Polack] [m/s2]
 SUBSTEP = 0.025  # longest step of the integration [s]; of second order: 2 mm after 8 s of hard driving
+
+_FIELDS = attrgetter(*Motion.__dataclass_fields__)
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,12 @@ class Car:
     strongest_acceleration = bicycle_formulas.strongest_acceleration
     drive_for = bicycle_formulas.drive_for
     within_limits = bicycle_formulas.within_limits
+
+    @cached_property
+    def _table(self) -> np.ndarray:
+        """Its fields as records."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return _records(values, np.broadcast_shapes(*map(np.shape, values.values())))
 
     @property
     def top_speed(self) -> float:
@@ -126,17 +135,15 @@ class Car:
 
         raises: ValueError if a single twist or drive is not finite
         """
-        from platoontraffic.vehicles.bicycle_kernel import move  # here, since importing numba takes half a second
+        from platoontraffic.vehicles.bicycle_kernel import MOTION, move  # here: importing numba takes half a second
 
         command = command if isinstance(command, Command) else Command.of(_finite(command))
-        shape = np.broadcast_shapes(np.shape(motion.x), *(np.shape(values) for kind in command for values in kind))
-        after = _records(vars(motion), shape)
-        cars, twists, drives = (_records(of, shape) for of in (vars(self), *(kind._asdict() for kind in command)))
-        count = max(1, math.ceil(dt / SUBSTEP - 1e-9))
-        move(after.ravel(), cars.ravel(), twists.ravel(), drives.ravel(), count, dt / count)
-        values = {name: after[name].copy() for name in after.dtype.names}
-        values["heading"] = wrap(values["heading"])
-        return Motion(**values)
+        values, (twist, drive) = _FIELDS(motion), command
+        shape, values = rows((*values, *twist, *drive))
+        cars = self._table if self._table.shape == shape else np.broadcast_to(self._table, shape).copy()
+        after, count = np.empty((9, cars.size)), max(1, math.ceil(dt / SUBSTEP - 1e-9))
+        move(values[:9], cars.ravel(), values[9:], count, dt / count, np.empty(1, MOTION), after)
+        return Motion(*after.reshape(9, *shape))
 
 
 def lateral_acceleration(motion: Motion) -> np.ndarray:

@@ -1,6 +1,6 @@
 """The motion of one car after the other, compiled: the equations of `bicycle`, sub-step by sub-step.
 
-A car, its motion, its twist and its drive are records with the fields of those classes.
+A car and its motion are records with the fields of those classes.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.vehicles import bicycle_formulas, motion
-from platoontraffic.vehicles.motion import Drive
+from platoontraffic.vehicles.motion import Drive, Motion, Twist
+
+MOTION = np.dtype([(name, float) for name in Motion.__dataclass_fields__])
 
 compiled = compiler(__file__, bicycle_formulas.__file__, motion.__file__)
 
@@ -30,14 +32,32 @@ class _Pace(NamedTuple):
 
 
 @compiled
-def move(motions, cars, twists, drives, count, h):
-    """Advance every row by `count` sub-steps of h [s], in place; the heading is not wrapped.
+def move(motion, cars, command, count, h, spare, after):
+    """Advance every row by `count` sub-steps of h [s].
 
-    motions, cars, twists, drives : arrays of records (n,); a row with a drive of NaN obeys its twist
+    motion  : the fields of `Motion`, (n,) each
+    cars    : records (n,)
+    command : the fields of a twist and of a drive, (n,) each; where the drive is NaN, the twist is obeyed
+    spare   : memory for a record of MOTION, (1,)
+    after   : filled in, a row for each field of `Motion`, (9, n)
     """
-    for i in range(len(motions)):
+    x, y, heading, turned, speed, yaw_rate, acceleration, steering, braking = motion
+    now = spare[0]
+    for i in range(len(x)):
+        now.x, now.y, now.heading, now.turned, now.speed = x[i], y[i], heading[i], turned[i], speed[i]
+        now.yaw_rate, now.acceleration, now.steering, now.braking = (
+            yaw_rate[i],
+            acceleration[i],
+            steering[i],
+            braking[i],
+        )
+        twist, drive = Twist(command[0][i], command[1][i]), Drive(command[2][i], command[3][i])
         for _ in range(count):
-            _substep(motions[i], cars[i], twists[i], drives[i], h)
+            _substep(now, cars[i], twist, drive, h)
+        after[0, i], after[1, i], after[3, i], after[4, i] = now.x, now.y, now.turned, now.speed
+        after[2, i] = now.heading - 2 * np.pi * np.ceil((now.heading - np.pi) / (2 * np.pi))  # as `lidar.pose.wrap`
+        after[5, i], after[6, i], after[7, i] = now.yaw_rate, now.acceleration, now.steering
+        after[8, i] = now.braking
 
 
 @compiled

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from operator import attrgetter
 from typing import ClassVar
 
 import numpy as np
 
-from platoontraffic.lidar.pose import wrap
-from platoontraffic.vehicles.motion import Command, Drive, Motion, NotNegative, Positive, Twist
-from platoontraffic.vehicles.records import changed
+from platoontraffic.vehicles.differential_formulas import turned_by_wheels
+from platoontraffic.vehicles.motion import Command, Drive, Motion, NotNegative, Positive, Twist, rows
+
+_MOVES = attrgetter("x", "y", "heading", "turned", "speed", "yaw_rate")
 
 
 @dataclass(frozen=True)
@@ -62,21 +65,9 @@ class DifferentialDrive:
         """The delay of the scan [s], since the wheels obey at once."""
         return scan
 
-    def twist_for(self, command: Command | Drive | Twist, motion: Motion, dt: float) -> Twist:
-        """The twist that follows a command: a drive's acceleration lasts one step, at its curvature."""
-        if isinstance(command, Twist):
-            return command
-        twist, drive = command if isinstance(command, Command) else Command.of(command)
-        speed = motion.speed + drive.acceleration * dt
-        driven = ~np.isnan(drive.acceleration)
-        return Twist(np.where(driven, speed, twist.speed), np.where(driven, speed * drive.curvature, twist.yaw_rate))
-
     def saturated(self, twist: Twist) -> Twist:
         """The nearest twist of the same curvature that both wheels can turn."""
-        swing = twist.yaw_rate * self.wheel_separation / 2
-        fastest = np.maximum(np.abs(twist.speed - swing), np.abs(twist.speed + swing)) / self.wheel_radius
-        keep = np.minimum(1.0, self.max_wheel_speed / np.maximum(fastest, 1e-300))
-        return Twist(twist.speed * keep, twist.yaw_rate * keep)
+        return Twist(*turned_by_wheels(*twist, self.wheel_separation, self.wheel_radius, self.max_wheel_speed))
 
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """The middle of the driven axle, the point that the wheels steer, x and y [m]. Arrays (n,)."""
@@ -88,30 +79,26 @@ class DifferentialDrive:
         The axle's middle drives an arc: exact for a constant twist, and, since both wheels share one lag, exact too
         for a start from rest at constant curvature. With a lag, distance and turned angle are still exact.
         """
-        wanted = self.saturated(self.twist_for(command, motion, dt))
-        lag = np.maximum(self.lag, 1e-12)
-        left_over = np.exp(-dt / lag)  # share of the difference that is still there after dt
-        mean_left_over = -np.expm1(-dt / lag) * lag / dt
-        speed, mean_speed = _relax(motion.speed, wanted.speed, left_over, mean_left_over)
-        yaw_rate, mean_yaw_rate = _relax(motion.yaw_rate, wanted.yaw_rate, left_over, mean_left_over)
+        # Imported here: importing numba takes half a second.
+        from platoontraffic.vehicles.differential_kernel import move
 
-        angle = mean_yaw_rate * dt
-        chord = mean_speed * dt * np.sinc(angle / (2 * np.pi))  # numpy's sinc(x) is sin(pi x) / (pi x)
-        along = motion.heading + angle / 2
-        heading = motion.heading + angle
-        # The axle moves along the chord; the centre keeps its place before the axle.
-        x = motion.x + chord * np.cos(along) + self.axle * (np.cos(motion.heading) - np.cos(heading))
-        y = motion.y + chord * np.sin(along) + self.axle * (np.sin(motion.heading) - np.sin(heading))
-        turned, acceleration = motion.turned + angle, (speed - motion.speed) / dt
-        return changed(
-            motion, x=x, y=y, heading=wrap(heading), turned=turned, speed=speed, yaw_rate=yaw_rate,
-            acceleration=acceleration,
-        )  # fmt: skip
+        twist, drive = command if isinstance(command, Command) else Command.of(command)
+        wheels = self.wheel_separation, self.wheel_radius, self.max_wheel_speed
+        shape, values = rows((*_MOVES(motion), *twist, *drive, self.axle, *wheels, *self._left_over(dt)))
+        after = np.empty((7, len(values[0])))
+        move(values[:6], values[6:10], values[10], values[11:14], *values[14:], dt, after)
+        return Motion(*after.reshape(7, *shape), motion.steering, motion.braking)
+
+    def _left_over(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Share of the difference of wheel speeds that is still there after dt, and its mean over dt."""
+        if dt not in self._of_steps:
+            lag = np.maximum(self.lag, 1e-12)
+            self._of_steps[dt] = np.exp(-dt / lag), -np.expm1(-dt / lag) * lag / dt
+        return self._of_steps[dt]
+
+    @cached_property
+    def _of_steps(self) -> dict[float, tuple[np.ndarray, np.ndarray]]:
+        return {}
 
 
 ROBOTS = {"paper-robot": DifferentialDrive()}
-
-
-def _relax(value, target, left_over, mean_left_over):
-    """First-order approach to a target over one step: the value at its end, and its mean over the step."""
-    return target + (value - target) * left_over, target + (value - target) * mean_left_over

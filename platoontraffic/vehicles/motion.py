@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import Field
@@ -106,6 +106,22 @@ class Motion:
         x, y, heading = (np.array(value, dtype=float) for value in (x, y, heading))
         still = np.zeros_like(x)
         return cls(x, y, heading, still, still, still, still, still, still)
+
+
+def rows(values: Sequence[Any]) -> tuple[tuple[int, ...], tuple[np.ndarray, ...]]:
+    """Their common shape, and arrays of its size (n,) that a kernel may read: those that are one already, else copies.
+
+    values: floats or arrays
+    """
+    shape = np.shape(values[0])
+    if len(shape) == 1 and all(map(_is_row, values, [shape] * len(values))):
+        return shape, tuple(values)
+    shape = np.broadcast_shapes(*map(np.shape, values))
+    return shape, tuple(np.array(np.broadcast_to(v, shape), dtype=float).ravel() for v in values)
+
+
+def _is_row(values: Any, shape: tuple[int, ...]) -> bool:
+    return type(values) is np.ndarray and values.shape == shape and values.dtype == float and values.flags.carray
 
 
 class VehicleModel(Protocol):

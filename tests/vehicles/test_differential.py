@@ -7,8 +7,9 @@ import pytest
 
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.differential import DifferentialDrive
-from platoontraffic.vehicles.motion import Motion, Twist
+from platoontraffic.vehicles.motion import Command, Drive, Motion, Twist
 from platoontraffic.vehicles.records import stack
+from tests.support.differential_by_arrays import moved
 
 ROBOT = DifferentialDrive()
 CENTRED = replace(ROBOT, axle=0.0)
@@ -144,3 +145,19 @@ def test_the_reverse_command_drives_back():
     there = driven(ROBOT, (0.4, 0.8), 3.0, 40)
     back = driven(ROBOT, (-0.4, -0.8), 3.0, 17, (there.x, there.y, there.heading))
     np.testing.assert_allclose([back.x, back.y, back.heading], START, atol=1e-12)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.2])
+def test_motion_is_that_of_whole_arrays_bit_for_bit(lag):
+    """Robots of many sizes that obey twists and drives at random, beyond what their wheels can turn too."""
+    rng, n = np.random.default_rng(3), 40
+    sizes = rng.uniform(0.5, 2.0, (n, 4)) * (-0.06, 0.13, 0.03, 40.0)
+    names = "axle", "wheel_separation", "wheel_radius", "max_wheel_speed"
+    robots = stack([replace(ROBOT, lag=lag, **dict(zip(names, size.tolist(), strict=True))) for size in sizes])
+    motion = Motion.at_rest(*rng.uniform(-3, 3, (3, n)))
+    for _ in range(200):
+        drives = np.where(rng.random(n) < 0.5, np.nan, rng.normal(0, (2.0, 0.5), (n, 2)).T)
+        command = Command(Twist(*rng.choice([-1.0, 0.0, 0.4, 2.0], (2, n))), Drive(*drives))
+        motion, expected = robots.moved(motion, command, 0.025), moved(robots, motion, command, 0.025)
+        for field in fields(Motion):
+            np.testing.assert_array_equal(getattr(motion, field.name), getattr(expected, field.name), strict=True)
