@@ -32,6 +32,11 @@ class DrivenPaths:
         self._points = np.empty((len(self.spacing), capacity, 3))  # x, y, station; untouched, it takes no memory
         self._size = np.zeros(len(self.spacing), dtype=np.intp)
 
+    @property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points, sizes and spacings of all paths, for kernels."""
+        return self._points, self._size, self.spacing
+
     def extend(self, spacing: np.ndarray) -> None:
         """Further paths, with the numbers that come next."""
         self.spacing, used = np.append(self.spacing, spacing), len(self._size)
@@ -50,7 +55,7 @@ class DrivenPaths:
 
     def drive(self, number: np.ndarray, x, y, backwards: np.ndarray) -> None:
         """Extend paths to points, arrays (m,); where `backwards` (bool), shorten them to the nearest point instead."""
-        _drive(self._points, self._size, self.spacing, number, x, y, backwards)
+        extend(self.arrays, number, x, y, backwards)
 
     def end(self, number: np.ndarray) -> np.ndarray:
         """Stations of the last points [m], (m,)."""
@@ -67,7 +72,9 @@ class DrivenPaths:
 
 
 @compiled
-def _drive(points, size, spacing, number, x, y, backwards):
+def extend(paths, number, x, y, backwards):
+    """`DrivenPaths.drive`"""
+    points, size, spacing = paths
     for i in range(len(number)):
         k = number[i]
         if backwards[i]:
@@ -124,13 +131,24 @@ def _retracted(path, size, x, y):
 @compiled
 def _project_all(points, size, number, x, y, near, window, station, offset):
     for i in range(len(number)):
-        k = number[i]
-        first = points[k, 0, 2]  # above 0 if something has been forgotten
-        station[i], offset[i] = math.nan, math.nan
-        if first == 0.0 or near[i] + window[i] > first:
-            s, aside = _project(points[k], size[k], x[i], y[i], near[i], window[i])
-            if first == 0.0 or s > first:
-                station[i], offset[i] = s, aside
+        station[i], offset[i] = located(points, size, number[i], x[i], y[i], near[i], window[i])
+
+
+@compiled
+def located(points, size, k, x, y, near, window):
+    """Station on path k, and offset from it, as of `DrivenPaths.project`."""
+    first = points[k, 0, 2]  # above 0 if something has been forgotten
+    if first == 0.0 or near + window > first:
+        station, aside = _project(points[k], size[k], x, y, near, window)
+        if first == 0.0 or station > first:
+            return station, aside
+    return math.nan, math.nan
+
+
+@compiled
+def end_of(points, size, k):
+    """Station of the last point of path k [m]."""
+    return points[k, size[k] - 1, 2]
 
 
 @compiled

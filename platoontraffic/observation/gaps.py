@@ -12,7 +12,6 @@ from platoontraffic.geometry.driven_paths import DrivenPaths
 from platoontraffic.observation.step import Step
 from platoontraffic.world.fleet import Fleet, Member
 
-DETOUR = 2.0  # longest path to a new predecessor, over the straight distance to it [1]
 POINTS_PER_LENGTH = 24  # most points of a driven path within one vehicle length
 
 
@@ -51,32 +50,14 @@ class Gaps:
 
     def observe(self, step: Step) -> None:
         """Extend all paths to where the members are now; locate each follower on its predecessor's path."""
-        fleet, members, x, y = step.fleet, step.number, step.x, step.y
-        self._paths.drive(members, x, y, fleet.motion.speed < 0)
-        rows = (fleet.predecessor >= 0).nonzero()[0]
-        ahead, length, axle = fleet.predecessor[rows], fleet.model.length, fleet.model.axle
-        number, number_ahead = members[rows], members[ahead]
-        driven = self._paths.end(number) - self._end[number]
-        near, reach = self._station[number], 2 * (length[rows] + np.abs(driven))
-        # On the path of a new predecessor a follower is searched behind that, not where the predecessor was laps ago.
-        away = np.hypot(x[ahead] - x[rows], y[ahead] - y[rows])
-        anew = self._ahead[number] != number_ahead
-        near = np.where(anew, self._paths.end(number_ahead) - away, near)
-        reach = np.where(anew, DETOUR * (away + length[rows]), reach)
-        self._ahead[members] = -1
-        self._ahead[number] = number_ahead
-        station, offset = self._paths.project(number_ahead, x[rows], y[rows], near, reach)
-        front = station + length[rows] / 2 - axle[rows]
-        rear = self._paths.end(number_ahead) - length[ahead] / 2 - axle[ahead]
-        self.gap[members] = self.cross_track[members] = np.nan
-        gap, width = rear - front, fleet.model.width
-        # SUMO's cars change lanes as they like, and pass each other.
-        elsewhere = fleet.native[rows] & ((np.abs(offset) > (width[rows] + width[ahead]) / 2) | (gap < 0))
-        self.gap[number] = np.where(elsewhere, np.nan, gap)
-        self.cross_track[number] = np.where(elsewhere, np.nan, offset)
-        forgotten = np.isnan(station)
-        self._station[number] = np.where(forgotten, self._station[number] + driven, station)
-        self._end[members] = self._paths.end(members)
+        # Imported here: importing numba takes half a second.
+        from platoontraffic.observation.gaps_kernel import Followers, locate
+
+        fleet, model = step.fleet, step.fleet.model
+        followers = Followers(self.gap, self.cross_track, self._end, self._station, self._ahead)
+        body, backwards = (model.length, model.width, model.axle), fleet.motion.speed < 0
+        locate(self._paths.arrays, followers, step.number, fleet.predecessor, step.x, step.y, backwards, body,
+               fleet.native)  # fmt: skip
 
 
 class DesiredGaps:

@@ -1,0 +1,59 @@
+"""Gaps and cross-track errors along the paths that predecessors drove; compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.geometry import driven_paths, polyline
+from platoontraffic.geometry.driven_paths import end_of, extend, located
+from platoontraffic.lidar.compiled import compiler
+
+DETOUR = 2.0  # longest path to a new predecessor, over the straight distance to it [1]
+
+compiled = compiler(__file__, driven_paths.__file__, polyline.__file__)
+
+
+class Followers(NamedTuple):
+    """The arrays (N,) of `gaps.Gaps`."""
+
+    gap: np.ndarray
+    cross_track: np.ndarray
+    end: np.ndarray
+    station: np.ndarray
+    ahead: np.ndarray
+
+
+@compiled
+def locate(paths, state, number, predecessor, x, y, reversing, body, native):
+    """Extend all paths to where the members are now; locate each follower on its predecessor's path: `Gaps.observe`.
+
+    paths  : `DrivenPaths.arrays`
+    number : of the members on the road, (n,), as the following ones
+    body   : length, width, axle
+    """
+    points, size, _ = paths
+    extend(paths, number, x, y, reversing)
+    length, width, axle = body
+    for i in range(len(number)):
+        k, front = number[i], predecessor[i]
+        state.gap[k] = state.cross_track[k] = math.nan
+        if front < 0:
+            state.ahead[k], state.end[k] = -1, end_of(points, size, k)
+            continue
+        end, k_front = end_of(points, size, k), number[front]
+        end_front, driven = end_of(points, size, k_front), end - state.end[k]
+        near, reach = state.station[k], 2 * (length[i] + abs(driven))
+        if state.ahead[k] != k_front:
+            # On the path of a new predecessor it is searched behind that, not where the predecessor was laps ago.
+            away = math.hypot(x[front] - x[i], y[front] - y[i])
+            near, reach = end_front - away, DETOUR * (away + length[i])
+        station, offset = located(points, size, k_front, x[i], y[i], near, reach)
+        gap = (end_front - length[front] / 2 - axle[front]) - (station + length[i] / 2 - axle[i])
+        # SUMO's cars change lanes as they like, and pass each other.
+        if not (native[i] and (abs(offset) > (width[i] + width[front]) / 2 or gap < 0)):
+            state.gap[k], state.cross_track[k] = gap, offset
+        state.station[k] = state.station[k] + driven if math.isnan(station) else station
+        state.ahead[k], state.end[k] = k_front, end

@@ -1,0 +1,49 @@
+"""The compiled gaps against their second implementation, bit for bit."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from platoontraffic.observation.gaps import Gaps
+from tests.support.gaps_by_arrays import GapsByArrays
+from tests.support.observed import cars
+
+N = 7
+STATE = "gap", "cross_track", "_end", "_station", "_ahead"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_gaps_are_those_of_whole_arrays(seed):
+    """Members that wander, stop, reverse, and now and then have another predecessor, or are driven by SUMO."""
+    rng = np.random.default_rng(seed)
+    members = cars(N - 1)
+    one, other = Gaps(members), GapsByArrays(members)
+    x, y, heading = -9.0 * np.arange(N), np.zeros(N), np.zeros(N)
+    predecessor = np.arange(N) - 1
+    step = _step(rng.permutation(N), predecessor, x, y, heading, np.zeros(N), np.zeros(N, bool))
+    for gaps in (one, other):
+        gaps.begin(step, np.arange(N))
+    number, apart = step.number, 0
+    for _ in range(300):
+        if rng.random() < 0.05:
+            predecessor = np.array([rng.integers(-1, i) for i in range(N)])
+        speed = rng.choice([-1.0, 0.0, 0.5, 1.5], N)
+        heading = heading + rng.normal(0, 0.2, N)
+        x, y = x + speed * np.cos(heading), y + speed * np.sin(heading)
+        step = _step(number, predecessor, x, y, heading, speed, rng.random(N) < 0.3)
+        for gaps in (one, other):
+            gaps.observe(step)
+        for name in STATE:
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name), strict=True)
+        apart += np.isfinite(one.gap).sum()
+    assert apart > 300
+
+
+def _step(number, predecessor, x, y, heading, speed, native):
+    model = SimpleNamespace(length=np.linspace(3.0, 9.0, N), width=np.linspace(1.6, 2.4, N), axle=np.full(N, -1.3))
+    motion = SimpleNamespace(heading=heading, speed=speed)
+    fleet = SimpleNamespace(model=model, motion=motion, predecessor=predecessor, native=native, number=number)
+    return SimpleNamespace(fleet=fleet, number=number, x=x, y=y)
