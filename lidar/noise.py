@@ -90,7 +90,7 @@ def draws(noise: Noise, seed: int, ids: tuple[str, ...], number: int, scanner: s
     if noise.none:
         return _NO_ERRORS
     sensors = sensor_keys(seed, ids, scanner)
-    return scan_keys(sensors, number), biases(noise, sensors)
+    return scan_keys(sensors, number), _biases(noise, int(seed), ids, scanner)
 
 
 _NO_ERRORS = np.empty(0, np.uint64), np.empty(0)
@@ -114,6 +114,11 @@ def _sensor_keys(seed, ids, scanner):
 def scan_keys(sensors: np.ndarray, number: int) -> np.ndarray:
     """A hash for each of these sensors and one scan, (n,) uint64."""
     return mixed(sensors + np.uint64((number + 1) * int(GOLDEN) % 2**64))
+
+
+@lru_cache(maxsize=64)  # as of `_sensor_keys`
+def _biases(noise, seed, ids, scanner):
+    return biases(noise, _sensor_keys(seed, ids, scanner))
 
 
 def biases(noise: Noise, sensors: np.ndarray) -> np.ndarray:

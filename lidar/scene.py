@@ -78,9 +78,9 @@ class Scene:
         A grid answers for points that are not near the border of a solid. shapely answers for the others; it compares a
         point with all sides as far north or south.
         """
-        x, y = np.array(x, dtype=np.float64, ndmin=1), np.array(y, dtype=np.float64, ndmin=1)
         if self._has_no_solids:
-            return np.zeros(len(x), dtype=bool)
+            return np.zeros(np.size(x), dtype=bool)
+        x, y = np.array(x, dtype=np.float64, ndmin=1), np.array(y, dtype=np.float64, ndmin=1)
         kind = self._cells.at(x, y)
         inside = kind == _INSIDE
         near = np.flatnonzero(kind == _BORDER)

@@ -68,8 +68,10 @@ def scan(
 
 def _poses(carriers, later, mount):
     """Poses of the sensors `later` seconds after the given instant: x, y, yaw, world frame, (n,) each."""
-    x, y = carriers.x + later * carriers.vx, carriers.y + later * carriers.vy
-    return compose(x, y, carriers.heading + later * carriers.yaw_rate, mount)
+    x, y, heading = carriers.x, carriers.y, carriers.heading
+    if later:
+        x, y, heading = x + later * carriers.vx, y + later * carriers.vy, heading + later * carriers.yaw_rate
+    return compose(x, y, heading, mount)
 
 
 def _buffers(out, model, n, dtype):

@@ -30,6 +30,9 @@ def decide(law: Law, sensed: Sensed, memory: Any, dt: float, at: Occasion) -> De
     """
     decision = _call(law, f"at {at.stamp:.3f} s", law, sensed, memory, dt)
     n = len(sensed.speed)
+    if _is_sound(decision, n):
+        _check_finite(law, decision, at)
+        return decision
     try:
         kind = Drive if isinstance(decision.command, Drive) else Twist
         command = kind(*[_row_each(values, n) for values in decision.command])
@@ -62,15 +65,24 @@ def memory_of(law: Law, memory: Any, rows: np.ndarray) -> Any:
 
 def _call(law: Law, when: str, function: Callable, *arguments: Any) -> Any:
     """function(*arguments); an error of a plug-in becomes an InputError that says when and where it failed."""
+    if is_shipped(type(law)):
+        return function(*arguments)
     process = os.getpid()
     try:
         return function(*arguments)
     except (Exception, SystemExit) as error:  # whatever a user's code may raise
-        if is_shipped(type(law)):
-            raise
         raise _fault(law, f"failed {when}: {type(error).__name__}: {error}", error) from error
     finally:
         end_copy(process)
+
+
+def _is_sound(decision: Any, n: int) -> bool:
+    """It is a decision with arrays (n,) of floats, as those of most laws."""
+    if type(decision) is not Decision or type(decision.target) is not Target:
+        return False
+    if type(decision.command) is not Drive and type(decision.command) is not Twist:
+        return False
+    return all(type(v) is np.ndarray and v.dtype == float and v.shape == (n,) for pair in decision[::2] for v in pair)
 
 
 def _check_finite(law: Law, decision: Decision, at: Occasion) -> None:

@@ -69,10 +69,12 @@ class Encroachments:
             self._begin(round(TRAIL / dt) + 1)
         if traffic.ids != self._ids:
             self._find_columns(traffic.ids)
+            trails = self._trails
+            trails.half_length[self._columns] = traffic.length / 2
+            trails.half_width[self._columns] = traffic.width / 2
         if step.number is not self._numbers:
             self._find_seats(step.number)
         slot, trails = self._columns, self._trails
-        trails.half_length[slot], trails.half_width[slot] = traffic.length / 2, traffic.width / 2
         head = self._step % len(trails.x)
         position = traffic.x, traffic.y
         extend(trails, head, slot, *position, *traffic.facing)

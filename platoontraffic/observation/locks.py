@@ -16,6 +16,7 @@ from platoontraffic.world.under_way import Seen
 
 NOTHING = ""  # the target of a law that has none, or that lies on no surface
 NOT_SCANNED = -1  # number of beams in a row without a new scan
+NEVER = -2  # number of the predecessor of a member that has not scanned
 
 
 class Locks:
@@ -28,6 +29,7 @@ class Locks:
         self._lost_since = np.full(n, np.nan)  # [s]; NaN: never locked, or not lost
         self.beams = np.full(n, np.nan)  # on the predecessor
         self.occluded = np.full(n, np.nan)  # share of the beams that would meet the predecessor if it were alone
+        self._ahead = np.full(n, NEVER)  # number of the predecessor; -1: none
 
     def observe(self, step: Step, scans: Sequence[ScanBatch | None], split: np.ndarray) -> Iterator[Event]:
         """wrong_target, locked, lock_regained, lock_lost
@@ -43,8 +45,11 @@ class Locks:
         with np.errstate(divide="ignore", invalid="ignore"):
             self.occluded[number] = np.where(alone > 0, np.maximum(1 - beams / alone, 0), np.nan)
         # By id, since a row of the snapshot may be another vehicle in the next step.
-        ids = np.array(step.traffic.ids[: len(step.fleet)], dtype=object)
-        before, self.target[number] = self.target[number], seen[rows]
+        targets, before, number_ahead = seen[rows], self.target[number], np.where(ahead < 0, -1, step.number[ahead])
+        if (self._ahead[number] == number_ahead).all() and targets.tolist() == before.tolist():
+            return  # as at the last scan, so what is locked is too
+        self._ahead[number] = number_ahead
+        ids, self.target[number] = np.array(step.traffic.ids[: len(step.fleet)], dtype=object), targets
         leaders, follows = number[ahead < 0], ahead >= 0
         self.locked[leaders], self._lost_since[leaders] = False, np.nan
         yield from self._compare(step, rows[follows], ids[ahead[follows]], before[follows], split)

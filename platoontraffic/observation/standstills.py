@@ -27,12 +27,16 @@ class Standstills:
         self._locks, self._hindrances, self._limits = locks, hindrances, limits
         self._since = np.full(n, np.nan)  # [s]; NaN: it moves
         self._noted = np.zeros(n, dtype=bool)  # there was an event of its present standstill
+        self._all_move = True  # one step before
 
     def observe(self, step: Step) -> Iterator[Event]:
         """standstill when one has lasted STANDSTILL_AFTER, standstill_end when that one ends"""
         number, motion = step.number, step.fleet.motion
         slow = STANDING * step.fleet.model.length
         moving = (np.abs(motion.speed) > slow) | (np.abs(motion.yaw_rate) > TURNING)
+        all_moved, self._all_move = self._all_move, bool(moving.all())
+        if all_moved and self._all_move:
+            return
         since, noted = self._since[number], self._noted[number]
         since = np.where(np.isnan(since) & ~moving, step.time, since)
         began = ~moving & ~noted & (step.time - since > STANDSTILL_AFTER)

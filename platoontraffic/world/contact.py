@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pymunk
+import shapely
 from pymunk import batch
+from shapely import STRtree
 
 from platoontraffic.lidar import Scene
 from platoontraffic.world.events import WALL
 from platoontraffic.world.traffic import TrafficSnapshot
 
 TOUCH = 1e-9  # distance below which shapes touch [m]; at 0, rounding and the order inside pymunk would decide
+
+ROUNDING = 1e-6  # distance beyond which two bodies do not touch, whatever is rounded [m]
 
 POSE = batch.BodyFields.POSITION | batch.BodyFields.ANGLE
 
@@ -31,7 +35,8 @@ class Contacts:
         self._space = pymunk.Space()
         self._poses = BodyPoses(self._space)
         self.members = members
-        self.has_walls = len(scene.segments) > 0
+        self._walls = STRtree(shapely.linestrings(scene.segments.reshape(-1, 2, 2)))
+        self._away = (), *np.empty((3, 0))  # ids of members, where they were [m], and how far from all walls then [m]
         self._ids: tuple[str, ...] | None = None  # of the previous snapshot
         self._rows = np.empty(0, dtype=np.intp)  # of its vehicles in the table
         self._table = np.empty((0, 3))  # x, y, angle of all bodies; zeros for the body of the walls
@@ -50,6 +55,21 @@ class Contacts:
         self.members.discard(name)
         for shape in self._bodies[name].shapes if name in self._bodies else ():
             shape.filter = _OTHER
+
+    def may_touch_walls(self, traffic: TrafficSnapshot, n: int) -> bool:
+        """Whether one of the first n vehicles may touch a wall.
+
+        None does until its centre has moved as far as all of its circumscribed circle was away from the walls.
+        """
+        if not len(self._walls) or not n:
+            return False
+        ids, x, y = traffic.ids[:n], traffic.x[:n], traffic.y[:n]
+        before, from_x, from_y, away = self._away
+        if before != ids or (np.hypot(x - from_x, y - from_y) >= away).any():
+            _, centres = self._walls.query_nearest(shapely.points(x, y), return_distance=True, all_matches=False)
+            away = centres - np.hypot(traffic.length[:n], traffic.width[:n]) / 2 - ROUNDING
+            self._away = ids, x, y, away
+        return bool((away <= 0).any())
 
     def of(self, traffic: TrafficSnapshot) -> set[tuple[str, str]]:
         """Pairs (member, other vehicle or WALL) that touch in this snapshot; of two members the first by name leads."""

@@ -219,3 +219,26 @@ def test_a_member_that_is_none_any_more_is_noted_with_members_only():
     assert contacts.of(snapshot(rows)) == {("a", "b"), ("a", "m"), ("m", "b")}
     contacts.release("a")
     assert contacts.of(snapshot(rows)) == {("m", "a"), ("m", "b")}
+
+
+def test_no_wall_is_touched_that_was_not_asked_for():
+    """Boxes that wander among walls: while no member may touch a wall, none does."""
+    rng, may, touched = np.random.default_rng(5), 0, 0
+    walls = rng.uniform(-4, 4, (10, 1, 2)) + rng.uniform(-1, 1, (10, 2, 2))
+    contacts = always = Contacts(NO_WALLS, set())
+    for k in range(3000):
+        if k % 1000 == 0:
+            contacts, always = (Contacts(Scene(walls.reshape(-1, 4)), set("ab")) for _ in range(2))
+            rows = {name: np.array([0.0, 0.0, 0.0, *rng.uniform(0.1, 0.6, 2)]) for name in "abc"}
+        if k % 100 == 0:
+            for row in rows.values():
+                row[:2] = rng.uniform(-4, 4, 2)
+        for row in rows.values():
+            row[:3] += rng.normal(0, 0.02, 3)
+        now = snapshot(rows)
+        touches = any(other == WALL for _, other in always.of(now))
+        asked = contacts.may_touch_walls(now, 2)
+        assert asked or not touches
+        may, touched = may + asked, touched + touches
+    assert 0 < touched < may < 2500
+    assert not Contacts(NO_WALLS, {"a"}).may_touch_walls(now, 2)
