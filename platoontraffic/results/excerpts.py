@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -49,13 +50,24 @@ class Own:
 
     def count(self, kind: str) -> float:
         """Number of its events of a kind."""
-        return float((self.events.kind == kind).sum())
+        return float(self._kinds[kind])
+
+    @cached_property
+    def _kinds(self) -> Counter[str]:
+        return Counter(self.events.kind)
+
+    @cached_property
+    def split_off(self) -> list[tuple[float, float]]:
+        """Periods in which it is split off [s]."""
+        return split_off(self.events, self.follows)
 
     def share_between(self, begins: str, ends: str, already: float = 0.0) -> float:
         """Share of its time between events of two kinds, the last period up to the end.
 
         already: time for which the state has lasted when the event that begins it is noted [s]
         """
+        if not self._kinds[begins] and not self._kinds[ends]:
+            return share(0.0, self.until - self.since)
         began = self.events.loc[self.events.kind == begins, "time_s"]
         ended = self.events.loc[self.events.kind == ends, "duration_s"]
         last = self.until - began.iloc[-1] + already if len(began) > len(ended) else 0.0
@@ -63,9 +75,13 @@ class Own:
 
     def in_platoon(self, quantity: str) -> Row:
         """Statistics of a quantity while it follows and is not split off: of the recorded instants if it ever was."""
-        if not split_off(self.events, self.follows):
+        if not self.split_off:
             return self.steps(quantity)
-        return of_values(self.following.in_platoon[quantity])
+        return of_values(self._in_platoon[quantity])
+
+    @cached_property
+    def _in_platoon(self) -> pd.DataFrame:
+        return self.following.in_platoon
 
     def moving_time_gaps(self, rows: pd.DataFrame) -> pd.Series:
         """Time gaps at those of its rows at which it moves [s]."""
@@ -94,7 +110,7 @@ class Own:
     @cached_property
     def following(self) -> Following:
         counted = [(one.begin, one.end) for one in self.follows]
-        off = split_off(self.events, self.follows)
+        off = self.split_off
         whole, lost = lengths(counted, off)
         rows = self.rows[within(self.rows.time_s, counted)]
         ahead = pd.Series("", index=rows.index)
@@ -106,7 +122,7 @@ class Own:
     def together(self) -> list[Stretch]:
         """Periods in which it follows, has been locked on, and is not split off; where SUMO drives it, has a gap."""
         if self.has_laser:
-            return together(self.events, self.follows, split_off(self.events, self.follows))
+            return together(self.events, self.follows, self.split_off)
         time = self.rows.time_s.to_numpy()
         gaps = self.rows.gap_m.notna().to_numpy()
         until = np.append(time, math.inf)[1:]

@@ -694,6 +694,8 @@ def _right_lane_share(right_of_middle: pd.Series) -> float:
 
 def _of_pairs(events: pd.DataFrame, vehicles: Collection[str]) -> pd.DataFrame:
     """The events of which a vehicle is one of the two."""
+    if events.empty:
+        return events
     return events[events.vehicle_id.isin(vehicles) | events.other_id.isin(vehicles)]
 
 
