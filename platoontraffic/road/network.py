@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -192,9 +192,12 @@ class Network:
             raise InputError(f"the route returns to '{edges[0]}' in lane {lane}, not {first}; start it in lane {lane}")
         return route.joined()
 
-    def lane_for(self, edges: Sequence[str]) -> int:
+    def lane_for(self, edges: Sequence[str], classes: Collection[str] = ()) -> int:
         """Index of the lane for cars of the first edge from which a route crosses the fewest lanes; of equal ones, the
-        right one."""
+        right one.
+
+        classes: of SUMO's vehicles, to all of which the lane is to be open too
+        """
         road = [self._net.getEdge(self._known(edge)) for edge in edges]
 
         def crossed(lane: int) -> int:
@@ -207,7 +210,8 @@ class Network:
                 return 1000
             return number
 
-        return min((lane.getIndex() for lane in road[0].getLanes() if lane.allows(CAR)), key=crossed, default=0)
+        fit = (lane.getIndex() for lane in road[0].getLanes() if all(map(lane.allows, (CAR, *classes))))
+        return min(fit, key=crossed, default=0)
 
     def fastest_route(self, start: str, end: str) -> list[str]:
         """The edges of the route that takes the least time at the speed limits, `start` and `end` included.

@@ -91,7 +91,11 @@ def _platooning(scenario: Scenario, network: Network) -> Platooning | None:
         end,
     )
     found = plan(demand, chosen, equip.size, equip.window_s, network)
-    lanes = {name: network.lane_for(one.edges) for one in found.platoons for name in one.ids}
+    classes = {one.id: {kind.vclass for kind in demand.kinds(one)} for one in demand.vehicles}
+    lanes = {}
+    for one in found.platoons:
+        lane = network.lane_for(one.edges, set().union(*(classes[name] for name in one.ids)))
+        lanes |= dict.fromkeys(one.ids, lane)
     return Platooning(found, demand, lanes)
 
 

@@ -15,6 +15,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.sumo_files import check_net_file, read_polygons
 from platoontraffic.world.deployment import static_scene
 from tests.support import ODD_NETS, ROOT
+from tests.support.generated import crossroads
 
 NETS = ROOT / "sumo_nets"
 ODD = ODD_NETS
@@ -355,3 +356,14 @@ def test_without_lanes_inside_junctions_routes_cross_them_in_straight_lines():
     line = bare.route_line(["wm", "me"], 1)
     assert line[:, 1] == pytest.approx(-1.6)
     assert np.diff(line[:, 0]).min() > 0
+
+
+def test_a_route_begins_on_a_lane_that_is_open_to_the_classes_of_its_vehicles(tmp_path):
+    """Straight on, both lanes lead; trucks may not use the right one."""
+    file = crossroads(tmp_path)
+    text = file.read_text()
+    assert 'id="wc_0"' in text
+    file.write_text(text.replace('id="wc_0"', 'id="wc_0" disallow="truck"'))
+    network = Network.read(file)
+    assert network.lane_for(("wc", "ce")) == network.lane_for(("wc", "ce"), {"passenger"}) == 0
+    assert network.lane_for(("wc", "ce"), {"passenger", "truck"}) == 1
