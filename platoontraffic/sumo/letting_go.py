@@ -25,6 +25,7 @@ AFTER = 5.0  # time that a member has stood before a body [s]
 EVERY = 1.0  # period of looking for vehicles that wait [s]
 STANDS = 0.1  # speed below which a vehicle stands [m/s]
 CLEARANCE = 0.3  # between the bodies [m]
+BESIDE = 0.8  # share of their distance that is kept, if that is less at the begin
 NEAR = 60.0  # a vehicle further away does not wait for the member [m]
 SPACING = 1.0  # of the places on its path [m]
 IGNORED = "junctionModel.ignoreIDs"
@@ -92,7 +93,8 @@ class LettingGo:
         n = len(front)
         size = np.full(n, length), np.full(n, vehicle.getWidth(foe))
         boxes = Boxes(*middle.T, np.arctan2(*along.T[::-1]), *size, np.arange(n))
-        return bool((shapely.distance(shapely.polygons(boxes.corners()), body) > CLEARANCE).all())
+        away = shapely.distance(shapely.polygons(boxes.corners()), body)
+        return bool((away > min(CLEARANCE, BESIDE * away[0])).all())
 
     def _path(self, lane: str) -> tuple[np.ndarray, float]:
         """The line of a lane inside a junction and of those that it leads to, (k, 2) [m], and its length inside."""

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import shapely
 
 from platoontraffic.controllers import BRAKES_FOR
 from platoontraffic.road.network import Network
@@ -37,7 +38,7 @@ def waiting(tmp_path):
     net = crossroads(tmp_path)
     network = Network.read(net)
 
-    def run(beyond: float, reason: str = "obstacle", seconds: float = 60.0) -> float:
+    def run(beyond: float, reason: str = "obstacle", seconds: float = 60.0, at_wait=None) -> float:
         sumo.start(["sumo", "-n", str(net), "--step-length", str(STEP), "--no-step-log", "--no-warnings",
                     "--time-to-teleport", "-1"])  # fmt: skip
         try:
@@ -56,6 +57,8 @@ def waiting(tmp_path):
                 sumo.vehicle.moveToXY("member", "", -1, x, y, 90, 2, 5)
                 sumo.simulationStep()
                 sumo.vehicle.setPreviousSpeed("member", 0.0)
+                if at_wait and k * STEP > STANDS_AT:
+                    return at_wait(letting_go)
                 if sumo.vehicle.getRoadID("turns") == "cs":
                     letting_go.observe(fleet(x, y), where)
                     assert sumo.vehicle.getParameter("turns", IGNORED) == ""
@@ -78,3 +81,17 @@ def test_it_waits_for_a_member_that_stands_in_its_path(waiting):
 
 def test_it_waits_for_a_member_that_stands_for_another_reason(waiting):
     assert waiting(2.0, reason="line") == np.inf
+
+
+@pytest.mark.parametrize(("gap", "passes"), [(0.5, True), (0.1, True), (-0.1, False)])
+def test_it_passes_what_is_close_beside_its_tail(waiting, gap, passes):
+    """To the right of it, away from which it turns."""
+
+    def passing(letting_go: LettingGo) -> bool:
+        (x, y), heading = sumo.vehicle.getPosition("turns"), np.radians(90 - sumo.vehicle.getAngle("turns"))
+        ahead, left = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+        inner = sumo.vehicle.getWidth("turns") / 2 + gap
+        corners = [(-LENGTH, inner), (-LENGTH + 1.0, inner), (-LENGTH + 1.0, inner + 1.0), (-LENGTH, inner + 1.0)]
+        return letting_go._passes("turns", shapely.Polygon([(x, y) + s * ahead - d * left for s, d in corners]))
+
+    assert waiting(2.0, at_wait=passing) == passes
