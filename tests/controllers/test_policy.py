@@ -160,6 +160,8 @@ def test_the_learned_follower_of_the_examples_speeds_up_for_a_distant_rear_and_t
     law = LearnedFollower(file)
     batch = scans(rear(0.4, 0.0, 0.0), rear(0.7, 0.0, 0.0), rear(0.5, 0.04, 0.0), rear(0.5, -0.04, 0.0))
     still = Sensed(batch, np.full(4, 0.1), np.zeros(4))
-    command = law(still, None, 0.025).command
+    memory = None
+    for _ in range(40):  # 1 s: it turns by what it remembers, too
+        command, memory, _ = law(still, memory, 0.025)
     assert command.speed[1] > command.speed[0] + 0.1
     assert command.yaw_rate[2] > command.yaw_rate[3] + 0.2  # it is not quite symmetric

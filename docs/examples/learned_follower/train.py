@@ -6,9 +6,10 @@ It writes the weights, and beside them the learning curve, `follower.csv`. Needs
 Equal seeds and generations give equal weights on one machine.
 
 Episodes are driven by a compiled short cut: a leader drives arcs and straights of random length, radius and speed, and
-three robots in a row follow it by the same network, each by its own scan of its predecessor. There are no walls, and a
-scan has a tenth of the beams. It is a means of training alone: what the law does is measured in the simulator, see
-judge.py. Robots, laser and frames are those of the scenarios of the lab; SI and radians.
+three robots in a row follow it by the same network, each by its own scan of its predecessor, with errors of a random
+size. Each drive comes with its mirror image. There are no walls, and a scan has a tenth of the beams. It is a means of
+training alone: what the law does is measured in the simulator, see judge.py. Robots, laser and frames are those of the
+scenarios of the lab; SI and radians.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from numba import njit
 from platoontraffic.controllers.policy import Network
 
 STEP = 0.025  # as long as the interval of the scans [s]
-FOLLOWERS, EPISODES, LASTS = 3, 12, 1600  # robots in a row; episodes of a generation, and their steps
+FOLLOWERS, DRIVES, LASTS = 3, 6, 1600  # robots in a row; drives of a generation, and their steps
 HIDDEN, INPUTS = 14, 10
 MEMORY_TIME = np.array([0.3, 0.6, 1.2, 2.4])  # [s]
 MEMORY = len(MEMORY_TIME)
@@ -35,7 +36,9 @@ DISTANCE = np.array([0.36, 0.5])  # from laser to rear, at rest [m], and its hea
 SHIFT = np.array([0.5, 0.5, 0.0, -0.1, 0.1, 0.0, 0.5, 0.5, 0.3, 0.0])
 SCALE = np.array([0.5, 0.12, 0.08, 0.08, 0.08, 0.25, 0.5, 0.5, 0.2, 0.3])
 FRONT, REAR, LASER, HALF_WIDTH = 0.16, -0.04, 0.13, 0.075  # of the robot, ahead of its driven axle [m]
-NEAR, FAR, HALF_VIEW, BEAMS, NOISE = 0.3, 1.0, math.radians(11.5), 41, 0.003
+NEAR, FAR, HALF_VIEW, BEAMS = 0.3, 1.0, math.radians(11.5), 41
+ANGLES = np.linspace(-HALF_VIEW, HALF_VIEW, BEAMS)  # from right to left
+COS, SIN = np.cos(ANGLES), np.sin(ANGLES)
 BEFORE = 3.0  # length of the path on which the followers start [m]
 WORST = 17.0  # cost of a step after contact
 LENGTHS = (HIDDEN * (INPUTS + MEMORY), HIDDEN, (2 + MEMORY) * HIDDEN, 2 + MEMORY)
@@ -66,7 +69,7 @@ def leader(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
     returns also: those of the followers at the start, on the same path behind it, and a little beside, (FOLLOWERS, 3)
     """
-    cruise, swing, period = random.uniform(0.06, 0.42), random.choice([0.0, 0.4]), random.uniform(4, 12)
+    cruise, swing, period = random.uniform(0.05, 0.6), random.choice([0.0, 0.4]), random.uniform(4, 12)
     stops = random.uniform(5, 35) if random.random() < 0.2 else 1e9  # it stands for 4 s
     t = STEP * np.arange(LASTS)
     wanted = np.where((t > stops) & (t < stops + 4), 0.0, cruise * (1 + swing * np.sin(2 * np.pi * t / period)))
@@ -74,7 +77,7 @@ def leader(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     for i in range(1, LASTS):
         speed[i] = speed[i - 1] + np.clip(wanted[i] - speed[i - 1], -rate, rate)
     ends, bends = [random.uniform(0.0, BEFORE)], [0.0]
-    while ends[-1] < BEFORE + 0.5 * LASTS * STEP:
+    while ends[-1] < BEFORE + 0.9 * LASTS * STEP:
         radius = math.exp(random.uniform(math.log(0.8), math.log(4.0))) * random.choice([-1, 1])
         ends.append(ends[-1] + abs(radius) * random.uniform(0.5, 3.0))
         bends.append(1 / radius)
@@ -95,23 +98,28 @@ def leader(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return path[:, 300:].copy(), starts
 
 
-def episodes(random: np.random.Generator, count: int) -> list[tuple[np.ndarray, np.ndarray, int]]:
-    """Leaders, starts of the followers, and seeds of the noise."""
-    return [(*leader(random), int(random.integers(2**31))) for _ in range(count)]
+def episodes(random: np.random.Generator, drives: int) -> list[tuple[np.ndarray, np.ndarray, float, int]]:
+    """Leaders, starts of the followers, errors of the ranges [m] and their seeds, of drives and their mirror images."""
+    found = []
+    for _ in range(drives):
+        path, starts = leader(random)
+        noise, seed = math.exp(random.uniform(math.log(0.001), math.log(0.02))), int(random.integers(2**31))
+        mirrored = path * np.array([[1.0], [-1.0], [-1.0]]), starts * np.array([1.0, -1.0, -1.0])
+        found += [(path, starts, noise, seed), (*mirrored, noise, seed)]
+    return found
 
 
 @njit(cache=True)
-def group(px, py, ph, x, y, h, found):
+def group(px, py, ph, x, y, h, noise, found):
     """Fill in inputs 0 to 7 of the scan at axle pose x, y, h, of a robot at axle pose px, py, ph."""
     c, s = math.cos(ph - h), math.sin(ph - h)
     dx, dy = px - x, py - y
     rx, ry = math.cos(h) * dx + math.sin(h) * dy - LASER, -math.sin(h) * dx + math.cos(h) * dy
+    ox, oy = -(c * rx + s * ry), s * rx - c * ry  # laser, and beams, in the frame of the predecessor's axle
     count, first, last = 0, -1, -1
     mx = my = xx = yy = xy = 0.0
     for k in range(BEAMS):
-        a = HALF_VIEW * (2 * k / (BEAMS - 1) - 1)
-        ux, uy = math.cos(a), math.sin(a)
-        ox, oy = -(c * rx + s * ry), s * rx - c * ry  # laser and beam in the frame of the predecessor's axle
+        ux, uy = COS[k], SIN[k]
         vx, vy = c * ux + s * uy, -s * ux + c * uy
         near, far = 0.0, FAR
         for o, v, low, high in ((ox, vx, REAR, FRONT), (oy, vy, -HALF_WIDTH, HALF_WIDTH)):
@@ -123,7 +131,7 @@ def group(px, py, ph, x, y, h, found):
                 near, far = max(near, min(one, other)), min(far, max(one, other))
         if near > far:
             continue
-        r = max(near + NOISE * np.random.normal(), NEAR)  # noqa: NPY002
+        r = max(near + noise * np.random.normal(), NEAR)  # noqa: NPY002
         bx, by = r * ux, r * uy
         count += 1
         mx += bx
@@ -142,14 +150,14 @@ def group(px, py, ph, x, y, h, found):
     mx, my = mx / count, my / count
     xx, yy, xy = xx / count - mx * mx, yy / count - my * my, xy / count - mx * my
     found[0], found[1], found[2] = 1.0, math.hypot(mx, my), math.atan2(my, mx)
-    found[3], found[4] = HALF_VIEW * (2 * first / (BEAMS - 1) - 1), HALF_VIEW * (2 * last / (BEAMS - 1) - 1)
+    found[3], found[4] = ANGLES[first], ANGLES[last]
     found[5] = -0.5 * math.atan2(2 * xy, yy - xx)
     found[6], found[7] = 1.0 if first == 0 else 0.0, 1.0 if last == BEAMS - 1 else 0.0
     return True
 
 
 @njit(cache=True)
-def drive(leader, starts, seed, w0, b0, w1, b1):
+def drive(leader, starts, noise, seed, w0, b0, w1, b1):
     """Mean cost of a step of the followers of one episode."""
     np.random.seed(seed)  # noqa: NPY002 (compiled, there is no other)
     n = leader.shape[1]
@@ -171,7 +179,7 @@ def drive(leader, starts, seed, w0, b0, w1, b1):
                 cost += WORST
                 continue
             px, py, ph = path[f, 0, i], path[f, 1, i], path[f, 2, i]
-            seen = group(px, py, ph, x, y, h, inputs)
+            seen = group(px, py, ph, x, y, h, noise, inputs)
             inputs[8], inputs[9] = speed[f], yaw_rate[f]
             for k in range(HIDDEN):
                 total = b0[k]
@@ -231,12 +239,12 @@ def learn(seed: int, generations: int, curve: Path) -> np.ndarray:
     """The mean of the last search distribution."""
     random, began = np.random.default_rng(seed), time.monotonic()
     strategy = cma.CMAEvolutionStrategy(beginning(random), 0.1, {"seed": seed, "popsize": 24, "verbose": -9})
-    kept = episodes(np.random.default_rng(10**6), 30)  # the same for the whole curve
+    kept = episodes(np.random.default_rng(10**6), 15)  # the same for the whole curve
     with curve.open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["generation", "cost_of_generation", "cost_of_kept_episodes", "sigma", "minutes"])
         for generation in range(generations):
-            drives, asked = episodes(random, EPISODES), strategy.ask()
+            drives, asked = episodes(random, DRIVES), strategy.ask()
             costs = [cost(one, drives) for one in asked]
             strategy.tell(asked, costs)
             if generation % 10 == 0 or generation == generations - 1:
