@@ -141,7 +141,7 @@ class _Recorded:
 
     def __init__(self, source: Source, folder: Path, command_line: list[str]) -> None:
         sys.argv[1:] = command_line  # for the run's provenance
-        scenario = scenarios.load(source.scenario, source.changes, source.seed, source.platoons)
+        scenario = scenarios.load(source.scenario, source.changes, source.seed, source.platoons, to_branch=True)
         self._prepared = prepare(scenario.for_replay() if source.for_replay else scenario)
         self._recording: Recording | None = Recording(self._prepared, folder, forkable=True)
 

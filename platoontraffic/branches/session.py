@@ -45,7 +45,7 @@ class SimulationProcess:
 
         raises: InputError with one line for every fault found, RunError, MissingError (this system has no fork)
         """
-        loaded = scenarios.load(scenario, changes, seed)
+        loaded = scenarios.load(scenario, changes, seed, to_branch=True)
         folder = TemporaryDirectory(prefix="platoontraffic-")
         process = Process.holding(_Held, str(scenario), changes, seed, Path(folder.name))
         return cls(loaded, process, folder, process.call("begin"))
@@ -110,7 +110,7 @@ class _Held:
     def __init__(self, scenario: str, changes: Sequence[str], seed: int | None, folder: Path) -> None:
         self._folder = folder / "files"
         self._folder.mkdir()
-        self._prepared = prepare(scenarios.load(scenario, changes, seed))
+        self._prepared = prepare(scenarios.load(scenario, changes, seed, to_branch=True))
         self._simulation = Simulation(setting_of(self._prepared, self._folder, forkable=True))
 
     def begin(self, say: Say) -> Instant:

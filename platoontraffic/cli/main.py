@@ -113,7 +113,8 @@ def run(
     end_as_at_control_c()
     say_when_compiling(quiet)
     before_code = _before_code(no_plugins, None if dry_run else results)
-    checked = scenarios.load(scenario, changes or (), seed, platoons, before_code)
+    to_branch = branch_at is not None
+    checked = scenarios.load(scenario, changes or (), seed, platoons, before_code, to_branch)
     if replay:
         checked = checked.for_replay()
     prepared = runs.prepare(checked)

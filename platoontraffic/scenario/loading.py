@@ -51,12 +51,14 @@ def load(
     seed: int | None = None,
     platoons: str | Path | None = None,
     before_code: BeforeCode | None = None,
+    to_branch: bool = False,
 ) -> Scenario:
     """The scenario of a file, or a shipped one by name, changed by `key=value` arguments.
 
     A SUMO configuration is a scenario too, with platoons from the file `platoons`, or from arguments alone.
 
     before_code: called before plug-ins that the scenario names by `module:Class` are imported, if there are any
+    to_branch: it will have branches; a channel without receivers is left out, since they may have some
 
     raises: InputError with one line for every fault found
     """
@@ -77,7 +79,7 @@ def load(
         raise InputError(f"{config.path}: has no <end>; give the duration of the run, for example run.duration_s=600")
     places = _Places(source, lines, set_by)
     varied = {change.key: change.value for change in changes}
-    return _Loaded(table, source, varied, places, stale, Finder(source.parent), before_code).scenario()
+    return _Loaded(table, source, varied, places, stale, Finder(source.parent), before_code, to_branch).scenario()
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,7 @@ class _Loaded:
     stale: frozenset[KeyPath]  # as of `_change`
     find: Finder
     before_code: BeforeCode | None
+    to_branch: bool  # as of `load`
 
     def scenario(self) -> Scenario:
         """raises: InputError if a table, a file, a law, or the tables together are not sound"""
@@ -103,7 +106,7 @@ class _Loaded:
         set_by, _ = _change(table, changes, None)
         places = replace(self.places, arguments={**self.places.arguments, **set_by})
         varied = self.varied | {change.key: change.value for change in changes}
-        return replace(self, table=table, varied=varied, places=places).scenario()
+        return replace(self, table=table, varied=varied, places=places, to_branch=False).scenario()
 
 
 def _with_then(scenario: Scenario, loaded: _Loaded) -> Scenario:
@@ -227,8 +230,13 @@ def _validated(table: dict[str, Any], places: _Places) -> Spec:
 def _deaf(laws: Mapping[Role, Found], arguments: Mapping[KeyPath, str]) -> bool:
     """Whether a change of the laws has left the file's channel without receivers."""
     changed = {path[0] if path[0] == "channel" else path[-1] for path in arguments}
-    needs = [found.law is None or "messages" in found.law.needs for found in laws.values()]
-    return "channel" not in changed and not changed.isdisjoint({"law", "feed", "leader", "follower"}) and not any(needs)
+    laws_change = not changed.isdisjoint({"law", "feed", "leader", "follower"})
+    return "channel" not in changed and laws_change and not _receivers(laws)
+
+
+def _receivers(laws: Mapping[Role, Found]) -> bool:
+    """Whether a law needs messages, or is not known."""
+    return any(found.law is None or "messages" in found.law.needs for found in laws.values())
 
 
 def _checked(loaded: _Loaded) -> Scenario:
@@ -244,7 +252,7 @@ def _checked(loaded: _Loaded) -> Scenario:
         raise InputError(*(placed(fault, places) for fault in faults)) from error
     laws = find_laws(spec, loaded.find, loaded.stale)
     metrics, unsound = metric_plug_ins.find(spec.record.metrics, folder)
-    if _deaf(laws, places.arguments):
+    if (loaded.to_branch and not _receivers(laws)) or _deaf(laws, places.arguments):
         spec = spec.model_copy(update={"channel": None})
     if faults := [*faults_of(spec, files, laws, folder), *unsound]:
         raise InputError(*(placed(fault, places) for fault in faults))

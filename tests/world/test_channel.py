@@ -14,6 +14,7 @@ from platoontraffic import scenario
 from platoontraffic.controllers.acc import ConstantTimeHeadway
 from platoontraffic.controllers.cacc_ploeg import PloegFollower
 from platoontraffic.errors import InputError
+from platoontraffic.scenario.overrides import Change, branch_of
 from platoontraffic.scenario.tables import Blackout, Channel
 from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.motion import Drive
@@ -240,6 +241,22 @@ def test_a_channel_may_have_receivers_only_after_a_branch(tmp_path):
     file.write_text(BRANCHED.replace("THEN", "idm"))
     with pytest.raises(InputError, match="before the branch or after it"):
         scenario.load(file)
+
+
+def test_a_channel_may_have_receivers_only_in_branches_of_a_command(tmp_path):
+    file = tmp_path / "to_branch.toml"
+    file.write_text(BRANCHED[: BRANCHED.index("[branch]")])
+    with pytest.raises(InputError, match="nobody receives them"):
+        scenario.load(file)
+    found = scenario.load(file, to_branch=True)
+    assert found.spec.channel is None
+
+    def branched(change: str) -> scenario.Scenario:
+        return found.branched(branch_of(10.0, [Change.parse(change, 1)]))
+
+    assert branched("platoon.follower.feed=messages").spec.channel.latency_s == 0.1
+    with pytest.raises(InputError, match="nobody receives them"):
+        branched("platoon.follower.time_headway_s=2")
 
 
 @pytest.mark.sumo
