@@ -29,8 +29,13 @@ STUDIES = {
             *(f"platoon.{i}.start.time_s={2 * i}" for i in range(6)),
         )
     },
+    "5_yardsticks": {
+        "yardsticks": ("run.duration_s=30",),
+        "cut_ins": ("run.duration_s=6",),
+        "price_of_sensing": ("run.duration_s=30",),
+    },
 }
-KEPT = {"4_effect_on_traffic"}  # notebooks with the outputs of their whole studies
+KEPT = {"4_effect_on_traffic", "5_yardsticks"}  # notebooks with the outputs of their whole studies
 FEW = 2  # values of a key, and seeds
 
 

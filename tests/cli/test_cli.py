@@ -114,6 +114,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
                 "ring_platoon",
                 "string",
                 "yardsticks",
+                "yardsticks_corridor",
             ],
         ),
         ("nets", ["bends", "bottleneck", "corridor", "grid", "highway", "lab_curves", "lab_loop", "lab_world", "ring"]),
@@ -121,6 +122,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, said, tmp_path):
             "laws",
             [
                 "acc",
+                "acc_commercial",
                 "cacc_path",
                 "cacc_ploeg",
                 "consensus",

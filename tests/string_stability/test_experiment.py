@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from platoontraffic import scenario
+from platoontraffic import scenario, shipped
 from platoontraffic.cli.main import app
 from platoontraffic.errors import InputError
 from platoontraffic.string_stability import experiment, report, theory
@@ -68,6 +68,76 @@ def test_stability_turns_within_five_percent_of_the_predicted_headway(law, more,
         low, high = ((low + high) / 2, high) if peak((low + high) / 2) > 1 + 1e-7 else (low, (low + high) / 2)
     below, above = (np.abs(experiment.sweep(loaded(share * high)).gain).max() for share in (0.95, 1.05))
     assert above < 1 < below
+
+
+LATE = """
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from platoontraffic.controllers.acc import ConstantTimeHeadway
+
+
+@dataclass(frozen=True)
+class Late(ConstantTimeHeadway):
+    wait: Annotated[int, Field(ge=1)] = 3  # decisions until a command acts
+
+    def __call__(self, sensed, memory, dt):
+        inner, commands = memory or (None, np.zeros((self.wait, len(sensed.speed))))
+        now = super().__call__(sensed, inner, dt)
+        commands = np.concatenate([commands, [now.command.acceleration]])
+        drive = now.command._replace(acceleration=commands[0])
+        return now._replace(command=drive, memory=(now.memory, commands[1:]))
+"""
+
+
+@pytest.mark.slow
+def test_a_delay_and_a_lag_need_twice_their_sum_as_headway(tmp_path):
+    """L. Xiao, S. Darbha, F. Gao (2008): h >= 2 (delay + lag), for a small distance gain. A held command is half a step
+    later still."""
+    (tmp_path / "late.py").write_text(LATE)
+    (tmp_path / "late.toml").write_text(shipped.scenarios()["string"].read_text(encoding="utf-8"))
+    wait, lag, step = 2, 0.5, 0.1
+    least = 2 * (wait * step + lag + step / 2)
+
+    def peak(headway: float) -> float:
+        keys = ("law='late:Late'", f"wait={wait}", "feed=truth", "distance_gain_per_s=0.1", f"time_headway_s={headway}")
+        changes = [*(f"platoon.follower.{key}" for key in keys), *EQUAL, "platoon.size=2"]
+        return np.abs(experiment.sweep(scenario.load(tmp_path / "late.toml", changes)).gain).max()
+
+    assert peak(1.05 * least) < 1 < peak(0.95 * least)
+
+
+MPH = 0.44704  # [m/s]
+
+
+@pytest.mark.slow
+def test_commercial_acc_amplifies_and_responds_as_measured_cars():
+    """6 mph grew to 25 mph (Gunter et al., doi 10.1109/TITS.2020.3000682); controllers responded after 1.7 to 2.5 s
+    (Makridis et al., doi 10.1177/0361198120911047)."""
+    changes = ("platoon.follower.law=acc_commercial", "platoon.follower.feed=truth", "platoon.size=8")
+    found = scenario.load("string", changes)
+
+    def slows(time: float) -> float:
+        return -1.0 if 1 <= time < 1 + 6 * MPH else 1.0 if 10 <= time < 10 + 6 * MPH else 0.0
+
+    run = experiment.drive(found, slows, 90.0)
+    falls = (20.0 - run.speed.min(axis=0)) / MPH
+    assert falls[0] == pytest.approx(6, abs=0.3)
+    assert (np.diff(falls) > 0).all()
+    assert 15 < falls[-1] < 35
+
+    # The time after which a car's acceleration follows its speed relative to its predecessor's best.
+    rng = np.random.default_rng(1)
+    wave = rng.normal(0.0, 0.03, (2, 60))
+    at = 2 * np.pi * np.linspace(0.005, 0.06, 60)
+    run = experiment.drive(found, lambda t: float(wave[0] @ np.cos(at * t) + wave[1] @ np.sin(at * t)), 300.0)
+    relative, acceleration = run.speed[300:, 0] - run.speed[300:, 1], run.acceleration[300:, 1]
+    lags = range(60)
+    fit = [np.corrcoef(relative[: len(relative) - k], acceleration[k:])[0, 1] for k in lags]
+    assert 1.7 <= 0.1 * int(np.argmax(fit)) <= 2.5
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from platoontraffic.controllers.acc import ConstantTimeHeadway
+from platoontraffic.controllers.acc_commercial import CommercialAcc
 from platoontraffic.controllers.cacc_ploeg import PloegFollower
 from platoontraffic.controllers.constant_spacing import ConstantSpacing
 from platoontraffic.controllers.idm_follower import IntelligentDriver
@@ -51,6 +52,14 @@ def test_acc_turns_at_twice_the_lag(lag, gain):
         return theory.greatest(ConstantTimeHeadway(time_headway=h, distance_gain=gain), lagged(lag), 20, DT)
 
     assert turn(peak, 0.2 * lag, 5 * lag) == pytest.approx(2 * lag, rel=0.01)
+
+
+def test_commercial_acc_amplifies_at_every_setting_and_turns_at_its_closed_form():
+    def peak(h: float, lag: float = 0.0) -> float:
+        return theory.greatest(CommercialAcc(time_headway=h), lagged(lag), 20, DT)
+
+    assert turn(peak, 1.0, 5.0) == pytest.approx((-0.07 + (0.07**2 + 2 * 0.23) ** 0.5) / 0.23, rel=0.01)
+    assert min(peak(h, lag) for h in (1.1, 1.6, 2.2) for lag in (0.0, 0.5)) > 1.02
 
 
 def ploeg(h: float, delay: float, forward: bool = True) -> float:
