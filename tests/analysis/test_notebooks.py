@@ -35,7 +35,7 @@ STUDIES = {
         "price_of_sensing": ("run.duration_s=30",),
     },
 }
-KEPT = {"4_effect_on_traffic", "5_yardsticks"}  # notebooks with the outputs of their whole studies
+KEPT = {"1_one_run", "4_effect_on_traffic", "5_yardsticks"}  # notebooks with the outputs of their whole runs or studies
 FEW = 2  # values of a key, and seeds
 
 
@@ -77,7 +77,7 @@ def test_notebooks_are_there_for_every_question():
 
 
 @pytest.mark.parametrize("name", NOTEBOOKS)
-def test_outputs_are_kept_where_they_took_long_and_nothing_tells_of_a_machine(name):
+def test_outputs_are_kept_of_whole_runs_and_studies_and_nothing_tells_of_a_machine(name):
     text = NOTEBOOKS[name].read_text(encoding="utf-8")
     notebook = json.loads(text)
     code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
