@@ -57,7 +57,7 @@ def small(study: str, folder: Path) -> Path:
     if "replications" in table:
         table["replications"] = FEW
     zips = table.get("zip", [])
-    for axes in [table["grid"], *(zips if isinstance(zips, list) else [zips])]:
+    for axes in [table.get("grid", {}), *(zips if isinstance(zips, list) else [zips])]:
         _shorten(axes)
     file = folder / f"{study}.toml"
     file.write_text(tomli_w.dumps(table), encoding="utf-8")
