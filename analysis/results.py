@@ -286,7 +286,7 @@ def _read_all(files: Sequence[Path]) -> tuple[pd.DataFrame, list[int]]:
         if first + "\n" != header or size > TOGETHER:
             parse()
             header = first + "\n"
-        if '"' in body or not body.endswith("\n"):  # perhaps a line feed in a cell
+        if '"' in body or (body and not body.endswith("\n")):  # perhaps a line feed in a cell
             parse()
             parts.append(read_table(file))
             rows.append(len(parts[-1]))

@@ -72,6 +72,16 @@ def test_cells_with_line_feeds_stay_with_their_run(copy):
     assert len(table) == sum(len(pd.read_csv(file)) for file in copy.glob("*/events.csv"))
 
 
+def test_a_run_without_rows_does_not_make_numbers_objects(copy):
+    """As the run of a study of shares that has no members."""
+    file = sorted(copy.glob("*-s1/trajectories.csv"))[0]
+    file.write_text(file.read_text().partition("\n")[0] + "\n")
+    table = load(copy).table("trajectories")
+    assert file.parent.name not in set(table.id)
+    assert table.x_m.dtype == float
+    assert table.place.dtype == int
+
+
 def test_a_run_has_units_too(small):
     results = load(next(small.glob("*-s1")))
     assert results.trajectories.attrs["units"]["speed_mps"] == "m/s"

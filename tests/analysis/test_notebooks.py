@@ -34,6 +34,10 @@ STUDIES = {
         "cut_ins": ("run.duration_s=6",),
         "price_of_sensing": ("run.duration_s=30",),
     },
+    "6_penetration": {
+        "penetration": ("sumo.warm_up_s=60", "run.duration_s=40"),
+        "capacity": ("run.duration_s=120",),
+    },
 }
 KEPT = {"1_one_run", "4_effect_on_traffic", "5_yardsticks"}  # notebooks with the outputs of their whole runs or studies
 FEW = 2  # values of a key, and seeds
