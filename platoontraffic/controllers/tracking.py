@@ -18,7 +18,7 @@ from platoontraffic.controllers.law import BrakingFor, Decision, Law, RouteAhead
 from platoontraffic.controllers.path import LINE, AlongRoute, PathLeader, bearing_of, nothing
 from platoontraffic.controllers.tracker.drive_line import DriveLine
 from platoontraffic.controllers.tracker.fitted import Fitted, fitted
-from platoontraffic.controllers.tracker.own_motion import Moved, Past, YawBias, seen_from
+from platoontraffic.controllers.tracker.own_motion import Moved, Past, YawBias, seen_from, steered
 from platoontraffic.controllers.tracker.records import ACCELERATION, CUTS_IN, OVERHANG, SPEED, PathAhead, Sighting, X, Y
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracker.trail import Ahead, RouteSection, Strip, Trail
@@ -60,6 +60,7 @@ class Memory(NamedTuple):
     trail: Trail
     acceleration: np.ndarray  # last command [m/s2]
     curvature: np.ndarray  # last command [1/m]
+    driven_curvature: np.ndarray  # modelled, by the commands before [1/m]
     drive_line: DriveLine
     past: Past
     free: np.ndarray  # distance from the bumper to the first obstacle but the predecessor, in the scan [m]; inf: none
@@ -74,7 +75,7 @@ class Memory(NamedTuple):
     def begin(cls, sensed: Sensed, dt: float) -> Memory:
         n = len(sensed.speed)
         records = Odometry.begin(sensed.speed, sensed.yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
-        driven = *np.zeros((2, n)), DriveLine.at_rest(n), Past.begin(sensed, dt)
+        driven = *np.zeros((3, n)), DriveLine.at_rest(n), Past.begin(sensed, dt)
         none = np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool)
         unseen = Predecessor(*np.full((3, n), np.nan))
         return cls(*records, *driven, *none, Creeping.none(n), nothing(n), Beside.none(n), unseen)
@@ -86,6 +87,7 @@ class Now(NamedTuple):
     sensed: Sensed
     memory: Memory
     odometry: Odometry
+    driven_curvature: np.ndarray  # modelled by the commands [1/m], (n,)
     scanned: Odometry  # at the instant of the scan
     fitted: Fitted
     dt: float
@@ -162,7 +164,8 @@ class TrackingFollower(Law):
        frame of the own odometry (`tracker.track`). The bias of the measured yaw rate is estimated while the vehicle
        drives straight ahead (`tracker.own_motion_kernel`).
     2. Steer. The path of its rear axle is remembered (`tracker.trail`), and steered along: the trail's curvature, as
-       far ahead as the steering lags, corrected by offset and direction,
+       far ahead as the steering lags and the fit of its direction wants (`tracker.fitted_kernel`), corrected by offset
+       and direction,
 
            curvature = trail's - offset / l^2 - 2 sin(off_heading) / l,
 
@@ -281,9 +284,9 @@ class TrackingFollower(Law):
             never_lost &= limit.reason != LINE
         distance = np.where(known, ahead.length - OVERHANG - now.laser, np.nan)
         predecessor = Predecessor(distance, estimate.now.mean[:, SPEED], estimate.now.mean[:, ACCELERATION])
-        memory = Memory(now.odometry, bias, estimate.track, trail, *command, drive_line, past, scanned.free,
-                        scanned.closing, never_lost, creeps, limit, self._look_beside(now, estimate, past),
-                        predecessor)  # fmt: skip
+        memory = Memory(now.odometry, bias, estimate.track, trail, *command, now.driven_curvature, drive_line, past,
+                        scanned.free, scanned.closing, never_lost, creeps, limit,
+                        self._look_beside(now, estimate, past), predecessor)  # fmt: skip
         return Decision(command, memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
@@ -298,14 +301,20 @@ class TrackingFollower(Law):
     def _own_motion(self, sensed: Sensed, memory: Memory, dt: float) -> tuple[Now, DriveLine, YawBias, Past]:
         from platoontraffic.controllers.tracker.own_motion_kernel import move_on
 
-        late, past, driven, last = sensed.odometry_age, memory.past, memory.curvature, memory.odometry
+        late, past, body, last = sensed.odometry_age, memory.past, sensed.body, memory.odometry
+        before = memory.driven_curvature
+        driven, mean = steered(before, memory.curvature, body.steering_lag, body.curvature_rate, dt)
+        then, more = driven, mean - (before + driven) / 2
         if past.x.shape[1]:
             drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
             gained = (memory.drive_line.acceleration + drive_line.acceleration) / 2 * dt
             past = past.driven(gained, memory.curvature, sensed.body, dt)
-            driven, last = past.curvature_at(late, dt) if late else driven, past.at_reading()
-        moved, before = Moved(*np.empty((9, len(driven)))), (memory.drive_line, memory.yaw_bias, last)
-        move_on(sensed.speed, sensed.yaw_rate, memory.acceleration, driven, before, sensed.body, dt, moved)
+            last = past.at_reading()
+            if late:
+                then, more = past.curvature_at(late, dt), np.zeros_like(more)
+        moved, known = Moved(*np.empty((9, len(driven)))), (memory.drive_line, memory.yaw_bias, last)
+        commands = memory.acceleration, memory.curvature
+        move_on(sensed.speed, sensed.yaw_rate, *commands, (then, more), known, body, dt, moved)
         drive_line, bias, odometry = DriveLine(*moved[:2]), YawBias(*moved[2:4]), Odometry(*moved[4:])
         scanned = odometry
         if past.x.shape[1]:
@@ -320,7 +329,7 @@ class TrackingFollower(Law):
             signals = sensed.signals._replace(open=sensed.signals.open & ~wrong_lane)
             sensed = replace(sensed, route=memory.beside.drives(given), signals=signals)
         fit = fitted(sensed.body, odometry.speed, dt, RECOVERY)
-        return Now(sensed, memory, odometry, scanned, fit, dt, given, leads, wrong_lane), drive_line, bias, past
+        return Now(sensed, memory, odometry, driven, scanned, fit, dt, given, leads, wrong_lane), drive_line, bias, past
 
     def _estimate(self, now: Now) -> Estimate:
         sensed, route, scanned = now.sensed, now.sensed.route, now.scanned
@@ -384,7 +393,7 @@ class TrackingFollower(Law):
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
         fit = now.fitted
         ahead = estimate.aligned_now
-        return trail.ahead(now.odometry, ahead, (fit.window, fit.bend_window), fit.steering_lag * now.speed)
+        return trail.ahead(now.odometry, ahead, (fit.window, fit.bend_window), fit.preview)
 
     # ---- 2. to 4. steer, follow, avoid
 

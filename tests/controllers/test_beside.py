@@ -48,13 +48,14 @@ def road(bend: float, begin: float, aside=0.0) -> Route:
 
 
 def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: float = 0.0, seed: int = 0,
-          lasts: float = LASTS) -> Log:  # fmt: skip
+          lasts: float = LASTS, leaves: float = LEAVES) -> Log:  # fmt: skip
     """A leader that changes lanes to the left (1), the right (-1) or not (0), its follower, and a car on the left lane.
 
-    other: where that car begins, ahead of the follower [m], and its speed above the follower's [m/s]; at LEAVES it goes
-           over to a third lane
+    other: where that car begins, ahead of the follower [m], and its speed above the follower's [m/s]; it goes over to
+           a third lane
     bend : curvature of the road [1/m]
     lasts: the leader's lane change [s]
+    leaves: when the other car begins to go over to the third lane [s]
     """
     members = platoon(
         PathLeader(speed=SPEED), FOLLOWER, 1, distance=FOLLOWER.desired_distance(SPEED), model=CAR,
@@ -74,7 +75,7 @@ def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: flo
         x, speed = members[1].pose[0] + ahead, SPEED + faster
         members.append(
             Member("other.0", "other", 0, CAR, UNSEEING, PathLeader(speed=speed), "", 0, 0.0, (x, LANE, 0.0),
-                   speed=speed, route=road(bend, begin, LANE + over(x + speed * LEAVES)))
+                   speed=speed, route=road(bend, begin, LANE + over(x + speed * leaves)))
         )  # fmt: skip
     return drive(members, NO_WALLS, 24.0, DT, seed=seed, ground=lambda: StopLine(DT))
 
@@ -135,7 +136,8 @@ def test_it_stays_beside_a_car_that_keeps_abreast_and_falls_back_to_open_a_gap(a
 def test_it_waits_for_a_car_that_comes_from_behind(seed):
     """The car would be abreast 4 s after the leader has begun to go over."""
     faster = 6.0
-    log = scene(1.0, (-faster * (BEGINS + 4.0), faster), seed=seed)
+    # It has gone over when it passes the leader: outlines less than 0.5 m apart would be measured as one.
+    log = scene(1.0, (-faster * (BEGINS + 4.0), faster), seed=seed, leaves=14.0)
     assert clearance(log, 1, 2) > LEAST_CLEARANCE
     passed = log.x[:, 2] - CAR.length > log.x[:, 1]
     assert np.abs(aside(log)[~passed]).max() < 0.3

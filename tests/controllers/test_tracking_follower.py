@@ -221,7 +221,7 @@ def test_left_and_right_are_the_same():
 # ---- sight
 
 
-@pytest.mark.parametrize(("radius", "speed", "centre", "corner"), [(8.0, 5.0, 58, 64), (6.0, 4.0, 68, 75)])
+@pytest.mark.parametrize(("radius", "speed", "centre", "corner"), [(8.0, 5.0, 63, 69), (6.0, 4.0, 68, 75)])
 def test_bearing_of_the_predecessor_in_the_smallest_turns(radius, speed, centre, corner):
     """Bearings of centre and corners of its rear [deg]; the preset sees up to 90 on both sides."""
     log = cars(turn(radius, math.pi / 2, speed), 30.0, speed, eye=NOISY)

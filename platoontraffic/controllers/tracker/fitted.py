@@ -15,9 +15,9 @@ class Fitted(NamedTuple):
     catch_up: np.ndarray  # distance in which an offset from the trail falls to 1/e [m]
     window: np.ndarray  # distance each way over which the trail is smoothed, for the offset from it [m]
     bend_window: np.ndarray  # the same for its curvature [m]
-    steering_lag: np.ndarray  # from a scan to the curvature driven [s]
+    preview: np.ndarray  # distance ahead of the place whose curvature is steered now [m]; negative: behind
     gentle: np.ndarray  # curvature that may be used to return to the trail [1/m]
-    steepest_bend: np.ndarray  # greatest change of a trail's curvature that the steering follows [1/(m s)]
+    steepest_bend: np.ndarray  # change of a trail's curvature that the speed is planned for [1/(m s)]
 
 
 def fitted(body: Body, speed: np.ndarray, dt: float, recovery: float) -> Fitted:

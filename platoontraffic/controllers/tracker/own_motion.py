@@ -46,6 +46,20 @@ class Moved(NamedTuple):
     yaw_rate: np.ndarray
 
 
+def steered(curvature, command, lag, rate, dt):
+    """A curvature dt [s] after a command, and its mean until then [1/m]: floats, or arrays (n,).
+
+    It approaches the command by a first-order lag [s] within a rate [1/(m s)].
+    """
+    lag, rate, gap = np.maximum(lag, 1e-9), np.minimum(rate, 1e3), np.abs(command - curvature)
+    at_rate = np.minimum(np.maximum(gap / rate - lag, 0.0), dt)
+    left = gap - rate * at_rate
+    decayed = -np.expm1((at_rate - dt) / lag)
+    mean_gap = ((gap + left) / 2 * at_rate + left * lag * decayed) / dt
+    side = np.sign(command - curvature)
+    return command - side * left * (1 - decayed), command - side * mean_gap
+
+
 class Past(NamedTuple):
     """The last decisions, the newest first, arrays (n, k): of k = 0 columns where all that is given is new.
 
@@ -72,9 +86,8 @@ class Past(NamedTuple):
 
     def driven(self, gained: np.ndarray, command: np.ndarray, body: Body, dt: float) -> Past:
         """After dt in which the speed was to change and a curvature was commanded, (n,); read as before."""
-        most = body.curvature_rate * dt
-        change = (command - self.curvature[:, 0]) * -np.expm1(-dt / np.maximum(body.steering_lag, 1e-9))
-        newest = *(column[:, 0] for column in self[:5]), gained, self.curvature[:, 0] + np.clip(change, -most, most)
+        curvature, _ = steered(self.curvature[:, 0], command, body.steering_lag, body.curvature_rate, dt)
+        newest = *(column[:, 0] for column in self[:5]), gained, curvature
         return Past(*(np.column_stack([new, old[:, :-1]]) for new, old in zip(newest, self, strict=True)))
 
     def read(self, odometry: Odometry) -> Past:

@@ -21,14 +21,16 @@ approach = compiled(drive_line.approach)
 
 
 @compiled
-def move_on(speed, yaw_rate, acceleration, curvature, before, body, dt, moved):
+def move_on(speed, yaw_rate, acceleration, steering, modelled, before, body, dt, moved):
     """Fill in `own_motion.Moved`.
 
-    speed, yaw_rate         : as measured [m/s], [rad/s], (n,)
-    acceleration, curvature : last commands [m/s2], [1/m], (n,)
-    before                  : `DriveLine`, `YawBias` and `Odometry` of the last decision
+    speed, yaw_rate        : as measured [m/s], [rad/s], (n,)
+    acceleration, steering : last commands, of acceleration [m/s2] and curvature [1/m], (n,)
+    modelled               : curvature when the yaw rate was measured, and its mean since the last decision less the
+                             mean of its values then and now [1/m], (n,) each
+    before                 : `DriveLine`, `YawBias` and `Odometry` of the last decision
     """
-    line, bias, odometry = before
+    (line, bias, odometry), (curvature, more) = before, modelled
     for i in range(len(speed)):
         command = acceleration[i]
         moved.drive[i] = approach(line.drive[i], np.maximum(command, 0.0), body.drive_lag[i], dt)
@@ -37,7 +39,9 @@ def move_on(speed, yaw_rate, acceleration, curvature, before, body, dt, moved):
         # A Kalman filter of one state: while it drives straight ahead, what is measured is the bias. A standing
         # vehicle's sensor reads 0.
         turning, variance = speed[i] * curvature[i], bias.variance[i] + DRIFTS**2 * dt
-        gain = variance / (variance + (NOISE**2 + (TURNING * turning) ** 2)) if speed[i] > CREEPING else 0.0
+        changing = speed[i] * (steering[i] - curvature[i])
+        noise2 = NOISE**2 + TURNING**2 * (turning**2 + changing**2)
+        gain = variance / (variance + noise2) if speed[i] > CREEPING else 0.0
         moved.bias[i] = bias.mean[i] + gain * (yaw_rate[i] - turning - bias.mean[i])
         moved.variance[i] = variance * (1 - gain)
 
@@ -48,8 +52,9 @@ def move_on(speed, yaw_rate, acceleration, curvature, before, body, dt, moved):
             lock = 1 / body.length[i]  # greatest curvature of a car, roughly [1/m]
             turns = now * np.minimum(np.maximum(curvature[i], -lock), lock)
 
-        # As `Odometry.moved`.
-        length, angle = (odometry.speed[i] + now) / 2 * dt, (odometry.yaw_rate[i] + turns) / 2 * dt
+        # As `Odometry.moved`; but the yaw rate does not change evenly: steering approaches its command.
+        length = (odometry.speed[i] + now) / 2 * dt
+        angle = (odometry.yaw_rate[i] + turns) / 2 * dt + more[i] * length
         chord, along = length * np.sinc(angle / (2 * np.pi)), odometry.heading[i] + angle / 2
         moved.x[i] = odometry.x[i] + chord * math.cos(along)
         moved.y[i] = odometry.y[i] + chord * math.sin(along)

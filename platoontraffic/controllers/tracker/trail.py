@@ -13,7 +13,7 @@ from platoontraffic.lidar import LidarModel, ScanBatch
 
 BLOCK = 32  # least number of points for which there is room
 POINTS = 256  # greatest number of points of a trail
-BENDS = 10  # number of places ahead at which the curvature is given
+BENDS = 14  # number of places ahead at which the curvature is given; close together at first
 
 
 class Ahead(NamedTuple):

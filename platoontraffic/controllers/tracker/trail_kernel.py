@@ -17,6 +17,7 @@ compiled = compiler(__file__, polyline.__file__)
 
 SPACING = 0.5  # least distance of two points [m]
 ROUNDING = 4  # places each way whose mean rounds a route's corner
+APART = 0.6  # least distance of places whose curvatures are compared [windows]: between closer ones, errors decide
 # Length of trail that is kept behind the own axle [m]: more than any window of a fit, and less than a lap of a small
 # roundabout, where the nearest place would otherwise be one of the lap before.
 BEHIND = 30.0
@@ -215,8 +216,10 @@ def look_ahead(trail, odometry, axle, windows, preview, ahead):
 
         _fit(points, size, here + preview[i], bend_window[i], fit)
         ahead.curvature[i] = _curvature(fit)
+        least = APART * bend_window[i]
+        beyond = max(end - least * (places - 1), 0.0)
         for j in range(places):
-            ahead.distance[i, j] = max(end, 0.0) * j / (places - 1)
+            ahead.distance[i, j] = min(least * j + beyond * (j / (places - 1)) ** 2, max(end, 0.0))
             _fit(points, size, here + ahead.distance[i, j], bend_window[i], fit)
             ahead.bend[i, j] = _curvature(fit)
 
@@ -301,9 +304,12 @@ def _moments(points, first, stop, middle, window):
 
 @compiled
 def _curvature(fit):
-    """(x' y'' - y' x'') / |r'|^3."""
+    """(x' y'' - y' x'') / |r'|^(12/7): that of a circle, but for errors of the order of (window / radius)^4.
+
+    On a circle of radius R the parabola within w each way has |r'| = 1 - w^2 / 10 R^2 and r'' = (1 - w^2 / 14 R^2) / R.
+    """
     speed = math.hypot(fit[1, 0], fit[1, 1])
-    return (fit[1, 0] * fit[2, 1] - fit[1, 1] * fit[2, 0]) / (speed * speed * speed)
+    return (fit[1, 0] * fit[2, 1] - fit[1, 1] * fit[2, 0]) / speed ** (12 / 7)
 
 
 # ---- what is in the way
