@@ -33,6 +33,10 @@ from platoontraffic.world.fleet import Fleet, Member
 # cheaper than within the default 100 m, and finds the same lanes.
 ANY_LANE = ("", -1)
 EXACTLY = (2, 5.0)
+# On a lane as short as a vehicle: the exact pose on a lane of its route. A bend leaves a wedge between two lanes that
+# belongs to none, and SUMO may die of a vehicle that leaves the network in it while its rear is on a third lane.
+ON_ITS_ROUTE = (3, 5.0)
+SHORT = 6.0  # [m]
 
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
 
@@ -55,6 +59,7 @@ class Placement:
         self._entries: list[Entry] = []  # since `entries` was last called
         self._leg: dict[str, int] = {}  # index, among its route's edges, of the edge that each member is on
         self._routed: dict[str, tuple[str, Route | None]] = {}  # route last set in SUMO, and the edge it began with
+        self._is_short: dict[str, bool] = {}  # by lane
         self._slowed: set[str] = set()  # SUMO-driven members with a failed drive
         self._movers: list[Mover] = []  # the members that SUMO does not drive ...
         self._movers_of: tuple[str, ...] = ()  # ... of these
@@ -155,13 +160,19 @@ class Placement:
         poses = zip(fleet.members, fleet.native.tolist(), x.tolist(), y.tolist(), angle.tolist(), strict=True)
         for member, native, *pose in poses:
             if not native:
-                move(member.id, *ANY_LANE, *pose, *EXACTLY)
+                move(member.id, *ANY_LANE, *pose, *(ON_ITS_ROUTE if self._is_on_short_lane(member.id) else EXACTLY))
         if len(fleet.native_rows):
             strongest = fleet.model.strongest_acceleration(motion.speed)
             for i in fleet.native_rows:
                 if "accel" not in fleet.members[i].law.vehicle_type:
                     limit_acceleration(self._sumo, kind_of(fleet.members[i].id), float(strongest[i]))
         self._slow(fleet, brakes)
+
+    def _is_on_short_lane(self, name: str) -> bool:
+        lane = self.where.get(name, NOWHERE)[1]
+        if lane not in self._is_short:
+            self._is_short[lane] = bool(lane) and self._sumo.lane.getLength(lane) < SHORT
+        return self._is_short[lane]
 
     def _slow(self, fleet: Fleet, brakes: np.ndarray | None) -> None:
         """Slow SUMO-driven members with a failed drive; repaired ones drive by themselves again."""
