@@ -54,9 +54,10 @@ def test_a_killed_run_is_tidied_by_the_next_one_with_a_word(tmp_path):
 
 
 def test_a_run_waits_for_an_equal_one_that_lives_and_takes_over_when_that_is_killed(tmp_path):
-    first = started(tmp_path, LONG)
+    longer = ("paper_loop", "run.duration_s=120", "platoon.size=2")
+    first = started(tmp_path, longer)
     (left,) = tmp_path.glob("*/*.partial")
-    second = subprocess.Popen(command(tmp_path, *LONG), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    second = subprocess.Popen(command(tmp_path, *longer), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     said = second.stderr.readline()
     assert "another process executes this run" in said
     assert left.is_dir()

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+import pytest
 
 from platoontraffic.road.netconvert import HEADER
 from platoontraffic.sumo.programs import home_of, program
@@ -50,7 +51,11 @@ def generated(
 
 
 def crossroads(folder: Path) -> Path:
-    """Two roads of two lanes each way that cross at a light, whose second phase is green for west and east."""
+    """Two roads of two lanes each way that cross at a light, whose second phase is green for west and east.
+
+    A test that needs it is skipped where there is no netconvert.
+    """
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
     arms = {"w": (-200, 0), "e": (200, 0), "s": (0, -200), "n": (0, 200)}
     nodes = [f'<node id="{arm}" x="{x}" y="{y}"/>' for arm, (x, y) in arms.items()]
     edges = [
