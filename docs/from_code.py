@@ -310,6 +310,7 @@ def tables_of_results() -> str:
         "events.csv": columns.EVENTS,
         "encounters.csv": columns.ENCOUNTERS,
         "trips.csv": columns.TRIPS,
+        "passages.csv": columns.PASSAGES,
         "traffic.csv": columns.TRAFFIC,
         "metrics.csv": columns.METRICS,
         "statistics.csv": columns.STATISTICS,

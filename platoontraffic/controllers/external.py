@@ -15,7 +15,7 @@ from platoontraffic.vehicles.motion import NotNegative, Twist
 
 
 class Given(NamedTuple):
-    """What the seat was given at the last decision, as of `Sensed`, for who drives it."""
+    """What the seat was given at the last decision, as in `Sensed`, for the program that drives it."""
 
     truth: Known | None
     messages: Known | None

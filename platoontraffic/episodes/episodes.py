@@ -281,8 +281,8 @@ class Episodes:
             for k, row in enumerate(group.rows):
                 if (name := fleet.members[row].id) in self._learners and group.memory is not None:
                     for key, values in found.items():
-                        source, _, whom = key.partition("_")
-                        other = getattr(getattr(group.memory, source), whom or "predecessor")
+                        source, _, vehicle = key.partition("_")
+                        other = getattr(getattr(group.memory, source), vehicle or "predecessor")
                         values[self._learners.index(name)] = [one[k] for one in other]
         return found
 
@@ -362,8 +362,8 @@ def _with_seat(member: Member) -> Member:
 
 def _known(needs: Collection[str]) -> tuple[str, ...]:
     """Names of the other members that a law with such needs is told of."""
-    whom = ("", "_leader") if "leader" in needs else ("",)
-    return tuple(source + end for source in ("truth", "messages") if source in needs for end in whom)
+    endings = ("", "_leader") if "leader" in needs else ("",)
+    return tuple(source + end for source in ("truth", "messages") if source in needs for end in endings)
 
 
 def _limits(member: Member, command: str) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -91,10 +91,10 @@ class Observer:
         before = len(self._members)
         self._members = (*self._members, *newcomers)
         self._contacts.members |= {m.id for m in newcomers}
-        theirs, nobodys = (vars(Observer(some, self._network, self._contacts)) for some in (newcomers, ()))
+        theirs, of_none = (vars(Observer(some, self._network, self._contacts)) for some in (newcomers, ()))
         for name, part in theirs.items():
             if hasattr(part, "__dict__") and name not in ("_network", "_contacts", "_encroachments"):
-                _extend(getattr(self, name), part, nobodys[name], before, len(newcomers))
+                _extend(getattr(self, name), part, of_none[name], before, len(newcomers))
         self._encroachments.number_platoons(newcomers)
         self._presence.members = self._members
 
@@ -181,11 +181,11 @@ class Observer:
         )
 
 
-def _extend(part: Any, theirs: Any, nobodys: Any, before: int, count: int) -> None:
+def _extend(part: Any, theirs: Any, of_none: Any, before: int, count: int) -> None:
     """Give the arrays of all members in a part of the observer the rows of newcomers.
 
     theirs  : the part of an observer of `count` newcomers
-    nobodys : that of an observer of no members, whose arrays of all members are empty
+    of_none : that of an observer of no members, whose arrays of all members are empty
     before  : number of members that `part` knows
     """
     for name, rows in vars(theirs).items():
@@ -193,6 +193,6 @@ def _extend(part: Any, theirs: Any, nobodys: Any, before: int, count: int) -> No
         if isinstance(own, DrivenPaths):
             own.extend(rows.spacing)
         elif isinstance(own, np.ndarray | list):
-            lengths = len(own), len(rows), len(getattr(nobodys, name))
+            lengths = len(own), len(rows), len(getattr(of_none, name))
             if lengths == (before, count, 0):  # else it is of something else
                 setattr(part, name, [*own, *rows] if isinstance(own, list) else np.concatenate([own, rows]))

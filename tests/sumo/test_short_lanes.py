@@ -47,6 +47,5 @@ def test_a_member_in_the_wedge_of_a_bend_stays_on_the_network(tmp_path):
         while now.roads[:1] != [("cd", "cd_0")]:
             now = simulation.step(STRAIGHT_ON)
             roads.append(now.roads[0])
-
     assert roads[0][0] == "bc"
     assert all(lane for _, lane in roads)
