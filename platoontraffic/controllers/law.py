@@ -16,8 +16,8 @@ from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.records import row
 
 # What a law may declare in `needs`, and is then given in `Sensed`: its route, the next stop line, the order to lead;
-# its predecessor without errors, or by messages; with one of these also the platoon's leader.
-NEEDS = frozenset({"route", "signals", "leads", "truth", "messages", "leader"})
+# its predecessor without errors, or by messages; with one of these also the platoon's leader, or all its members.
+NEEDS = frozenset({"route", "signals", "leads", "truth", "messages", "leader", "members"})
 
 
 class Law:
@@ -89,6 +89,7 @@ class Linear(NamedTuple):
     leader_gap: float = 0.0  # [1/s2]
     leader_speed: float = 0.0  # [1/s]
     leader_acceleration: float = 0.0  # [1]
+    member_gap: float = 0.0  # to each member between predecessor and leader [1/s2]
     lag: float = 0.0  # [s]
     commands: Literal["acceleration", "speed"] = "acceleration"
 
@@ -151,7 +152,7 @@ class Signals(NamedTuple):
 
 
 class Neighbour(NamedTuple):
-    """Another member as it is known to n vehicles, arrays (n,), or to one; NaN where it is not known."""
+    """Another member as it is known to n vehicles, arrays (n,), or to one; k members, (n, k). NaN: not known."""
 
     gap: np.ndarray  # from the own front bumper to its rear bumper, straight [m]; negative: beside or behind
     relative_speed: np.ndarray  # its speed minus the own [m/s]
@@ -163,11 +164,13 @@ class Neighbour(NamedTuple):
 
 
 class Known(NamedTuple):
-    """The members ahead as they are known to n vehicles, or to one."""
+    """The members ahead as they are known to n vehicles, or to one. None: the law does not need them."""
 
     predecessor: Neighbour
-    leader: Neighbour | None  # None: the law does not need it
+    leader: Neighbour | None
     place: np.ndarray  # number of vehicles from the leader, int (n,)
+    members: Neighbour | None = None  # all k members on the road, (n, k); lost: itself, and those of other platoons
+    ahead: np.ndarray | None = None  # number of vehicles to each of them, int (n, k); negative: behind
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from platoontraffic.world.fleet import Member
 
 PERIOD = 50.0  # of the multi-sine [s]
 MULTIPLES = (1, 2, 3, 4, 6, 8, 11, 15, 20, 27)  # of 1 / PERIOD: its frequencies
-SETTLING = 50.0  # time of the multi-sine before the first period that counts [s]
+SETTLING = 100.0  # time of the multi-sine before the first period that counts [s]; weakly damped strings take longest
 PERIODS = 3  # that count
 SIZE = 0.06  # acceleration of each of its sinusoids, of a car at 20 m/s [m/s2]
 FAR = 1e5  # length of the road each way [m]

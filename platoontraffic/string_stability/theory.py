@@ -16,7 +16,8 @@ of x' = A x + B u, where
 A car drives with the one lag and brakes with the other. Each of them gets half a sinusoid, of which the fundamental is
 half of the whole: so the car above is the describing function about 0, and exact where the lags are equal.
 
-With the filter F(z), the law's sum of gains times what it knows is U_i = F (own P_i + ahead D P_{i-1} + leader D P_0).
+With the filter F(z), the law's sum of gains times what it knows is U_i = F (own P_i + ahead D P_{i-1} + leader D P_0),
+and D P_j for each member j between, if the law hears all.
 The feed is D = z^-n for messages n intervals old; positions in them are carried on at the speed sent, and the command
 that they have is one interval older. The gains follow one after another from the leader on.
 """
@@ -75,14 +76,17 @@ def chain(
     late = z**-delay
     known = late * (p + delay * dt * v)  # position, carried on at the speed sent
     gap, speed = (p, v) if radar else (known, late * v)
-    over_leader, found = np.ones_like(z), []  # U_i / U_0
-    for one in declared:
+    over_leader, found, between = np.ones_like(z), [], []  # U_i / U_0; of members that are neither of the two
+    for place, one in enumerate(declared, 1):
         share = 1.0 if one.lag == 0 else -np.expm1(-dt / one.lag)
         filtered = share / (1 - (1 - share) / z)
-        own = -(one.gap + one.leader_gap) * p + one.speed * v + one.acceleration * a
+        own = -(one.gap + one.leader_gap + one.member_gap * len(between)) * p + one.speed * v + one.acceleration * a
         ahead = one.gap * gap + one.ahead_speed * speed + late * (one.ahead_acceleration * a + one.ahead_demand / z)
         leader = one.leader_gap * known + late * (one.leader_speed * v + one.leader_acceleration * a)
-        follower = filtered * (ahead * over_leader + leader) / (1 - filtered * own)
+        members = one.member_gap * known * sum(between)
+        follower = filtered * (ahead * over_leader + leader + members) / (1 - filtered * own)
+        if place > 1:
+            between.append(over_leader)
         found.append(follower / over_leader)
         over_leader = follower
     return np.stack(found, axis=1)

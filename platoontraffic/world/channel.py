@@ -1,9 +1,10 @@
 """Messages between members: rate, delay, loss, range and blackouts of the table `[channel]` of a scenario.
 
-Each member sends its state at the channel's rate to its direct follower and, if it leads, to all members behind it,
-as far as their laws need messages. A message is lost if any of these says so: an independent draw; a burst, by the
-two-state chain of E. N. Gilbert (Bell Syst. Tech. J. 39 (1960) 1253) that loses every message in its bad state; the
-distance; a building between the two; a blackout. Draws depend on seed, sender, receiver and number of the message only.
+Each member sends its state at the channel's rate to those whose laws need it: to its direct follower; if it leads, to
+all members behind it; and to any member of its platoon. A message is lost if any of these says so: an independent draw;
+a burst, by the two-state chain of E. N. Gilbert (Bell Syst. Tech. J. 39 (1960) 1253) that loses every message in its
+bad state; the distance; a building between the two; a blackout. Draws depend on seed, sender, receiver and number of the
+message only.
 """
 
 from __future__ import annotations
@@ -15,34 +16,35 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from platoontraffic.controllers.law import Known
+from platoontraffic.controllers.law import Known, Neighbour
 from platoontraffic.lidar.noise import GOLDEN, mixed, scan_keys, sensor_keys, uniform
 from platoontraffic.scenario import Channel
 from platoontraffic.vehicles.records import changed
 from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import Fleet, Member, Radio
-from platoontraffic.world.neighbours import State, chains, seen_by
+from platoontraffic.world.neighbours import State, chains, others_of, seen_by
 
-PREDECESSOR, LEADER = range(2)  # the two that a member receives from
+PREDECESSOR, LEADER, MEMBERS = range(3)  # columns of links: the two, and from MEMBERS on all members by number
 LOST, NEVER = np.iinfo(int).max, -1
 
 
 class Batch(NamedTuple):
-    """The messages sent at one instant, by number of the receiver: arrays (N, 2), of predecessors and leaders."""
+    """The messages sent at one instant, by number of the receiver, on k links each: arrays (N, k)."""
 
     time: float  # [s]
     sender: np.ndarray  # number; NEVER: none
     arrives: np.ndarray  # step; LOST: never
-    state: np.ndarray  # fields of `State`, (6, N, 2)
+    state: np.ndarray  # fields of `State`, (6, N, k)
 
 
 class Messages:
-    """All messages of a run. Arrays (N, 2): of all members by number, from predecessor and leader."""
+    """All messages of a run. Arrays (N, k): of all members by number, on links from predecessor and leader, and from
+    all N members once a law needs them."""
 
     def __init__(
         self, channel: Channel | None, members: Sequence[Member], dt: float, seed: int, solids: shapely.Geometry | None
     ) -> None:
-        shape = len(members), 2
+        shape = len(members), MEMBERS
         self._channel, self._ids, self._dt, self._seed = channel, [m.id for m in members], dt, seed
         self._solids = solids if channel and channel.blocked_by_buildings else None
         self._flying: list[Batch] = []
@@ -54,20 +56,18 @@ class Messages:
 
     def extend(self, newcomers: Sequence[Member]) -> None:
         """Further members of the run, with the numbers that come next."""
-        more = len(newcomers), 2
         self._ids += [m.id for m in newcomers]
-        self._sender = np.concatenate([self._sender, np.full(more, NEVER)])
-        self._sent = np.concatenate([self._sent, np.full(more, np.nan)])
-        self._since = np.concatenate([self._since, np.zeros(more)])
-        self._state = np.concatenate([self._state, np.full((len(self._state), *more), np.nan)], axis=1)
-        self._bad, self._down = (np.concatenate([one, np.zeros(more, bool)]) for one in (self._bad, self._down))
+        self._grow(all_members=self._sender.shape[1] > MEMBERS)
+
+    def _grow(self, all_members: bool) -> None:
+        """Room for all ids, and for links from all of them."""
+        shape = len(self._ids), MEMBERS + (len(self._ids) if all_members else 0)
+        self._sender, self._sent = _padded(self._sender, shape, NEVER), _padded(self._sent, shape, np.nan)
+        self._since, self._state = _padded(self._since, shape, 0.0), _padded(self._state, shape, np.nan)
+        self._bad, self._down = _padded(self._bad, shape, False), _padded(self._down, shape, False)
         self._flying = [
-            batch._replace(
-                sender=np.concatenate([batch.sender, np.full(more, NEVER)]),
-                arrives=np.concatenate([batch.arrives, np.full(more, LOST)]),
-                state=np.concatenate([batch.state, np.full((len(batch.state), *more), np.nan)], axis=1),
-            )
-            for batch in self._flying
+            Batch(time, _padded(sender, shape, NEVER), _padded(arrives, shape, LOST), _padded(state, shape, np.nan))
+            for time, sender, arrives, state in self._flying
         ]
 
     def received(self, fleet: Fleet, step: int, time: float) -> tuple[Known | None, Fleet, list[Noted]]:
@@ -78,8 +78,10 @@ class Messages:
         channel = self._channel
         if channel is None:
             return None, fleet, []
-        number = fleet.number
-        senders, places = self._links(fleet)
+        number, (heads, places) = fleet.number, chains(fleet)
+        if self._sender.shape[1] == MEMBERS and any("members" in group.law.needs for group in fleet.groups):
+            self._grow(all_members=True)
+        senders = self._links(fleet, heads, places)
         self._begin(number, np.where(senders < 0, NEVER, number[senders]), time)
         lost = np.full(len(fleet), np.nan)
         every = round(1 / (channel.rate_hz * self._dt))
@@ -91,19 +93,28 @@ class Messages:
         heard = senders >= 0
         noted = self._noted(fleet, senders, silent & heard, time)
         unknown = ~heard | silent | np.isnan(age)
-        states = [State(*self._state[:, number, kind]) for kind in (PREDECESSOR, LEADER)]
-        rows = np.arange(len(fleet))
-        ahead, leader = (seen_by(fleet, rows, states[k], age[:, k], unknown[:, k]) for k in (PREDECESSOR, LEADER))
-        fleet = changed(fleet, radio=Radio(np.where(heard[:, 0], age[:, 0], np.nan), lost))
-        return Known(ahead, leader, places), fleet, noted
+        rows, state = np.arange(len(fleet)), self._state[:, number]
 
-    def _links(self, fleet: Fleet) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of the members that each receives from, -1: none, (n, 2); number of vehicles to its leader, (n,)."""
-        heads, places = chains(fleet)
-        needs = [m.law.needs for m in fleet.members]
-        listens = np.array([("messages" in some, {"messages", "leader"} <= some) for some in needs]).reshape(-1, 2)
-        senders = np.stack([fleet.predecessor, np.where(places > 0, heads, -1)], axis=1)
-        return np.where(listens, senders, -1), places
+        def known(rows: np.ndarray, links: int | np.ndarray) -> Neighbour:
+            return seen_by(fleet, rows, State(*state[:, :, links]), age[:, links], unknown[:, links])
+
+        found = Known(known(rows, PREDECESSOR), known(rows, LEADER), places)
+        if age.shape[1] > MEMBERS:
+            others, ahead = known(rows[:, None], MEMBERS + number), others_of(heads, places)[1]
+            found = found._replace(members=others, ahead=ahead)
+        fleet = changed(fleet, radio=Radio(np.where(heard[:, 0], age[:, 0], np.nan), lost))
+        return found, fleet, noted
+
+    def _links(self, fleet: Fleet, heads: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Rows of the members that each receives from, -1: none, (n, k)."""
+        needs = [m.law.needs if "messages" in m.law.needs else frozenset() for m in fleet.members]
+        senders = np.full((len(fleet), self._sender.shape[1]), -1)
+        senders[:, PREDECESSOR] = np.where(["messages" in some for some in needs], fleet.predecessor, -1)
+        senders[:, LEADER] = np.where((places > 0) & ["leader" in some for some in needs], heads, -1)
+        if senders.shape[1] > MEMBERS:
+            listens = np.array(["members" in some for some in needs])
+            senders[:, MEMBERS + fleet.number] = np.where(listens[:, None], others_of(heads, places)[0], -1)
+        return senders
 
     def _begin(self, number: np.ndarray, sender: np.ndarray, time: float) -> None:
         """Links to other senders than before begin anew."""
@@ -159,9 +170,9 @@ class Messages:
         self._flying = [b for b in self._flying if ((b.arrives > step) & (b.arrives < LOST)).any()]
 
     def _noted(self, fleet: Fleet, senders: np.ndarray, silent: np.ndarray, time: float) -> list[Noted]:
-        """Links that have fallen silent, and those on which messages arrive again."""
-        noted, number = [], fleet.number
-        before = self._down[number]
+        """Links of predecessors and leaders that have fallen silent, and those on which messages arrive again."""
+        noted, number, silent = [], fleet.number, silent[:, :MEMBERS]
+        before = self._down[number, :MEMBERS]
         for row, kind in zip(*np.nonzero(silent != before), strict=True):
             other, link = senders[row, kind], (number[row], kind)
             if silent[row, kind]:
@@ -175,5 +186,12 @@ class Messages:
             else:
                 lasted = time - self._since[link]
                 noted.append(Noted(row, "radio_back", f"after {lasted:.2f} s", lasted, other=name))
-        self._down[number] = silent
+        self._down[number, :MEMBERS] = silent
         return noted
+
+
+def _padded(array: np.ndarray, shape: tuple[int, int], value: float) -> np.ndarray:
+    """A copy whose last two axes are as long as `shape`, with a value in what is new."""
+    larger = np.full((*array.shape[:-2], *shape), value, array.dtype)
+    larger[..., : array.shape[-2], : array.shape[-1]] = array
+    return larger

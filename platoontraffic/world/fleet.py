@@ -552,17 +552,19 @@ class Fleet(MemberState):
             group.delay * dt,
             group.odometry_delay * dt,
             {one.sensor.name: one.delay * dt for one in group.further_lidars},
-            known_by(self, rows, "leader" in needs) if "truth" in needs else None,
-            _received(messages, rows, "leader" in needs) if "messages" in needs else None,
+            known_by(self, rows, needs) if "truth" in needs else None,
+            _received(messages, rows, needs) if "messages" in needs else None,
         )
 
 
-def _received(messages: Known | None, rows: np.ndarray, leader: bool) -> Known:
+def _received(messages: Known | None, rows: np.ndarray, needs: frozenset[str]) -> Known:
     """The messages to some members; without a channel, none."""
     if messages is None:
-        return nothing_known(len(rows), leader)
+        return nothing_known(len(rows), needs)
     received = take(messages, rows)
-    return received if leader else received._replace(leader=None)
+    if "members" not in needs:
+        received = received._replace(members=None, ahead=None)
+    return received if "leader" in needs else received._replace(leader=None)
 
 
 def without_surfaces(scan: ScanBatch | None) -> ScanBatch | None:

@@ -33,10 +33,10 @@ class State(NamedTuple):
 def seen_by(fleet: Fleet, rows: np.ndarray, state: State, age: np.ndarray, lost: np.ndarray) -> Neighbour:
     """Other vehicles as members know them by states of some age; a vehicle is taken to have kept its speed since.
 
-    rows  : of the members, (m,)
-    state : of the vehicle that each of them knows, (m,)
-    age   : of that [s], (m,)
-    lost  : the member knows no vehicle, bool (m,)
+    rows  : of the members, (m,), or (m, 1) where each knows k vehicles
+    state : of the vehicle that each of them knows, (m,), or (m, k)
+    age   : of that [s], likewise
+    lost  : the member knows no vehicle, bool, likewise
     """
     x, y, heading, speed = (getattr(fleet.motion, name)[rows] for name in ("x", "y", "heading", "speed"))
     front, driven = fleet.model.length[rows] / 2, state.speed * age
@@ -48,16 +48,29 @@ def seen_by(fleet: Fleet, rows: np.ndarray, state: State, age: np.ndarray, lost:
     return Neighbour(*(np.where(lost, np.nan, value) for value in values), lost)
 
 
-def known_by(fleet: Fleet, rows: np.ndarray, leader: bool) -> Known:
-    """The predecessors of some members, and the leaders if wanted, without errors."""
-    state, now = State.of(fleet), np.zeros(len(rows))
+def known_by(fleet: Fleet, rows: np.ndarray, needs: frozenset[str]) -> Known:
+    """The predecessors of some members, and the leaders or all members if needed, without errors."""
+    state = State.of(fleet)
 
-    def known(other: np.ndarray) -> Neighbour:
-        return seen_by(fleet, rows, State(*(values[other] for values in state)), now, other < 0)
+    def known(rows: np.ndarray, other: np.ndarray) -> Neighbour:
+        return seen_by(fleet, rows, State(*(values[other] for values in state)), np.zeros(other.shape), other < 0)
 
     heads, places = chains(fleet)
     leaders = np.where(places > 0, heads, -1)[rows]
-    return Known(known(fleet.predecessor[rows]), known(leaders) if leader else None, places[rows])
+    found = Known(
+        known(rows, fleet.predecessor[rows]), known(rows, leaders) if "leader" in needs else None, places[rows]
+    )
+    if "members" not in needs:
+        return found
+    others, ahead = others_of(heads, places)
+    return found._replace(members=known(rows[:, None], others[rows]), ahead=ahead[rows])
+
+
+def others_of(heads: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each member and each row: that row if it is another member of its chain, or -1; vehicles to it, (n, n)."""
+    rows = np.arange(len(heads))
+    same = (heads[:, None] == heads) & (rows[:, None] != rows)
+    return np.where(same, rows, -1), np.where(same, places[:, None] - places, 0)
 
 
 def chains(fleet: Fleet) -> tuple[np.ndarray, np.ndarray]:
@@ -72,7 +85,9 @@ def chains(fleet: Fleet) -> tuple[np.ndarray, np.ndarray]:
     return head, places
 
 
-def nothing_known(n: int, leader: bool) -> Known:
+def nothing_known(n: int, needs: frozenset[str]) -> Known:
     """n vehicles that know no other."""
     nothing = Neighbour(*np.full((6, n), np.nan), np.ones(n, bool))
-    return Known(nothing, nothing if leader else None, np.zeros(n, int))
+    none = Neighbour(*np.full((6, n, 0), np.nan), np.ones((n, 0), bool))
+    found = Known(nothing, nothing if "leader" in needs else None, np.zeros(n, int))
+    return found._replace(members=none, ahead=np.zeros((n, 0), int)) if "members" in needs else found

@@ -13,6 +13,7 @@ import shapely
 from platoontraffic import scenario
 from platoontraffic.controllers.acc import ConstantTimeHeadway
 from platoontraffic.controllers.cacc_ploeg import PloegFollower
+from platoontraffic.controllers.consensus import ConsensusFollower
 from platoontraffic.errors import InputError
 from platoontraffic.scenario.overrides import Change, branch_of
 from platoontraffic.scenario.tables import Blackout, Channel
@@ -20,6 +21,7 @@ from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world.channel import Messages
 from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.neighbours import known_by
 from tests.controllers.test_field_laws import CAR, EYE
 from tests.support.bench import BLIND, NO_WALLS, Prescribed, platoon
 from tests.support.runs import run
@@ -119,6 +121,46 @@ def test_a_member_that_comes_later_hears_its_predecessor_while_messages_are_unde
     assert [age[1] for age in ages] == pytest.approx([0.3] * 5)
     assert np.isnan([age[2] for age in ages[:3]]).all()
     assert [age[2] for age in ages[3:]] == pytest.approx([0.3] * 2)
+
+
+def test_a_law_that_needs_all_members_hears_those_ahead_and_behind_alone_or_with_newcomers():
+    law, channel = ConsensusFollower(hears="all"), Channel(latency_s=0.3)
+    four = members(law, count=3)
+    messages, truth = Messages(channel, four[:3], DT, 1, None), law.needs | {"truth"}
+    fleets = [Fleet.deployed(four[:3], DT), Fleet.deployed(four, DT)]
+    for step in range(5):
+        messages.received(fleets[0], step, step * DT)
+    messages.extend(four[3:])
+    for step in range(5, 10):
+        known, _, _ = messages.received(fleets[1], step, step * DT)
+    exact = known_by(fleets[1], np.arange(4), truth)
+    assert known.ahead[1:].tolist() == exact.ahead[1:].tolist() == [[1, 0, -1, -2], [2, 1, 0, -1], [3, 2, 1, 0]]
+    assert (known.members.lost[1:] == np.eye(4, dtype=bool)[1:]).all()
+    assert known.members.lost[0].all()  # the leader's law needs no messages
+    others = ~known.members.lost
+    assert known.members.age[others] == pytest.approx(0.3)
+    carried = 20.0 * 0.3  # by the speed sent, of cars that stay here
+    assert known.members.gap[others] == pytest.approx(exact.members.gap[others] + carried)
+
+
+def test_links_to_all_members_lose_messages_apart_and_whatever_the_order():
+    law, channel = ConsensusFollower(hears="all"), Channel(loss=0.5)
+
+    def losses(some) -> np.ndarray:
+        fleet, messages, found = Fleet.deployed(some, DT), Messages(channel, some, DT, 1, None), []
+        order = np.argsort([m.id for m in some])
+        for step in range(400):
+            known, fleet, _ = messages.received(fleet, step, step * DT)
+            found.append((known.members.age == 0)[order][:, order])
+        return np.array(found)
+
+    some = members(law, count=3)
+    one = losses(some)
+    assert (one == losses(some[::-1])).all()
+    followers = [i for i, m in enumerate(sorted(some, key=lambda m: m.id)) if m.place]
+    links = np.array([one[:, i, k] for i in followers for k in range(4) if i != k])
+    assert links.mean(axis=1) == pytest.approx(0.5, abs=4 * 0.5 / math.sqrt(400))
+    assert np.abs(np.corrcoef(links) - np.eye(len(links))).max() < 4.5 / math.sqrt(400)
 
 
 def test_a_known_position_is_carried_on_at_the_speed_sent():
