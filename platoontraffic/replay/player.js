@@ -634,13 +634,14 @@ class Player {
       if (hit?.member !== undefined) this.choose(hit.member);
       else if (hit) this.follow(hit);
     };
-    const scheme = matchMedia("(prefers-color-scheme: dark)");
-    scheme.addEventListener("change", () => {
+    const recolour = () => {
       this.palette.read();
       this.listedMembers = "";
       this.#fillMembers();
       this.stale = true;
-    });
+      if (this.frames && this.camera.hasArea) this.#draw(); // no frame comes before a page is printed
+    };
+    for (const media of ["(prefers-color-scheme: dark)", "print"]) matchMedia(media).addEventListener("change", recolour);
     document.addEventListener("keydown", (event) => this.#key(event));
   }
 

@@ -19,7 +19,7 @@ from platoontraffic.errors import InputError
 from platoontraffic.replay import page
 from platoontraffic.replay.columns import Columns
 from platoontraffic.replay.content import packed
-from tests.support.browser import NoBrowser, chromium, until
+from tests.support.browser import NoBrowser, chromium, nameless, until
 from tests.support.made_runs import EVIL, LASER, LENGTH, RADIUS, REMEMBERED, angle, made_run, other_pose, pose
 
 # When the first follower's heading goes from π to -π.
@@ -521,13 +521,38 @@ def test_on_a_phone_nothing_is_wider_than_the_screen(opened, made, scheme):
     until(tab, "replay.time > 0.1")
 
 
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 1920])
+def test_on_a_screen_nothing_is_wider_than_it(opened, made, width, scheme):
+    tab = opened(made / "replay.html", viewport={"width": width, "height": 900}, color_scheme=scheme)
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_on_paper_a_dark_page_is_light(opened, made):
+    """At once, as no frame comes before a page is printed; and afterwards it is dark again."""
+    tab = opened(made / "replay.html", color_scheme="dark")
+    tab.evaluate(
+        """() => {
+            const one = new OffscreenCanvas(9, 9).getContext("2d", { willReadFrequently: true });
+            window.ground = () => {
+                one.drawImage(document.querySelector("#map"), 0, 0);
+                return one.getImageData(2, 2, 1, 1).data[0];
+            };
+            matchMedia("print").addEventListener("change", () => { window.printed ??= ground(); });
+        }"""
+    )
+    assert tab.evaluate("ground()") < 100
+    tab.emulate_media(media="print")
+    until(tab, "window.printed !== undefined")
+    assert tab.evaluate("printed") > 200
+    assert tab.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    tab.emulate_media(media="screen")
+    until(tab, "ground() < 100")
+
+
 def test_every_control_has_a_name(opened, made):
     tab = opened(made / "replay.html")
-    nameless = tab.evaluate(
-        """[...document.querySelectorAll("button, select, input, canvas:not([aria-hidden])")].filter((e) =>
-            !(e.getAttribute("aria-label") || e.textContent.trim() || e.labels?.length)).map((e) => e.outerHTML)"""
-    )
-    assert nameless == []
+    assert nameless(tab) == []
     tab.get_by_role("slider", name="Time").press("ArrowRight")
     until(tab, "slider.getAttribute('aria-valuetext') === '0.1 s'")
     assert "platoon.1: speed" in tab.locator("#now").inner_text()

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from platoontraffic.cli.main import app
 from tests.report.test_report import Reader
-from tests.support.browser import NoBrowser, chromium
+from tests.support.browser import NoBrowser, chromium, nameless
 from tests.support.made_runs import EVIL, made_batch, made_run
 
 KEY, OTHER = "platoon.size", "platoon.follower.law"
@@ -167,6 +167,7 @@ def test_in_a_browser_names_are_text_and_the_page_fits_a_phone(scheme, batch):
             assert tab.evaluate("document.documentElement.scrollWidth") <= 390
             images = "[...document.images].every(image => image.complete && image.naturalWidth > 0)"
             assert tab.evaluate(images)
+            assert nameless(tab) == []
             assert said == []
     except NoBrowser as error:
         pytest.skip(str(error))

@@ -13,7 +13,7 @@ from platoontraffic.analysis import load
 from platoontraffic.cli.main import app
 from platoontraffic.report import page
 from platoontraffic.results import metrics
-from tests.support.browser import NoBrowser, chromium
+from tests.support.browser import NoBrowser, chromium, nameless
 from tests.support.made_runs import EVIL, made_run
 
 
@@ -103,6 +103,22 @@ def test_nothing_is_lost_on_paper(report, browser):
     sheet.goto(report.as_uri())
     right = "[...document.querySelectorAll('table, img')].map(e => e.getBoundingClientRect().right)"
     assert max(sheet.evaluate(right)) <= 698
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_fits_every_screen_and_a_reader_has_a_name_for_all_of_it(report, browser, scheme):
+    context, said = browser.new_context(color_scheme=scheme), []
+    tab = context.new_page()
+    tab.on("console", lambda message: said.append(message.text) if message.type in ("error", "warning") else None)
+    tab.on("pageerror", lambda error: said.append(str(error)))
+    for width in (390, 1280, 1920):
+        tab.set_viewport_size({"width": width, "height": 900})
+        tab.goto(report.as_uri())
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    assert (nameless(tab), said) == ([], [])
+    tab.emulate_media(media="print")
+    assert tab.evaluate("getComputedStyle(document.body).color") == "rgb(22, 24, 29)"
+    context.close()
 
 
 def test_the_same_run_gives_the_same_bytes(report, tmp_path):

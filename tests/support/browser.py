@@ -36,6 +36,28 @@ def chromium() -> Iterator[Any]:
             browser.close()
 
 
+ROLES = {
+    "button",
+    "checkbox",
+    "combobox",
+    "image",
+    "link",
+    "listbox",
+    "slider",
+    "spinbutton",
+    "textbox",
+    "Canvas",
+    "Iframe",
+}
+
+
+def nameless(tab: Any) -> list[str]:
+    """Roles of controls and pictures that have no name for a screen reader; [] if all have one."""
+    nodes = tab.context.new_cdp_session(tab).send("Accessibility.getFullAXTree")["nodes"]
+    seen = [node for node in nodes if not node["ignored"] and node["role"]["value"] in ROLES]
+    return [node["role"]["value"] for node in seen if not node.get("name", {}).get("value", "").strip()]
+
+
 def until(tab: Any, expression: str, argument: Any = None, timeout: float = 15.0) -> None:
     """Wait until an expression is true on a page; playwright's own wait needs `eval`, which these pages forbid."""
     begun = time.monotonic()
