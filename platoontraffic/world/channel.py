@@ -109,11 +109,13 @@ class Messages:
         """Rows of the members that each receives from, -1: none, (n, k)."""
         needs = [m.law.needs if "messages" in m.law.needs else frozenset() for m in fleet.members]
         senders = np.full((len(fleet), self._sender.shape[1]), -1)
-        senders[:, PREDECESSOR] = np.where(["messages" in some for some in needs], fleet.predecessor, -1)
-        senders[:, LEADER] = np.where((places > 0) & ["leader" in some for some in needs], heads, -1)
+        predecessor, leader, members = (
+            np.array([name in some for some in needs], dtype=bool) for name in ("messages", "leader", "members")
+        )
+        senders[:, PREDECESSOR] = np.where(predecessor, fleet.predecessor, -1)
+        senders[:, LEADER] = np.where((places > 0) & leader, heads, -1)
         if senders.shape[1] > MEMBERS:
-            listens = np.array(["members" in some for some in needs])
-            senders[:, MEMBERS + fleet.number] = np.where(listens[:, None], others_of(heads, places)[0], -1)
+            senders[:, MEMBERS + fleet.number] = np.where(members[:, None], others_of(heads, places)[0], -1)
         return senders
 
     def _begin(self, number: np.ndarray, sender: np.ndarray, time: float) -> None:

@@ -143,6 +143,15 @@ def test_a_law_that_needs_all_members_hears_those_ahead_and_behind_alone_or_with
     assert known.members.gap[others] == pytest.approx(exact.members.gap[others] + carried)
 
 
+@pytest.mark.parametrize("law", [LAW, ConsensusFollower(hears="all")])
+def test_the_last_member_may_leave_the_road(law):
+    some, none = members(law, count=1), np.zeros(0, int)
+    fleet, messages = Fleet.deployed(some, DT), Messages(Channel(latency_s=0.3), some, DT, 1, None)
+    messages.received(fleet, 0, 0.0)
+    known, _, noted = messages.received(fleet.without({m.id for m in some}), 1, DT)
+    assert (known.place.tolist(), known.predecessor.gap.tolist(), noted) == (none.tolist(), [], [])
+
+
 def test_links_to_all_members_lose_messages_apart_and_whatever_the_order():
     law, channel = ConsensusFollower(hears="all"), Channel(loss=0.5)
 
