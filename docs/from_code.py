@@ -6,18 +6,14 @@ built. Docstrings in the pages of the Python interface are shown as they are wri
 
 from __future__ import annotations
 
-import ast
 import inspect
 import json
 import math
 import re
 import textwrap
-import tokenize
 import typing
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, fields
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +25,8 @@ from typer.models import ArgumentInfo
 from platoontraffic import shipped
 from platoontraffic.cli.main import app as command_line
 from platoontraffic.cli.printing import title
-from platoontraffic.controllers.gains import _model_of, keys_of
+from platoontraffic.controllers.described import schema_of
+from platoontraffic.controllers.gains import keys_of
 from platoontraffic.controllers.law import Law
 from platoontraffic.controllers.registry import find_law, law_names
 from platoontraffic.lidar import PRESETS
@@ -47,11 +44,6 @@ from platoontraffic.world.events import EVENT_KINDS
 MARK = re.compile(r"^<!-- from the code: (.+) -->$", re.MULTILINE)
 FAR = 1e9  # limits beyond this are not worth a word
 WORDS = {"string": "text", "boolean": "true or false", "integer": "whole number", "object": "table"}
-
-UNITS = {  # by the end of a key; longer ones first
-    "per_s2": "1/s2", "per_s": "1/s", "mps3": "m/s3", "mps2": "m/s2", "mps": "m/s", "radps": "rad/s", "rad": "rad",
-    "deg": "deg", "hz": "Hz", "m": "m", "s": "s",
-}  # fmt: skip
 
 Schema = Mapping[str, Any]
 
@@ -210,48 +202,16 @@ def _needs(kind: type) -> Iterable[str]:
 
 
 def _gains(kind: type) -> Iterator[str]:
-    with warnings.catch_warnings(action="ignore"):  # an empty table has no JSON
-        schema, meanings = _model_of(kind).model_json_schema(), _comments(kind)
+    schema = schema_of(kind)
     of_field = {key: name for name, key in keys_of(kind).items()}
     for key, value in schema["properties"].items():
         nested = next((find for find, _ in _definitions(value)), None)
-        meaning = ": ".join(filter(None, (_in_words(key), meanings.get(of_field[key], ""))))
         if nested:
             law = next(f.type for f in fields(kind) if f.name == of_field[key])
             facts = [f"table of gains, those of `{law}`"]
         else:
             facts = [_kind(value), "required" if key in schema.get("required", ()) else _default(value)]
-        yield _entry(key, facts, meaning)
-
-
-def _in_words(key: str) -> str:
-    """`time_headway_s` as Time headway [s]"""
-    for ending, unit in UNITS.items():
-        if key.endswith(f"_{ending}"):
-            return f"{_capital(key.removesuffix(f'_{ending}').replace('_', ' '))} [{unit}]"
-    return _capital(key.replace("_", " "))
-
-
-def _comments(kind: type) -> dict[str, str]:
-    """What stands beside each field in its source, or above it."""
-    found = {}
-    for one in reversed(kind.__mro__[:-1]):
-        source = textwrap.dedent(inspect.getsource(one))
-        lines = source.splitlines()
-        beside = {
-            token.start[0]: token.string.lstrip("# ")
-            for token in tokenize.generate_tokens(StringIO(source).readline)
-            if token.type == tokenize.COMMENT and "noqa" not in token.string
-        }
-        for node in ast.parse(source).body[0].body:
-            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-                above = node.lineno - 1
-                while lines[above - 1].lstrip().startswith("#"):
-                    above -= 1
-                places = range(above + 1, node.end_lineno + 1)
-                if words := " ".join(beside[place] for place in places if place in beside):
-                    found[node.target.id] = words
-    return found
+        yield _entry(key, facts, value["description"])
 
 
 def _block(text: str | None) -> str:

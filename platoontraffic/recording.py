@@ -137,10 +137,13 @@ class Recording:
                 simulation.trips(),
                 waits,
             )
-            words = (recorder.folder / "run.log").read_text(errors="replace").splitlines()[:SUMO_WORDS]
+            messages = _messages((recorder.folder / "run.log").read_text(encoding="utf-8", errors="replace"))
+            recorder.write("run.log", "".join(f"{line}\n" for line in messages))
             if recruits := simulation.setting.recruits:
                 self._facts["not_equipped"] = dict(sorted(recruits.left.items()))
-            facts = provenance.finished(self._facts, outcome.time, wall, simulation.stopwatch.seconds, words)
+            facts = provenance.finished(
+                self._facts, outcome.time, wall, simulation.stopwatch.seconds, messages[:SUMO_WORDS]
+            )
             recorder.write_json("provenance.json", facts)
             finished = recorder.finish(replace)
         if recorder.moved:
@@ -217,6 +220,18 @@ def run(
     recording = Recording(prepared, folder, window, warm=warm)
     recording.advance(watchers)
     return recording.finish(replace, say)
+
+
+def _messages(log: str) -> list[str]:
+    """SUMO's messages, without those that it has only because members are moved from outside."""
+    said = log.splitlines()
+    kept = [line for line in said if not ("moved by TraCI" in line and "implied speed" in line)]
+    if not said:
+        return []
+    head = "SUMO's messages. A collision of a member here is none if events.csv has none: SUMO knows only its lane."
+    if left_out := len(said) - len(kept):
+        head += f" Left out: {left_out} warnings of implied speeds of members, which SUMO does not drive."
+    return [head, *kept]
 
 
 def _note_end(recorder: Recorder, outcome: Outcome) -> None:

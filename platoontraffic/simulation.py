@@ -106,6 +106,7 @@ class Setting:
     recruits: Recruits | None = None  # vehicles of the traffic that become members
     channel: Channel | None = None  # of messages between members; None: there are none
     laps: float | None = None  # it ends when every member has turned through as many full circles
+    ends_at_contact: bool = False  # it ends when a member touches something
     whole_traffic_every: int | None = None  # steps; snapshots between them may lack what is out of range of all members
     then: Then | None = None
 
@@ -246,7 +247,7 @@ class Simulation:
             roads,
             events,
             self._measured,
-            ended=self._ended(step, fleet),
+            ended=self._ended(step, fleet, events),
             passages=self.world.passages(fleet),
             readings=sensed.readings,
             seen=sensed.seen,
@@ -324,13 +325,15 @@ class Simulation:
         plans = self.obstacles.plans
         self.world.hold(self.obstacles.bodies, {plan.id: plan.edges for plan in plans if plan.seen_by_sumo})
 
-    def _ended(self, step: int, fleet: Fleet) -> str:
+    def _ended(self, step: int, fleet: Fleet, events: Sequence[Event]) -> str:
         """Why the simulation ends at this instant; "" if it goes on."""
         waiting, laps = self.world.waiting, self.setting.laps
         if not len(fleet) and not waiting and not self.world.expects_more:
             return "arrived"
         if laps and len(fleet) and not waiting and (np.abs(fleet.motion.turned) >= 2 * np.pi * laps).all():
             return "laps"
+        if self.setting.ends_at_contact and any(event.kind == "collision" for event in events):
+            return "contact"
         return "duration" if step == self.setting.steps else ""
 
     def _measured(self, fleet: Fleet) -> Measures:
@@ -409,6 +412,7 @@ def setting_of(
         recruits=recruits,
         channel=spec.channel,
         laps=spec.run.laps,
+        ends_at_contact=spec.run.ends_at_contact,
         whole_traffic_every=steps_of(spec.record.traffic_every_s, dt),
         then=_then(prepared),
     )

@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 
 from platoontraffic import scenario, simulation
+from platoontraffic.analysis.reading import read_table
 from platoontraffic.errors import InputError
 from platoontraffic.recording import run as run_into
 from platoontraffic.results.provenance import run_id
@@ -318,3 +319,11 @@ def test_a_platoon_comes_out_of_a_dead_end_again(tmp_path):
     assert (last.heading_rad - np.pi / 2).abs().max() < 0.05
     assert (last.turned_rad > 0.98 * np.pi).all()
     assert last.right_of_middle_m.min() > 0
+
+
+def test_a_run_may_end_at_the_first_contact(tmp_path):
+    folder = run(tmp_path / "contact", "lab_obstacles", "platoon.leader.speed_mps=0.6", "run.ends_at_contact=true")
+    events = read_table(folder / "events.csv")
+    end = events.iloc[-1]
+    assert (end.kind, end.what) == ("end", "contact")
+    assert events.time_s[events.kind == "collision"].tolist() == [end.time_s]

@@ -119,8 +119,8 @@ on every surface near the sensor, which are given to it; in view: near sides in 
 floor: clear, divide and store 720 numbers."""
 
 
-def text(report: Report) -> str:
-    """The report as tables."""
+def text(report: Report, targets: bool = False) -> str:
+    """The report as tables; targets: with the project's own, and whether each is met."""
     sections = [facts(report.machine), LEGEND]
     for case in report.cases:
         near = f"{case.candidates:.0f} surfaces near a sensor, {case.candidates_in_view:.0f} maybe in view"
@@ -134,8 +134,9 @@ def text(report: Report) -> str:
         "linear": "Number of sensors; ratio of the call to the row before",
         "starts": "From the start of a process",
         "memory": "Memory",
-        "bars": "Aims, and the worst measurement of each",
     }
+    if targets:
+        titles["bars"] = "Aims, and the worst measurement of each"
     tables = ((title, getattr(report, name)) for name, title in titles.items())
     sections += [f"{title}\n{_table(rows)}" for title, rows in tables if rows]
     return "\n\n".join(sections)

@@ -471,15 +471,15 @@ def _figures(rows: Sequence[Whole], floors: Sequence[Above]) -> dict[str, float]
     return found
 
 
-def text(report: Report) -> str:
-    """The report as tables."""
+def text(report: Report, targets: bool = False) -> str:
+    """The report as tables; targets: with the project's own, and whether each is met."""
     sections = [facts(report.machine)]
     if report.whole:
         sections += _of_towns(report)
     if report.above:
         names = [name.replace("_", " ") for name in Above._fields]
         sections.append(ABOVE_LEGEND + table([names, *(map(_cell, row) for row in report.above)], [True] + [False] * 6))
-    if report.bars:
+    if targets and report.bars:
         kept = [[bar.wanted, _cell(bar.measured), "yes" if bar.met else "no"] for bar in report.bars]
         sections.append("Targets\n" + table([["", "measured", "met"], *kept], [True, False, False]))
     return "\n\n".join(sections)

@@ -262,13 +262,13 @@ def export(
 @command
 def schema(what: Annotated[str, typer.Argument(help="scenario or study")] = "scenario") -> None:
     """Print the JSON schema of scenario or study files, for editors."""
-    from platoontraffic.scenario import Spec
+    from platoontraffic.scenario.schema import scenario_schema
     from platoontraffic.study.study import StudyFile
 
-    files = {"scenario": Spec, "study": StudyFile}
+    files = {"scenario": scenario_schema, "study": StudyFile.model_json_schema}
     if what not in files:
         raise InputError(f"argument 1: {what!r}: no such schema{did_you_mean(what, files)}")
-    print_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **files[what].model_json_schema()})
+    print_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **files[what]()})
 
 
 @command
@@ -550,6 +550,9 @@ def bench(
         Path | None, typer.Option(metavar="FILE", help="traffic: only of this SUMO configuration, with --platoon")
     ] = None,
     platoons: Platoons = None,
+    targets: Annotated[
+        bool, typer.Option("--targets", help="lidar, traffic: also say which of the project's own targets are met")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="one JSON document instead of tables")] = False,
 ) -> None:
     """Measure speed on this machine, in CPU time of one thread."""
@@ -558,7 +561,7 @@ def bench(
     if what not in ("lidar", "traffic", "env"):
         raise InputError(f"argument 1: {what!r}: no such benchmark; must be lidar, traffic or env")
     if what == "env":
-        _bench_env(quick, bool(compare or config or platoons or json))
+        _bench_env(quick, bool(compare or config or platoons or targets or json))
         return
     benchmark = import_module("platoontraffic.lidar.benchmark" if what == "lidar" else "platoontraffic.cli.bench")
     if (config is None) != (platoons is None) or (config and what != "traffic"):
@@ -575,7 +578,7 @@ def bench(
         raise RunError(f"a process of the benchmark failed: {error.stderr.strip().rpartition(chr(10))[2]}") from error
     finally:
         show_stage("")
-    print(measured.json() if json else benchmark.text(measured))
+    print(measured.json() if json else benchmark.text(measured, targets))
     if before:
         print(f"\n{benchmark.compared(measured, before)}")
 

@@ -155,8 +155,9 @@ def print_runs(study: Study, folder: Path, slots: int, executor: str, as_json: b
 
     states = [batch.state(folder, run.id) for run in study.runs]
     waiting = [run for run, state in zip(study.runs, states, strict=True) if state == batch.WAITING]
-    seconds, estimated_by = batch.estimate(study, folder, waiting)
-    shares = batch.shared_warm_ups(waiting, executor)
+    simulated = batch.without_equals(study, folder, waiting)
+    seconds, estimated_by = batch.estimate(study, folder, simulated)
+    shares = batch.shared_warm_ups(simulated, executor)
     columns = ("id", "status", "seed", *study.keys)
     rows = [(run.id, state, run.seed, *run.values.values()) for run, state in zip(study.runs, states, strict=True)]
     if as_json:
@@ -183,9 +184,13 @@ def print_runs(study: Study, folder: Path, slots: int, executor: str, as_json: b
 
 def equal_runs(study: Study) -> str:
     """How many runs are equal to others, because nothing in them depends on their seed; "": none is."""
-    points = Counter(str(run.values) for run in study.runs if not run.random)
+    points = Counter(run.point for run in study.runs if not run.random)
     more = sum(points.values()) - len(points)
-    return f"{more} of these runs are equal to others: nothing in them is random, and one seed would do" if more else ""
+    return (
+        f"{more} of these runs are equal to others, because nothing in them is random: one seed is simulated"
+        if more
+        else ""
+    )
 
 
 def print_report(report: Report, folder: Path) -> None:

@@ -27,9 +27,9 @@ class ConstantSpacing(FieldLaw):
     """A constant distance by the gap and its rate alone, which amplifies (Seiler, Pant, Hedrick 2004)."""
 
     spacing: Annotated[Positive, Field(alias="spacing_m")] = 5.0  # s0
-    distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s2")] = 1.0
-    speed_gain: Annotated[Positive, Field(alias="speed_gain_per_s")] = 2.0
-    filter: Annotated[Positive, Field(alias="filter_s")] = 0.05
+    distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s2")] = 1.0  # of the gap
+    speed_gain: Annotated[Positive, Field(alias="speed_gain_per_s")] = 2.0  # of its rate
+    filter: Annotated[Positive, Field(alias="filter_s")] = 0.05  # of the command
 
     def demand(self, own: Own, known: Known, last: np.ndarray, dt: float) -> np.ndarray:
         ahead = known.predecessor

@@ -28,7 +28,7 @@ class External(Law):
     Its target, from which lock is measured, is the nearest group of returns within a view straight ahead.
     """
 
-    view: Annotated[float, Field(gt=0, le=math.tau, alias="view_rad")] = math.radians(23.0)
+    view: Annotated[float, Field(gt=0, le=math.tau, alias="view_rad")] = math.radians(23.0)  # of its target
     # Distance from laser to rear that it is to keep, for the spacing error: at rest; None: none.
     stand_off: Annotated[NotNegative | None, Field(alias="stand_off_m")] = None
     headway: Annotated[NotNegative, Field(alias="headway_s")] = 0.0  # what it grows by with the speed

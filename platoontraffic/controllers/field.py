@@ -52,7 +52,7 @@ class FieldLaw(Law):
 
     feed: Feed = "scan"
     on_radio_loss: Literal["laser", "headway", "hold"] = "laser"
-    steering: TrackingFollower = field(default_factory=TrackingFollower)
+    steering: TrackingFollower = field(default_factory=TrackingFollower)  # gains of the law that steers
 
     lidar: ClassVar[str] = "car-tracker"
     distance_from: ClassVar[str] = "bumper"

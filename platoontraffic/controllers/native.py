@@ -74,7 +74,7 @@ class SumoDriver(Law):
     needs: ClassVar[frozenset[str]] = frozenset({"route"})
     native: ClassVar[bool] = True
 
-    max_speed: Annotated[Positive, Field(alias="max_speed_mps")] = 50.0
+    max_speed: Annotated[Positive, Field(alias="max_speed_mps")] = 50.0  # of the vehicle
     speed_factor: Positive = 1.0  # its speed by the limit, on a free road
     imperfection: Annotated[float, Field(ge=0, le=1)] = 0.5  # SUMO's sigma: random braking, 0: none
     model: Literal["Krauss", "IDM", "EIDM", "ACC", "CACC", "CC"] = "Krauss"

@@ -95,7 +95,7 @@ class PathLeader(Law):
 
     speed: Annotated[Positive | Literal["road"], Field(alias="speed_mps")] = "road"  # or the speed limits of the route
     speed_factor: Positive = 1.0  # times the speed limits
-    profile: Literal["sinusoid", "chirp", "step", "brake"] | None = None
+    profile: Literal["sinusoid", "chirp", "step", "brake"] | None = None  # of the speed, from `begins_s` on
     begins: Annotated[NotNegative, Field(alias="begins_s")] = 0.0  # time from departure to the profile
     amplitude: Annotated[NotNegative, Field(alias="amplitude_mps")] = 0.0  # of a sinusoid or chirp
     frequency: Annotated[Positive, Field(alias="frequency_hz")] = 0.1  # of a sinusoid, or at a chirp's begin
@@ -112,11 +112,11 @@ class PathLeader(Law):
     stand_off: Annotated[NotNegative | None, Field(alias="stand_off_m")] = (
         None  # default: half a length, and blind spot
     )
-    time_headway: Annotated[NotNegative, Field(alias="time_headway_s")] = 1.5
-    acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5
+    time_headway: Annotated[NotNegative, Field(alias="time_headway_s")] = 1.5  # to an obstacle that moves
+    acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5  # comfortable
     braking: Annotated[Positive, Field(alias="braking_mps2")] = 3.0  # comfortable
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 8.0
-    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 3.6
+    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 3.6  # most in bends
 
     def __post_init__(self) -> None:
         if self.trace is not None:

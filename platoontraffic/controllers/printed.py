@@ -113,7 +113,8 @@ class PrintedFollower(Law):
     between: Literal["first_two", "last_edge", "offsets"] = "first_two"  # lines 13 to 18: see above
     frame: Literal["x_right", "x_forward"] = "x_right"  # of theta: see above
     on_loss: Literal["stop", "hold"] = "stop"  # with too few edges; hold: line 20 has no "else"
-    heading_gain: Annotated[Positive, Field(alias="heading_gain_per_s")] = 1.0
+    heading_gain: Annotated[Positive, Field(alias="heading_gain_per_s")] = 1.0  # yaw rate by bearing
+    # It stands where the target is nearer.
     sufficient_distance: Annotated[float, Field(ge=0, alias="sufficient_distance_m")] = SUFFICIENT_DISTANCE
 
     def __call__(self, sensed: Sensed, memory: Twist | None, dt: float) -> Decision:

@@ -52,9 +52,9 @@ class ReactiveLeader(Law):
     positive to the left) that holds everywhere else in this project. `positive_turn` is the one place that says so.
     """
 
-    speed: Annotated[Positive, Field(alias="speed_mps")] = 0.1
-    turn_rate: Annotated[Positive, Field(alias="turn_rate_radps")] = 0.1
-    positive_turn: Literal["clockwise", "counterclockwise"] = "clockwise"
+    speed: Annotated[Positive, Field(alias="speed_mps")] = 0.1  # forward
+    turn_rate: Annotated[Positive, Field(alias="turn_rate_radps")] = 0.1  # at a wall
+    positive_turn: Literal["clockwise", "counterclockwise"] = "clockwise"  # of the rules
     sector: Literal["smallest", "mean", "middle"] = "smallest"  # range of a sector; the text does not say which
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:

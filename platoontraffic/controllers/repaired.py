@@ -36,10 +36,10 @@ from platoontraffic.vehicles.motion import Positive, Twist
 class RepairedFollower(Law):
     """Follows the middle of the visible part of the nearest group of returns, at a stand-off."""
 
-    nearest_group: bool = True
-    visible_middle: bool = True
-    stand_off: Annotated[float, Field(ge=0, alias="stand_off_m")] = 0.45
-    heading_gain: Annotated[Positive, Field(alias="heading_gain_per_s")] = 1.0
+    nearest_group: bool = True  # the predecessor is the nearest group of returns; see above
+    visible_middle: bool = True  # the border of the view counts as an end of the predecessor
+    stand_off: Annotated[float, Field(ge=0, alias="stand_off_m")] = 0.45  # laser to rear at rest
+    heading_gain: Annotated[Positive, Field(alias="heading_gain_per_s")] = 1.0  # yaw rate by bearing
     # Neighbouring beams (0.03 deg apart) on one robot differ by millimetres, robot and wall by decimetres.
     group_step: Annotated[Positive, Field(alias="group_step_m")] = 0.1
 

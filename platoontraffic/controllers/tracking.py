@@ -209,20 +209,20 @@ class TrackingFollower(Law):
     lidar: ClassVar[str] = "car-tracker"  # the preset, where a scenario names none
 
     stand_off: Annotated[Positive, Field(alias="stand_off_m")] = 3.0  # laser to rear at rest
-    time_headway: Annotated[Positive, Field(alias="time_headway_s")] = 1.0
-    distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s")] = 0.4
+    time_headway: Annotated[Positive, Field(alias="time_headway_s")] = 1.0  # beyond the stand-off
+    distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s")] = 0.4  # closing speed by distance
     catching_up: Annotated[Positive, Field(alias="catching_up_mps")] = 3.0  # greatest speed above the predecessor's
     acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5  # comfortable
     braking: Annotated[Positive, Field(alias="braking_mps2")] = 3.5  # comfortable; ISO 15622 allows it at any speed
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 9.0
     jerk: Annotated[Positive, Field(alias="jerk_mps3")] = 5.0  # comfortable; ISO 15622 at low speed
     margin: Annotated[Positive, Field(alias="margin_m")] = 2.7  # laser to rear after hard braking
-    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 4.0
-    patience: Annotated[Positive, Field(alias="patience_s")] = 1.5
+    lateral_acceleration: Annotated[Positive, Field(alias="lateral_acceleration_mps2")] = 4.0  # greatest, in bends
+    patience: Annotated[Positive, Field(alias="patience_s")] = 1.5  # until an unseen predecessor is lost
     # Of the strip that must be free; default: half of the vehicle's width, and KEPT_FREE.
     half_width: Annotated[Positive | None, Field(alias="half_width_m")] = None
     policy: Literal["convoy", "obey"] = "convoy"  # at closed stop lines behind a predecessor
-    on_loss: Literal["stop", "drive"] = "stop"
+    on_loss: Literal["stop", "drive"] = "stop"  # without a predecessor: stops, or drives along its route
     alone: PathLeader = field(default_factory=PathLeader)  # drives along the route, and stops at lines
 
     def __post_init__(self) -> None:

@@ -16,12 +16,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol
-
-import pandas as pd
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from platoontraffic.plug_ins import PlugIn, find_class, place_of, plug_in_file
 from platoontraffic.scenario.faults import Fault
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 GROUP = "platoontraffic.metrics"  # entry point group
 OVER = ("", "mean", "max", "min", "sum")

@@ -11,6 +11,7 @@ from typing import Any
 
 from platoontraffic import shipped
 from platoontraffic.controllers.gains import table_of
+from platoontraffic.plug_ins import is_shipped
 from platoontraffic.road.sumo_configuration import Configuration
 from platoontraffic.scenario.configurations import step_fits
 from platoontraffic.scenario.drivers import FoundSensor, Role, default_preset, drivers_of, further_lidars
@@ -114,11 +115,12 @@ class Scenario:
 
     @property
     def random(self) -> bool:
-        """Whether anything may depend on the seed: vehicles that SUMO drives, errors of sensors, messages."""
+        """Whether anything may differ between seeds: vehicles that SUMO drives, errors of sensors, messages, and laws
+        that are not shipped, because they may draw numbers themselves."""
         spec, channel = self.spec, self.spec.channel
         drawn = channel is not None and any((channel.jitter_s, channel.loss, channel.burst_loss))
         of_sumo = self.configuration or self.route_files or self.additional_of_sumo or spec.equip
-        driven = any(law.native for law in self.laws.values())
+        driven = any(law.native or not is_shipped(type(law)) for law in self.laws.values())
         return bool(drawn or of_sumo or driven or any(map(self._errs, self.laws)) or (self.then and self.then.random))
 
     def _errs(self, role: Role) -> bool:

@@ -84,6 +84,8 @@ class Run(Table):
     laps: Positive | None = None
     """Number of full turns after which the run ends early, as soon as every member has completed them.
     Default: the run does not end early."""
+    ends_at_contact: bool = False
+    """Whether the run ends early at the first contact of a member with a vehicle, an obstacle or a wall."""
 
     @field_validator("step_s")
     @classmethod

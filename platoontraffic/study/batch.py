@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass
-from itertools import islice, zip_longest
+from itertools import chain, islice, zip_longest
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from platoontraffic.branches.process import can_fork
 from platoontraffic.errors import InputError, RunError, kind_of
 from platoontraffic.results.recorder import UNFINISHED, is_done
+from platoontraffic.results.reseeded import copy_with_seed
 from platoontraffic.study.batch_folder import (
     DONE,
     FAILED,
@@ -137,9 +139,15 @@ def run(
             executor_of(executor if to_do else "serial", slots, say) as where,
         ):
             write = _now_and_then(study, folder, lock)
-            shares = shared_warm_ups(to_do, executor)
-            jobs = (_job(run, folder, limits, shares) for run in _in_order(to_do, shares, slots))
-            for new in _ended(jobs, folder, *where):
+            simulated = without_equals(study, folder, to_do)
+            ids = {run.id for run in simulated}
+            shares = shared_warm_ups(simulated, executor)
+            jobs = (_job(run, folder, limits, shares) for run in _in_order(simulated, shares, slots))
+            equals = [run for run in to_do if run.id not in ids]
+            rest = (_job(run, folder, limits, {}) for run in equals if not is_done(folder / run.id))
+            for new in chain(
+                _ended(jobs, folder, *where), _copied(study, folder, equals), _ended(rest, folder, *where)
+            ):
                 counts[new] += 1
                 ended += 1
                 if watcher:
@@ -158,6 +166,26 @@ def estimate(study: Study, folder: Path, runs: Sequence[Run]) -> tuple[float, st
         return sum(RUN_COST + per_step * run.steps for run in runs), f"from the {len(done)} finished runs"
     cost = sum(RUN_COST + run.steps * (STEP_COST + MEMBER_COST * run.members) for run in runs)
     return cost, "rough, without background traffic"
+
+
+def without_equals(study: Study, folder: Path, to_do: Sequence[Run]) -> list[Run]:
+    """The runs to simulate: of runs that can differ in nothing but the seed one, or none if one of them is done."""
+    points = {run.point for run in study.runs if not run.random and is_done(folder / run.id)}
+    simulated = []
+    for run in to_do:
+        if run.random or run.point not in points:
+            simulated.append(run)
+            points.add(run.point)
+    return simulated
+
+
+def _copied(study: Study, folder: Path, runs: Sequence[Run]) -> Iterator[str]:
+    """Give each run the results of an equal one; yields DONE for each. Runs without a finished equal are left."""
+    done = {run.point: folder / run.id for run in study.runs if not run.random and is_done(folder / run.id)}
+    for run in runs:
+        if run.point in done and not os.path.lexists(folder / run.id):
+            copy_with_seed(done[run.point], folder / run.id, run.seed)
+            yield DONE
 
 
 def shared_warm_ups(to_do: Sequence[Run], executor: str) -> dict[str, list[Run]]:

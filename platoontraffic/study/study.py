@@ -28,7 +28,6 @@ from platoontraffic.scenario.named_code import BeforeCode
 from platoontraffic.scenario.overrides import leaves
 from platoontraffic.study.conditions import condition
 from platoontraffic.study.folder_lock import SHARES
-from platoontraffic.world.deployment import deploy, static_scene
 
 ENOUGH_FAULTS = 20  # number of faults at which the search for more ends
 EQUIPPED = 100  # vehicles of the traffic on the road at a time, for the estimate of a run's time
@@ -79,6 +78,11 @@ class Run:
     warm_up: str  # equal for runs with the same warm-up; "" without one
     warm_up_s: float
     random: bool  # whether anything in it may depend on the seed
+
+    @property
+    def point(self) -> str:
+        """Equal for runs that differ in the seed alone."""
+        return self.id.removesuffix(f"-s{self.seed}")
 
 
 @dataclass(frozen=True)
@@ -367,6 +371,8 @@ def _runs(
 
 def _deploy(checked: Scenario, networks: dict[Path, Network]) -> None:
     """Place the members, to find the faults of their start poses. raises: InputError"""
+    from platoontraffic.world.deployment import deploy, static_scene  # compiled code, slow to import
+
     if checked.net not in networks:
         networks[checked.net] = Network.read(checked.net)
     network = networks[checked.net]

@@ -245,8 +245,9 @@ EVENT_KINDS = {
         Kind("never_departed", "its platoon was due to depart, and waited for room until the run ended"),
         Kind(
             "end",
-            "the run ended: every member had left the road, had driven its laps, or the run's duration was over",
-            ("arrived", "laps", "duration"),
+            "the run ended: every member had left the road, had driven its laps, the run's duration was over, or "
+            "a member had touched something (`run.ends_at_contact`)",
+            ("arrived", "laps", "contact", "duration"),
         ),
     )
 }

@@ -21,7 +21,6 @@ from platoontraffic.study import batch, batch_folder, study
 from platoontraffic.study.folder_lock import Lock
 from tests.support.batches import (
     DIES,
-    EQUAL,
     LAW,
     alive,
     call,
@@ -41,7 +40,7 @@ pytestmark = pytest.mark.sumo
 def test_a_batch_leaves_tables_and_is_not_repeated(tiny, tmp_path):
     first = call(tiny(), "-j", 2, "--out", tmp_path / "out")
     folder = tmp_path / "out" / "tiny"
-    assert (first.returncode, first.stderr) == (0, EQUAL.format(2))
+    assert (first.returncode, first.stderr) == (0, "")
     alone = f"a run alone, RUN being its id in summary.csv: platoontraffic run {folder}/RUN/config.toml"
     assert first.stdout == f"4 runs: 4 done, 0 failed\n{alone}\n{folder}\n"
     before, made = tables(folder), done(folder)
@@ -70,6 +69,7 @@ def test_all_executors_and_shards_leave_the_same_tables(tiny, tmp_path):
 def test_a_run_of_a_batch_equals_the_run_alone(tiny, tmp_path):
     batch.run(study.load(tiny()), tmp_path / "batch" / "paper_loop", "serial")
     words = ["run", "paper_loop", "run.duration_s=0.5", "platoon.size=2", "platoon.follower.heading_gain_per_s=2.0"]
+    words += ["platoon.follower.lidar.noise=utm30lx"]
     command = [sys.executable, "-m", "platoontraffic", *words, "--seed", "2", "-q", "--out", str(tmp_path / "alone")]
     alone = Path(subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1])
     together = tmp_path / "batch" / "paper_loop" / alone.name
@@ -163,8 +163,7 @@ def test_a_signal_ends_a_batch_and_leaves_no_process(tiny, tmp_path, killed, num
     running.send_signal(number)
     out, err = running.communicate(timeout=20)
     assert (running.returncode, out) == (130, "")
-    equal, said, counts = err.splitlines()
-    assert f"{equal}\n" == EQUAL.format(195)
+    said, counts = err.splitlines()
     assert said == "interrupted"
     assert counts == f"{len(done(folder))} of 200 runs are done; started again, the batch goes on from there"
     assert workers
@@ -191,9 +190,8 @@ def test_a_second_batch_on_the_same_folder_is_refused(tiny, tmp_path, killed):
     killed.append(started(file, "-j", 1, "--out", tmp_path / "out"))
     until(lambda: (tmp_path / "out" / "tiny" / "study.toml").is_file())
     second = call(file, "--out", tmp_path / "out")
-    equal, said = second.stderr.splitlines()
-    assert (second.returncode, f"{equal}\n") == (2, EQUAL.format(195))
-    assert "another batch is at work there" in said
+    assert (second.returncode, second.stderr.count("\n")) == (2, 1)
+    assert "another batch is at work there" in second.stderr
 
 
 @pytest.mark.slow
@@ -250,10 +248,7 @@ def test_a_folder_that_is_not_of_this_study_is_left_unchanged(tiny, tmp_path):
 def test_a_folder_that_cannot_be_written_is_reported_in_one_line(tiny, tmp_path):
     (tmp_path / "file").write_text("")
     ended = call(tiny(), "--out", tmp_path / "file")
-    assert (ended.returncode, ended.stderr) == (
-        2,
-        f"{EQUAL.format(2)}{tmp_path / 'file' / 'tiny'}: Not a directory\n",
-    )
+    assert (ended.returncode, ended.stderr) == (2, f"{tmp_path / 'file' / 'tiny'}: Not a directory\n")
 
 
 @needs_signals
@@ -267,7 +262,7 @@ def test_a_full_disk_stops_the_batch_in_one_line(tiny, tmp_path):
 
     ended = call(tiny(), "-j", 1, "--out", tmp_path / "out", preexec_fn=little)
     assert ended.returncode == 1
-    assert "File too large" in ended.stderr.splitlines()[1]
+    assert "File too large" in ended.stderr.splitlines()[0]
     assert not list((tmp_path / "out").glob("*/*/DONE"))
     assert batch.run(study.load(tiny()), tmp_path / "out" / "tiny", "serial").progress.done == 4
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.bad_laws import KINDS
-from tests.support.batches import EQUAL, alive, call, done, started, statuses, tables, until, workers_below
+from tests.support.batches import alive, call, done, started, statuses, tables, until, workers_below
 
 pytestmark = [pytest.mark.sumo, pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes of Linux")]
 
@@ -99,7 +99,7 @@ def test_a_batch_that_is_killed_with_its_container_goes_on_in_another(tiny, tmp_
         killed[-1].kill()
         killed[-1].communicate()
     ended = call(file, "-j", 2, "--out", tmp_path / "out", within=container)
-    assert (ended.returncode, ended.stderr) == (0, EQUAL.format(35))
+    assert (ended.returncode, ended.stderr) == (0, "")
     assert tables(folder) == tables(tmp_path / "undisturbed" / "tiny")
     assert not [*folder.glob("*.partial"), *folder.glob("*.unfinished")]
 

@@ -13,7 +13,7 @@ import pytest
 
 from platoontraffic.errors import RunError
 from platoontraffic.study import batch, process_tree, processes, silence, study
-from tests.support.batches import EQUAL, alive, call, tables, until
+from tests.support.batches import alive, call, tables, until
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="processes of Linux")
 
@@ -150,4 +150,4 @@ def test_a_batch_needs_no_folder_for_temporary_files(tiny, tmp_path):
     root = Path(batch.__file__).parents[2]
     env = os.environ | {"HOME": "/proc", "TMPDIR": "/proc", "PYTHONPATH": str(root)}
     ended = call(tiny(), "-j", 2, "--out", tmp_path / "out", within=in_namespace, env=env)
-    assert (ended.returncode, ended.stderr) == (0, EQUAL.format(2))
+    assert (ended.returncode, ended.stderr) == (0, "")

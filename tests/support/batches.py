@@ -17,12 +17,10 @@ replications = {replications}
 [set]
 run.duration_s = 0.5
 platoon.size = 2
+platoon.follower.lidar.noise = "utm30lx"
 [grid]
 platoon.follower.{key} = {values}
 """
-
-# What a batch of TINY says before it starts.
-EQUAL = "{} of these runs are equal to others: nothing in them is random, and one seed would do\n"
 
 # A law that executes the line `how` at one of its gains.
 LAW = """
