@@ -35,4 +35,6 @@ def say(results: Path | None = None) -> BeforeCode:
 def _has_run(file: Path, folder: Path) -> bool:
     """Whether a run in `folder` was made with a plug-in of the same bytes."""
     digest = sha256(file)
-    return any(digest in facts.read_text(errors="replace") for facts in folder.glob("*/provenance.json"))
+    return any(
+        digest in facts.read_text(encoding="utf-8", errors="replace") for facts in folder.glob("*/provenance.json")
+    )

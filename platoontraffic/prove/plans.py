@@ -122,7 +122,9 @@ def _startable(
     for trip in drawn:
         if any(trip.edges[0] == other.edges[0] for other in found):
             continue
-        file.write_text(tomli_w.dumps(dict(common) | {"platoon": [_platoon(NAME, trip, size, vehicle)]}))
+        file.write_text(
+            tomli_w.dumps(dict(common) | {"platoon": [_platoon(NAME, trip, size, vehicle)]}), encoding="utf-8"
+        )
         checked = scenarios.load(file)
         file.unlink()
         try:

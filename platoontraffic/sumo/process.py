@@ -99,7 +99,7 @@ class Process:
 
     def _reason(self, error: Exception) -> str:
         """SUMO's own first error message; its exception often says 'Process Error' only."""
-        log = self.log.read_text(errors="replace")
+        log = self.log.read_text(encoding="utf-8", errors="replace")
         errors = re.findall(r"^Error: *(.+(?:\n .+)*)", log, re.MULTILINE)  # continuation lines are indented
         return " ".join(errors[0].split()) if errors else str(error)
 

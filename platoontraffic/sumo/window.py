@@ -70,7 +70,7 @@ class Window(RemoteSumo):
         return [*shown, "--gui-settings-file", settings]
 
     def _why_not_started(self, error: BaseException) -> BaseException:
-        if "unable to open display" in self._stderr.read_text(errors="replace"):
+        if "unable to open display" in self._stderr.read_text(encoding="utf-8", errors="replace"):
             return no_display("sumo-gui")
         if isinstance(error, Exception) and self._was_closed():
             return KeyboardInterrupt("the window was closed")
@@ -87,7 +87,7 @@ class Window(RemoteSumo):
 
     def _was_closed(self) -> bool:
         """Whether a SUMO that answers no more has ended without an error message: only its user can have closed it."""
-        return self._exit_code() == 0 and "Error:" not in self._words.read_text(errors="replace")
+        return self._exit_code() == 0 and "Error:" not in self._words.read_text(encoding="utf-8", errors="replace")
 
     def show(self, fleet: Fleet, scans: Sequence[ScanBatch | None]) -> None:
         """Draw scans and targets at the poses of the end of the coming step, when SUMO shows them; wait for `pace`."""
