@@ -115,6 +115,7 @@ def copies_are_exact(name: str | Path, changes: Sequence[str], times: Sequence[f
 SHORT = ("run.duration_s=10", "record.traffic_every_s=0.5", "record.scans_every_s=0.5")
 
 
+@pytest.mark.slow
 def test_copies_of_a_town_are_exact(town: Path, tmp_path: Path) -> None:
     changes = (*SHORT, "sumo.warm_up_s=20", "record.sumo=trips,summary,edges", "record.sumo_every_s=5")
     copies_are_exact(town.with_name("first.toml"), changes, (0.1, 4.3, 7.0), tmp_path)

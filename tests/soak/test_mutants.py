@@ -18,7 +18,7 @@ from tests.support import ROOT
 @pytest.mark.parametrize(
     ("first", "count"),
     [
-        pytest.param(0, 60, id="some"),
+        pytest.param(0, 25, id="some"),
         *(pytest.param(first, 500, id=f"{first} on", marks=pytest.mark.soak) for first in (0, 500, 1000, 1500)),
     ],
 )

@@ -57,6 +57,7 @@ def test_independent_loss_is_binomial():
     assert (lost[:, 0] & lost[:, 1]).mean() == pytest.approx(p * p, abs=4 * p / math.sqrt(n))
 
 
+@pytest.mark.slow
 def test_bursts_have_the_stationary_loss_and_the_length_of_the_chain():
     share, mean, n = 0.2, 4.0, 60_000
     lost = deaf(Channel(burst_loss=share, burst_length=mean), n, members(count=1))[:, 0]
