@@ -39,7 +39,7 @@ STUDIES = {
         "capacity": ("run.duration_s=120",),
     },
 }
-KEPT = {"1_one_run", "2_paper_readings", "4_effect_on_traffic", "5_yardsticks"}  # with outputs of whole runs or studies
+KEPT = {"1_one_run", *STUDIES} - {"6_penetration"}  # notebooks with the outputs of their whole runs or studies
 FEW = 2  # values of a key, and seeds
 
 
