@@ -222,7 +222,7 @@ def load_run(folder: Path) -> Results:
         raise ResultsError(f"{folder}: {'a file, not the folder of a run' if folder.exists() else 'no such folder'}")
     if not (folder / "DONE").is_file():
         what = "an unfinished run" if (folder / "trajectories.csv").is_file() else "not the folder of a run"
-        raise ResultsError(f"{folder}: {what}: there is no DONE")
+        raise ResultsError(f"{folder}: {what}: a finished run has a file DONE")
     files = {name: inside(folder, f"{name}.csv") for name in NEEDED}
     drawn = inside(folder, "scene.geojson")
     for file in (*files.values(), drawn, folder / "datapackage.json"):

@@ -176,7 +176,7 @@ TABLES = {
             ),
             _text("vType", "type", "vehicle type"),
             _text("status", "status", "'arrived', at the end 'running' or 'waiting' to depart, or 'removed' by SUMO"),
-            _time("depart", "depart_s", "departure, since the platoons were placed; negative if before that"),
+            _time("depart", "depart_s", "departure; members are inserted two steps before the time 0 of the run"),
             _time("arrival", "arrival_s", "arrival, since the platoons were placed; empty for unfinished trips"),
             _time("duration", "duration_s", "time on the road, for unfinished trips until the end"),
             _number("routeLength", "route_length_m", "m", "distance driven"),
