@@ -33,6 +33,7 @@ STUDIES = {
         "yardsticks": ("run.duration_s=30",),
         "cut_ins": ("run.duration_s=6",),
         "price_of_sensing": ("run.duration_s=30",),
+        "price_of_sensing_branches": ("run.duration_s=30",),
     },
     "6_penetration": {
         "penetration": ("sumo.warm_up_s=60", "run.duration_s=40"),
