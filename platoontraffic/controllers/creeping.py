@@ -93,12 +93,18 @@ def swept(sensed: Sensed, i: int) -> float:
 def _kept(ahead: np.ndarray, aside: np.ndarray, length: float, width: float, offset: float) -> np.ndarray:
     """Distance that is kept from returns on each side of the body (k,) [m].
 
-    That is less for what is close beside it already, and to which the return to the route leads no nearer.
+    That is less for what is close beside it already, and to which the return to the route leads no nearer; and for what
+    goes on beyond that, such as the rest of a long vehicle, and is no nearer.
 
     ahead, aside : of the centre, forward and to the left (k,) [m]
     offset       : of the route, to the left [m]
     """
     usual, away = CLEARANCE * width + abs(offset), np.abs(aside) - width / 2
-    towards = np.where(aside * offset > 0, abs(offset), 0.0)
+    kept = np.full(len(away), usual)
     beside = (away > 0) & (np.abs(ahead) < length / 2 + ALONGSIDE * length)
-    return np.where(beside & (away > towards + BESIDE), np.minimum(usual, away - BESIDE), usual)
+    for side in (1, -1):
+        there = aside * side > 0
+        least = away[beside & there].min(initial=np.inf) - BESIDE
+        if least > max(side * offset, 0.0):
+            kept[there & (away > least)] = min(usual, least)
+    return kept

@@ -14,22 +14,20 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import shapely
 
-from platoontraffic.controllers import BRAKES_FOR
 from platoontraffic.lidar import Boxes
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_VIA
 from platoontraffic.world.fleet import Fleet
+from platoontraffic.world.standing import STANDS, before_bodies
 
 AFTER = 5.0  # time that a member has stood before a body [s]
 EVERY = 1.0  # period of looking for vehicles that wait [s]
-STANDS = 0.1  # speed below which a vehicle stands [m/s]
 CLEARANCE = 0.3  # between the bodies [m]
 BESIDE = 0.8  # share of their distance that is kept, if that is less at the begin
 NEAR = 60.0  # a vehicle further away does not wait for the member [m]
 SPACING = 1.0  # of the places on its path [m]
 IGNORED = "junctionModel.ignoreIDs"
-BLOCKED = [BRAKES_FOR.index(word) for word in ("obstacle", "predecessor")]
 
 
 class LettingGo:
@@ -43,7 +41,7 @@ class LettingGo:
 
     def observe(self, fleet: Fleet, where: Mapping[str, tuple[str, str]]) -> None:
         """Before every step. where: edge and lane of each member"""
-        time, blocked = self._sumo.simulation.getTime(), dict(_blocked(fleet))
+        time, blocked = self._sumo.simulation.getTime(), {fleet.ids[one.row]: one.row for one in before_bodies(fleet)}
         self._since = {name: self._since.get(name, time) for name in blocked}
         on_road = set(self._sumo.vehicle.getIDList()) if self._ignored else set()
         for foe, members in list(self._ignored.items()):
@@ -104,15 +102,6 @@ class LettingGo:
         line = np.array([point for name in lanes for point in self._sumo.lane.getShape(name)])
         inside = sum(self._sumo.lane.getLength(name) for name in lanes if name[0] == ":")
         return line[np.concatenate([[True], np.hypot(*np.diff(line, axis=0).T) > 1e-6])], inside
-
-
-def _blocked(fleet: Fleet) -> Iterator[tuple[str, int]]:
-    """Members that stand before a body, and their rows."""
-    stands = np.abs(fleet.motion.speed) < STANDS
-    for group in fleet.groups:
-        limit = group.law.braking_for(group.memory) if group.memory is not None else None
-        for k in () if limit is None else np.flatnonzero(stands[group.rows] & np.isin(limit.reason, BLOCKED)).tolist():
-            yield fleet.ids[group.rows[k]], int(group.rows[k])
 
 
 def _box(fleet: Fleet, row: int) -> Boxes:

@@ -25,17 +25,16 @@ from platoontraffic.vehicles.motion import FULL_SIZE
 from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import NOTHING, WINDOW, Fleet, Readings
 from platoontraffic.world.sensing import Measurements
+from platoontraffic.world.standing import STANDS, before_bodies
 
 AFTER = 5.0  # time that a member has stood before it looks for a way [s]
 EVERY = 2.0  # period after which it looks again [s]
-STANDS = 0.05  # speed below which it stands [m/s]
 STILL = 0.05  # by which a body that stands may seem to move between two looks [m]
 NEAR = 25.0  # distance of returns that matter [m]; nothing may be so far behind where it pulls out
 WITHIN_LANE = 1.5  # greatest shift with which the vehicle is still on its lane [m]
 STAYS = 0.6  # shift up to which it stays on its lane with its whole width [m]
 APART = 0.3  # from the side of the own body at which a strip behind begins and ends [m]
 
-BLOCKED = [BRAKES_FOR.index(word) for word in ("obstacle", "predecessor")]
 PREDECESSOR = BRAKES_FOR.index("predecessor")
 
 
@@ -131,19 +130,17 @@ class WaysRound:
         stands = np.abs(fleet.motion.speed) < STANDS
         for name in self._looks.keys() - {fleet.ids[i] for i in np.flatnonzero(stands)}:
             del self._looks[name]
-        for number, group in enumerate(fleet.groups):
-            limit = group.law.braking_for(group.memory) if group.memory is not None else None
-            if limit is None or "route" not in group.law.needs:
+        for one in before_bodies(fleet):
+            member = fleet.members[one.row]
+            if member.route is None or "route" not in member.law.needs or one.creeps:
                 continue
-            for k in np.flatnonzero(stands[group.rows] & np.isin(limit.reason, BLOCKED) & ~limit.creeps).tolist():
-                row = int(group.rows[k])
-                if fleet.members[row].route is None or fleet.model.length[row] < FULL_SIZE:
-                    continue  # a robot in a laboratory stays
-                if limit.reason[k] == PREDECESSOR and fleet.predecessor[row] >= 0:
-                    continue  # its own one, behind which it stays
-                look = self._looks.setdefault(fleet.ids[row], _Look(time, time, math.nan))
-                if time - look.since > AFTER - EVERY - 1e-6 and time - look.at > EVERY - 1e-6:
-                    yield row, number, k
+            if fleet.model.length[one.row] < FULL_SIZE:
+                continue  # a robot in a laboratory stays
+            if one.reason == PREDECESSOR and fleet.predecessor[one.row] >= 0:
+                continue  # its own one, behind which it stays
+            look = self._looks.setdefault(member.id, _Look(time, time, math.nan))
+            if time - look.since > AFTER - EVERY - 1e-6 and time - look.at > EVERY - 1e-6:
+                yield one.row, one.group, one.k
 
     def _may_use(self, edges: Sequence[str], body: Body, behind: np.ndarray) -> Callable[[float, np.ndarray], bool]:
         """Whether a way is on the road, and nothing is behind on its side.

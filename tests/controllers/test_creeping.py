@@ -72,11 +72,12 @@ def test_it_stops_when_what_it_creeps_past_moves():
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_it_creeps_on_with_a_body_close_beside_it(side):
-    """It has come to a stand abreast; going straight on brings it no nearer."""
-    wall = shapely.box(10.0, side * (CAR.width / 2 + 0.07), 14.0, side * 4.0)
-    log = along(STRAIGHT, PathLeader(speed=10.0), Scene.from_shapely(solids=[wall]), 40.0, CAR, EYE, 0.0, 0.1, at=10.0)
-    assert log.x[-1, 0] > 40.0
+@pytest.mark.parametrize("length", [4.0, 12.0, 25.0])
+def test_it_creeps_on_with_a_body_close_beside_it(side, length):
+    """It has come to a stand abreast; going straight on brings it no nearer, however long the body is."""
+    wall = shapely.box(10.0, side * (CAR.width / 2 + 0.07), 10.0 + length, side * 4.0)
+    log = along(STRAIGHT, PathLeader(speed=10.0), Scene.from_shapely(solids=[wall]), 60.0, CAR, EYE, 0.0, 0.1, at=10.0)
+    assert log.x[-1, 0] > 40.0 + length
     assert shapely.distance(footprints(log), wall).min() > 0.03
 
 

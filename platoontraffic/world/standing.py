@@ -1,0 +1,32 @@
+"""Members that stand before a body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.controllers import BRAKES_FOR
+from platoontraffic.world.fleet import Fleet
+
+STANDS = 0.1  # speed below which a vehicle stands [m/s]
+BODIES = [BRAKES_FOR.index(word) for word in ("obstacle", "predecessor")]
+
+
+class Standing(NamedTuple):
+    """A member that stands, and its law brakes for a body."""
+
+    row: int
+    group: int  # of those with its law
+    k: int  # its row in the group
+    reason: int  # an index of BRAKES_FOR
+    creeps: bool
+
+
+def before_bodies(fleet: Fleet) -> Iterator[Standing]:
+    stands = np.abs(fleet.motion.speed) < STANDS
+    for number, group in enumerate(fleet.groups):
+        limit = group.law.braking_for(group.memory) if group.memory is not None else None
+        for k in () if limit is None else np.flatnonzero(stands[group.rows] & np.isin(limit.reason, BODIES)).tolist():
+            yield Standing(int(group.rows[k]), number, k, int(limit.reason[k]), bool(limit.creeps[k]))
