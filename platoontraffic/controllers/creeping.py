@@ -21,6 +21,7 @@ GAIN = 0.8  # by which it approaches that speed; the drive line lags behind its 
 CLEARANCE = 0.05  # on each side of the body [vehicle widths]: 9 cm; its offset from the path is added
 STOP = 0.1  # distance before a return in the swath at which it stops [vehicle lengths]
 PLACES = 0.02  # distance of the poses at which the swath is compared with the returns [vehicle lengths]
+CLOSEST = 0.03  # the same where it goes on along a body that is close beside it already [vehicle widths]
 ALONGSIDE, BESIDE = 0.1, 0.02  # a return so far before the front bumper [vehicle lengths] may be as near as it is [m]
 REACH = 3.0  # length of the swath [vehicle lengths]
 
@@ -93,8 +94,8 @@ def swept(sensed: Sensed, i: int) -> float:
 def _kept(ahead: np.ndarray, aside: np.ndarray, length: float, width: float, offset: float) -> np.ndarray:
     """Distance that is kept from returns on each side of the body (k,) [m].
 
-    That is less for what is close beside it already, and to which the return to the route leads no nearer; and for what
-    goes on beyond that, such as the rest of a long vehicle, and is no nearer.
+    That is less for what is close beside it already, and to which the return to the route leads no nearer; and, down to
+    `CLOSEST`, for what goes on beyond that and comes no nearer, such as the rest of a long vehicle.
 
     ahead, aside : of the centre, forward and to the left (k,) [m]
     offset       : of the route, to the left [m]
@@ -103,8 +104,10 @@ def _kept(ahead: np.ndarray, aside: np.ndarray, length: float, width: float, off
     kept = np.full(len(away), usual)
     beside = (away > 0) & (np.abs(ahead) < length / 2 + ALONGSIDE * length)
     for side in (1, -1):
-        there = aside * side > 0
-        least = away[beside & there].min(initial=np.inf) - BESIDE
-        if least > max(side * offset, 0.0):
-            kept[there & (away > least)] = min(usual, least)
+        there, towards = aside * side > 0, max(side * offset, 0.0)
+        close = beside & there
+        least = away[close].min(initial=np.inf) - BESIDE
+        if least > towards:
+            kept[there & (away > least)] = min(max(least, CLOSEST * width + towards), usual)
+            kept[close] = np.minimum(away[close] - BESIDE, usual)
     return kept

@@ -145,17 +145,11 @@ def _ahead(route: Route, station: float, distance: float) -> _Section:
 
 
 def _kept(section: _Section, body: Body, returns: np.ndarray, clearance: float) -> np.ndarray:
-    """The clearance, or less for returns close beside the body at the begin of a section [m], (returns,).
-
-    Beyond these it is as much less for those that are no nearer, such as of the rest of a long vehicle.
-    """
+    """The clearance, or less for returns close beside the body at the begin of a section [m], (returns,)."""
     ahead, aside = (place[0] for place in _seen_from(section._replace(points=section.points[:2]), body, returns))
-    away, kept = np.abs(aside) - body.width / 2, np.full(len(aside), clearance)
+    away = np.abs(aside) - body.width / 2
     close = (away > 0) & (np.abs(ahead) < body.length / 2 + ALONGSIDE)
-    for there in (aside > 0, aside < 0):
-        least = max(away[close & there].min(initial=np.inf) - BESIDE, 0.0)
-        kept[there & (away > least)] = min(clearance, least)
-    return kept
+    return np.where(close, np.clip(away - BESIDE, 0.0, clearance), clearance)
 
 
 def _seen_from(section: _Section, body: Body, returns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
