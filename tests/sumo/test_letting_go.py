@@ -23,7 +23,7 @@ STANDS_AT = 20.0  # time from which the member stands before a body [s]
 
 def fleet(x: float, y: float, reason: str = "obstacle") -> SimpleNamespace:
     """A member that stands with its front bumper at a place, and heads east."""
-    limit = SimpleNamespace(reason=np.array([BRAKES_FOR.index(reason)]))
+    limit = SimpleNamespace(reason=np.array([BRAKES_FOR.index(reason)]), creeps=np.zeros(1, bool))
     law = SimpleNamespace(braking_for=lambda memory: limit)
     centre = centre_of(x, y, 0.0, LENGTH)
     motion = SimpleNamespace(x=np.array([centre[0]]), y=np.array([centre[1]]), heading=np.zeros(1), speed=np.zeros(1))
