@@ -22,6 +22,7 @@ CLEARANCE = 0.05  # on each side of the body [vehicle widths]: 9 cm; its offset 
 STOP = 0.1  # distance before a return in the swath at which it stops [vehicle lengths]
 PLACES = 0.02  # distance of the poses at which the swath is compared with the returns [vehicle lengths]
 CLOSEST = 0.03  # the same where it goes on along a body that is close beside it already [vehicle widths]
+ON_LINE = 0.15  # offset from the path up to which it may [vehicle widths]
 ALONGSIDE, BESIDE = 0.1, 0.02  # a return so far before the front bumper [vehicle lengths] may be as near as it is [m]
 REACH = 3.0  # length of the swath [vehicle lengths]
 
@@ -101,13 +102,11 @@ def _kept(ahead: np.ndarray, aside: np.ndarray, length: float, width: float, off
     offset       : of the route, to the left [m]
     """
     usual, away = CLEARANCE * width + abs(offset), np.abs(aside) - width / 2
-    kept = np.full(len(away), usual)
+    towards = np.where(aside * offset > 0, abs(offset), 0.0)
     beside = (away > 0) & (np.abs(ahead) < length / 2 + ALONGSIDE * length)
-    for side in (1, -1):
-        there, towards = aside * side > 0, max(side * offset, 0.0)
-        close = beside & there
-        least = away[close].min(initial=np.inf) - BESIDE
-        if least > towards:
-            kept[there & (away > least)] = min(max(least, CLOSEST * width + towards), usual)
-            kept[close] = np.minimum(away[close] - BESIDE, usual)
+    kept = np.where(beside & (away > towards + BESIDE), np.minimum(usual, away - BESIDE), usual)
+    for there in (aside > 0, aside < 0) if abs(offset) < ON_LINE * width else ():
+        least = away[beside & there].min(initial=np.inf)
+        beyond = there & ~beside & (away > least - BESIDE)
+        kept[beyond] = np.clip(least - BESIDE, CLOSEST * width + towards[beyond], usual)
     return kept

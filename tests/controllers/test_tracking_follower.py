@@ -284,6 +284,20 @@ def test_it_brakes_for_an_obstacle_on_its_path():
     assert log.x[-1, 1] + CAR.length / 2 < -1.0
 
 
+@pytest.mark.parametrize("ahead", [0.1, 0.25])
+@pytest.mark.parametrize("aside", [0.3, -0.8])
+def test_it_stands_before_an_obstacle_though_its_predecessor_drives_away(ahead, aside):
+    members = platoon(
+        Prescribed(lambda _: Drive(0.5, 0.0)), FOLLOWER, 1, distance=6.0, model=CAR, eye=NOISY, speed=0.0,
+        leader_eye=replace(BLIND, rate=10.0),
+    )  # fmt: skip
+    front = members[1].pose[0] + CAR.length / 2
+    pole = shapely.Point(front + ahead + 0.15, aside).buffer(0.15)
+    log = drive(members, Scene.from_shapely(solids=[pole]), 15.0, DT)
+    assert log.x[-1, 0] > front + 30.0
+    assert log.x[-1, 1] + CAR.length / 2 < front + ahead
+
+
 def test_a_pole_beside_its_path_is_passed():
     pole = Scene.from_shapely(solids=[shapely.Point(10.0, 1.6).buffer(0.15)])
     members = platoon(
