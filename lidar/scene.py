@@ -78,7 +78,7 @@ class Scene:
         A grid answers for points that are not near the border of a solid. shapely answers for the others; it compares a
         point with all sides as far north or south.
         """
-        if self._has_no_solids:
+        if not self.has_solids:
             return np.zeros(np.size(x), dtype=bool)
         x, y = np.array(x, dtype=np.float64, ndmin=1), np.array(y, dtype=np.float64, ndmin=1)
         kind = self._cells.at(x, y)
@@ -89,8 +89,8 @@ class Scene:
         return inside
 
     @cached_property
-    def _has_no_solids(self) -> bool:
-        return self.solids is None or self.solids.is_empty
+    def has_solids(self) -> bool:
+        return self.solids is not None and not self.solids.is_empty
 
     @cached_property
     def kept(self) -> dict:

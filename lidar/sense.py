@@ -14,6 +14,7 @@
 
 import difflib
 import operator
+from functools import lru_cache
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def scan(
         raise ValueError(f"number = {number}; must be 0 or more")
     ids = carriers.ids
     keys, bias = draws(model.noise, seed, ids, number, model.name)
-    ranges, hits, inside = _buffers(out, model, len(carriers), dtype)
+    ranges, hits, inside = _buffers(out, model, len(carriers.x), dtype)
     inside[:] = False
     for beams, later in model.slices:
         world = boxes.after(later) if later else boxes
@@ -93,6 +94,7 @@ def _buffers(out, model, n, dtype):
     return arrays
 
 
+@lru_cache
 def _engine(name):
     if name in ENGINES:
         return ENGINES[name]

@@ -9,7 +9,7 @@ import inspect
 import os
 import sys
 import traceback
-from functools import cache
+from functools import cache, lru_cache
 from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from types import ModuleType
@@ -67,6 +67,7 @@ def plug_in_file(name: str, folder: Path) -> Path | None:
     return file if ":" in name and not no_file(file) else None
 
 
+@lru_cache
 def is_shipped(kind: type) -> bool:
     return kind.__module__.startswith("platoontraffic.")
 

@@ -32,6 +32,7 @@ from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.process import RefusedError
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.motion import Drive, Twist
+from platoontraffic.vehicles.records import every
 from platoontraffic.world import prepared as preparation
 from platoontraffic.world.breakdowns import Breakdowns
 from platoontraffic.world.channel import Messages
@@ -328,9 +329,9 @@ class Simulation:
     def _ended(self, step: int, fleet: Fleet, events: Sequence[Event]) -> str:
         """Why the simulation ends at this instant; "" if it goes on."""
         waiting, laps = self.world.waiting, self.setting.laps
-        if not len(fleet) and not waiting and not self.world.expects_more:
+        if not fleet.members and not waiting and not self.world.expects_more:
             return "arrived"
-        if laps and len(fleet) and not waiting and (np.abs(fleet.motion.turned) >= 2 * np.pi * laps).all():
+        if laps and fleet.members and not waiting and every(np.abs(fleet.motion.turned) >= 2 * np.pi * laps):
             return "laps"
         if self.setting.ends_at_contact and any(event.kind == "collision" for event in events):
             return "contact"

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from platoontraffic.controllers.law import Decision, Law, Sensed, Target
+from platoontraffic.controllers.law import NO_TARGET, Decision, Law, Sensed, Target
 from platoontraffic.errors import InputError
 from platoontraffic.plug_ins import end_copy, is_shipped, place_of
 from platoontraffic.vehicles.motion import Drive, Twist
-from platoontraffic.vehicles.records import take
+from platoontraffic.vehicles.records import every, take
 
 
 class Occasion(NamedTuple):
@@ -23,12 +23,12 @@ class Occasion(NamedTuple):
 
 
 def decide(law: Law, sensed: Sensed, memory: Any, dt: float, at: Occasion) -> Decision:
-    """The decision of a law, its command and target as arrays (n,).
+    """The decision of a law, its command and target as arrays (n,); NO_TARGET stays as it is.
 
     at    : instant and vehicles, for errors
     raises: InputError if a plug-in fails, or decides nothing that fits n vehicles; or if a command is not finite
     """
-    decision = _call(law, f"at {at.stamp:.3f} s", law, sensed, memory, dt)
+    decision = _call(law, at, law, sensed, memory, dt)
     n = len(sensed.speed)
     if _is_sound(decision, n):
         _check_finite(law, decision, at)
@@ -63,7 +63,7 @@ def memory_of(law: Law, memory: Any, rows: np.ndarray) -> Any:
         raise _fault(law, f"remembers {error}") from error
 
 
-def _call(law: Law, when: str, function: Callable, *arguments: Any) -> Any:
+def _call(law: Law, when: Occasion | str, function: Callable, *arguments: Any) -> Any:
     """function(*arguments); an error of a plug-in becomes an InputError that says when and where it failed."""
     if is_shipped(type(law)):
         return function(*arguments)
@@ -71,7 +71,8 @@ def _call(law: Law, when: str, function: Callable, *arguments: Any) -> Any:
     try:
         return function(*arguments)
     except (Exception, SystemExit) as error:  # whatever a user's code may raise
-        raise _fault(law, f"failed {when}: {type(error).__name__}: {error}", error) from error
+        words = when if isinstance(when, str) else f"at {when.stamp:.3f} s"
+        raise _fault(law, f"failed {words}: {type(error).__name__}: {error}", error) from error
     finally:
         end_copy(process)
 
@@ -82,18 +83,23 @@ def _is_sound(decision: Any, n: int) -> bool:
         return False
     if type(decision.command) is not Drive and type(decision.command) is not Twist:
         return False
-    return all(type(v) is np.ndarray and v.dtype == float and v.shape == (n,) for pair in decision[::2] for v in pair)
+    target = () if decision.target is NO_TARGET else decision.target
+    for values in (*decision.command, *target):  # without a call for each: it is asked in every step
+        if type(values) is not np.ndarray or values.dtype != float or values.shape != (n,):
+            return False
+    return True
 
 
 def _check_finite(law: Law, decision: Decision, at: Occasion) -> None:
-    command, (distance, bearing) = decision.command, decision.target
-    one, other = command
+    command, target = decision.command, decision.target
+    (one, other), (distance, bearing) = command, target
     sound = np.isfinite(one) & np.isfinite(other) & ~np.isinf(distance) & ~np.isinf(bearing)
-    if sound.all():
+    if every(sound):
         return
     row = int(np.argmin(sound))
     given = ", ".join(f"{name.replace('_', ' ')} {values[row]}" for name, values in command._asdict().items())
-    given += f", target {distance[row]}, {bearing[row]}"
+    if target is not NO_TARGET:
+        given += f", target {distance[row]}, {bearing[row]}"
     vehicle = f"{at.ids[row]} at {at.stamp:.3f} s"
     raise _fault(law, f"gave {given} for {vehicle}; must be finite, a target may be NaN")
 

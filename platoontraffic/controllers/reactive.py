@@ -37,7 +37,7 @@ ACTIONS = np.array([(1, 0), (1, 0), (0, -1), (0, -1), (0, +1), (0, -1), (0, 0)])
 
 # Range of a sector from those of its beams, (n, k) -> (n,).
 SECTORS = {
-    "smallest": lambda ranges: ranges.min(axis=1),
+    "smallest": lambda ranges: np.minimum.reduce(ranges, axis=1),
     "mean": lambda ranges: ranges.mean(axis=1),
     "middle": lambda ranges: ranges[:, ranges.shape[1] // 2],
 }

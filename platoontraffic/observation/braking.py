@@ -24,14 +24,14 @@ class Braking:
 
     def begin(self, step: Step, new: np.ndarray) -> None:
         """Members in the rows `new`, (m,), have just entered the road: they have no jerk yet."""
-        self._acceleration[step.number[new]] = step.fleet.motion.acceleration[new]
+        self._acceleration[step.fleet.number[new]] = step.fleet.motion.acceleration[new]
 
     def observe(self, step: Step) -> Iterator[Event]:
         """emergency_brake"""
-        number, acceleration = step.number, step.fleet.motion.acceleration
+        number, acceleration = step.fleet.number, step.fleet.motion.acceleration
         if self._time is not None:
-            self.jerk[number] = (acceleration - self._acceleration[number]) / (step.time - self._time)
-        self._time, self._acceleration[number] = step.time, acceleration
+            self.jerk[number] = (acceleration - self._acceleration[number]) / (step.traffic.time - self._time)
+        self._time, self._acceleration[number] = step.traffic.time, acceleration
         hard = self._full_size[number] & (acceleration < -EMERGENCY_BRAKING)
         for i in (hard & ~self._hard[number]).nonzero()[0]:
             yield step.event("emergency_brake", i)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from platoontraffic.observation.step import Step
+from platoontraffic.vehicles.records import some
 from platoontraffic.world.events import (
     CLEARANCE_REACH,
     CONTACT_HORIZON,
@@ -34,11 +35,11 @@ class Closeness:
 
     def look(self, step: Step) -> None:
         """Measure the distances of this step."""
-        number, traffic, n = step.number, step.traffic, len(step.fleet)
+        number, traffic, n = step.fleet.number, step.traffic, len(step.fleet.members)
         near = NEAR_MISS_GAP * self._scale[number]
         clearance, rows, contact_in, self._pairs = look_around(traffic, n, near)
         self.clearance[number], self.contact_in[number] = clearance, contact_in
-        self.any_close = bool((clearance < CLOSE).any())
+        self.any_close = bool(some(clearance < CLOSE))
         self._closest = rows, traffic.ids
 
     def closest(self) -> np.ndarray:
@@ -51,7 +52,7 @@ class Closeness:
 
         touching: pairs in contact, as in `Contacts.of`
         """
-        traffic, n, near = step.traffic, len(step.fleet), NEAR_MISS_GAP * self._scale[step.number]
+        traffic, n, near = step.traffic, len(step.fleet.members), NEAR_MISS_GAP * self._scale[step.fleet.number]
         predecessor, before = step.fleet.predecessor, self._near
         self._near = set()
         for i, k in self._pairs.tolist():
@@ -69,15 +70,16 @@ def look_around(traffic: TrafficSnapshot, n: int, near: np.ndarray) -> tuple[np.
     """Of the first n bodies: clearance [m], row of the closest body, time to contact [s], (n,), and the pairs that are
     nearer than `near` (n,) [m] and move against each other, (m, 2). As in `closeness_kernel.look_around`."""
     # Imported here: importing numba takes half a second.
-    from platoontraffic.observation import closeness_kernel as kernel
+    from platoontraffic.observation.closeness_kernel import Bodies
+    from platoontraffic.observation.closeness_kernel import look_around as filled
 
     size = traffic.length / 2, traffic.width / 2
-    bodies = kernel.Bodies(traffic.x, traffic.y, *traffic.facing, *size, traffic.speed)
-    clearance, closest, contact_in = np.empty(n), np.empty(n, dtype=np.intp), np.empty(n)
+    bodies = Bodies(traffic.x, traffic.y, *traffic.facing, *size, traffic.speed)
+    (clearance, contact_in), closest = np.empty((2, n)), np.empty(n, dtype=np.intp)
     pairs = np.empty((PAIRS * n, 2), dtype=np.intp)
     if not n:
         return clearance, closest, contact_in, pairs
-    count = kernel.look_around(
+    count = filled(
         bodies, n, CLEARANCE_REACH, CONTACT_HORIZON, near, NEAR_MISS_SPEED, clearance, closest, contact_in, pairs
     )
     return clearance, closest, contact_in, pairs[:count]

@@ -47,7 +47,7 @@ class Collisions:
         """
         traffic = step.traffic
         self._entries.observe(traffic)
-        asked = any_close or self._contacts.may_touch_walls(traffic, len(step.fleet))
+        asked = any_close or self._contacts.may_touch_walls(traffic, len(step.fleet.members))
         before, self.touching = self.touching, self._contacts.of(traffic) if asked else set()
         for vehicle, other in sorted(self.touching - before):
             i = traffic.ids.index(vehicle)
@@ -58,7 +58,7 @@ class Collisions:
             detail = DETAILS[what]
             if entry:
                 what = "changed_lanes" if entry.vehicle == vehicle else "other_changed_lanes"
-                before = f"{step.time - entry.time:.1f} s before, gap {entry.gap:.1f} m"
+                before = f"{step.traffic.time - entry.time:.1f} s before, gap {entry.gap:.1f} m"
                 detail = f"{entry.vehicle} changed lanes into the path of the other {before}"
             yield step.event("collision", i, other, what=what, detail=detail)
 
@@ -91,7 +91,7 @@ class NearMisses:
         gap     : (n,) [m], NaN where there is none
         touching: pairs in contact, as in `Contacts.of`
         """
-        number, ids = step.number, step.traffic.ids
+        number, ids = step.fleet.number, step.traffic.ids
         near = gap < NEAR_MISS_GAP * self._scale[number]
         for i in (near & ~self._near[number]).nonzero()[0]:
             vehicle, ahead = ids[i], ids[step.fleet.predecessor[i]]

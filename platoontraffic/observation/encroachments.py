@@ -60,11 +60,11 @@ class Encroachments:
         # Imported here and below: importing numba takes half a second.
         from platoontraffic.observation.encroachments_kernel import extend, meet
 
-        before, self._time = self._time, step.time
+        before, self._time = self._time, step.traffic.time
         if before is None:
             return
         self._step += 1
-        traffic, n, dt = step.traffic, len(step.fleet), step.time - before
+        traffic, n, dt = step.traffic, len(step.fleet.members), step.traffic.time - before
         if self._trails is None:
             self._begin(round(TRAIL / dt) + 1)
         if traffic.ids != self._ids:
@@ -72,14 +72,14 @@ class Encroachments:
             trails = self._trails
             trails.half_length[self._columns] = traffic.length / 2
             trails.half_width[self._columns] = traffic.width / 2
-        if step.number is not self._numbers:
-            self._find_seats(step.number)
+        if step.fleet.number is not self._numbers:
+            self._find_seats(step.fleet.number)
         slot, trails = self._columns, self._trails
         head = self._step % len(trails.x)
         position = traffic.x, traffic.y
         extend(trails, head, slot, *position, *traffic.facing)
         found = np.empty((AT_ONCE * n, 4))
-        own = self._seats, self._platoon[step.number]
+        own = self._seats, self._platoon[step.fleet.number]
         count = meet(trails, self._meetings, head, self._step, dt, slot, *position, *own, found)
         for i, k, was_first, time in found[:count].tolist():
             if k < n and not was_first:  # whatever their order in the fleet

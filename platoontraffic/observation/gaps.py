@@ -36,7 +36,7 @@ class Gaps:
 
         new: rows of the members that have just entered the road, (m,)
         """
-        fleet, number, x, y = step.fleet, step.number, step.x, step.y
+        fleet, number, x, y = step.fleet, step.fleet.number, step.x, step.y
         length, heading = fleet.model.length, fleet.motion.heading
         back_x, back_y = x - length * np.cos(heading), y - length * np.sin(heading)
         followers = (fleet.predecessor >= 0).nonzero()[0]
@@ -56,7 +56,7 @@ class Gaps:
         fleet, model = step.fleet, step.fleet.model
         followers = Followers(self.gap, self.cross_track, self._end, self._station, self._ahead)
         body, backwards = (model.length, model.width, model.axle), fleet.motion.speed < 0
-        locate(self._paths.arrays, followers, step.number, fleet.predecessor, step.x, step.y, backwards, body,
+        locate(self._paths.arrays, followers, step.fleet.number, fleet.predecessor, step.x, step.y, backwards, body,
                fleet.native)  # fmt: skip
 
 
@@ -72,7 +72,8 @@ class DesiredGaps:
         """Bumper to bumper [m], (n,); NaN where a law names no distance."""
         if fleet.members is not self._members:
             self._members, self._laws = fleet.members, _by_law(fleet.members)
-        distance = np.full(len(fleet), np.nan)
+        distance = np.empty(len(fleet.members))
+        distance[:] = np.nan
         for law, rows in self._laws:
             speed = fleet.motion.speed[rows]
             try:

@@ -36,20 +36,20 @@ class Hindrances:
 
     def observe(self, step: Step) -> Iterator[Event]:
         """held, released"""
-        signals, number = step.signals, step.number
+        signals, number = step.signals, step.fleet.number
         if signals is None:
             return
         near, slow = HELD_DISTANCE * self._scale[number], HELD_SPEED * self._scale[number]
         closed = ~signals.open & (signals.distance < near)
         held = closed & (step.fleet.motion.speed < slow)
         self._reason[number] = np.where(held, signals.reason, self._reason[number])
-        self._until[number] = np.where(held, step.time, self._until[number])
+        self._until[number] = np.where(held, step.traffic.time, self._until[number])
         for i in (held & ~self._held[number]).nonzero()[0]:
-            self._since[number[i]] = step.time
+            self._since[number[i]] = step.traffic.time
             reason = signals.reason[i]
             yield step.event("held", i, what=HELD_BY[reason], detail=CLOSED_BY[reason])
         for i in (~closed & self._held[number]).nonzero()[0]:
-            yield step.event("released", i, duration=step.time - self._since[number[i]])
+            yield step.event("released", i, duration=step.traffic.time - self._since[number[i]])
         self._held[number] = held | (self._held[number] & closed)
 
     def laser_is_broken(self, number: int) -> bool:

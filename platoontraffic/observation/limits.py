@@ -31,7 +31,7 @@ class Limits:
             limit = group.law.braking_for(group.memory) if known else None
             if limit is None:
                 continue
-            number, model = step.number[group.rows], scan.model
+            number, model = step.fleet.number[group.rows], scan.model
             self.known[number], self._reason[number], self._body[number] = True, limit.reason, ""
             for k in (~np.isnan(limit.bearing)).nonzero()[0].tolist():
                 beam = round((limit.bearing[k] - model.angle_min) / model.angle_increment)

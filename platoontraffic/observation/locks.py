@@ -11,6 +11,7 @@ from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.hindrances import Hindrances
 from platoontraffic.observation.locks_kernel import look_rows
 from platoontraffic.observation.step import Cause, Step
+from platoontraffic.vehicles.records import every
 from platoontraffic.world.events import Event
 from platoontraffic.world.under_way import Seen
 
@@ -39,14 +40,17 @@ class Locks:
         """
         sight, seen = _sight(step, scans)
         rows = (sight.beams != NOT_SCANNED).nonzero()[0]
-        number, ahead = step.number[rows], step.fleet.predecessor[rows]
+        number, ahead = step.fleet.number[rows], step.fleet.predecessor[rows]
         beams, alone = sight.beams[rows], sight.alone[rows]
         self.beams[number] = beams
-        with np.errstate(divide="ignore", invalid="ignore"):
-            self.occluded[number] = np.where(alone > 0, np.maximum(1 - beams / alone, 0), np.nan)
+        self.occluded[number] = np.maximum(1 - beams / np.where(alone > 0, alone, np.nan), 0)
         # By id, since a row of the snapshot may be another vehicle in the next step.
-        targets, before, number_ahead = seen[rows], self.target[number], np.where(ahead < 0, -1, step.number[ahead])
-        if (self._ahead[number] == number_ahead).all() and targets.tolist() == before.tolist():
+        targets, before, number_ahead = (
+            seen[rows],
+            self.target[number],
+            np.where(ahead < 0, -1, step.fleet.number[ahead]),
+        )
+        if every(self._ahead[number] == number_ahead) and targets.tolist() == before.tolist():
             return  # as at the last scan, so what is locked is too
         self._ahead[number] = number_ahead
         ids, self.target[number] = np.array(step.traffic.ids[: len(step.fleet)], dtype=object), targets
@@ -59,7 +63,7 @@ class Locks:
     ) -> Iterator[Event]:
         """Targets against predecessors; rows: of followers with a new scan; ahead, before: ids of their predecessors
         and former targets; all (m,)."""
-        number = step.number[rows]
+        number = step.fleet.number[rows]
         target, was_locked = self.target[number], self.locked[number]
         locked = target == ahead
         self.locked[number] = locked
@@ -71,9 +75,9 @@ class Locks:
             if np.isnan(since):
                 yield step.event("locked", rows[k], ahead[k])
             else:
-                yield step.event("lock_regained", rows[k], ahead[k], step.time - since)
+                yield step.event("lock_regained", rows[k], ahead[k], step.traffic.time - since)
         for k in (~locked & was_locked).nonzero()[0]:
-            self._lost_since[number[k]] = step.time
+            self._lost_since[number[k]] = step.traffic.time
             cause = self._cause(number[k])
             yield step.event("lock_lost", rows[k], target[k], what=cause.what, detail=cause.detail)
 
@@ -97,9 +101,9 @@ class Sight(NamedTuple):
 
 
 def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> tuple[Sight, np.ndarray]:
-    """Also the names of the surfaces that the targets lie on, (n,)."""
-    fleet, n = step.fleet, len(step.fleet)
-    sight, target = Sight(*np.full((3, n), NOT_SCANNED)), np.full(n, NOTHING, dtype=object)
+    """Also the names of the surfaces that the targets lie on, (n,), where there is a scan."""
+    fleet, n = step.fleet, len(step.fleet.members)
+    sight, target = Sight(*np.full((3, n), NOT_SCANNED)), np.empty(n, dtype=object)
     for group, scan, seen in zip(fleet.groups, scans, step.seen, strict=True):
         if scan is None:
             continue

@@ -24,7 +24,7 @@ class OffRoad:
 
     def observe(self, step: Step) -> Iterator[Event]:
         """off_road, on_road"""
-        number = step.number
+        number = step.fleet.number
         away = (~shapely.contains_xy(self._drivable, step.x, step.y)).nonzero()[0]
         if not len(away) and not self._any_off:
             self._entered[number] = True
@@ -40,6 +40,6 @@ class OffRoad:
         for i in left.nonzero()[0]:
             yield step.event("off_road", i, detail=f"{distance[i]:.3f} m outside")
         for i in back.nonzero()[0]:
-            yield step.event("on_road", i, duration=step.time - since[i])
-        self._since[number] = np.where(left, step.time, np.where(back, np.nan, since))
+            yield step.event("on_road", i, duration=step.traffic.time - since[i])
+        self._since[number] = np.where(left, step.traffic.time, np.where(back, np.nan, since))
         self._any_off = len(away) > 0

@@ -29,14 +29,14 @@ class Presence:
         """
         before, self._before = self._before, step
         stuck, self._stuck = self._stuck, {step.fleet.ids[one.row]: one.what for one in noted if one.kind == "stuck"}
-        if before and before.number is step.number:
+        if before and before.fleet.number is step.fleet.number:
             self.new = self.new[:0]
             return
-        self.new = (~self._here[step.number]).nonzero()[0]
+        self.new = (~self._here[step.fleet.number]).nonzero()[0]
         self._here[:] = False
-        self._here[step.number] = True
-        for row in (~self._here[before.number]).nonzero()[0] if before else ():
-            event = self._gone(step.time, before, row, left_behind)
+        self._here[step.fleet.number] = True
+        for row in (~self._here[before.fleet.number]).nonzero()[0] if before else ():
+            event = self._gone(step.traffic.time, before, row, left_behind)
             given_up = stuck.get(event.vehicle, "wait") != "wait"
             yield event._replace(kind="given_up", what=stuck[event.vehicle], detail="") if given_up else event
         for row in self.new:
@@ -44,13 +44,13 @@ class Presence:
 
     def _gone(self, time: float, before: Step, row: int, left_behind: np.ndarray) -> Event:
         """A member that has left the road, at its last position."""
-        member = self.members[before.number[row]]
+        member = self.members[before.fleet.number[row]]
         event = before.event("arrived", row)._replace(time=time)
         if member.place == 0 or member.arrives_alone:
             return event._replace(what="own_route")
         head, behind = row, False
         while before.fleet.predecessor[head] >= 0:
-            behind |= left_behind[before.number[head]]
+            behind |= left_behind[before.fleet.number[head]]
             head = before.fleet.predecessor[head]
         if not behind:
             return event._replace(what="with_leader", detail="with its leader")

@@ -40,13 +40,13 @@ class Splits:
         gap, desired_gap: (n,) [m], NaN where there is none
         """
         self._begin_joins(step)
-        number, predecessor = step.number, step.fleet.predecessor
+        number, predecessor = step.fleet.number, step.fleet.predecessor
         longest = np.maximum(SPLIT_GAP_FACTOR * desired_gap, desired_gap + SPLIT_GAP_MARGIN * self._scale[number])
         follows = (predecessor >= 0) & ~step.fleet.native  # SUMO's drivers do not follow a vehicle, but a road
         apart = follows & (~self._locks.locked[number] | (gap - longest > 0))
-        since = np.where(apart, np.fmin(self._apart_since[number], step.time), np.nan)
+        since = np.where(apart, np.fmin(self._apart_since[number], step.traffic.time), np.nan)
         self._apart_since[number] = since
-        for i in (apart & ~self.split[number] & (step.time - since > SPLIT_AFTER - 1e-6)).nonzero()[0]:
+        for i in (apart & ~self.split[number] & (step.traffic.time - since > SPLIT_AFTER - 1e-6)).nonzero()[0]:
             self.split[number[i]], self._begun[number[i]] = True, since[i]
             cause = self._cause(step, i)
             ahead = step.traffic.ids[predecessor[i]]
@@ -55,21 +55,23 @@ class Splits:
             self.split[number[i]] = False
             self._hindrances.forget_hold(number[i])
             if predecessor[i] >= 0:
-                yield step.event("rejoined", i, step.traffic.ids[predecessor[i]], step.time - self._begun[number[i]])
+                yield step.event(
+                    "rejoined", i, step.traffic.ids[predecessor[i]], step.traffic.time - self._begun[number[i]]
+                )
 
         near = gap <= np.where(np.isnan(longest), SPLIT_GAP_MARGIN * self._scale[number], longest)
         self.left_behind[number] = self.split[number] & (predecessor >= 0) & ~near
 
     def _begin_joins(self, step: Step) -> None:
         """A member that was on the road and begins to follow is split off until it has joined."""
-        number, follows = step.number, step.fleet.predecessor >= 0
+        number, follows = step.fleet.number, step.fleet.predecessor >= 0
         joining = number[follows & ~self._follows[number] & self._here[number]]
-        self.split[joining], self._begun[joining] = True, step.time
+        self.split[joining], self._begun[joining] = True, step.traffic.time
         self._follows[number], self._here[number] = follows, True
 
     def _cause(self, step: Step, row: int) -> Cause:
-        number, ahead = step.number[row], step.fleet.predecessor[row]
-        if cause := self._hindrances.lately(number, step.time):
+        number, ahead = step.fleet.number[row], step.fleet.predecessor[row]
+        if cause := self._hindrances.lately(number, step.traffic.time):
             return cause
         if self._limits.reason(number) == "beside":
             return Cause("beside", "no room beside it to go over to the lane of its predecessor")

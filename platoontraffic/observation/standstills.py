@@ -13,6 +13,7 @@ from platoontraffic.observation.limits import Limits
 from platoontraffic.observation.locks import Locks
 from platoontraffic.observation.step import Cause, Step
 from platoontraffic.vehicles.motion import FULL_SIZE
+from platoontraffic.vehicles.records import every
 from platoontraffic.world.events import STANDSTILL_AFTER, Event
 from platoontraffic.world.traffic import TrafficSnapshot
 
@@ -31,26 +32,26 @@ class Standstills:
 
     def observe(self, step: Step) -> Iterator[Event]:
         """standstill when one has lasted STANDSTILL_AFTER, standstill_end when that one ends"""
-        number, motion = step.number, step.fleet.motion
+        number, motion = step.fleet.number, step.fleet.motion
         slow = STANDING * step.fleet.model.length
         moving = (np.abs(motion.speed) > slow) | (np.abs(motion.yaw_rate) > TURNING)
-        all_moved, self._all_move = self._all_move, bool(moving.all())
+        all_moved, self._all_move = self._all_move, bool(every(moving))
         if all_moved and self._all_move:
             return
         since, noted = self._since[number], self._noted[number]
-        since = np.where(np.isnan(since) & ~moving, step.time, since)
-        began = ~moving & ~noted & (step.time - since > STANDSTILL_AFTER)
+        since = np.where(np.isnan(since) & ~moving, step.traffic.time, since)
+        began = ~moving & ~noted & (step.traffic.time - since > STANDSTILL_AFTER)
         for i in began.nonzero()[0]:
             cause = self._cause(step, i)
             detail = f"since {since[i]:.3f} s" + (cause.detail and f", {cause.detail}")
             yield step.event("standstill", i, what=cause.what, detail=detail)
         for i in (moving & noted).nonzero()[0]:
-            yield step.event("standstill_end", i, duration=step.time - since[i])
+            yield step.event("standstill_end", i, duration=step.traffic.time - since[i])
         self._since[number] = np.where(moving, np.nan, since)
         self._noted[number] = ~moving & (noted | began)
 
     def _cause(self, step: Step, row: int) -> Cause:
-        number, ahead = step.number[row], step.fleet.predecessor[row]
+        number, ahead = step.fleet.number[row], step.fleet.predecessor[row]
         if cause := self._hindrances.now(number):
             return cause
         if self._limits.known[number] and (cause := self._by_law(step, row)):
@@ -63,7 +64,7 @@ class Standstills:
 
     def _by_law(self, step: Step, row: int) -> Cause:
         """What its law brakes for; a body across its path is found by its beam."""
-        number, ahead = step.number[row], step.fleet.predecessor[row]
+        number, ahead = step.fleet.number[row], step.fleet.predecessor[row]
         reason, body = self._limits.reason(number), self._limits.body(number)
         if reason == "obstacle" and body in step.traffic.ids:
             aside = step.traffic.heading[step.traffic.ids.index(body)] - step.traffic.heading[row]

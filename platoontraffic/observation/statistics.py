@@ -34,13 +34,13 @@ class Statistics:
 
     def observe(self, step: Step, **measured: np.ndarray) -> None:
         """measured: the fields of `statistics_kernel.Seen` that are not the fleet's"""
-        fleet, motion, kernel = step.fleet, step.fleet.motion, self._kernel
+        fleet, motion, kernel, n = step.fleet, step.fleet.motion, self._kernel, len(step.fleet.members)
         own = motion.x, motion.y, motion.turned, motion.speed, motion.acceleration, motion.yaw_rate, *fleet.radio
-        seen = kernel.Seen(step.number, fleet.predecessor, *own, **measured)
-        self.values = np.empty(len(fleet), kernel.VALUES)
-        kernel.evaluate(seen, self._before, step.time - self._time, self.values)
-        kernel.add(step.number, self.values.view(float).reshape(len(fleet), len(kernel.QUANTITIES)), self._tallies)
-        self._time = step.time
+        seen = kernel.Seen(step.fleet.number, fleet.predecessor, *own, **measured)
+        self.values = np.empty(n, kernel.VALUES)
+        kernel.evaluate(seen, self._before, step.traffic.time - self._time, self.values)
+        kernel.add(step.fleet.number, self.values.view(float).reshape(n, len(kernel.QUANTITIES)), self._tallies)
+        self._time = step.traffic.time
 
     def of(self, number: int) -> dict[str, Statistic]:
         """Statistics of a member, by name in QUANTITIES; without those of which it never had a value."""

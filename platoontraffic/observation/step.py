@@ -35,26 +35,17 @@ class Step(NamedTuple):
     y: np.ndarray
     seen: Sequence[Seen | None]  # the world at the instant of the scan of each group; None: it used none
 
-    @property
-    def time(self) -> float:
-        return self.traffic.time
-
-    @property
-    def number(self) -> np.ndarray:
-        """Number of each member among all of the run, (n,)."""
-        return self.fleet.number
-
     def event(
         self, kind: str, row: int, other: str = "", duration: float = np.nan, *, what: str = "", detail: str = ""
     ) -> Event:
         """An event of the member in `row`, where it is now."""
         where = self.traffic.x[row], self.traffic.y[row], self.roads[row][0]
-        return Event(self.time, kind, self.traffic.ids[row], other, *where, duration, detail, what)
+        return Event(self.traffic.time, kind, self.traffic.ids[row], other, *where, duration, detail, what)
 
     def noted(self, one: Noted) -> Event:
         """The event that was noted elsewhere in this step."""
         if one.row < 0:
             nowhere = np.nan, np.nan, "", np.nan
-            return Event(self.time, one.kind, one.vehicle, one.other, *nowhere, one.detail, one.what, one.done)
+            return Event(self.traffic.time, one.kind, one.vehicle, one.other, *nowhere, one.detail, one.what, one.done)
         event = self.event(one.kind, one.row, one.other, one.duration, what=one.what, detail=one.detail)
         return event._replace(done=one.done)

@@ -8,6 +8,7 @@ import platform
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.metadata import version
@@ -124,7 +125,7 @@ class Stopwatch:
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
         self._clock = clock  # [s]
-        self.seconds: dict[str, float] = {}
+        self.seconds: dict[str, float] = defaultdict(float)
         self._inner = 0.0  # time in stages inside the present one [s]
 
     def __call__(self, stage: str, function: Callable[P, T]) -> Callable[P, T]:
@@ -140,7 +141,7 @@ class Stopwatch:
             return function(*args, **kwargs)
         finally:
             took = self._clock() - began
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + took - self._inner
+            self.seconds[stage] += took - self._inner
             self._inner = outer + took
 
     def wrap(self, component: T, **stages: str) -> T:

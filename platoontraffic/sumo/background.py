@@ -43,6 +43,7 @@ class Background:
         self._sized: tuple[Sequence[str], np.ndarray] = (), np.empty((2, 0))  # sizes of the vehicles read last
         self._near: list[str] | None = None  # vehicles that are not skipped; None: unknown
         self._expected = 0  # vehicles on the road or due
+        self._time = 0.0  # SUMO's clock after the last step [s]
 
     def traffic(self, fleet: Fleet, reach: float, held: Set[str], time: float) -> TrafficSnapshot:
         """Background vehicles and pedestrians, minus most that are out of range of every member.
@@ -52,7 +53,11 @@ class Background:
         time : of the snapshot [s]
         """
         vehicles = self._on_their_level(fleet, self.read(self._names(fleet, reach, held), time))
-        return vehicles.with_others(self._people(fleet, reach, time)) if self._sumo.person.getIDCount() else vehicles
+        return (
+            vehicles.with_others(self._people(fleet, reach, time))
+            if direct(self._sumo.person.getIDCount)()
+            else vehicles
+        )
 
     def read(self, names: Sequence[str], time: float) -> TrafficSnapshot:
         """Vehicles of SUMO's by name."""
@@ -87,12 +92,12 @@ class Background:
                 stays[i] &= self._sumo.vehicle.getRoadID(vehicles.ids[i]) != road
         return vehicles if stays.all() else self.read(list(compress(vehicles.ids, stays)), vehicles.time)
 
-    def stepped(self) -> None:
-        """To be called after every step of SUMO's: the vehicles on the road may be others."""
-        simulation = self._sumo.simulation
-        expected = simulation.getMinExpectedNumber()
-        came = simulation.getDepartedNumber() + simulation.getEndingTeleportNumber()
-        went = simulation.getArrivedNumber() + simulation.getStartingTeleportNumber()
+    def stepped(self, time: float) -> None:
+        """To be called after every step of SUMO's: the vehicles on the road may be others. time: SUMO's clock [s]"""
+        self._time, simulation = time, self._sumo.simulation
+        expected = direct(simulation.getMinExpectedNumber)()
+        came = direct(simulation.getDepartedNumber)() + direct(simulation.getEndingTeleportNumber)()
+        went = direct(simulation.getArrivedNumber)() + direct(simulation.getStartingTeleportNumber)()
         if came or went or expected != self._expected:
             self._near = None
         self._expected = expected
@@ -101,7 +106,7 @@ class Background:
         if reach == np.inf:
             own = {m.id for m in fleet.members} | held
             return [name for name in self._sumo.vehicle.getIDList() if name not in own]
-        time = self._sumo.simulation.getTime()
+        time = self._time
         if time >= self._skipped_until or fleet.members is not self._skipped_for or not held <= self._skipped:
             self._check_distances(fleet, reach, held, time)
         if self._near is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, Protocol
 
 from platoontraffic.errors import MissingError
@@ -30,6 +31,7 @@ if _before is not None:
 __all__ = ["Client", "direct", "libsumo"]
 
 
+@lru_cache  # the same few functions in every step
 def direct(function: Callable) -> Callable:
     """The compiled function that one of libsumo's calls, where it does no more: it takes half the time.
 

@@ -19,7 +19,7 @@ class Passages:
     """edges: that are counted"""
 
     def __init__(self, sumo: Client, network: Network, edges: Sequence[str], trips: Trips) -> None:
-        self._sumo, self._trips = sumo, trips
+        self._sumo, self._trips, self.counted = sumo, trips, edges
         self._lanes = {edge: [f"{edge}_{i}" for i in range(len(network.edges[edge]))] for edge in edges}
         self._beyond = {edge: network.beyond(edge) for edge in edges}
         self._on: dict[str, dict[str, int]] = {edge: {} for edge in edges}  # vehicles on each edge, and their lanes

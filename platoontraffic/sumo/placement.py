@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections import defaultdict
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -26,6 +27,7 @@ from platoontraffic.sumo.vehicle_types import (
     make_type_of,
     release,
 )
+from platoontraffic.vehicles.records import every
 from platoontraffic.world.fleet import Fleet, Member
 
 # Arguments of moveToXY: edge and lane, before the position; keepRoute and matchThreshold [m], behind the angle.
@@ -40,7 +42,6 @@ SHORT = 6.0  # [m]
 
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
 
-NOWHERE = ("", "")  # edge and lane
 NO_ATTRIBUTES: Mapping[str, str] = MappingProxyType({})
 
 Entry = tuple[str, str, str]  # a member enters a junction: its id, the lane it leaves, the lane inside
@@ -58,8 +59,10 @@ class Placement:
         self.where: dict[str, tuple[str, str]] = {}  # edge and lane of each member that the run has had
         self._entries: list[Entry] = []  # since `entries` was last called
         self._leg: dict[str, int] = {}  # index, among its route's edges, of the edge that each member is on
-        self._routed: dict[str, tuple[str, Route | None]] = {}  # route last set in SUMO, and the edge it began with
+        # Of each member: route last set in SUMO, and the edge it began with.
+        self._routed: dict[str, tuple[str, Route | None] | None] = defaultdict(lambda: None)
         self._is_short: dict[str, bool] = {}  # by lane
+        self._on_short: set[str] = set()  # members on a short lane
         self._slowed: set[str] = set()  # SUMO-driven members with a failed drive
         self._movers: list[Mover] = []  # the members that SUMO does not drive ...
         self._movers_of: tuple[str, ...] = ()  # ... of these
@@ -154,13 +157,13 @@ class Placement:
         motion, move = fleet.motion, direct(self._sumo.vehicle.moveToXY)
         x, y = front_of(motion.x, motion.y, motion.heading, fleet.model.length)
         angle = sumo_angle(motion.heading)
-        if not np.isfinite(x + y + angle).all():
+        if not every(np.isfinite(x + y + angle)):
             raise RunError("a member's pose is not finite")
         self._shadows.cast(self._moved(fleet))
         poses = zip(fleet.members, fleet.native.tolist(), x.tolist(), y.tolist(), angle.tolist(), strict=True)
         for member, native, *pose in poses:
             if not native:
-                move(member.id, *ANY_LANE, *pose, *(ON_ITS_ROUTE if self._is_on_short_lane(member.id) else EXACTLY))
+                move(member.id, *ANY_LANE, *pose, *(ON_ITS_ROUTE if member.id in self._on_short else EXACTLY))
         if len(fleet.native_rows):
             strongest = fleet.model.strongest_acceleration(motion.speed)
             for i in fleet.native_rows:
@@ -168,8 +171,7 @@ class Placement:
                     limit_acceleration(self._sumo, kind_of(fleet.members[i].id), float(strongest[i]))
         self._slow(fleet, brakes)
 
-    def _is_on_short_lane(self, name: str) -> bool:
-        lane = self.where.get(name, NOWHERE)[1]
+    def _is_a_short_lane(self, lane: str) -> bool:
         if lane not in self._is_short:
             self._is_short[lane] = bool(lane) and self._sumo.lane.getLength(lane) < SHORT
         return self._is_short[lane]
@@ -194,12 +196,13 @@ class Placement:
         """Read the edge and lane of every member, and note those that have entered a junction."""
         lane_of = direct(self._sumo.vehicle.getLaneID)
         for name in fleet.ids:
-            lane, before = lane_of(name), self.where.get(name, NOWHERE)
-            if lane and lane == before[1]:
+            lane, before = lane_of(name), self.where[name][1] if name in self.where else ""
+            if lane and lane == before:
                 continue
-            if lane[:1] == ":" and before[1] and before[1][0] != ":":
-                self._entries.append((name, before[1], lane))
+            if lane[:1] == ":" and before and before[0] != ":":
+                self._entries.append((name, before, lane))
             self.where[name] = self._sumo.vehicle.getRoadID(name), lane
+            (self._on_short.add if self._is_a_short_lane(lane) else self._on_short.discard)(name)
         self._shadows.observe(self._moved(fleet), self.where)
 
     def put_in_order(self, fleet: Fleet) -> None:
@@ -211,11 +214,8 @@ class Placement:
         """
         vehicle, on_lane = self._sumo.vehicle, direct(self._sumo.lane.getLastStepVehicleIDs)
         position_of = direct(vehicle.getLanePosition)
-        members: dict[str, list[str]] = {}  # by lane
-        for member, native in zip(fleet.members, fleet.native, strict=True):
-            if not native and (lane := self.where[member.id][1]):
-                members.setdefault(lane, []).append(member.id)
-        for lane, names in members.items():
+        movers, where = self._moved(fleet), self.where
+        for lane in {lane: None for mover in movers if (lane := where[mover.id][1])}:
             order = on_lane(lane)
             if len(order) < 2:
                 continue
@@ -223,6 +223,7 @@ class Placement:
             if positions == sorted(positions):
                 continue
             position = dict(zip(order, positions, strict=True))
+            names = [mover.id for mover in movers if where[mover.id][1] == lane]
             away = {name: other for name in names if (other := self._another_lane(name, lane))}
             for name, other in away.items():
                 vehicle.moveTo(name, other, 0.0)
@@ -241,15 +242,16 @@ class Placement:
     def settle(self, fleet: Fleet) -> None:
         """Correct the members' speeds and routes in SUMO."""
         vehicle, set_speed = self._sumo.vehicle, direct(self._sumo.vehicle.setPreviousSpeed)
-        speeds, natives = fleet.motion.speed.tolist(), fleet.native.tolist()
+        speeds, natives = np.abs(fleet.motion.speed).tolist(), fleet.native.tolist()
         for member, speed, native in zip(fleet.members, speeds, natives, strict=True):
             if native and not member.route.closed:  # it keeps to the route that it was given
                 continue
             if not native:
                 # The speed SUMO derives is wrong where a lane's length is not that of the path driven: at corners.
-                set_speed(member.id, abs(speed))
+                set_speed(member.id, speed)
             edge = self.where[member.id][0]
-            if self._routed.get(member.id) == (edge, member.route) or edge not in self._network.edges:  # a junction
+            routed = self._routed[member.id]
+            if routed == (edge, member.route) or edge not in self._network.edges:  # a junction
                 continue
             if vehicle.getRoute(member.id)[vehicle.getRouteIndex(member.id)] != edge:
                 continue  # for a few steps after a junction SUMO still counts it to the edge before
@@ -257,7 +259,7 @@ class Placement:
                 self._routed.pop(member.id, None)
                 continue
             # Other drivers judge right of way by the route. Moving a vehicle off its route replaces the route.
-            if self._routed.get(member.id, ("", member.route))[1] is not member.route:
+            if routed and routed[1] is not member.route:
                 self._leg.pop(member.id, None)
             self._set_route(member.id, self._edges_ahead(member, edge))
             self._routed[member.id] = edge, member.route

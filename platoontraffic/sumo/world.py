@@ -75,6 +75,7 @@ class World:
         self._passages = Passages(self._sumo, network, counted, self._trips)
         self._recruiting = recruits and Recruiting(self._sumo, recruits, step)
         self._start = 0.0  # time 0 of the run, on SUMO's clock [s]
+        self._clock = 0.0  # SUMO's, after the last step [s]
         self._later: list[Fleet] = []  # platoons that depart later, the next one first
 
     def __enter__(self) -> World:
@@ -124,7 +125,7 @@ class World:
                 self._sumo.vehicle.remove(name)
         self.place(fleet)
         self._simulate()
-        self._start = self._sumo.simulation.getTime()
+        self._start = self._clock
         if self._recruiting:
             self._recruiting.begin(len(fleet) + sum(map(len, later)))
         return self._taken_over(fleet)
@@ -139,7 +140,7 @@ class World:
 
         reach: range, from a member's centre [m]; background traffic out of range of every member may be left out
         """
-        time = round(self._sumo.simulation.getTime() - self._start, 6)
+        time = self._time()
         background = self._background.traffic(fleet, reach, self._obstacles.in_sumo, time)
         traffic, obstacles = members_at(fleet, time).with_others(background), self._obstacles.bodies
         return traffic.with_others(obstacles) if obstacles and obstacles.ids else traffic
@@ -174,15 +175,16 @@ class World:
         Members at the end of their routes are removed, and with a leader those of its followers that know no route. A
         platoon that is due departs as soon as there is room.
         """
-        departing = self._departing(fleet)
+        departing = self._departing(fleet) if self._later else []
         gone, native = fleet.arrived(), {fleet.members[i].id for i in fleet.native_rows}
         self._simulate()
         removed_by_sumo = {*self._sumo.simulation.getArrivedIDList()} & native if native else set()
-        gone = with_their_followers(fleet, gone | removed_by_sumo)
-        for name in sorted(gone - removed_by_sumo):
-            self._sumo.vehicle.remove(name, self._sumo.constants.REMOVE_ARRIVED)
-        self._trips.end(gone, round(self._time() - self._step, 6), "arrived")
-        fleet = fleet.without(gone)
+        if gone or removed_by_sumo:
+            gone = with_their_followers(fleet, gone | removed_by_sumo)
+            for name in sorted(gone - removed_by_sumo):
+                self._sumo.vehicle.remove(name, self._sumo.constants.REMOVE_ARRIVED)
+            self._trips.end(gone, round(self._time() - self._step, 6), "arrived")
+            fleet = fleet.without(gone)
         self._placement.locate(fleet)
         self._placement.put_in_order(fleet)
         self._obstacles.settle()
@@ -207,12 +209,12 @@ class World:
 
     def passages(self, fleet: Fleet) -> list[Passage]:
         """Vehicles that passed the end of a counted edge in the last step."""
-        return self._passages.observe(fleet.ids, self._time())
+        return self._passages.observe(fleet.ids, self._time()) if self._passages.counted else []
 
     def _departing(self, fleet: Fleet) -> list[Fleet]:
         """Platoons that are due at the end of the coming step and have room; they are inserted."""
         departing: list[Fleet] = []
-        time = self._sumo.simulation.getTime() - self._start + self._step
+        time = self._clock - self._start + self._step
         for platoon in departs_by(self._later, time, self._step):
             first = platoon.members[0]
             taken = {(m.edge, m.lane) for other in departing for m in other.members}  # a lane takes one platoon a step
@@ -245,7 +247,7 @@ class World:
         return fleet.without(set(stuck))
 
     def _time(self) -> float:
-        return round(self._sumo.simulation.getTime() - self._start, 6)
+        return round(self._clock - self._start, 6)
 
     def _taken_over(self, platoon: Fleet) -> Fleet:
         missing = {m.id for m in platoon.members} - set(self._sumo.vehicle.getIDList())
@@ -256,4 +258,5 @@ class World:
 
     def _simulate(self) -> None:
         self._process.step()
-        self._background.stepped()
+        self._clock = self._sumo.simulation.getTime()
+        self._background.stepped(self._clock)

@@ -58,10 +58,9 @@ class Command(NamedTuple):
 
     def replaced(self, rows: Sequence[np.ndarray], given: Sequence[Twist | Drive]) -> Command:
         """A copy with each of the given commands, (m,), in its rows, (m,)."""
-        (speed, yaw_rate), (acceleration, curvature) = self
-        speed, yaw_rate, acceleration, curvature = speed.copy(), yaw_rate.copy(), acceleration.copy(), curvature.copy()
+        speed, yaw_rate, acceleration, curvature = np.array([*self.twist, *self.drive])
         for where, one in zip(rows, given, strict=True):
-            driven = isinstance(one, Drive)
+            driven = type(one) is Drive
             speed[where], yaw_rate[where] = (0.0, 0.0) if driven else one
             acceleration[where], curvature[where] = one if driven else (np.nan, np.nan)
         return Command(Twist(speed, yaw_rate), Drive(acceleration, curvature))
@@ -114,14 +113,17 @@ def rows(values: Sequence[Any]) -> tuple[tuple[int, ...], tuple[np.ndarray, ...]
     values: floats or arrays
     """
     shape = np.shape(values[0])
-    if len(shape) == 1 and all(map(_is_row, values, [shape] * len(values))):
+    if len(shape) == 1 and _are_rows(values, shape):
         return shape, tuple(values)
     shape = np.broadcast_shapes(*map(np.shape, values))
     return shape, tuple(np.array(np.broadcast_to(v, shape), dtype=float).ravel() for v in values)
 
 
-def _is_row(values: Any, shape: tuple[int, ...]) -> bool:
-    return type(values) is np.ndarray and values.shape == shape and values.dtype == float and values.flags.carray
+def _are_rows(values: Sequence[Any], shape: tuple[int, ...]) -> bool:
+    for one in values:  # without a call for each: it is asked in every step
+        if type(one) is not np.ndarray or one.shape != shape or one.dtype != float or not one.flags.carray:
+            return False
+    return True
 
 
 class VehicleModel(Protocol):

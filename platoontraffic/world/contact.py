@@ -9,6 +9,7 @@ from pymunk import batch
 from shapely import STRtree
 
 from platoontraffic.lidar import Scene
+from platoontraffic.vehicles.records import some
 from platoontraffic.world.events import WALL
 from platoontraffic.world.traffic import TrafficSnapshot
 
@@ -65,11 +66,11 @@ class Contacts:
             return False
         ids, x, y = traffic.ids[:n], traffic.x[:n], traffic.y[:n]
         before, from_x, from_y, away = self._away
-        if before != ids or (np.hypot(x - from_x, y - from_y) >= away).any():
+        if before != ids or some(np.hypot(x - from_x, y - from_y) >= away):
             _, centres = self._walls.query_nearest(shapely.points(x, y), return_distance=True, all_matches=False)
             away = centres - np.hypot(traffic.length[:n], traffic.width[:n]) / 2 - ROUNDING
             self._away = ids, x, y, away
-        return bool((away <= 0).any())
+        return bool(some(away <= 0))
 
     def of(self, traffic: TrafficSnapshot) -> set[tuple[str, str]]:
         """Pairs (member, other vehicle or WALL) that touch in this snapshot; of two members the first by name leads."""

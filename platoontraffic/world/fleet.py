@@ -547,11 +547,11 @@ class Fleet(MemberState):
             self.progress.ahead(self.model, self.motion, rows) if "route" in needs else None,
             take(signals, rows) if "signals" in needs else None,
             self.leads[rows] if "leads" in needs else None,
-            {name: without_surfaces(further) for name, further in more.scans.items()},
+            {name: without_surfaces(further) for name, further in more.scans.items()} if more.scans else {},
             more.sensors,
             group.delay * dt,
             group.odometry_delay * dt,
-            {one.sensor.name: one.delay * dt for one in group.further_lidars},
+            {one.sensor.name: one.delay * dt for one in group.further_lidars} if group.further_lidars else {},
             known_by(self, rows, needs) if "truth" in needs else None,
             _received(messages, rows, needs) if "messages" in needs else None,
         )

@@ -80,9 +80,10 @@ class Sensing:
         A return belongs to a row of `traffic`. blind: as in `sense`.
         """
         due = [step % group.every == 0 and not group.law.native for group in fleet.groups]
-        boxes = _boxes(traffic, fleet) if any(due) else None
+        boxes = _boxes(traffic, fleet) if True in due else None
+        at = Occasion(traffic.time, step, self.seed)
         return [
-            self._scan(group.lidar, boxes, traffic, fleet, i, step, blind) if due[i] else None
+            self._scan(group.lidar, boxes, fleet, i, at, blind) if due[i] else None
             for i, group in enumerate(fleet.groups)
         ]
 
@@ -95,11 +96,11 @@ class Sensing:
         """
         if not fleet.has_more_sensors:
             return ()
-        boxes = _boxes(traffic, fleet)
+        boxes, at = _boxes(traffic, fleet), Occasion(traffic.time, step, self.seed)
         readings = []
         for i, group in enumerate(fleet.groups):
             due = [one.sensor for one in group.further_lidars if step % one.every == 0]
-            scans = {lidar.name: self._scan(lidar, boxes, traffic, fleet, i, step, blind) for lidar in due}
+            scans = {lidar.name: self._scan(lidar, boxes, fleet, i, at, blind) for lidar in due}
             own = [one.sensor for one in group.sensors if step % one.every == 0]
             sensed = {named.name: self._measured(named, traffic, fleet, group, step) for named in own}
             readings.append(Readings(traffic.time, scans, sensed, dict.fromkeys(scans, Seen(traffic, group.rows))))
@@ -116,15 +117,14 @@ class Sensing:
         self,
         lidar: LidarModel,
         boxes: Boxes,
-        traffic: TrafficSnapshot,
         fleet: Fleet,
         group: int,
-        step: int,
+        at: Occasion,
         blind: np.ndarray | None,
     ) -> ScanBatch:
         rows = fleet.groups[group].rows
         carriers = Carriers.unchecked(boxes, rows, fleet.ids_by_group[group])
-        batch = scan(lidar, self.scene, boxes, carriers, Occasion(traffic.time, step, self.seed), engine=self.engine)
+        batch = scan(lidar, self.scene, boxes, carriers, at, engine=self.engine)
         if blind is None or not blind[rows].any():
             return batch
         return replace(batch, ranges=np.where(blind[rows, None], np.nan, batch.ranges))
@@ -181,9 +181,9 @@ def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:
 
     Members turn about the middle of their driven axle. SUMO gives no yaw rate of its own vehicles; it is taken as 0.
     """
-    cos, sin = traffic.facing
+    (cos, sin), n = traffic.facing, len(fleet.members)
     yaw_rate, aside = np.zeros((2, len(cos)))
-    yaw_rate[: len(fleet)] = fleet.motion.yaw_rate
-    aside[: len(fleet)] = -fleet.model.axle * fleet.motion.yaw_rate
+    yaw_rate[:n] = fleet.motion.yaw_rate
+    aside[:n] = -fleet.model.axle * fleet.motion.yaw_rate
     vx, vy = traffic.speed * cos - aside * sin, traffic.speed * sin + aside * cos
     return traffic.moving_boxes(vx, vy, yaw_rate)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.controllers import BRAKES_FOR
+from platoontraffic.vehicles.records import some
 from platoontraffic.world.fleet import Fleet
 
 STANDS = 0.1  # speed below which a vehicle stands [m/s]
@@ -26,6 +27,8 @@ class Standing(NamedTuple):
 
 def before_bodies(fleet: Fleet) -> Iterator[Standing]:
     stands = np.abs(fleet.motion.speed) < STANDS
+    if not some(stands):
+        return
     for number, group in enumerate(fleet.groups):
         limit = group.law.braking_for(group.memory) if group.memory is not None else None
         for k in () if limit is None else np.flatnonzero(stands[group.rows] & np.isin(limit.reason, BODIES)).tolist():

@@ -9,6 +9,7 @@ from operator import attrgetter
 import numpy as np
 
 from platoontraffic.lidar import Boxes
+from platoontraffic.vehicles.records import every
 from platoontraffic.world.events import WALL
 
 
@@ -53,7 +54,7 @@ class TrafficSnapshot:
 
         raises: ValueError (a vehicle is not at a finite place)
         """
-        if not np.isfinite(self.x + self.y + self.heading).all():
+        if not every(np.isfinite(self.x + self.y + self.heading)):
             return Boxes(self.x, self.y, self.heading, self.length, self.width, np.arange(len(self.ids)))  # says which
         return Boxes.unchecked(
             x=self.x, y=self.y, heading=self.heading, length=self.length, width=self.width,

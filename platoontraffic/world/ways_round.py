@@ -22,6 +22,7 @@ from platoontraffic.lidar import ScanBatch
 from platoontraffic.road.network import Network
 from platoontraffic.road.way_round import MOST, Body, blocked_at, way_round
 from platoontraffic.vehicles.motion import FULL_SIZE
+from platoontraffic.vehicles.records import some
 from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import NOTHING, WINDOW, Fleet, Readings
 from platoontraffic.world.sensing import Measurements
@@ -76,7 +77,7 @@ class WaysRound:
         roads  : edge and lane of each member, (n,)
         sensed : what arrives in this step
         """
-        if self._network is None:
+        if self._network is None or fleet.progress.routes is None:
             return [], fleet
         scans, readings, seen = sensed.scans, sensed.readings, sensed.seen
         leads = fleet.leads.copy()
@@ -110,7 +111,7 @@ class WaysRound:
             leads[row] |= "leads" in member.law.needs
         for row, route in routes.items():
             fleet = fleet.with_route(row, route, WINDOW)
-        if not np.array_equal(leads, fleet.leads):
+        if some(leads != fleet.leads):
             fleet = fleet.with_orders(fleet.predecessor, leads)
         return events, fleet
 
@@ -127,9 +128,10 @@ class WaysRound:
 
     def _blocked(self, fleet: Fleet, time: float) -> Iterator[tuple[int, int, int]]:
         """Members that have stood for long before a body: row, group, row in the group."""
-        stands = np.abs(fleet.motion.speed) < STANDS
-        for name in self._looks.keys() - {fleet.ids[i] for i in np.flatnonzero(stands)}:
-            del self._looks[name]
+        if self._looks:
+            stands = np.abs(fleet.motion.speed) < STANDS
+            for name in self._looks.keys() - {fleet.ids[i] for i in np.flatnonzero(stands)}:
+                del self._looks[name]
         for one in before_bodies(fleet):
             member = fleet.members[one.row]
             if member.route is None or "route" not in member.law.needs or one.creeps:

@@ -26,7 +26,7 @@ def test_gaps_are_those_of_whole_arrays(seed):
     step = _step(rng.permutation(N), predecessor, x, y, heading, np.zeros(N), np.zeros(N, bool))
     for gaps in (one, other):
         gaps.begin(step, np.arange(N))
-    number, apart = step.number, 0
+    number, apart = step.fleet.number, 0
     for _ in range(300):
         if rng.random() < 0.05:
             predecessor = np.array([rng.integers(-1, i) for i in range(N)])

@@ -11,7 +11,7 @@ from platoontraffic.observation.step import Step
 
 class GapsByArrays(Gaps):
     def observe(self, step: Step) -> None:
-        fleet, members, x, y = step.fleet, step.number, step.x, step.y
+        fleet, members, x, y = step.fleet, step.fleet.number, step.x, step.y
         self._paths.drive(members, x, y, fleet.motion.speed < 0)
         rows = (fleet.predecessor >= 0).nonzero()[0]
         ahead, length, axle = fleet.predecessor[rows], fleet.model.length, fleet.model.axle

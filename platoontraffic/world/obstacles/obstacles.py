@@ -25,6 +25,8 @@ class Obstacles:
         before : all traffic at the present instant, obstacles included
         fleet  : the members at the next instant
         """
+        if not self.plans:
+            return
         time = round(before.time + dt, 6)
         steps = zip(self.plans, self._states, strict=True)
         self._states = [plan.moved(state, time, before, fleet, dt) for plan, state in steps]
