@@ -64,7 +64,7 @@ class Encroachments:
         if before is None:
             return
         self._step += 1
-        traffic, n, dt = step.traffic, len(step.fleet.members), step.traffic.time - before
+        traffic, n, dt = step.traffic, len(step.fleet.number), step.traffic.time - before
         if self._trails is None:
             self._begin(round(TRAIL / dt) + 1)
         if traffic.ids != self._ids:

@@ -11,6 +11,7 @@ from platoontraffic.lidar.compiled import compiler
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.frame import centre_of, heading_of
+from platoontraffic.sumo.reads import Once
 from platoontraffic.world.fleet import CLOSING, Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
 
@@ -36,7 +37,8 @@ class Background:
         self._bridges: dict[str, list[tuple[str, float, float]]] = {}  # the roads that cross each road, and where [m]
         self._crossing: list[tuple[str, float, float]] = []  # those of the members' routes
         self._crossing_for: tuple[Member, ...] = ()
-        self._sizes: dict[str, tuple[float, float]] = {}  # length, width [m] by vehicle
+        # Length, width [m] by vehicle.
+        self._sizes = Once(lambda name: (sumo.vehicle.getLength(name), sumo.vehicle.getWidth(name)))
         self._skipped: set[str] = set()  # members, held obstacles, distant vehicles
         self._skipped_for: tuple[Member, ...] = ()  # members at the last check
         self._skipped_until = -np.inf  # [s], SUMO's clock
@@ -66,7 +68,7 @@ class Background:
             return TrafficSnapshot(time, (), *[np.empty(0)] * 6)
         # Thousands in every step: numbers go from the calls into the arrays without lists between them.
         if names is not self._sized[0]:  # the list of near vehicles holds for several steps
-            sizes = np.fromiter(chain.from_iterable(map(self._size, names)), float, 2 * n).reshape(-1, 2)
+            sizes = np.fromiter(chain.from_iterable(map(self._sizes.__getitem__, names)), float, 2 * n).reshape(-1, 2)
             self._sized = names, np.ascontiguousarray(sizes.T)
         length, width = self._sized[1]
         front = self._fronts(names)
@@ -115,7 +117,7 @@ class Background:
 
     def _check_distances(self, fleet: Fleet, reach: float, held: Set[str], time: float) -> None:
         names, own = self._names(fleet, np.inf, held), fleet.motion
-        length = np.array([self._size(name)[0] for name in names])
+        length = np.array([self._sizes[name][0] for name in names])
         far = _farther(self._fronts(names), own.x, own.y, reach + 2 * length + RECHECK_AFTER * CLOSING)
         self._skipped = {m.id for m in fleet.members} | held | set(compress(names, far))
         self._skipped_for, self._skipped_until, self._near = fleet.members, time + RECHECK_AFTER, None
@@ -133,12 +135,6 @@ class Background:
         x, y = centre_of(*front.T, heading, length)
         speed = np.array(list(map(person.getSpeed, names)), float)
         return TrafficSnapshot(time, tuple(PERSON + name for name in names), x, y, heading, speed, length, width)
-
-    def _size(self, name: str) -> tuple[float, float]:
-        """Length, width [m]; asked once a vehicle."""
-        if name not in self._sizes:
-            self._sizes[name] = self._sumo.vehicle.getLength(name), self._sumo.vehicle.getWidth(name)
-        return self._sizes[name]
 
     def _fronts(self, names: Sequence[str]) -> np.ndarray:
         """Positions of front bumpers (n, 2) [m]."""

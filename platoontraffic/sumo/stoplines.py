@@ -235,22 +235,29 @@ class StopLines:
 
         Of several lines ahead that is the first, unless it is open and has priority: then the first closed one.
         """
-        passed, over, lines = member.route.lines_about(station, ego.checks_from)
-        if passed and (state := self._passed(self._at_junction[passed], over, ego)):
+        checks_from = ego.checks_from
+        passed, over, lines = member.route.lines_about(station, checks_from)
+        may_stop = passed and (ego.lane in passed.via or passed.state == CHANGING)
+        if may_stop and (state := self._passed(self._at_junction[passed], over, ego)):
             return state
         if not lines:
             return NO_LINE
         if self._is_beside(lines[0][0], ego):
             return LineState(AT_ONCE * ego.size, False, False, False, LANE_CHANGE)
-        ahead = [self._ahead(line, distance, ego) for line, distance in lines]
+        ahead = [self._ahead(line, distance, distance < checks_from, ego) for line, distance in lines]
         first = ahead[0]
-        return first if first.minor or not first.open else next((line for line in ahead if not line.open), first)
+        if first.open and not first.minor:
+            for line in ahead:
+                if not line.open:
+                    return line
+        return first
 
     def _passed(self, line: Line, over: float, ego: Ego) -> LineState | None:
         """State of the line just passed, if the vehicle can still stop: None if it cannot, or need not.
 
         It can midway in the junction, with its nose over the line, and before it is on the adjacent lane.
 
+        line: the vehicle is on one of its lanes, or it is a lane change
         over: distance driven beyond the line [m]
         """
         if len(line.via) > 1 and ego.lane == line.via[0]:
@@ -268,9 +275,8 @@ class StopLines:
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
         return None
 
-    def _ahead(self, line: Line, distance: float, ego: Ego) -> LineState:
+    def _ahead(self, line: Line, distance: float, near: bool, ego: Ego) -> LineState:
         """State of a line ahead; the adjacent lane and the space beyond are checked only when it is near."""
-        near = distance < ego.checks_from
         if line.state == CHANGING:
             is_open = not near or ego.lane == line.onto or self._may_change(line, distance, ego) == np.inf
             if not is_open and self._is_passed_soon(line, distance, ego):
@@ -332,7 +338,8 @@ class StopLines:
 
         line: the next one of the route: it begins on the lane on which the vehicle should be
         """
-        self._beside.discard(ego.id)
+        if self._beside:
+            self._beside.discard(ego.id)
         if ego.lane == line.lane or ego.speed >= QUEUE_SPEED * ego.size:
             return False
         if ego.lane.rpartition("_")[0] != line.lane.rpartition("_")[0]:
