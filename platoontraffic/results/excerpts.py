@@ -54,7 +54,7 @@ class Own:
 
     @cached_property
     def _kinds(self) -> Counter[str]:
-        return Counter(self.events.kind)
+        return Counter(self._kind)
 
     @cached_property
     def split_off(self) -> list[tuple[float, float]]:
@@ -68,9 +68,8 @@ class Own:
         """
         if not self._kinds[begins] and not self._kinds[ends]:
             return share(0.0, self.until - self.since)
-        began = self.events.loc[self.events.kind == begins, "time_s"]
-        ended = self.events.loc[self.events.kind == ends, "duration_s"]
-        last = self.until - began.iloc[-1] + already if len(began) > len(ended) else 0.0
+        began, ended = self._times(begins), self._durations(ends)
+        last = self.until - began[-1] + already if len(began) > len(ended) else 0.0
         return share(ended.sum() + last, self.until - self.since)
 
     def in_platoon(self, quantity: str) -> Row:
@@ -90,22 +89,34 @@ class Own:
     @cached_property
     def lock_losses(self) -> tuple[list[float], float]:
         """Durations of its lock losses, the last one up to the end, and the time of the final one; NaN: none [s]."""
-        lost = self.events.loc[self.events.kind == "lock_lost", "time_s"].to_list()
-        ends = self.events.loc[self.events.kind.isin(["lock_regained", "locked", "told"]), "time_s"].to_list()
+        lost, ends = self._times("lock_lost").tolist(), self._times("lock_regained", "locked", "told").tolist()
         regained = [min((t for t in ends if t > a), default=math.nan) for a in lost]
         losses = [(self.until if math.isnan(b) else b) - a for a, b in zip(lost, regained, strict=True)]
         return losses, lost[-1] if lost and math.isnan(regained[-1]) else math.nan
 
     @property
     def lock_on_ratio(self) -> float:
-        first = self.events.loc[self.events.kind == "locked", "time_s"]
-        since = self.until - first.iloc[0] if len(first) else 0.0
+        first = self._times("locked")
+        since = self.until - first[0] if len(first) else 0.0
         return 1 - sum(self.lock_losses[0]) / since if since else 0.0
 
     @cached_property
-    def rejoin_times(self) -> pd.Series:
+    def rejoin_times(self) -> np.ndarray:
         """Durations of the splits that ended [s]."""
-        return self.events.loc[self.events.kind == "rejoined", "duration_s"]
+        return self._durations("rejoined")
+
+    def _times(self, *kinds: str) -> np.ndarray:
+        """Times of its events of some kinds, in the order of the table [s]."""
+        return self.events.time_s.to_numpy()[[kind in kinds for kind in self._kind]]
+
+    def _durations(self, *kinds: str) -> np.ndarray:
+        """Durations of the same [s]."""
+        return self.events.duration_s.to_numpy()[[kind in kinds for kind in self._kind]]
+
+    @cached_property
+    def _kind(self) -> list[str]:
+        """That of each of its events."""
+        return self.events.kind.tolist()
 
     @cached_property
     def following(self) -> Following:
@@ -113,10 +124,11 @@ class Own:
         off = self.split_off
         whole, lost = lengths(counted, off)
         rows = self.rows[within(self.rows.time_s, counted)]
-        ahead = pd.Series("", index=rows.index)
+        time = rows.time_s.to_numpy()
+        ahead = np.full(len(rows), "", dtype=object)
         for one in self.follows:
-            ahead[within(rows.time_s, [(one.begin, one.end)])] = one.ahead
-        return Following(rows, within(rows.time_s, off), ahead, 1 - share(lost, whole))
+            ahead[within(time, [(one.begin, one.end)])] = one.ahead
+        return Following(rows, within(time, off), ahead, 1 - share(lost, whole))
 
     @cached_property
     def together(self) -> list[Stretch]:
@@ -142,8 +154,8 @@ class Following(NamedTuple):
     """A member while it follows and its predecessor is on the road."""
 
     rows: pd.DataFrame
-    split: pd.Series  # whether it was split off, by row
-    ahead: pd.Series  # its predecessor, by row
+    split: np.ndarray  # whether it was split off, by row
+    ahead: np.ndarray  # its predecessor, by row
     share: float  # of that time in which it was not split off
 
     @property
@@ -224,5 +236,5 @@ def share(part: float, whole: float) -> float:
 
 def _first(own: pd.DataFrame, kinds: Sequence[str], otherwise: float) -> float:
     """Time of the first event of some kinds [s]."""
-    times = own.loc[own.kind.isin(kinds), "time_s"]
-    return float(times.iloc[0]) if len(times) else otherwise
+    events = zip(own.kind.tolist(), own.time_s.tolist(), strict=True)
+    return next((time for kind, time in events if kind in kinds), otherwise)

@@ -70,17 +70,20 @@ def _changes(ahead: dict[str, Predecessor], events: pd.DataFrame) -> Iterator[tu
 
 def split_off(own: pd.DataFrame, stretches: Sequence[Stretch]) -> list[tuple[float, float]]:
     """Periods in which a member is split off from its predecessor, by an event or by an order; own: its events."""
-    rejoined = own.loc[own.kind == "rejoined", "time_s"]
-    begun = [*(own.loc[own.kind == "split", "time_s"] - SPLIT_AFTER)]
-    orders = _carried_out(own)
-    begun += [*orders.time_s[orders.what == "join"]]
+    kind, time = own.kind.to_numpy(object), own.time_s.to_numpy()
+    rejoined = time[kind == "rejoined"]
+    begun = [*(time[kind == "split"] - SPLIT_AFTER)]
+    if (kind == "told").any():
+        orders = _carried_out(own)
+        begun += [*orders.time_s[orders.what == "join"]]
     periods = [(begin, min([t for t in rejoined if t >= begin], default=np.inf)) for begin in begun]
     return periods + [(one.begin, one.end) for one in stretches if one.ahead == NOBODY]
 
 
-def within(times: pd.Series, periods: Sequence[tuple[float, float]]) -> pd.Series:
-    """Which times are in one of the periods; the end of a period is not."""
-    found = pd.Series(False, index=times.index)
+def within(times: pd.Series | np.ndarray, periods: Sequence[tuple[float, float]]) -> np.ndarray:
+    """Which times are in one of the periods, (n,) bool; the end of a period is not."""
+    times = np.asarray(times)
+    found = np.zeros(len(times), dtype=bool)
     for begin, end in periods:
         found |= (times >= begin) & (times < end)
     return found
@@ -89,8 +92,7 @@ def within(times: pd.Series, periods: Sequence[tuple[float, float]]) -> pd.Serie
 def lengths(counted: Sequence[tuple[float, float]], off: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Total length of the periods `counted`, and of the part of them that is in `off` too [s]."""
     ends = sorted({t for period in (*counted, *off) for t in period if np.isfinite(t)})
-    middles = pd.Series([(a + b) / 2 for a, b in pairwise(ends)], dtype=float)
-    size = pd.Series(np.diff(ends), dtype=float)
+    middles, size = np.array([(a + b) / 2 for a, b in pairwise(ends)]), np.diff(ends)
     here = within(middles, counted)
     return float(size[here].sum()), float(size[here & within(middles, off)].sum())
 

@@ -708,6 +708,8 @@ def _short(encroachments: pd.DataFrame, vehicles: Collection[str]) -> float:
 
 
 def _caused(collisions: pd.DataFrame, vehicle: str) -> float:
+    if collisions.empty:
+        return 0.0
     own = collisions[collisions.vehicle_id == vehicle]
     by_other = collisions[(collisions.other_id == vehicle) & collisions.what.isin(CAUSED_BY_OTHER)]
     return float((~own.what.isin(CAUSED_BY_OTHER)).sum() + len(by_other))
@@ -722,4 +724,4 @@ def _steal_share(member: Own) -> float:
 def _lock_on_seen(member: Own) -> float:
     rows, split, ahead, _ = member.following
     seen = (rows.beams_on_predecessor >= ENOUGH_BEAMS) & ~split
-    return (rows.target_id[seen] == ahead[seen]).mean() if seen.any() else math.nan
+    return (rows.target_id[seen] == ahead[seen.to_numpy()]).mean() if seen.any() else math.nan

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import platform
 import subprocess
 import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -152,13 +153,28 @@ class Stopwatch:
 
 
 def _own_sources() -> str:
+    folders = _SOURCES, Path(lidar.__file__).parent
+    return _hash_of(folders, tuple(_changes(folder) for folder in folders))
+
+
+def _changes(package: Path) -> frozenset[tuple[str, int, int]]:
+    """Path, time of the last change and size of each source file."""
+    files = [os.path.join(folder, name) for folder, _, names in os.walk(package) for name in names]
+    stats = [(file, os.stat(file)) for file in files if file.endswith(".py")]
+    return frozenset((file, stat.st_mtime_ns, stat.st_size) for file, stat in stats)
+
+
+@lru_cache(maxsize=1)  # a batch names thousands of runs
+def _hash_of(packages: tuple[Path, ...], changes: tuple[frozenset[tuple[str, int, int]], ...]) -> str:
+    """changes: those of the packages, by which the hash is known again"""
     digest = hashlib.sha256()
-    for package in (_SOURCES, Path(lidar.__file__).parent):
+    for package in packages:
         for file in sorted(package.rglob("*.py")):
             digest.update(file.relative_to(package).as_posix().encode() + file.read_bytes())
     return digest.hexdigest()
 
 
+@lru_cache(maxsize=1)  # the code in the process stays that of its start
 def commit() -> str | None:
     """Commit of the checkout that this runs from, with `+changes` if files differ from it; None if installed."""
     if not (_SOURCES.parent / ".git").exists():
