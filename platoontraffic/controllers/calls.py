@@ -98,8 +98,8 @@ def _check_finite(law: Law, decision: Decision, at: Occasion) -> None:
         return
     row = int(np.argmin(sound))
     given = ", ".join(f"{name.replace('_', ' ')} {values[row]}" for name, values in command._asdict().items())
-    if target is not NO_TARGET:
-        given += f", target {distance[row]}, {bearing[row]}"
+    distance, bearing = (np.broadcast_to(values, sound.shape)[row] for values in target)
+    given += f", target {distance}, {bearing}"
     vehicle = f"{at.ids[row]} at {at.stamp:.3f} s"
     raise _fault(law, f"gave {given} for {vehicle}; must be finite, a target may be NaN")
 

@@ -70,7 +70,7 @@ class Own:
             return share(0.0, self.until - self.since)
         began, ended = self._times(begins), self._durations(ends)
         last = self.until - began[-1] + already if len(began) > len(ended) else 0.0
-        return share(ended.sum() + last, self.until - self.since)
+        return share(np.nansum(ended) + last, self.until - self.since)
 
     def in_platoon(self, quantity: str) -> Row:
         """Statistics of a quantity while it follows and is not split off: of the recorded instants if it ever was."""
