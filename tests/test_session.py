@@ -35,6 +35,13 @@ def test_a_batch_gives_its_tables_and_names_a_run_that_fails(tmp_path):
     assert list(batch.summary.seed) == [1, 2]
 
 
+def test_a_seed_may_be_of_numpy_but_not_a_fraction(tmp_path):
+    one = Simulation.load("paper_loop", seed=np.int64(7))
+    assert one.setting.seed == 7
+    with pytest.raises(InputError, match="seed"):
+        Simulation.load("paper_loop", seed=1.5)
+
+
 def test_laws_replace_those_of_the_scenario():
     wider = {"robot.2": RepairedFollower(stand_off=0.6)}
     gaps = []

@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -190,7 +191,7 @@ def _change(
             if isinstance(was, dict) and was.get("law", change.value) != change.value:
                 stale |= {(driver[0], driver[1] if len(driver) == 3 else 0, driver[-1], key) for key in was}
     if seed is not None:
-        table["seed"] = seed
+        table["seed"] = int(seed) if isinstance(seed, Integral) else seed  # from numpy, too
         set_by["seed",] = "--seed"
     return set_by, frozenset(stale.difference(set_by))
 

@@ -39,6 +39,7 @@ STUDIES = {
         "penetration": ("sumo.warm_up_s=60", "run.duration_s=40"),
         "capacity": ("run.duration_s=120",),
     },
+    "7_learned_follower": {},  # makes its own runs
 }
 KEPT = {"1_one_run", *STUDIES} - {"6_penetration"}  # notebooks with the outputs of their whole runs or studies
 FEW = 2  # values of a key, and seeds
