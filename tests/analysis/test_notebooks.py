@@ -118,6 +118,7 @@ def test_it_runs_from_a_clean_kernel_and_ends_in_a_figure(name, results, tmp_pat
         call("batch", small(study, tmp_path), *changes, "--out", results, "-j", 1)
 
     monkeypatch.setenv("PLATOONTRAFFIC_RESULTS", str(results))
+    monkeypatch.setenv("DRIVES", str(FEW))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]))
     notebook = nbformat.read(NOTEBOOKS[name], as_version=4)
     nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute(cwd=tmp_path)
