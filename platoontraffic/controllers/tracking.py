@@ -393,7 +393,7 @@ class TrackingFollower(Law):
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:
         fit = now.fitted
         ahead = estimate.aligned_now
-        return trail.ahead(now.odometry, ahead, (fit.window, fit.bend_window), fit.preview)
+        return trail.ahead(now.odometry, ahead, (fit.window, fit.bend_window, fit.plan_window), fit.preview)
 
     # ---- 2. to 4. steer, follow, avoid
 

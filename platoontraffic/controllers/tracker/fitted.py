@@ -14,7 +14,8 @@ class Fitted(NamedTuple):
 
     catch_up: np.ndarray  # distance in which an offset from the trail falls to 1/e [m]
     window: np.ndarray  # distance each way over which the trail is smoothed, for the offset from it [m]
-    bend_window: np.ndarray  # the same for its curvature [m]
+    bend_window: np.ndarray  # the same for the curvature that is steered [m]
+    plan_window: np.ndarray  # the same for the curvature that the speed is planned for [m]
     preview: np.ndarray  # distance ahead of the place whose curvature is steered now [m]; negative: behind
     gentle: np.ndarray  # curvature that may be used to return to the trail [1/m]
     steepest_bend: np.ndarray  # change of a trail's curvature that the speed is planned for [1/(m s)]
@@ -29,6 +30,6 @@ def fitted(body: Body, speed: np.ndarray, dt: float, recovery: float) -> Fitted:
     # Imported here: importing numba takes half a second.
     from platoontraffic.controllers.tracker.fitted_kernel import fit
 
-    found = Fitted(*np.empty((6, len(speed))))
+    found = Fitted(*np.empty((7, len(speed))))
     fit(body, speed, dt, recovery, found)
     return found

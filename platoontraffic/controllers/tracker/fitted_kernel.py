@@ -15,6 +15,9 @@ WINDOW = 0.3  # least distance each way over which the trail is smoothed [vehicl
 POINTS = 4  # least number of scans over which it is smoothed each way
 WINDOW_TIME = 0.4  # least time of that [s]: noise of the curvature grows with its inverse square
 BEND_WINDOW = 0.5  # least distance each way for its curvature, which the steering has to follow [vehicle lengths]
+# The same for the speed, by the square of the speed [s2/m]: errors of places grow with the distance at which they are
+# seen, those of the lateral acceleration with the square of the speed; and the greatest of them decides.
+PLAN_WINDOW = 0.02
 STEERED = 0.8  # change of a trail's curvature that the speed is planned for [steering rates]; the rest steers back
 
 
@@ -41,6 +44,7 @@ def fit(body, speed, dt, recovery, found):
         window = np.maximum(WINDOW * length, max(POINTS * dt, WINDOW_TIME) * v)
         found.catch_up[i], found.window[i] = catch_up, window
         found.bend_window[i] = np.maximum(BEND_WINDOW * length, window)
+        found.plan_window[i] = np.maximum(found.bend_window[i], PLAN_WINDOW * v * v)
         found.preview[i] = lag * v - window**2 / (5 * catch_up)
         found.gentle[i] = np.minimum(recovery / np.maximum(v, 2.0) ** 2, rate * catch_up / np.maximum(v, 2.0))
         found.steepest_bend[i] = STEERED * rate

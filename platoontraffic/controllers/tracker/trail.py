@@ -84,8 +84,8 @@ class Trail(NamedTuple):
     def ahead(self, odometry: Odometry, track: Track, windows: tuple, preview: np.ndarray) -> Ahead:
         """What to steer by, and the distance along the trail to the predecessor.
 
-        windows : parabolas are fitted to the trail over these distances each way, for offset and direction, and for
-                  the curvature [m], (n,) each
+        windows : parabolas are fitted to the trail over these distances each way, for offset and direction, for
+                  the curvature that is steered, and for those that the speed is planned for [m], (n,) each
         preview : distance ahead at which the curvature is wanted [m], (n,)
         """
         from platoontraffic.controllers.tracker.trail_kernel import look_ahead

@@ -194,11 +194,11 @@ def look_ahead(trail, odometry, axle, windows, preview, ahead):
     """Fill in `trail.Ahead`.
 
     axle    : of the predecessors [m], (n, 2); NaN without one
-    windows : of the fits of place and direction, and of the curvature [m], (n,) each
+    windows : of the fits of place and direction, of the curvature that is steered, and of the others [m], (n,) each
     """
     fit = np.empty((3, 2))
     places = ahead.bend.shape[1]
-    window, bend_window = windows
+    window, bend_window, plan_window = windows
     for i in range(len(trail.size)):
         points, size = trail.points[i], trail.size[i]
         x, y = odometry.x[i], odometry.y[i]
@@ -216,11 +216,11 @@ def look_ahead(trail, odometry, axle, windows, preview, ahead):
 
         _fit(points, size, here + preview[i], bend_window[i], fit)
         ahead.curvature[i] = _curvature(fit)
-        least = APART * bend_window[i]
+        least = APART * plan_window[i]
         beyond = max(end - least * (places - 1), 0.0)
         for j in range(places):
             ahead.distance[i, j] = min(least * j + beyond * (j / (places - 1)) ** 2, max(end, 0.0))
-            _fit(points, size, here + ahead.distance[i, j], bend_window[i], fit)
+            _fit(points, size, here + ahead.distance[i, j], plan_window[i], fit)
             ahead.bend[i, j] = _curvature(fit)
 
 
