@@ -123,13 +123,13 @@ def test_a_law_that_needs_it_is_given_the_order_to_lead(folder):
     [
         (
             'needs = "route"',
-            "Bad declares needs = 'route'; must be a set of names: leader, leads, messages, route, signals, truth",
+            "Bad declares needs = 'route'; must be a set of names: leader, leads, members, messages, route, signals, truth",
         ),
         (
             "needs = None",
-            "Bad declares needs = None; must be a set of names: leader, leads, messages, route, signals, truth",
+            "Bad declares needs = None; must be a set of names: leader, leads, members, messages, route, signals, truth",
         ),
-        ('needs = {"route", "lead"}', "Bad needs lead; there is: leader, leads, messages, route, signals, truth"),
+        ('needs = {"route", "lead"}', "Bad needs lead; there is: leader, leads, members, messages, route, signals, truth"),
         ('needs = {"leads"}; drives_alone = True', "Bad declares drives_alone; then it must also need route"),
         ("desired_distance = 3.0", "Bad: desired_distance, remembered_path and braking_for must be methods"),
         ("hardest_braking = -3.0", "Bad declares hardest_braking = -3.0; must be more than 0 m/s2"),

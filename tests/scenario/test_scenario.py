@@ -257,4 +257,4 @@ def test_a_law_that_needs_an_unknown_input_is_a_fault(scenario_file, tmp_path):
     law = '@dataclass(frozen=True)\nclass Law:\n    needs = {"v2v"}\n    def __call__(self, sensed, memory, dt): ...\n'
     (tmp_path / "law.py").write_text("from dataclasses import dataclass\n" + law)
     (fault,) = faults(scenario_file(('law = "repaired"', 'law = "law:Law"')))
-    assert fault.endswith("Law needs v2v; there is: leader, leads, messages, route, signals, truth")
+    assert fault.endswith("Law needs v2v; there is: leader, leads, members, messages, route, signals, truth")

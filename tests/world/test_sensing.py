@@ -165,6 +165,6 @@ def test_a_law_without_its_sensor_is_a_fault(tmp_path):
     (tmp_path / "mine.toml").write_text(text)
     Path(tmp_path / "radar.py").write_text((EXAMPLE.parent / "radar.py").read_text())
     with pytest.raises(
-        InputError, match="RadarCruise needs radar; there is: leader, leads, messages, route, signals, truth"
+        InputError, match="RadarCruise needs radar; there is: leader, leads, members, messages, route, signals, truth"
     ):
         scenario.load(tmp_path / "mine.toml")
