@@ -12,6 +12,8 @@ from platoontraffic.controllers.registry import find_law
 from platoontraffic.errors import InputError
 from tests.support.runs import run
 
+EVERY_NEED = "leader, leads, members, messages, route, signals, truth"
+
 FILE = """
 from dataclasses import dataclass
 import numpy as np
@@ -123,13 +125,13 @@ def test_a_law_that_needs_it_is_given_the_order_to_lead(folder):
     [
         (
             'needs = "route"',
-            "Bad declares needs = 'route'; must be a set of names: leader, leads, members, messages, route, signals, truth",
+            f"Bad declares needs = 'route'; must be a set of names: {EVERY_NEED}",
         ),
         (
             "needs = None",
-            "Bad declares needs = None; must be a set of names: leader, leads, members, messages, route, signals, truth",
+            f"Bad declares needs = None; must be a set of names: {EVERY_NEED}",
         ),
-        ('needs = {"route", "lead"}', "Bad needs lead; there is: leader, leads, members, messages, route, signals, truth"),
+        ('needs = {"route", "lead"}', f"Bad needs lead; there is: {EVERY_NEED}"),
         ('needs = {"leads"}; drives_alone = True', "Bad declares drives_alone; then it must also need route"),
         ("desired_distance = 3.0", "Bad: desired_distance, remembered_path and braking_for must be methods"),
         ("hardest_braking = -3.0", "Bad declares hardest_braking = -3.0; must be more than 0 m/s2"),
