@@ -20,7 +20,7 @@ compiled = compiler(
 
 FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
 STANDING = 0.05  # speed below which it is held [m/s]
-TOO_NEAR, STANDS = 0.3, 0.3  # distance [m] before an obstacle of less than such a speed [m/s] at which it stays
+TOO_NEAR, CRAWLS = 0.3, 0.3  # nearer than that to an obstacle [m] that is slower than that [m/s] it stays
 CLOSE_ENOUGH, MOVE_UP = 0.1, 0.4  # excess of distance at which it stops, and at which it moves up again [m]
 APPROACH = 1.5  # deceleration of the approach to a standing car [m/s2]
 STEEPEST = 0.35  # sine of the greatest angle of the return to the trail
@@ -158,7 +158,7 @@ def decide(speed, last, known, never_lost, pursuit, obstacle, stop, held, routed
             if creeps and needed < 0:
                 needed = np.maximum(needed, alone[i])
         # Where nothing is left to brake in, the braking that is needed is too little at a crawl.
-        stays = not creeps and obstacle.free[i] < TOO_NEAR and not speed[i] - obstacle.closing[i] > STANDS
+        stays = not creeps and obstacle.free[i] < TOO_NEAR and not speed[i] - obstacle.closing[i] > CRAWLS
         if stays:
             wanted = np.minimum(wanted, -FIRM)
         if known[i]:

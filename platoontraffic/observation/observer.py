@@ -185,7 +185,7 @@ def _extend(part: Any, theirs: Any, of_none: Any, before: int, count: int) -> No
     """Give the arrays of all members in a part of the observer the rows of newcomers.
 
     theirs  : the part of an observer of `count` newcomers
-    of_none : that of an observer of no members, whose arrays of all members are empty
+    of_none : that of an observer of no members: its arrays of all members are empty
     before  : number of members that `part` knows
     """
     for name, rows in vars(theirs).items():

@@ -1,10 +1,10 @@
 """Messages between members: rate, delay, loss, range and blackouts of the table `[channel]` of a scenario.
 
-Each member sends its state at the channel's rate to those whose laws need it: to its direct follower; if it leads, to
-all members behind it; and to any member of its platoon. A message is lost if any of these says so: an independent draw;
-a burst, by the two-state chain of E. N. Gilbert (Bell Syst. Tech. J. 39 (1960) 1253) that loses every message in its
-bad state; the distance; a building between the two; a blackout. Draws depend on seed, sender, receiver and number of
-the message only.
+Each member sends its state at the channel's rate to the members that have a law which needs it: its direct follower;
+all behind it, if it leads; any of its platoon, where the law needs all members. A message is lost if any of these says
+so: an independent draw; a burst, by the two-state chain of E. N. Gilbert (Bell Syst. Tech. J. 39 (1960) 1253) that
+loses every message in its bad state; the distance; a building between the two; a blackout. Draws depend on seed,
+sender, receiver and number of the message only.
 """
 
 from __future__ import annotations
