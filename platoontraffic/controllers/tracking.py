@@ -12,14 +12,23 @@ from pydantic import Field
 
 from platoontraffic.controllers import beside
 from platoontraffic.controllers.beside import Beside
-from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BrakingFor, Decision, Law, RouteAhead, Sensed, Target
 from platoontraffic.controllers.path import LINE, AlongRoute, PathLeader, bearing_of, nothing
 from platoontraffic.controllers.tracker.drive_line import DriveLine
 from platoontraffic.controllers.tracker.fitted import Fitted, fitted
 from platoontraffic.controllers.tracker.own_motion import Moved, Past, YawBias, seen_from, steered
-from platoontraffic.controllers.tracker.records import ACCELERATION, CUTS_IN, OVERHANG, SPEED, PathAhead, Sighting, X, Y
+from platoontraffic.controllers.tracker.records import (
+    ACCELERATION,
+    CUTS_IN,
+    OVERHANG,
+    SPEED,
+    Hiding,
+    PathAhead,
+    Sighting,
+    X,
+    Y,
+)
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracker.trail import Ahead, RouteSection, Strip, Trail
 from platoontraffic.lidar.segments import find_segments
@@ -28,8 +37,6 @@ from platoontraffic.vehicles.motion import Drive, Positive
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 LEAST_HEADWAY, HEADWAY_PER_DELAY = 0.5, 1.1  # time headway with which no string of cars amplifies [s], [s/s]
-FILTER = 0.2  # time constant of the filter of the closing speed of obstacles [s]
-SAME = 1.0  # greatest difference of the free distance from its prediction, for one obstacle [m]
 RECOVERY = 2.5  # lateral acceleration of the return to the trail [m/s2]
 HIDDEN = 0.25  # time after which a vehicle that has cut in takes the place of a predecessor that it hides [s]
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
@@ -51,6 +58,19 @@ class Predecessor(NamedTuple):
     acceleration: np.ndarray  # [m/s2]
 
 
+class Obstacle(NamedTuple):
+    """The first return over the strip ahead but the predecessor, arrays (n,)."""
+
+    free: np.ndarray  # distance from the front bumper [m]; inf: none
+    speed: np.ndarray  # along the strip [m/s]; NaN: not known yet
+    acceleration: np.ndarray  # likewise [m/s2]
+    bearing: np.ndarray  # of that return from the laser's forward direction [rad]; NaN: none
+
+    @classmethod
+    def none(cls, n: int) -> Obstacle:
+        return cls(np.full(n, np.inf), *np.full((3, n), np.nan))
+
+
 class Memory(NamedTuple):
     """Arrays (n,), or records of arrays."""
 
@@ -63,8 +83,8 @@ class Memory(NamedTuple):
     driven_curvature: np.ndarray  # modelled, by the commands before [1/m]
     drive_line: DriveLine
     past: Past
-    free: np.ndarray  # distance from the bumper to the first obstacle but the predecessor, in the scan [m]; inf: none
-    closing: np.ndarray  # rate at which that shrinks [m/s]; NaN: not known yet
+    obstacle: Obstacle  # in the scan
+    scanned_speed: np.ndarray  # own speed in the scan [m/s]
     never_lost: np.ndarray  # it has had the same predecessor from the start, bool
     creeping: Creeping
     braking_for: BrakingFor
@@ -76,7 +96,7 @@ class Memory(NamedTuple):
         n = len(sensed.speed)
         records = Odometry.begin(sensed.speed, sensed.yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
         driven = *np.zeros((3, n)), DriveLine.at_rest(n), Past.begin(sensed, dt)
-        none = np.full(n, np.inf), np.full(n, np.nan), np.ones(n, bool)
+        none = Obstacle.none(n), sensed.speed, np.ones(n, bool)
         unseen = Predecessor(*np.full((3, n), np.nan))
         return cls(*records, *driven, *none, Creeping.none(n), nothing(n), Beside.none(n), unseen)
 
@@ -120,14 +140,6 @@ class Estimate(NamedTuple):
     aligned_now: Track  # `now` likewise
     sighting: Sighting
     on_route: np.ndarray  # the path is the given route, not the predecessor's trail, bool (n,)
-
-
-class Obstacle(NamedTuple):
-    """The first return over the strip ahead but the predecessor, arrays (n,)."""
-
-    free: np.ndarray  # distance from the front bumper [m]; inf: none
-    closing: np.ndarray  # rate at which that shrinks [m/s]; NaN: not known yet
-    bearing: np.ndarray  # of that return from the laser's forward direction [rad]; NaN: none
 
 
 class Pursuit(NamedTuple):
@@ -194,9 +206,11 @@ class TrackingFollower(Law):
        time_headway >= LEAST_HEADWAY + HEADWAY_PER_DELAY d.
     4. Avoid. It brakes harder than in comfort if that is needed: by the braking that just suffices, if both vehicles go
        on as they do now (constant-acceleration heuristic: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 2010),
-       for the predecessor and for any obstacle on the strip ahead. An obstacle that drives there, a vehicle that has
-       cut in, is also followed, and becomes the predecessor after HIDDEN of hiding it. If a gap is shorter than the one
-       in which it could stop behind a vehicle that brakes as hard as it can itself, it is opened (`_open_gap`).
+       for the predecessor and for any obstacle on the strip ahead, whose speed and acceleration follow from its free
+       distances (`tracker.obstacle_kernel`). As estimates of braking are late, the hardest braking is used from
+       EMERGENCY of it on. An obstacle that drives there, a vehicle that has cut in, is also followed, and becomes the
+       predecessor after HIDDEN of hiding it. If a gap is shorter than the one in which it could stop behind a vehicle
+       that brakes as hard as it can itself, it is opened (`_open_gap`).
     5. Alone. A predecessor not seen for `patience` is lost: the vehicle then stops, in the trail. With
        on_loss = "drive" it is given its route, and drives on along it as the path law `alone` does, until a vehicle is
        ahead on the route. It follows that one, along the route, since a laser cannot identify it; a predecessor that
@@ -265,7 +279,8 @@ class TrackingFollower(Law):
         obstacle = self._obstacle_now(now, scanned)
         along = None
         if sensed.route is not None:
-            along = self.alone.along_route(sensed, np.zeros(len(now.speed)), obstacle.free, obstacle.closing, dt)
+            closing = now.speed - obstacle.speed
+            along = self.alone.along_route(sensed, np.zeros(len(now.speed)), obstacle.free, closing, dt)
         pursuit = self._pursue(now, estimate, ahead, drive_line, obstacle, along)
 
         known, held = estimate.now.known, memory.beside.held
@@ -285,7 +300,7 @@ class TrackingFollower(Law):
         distance = np.where(known, ahead.length - OVERHANG - now.laser, np.nan)
         predecessor = Predecessor(distance, estimate.now.mean[:, SPEED], estimate.now.mean[:, ACCELERATION])
         memory = Memory(now.odometry, bias, estimate.track, trail, *command, now.driven_curvature, drive_line, past,
-                        scanned.free, scanned.closing, never_lost, creeps, limit,
+                        scanned, now.scanned.speed, never_lost, creeps, limit,
                         self._look_beside(now, estimate, past), predecessor)  # fmt: skip
         return Decision(command, memory, Target(*estimate.sighting.rear.T))
 
@@ -351,12 +366,12 @@ class TrackingFollower(Law):
             aligned, aligned_now = (now.memory.beside.aligned(one, now.given, now.odometry) for one in (track, at_use))
         return Estimate(predicted, track, at_use, aligned, aligned_now, sighting, on_route)
 
-    def _hidden_by(self, now: Now, predicted: Track) -> np.ndarray:
-        """Distance from the laser to what drives ahead and hides the predecessor [m], (n,); NaN: nothing does."""
-        free, body, mount = now.memory.free, now.sensed.body, now.sensed.scan.model.mount.x
-        drives = now.scanned.speed - now.memory.closing > CUTS_IN * now.scanned.speed  # False where it is not known
-        hides = predicted.known & (predicted.blind > HIDDEN) & np.isfinite(free) & drives
-        return np.where(hides, free + body.length / 2 - mount, np.nan)
+    def _hidden_by(self, now: Now, predicted: Track) -> Hiding:
+        obstacle, body, mount = now.memory.obstacle, now.sensed.body, now.sensed.scan.model.mount.x
+        drives = obstacle.speed > CUTS_IN * now.scanned.speed  # False where it is not known
+        hides = predicted.known & (predicted.blind > HIDDEN) & np.isfinite(obstacle.free) & drives
+        distance = np.where(hides, obstacle.free + body.length / 2 - mount, np.nan)
+        return Hiding(distance, obstacle.speed, obstacle.acceleration)
 
     def _predict(self, now: Now) -> Track:
         """The track at the time of this scan, without predecessors that are lost, off the route, or not wanted."""
@@ -417,6 +432,8 @@ class TrackingFollower(Law):
 
     def _obstacle(self, now: Now, estimate: Estimate, trail: Trail, ahead: Ahead) -> Obstacle:
         """In the scan."""
+        from platoontraffic.controllers.tracker.obstacle_kernel import follow_obstacle
+
         sensed, memory = now.sensed, now.memory
         beyond_end = np.maximum(ahead.length, 0) + sensed.scan.model.range_max / 2
         reach = np.where(estimate.track.known, ahead.length - OVERHANG - PAST_PREDECESSOR, beyond_end)
@@ -428,18 +445,16 @@ class TrackingFollower(Law):
         half_width = sensed.body.width / 2 + KEPT_FREE if given is None else np.full(len(reach), given)
         strip = Strip(half_width, reach)
         free, beam = trail.free_distance(now.scanned, sensed.scan, sensed.body, strip, estimate.sighting.beams)
-        closing = closing_speed(
-            free, memory.free, memory.closing, now.scanned.speed, now.dt, same=SAME, time_constant=FILTER
-        )  # fmt: skip
-        return Obstacle(free, closing, bearing_of(beam, sensed.scan.model))
+        speed, acceleration = np.empty((2, len(free)))
+        follow_obstacle(free, now.scanned.speed, memory.obstacle, memory.scanned_speed, now.dt, speed, acceleration)
+        return Obstacle(free, speed, acceleration, bearing_of(beam, sensed.scan.model))
 
     def _obstacle_now(self, now: Now, scanned: Obstacle) -> Obstacle:
         """It goes on as in the scan; it stands, if its speed is not known yet."""
         if not now.sensed.age:
             return scanned
-        moved = np.nan_to_num(now.scanned.speed - scanned.closing) * now.sensed.age
-        closing = scanned.closing + now.speed - now.scanned.speed
-        return scanned._replace(free=np.maximum(scanned.free - now.driven + moved, 0.0), closing=closing)
+        moved = np.nan_to_num(scanned.speed) * now.sensed.age
+        return scanned._replace(free=np.maximum(scanned.free - now.driven + moved, 0.0))
 
     # ---- 5. and 6. alone, stop lines
 
@@ -454,7 +469,7 @@ class TrackingFollower(Law):
         if along is None:
             return (np.zeros(n), np.zeros(n), np.zeros(n)), memory.creeping, nothing(n)
         blocked = np.isfinite(scanned.free)
-        before = memory.free + np.where(blocked, obstacle.free, 0.0) - np.where(blocked, scanned.free, 0.0)
+        before = memory.obstacle.free + np.where(blocked, obstacle.free, 0.0) - np.where(blocked, scanned.free, 0.0)
         alone, creeps, limit = self.alone.acceleration_among_others(
             now.sensed, along, lines, (obstacle.free, obstacle.bearing, before), memory.creeping, now.dt
         )

@@ -26,6 +26,7 @@ APPROACH = 1.5  # deceleration of the approach to a standing car [m/s2]
 STEEPEST = 0.35  # sine of the greatest angle of the return to the trail
 NOTICED = 0.4  # time after which its braking shows in its measured speed [s]
 OPENING = 2.0  # time in which a gap that is too short for its hardest braking is opened [s]
+EMERGENCY = 0.75  # share of its hardest braking from which, if it is needed, it brakes hardest: estimates are late
 ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed [m]
 
 curvature_back = compiled(steering.curvature_back)
@@ -60,11 +61,12 @@ def pursue(speed, last, body, mount, fitted, line, track, ahead, obstacle, on_ro
             needed = np.minimum(needed, _open_gap(v, distance, their_speed, reaction, gains))
 
         blind_spot = body.length[i] / 2 - mount  # from laser to front bumper
-        to_obstacle, its_speed = obstacle.free[i] + blind_spot, v - obstacle.closing[i]
-        brake = _brake_for(v, to_obstacle, its_speed, 0.0, reaction, gains)
+        to_obstacle, its_speed = obstacle.free[i] + blind_spot, obstacle.speed[i]
+        its_braking = np.minimum(obstacle.acceleration[i], 0.0) if its_speed > 0 else 0.0
+        brake = _brake_for(v, to_obstacle, its_speed, its_braking, reaction, gains)
         if its_speed > CUTS_IN * v:  # it has cut in, and is followed before it is the predecessor
             error = to_obstacle - gains.stand_off - gains.time_headway * v
-            wanted = np.minimum(wanted, (gains.distance_gain * error - obstacle.closing[i]) / gains.time_headway)
+            wanted = np.minimum(wanted, (gains.distance_gain * error + its_speed - v) / gains.time_headway)
             brake = np.minimum(brake, _open_gap(v, to_obstacle, its_speed, reaction, gains))
         elif math.isfinite(its_speed) and track.blind[i] > 0:  # a predecessor that it hides is no reason to speed up
             wanted = np.minimum(wanted, 0.0)
@@ -158,7 +160,7 @@ def decide(speed, last, known, never_lost, pursuit, obstacle, stop, held, routed
             if creeps and needed < 0:
                 needed = np.maximum(needed, alone[i])
         # Where nothing is left to brake in, the braking that is needed is too little at a crawl.
-        stays = not creeps and obstacle.free[i] < TOO_NEAR and not speed[i] - obstacle.closing[i] > CRAWLS
+        stays = not creeps and obstacle.free[i] < TOO_NEAR and not obstacle.speed[i] > CRAWLS
         if stays:
             wanted = np.minimum(wanted, -FIRM)
         if known[i]:
@@ -186,5 +188,7 @@ def _comfort(v, last, wanted, needed, gains, dt):
     wanted, last = np.minimum(np.maximum(wanted, -gains.braking), gains.acceleration), np.maximum(last, -gains.braking)
     change = gains.jerk * dt
     wanted = np.minimum(np.maximum(wanted, last - change), last + change)
+    if needed < -EMERGENCY * gains.hardest_braking:
+        return -gains.hardest_braking
     acceleration = np.minimum(wanted, needed) if needed < -gains.braking else wanted
     return np.maximum(acceleration, -gains.hardest_braking)

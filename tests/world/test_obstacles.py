@@ -283,6 +283,33 @@ def test_avoidable_cut_ins_end_without_contact(some):
     assert hit == []
 
 
+BRAKING_CUTS = list(
+    itertools.product((8.0, 15.0, 25.0), (0.6, 1.0, 1.5), (0.3, 0.5, 0.7), (3.0, 5.0), (1.0, 1.5, 2.0, 3.0), (6.0, 9.0))
+)
+
+
+@pytest.mark.parametrize(
+    "some",
+    [
+        pytest.param([159, 165, 207, 243, 378, 417, 429], id="hard"),  # a constant speed of the obstacle is not enough
+        pytest.param(range(0, len(BRAKING_CUTS), 3), id="third", marks=pytest.mark.slow),
+        pytest.param(range(len(BRAKING_CUTS)), id="all", marks=pytest.mark.soak),
+    ],
+)
+def test_avoidable_cut_ins_that_brake_while_they_change_lanes_end_without_contact(some):
+    hit, avoidable = [], 0
+    for n in some:
+        speed, headway, share, takes, brakes_after, rate = BRAKING_CUTS[n]
+        human = cut_in(replace(BETWEEN, share=share), takes, brakes_after=brakes_after, rate=rate)
+        played = play(followers(speed, headway), human, 14.0, seed=n // 3)
+        if played.met and played.met[0].avoidable:
+            avoidable += 1
+            if played.clearance == 0:
+                hit.append(BRAKING_CUTS[n])
+    assert avoidable > len(some) / 3
+    assert hit == []
+
+
 @pytest.mark.parametrize("seeds", [range(6), pytest.param(range(100), marks=pytest.mark.slow)], ids=["6", "100"])
 def test_a_leader_that_can_brake_in_time_does_not_hit_a_pedestrian(seeds):
     could = 0

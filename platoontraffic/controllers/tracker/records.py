@@ -19,6 +19,14 @@ class PathAhead(NamedTuple):
     points: np.ndarray  # of its route [m], (n, k, 2), used instead of the arc; k = 0: no route is given
 
 
+class Hiding(NamedTuple):
+    """What drives ahead and hides the predecessor, arrays (n,)."""
+
+    distance: np.ndarray  # from the laser [m]; NaN: nothing does
+    speed: np.ndarray  # [m/s]
+    acceleration: np.ndarray  # [m/s2]
+
+
 class Laser(NamedTuple):
     """Mount, resolution and noise of the scanners."""
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from platoontraffic.controllers.tracker.records import Groups, Laser, PathAhead, Sighting
+from platoontraffic.controllers.tracker.records import Groups, Hiding, Laser, PathAhead, Sighting
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.segments import Segments
 
@@ -90,7 +90,7 @@ class Track(NamedTuple):
 
     def corrected(
         self, scan: ScanBatch, segments: Segments, odometry: Odometry, forward: np.ndarray, path: PathAhead,
-        hidden: np.ndarray, dt: float,
+        hiding: Hiding, dt: float,
     ) -> tuple[Track, Sighting]:  # fmt: skip
         """After a scan: corrected by the group of returns that fits best, if one fits.
 
@@ -98,7 +98,6 @@ class Track(NamedTuple):
         predecessor takes its place. New tracks have no nis.
 
         forward : of the own driven axle to the laser [m], (n,)
-        hidden  : distance from the laser to what drives ahead and hides the predecessor [m], (n,); NaN: nothing does
         """
         from platoontraffic.controllers.tracker.track_kernel import correct
 
@@ -107,7 +106,7 @@ class Track(NamedTuple):
         numbers = mount.y, mount.yaw, scan.model.angle_increment, noise.sigma, noise.sigma_per_metre
         laser = Laser(forward, *(float(number) for number in numbers))
         groups = Groups(*columns_of(segments))
-        correct(track, sighting, odometry, laser, path, groups, scan.ranges, hidden, dt)
+        correct(track, sighting, odometry, laser, path, groups, scan.ranges, hiding, dt)
         return track, sighting
 
     def offset(self, points: np.ndarray, odometry: Odometry) -> np.ndarray:

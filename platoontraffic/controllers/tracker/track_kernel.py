@@ -47,7 +47,9 @@ NEAR = 6.0  # greatest distance of a group from the predicted rear [m]
 BETWEEN = 2.0  # greatest distance of a rear beyond the obstacle that hides the predecessor, for it to be that one's [m]
 LANE = 1.5  # half the width in which a new predecessor is looked for [m]
 OBLIQUE = math.radians(35)  # greatest angle of a new predecessor to the route
-NEW = (0.1, 0.1, 0.05, 5.0, 2.0, 0.05)  # standard deviations of a new track; that of the speed grows with the own speed
+NEW = 0.1, 0.05, 0.05  # standard deviations of a new track: of the axle's place [m], heading [rad], curvature [1/m]
+UNKNOWN_SPEED, UNKNOWN_SHARE, STEADY = 5.0, 0.5, 2.0  # of its speed, taken for the own: [m/s], share of that; [m/s2]
+MEASURED = 1.0, 5.0  # of its speed [m/s] and acceleration [m/s2], if they are known from free distances
 LEARNING = 0.1  # share of a seen width by which the known one is corrected
 
 
@@ -62,12 +64,11 @@ class Pose(NamedTuple):
 
 
 @compiled
-def correct(track, sighting, odometry, laser, path, groups, ranges, hidden, dt):
+def correct(track, sighting, odometry, laser, path, groups, ranges, hiding, dt):
     """Correct all rows in place by the groups of returns in their scans.
 
     track    : `track.Track`; rows of NaN begin with the nearest rear on the path ahead
-    hidden   : distance from the laser to what drives ahead and hides the predecessor [m], (n,); NaN: nothing does. Its
-               rear becomes the predecessor's, if the predecessor is not seen
+    hiding   : `records.Hiding`; its rear becomes the predecessor's, if the predecessor is not seen
     sighting : `records.Sighting`, filled in where a predecessor is seen
     ranges   : (n, k) [m]; NaN: lost
     """
@@ -77,19 +78,21 @@ def correct(track, sighting, odometry, laser, path, groups, ranges, hidden, dt):
         if math.isnan(track.mean[i, X]):
             found, rear = _first_rear(i, laser, path, groups, ranges)
             if found >= 0:
-                _begin(i, track, rear, pose, odometry.speed[i], path.curvature[i])
+                own_speed = odometry.speed[i]
+                sigma = UNKNOWN_SPEED + UNKNOWN_SHARE * own_speed, STEADY
+                _begin(i, track, rear, pose, path.curvature[i], (own_speed, 0.0), sigma)
         else:
             found, rear = _best_rear(i, track, pose, laser, groups, ranges, dt, state, cov)
             if found >= 0:
                 track.nis[i] = _fit(track.mean[i], track.cov[i], rear, pose, dt, state, cov)
                 track.mean[i], track.cov[i] = state, cov
                 track.mean[i, SPEED] = max(track.mean[i, SPEED], 0.0)
-            elif not math.isnan(hidden[i]):
+            elif not math.isnan(hiding.distance[i]):
                 found, rear = _first_rear(i, laser, path, groups, ranges)
-                if found >= 0 and math.hypot(rear.x, rear.y) > hidden[i] + BETWEEN:
+                if found >= 0 and math.hypot(rear.x, rear.y) > hiding.distance[i] + BETWEEN:
                     found = -1
                 if found >= 0:
-                    _begin(i, track, rear, pose, odometry.speed[i], path.curvature[i])
+                    _begin(i, track, rear, pose, path.curvature[i], (hiding.speed[i], hiding.acceleration[i]), MEASURED)
         if found < 0:
             continue
         if not math.isnan(rear.width):
@@ -259,16 +262,16 @@ def _along_arc(curvature, rear, forward, left):
 
 
 @compiled
-def _begin(i, track, rear, pose, own_speed, curvature):
-    """A new track at a rear: as fast as the own vehicle, on the same bend."""
+def _begin(i, track, rear, pose, curvature, motion, sigma):
+    """A new track at a rear; its speed and acceleration, and their standard deviations, are given."""
     heading = rear.heading + pose.yaw
     x = pose.x + rear.x * pose.cos - rear.y * pose.sin + OVERHANG * math.cos(heading)
     y = pose.y + rear.x * pose.sin + rear.y * pose.cos + OVERHANG * math.sin(heading)
-    track.mean[i] = (x, y, heading, own_speed, 0.0, curvature)
+    track.mean[i] = (x, y, heading, motion[0], motion[1], curvature)
+    sigmas = (NEW[0], NEW[0], NEW[1], sigma[0], sigma[1], NEW[2])
     track.cov[i] = 0.0
     for a in range(6):
-        sigma = NEW[a] + own_speed / 2 if a == SPEED else NEW[a]
-        track.cov[i, a, a] = sigma * sigma
+        track.cov[i, a, a] = sigmas[a] ** 2
     track.width[i] = rear.width
 
 
