@@ -16,7 +16,7 @@ HARDEST = 12.0  # greatest braking of any vehicle [m/s2]
 
 @compiled
 def follow_obstacle(free, own_speed, last, last_own_speed, dt, speed, acceleration):
-    """Fill in the speed of obstacles along the strip [m/s], and acceleration, at most 0 [m/s2], (n,); NaN: not known yet.
+    """Fill in speeds of obstacles along the strip [m/s] and their braking, at most 0 [m/s2], (n,); NaN: not known yet.
 
     The speed is first known from two scans, where the acceleration is 0. From then on the distance is predicted, and
     with its difference s from the prediction
