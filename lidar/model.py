@@ -142,7 +142,7 @@ class LidarModel:
     def __reduce__(self):  # copies and pickles keep the tables below read-only
         return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
-    @property
+    @cached_property
     def angle_increment(self) -> float:
         """Angle between neighbouring beams [rad]."""
         return (self.angle_max - self.angle_min) / (self.samples - 1)

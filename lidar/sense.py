@@ -56,14 +56,14 @@ def scan(
         raise ValueError(f"number = {number}; must be 0 or more")
     ids = carriers.ids
     keys, bias = draws(model.noise, seed, ids, number, model.name)
-    ranges, hits, inside = _buffers(out, model, len(carriers.x), dtype)
+    ranges, hits, inside = _buffers(out, model, carriers.x.size, dtype)
     inside[:] = False
     for beams, later in model.slices:
         world = boxes.after(later) if later else boxes
         sensors = Sensors(*_poses(carriers, later, model.mount), carriers.owner, keys, bias)
         inside |= measure(model, beams, scene, world, sensors, ranges, hits) != NO_HIT
     for array in (ranges, hits, inside):
-        array.setflags(write=False)
+        array.flags.writeable = False
     return ScanBatch(model, stamp - model.sweep_time, ids, ranges, hits, inside)
 
 

@@ -85,7 +85,8 @@ class Recording:
         self._window, self._wall, self._closed = window, 0.0, False
         self._recorder = Recorder(folder, Clocks.of(spec.record, spec.run.step_s))
         world = warm and warm.world
-        self.simulation = Simulation(setting_of(prepared, self._recorder.folder, window, forkable, world))
+        setting = setting_of(prepared, self._recorder.folder, window, forkable, world)
+        self.simulation = Simulation(setting, provenance.Stopwatch())
         with self._ended_by_errors():
             if warm:
                 take_own_copies(warm.folder, self._recorder.folder)

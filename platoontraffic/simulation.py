@@ -23,7 +23,7 @@ from platoontraffic.observation.statistics import Statistics
 from platoontraffic.observation.violations import violations
 from platoontraffic.results import plug_in_metrics, statistics
 from platoontraffic.results.own_copies import named_for_forks
-from platoontraffic.results.provenance import Stopwatch
+from platoontraffic.results.provenance import Stopwatch, Untimed
 from platoontraffic.results.sumo_refusal import refusal
 from platoontraffic.results.sumo_tables import plainly_named, sumo_options
 from platoontraffic.road.network import Network
@@ -133,9 +133,10 @@ class Simulation:
     simulation in SUMO at a time; a `SimulationProcess` has a process of its own.
     """
 
-    def __init__(self, setting: Setting, stopwatch: Stopwatch | None = None) -> None:
+    def __init__(self, setting: Setting, stopwatch: Stopwatch | Untimed | None = None) -> None:
+        """stopwatch: of the stages of a step; None: they are not timed"""
         self.setting = setting
-        self.stopwatch = stopwatch or Stopwatch()
+        self.stopwatch = stopwatch or Untimed()
         self.now: Instant | None = None
         self._open = ExitStack()
         self._of_parents: list[ExitStack] = []
@@ -230,14 +231,13 @@ class Simulation:
         fleet, ordered = self.manoeuvres.applied(fleet.regrouped(), traffic.time)
         measured = self.sensors.sense(traffic, fleet, step, self.breakdowns.blind(fleet))
         sensed, fleet = arriving(measured, fleet, step)
-        round_it, fleet = self.ways_round.followed(fleet, self.world.roads(fleet), sensed, traffic.time)
+        roads = self.world.roads(fleet)
+        round_it, fleet = self.ways_round.followed(fleet, roads, sensed, traffic.time)
         signals = self.world.signals(fleet)
         messages, fleet, radio = self.messages.received(fleet, step, traffic.time)
         fleet = timed("decide", fleet.decided, sensed.scans, dt, signals, sensed.odometry, sensed.readings, messages)
-        roads, noted = (
-            self.world.roads(fleet),
-            [*parted, *ordered, *failed, *stuck, *round_it, *radio, *violations(self.world.entries(fleet))],
-        )
+        entered = violations(self.world.entries(fleet))
+        noted = [*parted, *ordered, *failed, *stuck, *round_it, *radio, *entered]
         events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted, sensed.seen)
         events = [*events, *self.encounters.observe(traffic, fleet, events)]
         self.now = Instant(
@@ -323,8 +323,8 @@ class Simulation:
         return np.inf if every and step % every == 0 else fleet.sight
 
     def _hold_obstacles(self) -> None:
-        plans = self.obstacles.plans
-        self.world.hold(self.obstacles.bodies, {plan.id: plan.edges for plan in plans if plan.seen_by_sumo})
+        if plans := self.obstacles.plans:
+            self.world.hold(self.obstacles.bodies, {plan.id: plan.edges for plan in plans if plan.seen_by_sumo})
 
     def _ended(self, step: int, fleet: Fleet, events: Sequence[Event]) -> str:
         """Why the simulation ends at this instant; "" if it goes on."""

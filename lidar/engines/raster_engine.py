@@ -31,7 +31,7 @@ _mixed, _gauss, _uniform = compiled(mixed), compiled(gauss), compiled(uniform)
 def measure(model, beams, scene, boxes, sensors, ranges, hits):
     """See `protocol`."""
     x, y, yaw, owner, keys, bias = sensors
-    around = np.empty(len(x), np.int32)
+    around = np.empty(x.size, np.int32)
     around[:] = NOBODY
     if scene.has_solids:
         around[scene.enclosed(x, y)] = STATIC
@@ -119,7 +119,7 @@ def _box_grid(box_x, box_y, x, y, reach, radius):
 def _solid(boxes):
     """Middles x and y, rows cos, sin, half length, half width, (v, 4), largest distance of a corner from its middle,
     owners. Copies, for numba compiles once more for arrays that are read-only, as those of boxes may be."""
-    shapes = np.empty((len(boxes.x), 4))
+    shapes = np.empty((boxes.x.size, 4))
     shapes[:, 0], shapes[:, 1] = np.cos(boxes.heading), np.sin(boxes.heading)
     shapes[:, 2], shapes[:, 3] = half_length, half_width = boxes.length / 2, boxes.width / 2
     radius = math.sqrt(np.maximum.reduce(half_length * half_length + half_width * half_width, initial=0.0))

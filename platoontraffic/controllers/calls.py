@@ -29,7 +29,7 @@ def decide(law: Law, sensed: Sensed, memory: Any, dt: float, at: Occasion) -> De
     raises: InputError if a plug-in fails, or decides nothing that fits n vehicles; or if a command is not finite
     """
     decision = _call(law, at, law, sensed, memory, dt)
-    n = len(sensed.speed)
+    n = sensed.speed.size
     if _is_sound(decision, n):
         _check_finite(law, decision, at)
         return decision

@@ -79,7 +79,7 @@ def middle(model: LidarModel, ranges: np.ndarray, ends: np.ndarray) -> Middle:
     ranges : of all scans [m], (n, k)
     ends   : the two beams of each scan, (2, n); -1: none
     """
-    returns = np.where(ends < 0, np.nan, ranges[np.arange(len(ranges)), ends])
+    returns = np.where(ends < 0, np.nan, ranges[np.arange(ranges.shape[0]), ends])
     (first_x, last_x), (first_y, last_y) = points(model, returns, ends)
     x, y = (first_x + last_x) / 2, (first_y + last_y) / 2
     return Middle(np.hypot(x, y), np.arctan2(y, x))

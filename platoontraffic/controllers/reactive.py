@@ -26,7 +26,8 @@ def rule(front: np.ndarray, front_left: np.ndarray, front_right: np.ndarray) -> 
         (front_right > 0.7) & (front > 1) & (front_left > 1),
         (front_right < 0.5) & (front > 1) & (front_left > 1),
     ]
-    number = np.full(np.shape(front), 7)
+    number = np.empty(front.shape, dtype=np.intp)
+    number[:] = 7
     for i in range(len(rules), 0, -1):  # the first that applies stays
         number[rules[i - 1]] = i
     return number
@@ -61,7 +62,7 @@ class ReactiveLeader(Law):
         ranges = sensed.scan.filled()
         k = sensed.scan.model.samples
         value = SECTORS[self.sector]
-        front_right, front, front_left = (value(ranges[:, k * i // 5 : k * (i + 1) // 5]) for i in (1, 2, 3))
+        front_right, front, front_left = [value(ranges[:, k * i // 5 : k * (i + 1) // 5]) for i in (1, 2, 3)]
         drive, angular = ACTIONS[rule(front, front_left, front_right) - 1].T
         to_the_left = -angular if self.positive_turn == "clockwise" else angular
         return Decision(Twist(drive * self.speed, to_the_left * self.turn_rate))

@@ -63,7 +63,8 @@ class RepairedFollower(Law):
         """Ranges (n, k), and the first and last beam of the run of neighbouring returns around the nearest, (2, n)."""
         from platoontraffic.controllers.repaired_kernel import nearest_groups  # importing numba takes half a second
 
-        ranges, ends = np.empty(scan.ranges.shape), np.empty((2, len(scan)), dtype=np.intp)
+        ranges = np.empty(scan.ranges.shape)
+        ends = np.empty((2, ranges.shape[0]), dtype=np.intp)
         nearest_groups(scan.ranges, scan.model.range_min, self.group_step, ranges, ends)
         return ranges, ends
 

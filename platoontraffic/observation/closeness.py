@@ -35,9 +35,9 @@ class Closeness:
 
     def look(self, step: Step) -> None:
         """Measure the distances of this step."""
-        number, traffic, n = step.fleet.number, step.traffic, len(step.fleet.members)
+        number, traffic = step.fleet.number, step.traffic
         near = NEAR_MISS_GAP * self._scale[number]
-        clearance, rows, contact_in, self._pairs = look_around(traffic, n, near)
+        clearance, rows, contact_in, self._pairs = look_around(traffic, number.size, near)
         self.clearance[number], self.contact_in[number] = clearance, contact_in
         self.any_close = bool(some(clearance < CLOSE))
         self._closest = rows, traffic.ids
@@ -52,8 +52,8 @@ class Closeness:
 
         touching: pairs in contact, as in `Contacts.of`
         """
-        traffic, n, near = step.traffic, len(step.fleet.members), NEAR_MISS_GAP * self._scale[step.fleet.number]
-        predecessor, before = step.fleet.predecessor, self._near
+        traffic, predecessor, before = step.traffic, step.fleet.predecessor, self._near
+        n, near = predecessor.size, NEAR_MISS_GAP * self._scale[step.fleet.number]
         self._near = set()
         for i, k in self._pairs.tolist():
             if predecessor[i] == k or (k < n and predecessor[k] == i):

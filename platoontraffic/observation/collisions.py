@@ -47,7 +47,7 @@ class Collisions:
         """
         traffic = step.traffic
         self._entries.observe(traffic)
-        asked = any_close or self._contacts.may_touch_walls(traffic, len(step.fleet.members))
+        asked = any_close or self._contacts.may_touch_walls(traffic, step.fleet.number.size)
         before, self.touching = self.touching, self._contacts.of(traffic) if asked else set()
         for vehicle, other in sorted(self.touching - before):
             i = traffic.ids.index(vehicle)

@@ -64,7 +64,7 @@ class Encroachments:
         if before is None:
             return
         self._step += 1
-        traffic, n, dt = step.traffic, len(step.fleet.number), step.traffic.time - before
+        traffic, n, dt = step.traffic, step.fleet.number.size, step.traffic.time - before
         if self._trails is None:
             self._begin(round(TRAIL / dt) + 1)
         if traffic.ids != self._ids:
@@ -75,7 +75,7 @@ class Encroachments:
         if step.fleet.number is not self._numbers:
             self._find_seats(step.fleet.number)
         slot, trails = self._columns, self._trails
-        head = self._step % len(trails.x)
+        head = self._step % trails.x.shape[0]
         position = traffic.x, traffic.y
         extend(trails, head, slot, *position, *traffic.facing)
         found = np.empty((AT_ONCE * n, 4))

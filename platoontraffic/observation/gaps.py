@@ -72,7 +72,7 @@ class DesiredGaps:
         """Bumper to bumper [m], (n,); NaN where a law names no distance."""
         if fleet.members is not self._members:
             self._members, self._laws = fleet.members, _by_law(fleet.members)
-        distance = np.empty(len(fleet.members))
+        distance = np.empty(fleet.number.size)
         distance[:] = np.nan
         for law, rows in self._laws:
             speed = fleet.motion.speed[rows]

@@ -102,8 +102,10 @@ class Sight(NamedTuple):
 
 def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> tuple[Sight, np.ndarray]:
     """Also the names of the surfaces that the targets lie on, (n,), where there is a scan."""
-    fleet, n = step.fleet, len(step.fleet.members)
-    sight, target = Sight(*np.full((3, n), NOT_SCANNED)), np.empty(n, dtype=object)
+    fleet, n = step.fleet, step.fleet.number.size
+    contents, target = np.empty((3, n), dtype=np.intp), np.empty(n, dtype=object)
+    contents[:] = NOT_SCANNED
+    sight = Sight(*contents)
     for group, scan, seen in zip(fleet.groups, scans, step.seen, strict=True):
         if scan is None:
             continue

@@ -26,11 +26,11 @@ class OffRoad:
         """off_road, on_road"""
         number = step.fleet.number
         away = (~shapely.contains_xy(self._drivable, step.x, step.y)).nonzero()[0]
-        if not len(away) and not self._any_off:
+        if not away.size and not self._any_off:
             self._entered[number] = True
             return
         distance = np.zeros(len(number))
-        if len(away):
+        if away.size:
             distance[away] = shapely.distance(self._drivable, shapely.points(step.x[away], step.y[away]))
         self._entered[number] |= distance == 0
         distance[~self._entered[number]] = 0.0
@@ -42,4 +42,4 @@ class OffRoad:
         for i in back.nonzero()[0]:
             yield step.event("on_road", i, duration=step.traffic.time - since[i])
         self._since[number] = np.where(left, step.traffic.time, np.where(back, np.nan, since))
-        self._any_off = len(away) > 0
+        self._any_off = away.size > 0

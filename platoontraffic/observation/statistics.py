@@ -34,7 +34,7 @@ class Statistics:
 
     def observe(self, step: Step, **measured: np.ndarray) -> None:
         """measured: the fields of `statistics_kernel.Seen` that are not the fleet's"""
-        fleet, motion, kernel, n = step.fleet, step.fleet.motion, self._kernel, len(step.fleet.members)
+        fleet, motion, kernel, n = step.fleet, step.fleet.motion, self._kernel, step.fleet.number.size
         own = motion.x, motion.y, motion.turned, motion.speed, motion.acceleration, motion.yaw_rate, *fleet.radio
         seen = kernel.Seen(step.fleet.number, fleet.predecessor, *own, **measured)
         self.values = np.empty(n, kernel.VALUES)

@@ -16,7 +16,7 @@ import shapely
 
 from platoontraffic.lidar import Boxes
 from platoontraffic.road.network import Network
-from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_VIA
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.world.standing import STANDS, before_bodies
@@ -41,7 +41,8 @@ class LettingGo:
 
     def observe(self, fleet: Fleet, where: Mapping[str, tuple[str, str]]) -> None:
         """Before every step. where: edge and lane of each member"""
-        time, blocked = self._sumo.simulation.getTime(), {fleet.ids[one.row]: one.row for one in before_bodies(fleet)}
+        blocked = {fleet.ids[one.row]: one.row for one in before_bodies(fleet)}
+        time = direct(self._sumo.simulation.getTime)()
         self._since = {name: self._since.get(name, time) for name in blocked}
         on_road = set(self._sumo.vehicle.getIDList()) if self._ignored else set()
         for foe, members in list(self._ignored.items()):

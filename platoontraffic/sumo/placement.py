@@ -164,7 +164,7 @@ class Placement:
         for member, native, *pose in poses:
             if not native:
                 move(member.id, *ANY_LANE, *pose, *(ON_ITS_ROUTE if member.id in self._on_short else EXACTLY))
-        if len(fleet.native_rows):
+        if fleet.native_rows.size:
             strongest = fleet.model.strongest_acceleration(motion.speed)
             for i in fleet.native_rows:
                 if "accel" not in fleet.members[i].law.vehicle_type:

@@ -15,7 +15,7 @@ from platoontraffic.controllers import Signals
 from platoontraffic.errors import RunError
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.background import PERSON, Background
-from platoontraffic.sumo.client import Client, libsumo
+from platoontraffic.sumo.client import Client, direct, libsumo
 from platoontraffic.sumo.departures import in_the_way
 from platoontraffic.sumo.letting_go import LettingGo
 from platoontraffic.sumo.obstacles import HeldObstacles
@@ -258,5 +258,5 @@ class World:
 
     def _simulate(self) -> None:
         self._process.step()
-        self._clock = self._sumo.simulation.getTime()
+        self._clock = direct(self._sumo.simulation.getTime)()
         self._background.stepped(self._clock)

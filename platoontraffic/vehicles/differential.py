@@ -85,7 +85,7 @@ class DifferentialDrive:
         twist, drive = command if isinstance(command, Command) else Command.of(command)
         wheels = self.wheel_separation, self.wheel_radius, self.max_wheel_speed
         shape, values = rows((*_MOVES(motion), *twist, *drive, self.axle, *wheels, *self._left_over(dt)))
-        after = np.empty((7, len(values[0])))
+        after = np.empty((7, values[0].size))
         move(values[:6], values[6:10], values[10], values[11:14], *values[14:], dt, after)
         return Motion(*after.reshape(7, *shape), motion.steering, motion.braking)
 

@@ -112,16 +112,18 @@ def rows(values: Sequence[Any]) -> tuple[tuple[int, ...], tuple[np.ndarray, ...]
 
     values: floats or arrays
     """
-    shape = np.shape(values[0])
-    if len(shape) == 1 and _are_rows(values, shape):
-        return shape, tuple(values)
+    if _are_rows(values):
+        return values[0].shape, tuple(values)
     shape = np.broadcast_shapes(*map(np.shape, values))
     return shape, tuple(np.array(np.broadcast_to(v, shape), dtype=float).ravel() for v in values)
 
 
-def _are_rows(values: Sequence[Any], shape: tuple[int, ...]) -> bool:
+def _are_rows(values: Sequence[Any]) -> bool:
+    first = values[0]
     for one in values:  # without a call for each: it is asked in every step
-        if type(one) is not np.ndarray or one.shape != shape or one.dtype != float or not one.flags.carray:
+        if type(one) is not np.ndarray or one.ndim != 1 or one.dtype != float or not one.flags.carray:
+            return False
+        if one.shape != first.shape:
             return False
     return True
 

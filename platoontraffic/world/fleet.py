@@ -498,13 +498,13 @@ class Fleet(MemberState):
         """
         command = self.command if brakes is None else self.command.braked(brakes, self.motion, dt)
         motion, native = self.model.moved(self.motion, command, dt), self.native_rows
-        if len(native):
+        if native.size:
             motion = put(motion, [native], [take(self.motion, native)])
         return changed(self, motion=motion, progress=self.progress.located(self.model, motion))
 
     def expected(self, dt: float) -> Fleet:
         """The fleet with SUMO-driven members extrapolated by dt [s] at constant speed."""
-        if not len(self.native_rows):
+        if not self.native_rows.size:
             return self
         motion, distance = self.motion, np.where(self.native, self.motion.speed * dt, 0.0)
         x, y = motion.x + distance * np.cos(motion.heading), motion.y + distance * np.sin(motion.heading)

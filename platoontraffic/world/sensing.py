@@ -181,8 +181,8 @@ def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:
 
     Members turn about the middle of their driven axle. SUMO gives no yaw rate of its own vehicles; it is taken as 0.
     """
-    (cos, sin), n = traffic.facing, len(fleet.members)
-    yaw_rate, aside = np.zeros((2, len(cos)))
+    (cos, sin), n = traffic.facing, fleet.number.size
+    yaw_rate, aside = np.zeros((2, cos.size))
     yaw_rate[:n] = fleet.motion.yaw_rate
     aside[:n] = -fleet.model.axle * fleet.motion.yaw_rate
     vx, vy = traffic.speed * cos - aside * sin, traffic.speed * sin + aside * cos

@@ -58,7 +58,7 @@ class TrafficSnapshot:
             return Boxes(self.x, self.y, self.heading, self.length, self.width, np.arange(len(self.ids)))  # says which
         return Boxes.unchecked(
             x=self.x, y=self.y, heading=self.heading, length=self.length, width=self.width,
-            owner=np.arange(len(self.ids), dtype=np.int32), vx=vx, vy=vy, yaw_rate=yaw_rate,
+            owner=np.arange(self.x.size, dtype=np.int32), vx=vx, vy=vy, yaw_rate=yaw_rate,
         )  # fmt: skip
 
 
