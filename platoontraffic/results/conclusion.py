@@ -141,7 +141,8 @@ def _values(
     """The tool's own metrics."""
     spec = scenario.spec
     loops = {p.id for p in spec.platoon if p.loop or spec.run.laps} | {m.platoon for m in members if m.route is None}
-    values = metrics.compute(*map(recorder.read_table, ("trajectories", "events", "statistics")), loops)
+    tables = (recorder.read_table(name, object) for name in ("trajectories", "events", "statistics"))
+    values = metrics.compute(*tables, loops)
     if "trips" in spec.record.sumo:
         values += metrics.of_trips("traffic", _trips_of_others(recorder, members, obstacles))
     if with_trips:

@@ -221,7 +221,8 @@ def all_of(members: list[Own], trajectories: pd.DataFrame, events: pd.DataFrame)
 
 def _pairs(events: pd.DataFrame) -> list[pd.DataFrame]:
     """The events of pairs: contacts, near misses with others than the predecessor, encroachments."""
-    return [events[events.kind == kind] for kind in ("collision", "near_miss_other", "encroachment")]
+    kinds = events.kind.to_numpy(object)
+    return [events[kinds == kind] for kind in ("collision", "near_miss_other", "encroachment")]
 
 
 def span(trajectories: pd.DataFrame, events: pd.DataFrame) -> tuple[float, float]:

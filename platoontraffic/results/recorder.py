@@ -153,9 +153,9 @@ class Recorder:
         rows += [(vehicle, "", None, *size, *(None,) * 5) for vehicle, size in self._background.items()]
         self.write_table("vehicles.csv", rows, VEHICLES)
 
-    def read_table(self, name: str) -> pd.DataFrame:
-        """A table of this run that is complete; see `close_tables`."""
-        return read_table(self.folder / f"{name}.csv")
+    def read_table(self, name: str, text_type: type = str) -> pd.DataFrame:
+        """A table of this run that is complete; see `close_tables`. text_type: as in `read_table` of the analysis"""
+        return read_table(self.folder / f"{name}.csv", text_type=text_type)
 
     def close_tables(self) -> None:
         for file in self._files():
