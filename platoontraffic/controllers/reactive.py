@@ -26,8 +26,7 @@ def rule(front: np.ndarray, front_left: np.ndarray, front_right: np.ndarray) -> 
         (front_right > 0.7) & (front > 1) & (front_left > 1),
         (front_right < 0.5) & (front > 1) & (front_left > 1),
     ]
-    number = np.empty(front.shape, dtype=np.intp)
-    number[:] = 7
+    number = np.full(np.shape(front), 7)
     for i in range(len(rules), 0, -1):  # the first that applies stays
         number[rules[i - 1]] = i
     return number
