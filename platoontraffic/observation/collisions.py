@@ -3,7 +3,8 @@
 A contact is caused by one of the two, whichever of them is a member. The one that entered the other's lane less than
 LANE_CHANGE_BLAME before is the cause (`lane_entries`), whichever struck the other. If neither did, the one behind is
 the cause; and if neither is behind, side by side or head on, the one that has swung its rear into the other (`swings`).
-If neither has, the contact counts as caused by the member.
+If neither has, the contact counts as caused by the member, unless the other was not there APPEARANCE_BLAME before: SUMO
+has inserted it before a member that is about to leave the junction there.
 """
 
 from __future__ import annotations
@@ -56,6 +57,8 @@ class Collisions:
             if what == "beside" and not entry:
                 what = self._swing(vehicle, other)
             detail = DETAILS[what]
+            if not entry and self._entries.appeared(other):
+                what, detail = "other_appeared", f"SUMO had just inserted {other}"
             if entry:
                 what = "changed_lanes" if entry.vehicle == vehicle else "other_changed_lanes"
                 before = f"{step.traffic.time - entry.time:.1f} s before, gap {entry.gap:.1f} m"

@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 
 from platoontraffic.observation.swings import AT_ONCE, Course, sideways
-from platoontraffic.world.events import LANE_CHANGE_BLAME, LANE_CHANGE_TIME
+from platoontraffic.world.events import APPEARANCE_BLAME, LANE_CHANGE_BLAME, LANE_CHANGE_TIME
 from platoontraffic.world.traffic import TrafficSnapshot
 
 FASTEST = 3.0  # lateral speed; the border that changes faster has an opening there [m/s]
@@ -77,6 +77,12 @@ class LaneEntries:
             return None
         moves = lambda poses, length: self._moves(both.time, poses, length)  # noqa: E731
         return entry(both.time, both.poses, (one, other), (both.length, both.width), moves)
+
+    def appeared(self, name: str) -> bool:
+        """Whether a vehicle that is there now was not there at some time since APPEARANCE_BLAME before."""
+        now = self._past[-1]
+        recent = (traffic for traffic in self._past if traffic.time > now.time - APPEARANCE_BLAME - 1e-6)
+        return name in now.ids and any(name not in traffic.ids for traffic in recent)
 
     def together(self, one: str, other: str) -> Together:
         """The remembered instants of both up to now, without a break."""

@@ -24,7 +24,7 @@ from platoontraffic.vehicles.bicycle import VALID_LATERAL
 from platoontraffic.world.events import ENOUGH_BEAMS, EXPOSED, SHORT_ENCROACHMENT, STANDSTILL_AFTER, WALL
 
 # Kinds of contact of which the other is the cause.
-CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes", "other_swung_out")
+CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes", "other_swung_out", "other_appeared")
 LAST_CORNER = 10.0  # a quarter turn counts when this much of it is missing [deg]
 
 
@@ -146,7 +146,7 @@ OF_MEMBERS = (
         "",
         "episodes of contact of which it is the cause: it changed lanes into the other's path just before, or else "
         "struck the other from behind, a wall, or the other side by side or head on; not those in which the other "
-        "changed lanes, struck it from behind, or swung its rear into it",
+        "changed lanes, struck it from behind, swung its rear into it, or was inserted just before",
         lambda m: _caused(m.collisions, m.vehicle),
         "sum",
     ),

@@ -96,12 +96,13 @@ class LaneRoute:
         self.parts.append(np.array(lane.getShape()))
         self.limits.append(lane.getSpeed())
 
-    def cross(self, lane: Any, link: Any, position: float) -> None:
+    def cross(self, lane: Any, link: Any, position: float, longest: float = math.inf) -> None:
         """Append a lane, the change to the lane on which a link begins, the stop line and the junction.
 
         position : on the lane, before which it is not changed [m]
+        longest  : greatest length of a change over one lane [m]
         """
-        points, before, change = _crossing_over(lane, link.getFromLane(), position)
+        points, before, change = _crossing_over(lane, link.getFromLane(), position, longest)
         if lane is not link.getFromLane():
             sides, to_end = (lane.getID(), link.getFromLane().getID()), _length(points) - before
             aside = _aside(lane, link.getFromLane())
@@ -132,17 +133,23 @@ class LaneRoute:
         return sum(_length(part) for part in self.parts)
 
 
-def _crossing_over(lane: Any, other: Any, position: float) -> tuple[np.ndarray, float, float]:
+def change_length(width: float, longest: float) -> float:
+    """Length of a change over one lane of a width, where there is room [m]: at most `longest`, but fit to be driven."""
+    return min(CHANGE_LENGTH * width, max(longest, SHORTEST_CHANGE * width))
+
+
+def _crossing_over(lane: Any, other: Any, position: float, longest: float) -> tuple[np.ndarray, float, float]:
     """A line along a lane that crosses over to another lane of the same edge.
 
     position : after which it does [m]
+    longest  : greatest length of that over one lane [m]
     returns  : its points (k, 2) [m], where the change begins [m], its length [m]
     """
     line, beside = LineString(lane.getShape()), LineString(other.getShape())
     if lane is other:
         return np.array(lane.getShape()), 0.0, 0.0
-    over = lane.getWidth() * abs(lane.getIndex() - other.getIndex()) / line.length
-    wanted = CHANGE_LENGTH * over
+    lanes = abs(lane.getIndex() - other.getIndex()) / line.length
+    over, wanted = lane.getWidth() * lanes, change_length(lane.getWidth(), longest) * lanes
     # As early as that, or as early as its length needs; but not before the position, if that leaves room.
     begin = min((position + CHANGE_AFTER * lane.getWidth()) / line.length, max(1 - wanted, EARLIEST_SHARE))
     begin = max(begin, min(position / line.length, 1 - min(SHORTEST_CHANGE * over, EARLIEST_SHARE)))

@@ -1,39 +1,49 @@
-"""A lane change later on its lane: a driver who finds no room drives on and looks for it there, as on a slip road."""
+"""A lane change later on its lane, or a shorter one.
+
+A driver who finds no room drives on and looks for it there, as on a slip road; a slow one goes over in less road.
+"""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGE_LENGTH, CHANGING, Line
+from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, Line, change_length
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.motion import VehicleModel
 from platoontraffic.vehicles.records import changed
 
 AT_LEAST = 1.0  # by which a change must become later, to be worth another route [vehicle lengths]
+SHORTER = 0.75  # share of its length to which it must shrink otherwise
 NEAR = 5.0  # distance by which rounding changes stations, at most [m]
 JOIN = 2.0  # distance before the change at which the new line goes on from the old one [vehicle lengths]
 
 
-def with_later_change(route: Route, change: Line, by: float, network: Network, model: VehicleModel) -> Route | None:
+def with_later_change(
+    route: Route, change: Line, by: float, network: Network, model: VehicleModel, longest: float = math.inf
+) -> Route | None:
     """The route with one of its lane changes later by a distance [m], or by less where its lane ends.
 
+    longest: greatest length of that change over one lane [m]
     returns: a route whose stations before the change are those of the given one; None on a loop, where there is no room
              for it, or where the lanes beyond would be others
     """
     (edge, _, lane), target = change.lane.rpartition("_"), change.onto.rpartition("_")[2]
     width, shape = network.lane_width(edge, int(lane)), network.route_line((edge,), int(lane))
-    whole = CHANGE_LENGTH * width * abs(int(target) - int(lane))
+    whole = change_length(width, longest) * abs(int(target) - int(lane))
     begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
-    later = min(begin + by, begin + change.to_end - whole)  # `route_lanes` puts none any later
-    if route.closed or later < begin + AT_LEAST * model.length:
+    later = min(begin + by, begin + change.to_end - whole - model.length)  # so that it comes to the line straight
+    is_worth_it = later >= begin + AT_LEAST * model.length or (later >= begin and whole < SHORTER * change.across)
+    if route.closed or not is_worth_it:
         return None
     i = route.lines.index(change)
     junctions = [line for line in route.lines[:i] if line.state != CHANGING]
     # With the edge before, so that the bend between the two is rounded as on the given route.
     before, start = (1, junctions[-1].lane.rpartition("_")[2]) if junctions else (0, lane)
     edges = route.edges[len(junctions) - before :]
-    lanes = network.route_lanes(edges, int(start), position=later - CHANGE_AFTER * width, on=before)
+    lanes = network.route_lanes(edges, int(start), position=later - CHANGE_AFTER * width, on=before, longest=longest)
     onward = Route.along(edges, *lanes).drivable_by(model)
     if (onward.lines[before].lane, onward.lines[before].onto) != (change.lane, change.onto):
         return None

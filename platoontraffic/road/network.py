@@ -162,13 +162,15 @@ class Network:
         return self.route_lanes(edges, lane, closed)[0]
 
     def route_lanes(
-        self, edges: Sequence[str], lane: int = 0, closed: bool = False, position: float = 0.0, on: int = 0
-    ) -> tuple[np.ndarray, np.ndarray, list[Line]]:
+        self, edges: Sequence[str], lane: int = 0, closed: bool = False, position: float = 0.0, on: int = 0,
+        longest: float = math.inf,
+    ) -> tuple[np.ndarray, np.ndarray, list[Line]]:  # fmt: skip
         """The centre line of the lanes of a route, across its junctions; a closed one ends where it starts.
 
         lane     : index on the first edge; lanes are changed as rarely as the route allows, near an edge's begin
         position : on an edge, before which its lanes are not changed: where driving starts [m]
         on       : index of that edge
+        longest  : greatest length of a change over one lane of that edge [m]
         returns  : points (k, 2) [m]; speed limit from each point on (k,) [m/s]; stop lines and lane changes
         raises   : InputError where there is no such route
         """
@@ -182,7 +184,7 @@ class Network:
         lap = [*road, road[0]] if closed else road
         links = least_changes(lap, lane, lane if closed else None)
         for i, (here, link) in enumerate(zip(lap, links, strict=False)):
-            route.cross(here.getLane(lane), link, position if i == on else 0.0)
+            route.cross(here.getLane(lane), link, *((position, longest) if i == on else (0.0,)))
             lane = link.getToLane().getIndex()
         if not closed:
             route.add(road[-1].getLane(lane))

@@ -52,6 +52,7 @@ AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 BEHIND = 0.5  # distance behind another one on its lane from which a slow vehicle may go over, for a car [m]
 PASSES_BY = 2.0  # a vehicle that is so much faster passes, and leaves room then [m/s]
+CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
 LOOKS_EVERY = 1.0  # without room for its lane change, a vehicle looks for it so much later [s]
 QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
 QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
@@ -156,8 +157,9 @@ class StopLines:
         self._stood: dict[str, tuple[str, float]] = {}  # the line's lane at which each has stood, and since when [s]
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
-        self._no_room: dict[str, Line] = {}  # the lane change ahead for which each member has no room now
-        self._later: dict[tuple[Route, Line, float], Route | None] = {}  # routes with a lane change later
+        # The lane change ahead for which each member has no room now, and whether all who leave none pass it by.
+        self._no_room: dict[str, tuple[Line, bool]] = {}
+        self._later: dict[tuple[Route, Line, float, float], Route | None] = {}  # with a later or shorter lane change
 
     def renew(self) -> None:
         """Ask SUMO anew: it has made a step since, and all vehicles are elsewhere."""
@@ -190,24 +192,30 @@ class StopLines:
     def with_later_changes(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members that brake because there is no room for their lane change here.
 
-        They look for it further on, as long as their lane leads on. Before a queue they wait.
+        They look for it further on, as long as their lane leads on, but not beside a queue. The slower they are, the
+        less road their lane change takes.
         """
         for group in fleet.groups if self._no_room else ():
             limit = group.law.braking_for(group.memory) if group.memory is not None else None
             rows = group.rows[limit.reason == BRAKES_FOR_LINE] if limit else ()
             for member, row in ((fleet.members[i], int(i)) for i in rows if fleet.ids[i] in self._no_room):
-                change = self._no_room[member.id]
-                step = CHANGE_AFTER * self._sumo.lane.getWidth(change.lane)
-                by = step * max(math.ceil(LOOKS_EVERY * float(fleet.motion.speed[row]) / step), 1)
-                key = member.route, change, by
+                (change, passed), speed = self._no_room[member.id], float(fleet.motion.speed[row])
+                width = self._sumo.lane.getWidth(change.lane)
+                step = CHANGE_AFTER * width
+                by = step * max(math.ceil(LOOKS_EVERY * speed / step), 1) if passed else 0.0
+                longest = width * math.ceil(CHANGE_TIME * speed / width)
+                key = member.route, change, by, longest
                 if key not in self._later:
-                    self._later[key] = with_later_change(member.route, change, by, self._network, member.model)
+                    self._later[key] = with_later_change(*key[:3], self._network, member.model, longest)
                 if route := self._later[key]:
                     fleet = fleet.with_route(row, route, WINDOW)
         return fleet
 
     def entries(self, fleet: Fleet, entered: Sequence[tuple[str, str, str]]) -> list[Entry]:
         """How members entered junctions; SUMO-driven ones are left out.
+
+        SUMO takes a member beside the middle of its lane for one on another lane inside, of those that begin there.
+        What counts is the one of its route.
 
         entered: ids of members that entered one, the lane that each left, its lane inside
         """
@@ -216,12 +224,16 @@ class StopLines:
         self.renew()
         found, row = [], {m.id: i for i, m in enumerate(fleet.members)}
         for name, lane, via in entered:
-            state = next((link[LINK_STATE] for link in self._now.links[lane] if link[LINK_VIA] == via), "")
             i = row.get(name)
-            if i is None or fleet.native[i] or not state:
+            if i is None or fleet.native[i]:
                 continue
             lines = fleet.members[i].route.lines if fleet.members[i].route else ()
-            line = next((line for line in lines if line.lane == lane and line.via[:1] == (via,)), None)
+            from_here = [line for line in lines if line.lane == lane and line.via]
+            line = next((line for line in from_here if line.via[0] == via), from_here[0] if from_here else None)
+            via = line.via[0] if line else via
+            state = next((link[LINK_STATE] for link in self._now.links[lane] if link[LINK_VIA] == via), "")
+            if not state:
+                continue
             ego = Ego.of(fleet.members[i])._replace(lane=via, speed=float(fleet.motion.speed[i]))
             signal = _signal(state)
             has_gap = signal != ground.GIVES_WAY or line is None or self._may_enter(self._at_junction[line], state, ego)
@@ -279,8 +291,8 @@ class StopLines:
         """State of a line ahead; the adjacent lane and the space beyond are checked only when it is near."""
         if line.state == CHANGING:
             is_open = not near or ego.lane == line.onto or self._may_change(line, distance, ego) == np.inf
-            if not is_open and self._is_passed_soon(line, distance, ego):
-                self._no_room[ego.id] = line
+            if not is_open:
+                self._no_room[ego.id] = line, self._is_passed_soon(line, distance, ego)
             return LineState(distance, is_open, False, False, LANE_CHANGE)
         line = self._at_junction[line]
         state, conflicts = self._link_state(line), self._conflicts[line]

@@ -192,6 +192,20 @@ def test_a_collision_soon_after_the_others_lane_change_is_put_down_to_that(wait,
     assert (collision.kind, collision.what) == ("collision", what)
 
 
+@pytest.mark.parametrize(("wait", "what"), [(0.0, "other_appeared"), (0.9, "other_appeared"), (1.1, "beside")])
+def test_a_collision_soon_after_the_other_was_inserted_is_put_down_to_that(wait, what):
+    observed = Observed(platoon(constant(0.0), model=CAR))
+    observed.at(0.0, x=0.0)
+    observed.at(0.95, x=0.0)
+    beside = [(0.5, 1.9 if wait else 1.7)]
+    found = observed.at(1.0, x=0.0, others=beside).events
+    if wait:
+        assert not any(event.kind == "collision" for event in found)
+        found = observed.at(1.0 + wait, x=0.0, others=[(0.5, 1.7)]).events
+    (collision,) = found
+    assert (collision.kind, collision.what) == ("collision", what)
+
+
 def cut_in(goes: str) -> str:
     """What is said of a contact of a member with the car ahead, one of which has just changed lanes in 2 s."""
     observed, what = Observed(platoon(constant(0.0), model=CAR)), ""

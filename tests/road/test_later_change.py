@@ -80,3 +80,18 @@ def test_a_change_made_later_in_two_steps_is_where_one_step_brings_it():
     twice = with_later_change(first, first.lines[route.lines.index(change)], 15.0, network, CAR)
     stations = np.linspace(0, once.length, 300)
     np.testing.assert_allclose(once.line.at(stations), twice.line.at(stations), atol=0.1)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_slow_vehicle_changes_lanes_in_less_road_and_later(name):
+    network, route, change = given(name)
+    i, lanes = route.lines.index(change), change.across / 38.4
+    shorter = with_later_change(route, change, 0.0, network, CAR, 20.0)
+    assert shorter.lines[i].across == pytest.approx(20.0 * lanes, rel=0.05)
+    assert shorter.lines[i].station == pytest.approx(change.station, abs=0.3)
+    assert with_later_change(route, change, 0.0, network, CAR, 35.0) is None  # not worth another route
+    last = with_later_change(route, change, 1e4, network, CAR)
+    later = with_later_change(route, change, 1e4, network, CAR, 1.0)
+    assert later.lines[i].across == pytest.approx(16.0 * lanes, rel=0.05)  # no change is shorter
+    assert later.lines[i].station - last.lines[i].station == pytest.approx(22.4 * lanes, rel=0.05)
+    assert later.lines[i].station + later.lines[i].across < later.lines[i + 1].station

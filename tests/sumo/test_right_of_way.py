@@ -419,3 +419,18 @@ def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
     inside.clear()
     lines.renew()
     assert lines._may_cross(line, 1.0, ego, state="Z")
+
+
+@pytest.mark.parametrize(("turns", "signal"), [(True, "priority"), (False, "red")])
+def test_a_member_that_turns_at_green_beside_the_middle_of_its_lane_does_not_run_the_red_light_of_straight_on(
+    turns, signal
+):
+    """SUMO takes it for one that goes straight on, from the same lane."""
+    links = [("next_0", True, False, False, ":a_0", "G"), ("beyond_0", False, False, False, ":a_1", "r")]
+    client = SimpleNamespace(lane=SimpleNamespace(getLinks=lambda _: [(*link, "s", 10.0) for link in links]))
+    onto, via = ("next_0", ":a_0") if turns else ("beyond_0", ":a_1")
+    line = Line(100.0, "O", "a", 0, "road_0", onto, (via,), 10.0)
+    member = SimpleNamespace(id="m.0", model=CAR, law=PathLeader(), route=SimpleNamespace(lines=[line]))
+    fleet = SimpleNamespace(members=[member], native=[False], motion=SimpleNamespace(speed=np.ones(1)))
+    (entered,) = StopLines(SimpleNamespace(), client).entries(fleet, [("m.0", "road_0", ":a_1")])
+    assert (entered.row, entered.lane, entered.signal) == (0, "road_0", signal)
