@@ -17,7 +17,7 @@ from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.lidar import PRESETS, Mount
 from platoontraffic.road.gap_acceptance import Pace
-from platoontraffic.road.lane_routes import CHANGING, Line
+from platoontraffic.road.lane_routes import CHANGING, SHORTEST_CHANGE, Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
@@ -277,11 +277,19 @@ def test_a_member_does_not_begin_to_change_lanes_where_a_queue_would_stop_it_acr
     edges = ("west_in", "north_out")
     _, route = scene("cross", edges, [], 1.0, position=40.0, speed=9.0)
     (change, *_) = (line for line in route.lines if line.state == CHANGING)
-    stands = change.station + 0.9 * change.across  # its front bumper
-    seen, _ = scene("cross", edges, [("c", ("west_in", "east_out"), stands, 0.0, 1)], 20.0, position=40.0, speed=9.0)
-    _, _, y, speed = track(seen)
-    assert speed[-1] < 0.1
-    assert np.ptp(y) < 0.3
+    shortest = SHORTEST_CHANGE * Network.read(NETS / "cross.net.xml").lane_width("west_in", 0)
+    for left, goes_over in ((0.9 * shortest, False), (0.9 * change.across, True)):
+        stands = change.station + left + 5.0  # its front bumper
+        car = "c", ("west_in", "east_out"), stands, 0.0, 1
+        seen, _ = scene("cross", edges, [car], 20.0, position=40.0, speed=9.0)
+        _, x, y, speed = track(seen)
+        assert speed[-1] < 0.1
+        if goes_over:  # behind the queue, in less road than it would have taken at speed
+            assert np.ptp(y) > 2.9
+            assert np.ptp(x[(y > y[0] + 0.3) & (y < y[-1] - 0.3)]) < 0.6 * change.across
+        else:
+            assert np.ptp(y) < 0.3
+        assert clearance(seen, "c") > 0.5
 
 
 def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
