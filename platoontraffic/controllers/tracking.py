@@ -41,6 +41,7 @@ RECOVERY = 2.5  # lateral acceleration of the return to the trail [m/s2]
 HIDDEN = 0.25  # time after which a vehicle that has cut in takes the place of a predecessor that it hides [s]
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
 KEPT_FREE = 0.22  # on each side of the vehicle, on its path [m]
+SWINGS_CLEAR = 0.1  # on each side, where its front swings out in a bend [m]
 SHOWN = 32  # points of the trail that are recorded
 AROUND = "around"  # name of the laser that looks beside and behind
 
@@ -443,7 +444,7 @@ class TrackingFollower(Law):
             reach = reach + now.driven - driven
         given = self.half_width
         half_width = sensed.body.width / 2 + KEPT_FREE if given is None else np.full(len(reach), given)
-        strip = Strip(half_width, reach)
+        strip = Strip(half_width, reach, sensed.body.width / 2 + SWINGS_CLEAR)
         free, beam = trail.free_distance(now.scanned, sensed.scan, sensed.body, strip, estimate.sighting.beams)
         speed, acceleration = np.empty((2, len(free)))
         follow_obstacle(free, now.scanned.speed, memory.obstacle, memory.scanned_speed, now.dt, speed, acceleration)

@@ -42,6 +42,7 @@ class Strip(NamedTuple):
 
     half_width: np.ndarray  # about the trail, which goes on straight beyond its end [m]
     reach: np.ndarray  # from the own axle along the trail [m]
+    body: np.ndarray  # half the width that the body sweeps where its front swings out of the strip [m]
 
 
 class Trail(NamedTuple):

@@ -21,6 +21,8 @@ APART = 0.6  # least distance of places whose curvatures are compared [windows]:
 # Length of trail that is kept behind the own axle [m]: more than any window of a fit, and less than a lap of a small
 # roundabout, where the nearest place would otherwise be one of the lap before.
 BEHIND = 30.0
+CHORD = 3  # points each way that give a direction
+HARDLY_OUT, FARTHEST_OUT = 0.1, 1.5  # the front swings out by less than that, and by no more, for all that counts [m]
 
 
 @compiled
@@ -334,7 +336,8 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
         cos, sin = math.cos(odometry.heading[i]), math.sin(odometry.heading[i])
         begin, share = _nearest(points, size, x, y)
         here = _station(points, begin, share)
-        left, right = _sides(points[begin:size], (x, y, cos, sin), here + reach, half_width)
+        swings = _swings_out(points, begin, size, front[i])
+        left, right = _sides(points[begin:size], (x, y, cos, sin), here + reach, half_width + swings)
         for beam in range(ranges.shape[1]):
             r = max(ranges[i, beam], 0.0)
             if skipped[i, 0] <= beam <= skipped[i, 1] or not r < reach:  # NaN, lost, is not less either
@@ -345,8 +348,54 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
             there_x, there_y = x + ahead * cos - aside * sin, y + ahead * sin + aside * cos
             piece, share, away2, _ = nearest(points, begin, size - 1, there_x, there_y, 0.0, math.inf)
             distance = _station(points, piece, share) - here
-            if away2 < half_width**2 and front[i] < distance < min(reach, front[i] + free[i]):
+            nearer = min(reach, front[i] + free[i])
+            if swings > 0.0 and half_width**2 < away2 < (half_width + swings) ** 2:
+                distance = _swept_at(points, (begin, size), (there_x, there_y), front[i], strip.body[i]) - here
+            elif away2 >= half_width**2:
+                continue
+            if front[i] < distance < nearer:
                 free[i], first[i] = distance - front[i], beam
+
+
+@compiled
+def _swings_out(points, begin, size, front):
+    """How far the front swings out of a strip about the path of the axle, in the sharpest bend [m]; 0: hardly.
+
+    On an arc of curvature k a point on the axis, `front` before the axle, is k front^2 / 2 outside the axle's path.
+    """
+    most = 0.0
+    for k in range(begin + CHORD, size - CHORD, CHORD):
+        cos, sin = _chord(points, k, size)
+        cos_before, sin_before = _chord(points, k - CHORD, size)
+        turn = abs(math.asin(min(max(sin * cos_before - cos * sin_before, -1.0), 1.0)))
+        length = points[k, 2] - points[k - CHORD, 2]
+        most = max(most, turn / max(length, SPACING) * front * front / 2)
+    return min(most, FARTHEST_OUT) if most > HARDLY_OUT else 0.0
+
+
+@compiled
+def _swept_at(points, pieces, place, front, half_width):
+    """Station of the front bumper, along the trail, when the front half of the body covers a place [m]; inf: never.
+
+    pieces : the first one ahead, and the number of points
+    """
+    begin, size = pieces
+    for k in range(begin + 1, size):
+        cos, sin = _chord(points, k, size)
+        dx, dy = place[0] - points[k, 0], place[1] - points[k, 1]
+        along, aside = dx * cos + dy * sin, dy * cos - dx * sin
+        if front / 2 < along < front and abs(aside) < half_width:
+            return points[k, 2] + along
+    return math.inf
+
+
+@compiled
+def _chord(points, k, size):
+    """Direction of the trail about a point, as cosine and sine, over so many points that errors of places even out."""
+    first, last = max(k - CHORD, 0), min(k + CHORD, size - 1)
+    dx, dy = points[last, 0] - points[first, 0], points[last, 1] - points[first, 1]
+    length = max(math.hypot(dx, dy), 1e-9)
+    return dx / length, dy / length
 
 
 @compiled

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from platoontraffic.controllers.tracker.track import Odometry, Track
-from platoontraffic.controllers.tracker.trail import POINTS, Trail
-from platoontraffic.controllers.tracker.trail_kernel import BEHIND
+from platoontraffic.controllers.tracker.trail import POINTS, Strip, Trail
+from platoontraffic.controllers.tracker.trail_kernel import BEHIND, first_return
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.vehicles.motion import Drive
 from tests.controllers.test_tracking_follower import CAR, DT, NOISY
@@ -64,3 +64,33 @@ def test_followers_keep_their_distance_for_laps_of_a_small_circle(radius):
     log = drive(members, NO_WALLS, 50.0, dt=DT)
     chord = np.hypot(np.diff(log.x, axis=1), np.diff(log.y, axis=1))[100:]
     assert np.ptp(chord) < 0.5
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["left", "right"])
+@pytest.mark.parametrize(("radius", "out"), [(6.0, 1.4), (6.0, 1.8), (9.0, 1.3), (9.0, 1.4), (60.0, 1.05), (6.0, 3.0)])
+def test_in_a_sharp_bend_the_strip_is_what_the_body_sweeps_where_its_front_swings_out(radius, out, side):
+    """A return outside the path of the axle [m], in a bend that begins 5 m ahead, beside the body driven along it."""
+    straight, turned = np.arange(-5.0, 5.0, 0.5), np.arange(0.0, 1.5, 0.5 / radius)
+    x = np.concatenate([straight, 5 + radius * np.sin(turned)])
+    y = side * np.concatenate([0 * straight, radius * (1 - np.cos(turned))])
+    trail = Trail(np.column_stack([x, y, 0.5 * np.arange(len(x))])[None], np.array([len(x)]))
+    where = 10 / radius  # angle of the place in the bend [rad]
+    there = np.array([5 + (radius + out) * np.sin(where), side * (radius - (radius + out) * np.cos(where))])
+
+    front, half = np.array([CAR.length / 2 - CAR.axle]), CAR.width / 2
+    strip, free, first = Strip(*(np.array([size]) for size in (half + 0.15, 40.0, half))), np.empty(1), np.empty(1, int)
+    far = np.hypot(*there)
+    laser, ranges = (np.zeros(1), 0.0), np.array([[far]])
+    skipped = np.full((1, 2), -1)
+    first_return(
+        trail, odometry(np.zeros(1)), strip, front, laser, ranges, (there / far)[:, None], skipped, free, first
+    )
+
+    driven = np.arange(0.0, 5 + 1.2 * radius, 0.02)
+    angle = np.maximum(driven - 5, 0) / radius
+    along = np.where(driven < 5, driven, 5 + radius * np.sin(angle))
+    dx, dy = there[0] - along, there[1] - side * radius * (1 - np.cos(angle))
+    ahead, aside = dx * np.cos(angle) + dy * side * np.sin(angle), dy * np.cos(angle) - dx * side * np.sin(angle)
+    met = (ahead > -CAR.length / 2 - CAR.axle) & (ahead < front) & (np.abs(aside) < half)
+    expected = driven[met][0] if met.any() else np.inf
+    assert free[0] == pytest.approx(expected, abs=0.6)  # the points of the trail are 0.5 m apart
