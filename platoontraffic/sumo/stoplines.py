@@ -516,11 +516,14 @@ class StopLines:
         return [foe for foe in foes if foe.crossing.own[0] < waits]
 
     def _may_enter(self, line: Line, state: str, ego: Ego) -> bool:
-        """Whether there was a gap for a vehicle that has just entered: among vehicles outside, without margin."""
+        """Whether there was a gap for a vehicle that has just entered: among vehicles outside, without margin.
+
+        At an all-way stop: whether nobody who had stood for longer was driving already; a slower one set out later.
+        """
         if state in ZIPPER:
             return True
         if state in ALL_STOP:
-            return not any(self._departs(foe, ego) for foe in self._at_lines(line))
+            return not any(self._departs(foe, ego) and foe.pace.speed > ego.speed for foe in self._at_lines(line))
         foes = [foe._replace(pace=Pace(foe.pace.speed)) for foe in self._coming(line, ego, state)]
         return self._has_gap_among(self._met(line, foes, 0.0, midway=False), line, 0.0, ego, 0.0, 0.0)
 

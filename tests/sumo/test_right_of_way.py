@@ -442,3 +442,14 @@ def test_a_member_that_turns_at_green_beside_the_middle_of_its_lane_does_not_run
     fleet = SimpleNamespace(members=[member], native=[False], motion=SimpleNamespace(speed=np.ones(1)))
     (entered,) = StopLines(SimpleNamespace(), client).entries(fleet, [("m.0", "road_0", ":a_1")])
     assert (entered.row, entered.lane, entered.signal) == (0, "road_0", signal)
+
+
+@pytest.mark.parametrize(("own", "its", "has_gap"), [(1.6, 0.3, True), (0.8, 1.5, False), (1.6, 0.0, True)])
+def test_at_an_all_way_stop_who_sets_out_later_has_waived_the_right_of_way(monkeypatch, own, its, has_gap):
+    """The other one had stood for longer, but did not drive when its turn came."""
+    line = Line(100.0, "w", "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    crossing = Crossing("side_0", (":a_1",), (8.0, 12.0), (16.0, 20.0), False, True, np.inf, 10.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    monkeypatch.setattr(StopLines, "_at_lines", lambda *_: [Approach("c", crossing, 0.1, Pace(its))])
+    lines._stood = {"c": ("side_0", 10.0), "m.0": ("road_0", 12.0)}
+    assert lines._may_enter(line, "w", Ego("m.0", ":a_0", own, CAR.length)) == has_gap
