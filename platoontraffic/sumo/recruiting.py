@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,6 +11,8 @@ from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.frame import centre_of, heading_of
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.recruits import Newcomer, Recruits
+
+AHEAD = 0.5  # length of lane that gives its direction [m]
 
 
 class Recruiting:
@@ -57,7 +60,7 @@ class Recruiting:
 
     def _read(self, name: str, vehicle_class: str, edges: Sequence[str]) -> Newcomer:
         vehicle = self._sumo.vehicle
-        length, heading = vehicle.getLength(name), float(heading_of(vehicle.getAngle(name)))
+        length, heading = vehicle.getLength(name), self._heading(name)
         x, y = centre_of(*vehicle.getPosition(name), heading, length)
         return Newcomer(
             id=name,
@@ -73,3 +76,18 @@ class Recruiting:
             max_speed=vehicle.getMaxSpeed(name),
             stops=bool(vehicle.getStops(name)),
         )
+
+    def _heading(self, name: str) -> float:
+        """Of a vehicle that has just been inserted [rad].
+
+        Where its lane begins behind its front bumper, SUMO draws its rear on some lane that leads there. That is not on
+        its route, and up to 115 degrees off on shipped networks. Its route goes straight back from there.
+        """
+        vehicle, position = self._sumo.vehicle, self._sumo.vehicle.getLanePosition(name)
+        if position >= vehicle.getLength(name):
+            return float(heading_of(vehicle.getAngle(name)))
+        edge, lane = vehicle.getRoadID(name), vehicle.getLaneIndex(name)
+        ahead = min(position + AHEAD, self._sumo.lane.getLength(vehicle.getLaneID(name)))
+        ends = (self._sumo.simulation.convert2D(edge, place, lane) for place in (max(ahead - AHEAD, 0.0), ahead))
+        (x, y), (there_x, there_y) = ends
+        return math.atan2(there_y - y, there_x - x)

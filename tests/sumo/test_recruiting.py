@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from platoontraffic import shipped
+from platoontraffic.road.network import Network
 from platoontraffic.scenario.equip_tables import VEHICLE_OF
 from platoontraffic.simulation import Simulation
 from platoontraffic.sumo.client import libsumo
@@ -44,6 +45,25 @@ def file(tmp_path):
     written = tmp_path / "equip.toml"
     written.write_text(SCENARIO)
     return written
+
+
+def test_a_member_that_departs_where_its_edge_begins_heads_along_its_lane(tmp_path):
+    """SUMO draws its rear on a lane that leads there, across the bend of the junction."""
+    (tmp_path / "all.rou.xml").write_text(
+        '<routes><vType id="private" vClass="private" length="4.4" sigma="0"/>'
+        '<vehicle id="v" type="private" depart="1" departPos="0" departSpeed="10"><route edges="A1_B1"/></vehicle>'
+        "</routes>"
+    )
+    file = tmp_path / "equip.toml"
+    file.write_text('[sumo]\nnet = "grid"\nroutes = ["all.rou.xml"]\n[run]\nduration_s = 8\n[[equip]]\nshare = 1.0\n')
+    *_, lane = Network.read(shipped.networks()["grid"]).lane_pose("A1_B1")
+    heading = []
+    with Simulation.load(file) as simulation:
+        for now in simulation:
+            if "v" in now.fleet.ids:
+                heading.append(now.traffic.heading[now.traffic.ids.index("v")])
+    assert len(heading) > 20
+    assert np.abs(np.array(heading[:20]) - lane).max() < np.radians(1.0)
 
 
 def departures(file, *changes):
