@@ -18,13 +18,14 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.road.drivable_line import spread, stations_of
+from platoontraffic.road.turning import tight_turns
 
 EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car, which has 0.7 m beside it in its lane
 WIDEST = 1.0  # greatest width of the average that easing amounts to [vehicle lengths]: w is its 6th power, in points
 LEVELS = 10  # widths that are tried
 TAIL = 16.0  # beyond so many widths a point has no influence
 ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]: averages make tight arcs a little tighter
-TOTAL = 1.25  # greatest distance from the given line [tolerances]; easing itself uses no more than one
+TOTAL = 1.25  # greatest distance from the given line beyond the least [tolerances]; easing itself uses no more than one
 
 compiled = compiler(__file__)
 
@@ -50,6 +51,7 @@ def eased(
     """
     even = spread(np.column_stack([points, stations]), spacing)
     line, stations = even[:, :2], even[:, 2]
+    least = tight_turns([given], 1 / lock).least_offset(stations)
     given = np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T])
     reach = math.ceil(TAIL * widest / spacing)
     onward = _onward(line, reach, closed)
@@ -59,7 +61,7 @@ def eased(
     for k in range(1, LEVELS + 1):
         smooth.append(_graduated(onward, (k / LEVELS * widest / spacing) ** 6)[reach : len(onward) - reach])
         off = _off(smooth[k] - given, smooth[k])
-        near = (off <= TOTAL * tolerance) & (_off(smooth[k] - line, smooth[k]) <= tolerance)
+        near = (off <= least + TOTAL * tolerance) & (_off(smooth[k] - line, smooth[k]) <= tolerance)
         level[(near | (off <= off_before)) & (level == k - 1)] = k
     for _ in range(5 * LEVELS):  # a place may become sharp as its neighbours are eased less
         found = _blended(smooth, level, math.ceil(widest / spacing), closed)

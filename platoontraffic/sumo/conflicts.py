@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,9 @@ import numpy as np
 from platoontraffic.road.gap_acceptance import FIRST_MARGIN, Pace
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.network import Network
+from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
+from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import CAR_LENGTH
 
 # Indices of fields of a link as SUMO returns it, and their number; via: first lane inside the junction, "" if none.
@@ -28,8 +30,13 @@ EQUAL = "=w"  # two vehicles may each have to give way to the other
 ZIPPER = "Z"  # in the order of arrival
 
 GAP_HORIZON = 3.6  # a gap is judged from this time before the line on, at the fastest foe's speed [s]
-APART = 0.8  # distance of two paths at which vehicles pass each other [lane widths]: 2.6 m in streets
+APART = 0.8  # distance of two paths at which vehicles pass each other with a margin [lane widths]: 2.6 m in streets
+TOUCHES = 0.5  # distance of a front bumper's middle from a path at which a vehicle there would touch it [lane widths]
+SWUNG = 0.65  # the same of vehicles side by side [lane widths]: 2.1 m
 SAMPLED = 0.08  # distance of the points at which paths are compared [lane widths]: 0.25 m
+SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at a car's full lock]
+ABOUT = 15.0  # distance before and beyond a junction from which a car's path through it is rounded [m]
+CAR = VEHICLES["car"]
 TAIL = 2.0  # part of the lane beyond the junction at which merging paths are compared [lane widths]
 SLOWEST = Pace(0.0, 1.5, 6.0)  # of members: it decides how far ahead foes are looked for
 
@@ -45,6 +52,8 @@ class Crossing(NamedTuple):
     first: bool  # the foe has priority, or nobody has
     waits: float  # where it may wait midway; inf: nowhere
     fastest: float  # speed limit inside the junction [m/s]
+    touches: float = math.inf  # where the own front begins to be in the foe's way; inf: nowhere
+    swings: bool = False  # the paths do not meet on the network, but the front of a car swings out over the foe's
 
 
 class Walk(NamedTuple):
@@ -66,6 +75,7 @@ class Conflicts(NamedTuple):
     reach: float  # distance before the junction from which a gap is judged [m]
     curvature: float  # greatest of the own path through the junction [1/m]
     unregulated: bool = False  # the network gives nobody priority, so everybody is yielded to
+    swings: bool = False  # the front of a car swings out over paths to the lanes beside its own
 
     @classmethod
     def at(cls, line: Line, network: Network, sumo: Client) -> Conflicts:
@@ -87,12 +97,19 @@ class Conflicts(NamedTuple):
                 if inner.isdisjoint(via) or (before == line.lane and via == line.via):
                     continue
                 merges = link[LINK_ONTO] == line.onto
-                met = _met(own, _path(via, link[LINK_ONTO], sumo), APART * width, SAMPLED * width)
+                its = _path(via, link[LINK_ONTO], sumo)
+                met = _met(own, its, APART * width, SAMPLED * width)
                 if met is None:
                     continue
+                closer = _met(own, its, TOUCHES * width, SAMPLED * width)
+                touches = closer[0][0] if closer else math.inf
                 waits = lane.getLength(via[0]) if len(via) > 1 else math.inf
                 fastest = min(map(lane.getMaxSpeed, via))
-                crossings[via[0]] = Crossing(before, via, *met, merges, unregulated or before in foes, waits, fastest)
+                is_first = unregulated or before in foes
+                crossings[via[0]] = Crossing(before, via, *met, merges, is_first, waits, fastest, touches)
+        bend = _curvature(own, width)
+        found = _swung_over(line, own, width, crossings, network, sumo) if bend > SHARP / CAR.turning_radius else {}
+        crossings |= found
         entering = sorted({crossing.before for crossing in crossings.values() if crossing.first})
         fastest = max(map(lane.getMaxSpeed, entering), default=0.0)
         watched = fastest * (SLOWEST.time_for(line.across + CAR_LENGTH) + FIRST_MARGIN)
@@ -100,8 +117,54 @@ class Conflicts(NamedTuple):
         walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
         reach = GAP_HORIZON * max(fastest, lane.getMaxSpeed(line.lane) if walks else 0.0)
-        bend = _curvature(own, width)
-        return cls(tuple(upstream.items()), crossings, walks, waits, reach, bend, unregulated)
+        return cls(tuple(upstream.items()), crossings, walks, waits, reach, bend, unregulated, bool(found))
+
+
+def _swung_over(
+    line: Line, own: np.ndarray, width: float, met: Mapping[str, Crossing], network: Network, sumo: Client
+) -> dict[str, Crossing]:
+    """The crossings of paths to other lanes of the edge beyond, over which the front of a car swings out."""
+    edge, _, index = line.onto.rpartition("_")
+    others = [f"{edge}_{k}" for k in range(sumo.edge.getLaneNumber(edge)) if k != int(index)]
+    stations, front = _front(line, own, sumo) if others else (None, None)
+    found: dict[str, Crossing] = {}
+    for onto in others:
+        inside = [name for name, _ in network.upstream(onto, sumo.lane.getLength(onto) + 1e-3)[1:] if name[0] == ":"]
+        for before in sorted({network.entered_from[name] for name in inside} - {line.lane}):
+            for link in sumo.lane.getLinks(before):
+                via = _chain(link[LINK_VIA], sumo)
+                if link[LINK_ONTO] != onto or not via or via[0] in met or not set(via).isdisjoint(line.via):
+                    continue
+                there, points = _sampled(_path(via, onto, sumo), SAMPLED * width)
+                away = np.hypot(*(front[:, None] - points[None]).transpose(2, 0, 1))
+                if (away > SWUNG * width).all():
+                    continue
+                near = away < APART * width
+                mine, its = stations[near.any(axis=1)][[0, -1]], there[near.any(axis=0)][[0, -1]]
+                fastest = min(map(sumo.lane.getMaxSpeed, via))
+                ranges = (float(mine[0]), float(mine[1])), (float(its[0]), float(its[1]))
+                touches = float(stations[(away <= SWUNG * width).any(axis=1)][0])
+                found[via[0]] = Crossing(before, via, *ranges, False, True, math.inf, fastest, touches, True)
+    return found
+
+
+def _front(line: Line, own: np.ndarray, sumo: Client) -> tuple[np.ndarray, np.ndarray]:
+    """The path of a car's front bumper, its middle, through a junction: stations from the line (k,) [m], points (k, 2).
+
+    Its driven axle is on the line that it can drive, as members' are.
+    """
+    before, beyond = np.array(sumo.lane.getShape(line.lane)), np.array(sumo.lane.getShape(line.onto))
+    whole = np.concatenate([before, *(np.array(sumo.lane.getShape(name)) for name in line.via), beyond])
+    whole = whole[np.concatenate([[True], np.hypot(*np.diff(whole, axis=0).T) > 1e-6])]
+    stations, begin = _stations(whole), _stations(before)[-1]
+    about = stations[(stations > begin - ABOUT) & (stations < begin + _stations(own)[-1] + ABOUT)]
+    about = np.concatenate([[max(begin - ABOUT, 0.0)], about, [min(begin + _stations(own)[-1] + ABOUT, stations[-1])]])
+    points = np.column_stack([np.interp(np.unique(about), stations, whole[:, k]) for k in (0, 1)])
+    route = Route.along((), points, np.zeros(len(points)), [line._replace(station=begin - about[0])]).drivable_by(CAR)
+    driven = np.arange(0.0, route.length, SAMPLED * sumo.lane.getWidth(line.lane))
+    axle, ahead = route.line.at(driven), CAR.length / 2 - CAR.axle
+    along = np.gradient(axle, axis=0)
+    return driven - route.lines[0].station + ahead, axle + ahead * along / np.hypot(*along.T)[:, None]
 
 
 def _walks(own: np.ndarray, inner: set[str], width: float, sumo: Client):

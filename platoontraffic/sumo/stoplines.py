@@ -48,6 +48,7 @@ OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle m
 HELD_UP_AFTER = 3.0  # a vehicle that stands at an open line for longer is held up by something else [s]
 SETS_OUT_AFTER = 1.5  # a vehicle whose turn it is at an all-way stop sets out within this time [s]
 NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
+SWINGS_OUT_AFTER = 5.0  # time at a stand after which it does not wait for those over whose paths its front swings [s]
 AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 BEHIND = 0.5  # distance behind another one on its lane from which a slow vehicle may go over, for a car [m]
@@ -159,6 +160,9 @@ class StopLines:
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
         # The lane change ahead for which each member has no room now, and whether all who leave none pass it by.
         self._no_room: dict[str, tuple[Line, bool]] = {}
+        # Of each member without room for its lane change, begun or not: the lane on which it needs room, and how far
+        # behind its front a vehicle there must stand to leave it [m].
+        self.without_room: dict[str, tuple[str, float]] = {}
         self._later: dict[tuple[Route, Line, float, float], Route | None] = {}  # with a later or shorter lane change
 
     def renew(self) -> None:
@@ -183,6 +187,7 @@ class StopLines:
         front = (progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]).tolist()
         states, speed = [NO_LINE] * len(fleet), fleet.motion.speed.tolist()
         self._no_room.clear()
+        self.without_room.clear()
         for k, i, (name, _, _, *own) in self._asking:
             states[i] = self._state(members[i], front[k], Ego(name, roads[name][1], speed[i], *own))
         distance, is_open, minor, changing, reason = zip(*states, strict=True)
@@ -279,8 +284,9 @@ class StopLines:
             return LineState(inside - driven, is_open, False, False, RIGHT_OF_WAY)
         if line.state == CHANGING:
             before = self._may_change(line, -over, ego)
-            if before < np.inf and ego.lane != line.onto:
-                return LineState(before, False, False, False, LANE_CHANGE)
+            if before < np.inf and ego.lane != line.onto:  # the less it has gone over, the better others pass it
+                soon = ego.speed**2 / (2 * EARLY_BRAKING) + AT_ONCE * ego.size
+                return LineState(min(before, soon), False, False, False, LANE_CHANGE)
         elif ego.lane in line.via and (state := self._link_state(line)) not in PRIORITY:
             left = OVERRUN * ego.size - over
             if ego.speed**2 / (2 * EARLY_BRAKING) < left and not self._has_way(line, state, -over, ego):
@@ -305,6 +311,8 @@ class StopLines:
         if state in STOP and not self._has_stood(line, distance, ego):
             return LineState(distance, False, minor, yellow, STOP_SIGN)
         if state not in PRIORITY and not self._has_way(line, state, distance, ego):
+            return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
+        if state in PRIORITY and near and conflicts.swings and not self._may_cross(line, distance, ego):
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
         if not self._is_free_of_people(line, distance, ego):
             return LineState(distance, False, minor, yellow, PEOPLE)
@@ -338,7 +346,9 @@ class StopLines:
         queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
         for k, one in enumerate(crossed):
             stop = distance + (k + COMMITTED) * share
-            if stop > 0 and (queue or not self._is_room(one, distance, distance + (k + 0.5) * share, ego)):
+            half = distance + (k + 0.5) * share
+            if stop > 0 and (queue or not self._is_room(one, distance, half, ego)):
+                self.without_room[ego.id] = one.onto, ego.length + room_needed(ego.length, 0.0, 0.0) - half
                 return stop
         return np.inf
 
@@ -390,7 +400,7 @@ class StopLines:
         pace = Pace(ego.speed, *CHANGING_PACE)
         time = pace.time_for(half)
         later = pace.speed_after(time)
-        for name, foe_to_end in self._on_adjacent(line):
+        for name, foe_to_end in self._on_adjacent(line, distance + line.to_end):
             if name == ego.id:
                 continue
             ahead, foe_speed = distance + line.to_end - foe_to_end, self._now.speed[name]
@@ -415,15 +425,27 @@ class StopLines:
                     return True
         return False
 
-    def _on_adjacent(self, line: Line) -> Iterator[tuple[str, float]]:
-        """Vehicles on the adjacent lane and lanes that lead to it, and the distance of each to its end [m]."""
+    def _on_adjacent(self, line: Line, own_to_end: float) -> Iterator[tuple[str, float]]:
+        """Vehicles on the adjacent lane and lanes that lead to it, and the distance of each to its end [m].
+
+        Of those behind only the first one on each lane, and on lanes that lead there only if there is none: the others
+        follow it.
+
+        own_to_end: distance of the own front bumper to the end of the adjacent lane [m]
+        """
         now = self._now
         if line not in self._adjacent:
             reach = now.lane_length[line.onto] + GAP_HORIZON * now.max_speed[line.onto]
             self._adjacent[line] = tuple(self._network.upstream(line.onto, reach))
         for name, beyond in self._adjacent[line]:
-            for vehicle in now.on_lane[name]:
-                yield vehicle, beyond + now.lane_length[name] - now.position[vehicle]
+            to_ends = beyond + now.lane_length[name]
+            for vehicle in reversed(now.on_lane[name]):
+                to_end = to_ends - now.position[vehicle]
+                yield vehicle, to_end
+                if to_end > own_to_end:
+                    if name == line.onto:
+                        return
+                    break
 
     # ---- junctions
 
@@ -499,6 +521,8 @@ class StopLines:
         if state in ZIPPER:  # the nearer one goes first, and one that stands inside may set out at any time
             foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
             foes = [foe if foe.to_line > 0 else self._setting_out(foe) for foe in foes]
+        if self._conflicts[line].swings and self._now.waited[ego.id] >= SWINGS_OUT_AFTER:
+            foes = [foe for foe in foes if not foe.crossing.swings]
         margin = margin_after(self._waited(ego))
         enters = distance + self._conflicts[line].waits if midway else distance
         return self._has_gap_among(self._met(line, foes, distance, midway), line, distance, ego, margin, enters)
@@ -511,8 +535,9 @@ class StopLines:
     def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
         """The foes that are met after, or before, the place where the vehicle may wait midway."""
         waits = self._conflicts[line].waits
-        if midway:  # where it is already in another one's way, it cannot wait
-            return [foe for foe in foes if foe.crossing.own[0] + distance > 0]
+        if midway:  # where it is already in another one's way, it cannot wait; one that passes before its front it can
+            begins = ((foe, foe.crossing.own[0], foe.crossing.touches) for foe in foes)
+            return [foe for foe, own, touches in begins if own + distance > 0 or 0 < touches + distance < math.inf]
         return [foe for foe in foes if foe.crossing.own[0] < waits]
 
     def _may_enter(self, line: Line, state: str, ego: Ego) -> bool:
@@ -524,7 +549,8 @@ class StopLines:
             return True
         if state in ALL_STOP:
             return not any(self._departs(foe, ego) and foe.pace.speed > ego.speed for foe in self._at_lines(line))
-        foes = [foe._replace(pace=Pace(foe.pace.speed)) for foe in self._coming(line, ego, state)]
+        coming = (foe for foe in self._coming(line, ego, state) if not foe.crossing.swings)
+        foes = [foe._replace(pace=Pace(foe.pace.speed)) for foe in coming]
         return self._has_gap_among(self._met(line, foes, 0.0, midway=False), line, 0.0, ego, 0.0, 0.0)
 
     def _has_gap_among(

@@ -18,6 +18,7 @@ from platoontraffic.sumo.background import PERSON, Background
 from platoontraffic.sumo.client import Client, direct, libsumo
 from platoontraffic.sumo.departures import in_the_way
 from platoontraffic.sumo.letting_go import LettingGo
+from platoontraffic.sumo.letting_in import LettingIn
 from platoontraffic.sumo.obstacles import HeldObstacles
 from platoontraffic.sumo.passages import Passages
 from platoontraffic.sumo.placement import Placement
@@ -71,6 +72,7 @@ class World:
         self._placement = Placement(self._sumo, network, step)
         self._lines = StopLines(network, self._sumo)
         self._letting_go = LettingGo(self._sumo, network)
+        self._letting_in = LettingIn(self._sumo, step)
         self._trips = Trips(self._sumo, self._placement, step)
         self._passages = Passages(self._sumo, network, counted, self._trips)
         self._recruiting = recruits and Recruiting(self._sumo, recruits, step)
@@ -167,6 +169,7 @@ class World:
         raises: RunError (a pose is not finite)
         """
         self._letting_go.observe(fleet, self._placement.where)
+        self._letting_in.observe(self._lines.without_room, self._placement.where)
         self._placement.place(fleet, brakes)
 
     def advance(self, fleet: Fleet) -> Fleet:

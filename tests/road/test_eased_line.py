@@ -63,6 +63,18 @@ def test_the_curvature_of_an_arc_rises_gradually_within_the_tolerance(radius):
     assert steepest[0] < 0.035  # what a car can steer at 4 m/s: 0.4 rad/s at a wheelbase of 2.7 m
 
 
+@pytest.mark.parametrize("radius", [0.0, 2.0, 3.5])
+def test_the_arc_at_full_lock_in_a_tight_corner_is_eased_too(radius):
+    """The arc is (R - r) (sec 45 deg - 1) from the corner at least; without easing a car drives it at 1.5 m/s."""
+    given_line = corner(radius)
+    points, _ = easy(given_line)
+    off = shapely.distance(shapely.points(points), shapely.LineString(given_line))
+    assert off.max() <= (1 / LOCK - radius) * (np.sqrt(2) - 1) + TOTAL * TOLERANCE
+    assert curvature(points).max() <= ABOVE_LOCK * LOCK * 1.01
+    steepest = np.abs(np.diff(over_a_length(points))).max() / 0.5
+    assert steepest < 0.05  # 3 m/s
+
+
 def test_a_corner_is_cut_and_entered_from_its_outside():
     points, _ = easy(corner(8.0))
     apex = np.hypot(points[:, 0], points[:, 1] - 8.0).min()

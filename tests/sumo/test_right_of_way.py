@@ -29,6 +29,7 @@ from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
 from tests.support import ODD_NETS
 from tests.support.bench import NO_WALLS
+from tests.support.generated import corner
 
 NETS = ODD_NETS
 STEP = 0.1
@@ -316,6 +317,35 @@ def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
     assert lines._may_change(line, -15.0, ego) == pytest.approx(40.0 + 0.25 * 40.0 - 15.0)
 
 
+def test_a_lane_change_is_judged_by_the_first_vehicle_behind_since_the_others_follow_it():
+    """It stands beside the member's rear; one that comes fast has to stop behind it."""
+    places = {"road_0": [("m.0", 30.0)], "road_1": [("fast", 10.0), ("stands", 24.0)], "before_1": [("faster", 90.0)]}
+    client = SimpleNamespace(
+        lane=SimpleNamespace(
+            getLength=lambda _: 100.0, getMaxSpeed=lambda _: 13.9,
+            getLastStepVehicleIDs=lambda lane: [name for name, _ in places[lane]],
+        ),
+        vehicle=SimpleNamespace(
+            getSpeed=lambda name: {"fast": 12.0, "faster": 13.9}.get(name, 0.0), getLength=lambda _: 5.0,
+            getWaitingTime=lambda _: 0.0,
+            getLanePosition=lambda name: {k: v for lane in places.values() for k, v in lane}[name],
+        ),
+    )  # fmt: skip
+    lines = StopLines(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0), ("before_1", 100.0)]), client)
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 65.0)  # it begins at 35 m
+    ego = Ego("m.0", "road_0", 0.0, 5.0)
+    assert lines._may_change(line, 5.0, ego) == np.inf
+    assert not lines.without_room
+    places["road_1"].pop()
+    lines.renew()
+    assert lines._may_change(line, 5.0, ego) < np.inf
+    assert lines.without_room == {"m.0": ("road_1", pytest.approx(5.0 + 2.5 - (5.0 + 8.0)))}
+    places["road_1"].clear()
+    lines.renew()
+    lines.without_room.clear()
+    assert lines._may_change(line, 5.0, ego) < np.inf  # for the one that comes from the lane before
+
+
 @pytest.mark.sumo
 def test_a_member_gives_way_at_a_light_that_is_off(scene):
     column = [(f"c{k}", MAJOR, 440.0 - 20 * k, 10.0) for k in range(5)]
@@ -453,3 +483,35 @@ def test_at_an_all_way_stop_who_sets_out_later_has_waived_the_right_of_way(monke
     monkeypatch.setattr(StopLines, "_at_lines", lambda *_: [Approach("c", crossing, 0.1, Pace(its))])
     lines._stood = {"c": ("side_0", 10.0), "m.0": ("road_0", 12.0)}
     assert lines._may_enter(line, "w", Ego("m.0", ":a_0", own, CAR.length)) == has_gap
+
+
+@pytest.mark.parametrize(("front", "waits"), [(4.0, True), (4.9, True), (5.1, False)])
+def test_a_member_that_waits_midway_lets_those_pass_that_pass_closely_before_its_front(monkeypatch, front, waits):
+    """Before its place in the junction, their path is near, but does not touch it before 5 m."""
+    line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
+    crossing = Crossing("side_0", (":a_1",), (3.0, 12.0), (4.0, 16.0), False, True, np.inf, 10.0, 5.0)
+    client = SimpleNamespace(
+        lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0), vehicle=SimpleNamespace(getLength=lambda _: 5.0)
+    )
+    lines = StopLines(SimpleNamespace(), client)
+    lines._conflicts[line] = Conflicts((), {":a_1": crossing}, (), 6.0, 50.0, 0.0)
+    coming = [Approach("c", crossing, 4.0, Pace(8.0))]
+    monkeypatch.setattr(StopLines, "_coming", lambda *_: coming)
+    monkeypatch.setattr(StopLines, "_inside", lambda *_, first: [])
+    monkeypatch.setattr(StopLines, "_waited", lambda *_: 0.0)
+    ego = Ego("m.0", ":a_0", 0.0, CAR.length)
+    assert lines._may_cross(line, -front, ego, midway=True) == (not waits)
+
+
+@pytest.mark.sumo
+@pytest.mark.parametrize(("turn", "swings"), [(30.0, False), (90.0, False), (120.0, True)])
+def test_a_sharp_turn_on_the_inner_lane_waits_for_vehicles_that_its_front_would_swing_over(tmp_path, turn, swings):
+    network = Network.read(corner(tmp_path, turn))
+    libsumo.start(["sumo", "-n", str(network.path), "--no-step-log", "--no-warnings"])
+    try:
+        for lane, expected in ((0, [("wc_1", True)] if swings else []), (1, [])):
+            *_, lines = network.route_lanes(("wc", "cx"), lane, position=20.0)
+            crossings = Conflicts.at(lines[0], network, libsumo).crossings.values()
+            assert [(one.before, one.first) for one in crossings if one.swings] == expected
+    finally:
+        libsumo.close()

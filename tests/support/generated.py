@@ -72,6 +72,21 @@ def crossroads(folder: Path) -> Path:
     return file
 
 
+def corner(folder: Path, turn: float) -> Path:
+    """A road of two lanes from w to c that turns to the right there, by an angle [degrees], to x."""
+    at = np.radians(-turn)
+    nodes = {"w": (-100, 0), "c": (0, 0), "x": (100 * np.cos(at), 100 * np.sin(at))}
+    nodes = [f'<node id="{name}" x="{x:.2f}" y="{y:.2f}"/>' for name, (x, y) in nodes.items()]
+    edges = [f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="2"/>' for a, b in ("wc", "cx")]
+    files = {"nod": f"<nodes>{''.join(nodes)}</nodes>", "edg": f"<edges>{''.join(edges)}</edges>"}
+    for kind, text in files.items():
+        (folder / f"corner.{kind}.xml").write_text(text)
+    file = folder / f"corner{turn:.0f}.net.xml"
+    sources = f"--node-files={folder / 'corner.nod.xml'}", f"--edge-files={folder / 'corner.edg.xml'}"
+    _run("netconvert", *sources, "--no-turnarounds", f"--output-file={file}")
+    return file
+
+
 def roundabouts(folder: Path, lanes: int = 1, arms: int = 4, count: int = 3) -> Path:
     """Write a street with roundabouts, each with side roads."""
     file = folder / f"roundabouts_{lanes}_{arms}_{count}.net.xml"

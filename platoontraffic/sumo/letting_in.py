@@ -1,0 +1,93 @@
+"""SUMO's vehicles that let a member in, which waits for room on their lane.
+
+SUMO's driver brakes for a vehicle that must change to its lane and cannot. It does not brake for a moved vehicle, for
+SUMO does not know that this one must change; beside a queue a member would wait without end. So the first vehicle that
+can stop where it leaves room for the member does so, once the member has stood for `AFTER`. It gets speeds from which
+it brakes by no more than `BRAKING`; SUMO's driver model keeps it slower where it must, as always.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from platoontraffic.sumo.client import Client
+
+AFTER = 3.0  # time that a member has stood before it is let in [s]
+LONGEST = 20.0  # time that one vehicle waits for one member [s]
+SEEN_AFTER = 2.0  # time from the begin of the lane change until the vehicle behind sees the member on its lane [s]
+BRAKING = 3.0  # of a vehicle that lets a member in [m/s2]
+LEAST, SPARE = 1.0, 1.0  # distance behind the member's front: at least, and beyond what the lane change needs [m]
+OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
+
+
+class LettingIn:
+    """Which vehicle waits for which member."""
+
+    def __init__(self, sumo: Client, step: float) -> None:
+        self._sumo, self._step = sumo, step
+        self._waiting: dict[str, tuple[str, float]] = {}  # the vehicle that waits for each member, and since when [s]
+        # When each of these members last had no room [s], and how far behind its front that vehicle is to stop [m].
+        self._asked: dict[str, tuple[float, float]] = {}
+        self._has_waited: set[tuple[str, str]] = set()  # vehicles and the members for which they do not wait again
+
+    def observe(self, without_room: Mapping[str, tuple[str, float]], where: Mapping[str, tuple[str, str]]) -> None:
+        """Before every step.
+
+        without_room : `StopLines.without_room`
+        where        : edge and lane of each member
+        """
+        if not without_room and not self._waiting:
+            return
+        time, vehicle = self._sumo.simulation.getTime(), self._sumo.vehicle
+        on_road = set(vehicle.getIDList())
+        members = on_road & where.keys()
+        for name, (lane, behind) in without_room.items():
+            if name not in members:
+                continue
+            behind = max(behind + SPARE, LEAST)
+            if name not in self._waiting:
+                stood = vehicle.getWaitingTime(name) >= AFTER - 1e-6
+                if not stood or (found := self._first(name, lane, behind, where)) is None:
+                    continue
+                self._waiting[name] = found, time
+            self._asked[name] = time, behind
+        for name, (foe, since) in list(self._waiting.items()):
+            if foe not in on_road:
+                self._end(name)
+            elif name not in members or time >= min(since + LONGEST, self._asked[name][0] + SEEN_AFTER):
+                vehicle.setSpeed(foe, OWN_DRIVER)
+                self._has_waited.add((foe, name))
+                self._end(name)
+            else:
+                self._hold(foe, name, self._asked[name][1])
+
+    def _end(self, name: str) -> None:
+        del self._waiting[name], self._asked[name]
+
+    def _first(self, name: str, lane: str, behind: float, where: Mapping[str, tuple[str, str]]) -> str | None:
+        """The first vehicle on a lane that can stop at a distance behind a member's front."""
+        lane_length, vehicle, own = self._sumo.lane.getLength, self._sumo.vehicle, where[name][1]
+        if own.rpartition("_")[0] != lane.rpartition("_")[0]:
+            return None
+        front = vehicle.getLanePosition(name) + lane_length(lane) - lane_length(own)
+        for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(lane)):
+            stops = vehicle.getLanePosition(foe) + vehicle.getSpeed(foe) ** 2 / (2 * BRAKING)
+            if stops <= front - behind and foe not in where and (foe, name) not in self._has_waited:
+                return foe
+        return None
+
+    def _hold(self, foe: str, name: str, behind: float) -> None:
+        """Give a vehicle a speed from which it stops behind a member's rear, or nearer where it cannot."""
+        vehicle = self._sumo.vehicle
+        (x, y), (its_x, its_y) = vehicle.getPosition(name), vehicle.getPosition(foe)
+        course = math.radians(90 - vehicle.getAngle(foe))
+        ahead = (x - its_x) * math.cos(course) + (y - its_y) * math.sin(course)
+        speed, length = vehicle.getSpeed(foe), vehicle.getLength(name)
+        room = ahead - max(length, behind)
+        if room < speed**2 / (2 * BRAKING):
+            room = ahead - behind
+        # The speed from which it stops within the room, after the coming step.
+        fastest = BRAKING * (math.sqrt(self._step**2 + 2 * max(room, 0.0) / BRAKING) - self._step)
+        gentlest = max(speed - BRAKING * self._step, 0.0)
+        vehicle.setSpeed(foe, max(fastest, gentlest) if fastest < speed + BRAKING * self._step else OWN_DRIVER)

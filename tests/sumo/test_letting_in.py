@@ -1,0 +1,82 @@
+"""A vehicle of SUMO's lets a member in that waits for room on its lane."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from platoontraffic.sumo.client import libsumo as sumo
+from platoontraffic.sumo.letting_in import AFTER, BRAKING, LONGEST, SEEN_AFTER, SPARE, LettingIn
+from tests.support.generated import crossroads
+
+pytestmark = pytest.mark.sumo
+
+STEP, FRONT, BEHIND = 0.1, 100.0, 3.0  # front bumper of the member, and the distance that vehicles keep behind it [m]
+MEMBER = {"member": ("wc", "wc_0")}
+
+
+@pytest.fixture
+def column(tmp_path):
+    """Cars on the lane beside a member that stands: their fronts [m] and speeds [m/s] in every step, (steps, cars)."""
+    net = crossroads(tmp_path)
+
+    def run(starts, seconds, *, begins=np.inf, where=MEMBER):
+        sumo.start(["sumo", "-n", str(net), "--step-length", str(STEP), "--no-step-log", "--no-warnings",
+                    "--time-to-teleport", "-1"])  # fmt: skip
+        try:
+            sumo.route.add("on", ["wc", "ce"])
+            sumo.trafficlight.setPhase("c", 2)
+            sumo.vehicle.add("member", "on", departLane="0", departPos=str(FRONT))
+            for k, start in enumerate(starts):
+                sumo.vehicle.add(f"c{k}", "on", departLane="1", departPos=str(start), departSpeed="10")
+                sumo.vehicle.setLaneChangeMode(f"c{k}", 0)
+            sumo.simulationStep()
+            sumo.vehicle.setSpeed("member", 0.0)
+            sumo.vehicle.moveTo("member", "wc_0", FRONT)
+            letting_in, seen = LettingIn(sumo, STEP), []
+            for k in range(round(seconds / STEP)):
+                letting_in.observe({"member": ("wc_1", BEHIND - SPARE)} if k * STEP < begins else {}, where)
+                sumo.simulationStep()
+                cars = [f"c{n}" for n in range(len(starts))]
+                here = [sumo.vehicle.getPosition(car)[0] - sumo.vehicle.getPosition("member")[0] for car in cars]
+                seen.append((np.add(here, FRONT), [sumo.vehicle.getSpeed(car) for car in cars]))
+            return tuple(np.array(column) for column in zip(*seen, strict=True))
+        finally:
+            sumo.close()
+
+    return run
+
+
+def test_the_first_one_that_can_stop_behind_its_front_does_so_in_comfort(column):
+    """The first one comes past before the member has stood for long enough."""
+    place, speed = column([60.0, 22.0, 6.0], 15.0)
+    assert place[-1][0] > FRONT + 50.0
+    assert FRONT - 6.0 < place[-1][1] <= FRONT - BEHIND + 0.01
+    assert speed[-1][1:] == pytest.approx([0.0, 0.0], abs=0.01)
+    assert place[-1][2] < place[-1][1] - 5.0
+    assert (np.diff(speed, axis=0) / STEP).min() > -BRAKING - 0.3
+
+
+def test_it_drives_on_when_the_member_has_begun(column):
+    begins = AFTER + 8.0
+    _, speed = column([20.0], begins + SEEN_AFTER + 2.0, begins=begins)
+    time = np.arange(1, len(speed) + 1) * STEP
+    assert speed[(time > begins - 1.0) & (time < begins + SEEN_AFTER - STEP)].max() < 0.1
+    assert speed[-1] > 3.0
+
+
+def test_it_waits_once_and_not_for_ever(column):
+    _, speed = column([20.0], AFTER + LONGEST + 3.0)
+    assert speed[round((AFTER + LONGEST - 1.0) / STEP)] < 0.1
+    assert speed[-1] > 4.0
+
+
+def test_members_wait_by_their_own_laws(column):
+    _, speed = column([20.0], 8.0, where=MEMBER | {"c0": ("wc", "wc_1")})
+    assert speed.min() > 8.0
+
+
+def test_nobody_waits_for_a_member_that_is_gone_or_off_the_road(column):
+    for where in ({}, {"member": ("", "")}, {"member": (":c_0", ":c_0_0")}):
+        _, speed = column([20.0], 8.0, where=where)
+        assert speed.min() > 8.0
