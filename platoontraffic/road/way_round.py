@@ -44,6 +44,15 @@ class Body(NamedTuple):
     turning_radius: float  # [m]
 
 
+class Plan(NamedTuple):
+    """How a way is made of a route."""
+
+    route: Route  # without the way
+    begins: float  # station at which the way leaves it [m]
+    length: float  # along the route, of going aside [m]
+    returns: float  # distance from the begin at which it begins to come back [m]
+
+
 class Way(NamedTuple):
     """A way round a body."""
 
@@ -51,6 +60,7 @@ class Way(NamedTuple):
     ends: float  # station on that route at which the way ends [m]
     shift: float  # to the left [m]
     met: int  # the first return of the body, by its number
+    plan: Plan
 
 
 class _Section(NamedTuple):
@@ -72,6 +82,12 @@ class _Section(NamedTuple):
         """With places moved to the left (k,) [m]."""
         left = np.column_stack([-np.sin(self.heading), np.cos(self.heading)])
         return self._replace(points=self.points + offset[:, None] * left)
+
+
+class _Planned(NamedTuple):
+    section: _Section  # the shifted line
+    end: float  # distance at which it is back on the route [m]
+    plan: Plan
 
 
 def blocked_at(route: Route, station: float, body: Body, returns: np.ndarray) -> float:
@@ -122,11 +138,57 @@ def way_round(
             if shift < body.width / 2 + (left if side > 0 else -right):
                 continue
             way = _way(route, station, body, side * shift, passed)
-            if way is None or _touches(way[0], body, returns, clearance).any():
+            if way is None or _touches(way.section, body, returns, clearance).any():
                 continue
-            if may_use(side * shift, corners(way[0], body)):
-                return Way(*_spliced(route, station, *way), side * shift, met)
+            if may_use(side * shift, corners(way.section, body)):
+                return _made(way, side * shift, met)
     return None
+
+
+def blocked_return(way: Way, station: float, body: Body, returns: np.ndarray) -> float:
+    """Station of a way's route at which a return is within `KEPT_FREE` of the body; inf: none, or it is coming back.
+
+    station : of the driven axle, on the way's route
+    returns : (k, 2) [m]
+    """
+    if station > way.plan.begins + way.plan.returns:
+        return math.inf
+    touched = _on_return(way, station, body, returns).any(axis=1)
+    return station + SPACING * float(touched.argmax()) if touched.any() else math.inf
+
+
+def with_later_return(
+    way: Way, station: float, body: Body, returns: np.ndarray, may_use: Callable[[float, np.ndarray], bool]
+) -> Way | None:
+    """The way beside a further body that stands where it would come back, and was hidden when it was planned.
+
+    station, body, returns : as of `blocked_return`, which is finite
+    may_use                : as of `way_round`
+    returns                : None if there is no such way
+    """
+    plan, driven = way.plan, station - way.plan.begins
+    there = returns[_on_return(way, station, body, returns).any(axis=0)]
+    passed, *_ = _extent(_ahead(plan.route, plan.begins, driven + REACH + LONGEST_BODY), body, there)
+    length = _aside(_ahead(plan.route, plan.begins + passed, 3 * body.length), body, way.shift)
+    later = length and _shifted(plan._replace(returns=passed), body, way.shift, length)
+    if not later:
+        return None
+    left = later.section.distance >= driven
+    rest = _Section(later.section.distance[left], later.section.points[left])
+    if _touches(rest, body, returns, _kept(rest, body, returns, CLEARANCES[1])).any():
+        return None
+    return _made(later, way.shift, way.met) if may_use(way.shift, corners(rest, body)) else None
+
+
+def _on_return(way: Way, station: float, body: Body, returns: np.ndarray) -> np.ndarray:
+    """Whether each return is within `KEPT_FREE` of the body at each place of the rest of a way, (k, returns)."""
+    rest = _ahead(way.route, station, way.ends - station + body.length / 2)
+    return _touches(rest, body, returns, _kept(rest, body, returns, KEPT_FREE))
+
+
+def _made(way: _Planned, shift: float, met: int) -> Way:
+    plan = way.plan
+    return Way(*_spliced(plan.route, plan.begins, way.section, way.end), shift, met, plan)
 
 
 def corners(section: _Section, body: Body) -> np.ndarray:
@@ -182,21 +244,29 @@ def _extent(section: _Section, body: Body, returns: np.ndarray) -> tuple[float, 
     return end + body.length / 2 + body.axle, float(aside[first].min()), float(aside[first].max())
 
 
-def _way(route: Route, station: float, body: Body, shift: float, passed: float) -> tuple[_Section, float] | None:
-    """The shifted line, and the distance at which it is back on the route [m]; None if it cannot be steered."""
-    ahead = _ahead(route, station, passed + 3 * body.length)
+def _way(route: Route, station: float, body: Body, shift: float, passed: float) -> _Planned | None:
+    """The way that may begin to come back at a distance [m]; None if it cannot be steered."""
+    length = _aside(_ahead(route, station, passed + 3 * body.length), body, shift)
+    return None if length is None else _shifted(Plan(route, station, length, max(passed, length)), body, shift, length)
+
+
+def _aside(section: _Section, body: Body, shift: float) -> float | None:
+    """The least length of a shift that can be steered everywhere in a section of the route [m]."""
     least = 1 / (LOCK * body.turning_radius)
-    reserve = least - np.abs(ahead.curvature).max()
+    reserve = least - np.abs(section.curvature).max()
     if reserve < least / 4:
         return None
-    length = max(math.sqrt(2 * math.pi * abs(shift) / reserve), SHORTEST * body.length)
-    back = max(passed, length)
-    end = back + length
-    if station + end > route.length:
+    return max(math.sqrt(2 * math.pi * abs(shift) / reserve), SHORTEST * body.length)
+
+
+def _shifted(plan: Plan, body: Body, shift: float, length: float) -> _Planned | None:
+    """length: of coming back [m]"""
+    end = plan.returns + length
+    if plan.begins + end > plan.route.length:
         return None
-    ahead = _ahead(route, station, end + body.length / 2)
-    offset = shift * (_eased(ahead.distance / length) - _eased((ahead.distance - back) / length))
-    return ahead.shifted(offset), end
+    ahead = _ahead(plan.route, plan.begins, end + body.length / 2)
+    offset = _eased(ahead.distance / plan.length) - _eased((ahead.distance - plan.returns) / length)
+    return _Planned(ahead.shifted(shift * offset), end, plan)
 
 
 def _eased(share: np.ndarray) -> np.ndarray:

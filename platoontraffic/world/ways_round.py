@@ -20,17 +20,19 @@ from platoontraffic.controllers import BRAKES_FOR
 from platoontraffic.controllers.tracking import AROUND
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.road.network import Network
-from platoontraffic.road.way_round import MOST, Body, blocked_at, way_round
+from platoontraffic.road.route import Route
+from platoontraffic.road.way_round import MOST, Body, Way, blocked_at, blocked_return, way_round, with_later_return
 from platoontraffic.vehicles.motion import FULL_SIZE
 from platoontraffic.vehicles.records import some
 from platoontraffic.world.events import Noted
-from platoontraffic.world.fleet import NOTHING, WINDOW, Fleet, Readings
+from platoontraffic.world.fleet import NOTHING, WINDOW, Fleet, Member, Readings
 from platoontraffic.world.sensing import Measurements
 from platoontraffic.world.standing import STANDS, before_bodies
 
 AFTER = 5.0  # time that a member has stood before it looks for a way [s]
 EVERY = 2.0  # period after which it looks again [s]
 STILL = 0.05  # by which a body that stands may seem to move between two looks [m]
+EVERY_UNDER_WAY, STILL_UNDER_WAY = 0.5, 0.3  # the same two of a member under way [s], [m]
 NEAR = 25.0  # distance of returns that matter [m]; nothing may be so far behind where it pulls out
 WITHIN_LANE = 1.5  # greatest shift with which the vehicle is still on its lane [m]
 STAYS = 0.6  # shift up to which it stays on its lane with its whole width [m]
@@ -50,8 +52,10 @@ class _Look(NamedTuple):
 class _UnderWay(NamedTuple):
     """A member on its way round a body."""
 
-    ends: float  # station at which the way ends [m]
+    way: Way
     led: bool  # it was ordered to follow no vehicle anyway
+    at: float  # time of its last look at where it comes back [s]
+    blocked: float = math.inf  # station there at which something was in its way then [m]
 
 
 class WaysRound:
@@ -83,14 +87,17 @@ class WaysRound:
         leads = fleet.leads.copy()
         for row in list(self._past(fleet)):
             leads[row] = self._under_way.pop(fleet.ids[row]).led
-        events, routes = [], {}
+        routes = self._returning_later(fleet, sensed, time)
+        events: list[Noted] = []
         for row, group, k in self._blocked(fleet, time):
+            if row in routes:
+                continue
             if scans[group] is None:
                 continue
             returns, behind = _returns(fleet, row, k, scans[group], readings[group] if readings else NOTHING)
             station = float(fleet.progress.station[np.searchsorted(fleet.progress.rows, row)])
             name, member = fleet.ids[row], fleet.members[row]
-            body = Body(*(float(getattr(member.model, key)) for key in Body._fields))
+            body = _body(member)
             free, last = blocked_at(member.route, station, body, returns.points), self._looks[name]
             self._looks[name] = last._replace(at=time, free=free)
             if not abs(free - last.free) < STILL:
@@ -103,7 +110,7 @@ class WaysRound:
             if way is None:
                 continue
             led = self._under_way[name].led if name in self._under_way else bool(leads[row])
-            routes[row], self._under_way[name] = way.route, _UnderWay(way.ends, led)
+            routes[row], self._under_way[name] = way.route, _UnderWay(way, led, time)
             del self._looks[name]
             other = seen[group].traffic.surfaces[returns.hits[way.met]] if seen[group] else ""
             side = "left" if way.shift > 0 else "right"
@@ -115,6 +122,33 @@ class WaysRound:
             fleet = fleet.with_orders(fleet.predecessor, leads)
         return events, fleet
 
+    def _returning_later(self, fleet: Fleet, sensed: Measurements, time: float) -> dict[int, Route]:
+        """Routes of members under way, by row, that come back later: where they would, they see something that stands.
+
+        It was hidden by the body that they pass when they set out.
+        """
+        routes: dict[int, Route] = {}
+        if not self._under_way:
+            return routes
+        row_of, rows = {name: i for i, name in enumerate(fleet.ids)}, fleet.progress.rows
+        for name, one in self._under_way.items():
+            row = row_of[name]
+            group = next(k for k, group in enumerate(fleet.groups) if row in group.rows)
+            scan = sensed.scans[group]
+            if scan is None or time < one.at + EVERY_UNDER_WAY - 1e-6:
+                continue
+            k = int(np.flatnonzero(fleet.groups[group].rows == row)[0])
+            returns, _ = _returns(fleet, row, k, scan, NOTHING)
+            station, body = float(fleet.progress.station[np.searchsorted(rows, row)]), _body(fleet.members[row])
+            blocked = blocked_return(one.way, station, body, returns.points)
+            self._under_way[name] = one._replace(at=time, blocked=blocked)
+            if not abs(blocked - one.blocked) < STILL_UNDER_WAY:
+                continue
+            may_use = self._may_use(fleet.members[row].route.edges, body, np.empty((0, 2)))
+            if way := with_later_return(one.way, station, body, returns.points, may_use):
+                routes[row], self._under_way[name] = way.route, _UnderWay(way, one.led, time)
+        return routes
+
     def _past(self, fleet: Fleet) -> Iterator[int]:
         """Rows of members that are past the body and follow again."""
         if not self._under_way:
@@ -123,7 +157,7 @@ class WaysRound:
         self._under_way = {name: one for name, one in self._under_way.items() if name in place}
         for name, one in self._under_way.items():
             row, k = place[name]
-            if fleet.progress.station[k] > one.ends:
+            if fleet.progress.station[k] > one.way.ends:
                 yield row
 
     def _blocked(self, fleet: Fleet, time: float) -> Iterator[tuple[int, int, int]]:
@@ -167,6 +201,10 @@ class WaysRound:
             return bool(on_road.all())
 
         return may_use
+
+
+def _body(member: Member) -> Body:
+    return Body(*(float(getattr(member.model, key)) for key in Body._fields))
 
 
 class _Returns(NamedTuple):

@@ -12,7 +12,7 @@ from shapely import affinity
 from platoontraffic.road import way_round as ways
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.route import Route
-from platoontraffic.road.way_round import Body, corners, way_round
+from platoontraffic.road.way_round import Body, blocked_return, corners, way_round, with_later_return
 from platoontraffic.vehicles.bicycle import CARS
 
 CAR = CARS["car"]
@@ -118,6 +118,31 @@ def test_it_goes_past_a_single_car_if_the_road_is_wide_enough():
     way = found([car(3.0)])
     assert abs(way.shift) == pytest.approx(BODY.width + ways.CLEARANCES[0], abs=0.1)
     assert swept(way).distance(car(3.0)) > ways.CLEARANCES[1]
+
+
+@pytest.mark.parametrize("driven", [3.0, 6.0, 9.0])
+def test_it_stays_beside_a_further_body_that_was_hidden_at_first(driven):
+    first, second = box(1.0), box(0.6, ahead=14.0)
+    way, station = found([first]), 50.0 + driven
+    assert blocked_return(way, station, BODY, seen(first)) == np.inf
+    both = np.vstack([seen(first), seen(second)])
+    assert station < blocked_return(way, station, BODY, both) < way.ends
+    later = with_later_return(way, station, BODY, both, anywhere)
+    assert later.shift == way.shift
+    before = np.arange(40.0, station, 0.5)
+    assert later.route.line.at(before) == pytest.approx(way.route.line.at(before), abs=1e-3)
+    assert swept(later).distance(shapely.union(first, second)) > ways.CLEARANCES[1] - 0.02
+    assert later.route.line.at(np.array([later.ends + 1.0]))[0, 1] == pytest.approx(0.0, abs=1e-9)
+    assert blocked_return(later, station, BODY, both) == np.inf
+    assert with_later_return(way, station, BODY, both, within(1.0)) is None
+
+
+def test_it_cannot_stay_beside_where_it_comes_back_already_or_there_is_no_room():
+    way, second = found([box(1.0)]), box(0.6, ahead=14.0)
+    assert blocked_return(way, way.ends - 2.0, BODY, seen(second)) == np.inf
+    wall = np.vstack([seen(box(1.0)), seen(box(3.0, ahead=14.0))])
+    assert blocked_return(way, 53.0, BODY, wall) < np.inf
+    assert with_later_return(way, 53.0, BODY, wall, anywhere) is None
 
 
 def test_stop_lines_keep_their_places():
