@@ -9,7 +9,7 @@ it brakes by no more than `BRAKING`; SUMO's driver model keeps it slower where i
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 
 from platoontraffic.sumo.client import Client
 
@@ -31,11 +31,17 @@ class LettingIn:
         self._asked: dict[str, tuple[float, float]] = {}
         self._has_waited: set[tuple[str, str]] = set()  # vehicles and the members for which they do not wait again
 
-    def observe(self, without_room: Mapping[str, tuple[str, float]], where: Mapping[str, tuple[str, str]]) -> None:
+    def observe(
+        self,
+        without_room: Mapping[str, tuple[str, float]],
+        where: Mapping[str, tuple[str, str]],
+        held: Set[str] = frozenset(),
+    ) -> None:
         """Before every step.
 
         without_room : `StopLines.without_room`
         where        : edge and lane of each member
+        held         : vehicles in SUMO that are obstacles
         """
         if not without_room and not self._waiting:
             return
@@ -48,7 +54,7 @@ class LettingIn:
             behind = max(behind + SPARE, LEAST)
             if name not in self._waiting:
                 stood = vehicle.getWaitingTime(name) >= AFTER - 1e-6
-                if not stood or (found := self._first(name, lane, behind, where)) is None:
+                if not stood or (found := self._first(name, lane, behind, where, held)) is None:
                     continue
                 self._waiting[name] = found, time
             self._asked[name] = time, behind
@@ -65,7 +71,9 @@ class LettingIn:
     def _end(self, name: str) -> None:
         del self._waiting[name], self._asked[name]
 
-    def _first(self, name: str, lane: str, behind: float, where: Mapping[str, tuple[str, str]]) -> str | None:
+    def _first(
+        self, name: str, lane: str, behind: float, where: Mapping[str, tuple[str, str]], held: Set[str]
+    ) -> str | None:
         """The first vehicle on a lane that can stop at a distance behind a member's front."""
         lane_length, vehicle, own = self._sumo.lane.getLength, self._sumo.vehicle, where[name][1]
         if own.rpartition("_")[0] != lane.rpartition("_")[0]:
@@ -73,7 +81,8 @@ class LettingIn:
         front = vehicle.getLanePosition(name) + lane_length(lane) - lane_length(own)
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(lane)):
             stops = vehicle.getLanePosition(foe) + vehicle.getSpeed(foe) ** 2 / (2 * BRAKING)
-            if stops <= front - behind and foe not in where and (foe, name) not in self._has_waited:
+            drives = foe not in where and foe not in held
+            if drives and stops <= front - behind and (foe, name) not in self._has_waited:
                 return foe
         return None
 

@@ -20,7 +20,7 @@ def column(tmp_path):
     """Cars on the lane beside a member that stands: their fronts [m] and speeds [m/s] in every step, (steps, cars)."""
     net = crossroads(tmp_path)
 
-    def run(starts, seconds, *, begins=np.inf, where=MEMBER):
+    def run(starts, seconds, *, begins=np.inf, where=MEMBER, held=frozenset()):
         sumo.start(["sumo", "-n", str(net), "--step-length", str(STEP), "--no-step-log", "--no-warnings",
                     "--time-to-teleport", "-1"])  # fmt: skip
         try:
@@ -35,7 +35,7 @@ def column(tmp_path):
             sumo.vehicle.moveTo("member", "wc_0", FRONT)
             letting_in, seen = LettingIn(sumo, STEP), []
             for k in range(round(seconds / STEP)):
-                letting_in.observe({"member": ("wc_1", BEHIND - SPARE)} if k * STEP < begins else {}, where)
+                letting_in.observe({"member": ("wc_1", BEHIND - SPARE)} if k * STEP < begins else {}, where, held)
                 sumo.simulationStep()
                 cars = [f"c{n}" for n in range(len(starts))]
                 here = [sumo.vehicle.getPosition(car)[0] - sumo.vehicle.getPosition("member")[0] for car in cars]
@@ -71,8 +71,10 @@ def test_it_waits_once_and_not_for_ever(column):
     assert speed[-1] > 4.0
 
 
-def test_members_wait_by_their_own_laws(column):
+def test_members_and_obstacles_are_left_alone(column):
     _, speed = column([20.0], 8.0, where=MEMBER | {"c0": ("wc", "wc_1")})
+    assert speed.min() > 8.0
+    _, speed = column([20.0], 8.0, held={"c0"})
     assert speed.min() > 8.0
 
 

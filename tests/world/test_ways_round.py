@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from shapely import affinity
 
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
@@ -72,6 +73,19 @@ def test_it_goes_round_a_body_and_returns(law, overlap, side):
     aside = np.abs(log.y[:, 0]) > 0.2
     assert log.speed[aside, 0].max() < SPEED + 0.3
     assert 0.3 < np.abs(log.y[:, 0]).max() < MOST + 0.1
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("side", [1, -1])
+def test_it_goes_on_beside_a_further_body_that_the_first_one_hid(law, side):
+    """As opposed left-turners that wait midway in a junction; it stood before the second one."""
+    first, second = box(1.0, side), affinity.translate(box(0.6, side), 15.0)
+    log = driven(law, shapely.union(first, second), seconds=50.0)
+    assert log.x[-1, 0] > PLACE + 50
+    assert abs(log.y[-1, 0]) < 0.05
+    assert shapely.distance(footprints(log), shapely.union(first, second)).min() > 0.1
+    between = (log.x[:, 0] > PLACE + 5) & (log.x[:, 0] < PLACE + 15)
+    assert np.abs(log.y[between, 0]).min() > 0.8
 
 
 @pytest.mark.parametrize("law", LAWS)
