@@ -73,7 +73,11 @@ def crossroads(folder: Path) -> Path:
 
 
 def corner(folder: Path, turn: float) -> Path:
-    """A road of two lanes from w to c that turns to the right there, by an angle [degrees], to x."""
+    """A road of two lanes from w to c that turns to the right there, by an angle [degrees], to x.
+
+    A test that needs it is skipped where there is no netconvert.
+    """
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
     at = np.radians(-turn)
     nodes = {"w": (-100, 0), "c": (0, 0), "x": (100 * np.cos(at), 100 * np.sin(at))}
     nodes = [f'<node id="{name}" x="{x:.2f}" y="{y:.2f}"/>' for name, (x, y) in nodes.items()]
