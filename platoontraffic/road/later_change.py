@@ -1,6 +1,7 @@
 """A lane change later on its lane, or a shorter one.
 
-A driver who finds no room drives on and looks for it there, as on a slip road; a slow one goes over in less road.
+A vehicle without room for its lane change drives on and looks for room there, as on a slip road. The slower it is, the
+less road the change takes.
 """
 
 from __future__ import annotations

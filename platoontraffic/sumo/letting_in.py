@@ -33,22 +33,22 @@ class LettingIn:
 
     def observe(
         self,
-        without_room: Mapping[str, tuple[str, float]],
+        room_wanted: Mapping[str, tuple[str, float]],
         where: Mapping[str, tuple[str, str]],
         held: Set[str] = frozenset(),
     ) -> None:
         """Before every step.
 
-        without_room : `StopLines.without_room`
+        room_wanted : `StopLines.room_wanted`
         where        : edge and lane of each member
         held         : vehicles in SUMO that are obstacles
         """
-        if not without_room and not self._waiting:
+        if not room_wanted and not self._waiting:
             return
         time, vehicle = self._sumo.simulation.getTime(), self._sumo.vehicle
         on_road = set(vehicle.getIDList())
         members = on_road & where.keys()
-        for name, (lane, behind) in without_room.items():
+        for name, (lane, behind) in room_wanted.items():
             if name not in members:
                 continue
             behind = max(behind + SPARE, LEAST)

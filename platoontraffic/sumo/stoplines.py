@@ -48,7 +48,7 @@ OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle m
 HELD_UP_AFTER = 3.0  # a vehicle that stands at an open line for longer is held up by something else [s]
 SETS_OUT_AFTER = 1.5  # a vehicle whose turn it is at an all-way stop sets out within this time [s]
 NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
-SWINGS_OUT_AFTER = 5.0  # time at a stand after which it does not wait for those over whose paths its front swings [s]
+SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the paths of others all the same [s]
 AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 BEHIND = 0.5  # distance behind another one on its lane from which a slow vehicle may go over, for a car [m]
@@ -158,11 +158,11 @@ class StopLines:
         self._stood: dict[str, tuple[str, float]] = {}  # the line's lane at which each has stood, and since when [s]
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
-        # The lane change ahead for which each member has no room now, and whether all who leave none pass it by.
-        self._no_room: dict[str, tuple[Line, bool]] = {}
-        # Of each member without room for its lane change, begun or not: the lane on which it needs room, and how far
+        # The lane change that each member cannot begin now, and whether the vehicles in its way pass it soon.
+        self._blocked_changes: dict[str, tuple[Line, bool]] = {}
+        # Of each member without room for its lane change, begun or not: the lane on which it wants room, and how far
         # behind its front a vehicle there must stand to leave it [m].
-        self.without_room: dict[str, tuple[str, float]] = {}
+        self.room_wanted: dict[str, tuple[str, float]] = {}
         self._later: dict[tuple[Route, Line, float, float], Route | None] = {}  # with a later or shorter lane change
 
     def renew(self) -> None:
@@ -186,8 +186,8 @@ class StopLines:
         self.renew()
         front = (progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]).tolist()
         states, speed = [NO_LINE] * len(fleet), fleet.motion.speed.tolist()
-        self._no_room.clear()
-        self.without_room.clear()
+        self._blocked_changes.clear()
+        self.room_wanted.clear()
         for k, i, (name, _, _, *own) in self._asking:
             states[i] = self._state(members[i], front[k], Ego(name, roads[name][1], speed[i], *own))
         distance, is_open, minor, changing, reason = zip(*states, strict=True)
@@ -200,11 +200,11 @@ class StopLines:
         They look for it further on, as long as their lane leads on, but not beside a queue. The slower they are, the
         less road their lane change takes.
         """
-        for group in fleet.groups if self._no_room else ():
+        for group in fleet.groups if self._blocked_changes else ():
             limit = group.law.braking_for(group.memory) if group.memory is not None else None
             rows = group.rows[limit.reason == BRAKES_FOR_LINE] if limit else ()
-            for member, row in ((fleet.members[i], int(i)) for i in rows if fleet.ids[i] in self._no_room):
-                (change, passed), speed = self._no_room[member.id], float(fleet.motion.speed[row])
+            for member, row in ((fleet.members[i], int(i)) for i in rows if fleet.ids[i] in self._blocked_changes):
+                (change, passed), speed = self._blocked_changes[member.id], float(fleet.motion.speed[row])
                 width = self._sumo.lane.getWidth(change.lane)
                 step = CHANGE_AFTER * width
                 by = step * max(math.ceil(LOOKS_EVERY * speed / step), 1) if passed else 0.0
@@ -298,7 +298,7 @@ class StopLines:
         if line.state == CHANGING:
             is_open = not near or ego.lane == line.onto or self._may_change(line, distance, ego) == np.inf
             if not is_open:
-                self._no_room[ego.id] = line, self._is_passed_soon(line, distance, ego)
+                self._blocked_changes[ego.id] = line, self._is_passed_soon(line, distance, ego)
             return LineState(distance, is_open, False, False, LANE_CHANGE)
         line = self._at_junction[line]
         state, conflicts = self._link_state(line), self._conflicts[line]
@@ -348,7 +348,7 @@ class StopLines:
             stop = distance + (k + COMMITTED) * share
             half = distance + (k + 0.5) * share
             if stop > 0 and (queue or not self._is_room(one, distance, half, ego)):
-                self.without_room[ego.id] = one.onto, ego.length + room_needed(ego.length, 0.0, 0.0) - half
+                self.room_wanted[ego.id] = one.onto, ego.length + room_needed(ego.length, 0.0, 0.0) - half
                 return stop
         return np.inf
 

@@ -169,7 +169,7 @@ class World:
         raises: RunError (a pose is not finite)
         """
         self._letting_go.observe(fleet, self._placement.where)
-        self._letting_in.observe(self._lines.without_room, self._placement.where, self._obstacles.in_sumo)
+        self._letting_in.observe(self._lines.room_wanted, self._placement.where, self._obstacles.in_sumo)
         self._placement.place(fleet, brakes)
 
     def advance(self, fleet: Fleet) -> Fleet:

@@ -335,14 +335,14 @@ def test_a_lane_change_is_judged_by_the_first_vehicle_behind_since_the_others_fo
     line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 65.0)  # it begins at 35 m
     ego = Ego("m.0", "road_0", 0.0, 5.0)
     assert lines._may_change(line, 5.0, ego) == np.inf
-    assert not lines.without_room
+    assert not lines.room_wanted
     places["road_1"].pop()
     lines.renew()
     assert lines._may_change(line, 5.0, ego) < np.inf
-    assert lines.without_room == {"m.0": ("road_1", pytest.approx(5.0 + 2.5 - (5.0 + 8.0)))}
+    assert lines.room_wanted == {"m.0": ("road_1", pytest.approx(5.0 + 2.5 - (5.0 + 8.0)))}
     places["road_1"].clear()
     lines.renew()
-    lines.without_room.clear()
+    lines.room_wanted.clear()
     assert lines._may_change(line, 5.0, ego) < np.inf  # for the one that comes from the lane before
 
 
