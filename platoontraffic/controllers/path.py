@@ -136,7 +136,7 @@ class PathLeader(Law):
         free, bearing = first_return(sensed, self._half_width(sensed.body))
         same = SAME * sensed.body.length
         closing = closing_speed(free, memory.free, memory.closing, sensed.speed, dt, same=same, time_constant=FILTER)
-        along = self.along_route(sensed, memory.time, free, closing, dt)
+        along = self.along_route(sensed, memory.driven.command.acceleration, memory.time, free, closing, dt)
         acceleration, creeps, limit = self.acceleration_among_others(
             sensed, along, self.acceleration_for_lines(sensed), (free, bearing, memory.free), memory.creeping, dt
         )
@@ -155,9 +155,10 @@ class PathLeader(Law):
         gains = (math.nan if (value := getattr(self, name)) is None else float(value) for name in Gains._fields)
         return Gains(*gains)._replace(speed_factor=float(self.speed_factor) if drives_by_limits else math.inf)
 
-    def along_route(self, sensed: Sensed, time, free, closing, dt: float) -> AlongRoute:
+    def along_route(self, sensed: Sensed, drive, time, free, closing, dt: float) -> AlongRoute:
         """What vehicles may drive on their routes, (n,).
 
+        drive         : acceleration by the engine now, or commanded last [m/s2], (n,)
         time          : since departure [s], (n,)
         free, closing : distance to the first obstacle [m], and the rate at which it shrinks [m/s], (n,)
         """
@@ -167,7 +168,7 @@ class PathLeader(Law):
         route, body, scan = sensed.route, sensed.body, sensed.scan
         laser, along = (scan.model.range_min, scan.model.mount.x), AlongRoute(*np.empty((5, len(time))))
         profile = self._profiled(time, route.limit[:, 0], body, dt)
-        drive_along(route, sensed.speed, body, scan.ranges, laser, free, closing, profile, self._gains, along)
+        drive_along(route, sensed.speed, drive, body, scan.ranges, laser, free, closing, profile, self._gains, along)
         return along
 
     def _profiled(self, time: np.ndarray, limit: np.ndarray, body: Body, dt: float) -> tuple[np.ndarray, np.ndarray]:

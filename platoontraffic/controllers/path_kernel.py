@@ -31,9 +31,10 @@ curvature_back, curvature_along = compiled(steering.curvature_back), compiled(st
 
 
 @compiled
-def drive_along(route, speed, body, ranges, laser, free, closing, profile, gains, along):
+def drive_along(route, speed, drive, body, ranges, laser, free, closing, profile, gains, along):
     """Fill in `path.AlongRoute`.
 
+    drive         : acceleration by the engines now [m/s2], (n,)
     ranges        : [m], (n, m); NaN: lost
     laser         : its range_min, and its distance ahead of the bodies' centres [m]
     free, closing : distance to the first obstacle [m], and the rate at which it shrinks [m/s], (n,)
@@ -47,7 +48,8 @@ def drive_along(route, speed, body, ranges, laser, free, closing, profile, gains
         astray = abs(offset) > ASTRAY * body.width[i] or abs(off_heading) > ASKEW
         slow = math.sqrt(lateral * np.maximum(body.turning_radius[i], length / 2)) if astray else math.inf
         along.offset[i] = offset
-        here, bends = _bends(route, i, v, body.curvature_rate[i], slow, gains)
+        run_out = np.maximum(drive[i], 0.0) * body.drive_lag[i]
+        here, bends = _bends(route, i, (v, v + run_out), body.curvature_rate[i], slow, gains)
         along.bends[i] = bends
 
         catch_up = np.maximum(length if math.isnan(gains.catch_up) else gains.catch_up, gains.catch_up_time * v)
@@ -90,14 +92,16 @@ def _errors_on(points, distance, curvature):
 
 
 @compiled
-def _bends(route, i, v, steering_rate, slow, gains):
+def _bends(route, i, speeds, steering_rate, slow, gains):
     """Speed that is allowed here [m/s]; acceleration for bends and lower limits ahead [m/s2], inf: any.
 
     Allowed are speeds by the curvature of the route, by its change, and by limits. One that is about to hold is
     approached as a wanted speed is.
 
-    slow : greatest speed everywhere [m/s]
+    speeds : now, and the one that it reaches while the engine's acceleration ends [m/s]
+    slow   : greatest speed everywhere [m/s]
     """
+    v, reached = speeds
     distance, curvature = route.distance[i], route.curvature[i]
     here, acceleration = math.inf, math.inf
     for k in range(len(distance)):
@@ -114,7 +118,7 @@ def _bends(route, i, v, steering_rate, slow, gains):
         left, soon = distance[k] - REACTION * v, SETTLING / 2 * v
         if left < soon:
             acceleration = np.minimum(acceleration, (fastest - v) / SETTLING)
-        acceleration = np.minimum(acceleration, _slowed_to(fastest, np.maximum(left, soon), v, gains))
+        acceleration = np.minimum(acceleration, _slowed_to(fastest, np.maximum(left, soon), reached, gains))
     return here, acceleration
 
 

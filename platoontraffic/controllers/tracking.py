@@ -281,7 +281,9 @@ class TrackingFollower(Law):
         along = None
         if sensed.route is not None:
             closing = now.speed - obstacle.speed
-            along = self.alone.along_route(sensed, np.zeros(len(now.speed)), obstacle.free, closing, dt)
+            along = self.alone.along_route(
+                sensed, drive_line.drive, np.zeros(len(now.speed)), obstacle.free, closing, dt
+            )
         pursuit = self._pursue(now, estimate, ahead, drive_line, obstacle, along)
 
         known, held = estimate.now.known, memory.beside.held
