@@ -19,7 +19,8 @@ from platoontraffic.vehicles.records import changed
 AT_LEAST = 1.0  # by which a change must become later, to be worth another route [vehicle lengths]
 SHORTER = 0.75  # share of its length to which it must shrink otherwise
 NEAR = 5.0  # distance by which rounding changes stations, at most [m]
-JOIN = 2.0  # distance before the change at which the new line goes on from the old one [vehicle lengths]
+JOIN = 2.0  # distance before the old change over which the new line takes over from the old one [vehicle lengths]
+SPACING = 0.5  # of points there [m]
 
 
 def with_later_change(
@@ -50,20 +51,27 @@ def with_later_change(
         return None
     join = min(JOIN * model.length, begin / 2)
     ends = change.station - join, onward.lines[before].station - (later - begin) - join
-    return _spliced(route, i, onward, before, *ends)
+    return _spliced(route, i, onward, before, *ends, join)
 
 
-def _spliced(route: Route, i: int, onward: Route, k: int, end: float, near: float) -> Route:
+def _spliced(route: Route, i: int, onward: Route, k: int, end: float, near: float, join: float) -> Route:
     """A route up to a station before its i-th line [m], then another one, in which that line is the k-th.
 
-    near: about where that place is on the other one [m]
+    Each line is smoothed by itself, so they lie some centimetres apart where one goes over into the other.
+
+    near : about where that station is on the other one [m]
+    join : length over which one goes over into the other [m]
     """
-    (joint,) = route.line.at(np.array([end]))
-    begin, _ = onward.line.project(*joint, near, NEAR)
+    ((x, y),) = route.line.at(np.array([end]))
+    begin, _ = onward.line.project(x, y, near, NEAR)
+    along = np.linspace(0.0, join, math.ceil(join / SPACING) + 1)
+    share = along / join
+    weight = (share - np.sin(2 * math.pi * share) / (2 * math.pi))[:, None]  # without a jump in curvature at its ends
+    joint = (1 - weight) * route.line.at(end + along) + weight * onward.line.at(begin + along)
     kept = int(np.searchsorted(route.line.stations, end - 1e-3))
-    first, stop = np.searchsorted(onward.line.stations, [begin + 1e-3, onward.length * (1 + 1e-12)])
-    points = np.concatenate([route.line.points[:kept], [joint], onward.line.points[first:stop]])
-    limit = np.concatenate([route.limit[:kept], route.limit[kept - 1 : kept], onward.limit[first:stop]])
+    first, stop = np.searchsorted(onward.line.stations, [begin + join + 1e-3, onward.length * (1 + 1e-12)])
+    points = np.concatenate([route.line.points[:kept], joint, onward.line.points[first:stop]])
+    limit = np.concatenate([route.limit[:kept], np.repeat(route.limit[kept - 1], len(joint)), onward.limit[first:stop]])
     lines = [line._replace(station=line.station + end - begin) for line in onward.lines[k:]]
     later = Route.along(route.edges, points, limit, [*route.lines[:i], *lines], walled=route.walled)
     return changed(later, speed_factor=route.speed_factor, top_speed=route.top_speed)
