@@ -86,14 +86,16 @@ class Noise:
 
 
 def draws(noise: Noise, seed: int, ids: tuple[str, ...], number: int, scanner: str = DEFAULT_NAME):
-    """Key and bias [m] of each sensor for one scan, (n,), from which `perturbed` draws; (0,) without errors."""
+    """Hash of each sensor, (n,), what is added to it for this scan, and bias of each sensor [m], (n,).
+
+    The arrays are (0,) without errors. `perturbed` draws from the hash of the first two's sum.
+    """
     if noise.none:
         return _NO_ERRORS
-    sensors = sensor_keys(seed, ids, scanner)
-    return scan_keys(sensors, number), _biases(noise, int(seed), ids, scanner)
+    return sensor_keys(seed, ids, scanner), of_scan(number), _biases(noise, int(seed), ids, scanner)
 
 
-_NO_ERRORS = np.empty(0, np.uint64), np.empty(0)
+_NO_ERRORS = np.empty(0, np.uint64), np.uint64(0), np.empty(0)
 
 
 def sensor_keys(seed: int, ids: tuple[str, ...], scanner: str = DEFAULT_NAME) -> np.ndarray:
@@ -113,7 +115,12 @@ def _sensor_keys(seed, ids, scanner):
 
 def scan_keys(sensors: np.ndarray, number: int) -> np.ndarray:
     """A hash for each of these sensors and one scan, (n,) uint64."""
-    return mixed(sensors + np.uint64((number + 1) * int(GOLDEN) % 2**64))
+    return mixed(sensors + of_scan(number))
+
+
+def of_scan(number: int) -> np.uint64:
+    """What is added to the hash of each sensor for one scan."""
+    return np.uint64((number + 1) * int(GOLDEN) % 2**64)
 
 
 @lru_cache(maxsize=64)  # as of `_sensor_keys`
@@ -132,7 +139,7 @@ def perturbed(model, first_beam, ranges, hits, keys, bias):
     first_beam : number of the first column in the whole scan
     ranges     : true distances, or ±inf, (n, k)
     hits       : owners of the surfaces met, (n, k)
-    keys, bias : of `draws`, (n,)
+    keys, bias : hash of each sensor and scan, see `scan_keys`, and its constant error, (n,)
     """
     noise, range_min, range_max = model.noise, model.range_min, model.range_max
     met = np.isfinite(ranges)

@@ -17,4 +17,7 @@ def compose(x, y, heading, mount):
     returns       : x, y, yaw of the sensor, world frame, (n,) each
     """
     cos, sin = np.cos(heading), np.sin(heading)
-    return x + cos * mount.x - sin * mount.y, y + sin * mount.x + cos * mount.y, wrap(heading + mount.yaw)
+    yaw = wrap(heading + mount.yaw) if mount.yaw else heading
+    if not mount.y:  # as most; poses are composed in every step
+        return x + cos * mount.x, y + sin * mount.x, yaw
+    return x + cos * mount.x - sin * mount.y, y + sin * mount.x + cos * mount.y, yaw

@@ -55,15 +55,15 @@ def scan(
     if number < 0:
         raise ValueError(f"number = {number}; must be 0 or more")
     ids = carriers.ids
-    keys, bias = draws(model.noise, seed, ids, number, model.name)
+    drawn = draws(model.noise, seed, ids, number, model.name)
     ranges, hits, inside = _buffers(out, model, carriers.x.size, dtype)
-    inside[:] = False
+    inside.fill(False)
     for beams, later in model.slices:
         world = boxes.after(later) if later else boxes
-        sensors = Sensors(*_poses(carriers, later, model.mount), carriers.owner, keys, bias)
+        sensors = Sensors(*_poses(carriers, later, model.mount), carriers.owner, *drawn)
         inside |= measure(model, beams, scene, world, sensors, ranges, hits) != NO_HIT
     for array in (ranges, hits, inside):
-        array.flags.writeable = False
+        array.setflags(write=False)
     return ScanBatch(model, stamp - model.sweep_time, ids, ranges, hits, inside)
 
 

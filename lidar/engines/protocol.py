@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..laserscan import NO_HIT
-from ..noise import ROUNDING, perturbed
+from ..noise import ROUNDING, mixed, perturbed
 from ..scene import STATIC, blocks, pairs_near
 
 NOBODY = np.iinfo(np.int32).max  # no owner yet; every owner is smaller
@@ -24,13 +24,15 @@ TOUCHING = 1e-9  # distance at which a sensor touches a surface [m]
 
 
 class Sensors(NamedTuple):
-    """Poses, world frame [m, rad]; owners (their boxes are transparent); keys and biases of the errors. All (n,)."""
+    """Poses, world frame [m, rad]; owners (their boxes are transparent); what the errors follow from: see `noise.draws`.
+    All (n,) but `scan`."""
 
     x: np.ndarray
     y: np.ndarray
     yaw: np.ndarray
     owner: np.ndarray
     keys: np.ndarray
+    scan: np.uint64
     bias: np.ndarray
 
 
@@ -57,7 +59,8 @@ def engine(cast):
         exact[too_far], met[too_far] = np.inf, NO_HIT
         exact[too_close] = -np.inf
         if not model.noise.none:
-            exact = perturbed(model, beams.start, exact, met, sensors.keys, sensors.bias)
+            keys = mixed(sensors.keys + sensors.scan)
+            exact = perturbed(model, beams.start, exact, met, keys, sensors.bias)
         around = enclosing(scene, boxes, *poses)
         inside = around != NO_HIT
         exact[inside], met[inside] = -np.inf, around[inside, None]

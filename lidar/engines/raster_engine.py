@@ -30,26 +30,25 @@ _mixed, _gauss, _uniform = compiled(mixed), compiled(gauss), compiled(uniform)
 
 def measure(model, beams, scene, boxes, sensors, ranges, hits):
     """See `protocol`."""
-    x, y, yaw, owner, keys, bias = sensors
+    x, y, yaw, owner, *draws = sensors
     around = np.empty(x.size, np.int32)
-    around[:] = NOBODY
+    around.fill(NOBODY)
     if scene.has_solids:
         around[scene.enclosed(x, y)] = STATIC
     if "walls" not in scene.kept:
         scene.kept["walls"] = _wall_grid(scene.segments)
     if "solid" not in boxes.kept:  # several models scan the same world
-        boxes.kept["solid"] = _solid(boxes)
+        boxes.kept["solid"] = _solid(boxes.x, boxes.y, boxes.heading, boxes.length, boxes.width, boxes.owner)
     fans = "fans", beams.start
     if fans not in model.kept:
         model.kept[fans] = _fans(model, beams)
-    poses, solid = (x, y, np.cos(yaw), np.sin(yaw)), boxes.kept["solid"]
-    _scan(poses, owner, around, *model.kept[fans], keys, bias, scene.kept["walls"], solid, np.uint64(beams.start),
+    _scan(x, y, yaw, owner, around, *model.kept[fans], *draws, scene.kept["walls"], boxes.kept["solid"],
           ranges, hits)  # fmt: skip
     return around
 
 
 def _fans(model, beams):
-    """First angle and increment, (rays, 2), and directions, (rays, 2, k), of these beams; limits; errors."""
+    """First angle and increment, (rays, 2), and directions, (rays, 2, k), of these beams; limits; errors; first beam."""
     fans, noise = [fan.part(beams) for fan in model.fans], model.noise
     errors = (
         not noise.none,
@@ -65,7 +64,7 @@ def _fans(model, beams):
     )
     limits = model.range_min, model.range_max, model.reach, model.merging
     angles = np.array([[fan.angles[0], fan.increment] for fan in fans])
-    return angles, np.array([fan.directions for fan in fans]), limits, errors
+    return angles, np.array([fan.directions for fan in fans]), limits, errors, np.uint64(beams.start)
 
 
 def _wall_grid(segments):
@@ -116,14 +115,23 @@ def _box_grid(box_x, box_y, x, y, reach, radius):
     return place, first, middles, order
 
 
-def _solid(boxes):
+@compiled
+def _solid(x, y, heading, length, width, owner):
     """Middles x and y, rows cos, sin, half length, half width, (v, 4), largest distance of a corner from its middle,
-    owners. Copies, for numba compiles once more for arrays that are read-only, as those of boxes may be."""
-    shapes = np.empty((boxes.x.size, 4))
-    shapes[:, 0], shapes[:, 1] = np.cos(boxes.heading), np.sin(boxes.heading)
-    shapes[:, 2], shapes[:, 3] = half_length, half_width = boxes.length / 2, boxes.width / 2
-    radius = math.sqrt(np.maximum.reduce(half_length * half_length + half_width * half_width, initial=0.0))
-    return boxes.x.copy(), boxes.y.copy(), shapes, radius, boxes.owner.copy()
+    owners. Copies, for numba compiles `_scan` once more for arrays that are read-only, as those of boxes may be."""
+    own_x, own_y, shapes, own_owner = np.empty(len(x)), np.empty(len(x)), np.empty((len(x), 4)), np.empty_like(owner)
+    squared = 0.0
+    for i in range(len(x)):
+        half_length, half_width = length[i] / 2, width[i] / 2
+        own_x[i], own_y[i], own_owner[i] = x[i], y[i], owner[i]
+        shapes[i, 0], shapes[i, 1], shapes[i, 2], shapes[i, 3] = (
+            math.cos(heading[i]),
+            math.sin(heading[i]),
+            half_length,
+            half_width,
+        )
+        squared = max(squared, half_length * half_length + half_width * half_width)
+    return own_x, own_y, shapes, math.sqrt(squared), own_owner
 
 
 @compiled
@@ -150,7 +158,8 @@ def _sorted(place, x, y):
 
 
 @compiled
-def _scan(poses, owner, around, angles, directions, limits, errors, keys, bias, walls, solid, begin, ranges, hits):
+def _scan(x, y, yaw, owner, around, angles, directions, limits, errors, begin, keys, scan, bias, walls, solid, ranges,
+          hits):  # fmt: skip
     """Fill a row of ranges and hits for each pose, from the column `begin` on, and the owner around it.
 
     solid: of the boxes, see `_solid`
@@ -162,11 +171,10 @@ def _scan(poses, owner, around, angles, directions, limits, errors, keys, bias, 
     exact, errant = np.empty(beams), np.empty(beams)
     squared, spare = np.empty(beams), np.empty(beams)
     room = _room(256)
-    x, y, cos, sin = poses
     place, first, middles, order = _box_grid(box_x, box_y, x, y, reach, radius)
     boxes = place, first, middles, order, shapes, owners_of_boxes
     for i in range(len(x)):
-        pose = x[i], y[i], cos[i], sin[i]
+        pose = x[i], y[i], math.cos(yaw[i]), math.sin(yaw[i])
         for ray in range(rays):
             inverse[ray, :] = 0.0
             met[ray, :] = NOBODY
@@ -192,7 +200,8 @@ def _scan(poses, owner, around, angles, directions, limits, errors, keys, bias, 
         for beam in range(np.uint64(beams)):
             hits[i, begin + beam] = NO_HIT if exact[beam] == np.inf else met[0, beam]
         if errors[0]:
-            _perturb(errors, range_min, range_max, begin, exact, met[0], keys[i], bias[i], squared, spare, errant)
+            key = _mixed(keys[i] + scan)
+            _perturb(errors, range_min, range_max, begin, exact, met[0], key, bias[i], squared, spare, errant)
         measured = errant if errors[0] else exact
         for beam in range(np.uint64(beams)):
             ranges[i, begin + beam] = measured[beam]

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from platoontraffic.lidar.noise import GOLDEN, gauss, mixed, scan_keys, sensor_keys
+from platoontraffic.lidar.noise import GOLDEN, gauss, mixed, of_scan, sensor_keys
 from platoontraffic.vehicles.motion import Twist
 
 
@@ -50,13 +50,12 @@ def measured(
 
     Equal seed, id and step give equal errors.
     """
-    keys, scale, bias = _of_vehicles(int(seed), ids)
-    now = scan_keys(keys, step)
-    noise, turning = gauss(mixed(now)), gauss(mixed(now + GOLDEN))
-    driven = speed * (1 + errors.speed_scale * scale) + errors.speed_noise * noise
-    turned = yaw_rate + errors.yaw_rate_bias * bias + errors.yaw_rate_noise * turning
-    stands = speed == 0
-    return Twist(np.where(stands, 0.0, np.maximum(driven, 0.0)), np.where(stands, 0.0, turned))
+    from platoontraffic.vehicles.odometry_kernel import read  # importing numba takes half a second
+
+    keys, *once = _of_vehicles(int(seed), ids)
+    spreads = errors.speed_scale, errors.speed_noise, errors.yaw_rate_bias, errors.yaw_rate_noise
+    read(spreads, tuple(once), keys, of_scan(step), speed, yaw_rate, own := np.empty((2, speed.size)))
+    return Twist(*own)
 
 
 @lru_cache(maxsize=64)  # the same vehicles measure again and again

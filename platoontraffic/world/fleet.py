@@ -325,6 +325,12 @@ class Fleet(MemberState):
         return any(group.further_lidars or group.sensors for group in self.groups)
 
     @cached_property
+    def has_sweeps(self) -> bool:
+        """Somebody has a laser with beams that are not all measured at one instant."""
+        lidars = (lidar for member in self.members for lidar in member.lidars)
+        return any(lidar.sweep_time for lidar in lidars)
+
+    @cached_property
     def odometry(self) -> OdometryErrors | None:
         """Of all members, arrays (n,); None if none has errors."""
         errors = [m.odometry for m in self.members]

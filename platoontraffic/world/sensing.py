@@ -177,10 +177,13 @@ def arriving(measured: Measurements, fleet: Fleet, step: int) -> tuple[Measureme
 
 
 def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:
-    """The vehicles with their motion, which matters to lidars that sweep.
+    """The vehicles, with their motion if a lidar sweeps: on others it has no effect.
 
     Members turn about the middle of their driven axle. SUMO gives no yaw rate of its own vehicles; it is taken as 0.
     """
+    if not fleet.has_sweeps:
+        still = np.zeros(traffic.x.size)
+        return traffic.moving_boxes(still, still, still)
     (cos, sin), n = traffic.facing, fleet.number.size
     yaw_rate, aside = np.zeros((2, cos.size))
     yaw_rate[:n] = fleet.motion.yaw_rate
