@@ -51,7 +51,9 @@ def scan(
     raises: ValueError
     """
     measure = _engine(engine)
-    stamp, number, seed = occasion[0], operator.index(occasion[1]), operator.index(occasion[2])
+    stamp, number, seed = occasion
+    if not (type(number) is int and type(seed) is int):
+        number, seed = operator.index(number), operator.index(seed)
     if number < 0:
         raise ValueError(f"number = {number}; must be 0 or more")
     ids = carriers.ids
@@ -97,7 +99,7 @@ def _buffers(out, model, n, dtype):
 @lru_cache
 def _engine(name):
     if name in ENGINES:
-        return ENGINES[name]
+        return ENGINES[name].measure()
     close = difflib.get_close_matches(str(name), ENGINES, n=1)
     hint = f"did you mean {close[0]!r}? " if close else ""
     raise ValueError(f"engine = {name!r}; {hint}must be one of {', '.join(ENGINES)}")

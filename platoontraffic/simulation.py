@@ -203,7 +203,9 @@ class Simulation:
             raise RuntimeError(f"the simulation has ended ({self.now.ended}); reset() begins anew")
         if self.setting.then and self.now.step == self.setting.then.step:
             self._refit(self.setting.then)
-        fleet, dt, timed = self.now.fleet.commanded(override or {}), self.setting.dt, self.stopwatch.call
+        fleet, dt, timed = self.now.fleet, self.setting.dt, self.stopwatch.call
+        if override:
+            fleet = fleet.commanded(override)
         if self._remedies:
             fleet = self.world.without(fleet, self._remedies)
         brakes = self.breakdowns.brakes(fleet)

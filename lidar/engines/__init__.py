@@ -6,29 +6,31 @@ pymunk  : one query of the physics engine for each beam; the reference
 shapely : exact intersections of lines, beam by beam; the slowest, by which the others are judged
 """
 
-from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import MappingProxyType
+from typing import NamedTuple
 
 
-def _late(name, needs):
+class _Late(NamedTuple):
     """The engine in module `<name>_engine`, imported when it is first used: numba alone takes half a second."""
 
-    @cache
-    def engine():
-        if find_spec(needs) is None:
-            raise ValueError(f"engine = {name!r}: needs the package {needs}, which is not installed; 'numpy' does not")
-        return import_module(f".{name}_engine", __name__).measure
+    name: str
+    needs: str  # package
 
-    return lambda *arguments: engine()(*arguments)
+    def measure(self):
+        """The engine's function, see `protocol`. raises: ValueError if its package is not installed"""
+        if find_spec(self.needs) is None:
+            what = f"needs the package {self.needs}, which is not installed; 'numpy' does not"
+            raise ValueError(f"engine = {self.name!r}: {what}")
+        return import_module(f".{self.name}_engine", __name__).measure
 
 
 ENGINES = MappingProxyType(
     {
-        "raster": _late("raster", "numba"),
-        "numpy": _late("numpy", "numpy"),
-        "pymunk": _late("pymunk", "pymunk"),
-        "shapely": _late("shapely", "shapely"),
+        "raster": _Late("raster", "numba"),
+        "numpy": _Late("numpy", "numpy"),
+        "pymunk": _Late("pymunk", "pymunk"),
+        "shapely": _Late("shapely", "shapely"),
     }
 )

@@ -24,8 +24,10 @@ TOUCHING = 1e-9  # distance at which a sensor touches a surface [m]
 
 
 class Sensors(NamedTuple):
-    """Poses, world frame [m, rad]; owners (their boxes are transparent); what the errors follow from: see `noise.draws`.
-    All (n,) but `scan`."""
+    """Poses, world frame [m, rad], owners, whose boxes are transparent, and the results of `noise.draws`.
+
+    All are (n,) but `scan`.
+    """
 
     x: np.ndarray
     y: np.ndarray

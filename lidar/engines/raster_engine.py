@@ -48,7 +48,7 @@ def measure(model, beams, scene, boxes, sensors, ranges, hits):
 
 
 def _fans(model, beams):
-    """First angle and increment, (rays, 2), and directions, (rays, 2, k), of these beams; limits; errors; first beam."""
+    """Of these beams: first angle and increment, (rays, 2), directions, (rays, 2, k), limits, errors, first number."""
     fans, noise = [fan.part(beams) for fan in model.fans], model.noise
     errors = (
         not noise.none,

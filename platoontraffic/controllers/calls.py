@@ -28,7 +28,7 @@ def decide(law: Law, sensed: Sensed, memory: Any, dt: float, at: Occasion) -> De
     at    : instant and vehicles, for errors
     raises: InputError if a plug-in fails, or decides nothing that fits n vehicles; or if a command is not finite
     """
-    decision = _call(law, at, law, sensed, memory, dt)
+    decision = law(sensed, memory, dt) if is_shipped(type(law)) else _call(law, at, law, sensed, memory, dt)
     n = sensed.speed.size
     if _is_sound(decision, n):
         _check_finite(law, decision, at)

@@ -12,35 +12,31 @@ from platoontraffic.controllers.law import Decision, Law, Sensed
 from platoontraffic.vehicles.motion import Positive, Twist
 
 
-def rule(front: np.ndarray, front_left: np.ndarray, front_right: np.ndarray) -> np.ndarray:
-    """Number of the rule of Algorithm 1 that applies, by the ranges [m] of three of the five sectors, (n,).
+def rule(front: float, front_left: float, front_right: float) -> int:
+    """Number of the rule of Algorithm 1 that applies, by the ranges [m] of three of the five sectors.
 
     The rules are in the paper's order. Rule 5 never applies, since rule 1 takes all its cases; rule 7 can apply for
     ever, for example with front > 2 and front_left < 1.
     """
-    rules = [
-        (front > 1) & (front_left > 1) & (front_right > 0.5),
-        (front < 2) & (front_left < 3) & (front_right > 0.5),
-        (front < 1) & (front_left < 1) & (front_right < 1),
-        (front < 1) & (front_left > 1) & (front_right < 1),
-        (front_right > 0.7) & (front > 1) & (front_left > 1),
-        (front_right < 0.5) & (front > 1) & (front_left > 1),
-    ]
-    number = np.full(np.shape(front), 7)
-    for i in range(len(rules), 0, -1):  # the first that applies stays
-        number[rules[i - 1]] = i
-    return number
+    if front > 1 and front_left > 1 and front_right > 0.5:
+        return 1
+    if front < 2 and front_left < 3 and front_right > 0.5:
+        return 2
+    if front < 1 and front_left < 1 and front_right < 1:
+        return 3
+    if front < 1 and front_left > 1 and front_right < 1:
+        return 4
+    if front_right > 0.7 and front > 1 and front_left > 1:
+        return 5
+    if front_right < 0.5 and front > 1 and front_left > 1:
+        return 6
+    return 7
 
 
 # (drive, angular) of rules 1 to 7 as printed, in units of `speed` and `turn_rate`.
 ACTIONS = np.array([(1, 0), (1, 0), (0, -1), (0, -1), (0, +1), (0, -1), (0, 0)])
 
-# Range of a sector from those of its beams, (n, k) -> (n,).
-SECTORS = {
-    "smallest": lambda ranges: np.minimum.reduce(ranges, axis=1),
-    "mean": lambda ranges: ranges.mean(axis=1),
-    "middle": lambda ranges: ranges[:, ranges.shape[1] // 2],
-}
+SECTORS = ("smallest", "mean", "middle")  # range of its beams that counts for a sector
 
 
 @dataclass(frozen=True)
@@ -58,10 +54,11 @@ class ReactiveLeader(Law):
     sector: Literal["smallest", "mean", "middle"] = "smallest"  # range of a sector; the text does not say which
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
-        ranges = sensed.scan.filled()
-        k = sensed.scan.model.samples
-        value = SECTORS[self.sector]
-        front_right, front, front_left = [value(ranges[:, k * i // 5 : k * (i + 1) // 5]) for i in (1, 2, 3)]
-        drive, angular = ACTIONS[rule(front, front_left, front_right) - 1].T
+        from platoontraffic.controllers.reactive_kernel import rules  # importing numba takes half a second
+
+        scan, model = sensed.scan, sensed.scan.model
+        numbers = np.empty(len(scan.ranges), dtype=np.intp)
+        rules(scan.ranges, model.range_min, model.range_max, SECTORS.index(self.sector), numbers)
+        drive, angular = ACTIONS[numbers - 1].T
         to_the_left = -angular if self.positive_turn == "clockwise" else angular
         return Decision(Twist(drive * self.speed, to_the_left * self.turn_rate))

@@ -28,11 +28,12 @@ class Braking:
 
     def observe(self, step: Step) -> Iterator[Event]:
         """emergency_brake"""
+        from platoontraffic.observation.thresholds_kernel import brakes_hard  # importing numba takes half a second
+
         number, acceleration = step.fleet.number, step.fleet.motion.acceleration
-        if self._time is not None:
-            self.jerk[number] = (acceleration - self._acceleration[number]) / (step.traffic.time - self._time)
-        self._time, self._acceleration[number] = step.traffic.time, acceleration
-        hard = self._full_size[number] & (acceleration < -EMERGENCY_BRAKING)
-        for i in (hard & ~self._hard[number]).nonzero()[0]:
-            yield step.event("emergency_brake", i)
-        self._hard[number] = hard
+        dt = 0.0 if self._time is None else step.traffic.time - self._time
+        self._time, begins = step.traffic.time, np.empty(number.size, dtype=bool)
+        own = self._full_size, self._acceleration, self.jerk, self._hard
+        if brakes_hard(number, acceleration, dt, EMERGENCY_BRAKING, *own, begins):
+            for i in begins.nonzero()[0]:
+                yield step.event("emergency_brake", i)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from platoontraffic.observation.step import Step
-from platoontraffic.vehicles.records import some
 from platoontraffic.world.events import (
     CLEARANCE_REACH,
     CONTACT_HORIZON,
@@ -16,6 +16,9 @@ from platoontraffic.world.events import (
     Event,
 )
 from platoontraffic.world.traffic import TrafficSnapshot
+
+if TYPE_CHECKING:
+    from platoontraffic.observation.closeness_kernel import Bodies
 
 CLOSE = 1e-3  # distance from which on two bodies do not touch, whatever is rounded [m]
 PAIRS = 4  # pairs a member that can begin to be near in one step
@@ -26,7 +29,7 @@ class Closeness:
 
     def __init__(self, scale: np.ndarray) -> None:
         """scale: size of each member beside a car, (N,); NEAR_MISS_GAP shrinks with it"""
-        n, self._scale = len(scale), scale
+        n, self._near_gap = len(scale), NEAR_MISS_GAP * scale  # [m]
         self.clearance, self.contact_in = np.full((2, n), np.nan)
         self._closest: tuple[np.ndarray, tuple[str, ...]] = np.empty(0, dtype=np.intp), ()  # rows in the last step, ids
         self.any_close = True  # a body may touch a member
@@ -35,12 +38,13 @@ class Closeness:
 
     def look(self, step: Step) -> None:
         """Measure the distances of this step."""
-        number, traffic = step.fleet.number, step.traffic
-        near = NEAR_MISS_GAP * self._scale[number]
-        clearance, rows, contact_in, self._pairs = look_around(traffic, number.size, near)
-        self.clearance[number], self.contact_in[number] = clearance, contact_in
-        self.any_close = bool(some(clearance < CLOSE))
-        self._closest = rows, traffic.ids
+        from platoontraffic.observation.closeness_kernel import look  # importing numba takes half a second
+
+        number, bodies = step.fleet.number, _bodies(step.traffic)
+        rows, pairs = np.empty(number.size, dtype=np.intp), np.empty((PAIRS * number.size, 2), dtype=np.intp)
+        count, self.any_close = look(bodies, number, CLOSE, CLEARANCE_REACH, CONTACT_HORIZON, self._near_gap,
+                                     NEAR_MISS_SPEED, self.clearance, rows, self.contact_in, pairs)  # fmt: skip
+        self._pairs, self._closest = pairs[:count], (rows, step.traffic.ids)
 
     def closest(self) -> np.ndarray:
         """Ids of the bodies closest to the members on the road in the last step, "" where there is none, (n,)."""
@@ -53,8 +57,7 @@ class Closeness:
         touching: pairs in contact, as in `Contacts.of`
         """
         traffic, predecessor, before = step.traffic, step.fleet.predecessor, self._near
-        n, near = predecessor.size, NEAR_MISS_GAP * self._scale[step.fleet.number]
-        self._near = set()
+        n, self._near = predecessor.size, set()
         for i, k in self._pairs.tolist():
             if predecessor[i] == k or (k < n and predecessor[k] == i):
                 continue
@@ -62,27 +65,27 @@ class Closeness:
             self._near.add(pair)
             if pair not in before and not touching & {pair, pair[::-1]}:
                 speed = np.hypot(*(_velocity(traffic, k) - _velocity(traffic, i)))
-                detail = f"within {near[i]:.2f} m at {speed:.1f} m/s against each other"
+                detail = f"within {self._near_gap[step.fleet.number[i]]:.2f} m at {speed:.1f} m/s against each other"
                 yield step.event("near_miss_other", i, pair[1], detail=detail)
 
 
 def look_around(traffic: TrafficSnapshot, n: int, near: np.ndarray) -> tuple[np.ndarray, ...]:
     """Of the first n bodies: clearance [m], row of the closest body, time to contact [s], (n,), and the pairs that are
     nearer than `near` (n,) [m] and move against each other, (m, 2). As in `closeness_kernel.look_around`."""
-    # Imported here: importing numba takes half a second.
-    from platoontraffic.observation.closeness_kernel import Bodies
-    from platoontraffic.observation.closeness_kernel import look_around as filled
+    from platoontraffic.observation.closeness_kernel import look_around as filled  # importing numba takes half a second
 
-    size = traffic.length / 2, traffic.width / 2
-    bodies = Bodies(traffic.x, traffic.y, *traffic.facing, *size, traffic.speed)
     (clearance, contact_in), closest = np.empty((2, n)), np.empty(n, dtype=np.intp)
     pairs = np.empty((PAIRS * n, 2), dtype=np.intp)
-    if not n:
-        return clearance, closest, contact_in, pairs
-    count = filled(
-        bodies, n, CLEARANCE_REACH, CONTACT_HORIZON, near, NEAR_MISS_SPEED, clearance, closest, contact_in, pairs
-    )
+    count = filled(_bodies(traffic), n, CLEARANCE_REACH, CONTACT_HORIZON, near, NEAR_MISS_SPEED, clearance, closest,
+                   contact_in, pairs)  # fmt: skip
     return clearance, closest, contact_in, pairs[:count]
+
+
+def _bodies(traffic: TrafficSnapshot) -> Bodies:
+    from platoontraffic.observation.closeness_kernel import Bodies  # importing numba takes half a second
+
+    size = traffic.length / 2, traffic.width / 2
+    return Bodies(traffic.x, traffic.y, *traffic.facing, *size, traffic.speed)
 
 
 def _velocity(traffic: TrafficSnapshot, row: int) -> np.ndarray:

@@ -76,6 +76,27 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
 
 
 @compiled
+def look(bodies, number, close, reach, horizon, near, moving, clearance, closest, contact_in, pairs):
+    """`look_around` of the members with these numbers, (n,), the first of the bodies.
+
+    close : distance below which the outline of a body may touch [m]
+    near  : of all members, (N,), as are clearance and contact_in
+
+    returns: the number of pairs that are near, and whether a body is close
+    """
+    n = len(number)
+    own_near, away, soon = np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        own_near[i] = near[number[i]]
+    count = look_around(bodies, n, reach, horizon, own_near, moving, away, closest, soon, pairs)
+    any_close = False
+    for i in range(n):
+        clearance[number[i]], contact_in[number[i]] = away[i], soon[i]
+        any_close |= away[i] < close
+    return count, any_close
+
+
+@compiled
 def _is_ahead(bodies, i, k, other):
     """Whether body k is farther ahead of body i than another one: of bodies equally far, that is the closest."""
     cos, sin = bodies.cos[i], bodies.sin[i]

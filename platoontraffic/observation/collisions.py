@@ -50,7 +50,7 @@ class Collisions:
         self._entries.observe(traffic)
         asked = any_close or self._contacts.may_touch_walls(traffic, step.fleet.number.size)
         before, self.touching = self.touching, self._contacts.of(traffic) if asked else set()
-        for vehicle, other in sorted(self.touching - before):
+        for vehicle, other in sorted(self.touching - before) if self.touching else ():
             i = traffic.ids.index(vehicle)
             entry = self._entries.of(vehicle, other)
             what = _impact(traffic, i, other)
@@ -85,7 +85,7 @@ class NearMisses:
 
     def __init__(self, scale: np.ndarray) -> None:
         """scale: size of each member beside a car, (N,); NEAR_MISS_GAP shrinks with it"""
-        self._scale = scale
+        self._least = NEAR_MISS_GAP * scale  # [m]
         self._near = np.zeros(len(scale), dtype=bool)  # one step before
 
     def observe(self, step: Step, gap: np.ndarray, touching: set[tuple[str, str]]) -> Iterator[Event]:
@@ -94,13 +94,15 @@ class NearMisses:
         gap     : (n,) [m], NaN where there is none
         touching: pairs in contact, as in `Contacts.of`
         """
-        number, ids = step.fleet.number, step.traffic.ids
-        near = gap < NEAR_MISS_GAP * self._scale[number]
-        for i in (near & ~self._near[number]).nonzero()[0]:
+        from platoontraffic.observation.thresholds_kernel import comes_near  # importing numba takes half a second
+
+        ids, begins = step.traffic.ids, np.empty(gap.size, dtype=bool)
+        if not comes_near(step.fleet.number, gap, self._least, self._near, begins):
+            return
+        for i in begins.nonzero()[0]:
             vehicle, ahead = ids[i], ids[step.fleet.predecessor[i]]
             if not touching & {(vehicle, ahead), (ahead, vehicle)}:
                 yield step.event("near_miss", i, ahead, detail=f"gap {gap[i]:.3f} m")
-        self._near[number] = near
 
 
 def _impact(traffic: TrafficSnapshot, row: int, other: str) -> str:

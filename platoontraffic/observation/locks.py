@@ -9,14 +9,13 @@ import numpy as np
 
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.hindrances import Hindrances
-from platoontraffic.observation.locks_kernel import look_rows
+from platoontraffic.observation.locks_kernel import NOT_SCANNED, count_in, look_rows
 from platoontraffic.observation.step import Cause, Step
 from platoontraffic.vehicles.records import every
 from platoontraffic.world.events import Event
 from platoontraffic.world.under_way import Seen
 
 NOTHING = ""  # the target of a law that has none, or that lies on no surface
-NOT_SCANNED = -1  # number of beams in a row without a new scan
 NEVER = -2  # number of the predecessor of a member that has not scanned
 
 
@@ -31,6 +30,7 @@ class Locks:
         self.beams = np.full(n, np.nan)  # on the predecessor
         self.occluded = np.full(n, np.nan)  # share of the beams that would meet the predecessor if it were alone
         self._ahead = np.full(n, NEVER)  # number of the predecessor; -1: none
+        self._latest: tuple | None = None  # one step before, where all members scanned: see `observe`
 
     def observe(self, step: Step, scans: Sequence[ScanBatch | None], split: np.ndarray) -> Iterator[Event]:
         """wrong_target, locked, lock_regained, lock_lost
@@ -38,22 +38,23 @@ class Locks:
         scans: one a group of the fleet, None where it has used none in this step
         split: members that are split off, (N,) bool
         """
-        sight, seen = _sight(step, scans)
+        fleet, ids = step.fleet, step.traffic.ids
+        sight = _sight(step, scans)
+        scanned = count_in(fleet.number, sight.beams, sight.alone, self.beams, self.occluded)
+        latest, self._latest = self._latest, None
+        if scanned == fleet.number.size and all(seen.traffic is step.traffic for seen in step.seen):
+            self._latest = ids, sight.surface.tobytes(), fleet.number.tobytes(), fleet.predecessor.tobytes()
+            if self._latest == latest:
+                return  # as at the last scan, so what is locked is too
         rows = (sight.beams != NOT_SCANNED).nonzero()[0]
-        number, ahead = step.fleet.number[rows], step.fleet.predecessor[rows]
-        beams, alone = sight.beams[rows], sight.alone[rows]
-        self.beams[number] = beams
-        self.occluded[number] = np.maximum(1 - beams / np.where(alone > 0, alone, np.nan), 0)
+        number, ahead = fleet.number[rows], fleet.predecessor[rows]
         # By id, since a row of the snapshot may be another vehicle in the next step.
-        targets, before, number_ahead = (
-            seen[rows],
-            self.target[number],
-            np.where(ahead < 0, -1, step.fleet.number[ahead]),
-        )
+        targets, before = _surfaces(step, sight)[rows], self.target[number]
+        number_ahead = np.where(ahead < 0, -1, fleet.number[ahead])
         if every(self._ahead[number] == number_ahead) and targets.tolist() == before.tolist():
-            return  # as at the last scan, so what is locked is too
+            return
         self._ahead[number] = number_ahead
-        ids, self.target[number] = np.array(step.traffic.ids[: len(step.fleet)], dtype=object), targets
+        ids, self.target[number] = np.array(ids[: len(fleet)], dtype=object), targets
         leaders, follows = number[ahead < 0], ahead >= 0
         self.locked[leaders], self._lost_since[leaders] = False, np.nan
         yield from self._compare(step, rows[follows], ids[ahead[follows]], before[follows], split)
@@ -100,11 +101,9 @@ class Sight(NamedTuple):
     alone: np.ndarray  # beams that meet the predecessor, were there nothing else and no errors
 
 
-def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> tuple[Sight, np.ndarray]:
-    """Also the names of the surfaces that the targets lie on, (n,), where there is a scan."""
-    fleet, n = step.fleet, step.fleet.number.size
-    contents, target = np.empty((3, n), dtype=np.intp), np.empty(n, dtype=object)
-    contents[:] = NOT_SCANNED
+def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> Sight:
+    fleet, contents = step.fleet, np.empty((3, step.fleet.number.size), dtype=np.intp)
+    contents.fill(NOT_SCANNED)
     sight = Sight(*contents)
     for group, scan, seen in zip(fleet.groups, scans, step.seen, strict=True):
         if scan is None:
@@ -114,8 +113,16 @@ def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> tuple[Sight, np.nda
             ids = [fleet.members[i].id if i >= 0 else "" for i in ahead]
             ahead = np.array([seen.traffic.ids.index(one) if one in seen.traffic.ids else -1 for one in ids])
         look(scan, seen, group.rows, fleet.target.bearing, ahead, sight)
-        target[group.rows] = [seen.traffic.surfaces[hit] for hit in sight.surface[group.rows].tolist()]
-    return sight, target
+    return sight
+
+
+def _surfaces(step: Step, sight: Sight) -> np.ndarray:
+    """Names of the surfaces that the targets lie on, (n,), where there is a scan."""
+    names = np.empty(step.fleet.number.size, dtype=object)
+    for group, seen in zip(step.fleet.groups, step.seen, strict=True):
+        if seen is not None:
+            names[group.rows] = [seen.traffic.surfaces[hit] for hit in sight.surface[group.rows].tolist()]
+    return names
 
 
 def look(scan: ScanBatch, seen: Seen, rows: np.ndarray, bearing: np.ndarray, ahead: np.ndarray, sight: Sight) -> None:

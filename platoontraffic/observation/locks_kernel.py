@@ -12,7 +12,25 @@ from platoontraffic.lidar.laserscan import NO_HIT
 
 BEAMS_ABOUT = 3  # beams to either side that vote: a bearing may lie between beams, or on one that met nothing
 
+NOT_SCANNED = -1  # number of beams in a row without a new scan
+
 compiled = compiler(__file__, laserscan.__file__)
+
+
+@compiled
+def count_in(number, beams, alone, all_beams, occluded):
+    """Fill in `Locks.beams` and `Locks.occluded`, (N,), from a `Sight` of members with these numbers, (n,).
+
+    returns: how many of these have scanned
+    """
+    scanned = 0
+    for i in range(len(number)):
+        if beams[i] == NOT_SCANNED:
+            continue
+        scanned += 1
+        all_beams[number[i]] = beams[i]
+        occluded[number[i]] = max(1 - beams[i] / alone[i], 0.0) if alone[i] > 0 else math.nan
+    return scanned
 
 
 @compiled

@@ -128,7 +128,8 @@ class Observer:
         if len(new := self._presence.new):
             self._gaps.begin(step, new)
             self._braking.begin(step, new)
-        self._hindrances.note_breakdowns(noted, fleet)
+        if noted:
+            self._hindrances.note_breakdowns(noted, fleet)
         self._gaps.observe(step)
         gap, desired_gap = self._gaps.gap[fleet.number], self._desired_gaps.of(fleet)
         events += self._locks.observe(step, scans, self._splits.split)

@@ -28,7 +28,8 @@ class Presence:
         left_behind: members of the run that were split off from and far behind their predecessor one step before, (N,)
         """
         before, self._before = self._before, step
-        stuck, self._stuck = self._stuck, {step.fleet.ids[one.row]: one.what for one in noted if one.kind == "stuck"}
+        stuck = self._stuck
+        self._stuck = {step.fleet.ids[one.row]: one.what for one in noted if one.kind == "stuck"} if noted else {}
         if before and before.fleet.number is step.fleet.number:
             self.new = self.new[:0]
             return

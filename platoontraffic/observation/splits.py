@@ -17,7 +17,7 @@ from platoontraffic.observation.hindrances import Hindrances
 from platoontraffic.observation.limits import Limits
 from platoontraffic.observation.locks import NOTHING, Locks
 from platoontraffic.observation.step import Cause, Step
-from platoontraffic.world.events import SPLIT_AFTER, SPLIT_GAP_FACTOR, SPLIT_GAP_MARGIN, Event
+from platoontraffic.world.events import Event
 from platoontraffic.world.traffic import TrafficSnapshot
 
 
@@ -39,35 +39,25 @@ class Splits:
 
         gap, desired_gap: (n,) [m], NaN where there is none
         """
-        self._begin_joins(step)
-        number, predecessor = step.fleet.number, step.fleet.predecessor
-        longest = np.maximum(SPLIT_GAP_FACTOR * desired_gap, desired_gap + SPLIT_GAP_MARGIN * self._scale[number])
-        follows = (predecessor >= 0) & ~step.fleet.native  # SUMO's drivers do not follow a vehicle, but a road
-        apart = follows & (~self._locks.locked[number] | (gap - longest > 0))
-        since = np.where(apart, np.fmin(self._apart_since[number], step.traffic.time), np.nan)
-        self._apart_since[number] = since
-        for i in (apart & ~self.split[number] & (step.traffic.time - since > SPLIT_AFTER - 1e-6)).nonzero()[0]:
-            self.split[number[i]], self._begun[number[i]] = True, since[i]
+        from platoontraffic.observation.splits_kernel import (
+            BEGINS,
+            State,
+            update,
+        )  # importing numba takes half a second
+
+        fleet, time = step.fleet, step.traffic.time
+        number, predecessor, locked = fleet.number, fleet.predecessor, self._locks.locked
+        own = self._scale, self.split, self.left_behind, self._begun, self._apart_since, self._follows, self._here
+        changes = np.empty(number.size, dtype=np.int8)
+        if not update(time, number, predecessor, fleet.native, locked, gap, desired_gap, State(*own), changes):
+            return
+        for i in (changes == BEGINS).nonzero()[0]:
             cause = self._cause(step, i)
-            ahead = step.traffic.ids[predecessor[i]]
-            yield step.event("split", i, ahead, what=cause.what, detail=cause.detail)
-        for i in (~apart & self.split[number]).nonzero()[0]:
-            self.split[number[i]] = False
+            yield step.event("split", i, step.traffic.ids[predecessor[i]], what=cause.what, detail=cause.detail)
+        for i in (changes > BEGINS).nonzero()[0]:
             self._hindrances.forget_hold(number[i])
             if predecessor[i] >= 0:
-                yield step.event(
-                    "rejoined", i, step.traffic.ids[predecessor[i]], step.traffic.time - self._begun[number[i]]
-                )
-
-        near = gap <= np.where(np.isnan(longest), SPLIT_GAP_MARGIN * self._scale[number], longest)
-        self.left_behind[number] = self.split[number] & (predecessor >= 0) & ~near
-
-    def _begin_joins(self, step: Step) -> None:
-        """A member that was on the road and begins to follow is split off until it has joined."""
-        number, follows = step.fleet.number, step.fleet.predecessor >= 0
-        joining = number[follows & ~self._follows[number] & self._here[number]]
-        self.split[joining], self._begun[joining] = True, step.traffic.time
-        self._follows[number], self._here[number] = follows, True
+                yield step.event("rejoined", i, step.traffic.ids[predecessor[i]], time - self._begun[number[i]])
 
     def _cause(self, step: Step, row: int) -> Cause:
         number, ahead = step.fleet.number[row], step.fleet.predecessor[row]

@@ -26,7 +26,7 @@ class Statistics:
         from platoontraffic.observation import statistics_kernel as kernel  # importing numba takes half a second
 
         self._kernel = kernel
-        self._tallies = np.zeros((n, len(kernel.QUANTITIES), 5))
+        self._tallies = np.zeros((n, kernel.COLUMNS, 5))
         self._tallies[..., kernel.LEAST], self._tallies[..., kernel.MOST] = np.inf, -np.inf
         self._before = np.full((n, 3), np.nan)  # x, y [m], turned [rad] one step before
         self._time = np.nan  # then [s]
@@ -37,9 +37,9 @@ class Statistics:
         fleet, motion, kernel, n = step.fleet, step.fleet.motion, self._kernel, step.fleet.number.size
         own = motion.x, motion.y, motion.turned, motion.speed, motion.acceleration, motion.yaw_rate, *fleet.radio
         seen = kernel.Seen(step.fleet.number, fleet.predecessor, *own, **measured)
-        self.values = np.empty(n, kernel.VALUES)
-        kernel.evaluate(seen, self._before, step.traffic.time - self._time, self.values)
-        kernel.add(step.fleet.number, self.values.view(float).reshape(n, len(kernel.QUANTITIES)), self._tallies)
+        numbers = np.empty((n, kernel.COLUMNS))
+        self.values = np.ndarray(n, kernel.VALUES, numbers)  # the same memory
+        kernel.observe(seen, self._before, step.traffic.time - self._time, self.values, numbers, self._tallies)
         self._time = step.traffic.time
 
     def of(self, number: int) -> dict[str, Statistic]:

@@ -22,6 +22,7 @@ QUANTITIES = (
     "gap_error", "time_gap", "closing", "time_to_collision", "shortfall", "needed_braking", "occluded",
     "beams_enough", "cross_track", "clearance", "contact_in", "message_age", "message_lost",
 )  # fmt: skip
+COLUMNS = len(QUANTITIES)
 VALUES = np.dtype([(name, float) for name in QUANTITIES])
 
 compiled = compiler(__file__, bicycle.__file__, events.__file__)
@@ -48,6 +49,13 @@ class Seen(NamedTuple):
     occluded: np.ndarray  # share of them, (N,)
     clearance: np.ndarray  # [m], (N,)
     contact_in: np.ndarray  # [s], (N,)
+
+
+@compiled
+def observe(seen, before, dt, values, numbers, tallies):
+    """`evaluate`, then `add`; numbers: the memory of the values, (n, COLUMNS)"""
+    evaluate(seen, before, dt, values)
+    add(seen.number, numbers, tallies)
 
 
 @compiled
@@ -90,8 +98,8 @@ def evaluate(seen, before, dt, values):
 def add(number, values, tallies):
     """Count the values of one step in.
 
-    values  : of the members on the road, (n, len(QUANTITIES))
-    tallies : of all members, (N, len(QUANTITIES), 5)
+    values  : of the members on the road, (n, COLUMNS)
+    tallies : of all members, (N, COLUMNS, 5)
     """
     for i in range(len(number)):
         for quantity in range(values.shape[1]):

@@ -9,14 +9,14 @@ body stays `CLEARANCE` away from the member's on its path through the junction; 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 
 import numpy as np
 import shapely
 
 from platoontraffic.lidar import Boxes
 from platoontraffic.road.network import Network
-from platoontraffic.sumo.client import Client, direct
+from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_VIA
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.world.standing import STANDS, before_bodies
@@ -39,17 +39,16 @@ class LettingGo:
         self._ignored: dict[str, set[str]] = {}  # members, by the vehicle that ignores them
         self._looked = -np.inf  # [s]
 
-    def observe(self, fleet: Fleet, where: Mapping[str, tuple[str, str]]) -> None:
-        """Before every step. where: edge and lane of each member"""
+    def observe(self, fleet: Fleet, where: Mapping[str, tuple[str, str]], time: float) -> None:
+        """Before every step.
+
+        where : edge and lane of each member
+        time  : SUMO's clock [s]
+        """
         blocked = {fleet.ids[one.row]: one.row for one in before_bodies(fleet)}
-        time = direct(self._sumo.simulation.getTime)()
-        self._since = {name: self._since.get(name, time) for name in blocked}
-        on_road = set(self._sumo.vehicle.getIDList()) if self._ignored else set()
-        for foe, members in list(self._ignored.items()):
-            if foe not in on_road:
-                del self._ignored[foe]
-            elif not members <= blocked.keys() or self._sumo.vehicle.getRoadID(foe)[:1] != ":":
-                self._ignore(foe, members & blocked.keys() if self._sumo.vehicle.getRoadID(foe)[:1] == ":" else set())
+        self._since = {name: self._since.get(name, time) for name in blocked} if blocked else {}
+        if self._ignored:
+            self._end(blocked.keys())
         if time < self._looked + EVERY - 1e-6:
             return
         self._looked = time
@@ -60,6 +59,17 @@ class LettingGo:
             for foe in self._waiting(where[name][1], where):
                 if name not in self._ignored.get(foe, ()) and self._passes(foe, body):
                     self._ignore(foe, {*self._ignored.get(foe, ()), name})
+
+    def _end(self, blocked: Set[str]) -> None:
+        """Vehicles that have left the junction give way as before, and so do those whose member does not stand."""
+        on_road = set(self._sumo.vehicle.getIDList())
+        for foe, members in list(self._ignored.items()):
+            if foe not in on_road:
+                del self._ignored[foe]
+            elif self._sumo.vehicle.getRoadID(foe)[:1] != ":":
+                self._ignore(foe, set())
+            elif not members <= blocked:
+                self._ignore(foe, members & blocked)
 
     def _ignore(self, foe: str, members: set[str]) -> None:
         self._sumo.vehicle.setParameter(foe, IGNORED, " ".join(sorted(members)))

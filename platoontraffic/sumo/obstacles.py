@@ -28,12 +28,8 @@ class HeldObstacles:
         self._sumo, self._drivable, self._background = sumo, drivable, background
         self.bodies: TrafficSnapshot | None = None  # all obstacles; None: there are none
         self._routes: dict[str, tuple[str, ...]] = {}  # edges that each obstacle in SUMO means to drive
+        self.in_sumo: Set[str] = self._routes.keys()  # ids of obstacles that SUMO has as vehicles
         self._routed: dict[str, str] = {}  # first edge of the route last set in SUMO
-
-    @property
-    def in_sumo(self) -> Set[str]:
-        """Ids of obstacles that SUMO has as vehicles."""
-        return self._routes.keys()
 
     def hold(self, obstacles: TrafficSnapshot, routes: Mapping[str, tuple[str, ...]], members: Collection[str]) -> None:
         """Obstacles at the end of the coming step, or now before the first.

@@ -160,10 +160,10 @@ class Placement:
         if not every(np.isfinite(x + y + angle)):
             raise RunError("a member's pose is not finite")
         self._shadows.cast(self._moved(fleet))
-        poses = zip(fleet.members, fleet.native.tolist(), x.tolist(), y.tolist(), angle.tolist(), strict=True)
-        for member, native, *pose in poses:
-            if not native:
-                move(member.id, *ANY_LANE, *pose, *(ON_ITS_ROUTE if member.id in self._on_short else EXACTLY))
+        poses, short = np.array([x, y, angle]).T.tolist(), self._on_short
+        for i in fleet.moved_rows:
+            name = fleet.ids[i]
+            move(name, *ANY_LANE, *poses[i], *(ON_ITS_ROUTE if name in short else EXACTLY))
         if fleet.native_rows.size:
             strongest = fleet.model.strongest_acceleration(motion.speed)
             for i in fleet.native_rows:

@@ -59,6 +59,7 @@ class Process:
             running = _in_this_process[0]
             raise RunError(f"SUMO already runs {running} in this process; libsumo holds one simulation a process")
         self._file = self.log.open("ab")
+        self._log_number = self._file.fileno()
         try:
             with self._logged():
                 self._sumo.start(options)
@@ -122,7 +123,7 @@ class Process:
             kept = os.dup(2)
         except OSError:  # it is closed
             kept = None
-        os.dup2(self._file.fileno(), 2)
+        os.dup2(self._log_number, 2)
         return kept
 
 

@@ -168,7 +168,7 @@ class World:
 
         raises: RunError (a pose is not finite)
         """
-        self._letting_go.observe(fleet, self._placement.where)
+        self._letting_go.observe(fleet, self._placement.where, self._clock)
         self._letting_in.observe(self._lines.room_wanted, self._placement.where, self._obstacles.in_sumo)
         self._placement.place(fleet, brakes)
 
@@ -179,7 +179,8 @@ class World:
         platoon that is due departs as soon as there is room.
         """
         departing = self._departing(fleet) if self._later else []
-        gone, native = fleet.arrived(), {fleet.members[i].id for i in fleet.native_rows}
+        gone = fleet.arrived()
+        native = {fleet.members[i].id for i in fleet.native_rows} if fleet.native_rows.size else set()
         self._simulate()
         removed_by_sumo = {*self._sumo.simulation.getArrivedIDList()} & native if native else set()
         if gone or removed_by_sumo:

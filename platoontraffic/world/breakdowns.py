@@ -45,10 +45,14 @@ class Breakdowns:
 
     def blind(self, fleet: Fleet) -> np.ndarray | None:
         """Members whose lasers are broken, (n,) bool; None: there are none."""
+        if not self._since:
+            return None
         broken = {one.vehicle for one in self._since if one.what == "laser"}
         return np.array([m.id in broken for m in fleet.members]) if broken else None
 
     def brakes(self, fleet: Fleet) -> np.ndarray | None:
         """Coasting deceleration of members with a broken drive [m/s2], (n,), NaN for the rest; None: there are none."""
+        if not self._since:
+            return None
         rates = {one.vehicle: one.rate_mps2 for one in self._since if one.what == "drive"}
         return np.array([rates.get(m.id, np.nan) for m in fleet.members]) if rates else None

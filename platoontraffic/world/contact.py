@@ -37,7 +37,9 @@ class Contacts:
         self._poses = BodyPoses(self._space)
         self.members = members
         self._walls = STRtree(shapely.linestrings(scene.segments.reshape(-1, 2, 2)))
+        self._has_walls = len(scene.segments) > 0
         self._away = (), *np.empty((3, 0))  # ids of members, where they were [m], and how far from all walls then [m]
+        self._near_walls = False  # one of them may have touched a wall then
         self._ids: tuple[str, ...] | None = None  # of the previous snapshot
         self._rows = np.empty(0, dtype=np.intp)  # of its vehicles in the table
         self._table = np.empty((0, 3))  # x, y, angle of all bodies; zeros for the body of the walls
@@ -62,15 +64,15 @@ class Contacts:
 
         None does until its centre has moved as far as all of its circumscribed circle was away from the walls.
         """
-        if not len(self._walls) or not n:
+        if not self._has_walls or not n:
             return False
         ids, x, y = traffic.ids[:n], traffic.x[:n], traffic.y[:n]
         before, from_x, from_y, away = self._away
         if before != ids or some(np.hypot(x - from_x, y - from_y) >= away):
             _, centres = self._walls.query_nearest(shapely.points(x, y), return_distance=True, all_matches=False)
             away = centres - np.hypot(traffic.length[:n], traffic.width[:n]) / 2 - ROUNDING
-            self._away = ids, x, y, away
-        return bool(some(away <= 0))
+            self._away, self._near_walls = (ids, x, y, away), bool(some(away <= 0))
+        return self._near_walls
 
     def of(self, traffic: TrafficSnapshot) -> set[tuple[str, str]]:
         """Pairs (member, other vehicle or WALL) that touch in this snapshot; of two members the first by name leads."""

@@ -307,6 +307,11 @@ class Fleet(MemberState):
         return np.flatnonzero(self.native)
 
     @cached_property
+    def moved_rows(self) -> list[int]:
+        """Rows of the others, which `moveToXY` moves."""
+        return np.flatnonzero(~self.native).tolist()
+
+    @cached_property
     def body(self) -> Body:
         """Sizes of all members, (n,)."""
         return Body(*(getattr(self.model, name) for name in Body._fields))
@@ -437,6 +442,8 @@ class Fleet(MemberState):
 
     def arrived(self) -> set[str]:
         """Ids of the members that have driven their own route to its end."""
+        if self.progress.routes is None:
+            return set()
         ended = (self.members[i] for i in self.progress.ended(self.model, self.motion))
         return {member.id for member in ended if member.arrives_alone}
 
@@ -468,7 +475,9 @@ class Fleet(MemberState):
             sensed = self._sensed(i, scan, own, signals, more, messages, dt)
             at = Occasion(more.time if scan is None else scan.stamp, self.ids_by_group[i])
             decision = decide(group.law, sensed, group.memory, (since or group.decides_every) * dt, at)
-            groups.append(group._replace(memory=decision.memory, since=0))
+            if group.since != 0 or decision.memory is not group.memory:
+                group = group._replace(memory=decision.memory, since=0)
+            groups.append(group)
             rows.append(group.rows)
             decisions.append(decision)
         if not decisions:
@@ -482,8 +491,6 @@ class Fleet(MemberState):
 
         raises: ValueError where there is no such member, where SUMO drives it, or where a command is not finite
         """
-        if not override:
-            return self
         row_of = {m.id: i for i, m in enumerate(self.members)}
         for name, command in override.items():
             if name not in row_of:

@@ -53,14 +53,16 @@ def waiting(tmp_path):
             x = sumo.lane.getLength("wc_1") + beyond
             for k in range(round(seconds / STEP)):
                 where = {"member": (sumo.vehicle.getRoadID("member"), sumo.vehicle.getLaneID("member"))}
-                letting_go.observe(fleet(x, y, reason if k * STEP > STANDS_AT else ""), where)
+                letting_go.observe(
+                    fleet(x, y, reason if k * STEP > STANDS_AT else ""), where, sumo.simulation.getTime()
+                )
                 sumo.vehicle.moveToXY("member", "", -1, x, y, 90, 2, 5)
                 sumo.simulationStep()
                 sumo.vehicle.setPreviousSpeed("member", 0.0)
                 if at_wait and k * STEP > STANDS_AT:
                     return at_wait(letting_go)
                 if sumo.vehicle.getRoadID("turns") == "cs":
-                    letting_go.observe(fleet(x, y), where)
+                    letting_go.observe(fleet(x, y), where, sumo.simulation.getTime())
                     assert sumo.vehicle.getParameter("turns", IGNORED) == ""
                     return k * STEP
             return np.inf

@@ -1,0 +1,49 @@
+"""Rules of Algorithm 1 that apply to scans, compiled."""
+
+from __future__ import annotations
+
+import math
+
+from platoontraffic.controllers import reactive
+from platoontraffic.controllers.reactive import SECTORS, rule
+from platoontraffic.lidar.compiled import compiler
+
+SMALLEST, MEAN, MIDDLE = map(SECTORS.index, ("smallest", "mean", "middle"))
+
+compiled = compiler(__file__, reactive.__file__)
+_rule = compiled(rule)
+
+
+@compiled
+def rules(scans, range_min, range_max, sector, numbers):
+    """Fill in the number of the rule that applies to each scan, (n,).
+
+    scans  : ranges [m], (n, k): inf or NaN: no return, -inf: nearer than range_min
+    sector : which range of a sector counts, an index of SECTORS
+    """
+    k = scans.shape[1]
+    for i in range(len(scans)):
+        right = _range(scans[i, k * 1 // 5 : k * 2 // 5], range_min, range_max, sector)
+        front = _range(scans[i, k * 2 // 5 : k * 3 // 5], range_min, range_max, sector)
+        left = _range(scans[i, k * 3 // 5 : k * 4 // 5], range_min, range_max, sector)
+        numbers[i] = _rule(front, left, right)
+
+
+@compiled
+def _range(beams, range_min, range_max, sector):
+    """The range of one sector [m]."""
+    if sector == MIDDLE:
+        return _filled(beams[len(beams) // 2], range_min, range_max)
+    smallest, total = math.inf, 0.0
+    for beam in range(len(beams)):
+        value = _filled(beams[beam], range_min, range_max)
+        smallest, total = min(smallest, value), total + value
+    return smallest if sector == SMALLEST else total / len(beams)
+
+
+@compiled
+def _filled(value, range_min, range_max):
+    """As `ScanBatch.filled`."""
+    if math.isnan(value) or value == math.inf:
+        return range_max
+    return range_min if value == -math.inf else float(value)
