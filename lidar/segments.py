@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -110,17 +110,24 @@ def find_segments(
         raise ValueError(f"ranges are {batch.ranges.shape}; must be {(len(batch), model.samples)}")
     spread, reach = _rule(model, jump, grazing, min_beams, bridge)
 
-    from .segments_kernel import describe, find  # here, because numba takes a second to import
-
+    kernel = _kernel()
     ranges = np.ascontiguousarray(batch.ranges).view()
     ranges.setflags(write=False)  # else numba compiles once more for arrays that may be written to
-    groups, offset = find(ranges, spread, reach, float(jump), int(min_beams))
+    groups, offset = kernel.find(ranges, spread, reach, float(jump), int(min_beams))
     g = groups.shape[1]
     pairs, ones = np.full((4, g, 2), np.nan), np.full((8, g), np.nan)  # rows are the columns of the result
     ends, nearest, line = (pairs[0], pairs[1], ones[0]), (ones[1], ones[2]), (ones[3], ones[4], ones[5])
     corner = pairs[2], np.full(g, -1), ones[6], pairs[3], ones[7], np.zeros(g, dtype=bool)
-    describe(ranges, model.directions, model.angles, groups, ends, nearest, line, corner)
+    kernel.describe(ranges, model.directions, model.angles, groups, ends, nearest, line, corner)
     return Segments(*groups, *ends, *nearest, *line, *corner, offset)
+
+
+@cache
+def _kernel():
+    """Imported when it is first used, because numba takes a second to import."""
+    from . import segments_kernel
+
+    return segments_kernel
 
 
 @lru_cache

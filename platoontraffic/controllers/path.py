@@ -143,7 +143,7 @@ class PathLeader(Law):
         acceleration = np.maximum(acceleration, -self.hardest_braking)
         acceleration = np.maximum(acceleration, -sensed.speed / dt)  # braking ends at a stand
         command = Drive(acceleration, along.curvature)
-        driven = driven._replace(command=command)
+        driven = Driven(command, driven.drive_line, driven.past)
         return Decision(command, Memory(memory.time + dt, free, closing, creeps, limit, driven))
 
     def _half_width(self, body: Body) -> np.ndarray:
@@ -219,23 +219,27 @@ class PathLeader(Law):
         strip : distance to the first obstacle on the strip [m], its bearing from the laser [rad], and the distance in
                 the last scan, (n,) each
         """
+        from platoontraffic.controllers.path_kernel import limits_of  # importing numba takes half a second
+
         acceleration, obstacle, (free, bearing, before) = along.acceleration, along.obstacle, strip
         creeps = creeps.after(sensed, free, before, lines < obstacle, dt)
-        if len(rows := np.flatnonzero(creeps.active)):
+        active = creeps.active
+        if len(rows := active.nonzero()[0]):
             acceleration = acceleration.copy()
             acceleration[rows] = creeping.acceleration(sensed, rows, self.braking)
-        by_obstacle = (obstacle <= np.minimum(acceleration, lines)) & np.isfinite(free)
-        reason = np.where(by_obstacle, OBSTACLE, np.where(lines < acceleration, LINE, 0))
-        reason = np.where(creeps.active & (reason == 0), OBSTACLE, reason)
-        limit = BrakingFor(reason, np.where(reason == OBSTACLE, bearing, np.nan), creeps.active)
-        return np.minimum(acceleration, lines), creeps, limit
+        (least, toward), reason = np.empty((2, len(free))), np.empty(len(free), dtype=np.intp)
+        words = OBSTACLE, LINE
+        limits_of(acceleration, lines, obstacle, free, bearing, active, words, least, reason, toward)
+        return least, creeps, BrakingFor(reason, toward, active)
 
     def acceleration_for_lines(self, sensed: Sensed) -> np.ndarray:
         """For a closed line ahead, (n,) [m/s2]; inf where there is none."""
         from platoontraffic.controllers.path_kernel import stop_at_lines
 
-        acceleration = np.full(len(sensed.speed), np.inf)
-        if sensed.signals is not None:
+        acceleration = np.empty(len(sensed.speed))
+        if sensed.signals is None:
+            acceleration.fill(np.inf)
+        else:
             stop_at_lines(sensed.signals, sensed.speed, sensed.body.length, self._gains, acceleration)
         return acceleration
 
@@ -255,15 +259,14 @@ def first_return(sensed: Sensed, half_width: np.ndarray) -> tuple[np.ndarray, np
 
     scan, body, route = sensed.scan, sensed.body, sensed.route
     model, n = scan.model, len(sensed.speed)
-    free, beam = np.full(n, np.inf), np.full(n, -1)
+    free, beam, limits = np.empty(n), np.empty(n, dtype=np.intp), (model.range_min, model.range_max)
     beams, laser, front = beams_of(model), model.mount.x - body.axle, body.length / 2 - body.axle
-    count = np.searchsorted(route.distance.min(axis=0), model.range_max + 2 * body.length.max()) + 1
-    points = route.points[:, :count]
+    points = route.points
     if sensed.age:  # as seen from where the scan was taken, so that the distance is that from where the vehicle is now
         then = Odometry.begin(sensed.speed, sensed.yaw_rate)
         points = seen_from(points, then.moved(sensed.speed, sensed.yaw_rate, sensed.age), then)
-    strip = points, route.distance[:, :count], half_width
-    first_on_strip(np.maximum(scan.ranges, model.range_min), beams, laser, model.mount.y, strip, front, free, beam)
+    strip = points, route.distance, half_width
+    first_on_strip(scan.ranges, limits, beams, laser, model.mount.y, strip, body.length, front, free, beam)
     return free, bearing_of(beam, model)
 
 

@@ -165,19 +165,23 @@ def stop_at_lines(signals, speed, length, gains, acceleration):
 
 
 @compiled
-def first_on_strip(ranges, beams, laser, aside, strip, front, free, beam):
+def first_on_strip(ranges, limits, beams, laser, aside, strip, length, front, free, beam):
     """Fill in the distance along the route from each front bumper to the first return on the strip [m], (n,).
 
-    ranges       : inf or NaN for no return [m], (n, k)
+    ranges       : inf or NaN for no return, -inf for one nearer than the least range [m], (n, k)
+    limits       : least and greatest range [m]
     beams        : unit vectors, x and y, (2, k)
     laser, aside : position of the laser, x (n,) and y [m]
     strip        : points of the routes (n, m, 2), their distances along them (n, m), half the width (n,) [m]
+    length       : of the bodies [m], (n,)
     front        : x of the front bumpers [m], (n,)
-    free         : filled in; returns farther ahead than its values are left out
-    beam         : filled in: the beam of that return, (n,); unchanged where there is none
+    free         : filled in; inf: no return
+    beam         : filled in: the beam of that return, (n,); -1: none
     """
     points, distance, half_width = strip
+    points = points[:, : _in_view(distance, limits[1], length)]
     for i in range(len(free)):
+        free[i], beam[i] = np.inf, -1
         low, high = points[i, 0, 1], points[i, 0, 1]
         for k in range(1, points.shape[1]):
             low, high = min(low, points[i, k, 1]), max(high, points[i, k, 1])
@@ -185,9 +189,48 @@ def first_on_strip(ranges, beams, laser, aside, strip, front, free, beam):
         for k in range(ranges.shape[1]):
             if not ranges[i, k] < np.inf:
                 continue
-            x, y = laser[i] + ranges[i, k] * beams[0, k], aside + ranges[i, k] * beams[1, k]
+            r = max(ranges[i, k], limits[0])
+            x, y = laser[i] + r * beams[0, k], aside + r * beams[1, k]
             if low < y < high and x > 0:
-                piece, share, squared, _ = nearest(points[i], 0, len(distance[i]) - 1, x, y, 0.0, 1.0)
+                piece, share, squared, _ = nearest(points[i], 0, points.shape[1] - 1, x, y, 0.0, 1.0)
                 station = distance[i, piece] + share * (distance[i, piece + 1] - distance[i, piece])
                 if np.sqrt(squared) < half_width[i] and front[i] < station < front[i] + free[i]:
                     free[i], beam[i] = station - front[i], k
+
+
+@compiled
+def _in_view(distance, range_max, length):
+    """Number of the points of all routes, (n, m), between which a return may be."""
+    longest = 0.0
+    for i in range(len(length)):
+        longest = max(longest, length[i])
+    for k in range(distance.shape[1]):
+        nearest_one = np.inf
+        for i in range(len(distance)):
+            nearest_one = min(nearest_one, distance[i, k])
+        if nearest_one >= range_max + 2 * longest:
+            return k + 1
+    return distance.shape[1]
+
+
+@compiled
+def limits_of(acceleration, lines, obstacle, free, bearing, creeps, words, least, reason, toward):
+    """Fill in the least acceleration, what it is for, and the bearing of an obstacle that it is for, (n,) each.
+
+    acceleration, lines, obstacle : along the route, for lines, and of the first, for the obstacle [m/s2], (n,)
+    free, bearing                 : of the obstacle [m], [rad], (n,)
+    creeps                        : bool, (n,)
+    words                         : numbers of `OBSTACLE` and `LINE` among the reasons
+    """
+    by_obstacle, by_line = words
+    for i in range(len(least)):
+        least[i] = np.minimum(acceleration[i], lines[i])
+        reason[i], toward[i] = 0, np.nan
+        if obstacle[i] <= least[i] and np.isfinite(free[i]):
+            reason[i] = by_obstacle
+        elif lines[i] < acceleration[i]:
+            reason[i] = by_line
+        elif creeps[i]:
+            reason[i] = by_obstacle
+        if reason[i] == by_obstacle:
+            toward[i] = bearing[i]

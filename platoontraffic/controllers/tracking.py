@@ -17,7 +17,7 @@ from platoontraffic.controllers.law import BrakingFor, Decision, Law, RouteAhead
 from platoontraffic.controllers.path import LINE, AlongRoute, PathLeader, bearing_of, nothing
 from platoontraffic.controllers.tracker.drive_line import DriveLine
 from platoontraffic.controllers.tracker.fitted import Fitted, fitted
-from platoontraffic.controllers.tracker.own_motion import Moved, Past, YawBias, seen_from, steered
+from platoontraffic.controllers.tracker.own_motion import Moved, Past, YawBias, seen_from
 from platoontraffic.controllers.tracker.records import (
     ACCELERATION,
     CUTS_IN,
@@ -33,6 +33,7 @@ from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.controllers.tracker.trail import Ahead, RouteSection, Strip, Trail
 from platoontraffic.lidar.segments import find_segments
 from platoontraffic.vehicles.motion import Drive, Positive
+from platoontraffic.vehicles.records import some
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -317,11 +318,12 @@ class TrackingFollower(Law):
     # ---- 1. estimate
 
     def _own_motion(self, sensed: Sensed, memory: Memory, dt: float) -> tuple[Now, DriveLine, YawBias, Past]:
-        from platoontraffic.controllers.tracker.own_motion_kernel import move_on
+        from platoontraffic.controllers.tracker.own_motion_kernel import move_on, steer
 
         late, past, body, last = sensed.odometry_age, memory.past, sensed.body, memory.odometry
         before = memory.driven_curvature
-        driven, mean = steered(before, memory.curvature, body.steering_lag, body.curvature_rate, dt)
+        driven, mean = np.empty((2, len(before)))
+        steer(before, memory.curvature, body.steering_lag, body.curvature_rate, dt, driven, mean)
         then, more = driven, mean - (before + driven) / 2
         if past.x.shape[1]:
             drive_line = memory.drive_line.after(memory.acceleration, sensed.body, dt)
@@ -342,7 +344,7 @@ class TrackingFollower(Law):
         given, (leads, wrong_lane) = sensed.route, np.zeros((2, len(sensed.speed)), bool)
         if sensed.leads is not None:
             leads = sensed.leads
-        if given is not None and memory.beside.active.any():
+        if given is not None and some(memory.beside.active):
             wrong_lane = memory.beside.closes(given, sensed.signals.distance)
             signals = sensed.signals._replace(open=sensed.signals.open & ~wrong_lane)
             sensed = replace(sensed, route=memory.beside.drives(given), signals=signals)
@@ -359,13 +361,13 @@ class TrackingFollower(Law):
         path, segments = PathAhead(turning, points), find_segments(sensed.scan, jump=0.3, bridge=5)
         hidden = self._hidden_by(now, predicted)
         track, sighting = predicted.corrected(sensed.scan, segments, scanned, now.laser, path, hidden, now.dt)
-        if now.leads.any():
+        if some(now.leads):
             track, sighting = track.forgotten(now.leads), sighting.without(now.leads)
         # A predecessor that was met on the route is followed along the route.
         on_route = (~predicted.known | ~now.memory.never_lost | now.memory.beside.active) & (route is not None)
         at_use = track.predicted(now.odometry, sensed.age) if sensed.age else track
         aligned, aligned_now = track, at_use
-        if now.given is not None and now.memory.beside.active.any():
+        if now.given is not None and some(now.memory.beside.active):
             aligned, aligned_now = (now.memory.beside.aligned(one, now.given, now.odometry) for one in (track, at_use))
         return Estimate(predicted, track, at_use, aligned, aligned_now, sighting, on_route)
 
@@ -426,7 +428,7 @@ class TrackingFollower(Law):
         curvature = ahead.curvature if along is None else along.curvature
         pursue(now.speed, now.memory.acceleration, body, mount, now.fitted, drive_line, track, ahead, obstacle,
                estimate.on_route, curvature, self._gains, now.dt, pursuit)  # fmt: skip
-        if not beside_it.held.any():
+        if not some(beside_it.held):
             return pursuit
         error = ahead.length - OVERHANG - now.laser - self.desired_distance(now.speed)
         age, speed_ahead = now.sensed.ages.get(AROUND, 0.0), track.mean[:, SPEED]

@@ -36,6 +36,8 @@ def take(record: Record, rows: np.ndarray) -> Record:
     if record is None:
         return None
     mask = rows.dtype == bool
+    if not mask and isinstance(record, tuple) and hasattr(record, "_fields"):  # the usual one: fewer calls
+        return type(record)(*[part[rows] if type(part) is np.ndarray else take(part, rows) for part in record])
     if isinstance(record, np.ndarray) and (not mask or record.shape[:1] == rows.shape):
         return record[rows]
     if isinstance(record, list) and (not mask or len(record) == len(rows)):

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pymunk
-import shapely
 from pymunk import batch
-from shapely import STRtree
 
 from platoontraffic.lidar import Scene
-from platoontraffic.vehicles.records import some
 from platoontraffic.world.events import WALL
 from platoontraffic.world.traffic import TrafficSnapshot
 
@@ -33,13 +30,13 @@ class Contacts:
 
     def __init__(self, scene: Scene, members: set[str]) -> None:
         """scene: its segments are the walls; members: ids of all platoon members of the run"""
+        from platoontraffic.world.walls_kernel import Walls, may_touch  # importing numba takes half a second
+
         self._space = pymunk.Space()
         self._poses = BodyPoses(self._space)
         self.members = members
-        self._walls = STRtree(shapely.linestrings(scene.segments.reshape(-1, 2, 2)))
-        self._has_walls = len(scene.segments) > 0
-        self._away = (), *np.empty((3, 0))  # ids of members, where they were [m], and how far from all walls then [m]
-        self._near_walls = False  # one of them may have touched a wall then
+        self._walls = Walls.of(scene.segments) if len(scene.segments) else None
+        self._may_touch = may_touch
         self._ids: tuple[str, ...] | None = None  # of the previous snapshot
         self._rows = np.empty(0, dtype=np.intp)  # of its vehicles in the table
         self._table = np.empty((0, 3))  # x, y, angle of all bodies; zeros for the body of the walls
@@ -60,19 +57,11 @@ class Contacts:
             shape.filter = _OTHER
 
     def may_touch_walls(self, traffic: TrafficSnapshot, n: int) -> bool:
-        """Whether one of the first n vehicles may touch a wall.
-
-        None does until its centre has moved as far as all of its circumscribed circle was away from the walls.
-        """
-        if not self._has_walls or not n:
+        """Whether one of the first n vehicles may touch a wall."""
+        if self._walls is None:
             return False
-        ids, x, y = traffic.ids[:n], traffic.x[:n], traffic.y[:n]
-        before, from_x, from_y, away = self._away
-        if before != ids or some(np.hypot(x - from_x, y - from_y) >= away):
-            _, centres = self._walls.query_nearest(shapely.points(x, y), return_distance=True, all_matches=False)
-            away = centres - np.hypot(traffic.length[:n], traffic.width[:n]) / 2 - ROUNDING
-            self._away, self._near_walls = (ids, x, y, away), bool(some(away <= 0))
-        return self._near_walls
+        size = traffic.length, traffic.width
+        return self._may_touch(self._walls, n, traffic.x, traffic.y, traffic.facing, *size, ROUNDING)
 
     def of(self, traffic: TrafficSnapshot) -> set[tuple[str, str]]:
         """Pairs (member, other vehicle or WALL) that touch in this snapshot; of two members the first by name leads."""

@@ -197,8 +197,8 @@ class RouteProgress:
         """
         if self.routes is None:
             return self
-        x, y = (axle[self.rows] for axle in model.axle_position(motion))
-        return changed(self, station=self.routes.project(x, y, self.station, window * model.length[self.rows]))
+        (x, y), rows = model.axle_position(motion), self.rows
+        return changed(self, station=self.routes.project(x[rows], y[rows], self.station, window * model.length[rows]))
 
     def ahead(self, model: FleetModel, motion: Motion, rows: np.ndarray) -> RouteAhead | None:
         """The routes ahead as seen from the driven axles of some of these members; None if nobody has a route.
@@ -207,9 +207,9 @@ class RouteProgress:
         """
         if self.routes is None:
             return None
-        which = np.searchsorted(self.rows, rows)
-        x, y = (axle[rows] for axle in model.axle_position(motion))
-        return self.routes.ahead(self.station[which], x, y, motion.heading[rows], which)
+        which = self.rows.searchsorted(rows)
+        x, y = model.axle_position(motion)
+        return self.routes.ahead(self.station[which], x[rows], y[rows], motion.heading[rows], which)
 
     def ended(self, model: FleetModel, motion: Motion) -> np.ndarray:
         """Rows of the fleet whose front bumper has reached the end of the route.

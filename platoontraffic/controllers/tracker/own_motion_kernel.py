@@ -17,7 +17,14 @@ DRIFTS = math.radians(0.02)  # change of the bias of the yaw rate in a second [r
 NOISE = math.radians(0.3)  # standard deviation of the difference from the steering's yaw rate, straight ahead [rad/s]
 TURNING = 0.3  # growth of that with the steering's yaw rate: tyres slip, and the steering lags
 
-approach = compiled(drive_line.approach)
+approach, _steered = compiled(drive_line.approach), compiled(own_motion.steered)
+
+
+@compiled
+def steer(curvature, command, lag, rate, dt, driven, mean):
+    """Fill in curvatures dt [s] after commands, and their means until then [1/m], as `own_motion.steered`; (n,)."""
+    for i in range(len(curvature)):
+        driven[i], mean[i] = _steered(curvature[i], command[i], lag[i], rate[i], dt)
 
 
 @compiled

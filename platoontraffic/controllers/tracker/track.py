@@ -14,6 +14,7 @@ import numpy as np
 from platoontraffic.controllers.tracker.records import Groups, Hiding, Laser, PathAhead, Sighting
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.segments import Segments
+from platoontraffic.vehicles.records import some
 
 columns_of = attrgetter(*Groups._fields)
 
@@ -122,7 +123,7 @@ class Track(NamedTuple):
 
     def forgotten(self, rows: np.ndarray) -> Track:
         """Without the predecessors of some rows, (n,) bool."""
-        if not rows.any():
+        if not some(rows):
             return self
         track = Track(*(values.copy() for values in self))
         for values in track:

@@ -10,6 +10,7 @@ import numpy as np
 from platoontraffic.controllers.law import Body
 from platoontraffic.controllers.tracker.track import Odometry, Track
 from platoontraffic.lidar import LidarModel, ScanBatch
+from platoontraffic.vehicles.records import some
 
 BLOCK = 32  # least number of points for which there is room
 POINTS = 256  # greatest number of points of a trail
@@ -74,7 +75,7 @@ class Trail(NamedTuple):
         size = self.size - oldest
         # The copy has room for one more point, or, where an arc or a route may be laid, for as many as there can be. In
         # whole blocks, so that trails of followers that departed at different times fit into one array.
-        capacity = POINTS if route is not None or gap.any() else min((size.max() // BLOCK + 1) * BLOCK, POINTS)
+        capacity = POINTS if route is not None or some(gap) else min((size.max() // BLOCK + 1) * BLOCK, POINTS)
         trail = Trail(np.zeros((len(size), capacity, 3)), size)
         copy_points(self, oldest, trail.points)
         if route is not None:
