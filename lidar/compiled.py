@@ -26,10 +26,23 @@ def compiler(*files: str | Path) -> Callable:
         # numba compiles anew when the function's own file has changed, but does not notice a change of a function or a
         # constant in another file. A test fails when a new numba keeps this stamp elsewhere.
         with contextlib.suppress(AttributeError):
-            dispatcher._cache._cache_file._source_stamp = stamp
+            file = dispatcher._cache._cache_file
+            file._source_stamp, file._load_index = stamp, _sound(file._load_index)
         return dispatcher
 
     return compiled
+
+
+def _sound(load_index: Callable[[], dict]) -> Callable[[], dict]:
+    """The list of compiled versions; an empty one where it names types that an older version of the code had."""
+
+    def load() -> dict:
+        try:
+            return load_index()
+        except (AttributeError, ImportError):
+            return {}
+
+    return load
 
 
 def when_compiling(tell: Callable[[], None]) -> None:

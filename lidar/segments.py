@@ -115,9 +115,12 @@ def find_segments(
     ranges.setflags(write=False)  # else numba compiles once more for arrays that may be written to
     groups, offset = kernel.find(ranges, spread, reach, float(jump), int(min_beams))
     g = groups.shape[1]
-    pairs, ones = np.full((4, g, 2), np.nan), np.full((8, g), np.nan)  # rows are the columns of the result
+    pairs, ones, split = np.empty((4, g, 2)), np.empty((8, g)), np.empty(g, np.intp)  # rows are columns of the result
+    pairs.fill(np.nan)
+    ones.fill(np.nan)
+    split.fill(-1)
     ends, nearest, line = (pairs[0], pairs[1], ones[0]), (ones[1], ones[2]), (ones[3], ones[4], ones[5])
-    corner = pairs[2], np.full(g, -1), ones[6], pairs[3], ones[7], np.zeros(g, dtype=bool)
+    corner = pairs[2], split, ones[6], pairs[3], ones[7], np.zeros(g, dtype=bool)
     kernel.describe(ranges, model.directions, model.angles, groups, ends, nearest, line, corner)
     return Segments(*groups, *ends, *nearest, *line, *corner, offset)
 

@@ -12,7 +12,9 @@ from platoontraffic.controllers.law import NO_TARGET, Decision, Law, Sensed, Tar
 from platoontraffic.errors import InputError
 from platoontraffic.plug_ins import end_copy, is_shipped, place_of
 from platoontraffic.vehicles.motion import Drive, Twist
-from platoontraffic.vehicles.records import every, take
+from platoontraffic.vehicles.records import take
+
+NO_ROWS = np.empty((2, 0))
 
 
 class Occasion(NamedTuple):
@@ -91,11 +93,13 @@ def _is_sound(decision: Any, n: int) -> bool:
 
 
 def _check_finite(law: Law, decision: Decision, at: Occasion) -> None:
+    from platoontraffic.controllers.calls_kernel import all_finite  # importing numba takes half a second
+
     command, target = decision.command, decision.target
     (one, other), (distance, bearing) = command, target
-    sound = np.isfinite(one) & np.isfinite(other) & ~np.isinf(distance) & ~np.isinf(bearing)
-    if every(sound):
+    if all_finite(one, other, *(NO_ROWS if target is NO_TARGET else target)):
         return
+    sound = np.isfinite(one) & np.isfinite(other) & ~np.isinf(distance) & ~np.isinf(bearing)
     row = int(np.argmin(sound))
     given = ", ".join(f"{name.replace('_', ' ')} {values[row]}" for name, values in command._asdict().items())
     distance, bearing = (np.broadcast_to(values, sound.shape)[row] for values in target)

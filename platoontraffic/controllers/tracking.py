@@ -20,11 +20,9 @@ from platoontraffic.controllers.tracker.fitted import Fitted, fitted
 from platoontraffic.controllers.tracker.own_motion import Moved, Past, YawBias, seen_from
 from platoontraffic.controllers.tracker.records import (
     ACCELERATION,
-    CUTS_IN,
     OVERHANG,
     SPEED,
     Hiding,
-    PathAhead,
     Sighting,
     X,
     Y,
@@ -39,7 +37,6 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 LEAST_HEADWAY, HEADWAY_PER_DELAY = 0.5, 1.1  # time headway with which no string of cars amplifies [s], [s/s]
 RECOVERY = 2.5  # lateral acceleration of the return to the trail [m/s2]
-HIDDEN = 0.25  # time after which a vehicle that has cut in takes the place of a predecessor that it hides [s]
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
 KEPT_FREE = 0.22  # on each side of the vehicle, on its path [m]
 SWINGS_CLEAR = 0.1  # on each side, where its front swings out in a bend [m]
@@ -354,13 +351,13 @@ class TrackingFollower(Law):
     def _estimate(self, now: Now) -> Estimate:
         sensed, route, scanned = now.sensed, now.sensed.route, now.scanned
         predicted = self._predict(now)
-        turning = np.where(scanned.speed > 1.0, scanned.yaw_rate / np.maximum(scanned.speed, 1.0), 0.0)
-        points = np.empty((len(turning), 0, 2)) if route is None else route.points
+        points = np.empty((len(scanned.x), 0, 2)) if route is None else route.points
         if sensed.age and route is not None:
             points = seen_from(points, now.odometry, scanned)
-        path, segments = PathAhead(turning, points), find_segments(sensed.scan, jump=0.3, bridge=5)
-        hidden = self._hidden_by(now, predicted)
-        track, sighting = predicted.corrected(sensed.scan, segments, scanned, now.laser, path, hidden, now.dt)
+        segments, obstacle = find_segments(sensed.scan, jump=0.3, bridge=5), now.memory.obstacle
+        distance = obstacle.free + sensed.body.length / 2 - sensed.scan.model.mount.x
+        hiding = Hiding(distance, obstacle.speed, obstacle.acceleration)
+        track, sighting = predicted.corrected(sensed.scan, segments, scanned, now.laser, points, hiding, now.dt)
         if some(now.leads):
             track, sighting = track.forgotten(now.leads), sighting.without(now.leads)
         # A predecessor that was met on the route is followed along the route.
@@ -370,13 +367,6 @@ class TrackingFollower(Law):
         if now.given is not None and some(now.memory.beside.active):
             aligned, aligned_now = (now.memory.beside.aligned(one, now.given, now.odometry) for one in (track, at_use))
         return Estimate(predicted, track, at_use, aligned, aligned_now, sighting, on_route)
-
-    def _hidden_by(self, now: Now, predicted: Track) -> Hiding:
-        obstacle, body, mount = now.memory.obstacle, now.sensed.body, now.sensed.scan.model.mount.x
-        drives = obstacle.speed > CUTS_IN * now.scanned.speed  # False where it is not known
-        hides = predicted.known & (predicted.blind > HIDDEN) & np.isfinite(obstacle.free) & drives
-        distance = np.where(hides, obstacle.free + body.length / 2 - mount, np.nan)
-        return Hiding(distance, obstacle.speed, obstacle.acceleration)
 
     def _predict(self, now: Now) -> Track:
         """The track at the time of this scan, without predecessors that are lost, off the route, or not wanted."""

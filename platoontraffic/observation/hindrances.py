@@ -8,6 +8,7 @@ import numpy as np
 
 from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.observation.step import Cause, Step
+from platoontraffic.vehicles.records import some
 from platoontraffic.world.events import EVENT_KINDS, HELD_DISTANCE, HELD_SPEED, Event, Noted
 from platoontraffic.world.fleet import Fleet
 
@@ -22,7 +23,7 @@ class Hindrances:
         """scale: size of each member beside a car, (N,); distances and speeds shrink with it"""
         n, self._scale = len(scale), scale
         self._broken: list[set[str]] = [set() for _ in range(n)]  # drive, laser
-        self._held = np.zeros(n, dtype=bool)
+        self._held, self._any_held = np.zeros(n, dtype=bool), False
         self._reason = np.zeros(n, dtype=int)  # of the last hold, an index of CLOSED_BY
         self._since, self._until = np.full((2, n), -np.inf)  # the last hold [s]
 
@@ -39,9 +40,10 @@ class Hindrances:
         signals, number = step.signals, step.fleet.number
         if signals is None:
             return
-        near, slow = HELD_DISTANCE * self._scale[number], HELD_SPEED * self._scale[number]
-        closed = ~signals.open & (signals.distance < near)
-        held = closed & (step.fleet.motion.speed < slow)
+        closed = ~signals.open & (signals.distance < HELD_DISTANCE * self._scale[number])
+        if not self._any_held and not some(closed):
+            return
+        held = closed & (step.fleet.motion.speed < HELD_SPEED * self._scale[number])
         self._reason[number] = np.where(held, signals.reason, self._reason[number])
         self._until[number] = np.where(held, step.traffic.time, self._until[number])
         for i in (held & ~self._held[number]).nonzero()[0]:
@@ -51,6 +53,7 @@ class Hindrances:
         for i in (~closed & self._held[number]).nonzero()[0]:
             yield step.event("released", i, duration=step.traffic.time - self._since[number[i]])
         self._held[number] = held | (self._held[number] & closed)
+        self._any_held = bool(some(self._held))
 
     def laser_is_broken(self, number: int) -> bool:
         return "laser" in self._broken[number]

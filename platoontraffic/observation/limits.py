@@ -9,6 +9,7 @@ import numpy as np
 from platoontraffic.controllers import BRAKES_FOR
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.step import Step
+from platoontraffic.vehicles.records import some
 from platoontraffic.world.events import Event
 
 
@@ -19,7 +20,7 @@ class Limits:
         self.known = np.zeros(n, dtype=bool)  # the law says what it brakes for
         self._reason = np.zeros(n, dtype=int)  # an index of BRAKES_FOR
         self._body = np.full(n, "", dtype=object)  # that it brakes for: id of a vehicle or person, WALL, or ""
-        self._creeps = np.zeros(n, dtype=bool)
+        self._creeps, self._any_creeps = np.zeros(n, dtype=bool), False
 
     def observe(self, step: Step, scans: Sequence[ScanBatch | None]) -> Iterator[Event]:
         """creeps
@@ -37,10 +38,13 @@ class Limits:
                 beam = round((limit.bearing[k] - model.angle_min) / model.angle_increment)
                 hit = scan.hits[k, min(max(beam, 0), model.samples - 1)]
                 self._body[number[k]] = seen.traffic.surfaces[hit]
+            if not self._any_creeps and not some(limit.creeps):
+                continue
             for k in (limit.creeps & ~self._creeps[number]).nonzero()[0]:
                 body = self._body[number[k]]
                 yield step.event("creeps", group.rows[k], body, detail=f"past {body}" if body else "")
             self._creeps[number] = limit.creeps
+            self._any_creeps = bool(some(self._creeps))
 
     def reason(self, number: int) -> str:
         """A word of BRAKES_FOR."""

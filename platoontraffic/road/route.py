@@ -156,15 +156,13 @@ class Routes:
         self._closed = np.array([route.closed for route in routes])
         self.walled = np.array([route.walled for route in routes])  # a wall closes the road at the end of the route
         self._end = np.array([route.length for route in routes])
+        self._last = np.where(self._closed, np.inf, self._end)  # station at which it ends
         self._factor, self._top_speed = np.array([(route.speed_factor, route.top_speed) for route in routes]).T
 
     def project(self, x: np.ndarray, y: np.ndarray, near: np.ndarray, window: np.ndarray) -> np.ndarray:
         """Stations (n,) of the nearest points within `window` (n,) of stations `near`, as Polyline.project."""
-        turn = np.where(self._closed, self._end, np.inf)
-        near = np.where(self._closed, np.mod(near, turn), near)
-        near = np.where(self._closed & (near < self._end / 2), near + self._end, near)
-        station = np.empty(len(x))
-        _project((self._stations, self._points), self._base, self._points_of, x, y, near, window, station)
+        routes, station = (self._base, self._points_of, self._closed, self._end), np.empty(len(x))
+        _project((self._stations, self._points), routes, x, y, near, window, station)
         return station
 
     def ahead(
@@ -185,20 +183,26 @@ class Routes:
 
     def left(self, station: np.ndarray) -> np.ndarray:
         """Distance to the end of the route [m], (n,); inf on a closed one."""
-        return np.where(self._closed, np.inf, self._end - station)
+        return self._last - station
 
 
 @compiled
-def _project(lines, base, points_of, x, y, near, window, station):
+def _project(lines, routes, x, y, near, window, station):
     """Fill in the stations (n,) of `Routes.project`.
 
-    lines     : stations (k,) and points (k, 2) of all routes
-    points_of : first point of each row's route, and the one after its last, (n, 2)
+    lines  : stations (k,) and points (k, 2) of all routes
+    routes : of each row's: base station, first point and the one after its last, (n, 2), whether it is closed, length
     """
     stations, points = lines
+    base, points_of, closed, end = routes
     for i in range(len(x)):
         first, stop = points_of[i]
-        there, _ = project(points[first:stop], stations[first:stop], x[i], y[i], near[i] + base[i], window[i])
+        about = near[i]
+        if closed[i]:
+            about = about % end[i]
+            if about < end[i] / 2:
+                about += end[i]
+        there, _ = project(points[first:stop], stations[first:stop], x[i], y[i], about + base[i], window[i])
         station[i] = there - base[i]
 
 

@@ -181,18 +181,20 @@ class StopLines:
             self._fleet, self._members = members, frozenset(fleet.ids)
             rows = enumerate(progress.rows.tolist())
             self._asking = [(k, i, Ego.of(members[i])) for k, i in rows if "signals" in members[i].law.needs]
+            self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
         if not self._asking:
             return None
         self.renew()
         front = (progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]).tolist()
-        states, speed = [NO_LINE] * len(fleet), fleet.motion.speed.tolist()
+        speed, signals = fleet.motion.speed.tolist(), Signals(*(values.copy() for values in self._no_lines))
         self._blocked_changes.clear()
         self.room_wanted.clear()
         for k, i, (name, _, _, *own) in self._asking:
-            states[i] = self._state(members[i], front[k], Ego(name, roads[name][1], speed[i], *own))
-        distance, is_open, minor, changing, reason = zip(*states, strict=True)
-        flags = np.array(is_open), np.array(minor), np.array(changing)
-        return Signals(np.array(distance), *flags, np.array(reason))
+            state = self._state(members[i], front[k], Ego(name, roads[name][1], speed[i], *own))
+            if state is not NO_LINE:
+                for values, value in zip(signals, state, strict=True):
+                    values[i] = value
+        return signals
 
     def with_later_changes(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members that brake because there is no room for their lane change here.

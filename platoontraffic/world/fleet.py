@@ -19,7 +19,7 @@ from platoontraffic.road.route import Route, Routes
 from platoontraffic.vehicles.catalogue import FleetModel, VehicleModel
 from platoontraffic.vehicles.motion import Command, Drive, Motion, Twist
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors
-from platoontraffic.vehicles.records import changed, concatenate, put, stack, take
+from platoontraffic.vehicles.records import changed, concatenate, put, some, stack, take
 from platoontraffic.vehicles.sensor import NamedSensor
 from platoontraffic.world.neighbours import chains, known_by, nothing_known
 from platoontraffic.world.under_way import Seen, UnderWay
@@ -218,10 +218,13 @@ class RouteProgress:
         """
         if self.routes is None:
             return self.rows
-        length = model.length[self.rows]
-        left = self.routes.left(self.station) - length / 2 + model.axle[self.rows]
+        length, axle = model.length[self.rows], model.axle[self.rows]
+        left = self.routes.left(self.station) - length / 2 + axle
+        near = left < 2 * length
+        if not some(near):  # as in nearly every step
+            return self.rows[:0]
         stands = motion.speed[self.rows] < STANDING * length
-        return self.rows[(left <= 0) | (self.routes.walled & stands & (left < 2 * length))]
+        return self.rows[(left <= 0) | (self.routes.walled & stands & near)]
 
 
 class Radio(NamedTuple):

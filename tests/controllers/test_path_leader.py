@@ -204,9 +204,9 @@ def test_the_first_return_on_its_strip_is_the_one_that_shapely_finds():
     ranges[rng.random((n, k)) < 0.1] = np.nan
     angle = np.linspace(-1.5, 1.5, k)
     beams = np.stack([np.cos(angle), np.sin(angle)])
-    free, first = np.full(n, np.inf), np.full(n, -1)
-    strip = points, distance, np.full(n, half_width)
-    path_kernel.first_on_strip(ranges, beams, np.full(n, 0.5), 0.1, strip, np.full(n, front), free, first)
+    free, first, limits = np.empty(n), np.empty(n, int), (0.0, 40.0)
+    strip, length = (points, distance, np.full(n, half_width)), np.full(n, 2 * front)
+    path_kernel.first_on_strip(ranges, limits, beams, np.full(n, 0.5), 0.1, strip, length, length / 2, free, first)
 
     routes = shapely.linestrings(points)[:, None]
     to_there = np.where(np.isfinite(ranges), ranges, -9.0)  # returns from behind do not count

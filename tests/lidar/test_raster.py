@@ -165,6 +165,19 @@ def test_a_changed_file_changes_the_stamp(tmp_path):
     assert compiled.digest(copies) != before
 
 
+def test_compiled_code_of_types_that_are_gone_is_compiled_anew(tmp_path):
+    """As after an update: the list of what is kept names a record that the new code does not have."""
+    code = (
+        "from typing import NamedTuple\nfrom platoontraffic.lidar.compiled import compiler\n"
+        "class {0}(NamedTuple):\n    x: float\n"
+        "@compiler(__file__)\ndef double(record):\n    return 2 * record.x\n"
+        "print(double({0}(1.5)))\n"
+    )
+    for name in ("Older", "Newer"):
+        (tmp_path / "kernels.py").write_text(code.format(name))
+        assert python(f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import kernels") == "3.0"
+
+
 def test_kernels_compile_anew_where_no_cache_can_be_written(tmp_path):
     # No place for the cache: neither beside the source nor in a home folder.
     code = (

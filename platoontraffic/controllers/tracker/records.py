@@ -9,21 +9,15 @@ import numpy as np
 X, Y, HEADING, SPEED, ACCELERATION, CURVATURE = range(6)  # elements of a track's state
 
 OVERHANG = 1.0  # assumed distance from a vehicle's rear axle to its rear [m]; cars have 0.8 to 1.2
+HIDDEN = 0.25  # time after which a vehicle that has cut in takes the place of a predecessor that it hides [s]
 CUTS_IN = 0.5  # share of the own speed from which an obstacle on the strip is a vehicle that drives ahead [1]
 
 
-class PathAhead(NamedTuple):
-    """Where a vehicle without a predecessor looks for one; frame of its own driven axle."""
-
-    curvature: np.ndarray  # of the arc that it drives, to the left [1/m], (n,)
-    points: np.ndarray  # of its route [m], (n, k, 2), used instead of the arc; k = 0: no route is given
-
-
 class Hiding(NamedTuple):
-    """What drives ahead and hides the predecessor, arrays (n,)."""
+    """The first obstacle on the strip, which may hide the predecessor, arrays (n,)."""
 
-    distance: np.ndarray  # from the laser [m]; NaN: nothing does
-    speed: np.ndarray  # [m/s]
+    distance: np.ndarray  # from the laser [m]; inf: there is none
+    speed: np.ndarray  # [m/s]; NaN: not known
     acceleration: np.ndarray  # [m/s2]
 
 

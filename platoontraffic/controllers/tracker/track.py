@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from platoontraffic.controllers.tracker.records import Groups, Hiding, Laser, PathAhead, Sighting
+from platoontraffic.controllers.tracker.records import Groups, Hiding, Laser, Sighting
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.segments import Segments
 from platoontraffic.vehicles.records import some
@@ -90,7 +90,7 @@ class Track(NamedTuple):
         return self._replace(mean=mean, cov=cov, blind=self.blind + dt, nis=np.full(len(mean), np.nan))
 
     def corrected(
-        self, scan: ScanBatch, segments: Segments, odometry: Odometry, forward: np.ndarray, path: PathAhead,
+        self, scan: ScanBatch, segments: Segments, odometry: Odometry, forward: np.ndarray, route: np.ndarray,
         hiding: Hiding, dt: float,
     ) -> tuple[Track, Sighting]:  # fmt: skip
         """After a scan: corrected by the group of returns that fits best, if one fits.
@@ -99,6 +99,7 @@ class Track(NamedTuple):
         predecessor takes its place. New tracks have no nis.
 
         forward : of the own driven axle to the laser [m], (n,)
+        route   : points of the path ahead in the frames of the own axles [m], (n, k, 2); k = 0: the arc that it drives
         """
         from platoontraffic.controllers.tracker.track_kernel import correct
 
@@ -107,7 +108,7 @@ class Track(NamedTuple):
         numbers = mount.y, mount.yaw, scan.model.angle_increment, noise.sigma, noise.sigma_per_metre
         laser = Laser(forward, *(float(number) for number in numbers))
         groups = Groups(*columns_of(segments))
-        correct(track, sighting, odometry, laser, path, groups, scan.ranges, hiding, dt)
+        correct(track, sighting, odometry, laser, route, groups, scan.ranges, hiding, dt)
         return track, sighting
 
     def offset(self, points: np.ndarray, odometry: Odometry) -> np.ndarray:

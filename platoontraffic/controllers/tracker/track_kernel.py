@@ -30,7 +30,7 @@ from platoontraffic.controllers.tracker.rear_kernel import (
     no_rear,
     remainder,
 )
-from platoontraffic.controllers.tracker.records import ACCELERATION, HEADING, OVERHANG, SPEED, X, Y
+from platoontraffic.controllers.tracker.records import ACCELERATION, CUTS_IN, HEADING, HIDDEN, OVERHANG, SPEED, X, Y
 from platoontraffic.geometry import polyline
 from platoontraffic.geometry.polyline import nearest
 from platoontraffic.lidar.compiled import compiler
@@ -64,35 +64,36 @@ class Pose(NamedTuple):
 
 
 @compiled
-def correct(track, sighting, odometry, laser, path, groups, ranges, hiding, dt):
+def correct(track, sighting, odometry, laser, route, groups, ranges, hiding, dt):
     """Correct all rows in place by the groups of returns in their scans.
 
     track    : `track.Track`; rows of NaN begin with the nearest rear on the path ahead
-    hiding   : `records.Hiding`; its rear becomes the predecessor's, if the predecessor is not seen
+    route    : as in `track.Track.corrected`
+    hiding   : `records.Hiding`; its rear becomes the predecessor's, if it hides the predecessor
     sighting : `records.Sighting`, filled in where a predecessor is seen
     ranges   : (n, k) [m]; NaN: lost
     """
     state, cov = np.empty(6), np.empty((6, 6))
     for i in range(len(track.mean)):
-        pose = _pose(odometry, laser, i)
+        pose, own_speed = _pose(odometry, laser, i), odometry.speed[i]
+        turning = odometry.yaw_rate[i] / own_speed if own_speed > 1.0 else 0.0  # curvature of the own path [1/m]
         if math.isnan(track.mean[i, X]):
-            found, rear = _first_rear(i, laser, path, groups, ranges)
+            found, rear = _first_rear(i, laser, route, turning, groups, ranges)
             if found >= 0:
-                own_speed = odometry.speed[i]
                 sigma = UNKNOWN_SPEED + UNKNOWN_SHARE * own_speed, STEADY
-                _begin(i, track, rear, pose, path.curvature[i], (own_speed, 0.0), sigma)
+                _begin(i, track, rear, pose, turning, (own_speed, 0.0), sigma)
         else:
             found, rear = _best_rear(i, track, pose, laser, groups, ranges, dt, state, cov)
             if found >= 0:
                 track.nis[i] = _fit(track.mean[i], track.cov[i], rear, pose, dt, state, cov)
                 track.mean[i], track.cov[i] = state, cov
                 track.mean[i, SPEED] = max(track.mean[i, SPEED], 0.0)
-            elif not math.isnan(hiding.distance[i]):
-                found, rear = _first_rear(i, laser, path, groups, ranges)
+            elif track.blind[i] > HIDDEN and _hides(hiding, i, own_speed):
+                found, rear = _first_rear(i, laser, route, turning, groups, ranges)
                 if found >= 0 and math.hypot(rear.x, rear.y) > hiding.distance[i] + BETWEEN:
                     found = -1
                 if found >= 0:
-                    _begin(i, track, rear, pose, path.curvature[i], (hiding.speed[i], hiding.acceleration[i]), MEASURED)
+                    _begin(i, track, rear, pose, turning, (hiding.speed[i], hiding.acceleration[i]), MEASURED)
         if found < 0:
             continue
         if not math.isnan(rear.width):
@@ -100,6 +101,12 @@ def correct(track, sighting, odometry, laser, path, groups, ranges, hiding, dt):
         track.blind[i] = 0.0
         sighting.rear[i, 0], sighting.rear[i, 1] = math.hypot(rear.x, rear.y), math.atan2(rear.y, rear.x)
         sighting.beams[i, 0], sighting.beams[i, 1] = groups.first[found], groups.last[found]
+
+
+@compiled
+def _hides(hiding, i, own_speed):
+    """There is an obstacle on the strip, and it drives ahead."""
+    return math.isfinite(hiding.distance[i]) and hiding.speed[i] > CUTS_IN * own_speed  # False where it is not known
 
 
 @compiled
@@ -220,10 +227,10 @@ def _update(state, cov, rear, pose):
 
 
 @compiled
-def _first_rear(i, laser, path, groups, ranges):
+def _first_rear(i, laser, route, curvature, groups, ranges):
     """The group, and its rear, that is nearest on the path ahead and seen whole; -1 if none is."""
     least, found, first = math.inf, -1, no_rear()
-    points, curvature = path.points[i], path.curvature[i]
+    points = route[i]
     forward, left = laser.forward[i], laser.left
     for k in range(groups.offset[i], groups.offset[i + 1]):
         group = group_of(groups, k)
