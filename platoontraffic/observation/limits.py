@@ -20,6 +20,7 @@ class Limits:
         self.known = np.zeros(n, dtype=bool)  # the law says what it brakes for
         self._reason = np.zeros(n, dtype=int)  # an index of BRAKES_FOR
         self._body = np.full(n, "", dtype=object)  # that it brakes for: id of a vehicle or person, WALL, or ""
+        self._any_body = False
         self._creeps, self._any_creeps = np.zeros(n, dtype=bool), False
 
     def observe(self, step: Step, scans: Sequence[ScanBatch | None]) -> Iterator[Event]:
@@ -33,11 +34,15 @@ class Limits:
             if limit is None:
                 continue
             number, model = step.fleet.number[group.rows], scan.model
-            self.known[number], self._reason[number], self._body[number] = True, limit.reason, ""
-            for k in (~np.isnan(limit.bearing)).nonzero()[0].tolist():
-                beam = round((limit.bearing[k] - model.angle_min) / model.angle_increment)
-                hit = scan.hits[k, min(max(beam, 0), model.samples - 1)]
-                self._body[number[k]] = seen.traffic.surfaces[hit]
+            self.known[number], self._reason[number] = True, limit.reason
+            met = ~np.isnan(limit.bearing)
+            if self._any_body or some(met):
+                self._body[number] = ""
+                for k in met.nonzero()[0].tolist():
+                    beam = round((limit.bearing[k] - model.angle_min) / model.angle_increment)
+                    hit = scan.hits[k, min(max(beam, 0), model.samples - 1)]
+                    self._body[number[k]] = seen.traffic.surfaces[hit]
+                self._any_body = any(self._body.tolist())
             if not self._any_creeps and not some(limit.creeps):
                 continue
             for k in (limit.creeps & ~self._creeps[number]).nonzero()[0]:

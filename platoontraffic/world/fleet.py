@@ -181,14 +181,17 @@ class RouteProgress:
     rows: np.ndarray  # of these members in the fleet, in order
     routes: Routes | None  # None if there are none
     station: np.ndarray  # of the driven axle along the route [m]
+    length: np.ndarray  # of these members [m]
+    front: np.ndarray  # from the driven axle to the front bumper [m]
 
     @classmethod
     def of(cls, members: Sequence[Member], station: np.ndarray | None = None) -> RouteProgress:
         """station: by default 0."""
         rows = np.flatnonzero([m.is_given_its_route for m in members])
-        length = np.array([members[i].model.length for i in rows])
+        length = np.array([members[i].model.length for i in rows], dtype=float)
+        front = length / 2 - [members[i].model.axle for i in rows]
         routes = Routes([members[i].route for i in rows], length) if len(rows) else None
-        return cls(rows, routes, np.zeros(len(rows)) if station is None else station)
+        return cls(rows, routes, np.zeros(len(rows)) if station is None else station, length, front)
 
     def located(self, model: FleetModel, motion: Motion, window: np.ndarray | float = WINDOW) -> RouteProgress:
         """The stations nearest to the driven axles.
@@ -198,7 +201,7 @@ class RouteProgress:
         if self.routes is None:
             return self
         (x, y), rows = model.axle_position(motion), self.rows
-        return changed(self, station=self.routes.project(x[rows], y[rows], self.station, window * model.length[rows]))
+        return changed(self, station=self.routes.project(x[rows], y[rows], self.station, window * self.length))
 
     def ahead(self, model: FleetModel, motion: Motion, rows: np.ndarray) -> RouteAhead | None:
         """The routes ahead as seen from the driven axles of some of these members; None if nobody has a route.
@@ -218,12 +221,11 @@ class RouteProgress:
         """
         if self.routes is None:
             return self.rows
-        length, axle = model.length[self.rows], model.axle[self.rows]
-        left = self.routes.left(self.station) - length / 2 + axle
-        near = left < 2 * length
+        left = self.routes.left(self.station) - self.front
+        near = left < 2 * self.length
         if not some(near):  # as in nearly every step
             return self.rows[:0]
-        stands = motion.speed[self.rows] < STANDING * length
+        stands = motion.speed[self.rows] < STANDING * self.length
         return self.rows[(left <= 0) | (self.routes.walled & stands & near)]
 
 

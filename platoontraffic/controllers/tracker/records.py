@@ -59,7 +59,10 @@ class Sighting(NamedTuple):
 
     @classmethod
     def none(cls, n: int) -> Sighting:
-        return cls(np.full((n, 2), np.nan), np.full((n, 2), -1))
+        rear, beams = np.empty((n, 2)), np.empty((n, 2), dtype=np.intp)
+        rear.fill(np.nan)
+        beams.fill(-1)
+        return cls(rear, beams)
 
     def without(self, rows: np.ndarray) -> Sighting:
         """The same without some rows, (n,) bool."""

@@ -85,9 +85,10 @@ class Track(NamedTuple):
         # Imported here, as below: importing numba takes half a second.
         from platoontraffic.controllers.tracker.prediction_kernel import predict
 
-        mean, cov = self.mean.copy(), self.cov.copy()
+        mean, cov, nis = self.mean.copy(), self.cov.copy(), np.empty(len(self.mean))
+        nis.fill(np.nan)
         predict(mean, cov, odometry, dt)
-        return self._replace(mean=mean, cov=cov, blind=self.blind + dt, nis=np.full(len(mean), np.nan))
+        return Track(mean, cov, self.width, self.blind + dt, nis)
 
     def corrected(
         self, scan: ScanBatch, segments: Segments, odometry: Odometry, forward: np.ndarray, route: np.ndarray,
