@@ -69,10 +69,11 @@ def meet(trails, meetings, head, step, dt, slot, x, y, seat, platoon, found):
     returns : how many were found
     """
     n, count, bodies = len(seat), 0, len(slot)
-    length, radius = np.empty(bodies), np.empty(bodies)
+    length, radius, old_x, old_y = np.empty(bodies), np.empty(bodies), np.empty(bodies), np.empty(bodies)
     for k in range(bodies):
-        s = slot[k]
-        length[k] = trails.arc[head, s] - trails.arc[_oldest(trails, head, s), s]
+        s, row = slot[k], _oldest(trails, head, slot[k])
+        length[k] = trails.arc[head, s] - trails.arc[row, s]
+        old_x[k], old_y[k] = trails.x[row, s], trails.y[row, s]
         radius[k] = math.hypot(trails.half_length[s], trails.half_width[s])
     for i in range(n):
         a = slot[i]
@@ -84,11 +85,13 @@ def meet(trails, meetings, head, step, dt, slot, x, y, seat, platoon, found):
                 continue
             b = slot[k]
             for is_first in range(2):
-                second, first, longest = (b, a, length[i]) if is_first else (a, b, length[k])
+                one, other = (k, i) if is_first else (i, k)  # the second, the first
                 pair = is_first, seat[i], b
-                was_in = meetings.last[pair] == step - 1
-                if not was_in and _beside(trails, head, second, first, longest + 2 * (radius[i] + radius[k])):
+                ends = (x[other], y[other]), (old_x[other], old_y[other])
+                beside = _beside((x[one], y[one]), ends, length[other] + 2 * (radius[i] + radius[k]))
+                if beside and meetings.last[pair] != step - 1:
                     continue
+                second, first = (b, a) if is_first else (a, b)
                 time = _met(trails, meetings, head, step, dt, second, first, pair)
                 if time >= 0.0 and count < len(found):
                     found[count, 0], found[count, 1], found[count, 2], found[count, 3] = i, k, is_first, time
@@ -97,12 +100,11 @@ def meet(trails, meetings, head, step, dt, slot, x, y, seat, platoon, found):
 
 
 @compiled
-def _beside(trails, head, second, first, length):
+def _beside(place, ends, length):
     """Whether a body is beside every place of a trail, by an ellipse about that: the way from one end of a path over
     any place of it to the other end is no longer than the path."""
-    x, y, row = trails.x[head, second], trails.y[head, second], _oldest(trails, head, first)
-    new_x, new_y = trails.x[head, first] - x, trails.y[head, first] - y
-    old_x, old_y = trails.x[row, first] - x, trails.y[row, first] - y
+    (new_x, new_y), (old_x, old_y) = ends
+    new_x, new_y, old_x, old_y = new_x - place[0], new_y - place[1], old_x - place[0], old_y - place[1]
     return math.sqrt(new_x * new_x + new_y * new_y) + math.sqrt(old_x * old_x + old_y * old_y) > length
 
 

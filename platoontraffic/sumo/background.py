@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Sequence, Set
 from itertools import chain, compress
 
@@ -27,7 +28,8 @@ class Background:
     """Reads background traffic. Distant vehicles are skipped by a Verlet list.
 
     A vehicle so far from every member that it cannot come within range before the next check is not asked for its
-    position until then. The list of the remaining vehicles holds until a vehicle enters or leaves the simulation.
+    position until then. The list of the remaining vehicles is in SUMO's order, by id, and is kept up to date with the
+    vehicles that enter and leave the simulation.
 
     A vehicle on a bridge over a member's route, or below one, is left out: the world of lasers and contacts is flat.
     """
@@ -97,12 +99,17 @@ class Background:
     def stepped(self, time: float) -> None:
         """To be called after every step of SUMO's: the vehicles on the road may be others. time: SUMO's clock [s]"""
         self._time, simulation = time, self._sumo.simulation
-        expected = direct(simulation.getMinExpectedNumber)()
-        came = direct(simulation.getDepartedNumber)() + direct(simulation.getEndingTeleportNumber)()
-        went = direct(simulation.getArrivedNumber)() + direct(simulation.getStartingTeleportNumber)()
-        if came or went or expected != self._expected:
-            self._near = None
-        self._expected = expected
+        came, went = direct(simulation.getDepartedNumber)(), direct(simulation.getArrivedNumber)()
+        jump = direct(simulation.getStartingTeleportNumber)() or direct(simulation.getEndingTeleportNumber)()
+        before, self._expected = self._expected, direct(simulation.getMinExpectedNumber)()
+        if jump or self._expected != before + direct(simulation.getLoadedNumber)() - went:
+            self._near = None  # somebody has removed or added a vehicle
+        elif self._near is not None and (came or went):
+            gone = set(simulation.getArrivedIDList())
+            self._near = [name for name in self._near if name not in gone]
+            for name in simulation.getDepartedIDList():
+                if name not in self._skipped and name not in gone:
+                    insort(self._near, name)
 
     def _names(self, fleet: Fleet, reach: float, held: Set[str]) -> list[str]:
         if reach == np.inf:

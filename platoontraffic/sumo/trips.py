@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.placement import Placement
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.world.trips import Trip
@@ -74,7 +74,8 @@ class Trips:
         factor, top_speed = self._drivers[self._of_rows].T
         desired = np.minimum(factor * limit, top_speed)
         vehicle = self._sumo.vehicle
-        co2, fuel = (MG * np.array([*map(get, names)]) for get in (vehicle.getCO2Emission, vehicle.getFuelConsumption))
+        emissions = map(direct, (vehicle.getCO2Emission, vehicle.getFuelConsumption))
+        co2, fuel = (MG * np.array([*map(get, names)]) for get in emissions)
         rates = speed, speed < WAITING, 1 - speed / desired, co2, fuel
         self._sums[self._of_rows] += self._step * np.column_stack(rates)
 

@@ -12,7 +12,7 @@ from platoontraffic.vehicles.records import some
 from platoontraffic.world.fleet import Fleet
 
 STANDS = 0.1  # speed below which a vehicle stands [m/s]
-BODIES = [BRAKES_FOR.index(word) for word in ("obstacle", "predecessor")]
+OBSTACLE, PREDECESSOR = (BRAKES_FOR.index(word) for word in ("obstacle", "predecessor"))
 
 
 class Standing(NamedTuple):
@@ -31,5 +31,8 @@ def before_bodies(fleet: Fleet) -> Iterator[Standing]:
         return
     for number, group in enumerate(fleet.groups):
         limit = group.law.braking_for(group.memory) if group.memory is not None else None
-        for k in () if limit is None else np.flatnonzero(stands[group.rows] & np.isin(limit.reason, BODIES)).tolist():
+        if limit is None:
+            continue
+        before_body = (limit.reason == OBSTACLE) | (limit.reason == PREDECESSOR)
+        for k in (stands[group.rows] & before_body).nonzero()[0].tolist():
             yield Standing(int(group.rows[k]), number, k, int(limit.reason[k]), bool(limit.creeps[k]))
