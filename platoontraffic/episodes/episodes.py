@@ -108,6 +108,7 @@ class Episodes:
         self._world = self._open.enter_context(setting_of(self._prepared, self._folder, forkable=True).ground())
         self._world.warm_up()
         self._world.snapshot(departures(setting.members, setting.dt)[0], 1.0)  # compiled, too
+        self._observer = setting.observer()  # a fork uses its copy of it once
         gc.collect()
         gc.freeze()  # in forks, collections need not touch, and so copy, what is here
 
@@ -135,6 +136,8 @@ class Episodes:
         self._world.logs_in(self._folder)
         prepared = self._prepare(values) if values else self._prepared
         setting = replace(self._setting(prepared), seed=seed, whole_traffic_every=None)
+        if prepared is self._prepared:
+            setting = replace(setting, observer=lambda: self._observer)
         self._simulation = Simulation(setting, Stopwatch(time.process_time))
         n = len(self._learners)
         self._ranges: list[np.ndarray | None] = [None] * n
