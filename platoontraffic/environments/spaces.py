@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -57,8 +58,10 @@ def observation(space: Space, seat: Seat, frame: Frame, row: int) -> Any:
         return np.clip(frame.own[row].astype(np.float32), space.low, space.high)
     box = space["ranges"]
     ranges = np.maximum(np.fmin(frame.ranges[row], box.high), box.low)  # where it is NaN, fmin gives the other one
-    speed, yaw_rate = (np.clip(np.float32([value]), space[name].low, space[name].high)
-                       for name, value in zip(("speed", "yaw_rate"), frame.own[row].tolist(), strict=True))  # fmt: skip
+    speed, yaw_rate = (
+        np.minimum(np.maximum(np.float32([value]), space[name].low), space[name].high)
+        for name, value in zip(("speed", "yaw_rate"), frame.own[row].tolist(), strict=True)
+    )
     others = {
         name: np.clip(np.nan_to_num(values[row]).astype(np.float32), space[name].low, space[name].high)
         for name, values in frame.known.items()
@@ -78,6 +81,7 @@ def command_of(facts: Facts, seat: Seat, action: Any) -> Twist | Drive:
     names = ", ".join(COMMANDS[facts.command]._fields)
     if given.shape != (2,) or given.dtype.kind not in "iuf":
         raise ValueError(f"{seat.id}: action {action!r}: must be two numbers ({names}), an array of shape (2,)")
-    if not np.isfinite(given).all():
+    if not all(map(math.isfinite, given.tolist())):
         raise ValueError(f"{seat.id}: action {action!r}: must be finite ({names})")
-    return COMMANDS[facts.command](*np.clip(given.astype(float), seat.low, seat.high).tolist())
+    limits = zip(given.tolist(), seat.low, seat.high, strict=True)
+    return COMMANDS[facts.command](*(min(max(float(value), low), high) for value, low, high in limits))

@@ -83,6 +83,36 @@ class Frame(NamedTuple):
     known: dict[str, np.ndarray]  # by the names in `Facts.known`: fields of `Neighbour`, (n, 7)
 
 
+class Places(NamedTuple):
+    """Where the members that learn are in a fleet."""
+
+    members: tuple[Member, ...]  # of the fleet
+    groups: tuple[np.ndarray, ...]  # rows of its groups
+    here: np.ndarray  # on the road, (n,) bool
+    rows: np.ndarray  # of those in the fleet, (m,)
+    in_groups: tuple[tuple[int, int, int], ...]  # seat, group, row in the group
+
+    @classmethod
+    def of(cls, learners: Sequence[str], fleet: Fleet) -> Places:
+        row_of = {name: row for row, name in enumerate(fleet.ids)}
+        seats = {row_of[name]: i for i, name in enumerate(learners) if name in row_of}
+        in_groups = tuple(
+            (seats[row], g, k)
+            for g, group in enumerate(fleet.groups)
+            for k, row in enumerate(group.rows.tolist())
+            if row in seats
+        )
+        here = np.array([name in row_of for name in learners])
+        rows = np.array([row_of[name] for name in learners if name in row_of], dtype=np.intp)
+        return cls(fleet.members, tuple(group.rows for group in fleet.groups), here, rows, in_groups)
+
+    def hold_in(self, fleet: Fleet) -> bool:
+        groups = fleet.groups
+        if fleet.members is not self.members or len(groups) != len(self.groups):
+            return False
+        return all(group.rows is rows for group, rows in zip(groups, self.groups, strict=True))
+
+
 class Episodes:
     """A parent: SUMO after its warm-up, and in a fork of it, an episode."""
 
@@ -148,16 +178,18 @@ class Episodes:
         now = simulation.reset()
         while not now.ended and not set(self._learners) <= set(now.fleet.ids):
             now = simulation.step()
-        if not self._rows_in(now):
+        self._places = Places.of(self._learners, now.fleet)
+        if not self._places.here.any():
             raise RunError(f"{', '.join(self._learners)}: did not depart before the end of the episode ({now.ended})")
         self._columns = [simulation.observer.statistics.values.dtype.names.index(field) for field in FIELDS.values()]
-        self._every = next(g.every for g in now.fleet.groups if set(g.rows) & set(self._rows_in(now).values()))
-        return self._frame(now, np.zeros((len(self._learners), 0)), [])
+        self._every = now.fleet.groups[self._places.in_groups[0][1]].every
+        self._keep(now)
+        return self._frame(now, self._values(now), np.zeros((len(self._learners), 0)), [])
 
     def step(self, say: Say, commands: dict[str, Twist | Drive]) -> Frame:
         """The next decision."""
         simulation, learn = self._simulation, self._learn
-        here = self._rows_in(simulation.now)
+        here = simulation.now.fleet.ids
         given: dict[str, Twist | Drive] | None = {name: one for name, one in commands.items() if name in here}
         n, dt = len(self._learners), simulation.setting.dt
         names, reward = list(FIELDS), enumerate(learn.reward.items())
@@ -173,7 +205,7 @@ class Episodes:
             self._keep(now)
             if now.ended:
                 break
-        return self._frame(now, terms, events)
+        return self._frame(now, values, terms, events)
 
     def scene(self, say: Say) -> dict[str, Any]:
         """GeoJSON, as scene.geojson of a run."""
@@ -189,7 +221,7 @@ class Episodes:
         return (
             np.stack([t.x, t.y, t.heading, t.length, t.width], axis=1),
             len(now.fleet),
-            [*self._rows_in(now).values()],
+            self._places_in(now).rows.tolist(),
         )
 
     def spent(self, say: Say) -> dict[str, float]:
@@ -232,31 +264,26 @@ class Episodes:
             steps = min(steps, round(self._learn.episode_s / setting.dt))
         return replace(setting, members=members, steps=steps)
 
-    def _rows_in(self, now: Instant) -> dict[str, int]:
-        ids = now.fleet.ids
-        return {name: ids.index(name) for name in self._learners if name in ids}
+    def _places_in(self, now: Instant) -> Places:
+        if not self._places.hold_in(now.fleet):
+            self._places = Places.of(self._learners, now.fleet)
+        return self._places
 
     def _values(self, now: Instant) -> np.ndarray:
         """Of quantities, as in a frame."""
-        values, rows = np.full((len(self._learners), len(FIELDS)), np.nan), self._rows_in(now)
-        if rows:
-            measured = self._simulation.observer.statistics.values
-            table = measured.view(float).reshape(len(measured), -1)
-            values[[name in rows for name in self._learners]] = table[np.ix_(list(rows.values()), self._columns)]
+        values, places = np.full((len(self._learners), len(FIELDS)), np.nan), self._places_in(now)
+        values[places.here] = self._simulation.observer.statistics.numbers[places.rows][:, self._columns]
         return values
 
     def _keep(self, now: Instant) -> None:
         """Keep the last scans of the members that learn."""
-        for group, batch in zip(now.fleet.groups, now.scans, strict=True):
-            if batch is not None:
-                for row, ranges in zip(group.rows, batch.ranges, strict=True):
-                    if (name := now.fleet.members[row].id) in self._learners:
-                        self._ranges[self._learners.index(name)] = ranges
+        for seat, group, k in self._places_in(now).in_groups:
+            if (batch := now.scans[group]) is not None:
+                self._ranges[seat] = batch.ranges[k]
 
-    def _frame(self, now: Instant, terms: np.ndarray, events: Sequence[Any]) -> Frame:
-        self._keep(now)
-        rows, n = self._rows_in(now), len(self._learners)
-        here = np.array([name in rows for name in self._learners])
+    def _frame(self, now: Instant, values: np.ndarray, terms: np.ndarray, events: Sequence[Any]) -> Frame:
+        """values: as in the frame; terms: those of quantities; events: since the last decision"""
+        places, n = self._places_in(now), len(self._learners)
         kinds = tuple(
             tuple(e.kind for e in events if e.vehicle == name or (e.kind in OF_BOTH and e.other == name))
             for name in self._learners
@@ -264,18 +291,19 @@ class Episodes:
         for i, (name, weight) in enumerate(self._learn.reward.items()):
             if name not in FIELDS and terms.size:
                 terms[:, i] += [weight * own.count(name) for own in kinds]
-        own, values = np.zeros((n, 2)), self._values(now)
-        if rows:
+        own = np.zeros((n, 2))
+        if places.rows.size:
             odometry = self._simulation.sensors.odometry(now.fleet, now.step)
             motion = now.fleet.motion
             both = (motion.speed, motion.yaw_rate) if odometry is None else odometry
-            own[here] = np.stack(both, axis=1)[list(rows.values())]
+            own[places.here] = np.stack(both, axis=1)[places.rows]
         samples = next((len(one) for one in self._ranges if one is not None), 1)
         ranges = np.stack([np.full(samples, np.inf) if one is None else one for one in self._ranges])
         if self._learn.observation == "dict":
-            known = self._others(now.fleet)
-            return Frame(now.time, now.ended, here, ranges.astype(np.float32), own, terms, values, kinds, known)
-        return Frame(now.time, now.ended, here, None, self._vector(now, ranges, own), terms, values, kinds, {})
+            ranges, known = ranges.astype(np.float32, copy=False), self._others(now.fleet)
+        else:
+            ranges, own, known = None, self._vector(now, ranges, own), {}
+        return Frame(now.time, now.ended, places.here, ranges, own, terms, values, kinds, known)
 
     def _others(self, fleet: Fleet) -> dict[str, np.ndarray]:
         """Other members as the members that learn know them, as in a frame."""

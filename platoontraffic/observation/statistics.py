@@ -31,15 +31,16 @@ class Statistics:
         self._before = np.full((n, 3), np.nan)  # x, y [m], turned [rad] one step before
         self._time = np.nan  # then [s]
         self.values = np.empty(0, kernel.VALUES)  # of the last step, records (n,) in the fleet's order
+        self.numbers = np.empty((0, kernel.COLUMNS))  # the same, with a column for each quantity
 
     def observe(self, step: Step, **measured: np.ndarray) -> None:
         """measured: the fields of `statistics_kernel.Seen` that are not the fleet's"""
         fleet, motion, kernel, n = step.fleet, step.fleet.motion, self._kernel, step.fleet.number.size
         own = motion.x, motion.y, motion.turned, motion.speed, motion.acceleration, motion.yaw_rate, *fleet.radio
         seen = kernel.Seen(step.fleet.number, fleet.predecessor, *own, **measured)
-        numbers = np.empty((n, kernel.COLUMNS))
-        self.values = np.ndarray(n, kernel.VALUES, numbers)  # the same memory
-        kernel.observe(seen, self._before, step.traffic.time - self._time, self.values, numbers, self._tallies)
+        self.numbers = np.empty((n, kernel.COLUMNS))
+        self.values = np.ndarray(n, kernel.VALUES, self.numbers)  # the same memory
+        kernel.observe(seen, self._before, step.traffic.time - self._time, self.values, self.numbers, self._tallies)
         self._time = step.traffic.time
 
     def of(self, number: int) -> dict[str, Statistic]:
