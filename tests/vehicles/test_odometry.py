@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from platoontraffic.lidar.noise import GOLDEN, gauss, mixed, scan_keys, sensor_keys
 from platoontraffic.vehicles.odometry import ODOMETRY, OdometryErrors, measured
 from platoontraffic.vehicles.records import stack
 
@@ -50,3 +51,16 @@ def test_odometry_without_errors_is_the_truth():
     own = measured(stack([ODOMETRY["none"]] * N), IDS, SPEED, YAW_RATE, 1, 1)
     assert (own.speed == SPEED).all()
     assert (own.yaw_rate == YAW_RATE).all()
+
+
+def test_the_kernel_draws_as_the_formula_for_arrays():
+    rng = np.random.default_rng(3)
+    errors = OdometryErrors(0.01, 0.05, 0.002, 0.004)
+    speed, yaw_rate = rng.uniform(0, 0.2, N) * rng.integers(0, 2, N), rng.normal(0, 0.1, N)
+    own = measured(stack([errors] * N), IDS, speed, yaw_rate, 7, 30)
+    keys = sensor_keys(7, tuple(f"{name} odometry" for name in IDS))
+    now = scan_keys(keys, 30)
+    driven = speed * (1 + 0.01 * gauss(mixed(keys))) + 0.05 * gauss(mixed(now))
+    turned = yaw_rate + 0.002 * gauss(mixed(keys + GOLDEN)) + 0.004 * gauss(mixed(now + GOLDEN))
+    assert (own.speed == np.where(speed == 0, 0.0, np.maximum(driven, 0.0))).all()
+    assert (own.yaw_rate == np.where(speed == 0, 0.0, turned)).all()
