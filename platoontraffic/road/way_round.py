@@ -133,15 +133,24 @@ def way_round(
         return None
     met = int(stands[touched.argmax()].argmax())
     passed, right, left = _extent(section, body, returns[stands.any(axis=0)])
+    shifts = [
+        side * shift
+        for shift, side in product(np.arange(LEAST, most + STEP / 2, STEP).tolist(), (1, -1))
+        if shift >= body.width / 2 + (left if side > 0 else -right)
+    ]
+    bend = _sharpest(_ahead(route, station, passed + 3 * body.length))
+    ways: dict[float, _Planned | None] = {}
+    seen: dict[float, tuple[np.ndarray, np.ndarray]] = {}
     for clearance in (_kept(section, body, returns, one + abs(offset)) for one in CLEARANCES):
-        for shift, side in product(np.arange(LEAST, most + STEP / 2, STEP).tolist(), (1, -1)):
-            if shift < body.width / 2 + (left if side > 0 else -right):
+        for shift in shifts:
+            if shift not in ways:
+                ways[shift] = way = _way(route, station, body, shift, passed, bend)
+                if way:
+                    seen[shift] = _seen_from(way.section, body, returns)
+            if (way := ways[shift]) is None or _within(seen[shift], body, clearance).any():
                 continue
-            way = _way(route, station, body, side * shift, passed)
-            if way is None or _touches(way.section, body, returns, clearance).any():
-                continue
-            if may_use(side * shift, corners(way.section, body)):
-                return _made(way, side * shift, met)
+            if may_use(shift, corners(way.section, body)):
+                return _made(way, shift, met)
     return None
 
 
@@ -169,7 +178,7 @@ def with_later_return(
     plan, driven = way.plan, station - way.plan.begins
     there = returns[_on_return(way, station, body, returns).any(axis=0)]
     passed, *_ = _extent(_ahead(plan.route, plan.begins, driven + REACH + LONGEST_BODY), body, there)
-    length = _aside(_ahead(plan.route, plan.begins + passed, 3 * body.length), body, way.shift)
+    length = _aside(_sharpest(_ahead(plan.route, plan.begins + passed, 3 * body.length)), body, way.shift)
     later = length and _shifted(plan._replace(returns=passed), body, way.shift, length)
     if not later:
         return None
@@ -223,7 +232,12 @@ def _seen_from(section: _Section, body: Body, returns: np.ndarray) -> tuple[np.n
 
 def _touches(section: _Section, body: Body, returns: np.ndarray, clearance: np.ndarray) -> np.ndarray:
     """Whether each return is within its clearance (returns,) of the body at each place, (k, returns)."""
-    ahead, aside = _seen_from(section, body, returns)
+    return _within(_seen_from(section, body, returns), body, clearance)
+
+
+def _within(seen: tuple[np.ndarray, np.ndarray], body: Body, clearance: np.ndarray) -> np.ndarray:
+    """Whether what is `_seen_from` places is within its clearance of the body there, (k, returns)."""
+    ahead, aside = seen
     return (np.abs(ahead) < body.length / 2 + clearance) & (np.abs(aside) < body.width / 2 + clearance)
 
 
@@ -244,16 +258,24 @@ def _extent(section: _Section, body: Body, returns: np.ndarray) -> tuple[float, 
     return end + body.length / 2 + body.axle, float(aside[first].min()), float(aside[first].max())
 
 
-def _way(route: Route, station: float, body: Body, shift: float, passed: float) -> _Planned | None:
-    """The way that may begin to come back at a distance [m]; None if it cannot be steered."""
-    length = _aside(_ahead(route, station, passed + 3 * body.length), body, shift)
+def _way(route: Route, station: float, body: Body, shift: float, passed: float, bend: float) -> _Planned | None:
+    """The way that may begin to come back at a distance [m]; None if it cannot be steered.
+
+    bend: sharpest of the route there [1/m]
+    """
+    length = _aside(bend, body, shift)
     return None if length is None else _shifted(Plan(route, station, length, max(passed, length)), body, shift, length)
 
 
-def _aside(section: _Section, body: Body, shift: float) -> float | None:
-    """The least length of a shift that can be steered everywhere in a section of the route [m]."""
+def _sharpest(section: _Section) -> float:
+    """Greatest curvature [1/m]."""
+    return float(np.abs(section.curvature).max())
+
+
+def _aside(bend: float, body: Body, shift: float) -> float | None:
+    """The least length of a shift that can be steered everywhere where the route has no sharper bend [m]."""
     least = 1 / (LOCK * body.turning_radius)
-    reserve = least - np.abs(section.curvature).max()
+    reserve = least - bend
     if reserve < least / 4:
         return None
     return max(math.sqrt(2 * math.pi * abs(shift) / reserve), SHORTEST * body.length)

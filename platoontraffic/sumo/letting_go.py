@@ -62,14 +62,14 @@ class LettingGo:
 
     def _end(self, blocked: Set[str]) -> None:
         """Vehicles that have left the junction give way as before, and so do those whose member does not stand."""
-        on_road = set(self._sumo.vehicle.getIDList())
         for foe, members in list(self._ignored.items()):
-            if foe not in on_road:
+            try:
+                inside = self._sumo.vehicle.getRoadID(foe)[:1] == ":"
+            except self._sumo.TraCIException:  # it has left the simulation
                 del self._ignored[foe]
-            elif self._sumo.vehicle.getRoadID(foe)[:1] != ":":
-                self._ignore(foe, set())
-            elif not members <= blocked:
-                self._ignore(foe, members & blocked)
+                continue
+            if not (inside and members <= blocked):
+                self._ignore(foe, members & blocked if inside else set())
 
     def _ignore(self, foe: str, members: set[str]) -> None:
         self._sumo.vehicle.setParameter(foe, IGNORED, " ".join(sorted(members)))
