@@ -124,12 +124,8 @@ def _solid(x, y, heading, length, width, owner):
     for i in range(len(x)):
         half_length, half_width = length[i] / 2, width[i] / 2
         own_x[i], own_y[i], own_owner[i] = x[i], y[i], owner[i]
-        shapes[i, 0], shapes[i, 1], shapes[i, 2], shapes[i, 3] = (
-            math.cos(heading[i]),
-            math.sin(heading[i]),
-            half_length,
-            half_width,
-        )
+        shapes[i, 0], shapes[i, 1] = math.cos(heading[i]), math.sin(heading[i])
+        shapes[i, 2], shapes[i, 3] = half_length, half_width
         squared = max(squared, half_length * half_length + half_width * half_width)
     return own_x, own_y, shapes, math.sqrt(squared), own_owner
 
