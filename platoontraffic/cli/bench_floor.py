@@ -67,7 +67,8 @@ class Pose(NamedTuple):
 def above(
     name: str, source: str | Path, changes: Sequence[str], steps: int, platoons: str | Path | None = None
 ) -> Above:
-    """Measure steps of a scenario, of which all members depart at its begin and none arrives in these steps.
+    """Measure steps of a scenario. Its members depart at its begin, or, from the traffic, within WARM_UP steps; none
+    arrives in these steps.
 
     platoons: their file, where the source is a SUMO configuration
     """
@@ -89,7 +90,7 @@ def above(
             simulation.step()
         counted.disable()
     loop_ms, floor_ms = 1e3 * loop / steps, 1e3 * _floor(prepared, poses)
-    n = len(prepared.members)
+    n = len(poses[-1])
     calls = pstats.Stats(counted).total_calls / COUNTED
     return Above(name, n, floor_ms, loop_ms, loop_ms - floor_ms, 1e3 * (loop_ms - floor_ms) / n, calls)
 

@@ -55,7 +55,7 @@ def test_stages_share_out_the_time_of_the_loop():
 
 
 def test_bars_tell_what_is_kept():
-    large, largest = bench.FULL.towns[1:]
+    large, largest, _ = bench.FULL.towns[1:]
     rows = [row(large, ratio=1.5, real_time=4.0, member_us=100.0), row(largest, real_time=1.0, member_us=121.0)]
     met = [bar.met for bar in bench.bars([*rows, row(large, "with noise", ratio=9.0)])]
     assert met == [True, False, True, True, False]
@@ -95,7 +95,7 @@ def test_a_report_is_compared_with_one_that_was_kept(tmp_path):
 
 
 def test_the_plans_are_what_is_promised():
-    assert [town.name for town in bench.FULL.towns] == ["100 + 5", "1000 + 100", "5000 + 500"]
+    assert [town.name for town in bench.FULL.towns] == ["100 + 5", "1000 + 100", "5000 + 500", "5000, 20% equipped"]
     for town in (*bench.FULL.towns, *bench.QUICK.towns):
         assert town.lasts % bench.EVERY == 0
         edges = 4 * town.roads * (town.roads - 1)
@@ -133,6 +133,17 @@ def test_ways_follow_connections_and_traffic_begins_where_no_platoon_stands(fold
         assert len(way) == ROUTE_EDGES
         assert all(to in onward[edge].values() for edge, to in pairwise(way))
     assert not {way[0] for way in traffic.values()} & {way[0] for way in members.values()}
+
+
+def test_a_share_of_the_traffic_is_measured_above_its_floor(tmp_path):
+    pytest.importorskip("sumo", reason="netgenerate comes with eclipse-sumo: pip install platoontraffic[gui]")
+    town = Town(roads=4, background=30, platoons=0, warm_up=10, lasts=10, share=0.5)
+    bench.build(town, tmp_path)
+    assert len(vehicles(tmp_path / "traffic.rou.xml")) == 30
+    assert vehicles(tmp_path / "members.rou.xml") == {}
+    found = above(town.name, str(tmp_path / "town.toml"), ("run.duration_s=22",), 20)
+    assert 8 < found.members < 22  # chosen by their ids
+    assert 0 < found.floor_ms < found.loop_ms
 
 
 def test_lidars_have_720_beams_and_no_errors_unless_asked_for(folder):
