@@ -22,7 +22,7 @@ FIRM = 1.0  # deceleration by which a standing car is held [m/s2]
 STANDING = 0.05  # speed below which it is held [m/s]
 TOO_NEAR, CRAWLS = 0.3, 0.3  # nearer than that to an obstacle [m] that is slower than that [m/s] it stays
 CLOSE_ENOUGH, MOVE_UP = 0.1, 0.4  # excess of distance at which it stops, and at which it moves up again [m]
-APPROACH = 1.5  # deceleration of the approach to a standing car [m/s2]
+APPROACH = 2.0  # deceleration by which it and its predecessor could stop while it catches up [m/s2]
 STEEPEST = 0.35  # sine of the greatest angle of the return to the trail
 NOTICED = 0.4  # time after which its braking shows in its measured speed [s]
 OPENING = 2.0  # time in which a gap that is too short for its hardest braking is opened [s]
@@ -81,7 +81,8 @@ def _headway(i, v, last, distance, predecessor, line, body, gains, dt):
     """Acceleration that keeps the time headway [m/s2]; distance: from the laser to the predecessor's rear [m]."""
     their_speed, their_acceleration = predecessor
     error, rate = distance - (gains.stand_off + gains.time_headway * v), their_speed - v
-    fast = math.sqrt(2 * APPROACH * np.maximum(error, 0.0)) - their_speed  # to a vehicle that nearly stands
+    # Faster by so much it still stops at the stand-off, if its predecessor stops by the same braking (Gipps 1981).
+    fast = math.sqrt(their_speed**2 + 2 * APPROACH * np.maximum(error, 0.0)) - their_speed
     wanted = rate + np.minimum(gains.distance_gain * error, np.maximum(gains.catching_up, fast))
     wanted = wanted / gains.time_headway
     achieved = line.drive[i] - line.brake[i]

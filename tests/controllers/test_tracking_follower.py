@@ -11,6 +11,7 @@ import shapely
 
 from platoontraffic.controllers import Law
 from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.controllers.tracking_kernel import APPROACH
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise, Scene
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -172,6 +173,22 @@ def test_catching_up_is_bounded_in_speed():
     log = drive(members, NO_WALLS, 60.0, DT)
     assert 17 < log.speed[:, 1].max() < 15 + FOLLOWER.catching_up + 0.1
     assert gaps(log)[-1, 0] == pytest.approx(FOLLOWER.desired_distance(15.0) - BEHIND_BUMPER, rel=0.02)
+
+
+@pytest.mark.parametrize("speed", [3.0, 7.0, 15.0])
+def test_it_catches_up_as_fast_as_it_could_stop_behind_its_predecessor(speed):
+    """Gipps (1981): by the same braking b of both, v^2 <= u^2 + 2 b s over the distance s beyond the wanted one."""
+    members = platoon(
+        Prescribed(lambda time: Drive(-APPROACH if time > 6 else 0.0, 0.0)), FOLLOWER, 1, distance=55.0, model=CAR,
+        eye=EXACT, speed=speed, leader_eye=replace(BLIND, rate=10.0),
+    )  # fmt: skip
+    log = drive(members, NO_WALLS, 40.0, DT)
+    beyond = gaps(log)[:, 0] + BEHIND_BUMPER - FOLLOWER.desired_distance(log.speed[:, 1])
+    fastest = np.sqrt(speed**2 + 2 * APPROACH * np.maximum(beyond, 0))
+    closes = (log.time < 6) & (log.speed[:, 1] > 0.9 * log.speed[:, 1].max())
+    assert 0.9 < (log.speed[:, 1] / fastest)[closes].mean() < 1.05
+    assert log.acceleration[:, 1].min() > -FOLLOWER.braking
+    assert gaps(log)[-1, 0] == pytest.approx(FOLLOWER.stand_off - BEHIND_BUMPER, abs=0.1)
 
 
 # ---- path
