@@ -224,7 +224,7 @@ class TrackingFollower(Law):
     stand_off: Annotated[Positive, Field(alias="stand_off_m")] = 3.0  # laser to rear at rest
     time_headway: Annotated[Positive, Field(alias="time_headway_s")] = 1.0  # beyond the stand-off
     distance_gain: Annotated[Positive, Field(alias="distance_gain_per_s")] = 0.4  # closing speed by distance
-    catching_up: Annotated[Positive, Field(alias="catching_up_mps")] = 3.0  # speed above the predecessor's that is always allowed
+    catching_up: Annotated[Positive, Field(alias="catching_up_mps")] = 3.0  # closing speed that is always allowed
     acceleration: Annotated[Positive, Field(alias="acceleration_mps2")] = 2.5  # comfortable
     braking: Annotated[Positive, Field(alias="braking_mps2")] = 3.5  # comfortable; ISO 15622 allows it at any speed
     hardest_braking: Annotated[Positive, Field(alias="hardest_braking_mps2")] = 9.0
@@ -285,7 +285,7 @@ class TrackingFollower(Law):
         pursuit = self._pursue(now, estimate, ahead, drive_line, obstacle, along)
 
         known, held = estimate.now.known, memory.beside.held
-        stop = self.alone.acceleration_for_lines(sensed)
+        stop = self.alone.acceleration_for_lines(sensed, drive_line.drive)
         road, creeps, limit = self._by_road(now, scanned, obstacle, along, stop)
         if self.policy == "convoy":
             stop = np.where(known & ~now.wrong_lane, np.inf, stop)
