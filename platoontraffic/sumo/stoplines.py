@@ -618,11 +618,15 @@ class StopLines:
                         yield one
 
     def _on(self, crossing: Crossing) -> Iterator[Approach]:
-        """Vehicles inside the junction on a path; one that has left it with its nose only is on the next lane."""
+        """Vehicles inside the junction on a path; one that has left it with its nose only is on the next lane.
+
+        Those that drive may accelerate.
+        """
         now, driven = self._now, 0.0
         for via in crossing.via:
             for name in now.on_lane[via]:
-                yield Approach(name, crossing, -driven - now.position[name], Pace(now.speed[name]))
+                one = Approach(name, crossing, -driven - now.position[name], Pace(now.speed[name]))
+                yield self._setting_out(one) if one.pace.speed >= STANDING else one
             driven += now.lane_length[via]
 
     def _is_past(self, one: Approach) -> bool:

@@ -474,6 +474,21 @@ def test_a_member_that_turns_at_green_beside_the_middle_of_its_lane_does_not_run
     assert (entered.row, entered.lane, entered.signal) == (0, "road_0", signal)
 
 
+@pytest.mark.parametrize(("speed", "has_gap"), [(0.0, True), (0.8, False)])
+def test_a_vehicle_that_has_just_set_out_inside_is_expected_to_accelerate(speed, has_gap):
+    """It has 9 m to the conflict area: 11 s at 0.8 m/s, but 2.3 s by 2.6 m/s2. One that stands there waits."""
+    line = Line(100.0, "w", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    crossing = Crossing("side_0", (":a_1",), (6.0, 11.0), (10.0, 15.0), False, True, np.inf, 10.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._conflicts[line] = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    lines._now = SimpleNamespace(
+        on_lane={":a_1": ["c"]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={"c": 1.0},
+        speed={"c": speed}, acceleration={"c": 2.6}, length={"c": 5.0},
+    )  # fmt: skip
+    ego = Ego("m.0", "road_0", 0.0, CAR.length)
+    assert lines._has_gap_among([*lines._on(crossing)], line, 0.8, ego, 0.0, 0.8) == has_gap
+
+
 @pytest.mark.parametrize(("own", "its", "has_gap"), [(1.6, 0.3, True), (0.8, 1.5, False), (1.6, 0.0, True)])
 def test_at_an_all_way_stop_who_sets_out_later_has_waived_the_right_of_way(monkeypatch, own, its, has_gap):
     """The other one had stood for longer, but did not drive when its turn came."""
