@@ -256,6 +256,8 @@ class StopLines:
         """
         checks_from = ego.checks_from
         passed, over, lines = member.route.lines_about(station, checks_from)
+        if passed and ego.lane[:1] == ":" and ego.lane not in passed.via:
+            ego = self._on_its_route(passed, over, ego)
         may_stop = passed and (ego.lane in passed.via or passed.state == CHANGING)
         if may_stop and (state := self._passed(self._at_junction[passed], over, ego)):
             return state
@@ -270,6 +272,15 @@ class StopLines:
                 if not line.open:
                     return line
         return first
+
+    def _on_its_route(self, line: Line, over: float, ego: Ego) -> Ego:
+        """The vehicle on the first lane of its route inside a junction, where SUMO takes it to be on one beside that.
+
+        Lanes that begin at the same line lie side by side at first.
+        """
+        beside = any(link[LINK_VIA] == ego.lane for link in self._now.links[line.lane])
+        is_there = beside and over < self._now.lane_length[line.via[0]]
+        return ego._replace(lane=line.via[0]) if is_there else ego
 
     def _passed(self, line: Line, over: float, ego: Ego) -> LineState | None:
         """State of the line just passed, if the vehicle can still stop: None if it cannot, or need not.

@@ -21,7 +21,7 @@ from platoontraffic.road.lane_routes import CHANGING, SHORTEST_CHANGE, Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
-from platoontraffic.sumo.conflicts import Conflicts, Crossing
+from platoontraffic.sumo.conflicts import LINK_VIA, Conflicts, Crossing
 from platoontraffic.sumo.stoplines import Approach, Ego, StopLines
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -498,6 +498,21 @@ def test_at_an_all_way_stop_who_sets_out_later_has_waived_the_right_of_way(monke
     monkeypatch.setattr(StopLines, "_at_lines", lambda *_: [Approach("c", crossing, 0.1, Pace(its))])
     lines._stood = {"c": ("side_0", 10.0), "m.0": ("road_0", 12.0)}
     assert lines._may_enter(line, "w", Ego("m.0", ":a_0", own, CAR.length)) == has_gap
+
+
+@pytest.mark.parametrize(("lane", "over", "heeds"), [(":a_0", 4.0, True), (":a_1", 4.0, True), (":a_1", 7.0, False)])
+def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_beside(monkeypatch, lane, over, heeds):
+    """Both lanes begin at its line; its own one leads to the waiting place, 6 m on."""
+    line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    links = [("",) * LINK_VIA + (via,) for via in (":a_0", ":a_1")]
+    lengths = {":a_0": 6.0, ":a_1": 20.0}
+    lines._now = SimpleNamespace(lane_length=lengths, position={"m.0": over}, links={"road_0": links})
+    monkeypatch.setattr(StopLines, "_may_cross", lambda *_, midway: False)
+    monkeypatch.setattr(StopLines, "_link_state", lambda *_: "M")
+    member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, over, [])))
+    state = lines._state(member, 100.0 + over, Ego("m.0", lane, 3.0, CAR.length))
+    assert (not state.open and state.distance == pytest.approx(6.0 - over)) == heeds
 
 
 @pytest.mark.parametrize(("front", "waits"), [(4.0, True), (4.9, True), (5.1, False)])
