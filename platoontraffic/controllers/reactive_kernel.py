@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from platoontraffic.controllers import reactive
-from platoontraffic.controllers.reactive import SECTORS, rule
+from platoontraffic.controllers import reactive_rules
+from platoontraffic.controllers.reactive_rules import SECTORS, rule
 from platoontraffic.lidar.compiled import compiler
 
 SMALLEST, MEAN, MIDDLE = map(SECTORS.index, ("smallest", "mean", "middle"))
 
-compiled = compiler(__file__, reactive.__file__)
+compiled = compiler(__file__, reactive_rules.__file__)
 _rule = compiled(rule)
 
 

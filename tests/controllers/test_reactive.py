@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import shapely
 
-from platoontraffic.controllers.reactive import ReactiveLeader, rule
+from platoontraffic.controllers.reactive import ReactiveLeader
+from platoontraffic.controllers.reactive_rules import rule
 from platoontraffic.lidar import PRESETS, Boxes, Scene
 from tests.support.bench import LEADER_EYE, LOOP, asked, drive, platoon
 
