@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections import defaultdict
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -39,6 +40,9 @@ EXACTLY = (2, 5.0)
 # belongs to none, and SUMO may die of a vehicle that leaves the network in it while its rear is on a third lane.
 ON_ITS_ROUTE = (3, 5.0)
 SHORT = 6.0  # [m]
+
+WEDGE = 2.5  # distance from the end of the lane before up to which a member off all lanes is in such a wedge [m]
+BEFORE_END = 0.1  # distance from that end at which it is put back [m]
 
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
 
@@ -199,11 +203,27 @@ class Placement:
             lane, before = lane_of(name), self.where[name][1] if name in self.where else ""
             if lane and lane == before:
                 continue
+            if before and not lane and self._put_back(name, before):
+                continue
             if lane[:1] == ":" and before and before[0] != ":":
                 self._entries.append((name, before, lane))
             self.where[name] = self._sumo.vehicle.getRoadID(name), lane
             (self._on_short.add if self._is_a_short_lane(lane) else self._on_short.discard)(name)
         self._shadows.observe(self._moved(fleet), self.where)
+
+    def _put_back(self, name: str, lane: str) -> bool:
+        """Put a member that is in the wedge beyond a lane back at the end of that lane, until its next move.
+
+        SUMO may die in the next step of a vehicle that has left the network before a junction or inside it, and its
+        drivers would not see it.
+        """
+        vehicle, lanes = self._sumo.vehicle, self._sumo.lane
+        if math.dist(vehicle.getPosition(name), lanes.getShape(lane)[-1]) > WEDGE:
+            return False
+        with contextlib.suppress(self._sumo.TraCIException):  # the lane is not on its route
+            vehicle.moveTo(name, lane, max(lanes.getLength(lane) - BEFORE_END, 0.0))
+            return True
+        return False
 
     def put_in_order(self, fleet: Fleet) -> None:
         """Repair SUMO's order of vehicles on lanes where a member has passed another vehicle.

@@ -1,4 +1,4 @@
-"""Members on lanes that are shorter than they are."""
+"""Members in the wedge that a bend leaves between two lanes, on lanes shorter than they are and on others."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from platoontraffic.vehicles.motion import Drive
 pytestmark = pytest.mark.sumo
 
 NODES = """<nodes><node id="a" x="0" y="0"/><node id="b" x="60" y="0" radius="0.1"/>
-<node id="c" x="62.4" y="0" radius="0.1"/><node id="d" x="110" y="30"/></nodes>"""
+<node id="c" x="{end}" y="0" radius="0.1"/><node id="d" x="{beyond}" y="30"/></nodes>"""
 EDGES = """<edges><edge id="ab" from="a" to="b" speed="14"/><edge id="bc" from="b" to="c" speed="14"/>
 <edge id="cd" from="c" to="d" speed="14"/></edges>"""
 CONFIGURATION = """<configuration><input><node-files value="n.nod.xml"/><edge-files value="n.edg.xml"/></input>
@@ -29,23 +29,29 @@ duration_s = 5
 [[platoon]]
 size = 1
 vehicle = "car"
-start = { edge = "ab", position_m = 60.0, lateral_m = -0.65 }
+start = {{ edge = "{edge}", position_m = {position}, lateral_m = -0.65 }}
 to = "cd"
-leader = { law = "path", lidar = "car-leader" }
+leader = {{ law = "path", lidar = "car-leader" }}
 """
 
 
-def test_a_member_in_the_wedge_of_a_bend_stays_on_the_network(tmp_path):
-    """The bend to the left leaves a wedge of 0.2 m, 0.65 m to the right of the lanes, that lies before the one
-    and behind the other. A vehicle that left the network there killed SUMO (in a city, on a lane of 2.3 m)."""
+@pytest.mark.parametrize(("length", "edge", "position"), [(2.4, "ab", 60.0), (20.0, "bc", 17.5)])
+def test_a_member_in_the_wedge_of_a_bend_stays_on_the_network(tmp_path, length, edge, position):
+    """The bend to the left leaves a wedge of 0.2 m, 0.65 m to the right of the lanes, that lies before the one and
+    behind the other. A vehicle that left the network there killed SUMO: in a city, on a lane of 2.3 m, and in a grid of
+    all-way stops, at the end of a lane inside a corner."""
     pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
-    for name, text in {"n.nod.xml": NODES, "n.edg.xml": EDGES, "n.netccfg": CONFIGURATION, "s.toml": SCENARIO}.items():
+    nodes = NODES.format(end=60 + length, beyond=107.6 + length)
+    scenario = SCENARIO.format(edge=edge, position=position)
+    for name, text in {"n.nod.xml": nodes, "n.edg.xml": EDGES, "n.netccfg": CONFIGURATION, "s.toml": scenario}.items():
         (tmp_path / name).write_text(text)
     build_net(tmp_path / "n.netccfg", tmp_path / "n.net.xml")
     with Simulation.load(tmp_path / "s.toml") as simulation:
-        now, roads = simulation.reset(), []
+        now, roads, in_sumo = simulation.reset(), [], []
         while now.roads[:1] != [("cd", "cd_0")]:
             now = simulation.step(STRAIGHT_ON)
             roads.append(now.roads[0])
+            in_sumo.append(simulation.sumo.vehicle.getLaneID("platoon.0"))
     assert roads[0][0] == "bc"
     assert all(lane for _, lane in roads)
+    assert all(in_sumo)
