@@ -2,9 +2,11 @@
 
 A driver who cannot go on because another vehicle reaches into the path steers past it, if there is room. A member does
 so by its own lasers, its route and the map: after `AFTER` at a stand, if the body has not moved since, its route gets a
-way round it (`road.way_round`). The way keeps to the lanes of its own direction and to junctions; nothing may be there,
-nor behind on the side to which it goes, as far as a laser looks back. Until it is past, it follows no vehicle: it stops
-for whatever is in its way.
+way round it (`road.way_round`). Where a little to the side is enough, it does not wait: it would hold up a junction. A
+vehicle that it has followed waits, as a rule, for a light or for a gap: behind that one it stays for `AFTER_FOLLOWING`.
+
+The way keeps to the lanes of its own direction and to junctions; nothing may be there, nor behind on the side to which
+it goes, as far as a laser looks back. Until it is past, it follows no vehicle: it stops for whatever is in its way.
 """
 
 from __future__ import annotations
@@ -29,8 +31,10 @@ from platoontraffic.world.fleet import NOTHING, WINDOW, Fleet, Member, Readings
 from platoontraffic.world.sensing import Measurements
 from platoontraffic.world.standing import STANDS, before_bodies
 
-AFTER = 5.0  # time that a member has stood before it looks for a way [s]
-EVERY = 2.0  # period after which it looks again [s]
+AFTER = 5.0  # time that a member has stood before it takes a way [s] ...
+AFTER_FOLLOWING = 120.0  # ... round the vehicle that it has followed: longer than that waits at a light ...
+LITTLE, AFTER_LITTLE = 0.8, 1.0  # ... and with a shift of at most so much [m]
+EVERY = 1.0  # period after which it looks again [s]
 STILL = 0.05  # by which a body that stands may seem to move between two looks [m]
 EVERY_UNDER_WAY, STILL_UNDER_WAY = 0.5, 0.3  # the same two of a member under way [s], [m]
 NEAR = 25.0  # distance of returns that matter [m]; nothing may be so far behind where it pulls out
@@ -103,9 +107,10 @@ class WaysRound:
             if not abs(free - last.free) < STILL:
                 continue
             pose = *(float(axle[row]) for axle in fleet.model.axle_position(fleet.motion)), fleet.motion.heading[row]
-            inside = roads[row][0][:1] == ":"
             may_use = self._may_use(member.route.edges, body, behind)
-            most = MOST if inside else WITHIN_LANE
+            most = MOST if roads[row][0][:1] == ":" else WITHIN_LANE
+            if time - last.since < AFTER - 1e-6:
+                most = LITTLE
             way = way_round(member.route, station, pose, body, returns.points, may_use, most)
             if way is None:
                 continue
@@ -174,8 +179,9 @@ class WaysRound:
                 continue  # a robot in a laboratory stays
             if one.reason == PREDECESSOR and fleet.predecessor[one.row] >= 0:
                 continue  # its own one, behind which it stays
-            look = self._looks.setdefault(member.id, _Look(time, time, math.nan))
-            if time - look.since > AFTER - EVERY - 1e-6 and time - look.at > EVERY - 1e-6:
+            look = self._looks.setdefault(member.id, _Look(time, -math.inf, math.nan))
+            after = AFTER_FOLLOWING if one.reason == PREDECESSOR else AFTER_LITTLE
+            if time - look.since > after - EVERY - 1e-6 and time - look.at > EVERY - 1e-6:
                 yield one.row, one.group, one.k
 
     def _may_use(self, edges: Sequence[str], body: Body, behind: np.ndarray) -> Callable[[float, np.ndarray], bool]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,9 +16,10 @@ from platoontraffic.lidar import PRESETS, Mount, Noise, Scene
 from platoontraffic.road.route import Route
 from platoontraffic.road.way_round import MOST, SPEED
 from platoontraffic.vehicles.bicycle import CARS
+from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world.traffic import TrafficSnapshot
-from platoontraffic.world.ways_round import AFTER, EVERY
-from tests.support.bench import drive, platoon
+from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, AFTER_LITTLE, EVERY
+from tests.support.bench import NO_WALLS, Prescribed, StopLine, drive, platoon
 
 CAR = CARS["car"]
 EYE = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03), noise=Noise())
@@ -61,18 +63,34 @@ def box(overlap: float, side: int = 1, length: float = 4.0) -> shapely.Polygon:
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("overlap", "side"), [(0.4, 1), (1.0, -1)])
-def test_it_goes_round_a_body_and_returns(law, overlap, side):
+@pytest.mark.parametrize(("overlap", "side", "after"), [(0.4, 1, AFTER_LITTLE), (1.0, -1, AFTER)])
+def test_it_goes_round_a_body_and_returns(law, overlap, side, after):
+    """A shift within its lane is not waited with: a member that stands in a junction holds it up."""
     body = box(overlap, side)
     log = driven(law, body)
     stood = log.time[(log.speed[:, 0] < 0.05) & (log.time > 2.0)]
-    assert AFTER - EVERY < stood[-1] - stood[0] < AFTER + 2 * EVERY
+    assert after - EVERY < stood[-1] - stood[0] < after + 2.0
     assert log.x[-1, 0] > PLACE + 30
     assert abs(log.y[-1, 0]) < 0.05
     assert shapely.distance(footprints(log), body).min() > 0.1
     aside = np.abs(log.y[:, 0]) > 0.2
     assert log.speed[aside, 0].max() < SPEED + 0.3
     assert 0.3 < np.abs(log.y[:, 0]).max() < MOST + 0.1
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_it_stays_for_long_behind_a_vehicle_that_it_has_followed(side):
+    """As a left-turner that waits midway for a gap; beside it others drive, and before it opposed left-turners wait."""
+    (member,) = platoon(LAWS["tracking"], leader_eye=EYE, model=CAR)
+    stops = Prescribed(lambda time: Drive(0.0 if time < 9.0 else -3.0, 0.0))
+    (ahead,) = platoon(stops, at=(20.0, side * 0.7, 0.0), model=CAR)
+    member = replace(member, route=ROUTE, speed=8.0, single=True, equip="equip")
+    ahead = replace(ahead, id="ahead", speed=8.0, single=True)
+    ground = partial(StopLine, 0.1, 15.0, lambda time: time > 3.0)  # after a line it follows along its route
+    log = drive([member, ahead], NO_WALLS, AFTER_FOLLOWING + 60.0, 0.1, map=Street(6.0), ground=ground)
+    stands = log.time[(log.speed[:, 0] < 0.05) & (log.x[:, 0] > 40.0)]
+    assert abs(stands[-1] - stands[0] - AFTER_FOLLOWING) < 3.0
+    assert log.x[-1, 0] > log.x[-1, 1] + 20.0
 
 
 @pytest.mark.parametrize("law", LAWS)
