@@ -256,7 +256,7 @@ class StopLines:
         """
         checks_from = ego.checks_from
         passed, over, lines = member.route.lines_about(station, checks_from)
-        if passed and ego.lane[:1] == ":" and ego.lane not in passed.via:
+        if passed and passed.via and passed.state != CHANGING and ego.lane[:1] == ":" and ego.lane not in passed.via:
             ego = self._on_its_route(passed, over, ego)
         may_stop = passed and (ego.lane in passed.via or passed.state == CHANGING)
         if may_stop and (state := self._passed(self._at_junction[passed], over, ego)):

@@ -289,12 +289,13 @@ def test_many_branches_leave_nothing(trunk: SimulationProcess) -> None:
     assert len(os.listdir(trunk._folder.name)) == 1
 
 
-def test_ctrl_c_ends_a_run_from_outside(trunk: SimulationProcess) -> None:
-    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
-    with pytest.raises(KeyboardInterrupt):
-        trunk.run()
-    with pytest.raises(RuntimeError, match="closed"):  # not the answer to the call before
-        trunk.step()
+def test_ctrl_c_ends_a_run_from_outside() -> None:
+    with SimulationProcess.load("corridor_tracking", "run.duration_s=4000", "platoon.size=2") as long:
+        threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt):
+            long.run()
+        with pytest.raises(RuntimeError, match="closed"):  # not the answer to the call before
+            long.step()
 
 
 @pytest.mark.parametrize("at", [2.0, 3000.0], ids=["after the branch", "before it"])

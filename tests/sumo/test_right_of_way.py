@@ -515,6 +515,19 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
     assert (not state.open and state.distance == pytest.approx(6.0 - over)) == heeds
 
 
+@pytest.mark.parametrize(("state", "via"), [("M", ()), (CHANGING, ("road_1",))])
+def test_a_line_without_lanes_inside_leaves_a_member_where_sumo_takes_it_to_be(monkeypatch, state, via):
+    """A line between two edges without a junction inside, or a lane change; SUMO has it inside a junction."""
+    line, lines = (
+        Line(100.0, state, "", 0, "road_0", "next_0", via, 20.0),
+        StopLines(SimpleNamespace(), SimpleNamespace()),
+    )
+    lines._now = SimpleNamespace(lane_length={}, position={}, links={"road_0": []})
+    monkeypatch.setattr(StopLines, "_may_change", lambda *_: np.inf)
+    member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, 2.0, [])))
+    assert lines._state(member, 102.0, Ego("m.0", ":a_1", 3.0, CAR.length)).open
+
+
 @pytest.mark.parametrize(("front", "waits"), [(4.0, True), (4.9, True), (5.1, False)])
 def test_a_member_that_waits_midway_lets_those_pass_that_pass_closely_before_its_front(monkeypatch, front, waits):
     """Before its place in the junction, their path is near, but does not touch it before 5 m."""
