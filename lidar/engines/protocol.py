@@ -24,7 +24,7 @@ TOUCHING = 1e-9  # distance at which a sensor touches a surface [m]
 
 
 class Sensors(NamedTuple):
-    """Poses, world frame [m, rad], owners, whose boxes are transparent, and the results of `noise.draws`.
+    """Poses, world frame [m, rad]; owners: their boxes are transparent; and the results of `noise.draws`.
 
     All are (n,) but `scan`.
     """
