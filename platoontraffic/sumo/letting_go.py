@@ -61,7 +61,7 @@ class LettingGo:
                     self._ignore(foe, {*self._ignored.get(foe, ()), name})
 
     def _end(self, blocked: Set[str]) -> None:
-        """Vehicles that have left the junction give way again, and so do those that ignored a member which now moves."""
+        """Vehicles that have left the junction give way again, and so do those that ignored a member that moves now."""
         for foe, members in list(self._ignored.items()):
             try:
                 inside = self._sumo.vehicle.getRoadID(foe)[:1] == ":"
