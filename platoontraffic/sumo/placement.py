@@ -42,6 +42,7 @@ ON_ITS_ROUTE = (3, 5.0)
 SHORT = 6.0  # [m]
 
 WEDGE = 2.5  # distance from the end of the lane before up to which a member off all lanes is in such a wedge [m]
+NEAR = 10.0  # distance from the begin of another lane of its route up to which it is put there instead [m]
 BEFORE_END = 0.1  # distance from that end at which it is put back [m]
 
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
@@ -218,11 +219,19 @@ class Placement:
         drivers would not see it.
         """
         vehicle, lanes = self._sumo.vehicle, self._sumo.lane
-        if math.dist(vehicle.getPosition(name), lanes.getShape(lane)[-1]) > WEDGE:
+        front = vehicle.getPosition(name)
+        if math.dist(front, lanes.getShape(lane)[-1]) > WEDGE:
             return False
-        with contextlib.suppress(self._sumo.TraCIException):  # the lane is not on its route
-            vehicle.moveTo(name, lane, max(lanes.getLength(lane) - BEFORE_END, 0.0))
+        end, begins = max(lanes.getLength(lane) - BEFORE_END, 0.0), [f"{edge}_0" for edge in vehicle.getRoute(name)]
+        with contextlib.suppress(self._sumo.TraCIException):
+            vehicle.moveTo(name, lane, end)
+            if not vehicle.getLaneID(name):  # SUMO does nothing where this is the lane that it has just left
+                vehicle.moveTo(name, self._another_lane(name, lane), 0.0)
+                vehicle.moveTo(name, lane, end)
             return True
+        # The lane is not on its route: another edge was nearer, and SUMO has given it a route that leads there.
+        if near := [begin for begin in begins if math.dist(front, lanes.getShape(begin)[0]) < NEAR]:
+            vehicle.moveTo(name, near[0], 0.0)
         return False
 
     def put_in_order(self, fleet: Fleet) -> None:
