@@ -45,7 +45,8 @@ class Background:
         self._skipped_for: tuple[Member, ...] = ()  # members at the last check
         self._skipped_until = -np.inf  # [s], SUMO's clock
         self._sized: tuple[Sequence[str], np.ndarray] = (), np.empty((2, 0))  # sizes of the vehicles read last
-        self._near: list[str] | None = None  # vehicles that are not skipped; None: unknown
+        self._on_road: list[str] | None = None  # all vehicles; None: unknown
+        self._near: list[str] | None = None  # those that are not skipped
         self._expected = 0  # vehicles on the road or due
         self._time = 0.0  # SUMO's clock after the last step [s]
 
@@ -103,13 +104,13 @@ class Background:
         jump = direct(simulation.getStartingTeleportNumber)() or direct(simulation.getEndingTeleportNumber)()
         before, self._expected = self._expected, direct(simulation.getMinExpectedNumber)()
         if jump or self._expected != before + direct(simulation.getLoadedNumber)() - went:
-            self._near = None  # somebody has removed or added a vehicle
-        elif self._near is not None and (came or went):
+            self._on_road = self._near = None  # somebody has removed or added a vehicle
+        elif self._on_road is not None and (came or went):
             gone = set(simulation.getArrivedIDList())
-            self._near = [name for name in self._near if name not in gone]
-            for name in simulation.getDepartedIDList():
-                if name not in self._skipped and name not in gone:
-                    insort(self._near, name)
+            come = [name for name in simulation.getDepartedIDList() if name not in gone]
+            self._on_road = _changed(self._on_road, gone, come)
+            if self._near is not None:
+                self._near = _changed(self._near, gone, [name for name in come if name not in self._skipped])
 
     def _names(self, fleet: Fleet, reach: float, held: Set[str]) -> list[str]:
         if reach == np.inf:
@@ -117,16 +118,25 @@ class Background:
             return [name for name in self._sumo.vehicle.getIDList() if name not in own]
         time = self._time
         if time >= self._skipped_until or fleet.members is not self._skipped_for or not held <= self._skipped:
-            self._check_distances(fleet, reach, held, time)
+            self._check_distances(fleet, held, reach, time)
         if self._near is None:
-            self._near = [name for name in self._sumo.vehicle.getIDList() if name not in self._skipped]
+            self._near = self._others(self._skipped)
         return self._near
 
-    def _check_distances(self, fleet: Fleet, reach: float, held: Set[str], time: float) -> None:
-        names, own = self._names(fleet, np.inf, held), fleet.motion
+    def _others(self, names: Set[str]) -> list[str]:
+        if self._on_road is None:
+            self._on_road = list(self._sumo.vehicle.getIDList())
+        return [name for name in self._on_road if name not in names]
+
+    def _check_distances(self, fleet: Fleet, held: Set[str], reach: float, time: float) -> None:
+        own, members = fleet.motion, {m.id for m in fleet.members}
+        if not held <= self._skipped or not members.issuperset(m.id for m in self._skipped_for):
+            self._on_road = None  # members that have left are removed, and vehicles where an obstacle appears
+        skipped = members | held
+        names = self._others(skipped)
         length = np.array([self._sizes[name][0] for name in names])
         far = _farther(self._fronts(names), own.x, own.y, reach + 2 * length + RECHECK_AFTER * CLOSING)
-        self._skipped = {m.id for m in fleet.members} | held | set(compress(names, far))
+        self._skipped = skipped | set(compress(names, far))
         self._skipped_for, self._skipped_until, self._near = fleet.members, time + RECHECK_AFTER, None
 
     def _people(self, fleet: Fleet, reach: float, time: float) -> TrafficSnapshot:
@@ -147,6 +157,14 @@ class Background:
         """Positions of front bumpers (n, 2) [m]."""
         numbers = chain.from_iterable(map(direct(self._sumo.vehicle.getPosition), names))
         return np.fromiter(numbers, float, 2 * len(names)).reshape(-1, 2)
+
+
+def _changed(names: list[str], gone: Set[str], come: Sequence[str]) -> list[str]:
+    """Sorted names without those that are gone, and with those that have come."""
+    names = [name for name in names if name not in gone]
+    for name in come:
+        insort(names, name)
+    return names
 
 
 @compiled

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -476,20 +477,21 @@ class StopLines:
     def _has_room(self, line: Line, ego: Ego) -> bool:
         """Whether a vehicle can leave a junction with cross traffic before it stands behind the queue beyond it.
 
-        Where it may wait midway, there must be room for it: no other vehicle stands there.
+        Where it may wait midway, there must be room for it: no other vehicle stands there. To SUMO it may be there
+        itself, a little over the line.
         """
         now, length, size = self._now, ego.length, ego.size
-        if len(line.via) > 1:
-            for name in now.on_lane[line.via[0]]:
-                behind = now.position[name] - now.length[name]
-                if now.speed[name] < STANDING and behind < length:
-                    return False
+        inside = [[name for name in now.on_lane[via] if name != ego.id] for via in line.via]
+        for name in inside[0] if len(inside) > 1 else ():
+            behind = now.position[name] - now.length[name]
+            if now.speed[name] < STANDING and behind < length:
+                return False
         onto = now.on_lane[line.onto]  # the last one first
         last = next((k for k, name in enumerate(onto) if now.speed[name] < QUEUE_SPEED * size), None)
         if last is None or not any(map(self._sumo.lane.getInternalFoes, line.via)):
             return True
         left = now.position[onto[last]] - now.length[onto[last]]
-        before = [*onto[:last], *(name for via in line.via for name in now.on_lane[via])]
+        before = [*onto[:last], *chain.from_iterable(inside)]
         taken = sum(now.length[name] + QUEUE_GAP * size for name in before)
         return left > taken + length + OWN_GAP * size
 

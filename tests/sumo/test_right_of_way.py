@@ -515,6 +515,16 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
     assert (not state.open and state.distance == pytest.approx(6.0 - over)) == heeds
 
 
+@pytest.mark.parametrize(("inside", "has_room"), [("m.0", True), ("c", False)])
+def test_a_member_finds_room_at_the_place_midway_where_sumo_takes_it_to_be_there_itself(inside, has_room):
+    """It stands at its line, which SUMO places a little before. It waited for itself, for ever."""
+    line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace(lane=SimpleNamespace(getInternalFoes=lambda _: (":a_3",))))
+    on_lane = {":a_0": [inside], ":a_2": [], "next_0": []}
+    lines._now = SimpleNamespace(on_lane=on_lane, position={inside: 0.2}, speed={inside: 0.0}, length={inside: 5.0})
+    assert lines._has_room(line, Ego("m.0", ":a_0", 0.0, CAR.length)) == has_room
+
+
 @pytest.mark.parametrize(("state", "via"), [("M", ()), (CHANGING, ("road_1",))])
 def test_a_line_without_lanes_inside_leaves_a_member_where_sumo_takes_it_to_be(monkeypatch, state, via):
     """A line between two edges without a junction inside, or a lane change; SUMO has it inside a junction."""
