@@ -32,7 +32,8 @@ LONGEST_BODY = 13.0  # ... and how far beyond it is followed [m]
 SAME_BODY = 1.5  # greatest distance along the path between returns from one body [m]
 DEPTH = 5.0  # of a body at least, since a laser sees its near side only [m]
 SHORTEST = 0.8  # of a shift [vehicle lengths]
-ON_LINE = 0.3, 0.15  # offset [m] and off-heading [rad] up to which a way begins at a place
+ON_LINE = 1.0, 0.15  # offset [m] and off-heading [rad] up to which a way begins at a place
+JOINED = 3.0  # distance before its begin from which the route leads straight to it [m]
 
 
 class Body(NamedTuple):
@@ -48,7 +49,8 @@ class Plan(NamedTuple):
     """How a way is made of a route."""
 
     route: Route  # without the way
-    begins: float  # station at which the way leaves it [m]
+    begins: float  # station at which the way begins [m]
+    offset: float  # of its begin, to the left of the route [m]
     length: float  # along the route, of going aside [m]
     returns: float  # distance from the begin at which it begins to come back [m]
 
@@ -78,10 +80,10 @@ class _Section(NamedTuple):
         steps = np.hypot(*np.gradient(self.points, axis=0).T)
         return np.gradient(np.unwrap(self.heading)) / np.maximum(steps, 1e-9)
 
-    def shifted(self, offset: np.ndarray) -> _Section:
-        """With places moved to the left (k,) [m]."""
-        left = np.column_stack([-np.sin(self.heading), np.cos(self.heading)])
-        return self._replace(points=self.points + offset[:, None] * left)
+    def shifted(self, offset: np.ndarray | float) -> _Section:
+        """With places moved to the left, (k,) or all alike [m]."""
+        left = np.array([-np.sin(self.heading), np.cos(self.heading)])
+        return self._replace(points=self.points + (offset * left).T)
 
 
 class _Planned(NamedTuple):
@@ -124,10 +126,10 @@ def way_round(
     here = _ahead(route, station, 1.0)
     (x, y), heading = here.points[0], here.heading[0]
     offset = math.cos(heading) * (pose[1] - y) - math.sin(heading) * (pose[0] - x)
-    if abs(offset) > ON_LINE[0] or abs(wrap(pose[2] - heading)) > ON_LINE[1]:
+    if abs(offset) > min(ON_LINE[0], station / JOINED) or abs(wrap(pose[2] - heading)) > ON_LINE[1]:
         return None
-    section = _ahead(route, station, REACH + LONGEST_BODY)
-    stands = _touches(section, body, returns, _kept(section, body, returns, KEPT_FREE))
+    begin, section = here.shifted(offset), _ahead(route, station, REACH + LONGEST_BODY)
+    stands = _touches(section, body, returns, _kept(begin, body, returns, KEPT_FREE))
     touched = stands.any(axis=1)
     if touched[0] or not touched[section.distance <= REACH].any():
         return None
@@ -141,10 +143,10 @@ def way_round(
     bend = _sharpest(_ahead(route, station, passed + 3 * body.length))
     ways: dict[float, _Planned | None] = {}
     seen: dict[float, tuple[np.ndarray, np.ndarray]] = {}
-    for clearance in (_kept(section, body, returns, one + abs(offset)) for one in CLEARANCES):
+    for clearance in (_kept(begin, body, returns, one) for one in CLEARANCES):
         for shift in shifts:
             if shift not in ways:
-                ways[shift] = way = _way(route, station, body, shift, passed, bend)
+                ways[shift] = way = _way(route, station, offset, body, shift, passed, bend)
                 if way:
                     seen[shift] = _seen_from(way.section, body, returns)
             if (way := ways[shift]) is None or _within(seen[shift], body, clearance).any():
@@ -258,13 +260,17 @@ def _extent(section: _Section, body: Body, returns: np.ndarray) -> tuple[float, 
     return end + body.length / 2 + body.axle, float(aside[first].min()), float(aside[first].max())
 
 
-def _way(route: Route, station: float, body: Body, shift: float, passed: float, bend: float) -> _Planned | None:
+def _way(
+    route: Route, station: float, offset: float, body: Body, shift: float, passed: float, bend: float
+) -> _Planned | None:
     """The way that may begin to come back at a distance [m]; None if it cannot be steered.
 
     bend: sharpest of the route there [1/m]
     """
-    length = _aside(bend, body, shift)
-    return None if length is None else _shifted(Plan(route, station, length, max(passed, length)), body, shift, length)
+    aside, back = _aside(bend, body, shift - offset), _aside(bend, body, shift)
+    if aside is None or back is None:
+        return None
+    return _shifted(Plan(route, station, offset, aside, max(passed, aside)), body, shift, back)
 
 
 def _sharpest(section: _Section) -> float:
@@ -287,8 +293,8 @@ def _shifted(plan: Plan, body: Body, shift: float, length: float) -> _Planned | 
     if plan.begins + end > plan.route.length:
         return None
     ahead = _ahead(plan.route, plan.begins, end + body.length / 2)
-    offset = _eased(ahead.distance / plan.length) - _eased((ahead.distance - plan.returns) / length)
-    return _Planned(ahead.shifted(shift * offset), end, plan)
+    aside, back = _eased(ahead.distance / plan.length), _eased((ahead.distance - plan.returns) / length)
+    return _Planned(ahead.shifted(plan.offset + (shift - plan.offset) * aside - shift * back), end, plan)
 
 
 def _eased(share: np.ndarray) -> np.ndarray:
@@ -297,8 +303,8 @@ def _eased(share: np.ndarray) -> np.ndarray:
 
 
 def _spliced(route: Route, station: float, section: _Section, end: float) -> tuple[Route, float]:
-    """The route with a way in it that ends at a distance [m], and the station there; those before it are the same."""
-    line, kept = route.line, int(np.searchsorted(route.line.stations, station - 1e-3))
+    """The route with a way in it that ends at a distance [m], and the station there; those behind it are the same."""
+    line, kept = route.line, max(int(np.searchsorted(route.line.stations, station - JOINED)), 1)
     on_way = section.distance <= end
     points, distance = section.points[on_way], section.distance[on_way]
     stop, first = np.searchsorted(line.stations, [route.length * (1 + 1e-12), station + end + SPACING])
@@ -306,18 +312,21 @@ def _spliced(route: Route, station: float, section: _Section, end: float) -> tup
     limits = route.limit[np.searchsorted(line.stations, station + distance, side="right") - 1]
     points = np.concatenate([line.points[:kept], points, line.points[first:last]])
     limit = np.concatenate([route.limit[:kept], np.minimum(limits, SPEED), route.limit[first:last]])
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(section.points[on_way], axis=0).T))])
-    longer = float(driven[-1] - distance[-1])
-    lines = [one._replace(station=_moved(one.station, station, distance, driven, longer)) for one in route.lines]
+    before = line.stations[kept - 1]
+    joined = before + math.dist(line.points[kept - 1], section.points[0])
+    driven = joined + np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(section.points[on_way], axis=0).T))])
+    here, there = np.array([before, *(station + distance)]), np.array([before, *driven])
+    lines = [one._replace(station=_moved(one.station, here, there)) for one in route.lines]
     found = Route.along(route.edges, points, limit, lines, walled=route.walled)
     found = changed(found, speed_factor=route.speed_factor, top_speed=route.top_speed)
-    return found, station + float(driven[-1])
+    return found, float(driven[-1])
 
 
-def _moved(here: float, begin: float, distance: np.ndarray, driven: np.ndarray, longer: float) -> float:
-    """A station of the route, on the route with the way in it [m]."""
-    if here <= begin:
-        return here
-    if here >= begin + distance[-1]:
-        return here + longer
-    return begin + float(np.interp(here - begin, distance, driven))
+def _moved(station: float, here: np.ndarray, there: np.ndarray) -> float:
+    """A station of the route, on the route with the way in it [m].
+
+    here, there: stations of places on both, the first where the way is joined to the route, the last where it ends (k,)
+    """
+    if station < here[0]:
+        return station
+    return float(np.interp(station, here, there)) + max(station - float(here[-1]), 0.0)

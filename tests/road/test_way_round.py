@@ -55,9 +55,9 @@ def car(ahead: float) -> shapely.Polygon:
     return shapely.box(NOSE + ahead, -BODY.width / 2, NOSE + ahead + BODY.length, BODY.width / 2)
 
 
-def found(bodies, bend: float = 0.0, may_use=anywhere):
+def found(bodies, bend: float = 0.0, may_use=anywhere, aside: float = 0.0):
     returns = np.vstack([seen(one) for one in bodies])
-    return way_round(street(bend), 50.0, (0.0, 0.0, 0.0), BODY, returns, may_use)
+    return way_round(street(bend), 50.0, (0.0, aside, 0.0), BODY, returns, may_use)
 
 
 def swept(way, end: float = 2.0) -> shapely.Geometry:
@@ -137,6 +137,21 @@ def test_it_stays_beside_a_further_body_that_was_hidden_at_first(driven):
     assert with_later_return(way, station, BODY, both, within(1.0)) is None
 
 
+@pytest.mark.parametrize("aside", [-0.5, 0.45, 0.9])
+def test_it_begins_where_the_member_stands_beside_its_line(aside):
+    """A follower cuts corners, and comes to a stand there."""
+    body = box(0.2, ahead=4.0)
+    way = found([body], aside=aside)
+    line = way.route.line
+    begin = line.stations[np.hypot(*(line.points - (0.0, aside)).T).argmin()]
+    assert line.at(np.array([begin]))[0] == pytest.approx((0.0, aside), abs=1e-9)
+    assert begin == pytest.approx(50.0, abs=0.2)
+    assert swept(way).distance(body) > ways.CLEARANCES[1] - 0.02
+    assert line.at(np.array([way.ends + 1.0]))[0, 1] == pytest.approx(0.0, abs=1e-9)
+    turned = np.abs(np.diff(np.unwrap(np.arctan2(*np.diff(line.points, axis=0).T[::-1]))))
+    assert turned.max() < 0.35  # the route leads to it without a sharp corner
+
+
 def test_it_cannot_stay_beside_where_it_comes_back_already_or_there_is_no_room():
     way, second = found([box(1.0)]), box(0.6, ahead=14.0)
     assert blocked_return(way, way.ends - 2.0, BODY, seen(second)) == np.inf
@@ -153,7 +168,7 @@ def test_stop_lines_keep_their_places():
     before, after = ([one.line.at(np.array([line.station]))[0, 0] for line in one.lines] for one in (route, way.route))
     assert after == pytest.approx(before, abs=0.05)
     assert way.route.length == pytest.approx(route.length, abs=0.6)
-    assert way.route.limit[np.searchsorted(way.route.line.stations, [49.0, 51.0, way.ends + 2.0])].tolist() == [
+    assert way.route.limit[np.searchsorted(way.route.line.stations, [46.0, 51.0, way.ends + 2.0])].tolist() == [
         13.9, ways.SPEED, 13.9,
     ]  # fmt: skip
 
