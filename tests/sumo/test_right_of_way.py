@@ -22,7 +22,11 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo.conflicts import LINK_VIA, Conflicts, Crossing
-from platoontraffic.sumo.stoplines import Approach, Ego, StopLines
+from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.reads import Reads
+from platoontraffic.sumo.right_of_way import Approach, RightOfWay
+from platoontraffic.sumo.room_to_change import RoomToChange
+from platoontraffic.sumo.stoplines import StopLines
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.world.fleet import Fleet, Member
@@ -293,59 +297,6 @@ def test_a_member_does_not_begin_to_change_lanes_where_a_queue_would_stop_it_acr
         assert clearance(seen, "c") > 0.5
 
 
-def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
-    """The first lane beside is full, the one beyond is empty; once there, only that one counts."""
-    places = {"road_0": [("m.0", 30.0)], "road_1": [("c", 31.0)], "road_2": []}
-    client = SimpleNamespace(
-        lane=SimpleNamespace(
-            getLength=lambda _: 200.0, getMaxSpeed=lambda _: 13.9,
-            getLastStepVehicleIDs=lambda lane: [name for name, _ in places[lane]],
-        ),
-        vehicle=SimpleNamespace(
-            getSpeed=lambda _: 10.0, getLength=lambda _: 5.0,
-            getWaitingTime=lambda _: 0.0,
-            getLanePosition=lambda name: {k: v for lane in places.values() for k, v in lane}[name],
-        ),
-    )  # fmt: skip
-    lines = StopLines(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), client)
-    line = Line(0.0, CHANGING, "", 0, "road_0", "road_2", (), 80.0, 160.0)  # it begins at 40 m
-    ego = Ego("m.0", "road_0", 10.0, 5.0)
-    assert lines._may_change(line, 10.0, ego) == pytest.approx(10.0 + 0.25 * 40.0)
-    assert lines._may_change(line, -15.0, ego) == np.inf  # it is on that lane, and the next one is free
-    places["road_2"] = [("c2", 53.0)]
-    lines.renew()
-    assert lines._may_change(line, -15.0, ego) == pytest.approx(40.0 + 0.25 * 40.0 - 15.0)
-
-
-def test_a_lane_change_is_judged_by_the_first_vehicle_behind_since_the_others_follow_it():
-    """It stands beside the member's rear; one that comes fast has to stop behind it."""
-    places = {"road_0": [("m.0", 30.0)], "road_1": [("fast", 10.0), ("stands", 24.0)], "before_1": [("faster", 90.0)]}
-    client = SimpleNamespace(
-        lane=SimpleNamespace(
-            getLength=lambda _: 100.0, getMaxSpeed=lambda _: 13.9,
-            getLastStepVehicleIDs=lambda lane: [name for name, _ in places[lane]],
-        ),
-        vehicle=SimpleNamespace(
-            getSpeed=lambda name: {"fast": 12.0, "faster": 13.9}.get(name, 0.0), getLength=lambda _: 5.0,
-            getWaitingTime=lambda _: 0.0,
-            getLanePosition=lambda name: {k: v for lane in places.values() for k, v in lane}[name],
-        ),
-    )  # fmt: skip
-    lines = StopLines(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0), ("before_1", 100.0)]), client)
-    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 65.0)  # it begins at 35 m
-    ego = Ego("m.0", "road_0", 0.0, 5.0)
-    assert lines._may_change(line, 5.0, ego) == np.inf
-    assert not lines.room_wanted
-    places["road_1"].pop()
-    lines.renew()
-    assert lines._may_change(line, 5.0, ego) < np.inf
-    assert lines.room_wanted == {"m.0": ("road_1", pytest.approx(5.0 + 2.5 - (5.0 + 8.0)))}
-    places["road_1"].clear()
-    lines.renew()
-    lines.room_wanted.clear()
-    assert lines._may_change(line, 5.0, ego) < np.inf  # for the one that comes from the lane before
-
-
 @pytest.mark.sumo
 def test_a_member_gives_way_at_a_light_that_is_off(scene):
     column = [(f"c{k}", MAJOR, 440.0 - 20 * k, 10.0) for k in range(5)]
@@ -385,58 +336,12 @@ def test_a_vehicle_that_has_moved_counts_as_held_up_only_after_it_has_stood_agai
         vehicle=SimpleNamespace(getSpeed=lambda _: speeds[now.step]),
         simulation=SimpleNamespace(getTime=lambda: 0.1 * now.step),
     )
-    lines, held = StopLines(None, client), []
+    reads = Reads(client)
+    way, held = RightOfWay(client, reads, {}), []
     for now.step in range(len(speeds)):
-        lines.renew()
-        held.append(lines._held_up("foe", ":inside_0"))
+        reads.renew()
+        held.append(way.held_up("foe", ":inside_0"))
     assert held.index(True) == 30 + 31
-
-
-@pytest.mark.parametrize(
-    ("front", "speed", "lane", "is_beside"),
-    [
-        (33.0, 1.0, "road_0", True),  # its rear is beside the own front
-        (35.2, 1.0, "road_0", True),  # and must be half a metre before it
-        (36.0, 1.0, "road_0", False),
-        (29.0, 1.0, "road_0", False),  # it sees the member, and waits
-        (33.0, 8.0, "road_0", False),
-        (33.0, 1.0, "road_1", False),  # the member is on its lane
-        (33.0, 1.0, "other_0", False),
-    ],
-)
-def test_a_slow_vehicle_waits_beside_one_that_came_in_between_on_its_lane(front, speed, lane, is_beside):
-    client = SimpleNamespace(
-        lane=SimpleNamespace(
-            getLength=lambda _: 200.0, getLastStepVehicleIDs=lambda lane: ["c"] if lane == "road_1" else []
-        ),
-        vehicle=SimpleNamespace(getLength=lambda _: 5.0, getLanePosition=lambda name: front if name == "c" else 30.0),
-    )  # fmt: skip
-    lines = StopLines(SimpleNamespace(), client)
-    line = Line(100.0, "M", "", 0, "road_1", "next_0", (":a_0",), 10.0)
-    assert lines._is_beside(line, Ego("m.0", lane, speed, CAR.length)) == is_beside
-
-
-def test_a_slow_member_waits_for_another_one_abreast_and_of_two_only_one_waits():
-    """They are on each other's lanes, the second one a little behind the first."""
-    places = {"m.0": ("road_0", 30.0), "m.1": ("road_1", 28.0)}
-    client = SimpleNamespace(
-        lane=SimpleNamespace(
-            getLength=lambda _: 200.0,
-            getLastStepVehicleIDs=lambda lane: [name for name, (there, _) in places.items() if there == lane],
-        ),
-        vehicle=SimpleNamespace(getLength=lambda _: CAR.length, getLanePosition=lambda name: places[name][1]),
-    )
-    lines = StopLines(SimpleNamespace(), client)
-    lines._members = frozenset(places)
-    first, second = (Line(100.0, "M", "", 0, lane, "next_0", (":a_0",), 10.0) for lane in ("road_1", "road_0"))
-    ahead, behind = Ego("m.0", "road_0", 1.0, CAR.length), Ego("m.1", "road_1", 1.0, CAR.length)
-    assert lines._is_beside(first, ahead)
-    for _ in range(3):
-        assert lines._is_beside(second, behind)  # the first one's rear is beside its front
-        assert not lines._is_beside(first, ahead)
-    places["m.1"] = "road_1", 20.0
-    lines.renew()
-    assert not lines._is_beside(second, behind)
 
 
 def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
@@ -447,16 +352,16 @@ def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
         lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0),
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getAccel=lambda _: 2.6, getSpeed=lambda _: 0.0),
     )
-    lines = StopLines(SimpleNamespace(), client)
-    lines._conflicts[line] = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
-    monkeypatch.setattr(StopLines, "_coming", lambda *_: [])
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    way = RightOfWay(client, Reads(client), {line: conflicts})
+    monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [])
     inside = [Approach("c", crossing, -8.0, Pace(0.0))]
-    monkeypatch.setattr(StopLines, "_inside", lambda *_, first: inside)
+    monkeypatch.setattr(RightOfWay, "_inside", lambda *_, first: inside)
     ego = Ego("m.0", "road_0", 0.0, CAR.length)
-    assert not lines._may_cross(line, 1.0, ego, state="Z")
+    assert not way.may_cross(line, 1.0, ego, state="Z")
     inside.clear()
-    lines.renew()
-    assert lines._may_cross(line, 1.0, ego, state="Z")
+    way.renew()
+    assert way.may_cross(line, 1.0, ego, state="Z")
 
 
 @pytest.mark.parametrize(("turns", "signal"), [(True, "priority"), (False, "red")])
@@ -479,14 +384,14 @@ def test_a_vehicle_that_has_just_set_out_inside_is_expected_to_accelerate(speed,
     """It has 9 m to the conflict area: 11 s at 0.8 m/s, but 2.3 s by 2.6 m/s2. One that stands there waits."""
     line = Line(100.0, "w", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (6.0, 11.0), (10.0, 15.0), False, True, np.inf, 10.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts[line] = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
-    lines._now = SimpleNamespace(
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
+    way._now = SimpleNamespace(
         on_lane={":a_1": ["c"]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={"c": 1.0},
         speed={"c": speed}, acceleration={"c": 2.6}, length={"c": 5.0},
     )  # fmt: skip
     ego = Ego("m.0", "road_0", 0.0, CAR.length)
-    assert lines._has_gap_among([*lines._on(crossing)], line, 0.8, ego, 0.0, 0.8) == has_gap
+    assert way._has_gap_among([*way.on(crossing)], line, 0.8, ego, 0.0, 0.8) == has_gap
 
 
 @pytest.mark.parametrize(("own", "its", "has_gap"), [(1.6, 0.3, True), (0.8, 1.5, False), (1.6, 0.0, True)])
@@ -494,10 +399,10 @@ def test_at_an_all_way_stop_who_sets_out_later_has_waived_the_right_of_way(monke
     """The other one had stood for longer, but did not drive when its turn came."""
     line = Line(100.0, "w", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     crossing = Crossing("side_0", (":a_1",), (8.0, 12.0), (16.0, 20.0), False, True, np.inf, 10.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    monkeypatch.setattr(StopLines, "_at_lines", lambda *_: [Approach("c", crossing, 0.1, Pace(its))])
-    lines._stood = {"c": ("side_0", 10.0), "m.0": ("road_0", 12.0)}
-    assert lines._may_enter(line, "w", Ego("m.0", ":a_0", own, CAR.length)) == has_gap
+    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {})
+    monkeypatch.setattr(RightOfWay, "_at_lines", lambda *_: [Approach("c", crossing, 0.1, Pace(its))])
+    way._stood = {"c": ("side_0", 10.0), "m.0": ("road_0", 12.0)}
+    assert way.may_enter(line, "w", Ego("m.0", ":a_0", own, CAR.length)) == has_gap
 
 
 @pytest.mark.parametrize(("lane", "over", "heeds"), [(":a_0", 4.0, True), (":a_1", 4.0, True), (":a_1", 7.0, False)])
@@ -508,7 +413,7 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
     links = [("",) * LINK_VIA + (via,) for via in (":a_0", ":a_1")]
     lengths = {":a_0": 6.0, ":a_1": 20.0}
     lines._now = SimpleNamespace(lane_length=lengths, position={"m.0": over}, links={"road_0": links})
-    monkeypatch.setattr(StopLines, "_may_cross", lambda *_, midway: False)
+    monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(StopLines, "_link_state", lambda *_: "M")
     member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, over, [])))
     state = lines._state(member, 100.0 + over, Ego("m.0", lane, 3.0, CAR.length))
@@ -533,7 +438,7 @@ def test_a_line_without_lanes_inside_leaves_a_member_where_sumo_takes_it_to_be(m
         StopLines(SimpleNamespace(), SimpleNamespace()),
     )
     lines._now = SimpleNamespace(lane_length={}, position={}, links={"road_0": []})
-    monkeypatch.setattr(StopLines, "_may_change", lambda *_: np.inf)
+    monkeypatch.setattr(RoomToChange, "may_change", lambda *_: np.inf)
     member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, 2.0, [])))
     assert lines._state(member, 102.0, Ego("m.0", ":a_1", 3.0, CAR.length)).open
 
@@ -546,14 +451,14 @@ def test_a_member_that_waits_midway_lets_those_pass_that_pass_closely_before_its
     client = SimpleNamespace(
         lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0), vehicle=SimpleNamespace(getLength=lambda _: 5.0)
     )
-    lines = StopLines(SimpleNamespace(), client)
-    lines._conflicts[line] = Conflicts((), {":a_1": crossing}, (), 6.0, 50.0, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), 6.0, 50.0, 0.0)
+    way = RightOfWay(client, Reads(client), {line: conflicts})
     coming = [Approach("c", crossing, 4.0, Pace(8.0))]
-    monkeypatch.setattr(StopLines, "_coming", lambda *_: coming)
-    monkeypatch.setattr(StopLines, "_inside", lambda *_, first: [])
-    monkeypatch.setattr(StopLines, "_waited", lambda *_: 0.0)
+    monkeypatch.setattr(RightOfWay, "_coming", lambda *_: coming)
+    monkeypatch.setattr(RightOfWay, "_inside", lambda *_, first: [])
+    monkeypatch.setattr(RightOfWay, "_waited", lambda *_: 0.0)
     ego = Ego("m.0", ":a_0", 0.0, CAR.length)
-    assert lines._may_cross(line, -front, ego, midway=True) == (not waits)
+    assert way.may_cross(line, -front, ego, midway=True) == (not waits)
 
 
 @pytest.mark.sumo

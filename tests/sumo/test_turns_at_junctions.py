@@ -21,7 +21,8 @@ from platoontraffic.road.netconvert import build_net
 from platoontraffic.road.network import Network
 from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo.conflicts import Conflicts, Walk
-from platoontraffic.sumo.stoplines import Ego, StopLines
+from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.stoplines import StopLines
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.fleet import Member
 from tests.sumo.test_right_of_way import EYE, NETS, STEP, Staged, deployed, insert

@@ -1,0 +1,62 @@
+"""The member that a stop line is judged for."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from platoontraffic.controllers import Law
+from platoontraffic.road.gap_acceptance import Pace
+from platoontraffic.sumo.conflicts import Conflicts
+from platoontraffic.vehicles.motion import scale
+from platoontraffic.world.fleet import Member
+
+EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
+STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
+
+
+class Ego(NamedTuple):
+    """The vehicle that a stop line is judged for."""
+
+    id: str
+    lane: str  # "" off the road
+    speed: float  # [m/s]
+    length: float  # [m]
+    acceleration: float = 1.5  # of its law in comfort [m/s2]
+    lateral: float = 2.0  # greatest lateral acceleration of its law [m/s2]
+
+    @classmethod
+    def of(cls, member: Member) -> Ego:
+        """A member at rest, off the road.
+
+        raises: nothing; a law that does not name its gains counts as a timid one
+        """
+        law = member.law
+        gains = [_gain(one, "acceleration", cls._field_defaults["acceleration"]) for one in _drivers(law)]
+        lateral = [_gain(one, "lateral_acceleration", cls._field_defaults["lateral"]) for one in _drivers(law)]
+        return cls(member.id, "", 0.0, float(member.model.length), min(gains), min(lateral))
+
+    @property
+    def size(self) -> float:
+        """Factor for distances."""
+        return scale(self.length)
+
+    @property
+    def checks_from(self) -> float:
+        """Distance before a line at which it must know whether the line is open [m]."""
+        return self.speed**2 / (2 * EARLY_BRAKING) + self.length
+
+    def pace(self, conflicts: Conflicts, limit: float) -> Pace:
+        """How it drives through a junction with a speed limit [m/s]."""
+        bend = math.sqrt(self.lateral / max(conflicts.curvature, 1e-6))
+        return Pace(self.speed, self.acceleration, min(bend, limit), STARTING)
+
+
+def _drivers(law: Law) -> list[object]:
+    """A law, and the one that drives in its place where it has no predecessor."""
+    return [law, *([law.alone] if hasattr(law, "alone") else [])]
+
+
+def _gain(law: object, name: str, default: float) -> float:
+    value = getattr(law, name, default)
+    return float(value) if isinstance(value, (int, float)) and value > 0 else default

@@ -1,0 +1,292 @@
+"""Right of way of members at junctions: gaps among foes, inside and outside, stop signs, turns at all-way stops."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from platoontraffic.road.gap_acceptance import STANDING, Foe, Pace, margin_after, may_cross
+from platoontraffic.road.lane_routes import Line
+from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.conflicts import (
+    ALL_STOP,
+    EQUAL,
+    LINK_OPEN,
+    LINK_STATE,
+    LINK_VIA,
+    RED,
+    ZIPPER,
+    Conflicts,
+    Crossing,
+)
+from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.reads import Once, Reads
+from platoontraffic.vehicles.motion import scale
+
+HELD_UP_AFTER = 3.0  # a vehicle that stands at an open line for longer is held up by something else [s]
+SETS_OUT_AFTER = 1.5  # a vehicle whose turn it is at an all-way stop sets out within this time [s]
+NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
+SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the paths of others all the same [s]
+AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
+
+
+class Approach(NamedTuple):
+    """A vehicle whose path crosses the own one; distances from its front bumper [m]."""
+
+    id: str
+    crossing: Crossing
+    to_line: float  # negative inside the junction
+    pace: Pace
+
+
+class RightOfWay:
+    """Judges right of way by the vehicles that SUMO has about a junction.
+
+    SUMO reports whether links are open (getNextLinks) only for a vehicle that arrives at full speed, always as open for
+    a turn that may wait inside the junction, and not at all inside one. So gaps are judged here.
+
+    now      : SUMO's values at this instant
+    conflicts: at each line, at station 0
+    """
+
+    def __init__(self, sumo: Client, now: Reads, conflicts: Mapping[Line, Conflicts]) -> None:
+        self._sumo, self._now, self._conflicts = sumo, now, conflicts
+        # By line, at this instant: those outside the junction, the same as they come, and those inside with priority.
+        self._outside = Once(self._foes_outside)
+        self._patiently = Once(lambda line: [*self._approaching(line)])
+        self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
+        # Vehicles that stand at an open line ("") or on a lane inside a junction: since when, and when last seen [s].
+        self._standing: dict[tuple[str, str], tuple[float, float]] = {}
+        self._stood: dict[str, tuple[str, float]] = {}  # the line's lane at which each has stood, and since when [s]
+        self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
+        self.members: frozenset[str] = frozenset()  # their ids
+
+    def renew(self) -> None:
+        """SUMO has made a step: all vehicles are elsewhere."""
+        for foes in (self._outside, self._patiently, self._first_inside):
+            foes.clear()
+
+    def has_way(self, line: Line, state: str, distance: float, ego: Ego) -> bool:
+        """Whether a vehicle may pass a line at which it has to give way."""
+        if state in ALL_STOP:
+            return self._is_its_turn(line, distance, ego)
+        return self.may_cross(line, distance, ego, state=state)
+
+    def may_cross(self, line: Line, distance: float, ego: Ego, *, midway: bool = False, state: str = "m") -> bool:
+        """Whether there is a gap among all priority vehicles.
+
+        distance: to the junction [m]
+        midway  : judged for what is met after the place where it may wait midway; else for what is met before it
+        """
+        foes = [*self._coming(line, ego, state), *self._first_inside[line]]
+        if state in ZIPPER:  # the nearer one goes first, and one that stands inside may set out at any time
+            foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
+            foes = [foe if foe.to_line > 0 else self._setting_out(foe) for foe in foes]
+        if self._conflicts[line].swings and self._now.waited[ego.id] >= SWINGS_OUT_AFTER:
+            foes = [foe for foe in foes if not foe.crossing.swings]
+        margin = margin_after(self._waited(ego))
+        enters = distance + self._conflicts[line].waits if midway else distance
+        return self._has_gap_among(self._met(line, foes, distance, midway), line, distance, ego, margin, enters)
+
+    def may_enter(self, line: Line, state: str, ego: Ego) -> bool:
+        """Whether there was a gap for a vehicle that has just entered: among vehicles outside, without margin.
+
+        At an all-way stop: whether nobody who had stood for longer was driving already; a slower one set out later.
+        """
+        if state in ZIPPER:
+            return True
+        if state in ALL_STOP:
+            return not any(self._departs(foe, ego) and foe.pace.speed > ego.speed for foe in self._at_lines(line))
+        coming = (foe for foe in self._coming(line, ego, state) if not foe.crossing.swings)
+        foes = [foe._replace(pace=Pace(foe.pace.speed)) for foe in coming]
+        return self._has_gap_among(self._met(line, foes, 0.0, midway=False), line, 0.0, ego, 0.0, 0.0)
+
+    def pace(self, line: Line, ego: Ego) -> Pace:
+        limit = max(map(self._now.max_speed.__getitem__, line.via), default=ego.speed)
+        return ego.pace(self._conflicts[line], limit)
+
+    # ---- gaps
+
+    def _has_gap_among(
+        self, foes: Sequence[Approach], line: Line, distance: float, ego: Ego, margin: float, enters: float
+    ) -> bool:
+        """distance, enters: from the front bumper to the line, and to the line or where it waits midway [m]"""
+        pace = self.pace(line, ego)
+        for one in foes:
+            crossing = one.crossing
+            foe = Foe(
+                enters if enters > 0 else distance + crossing.own[0],
+                distance + crossing.own[0],
+                distance + crossing.own[1],
+                one.to_line + crossing.its[0],
+                one.to_line + crossing.its[1],
+                one.pace,
+                self._now.length[one.id],
+                crossing.fastest,
+                crossing.merges,
+            )
+            if not may_cross(foe, pace, ego.length, margin):
+                return False
+        return True
+
+    def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
+        """The foes that are met after, or before, the place where the vehicle may wait midway."""
+        waits = self._conflicts[line].waits
+        if midway:  # where it is already in another one's way, it cannot wait; one that passes before its front it can
+            begins = ((foe, foe.crossing.own[0], foe.crossing.touches) for foe in foes)
+            return [foe for foe, own, touches in begins if own + distance > 0 or 0 < touches + distance < math.inf]
+        return [foe for foe in foes if foe.crossing.own[0] < waits]
+
+    def _setting_out(self, foe: Approach) -> Approach:
+        """A vehicle inside the junction, as it drives if it sets out now."""
+        pace = Pace(foe.pace.speed, self._now.acceleration[foe.id], foe.crossing.fastest)
+        return foe._replace(pace=pace)
+
+    # ---- foes
+
+    def _coming(self, line: Line, ego: Ego, state: str) -> Iterable[Approach]:
+        """Vehicles outside the junction that will cross the path with priority and are not stopped by a light."""
+        return self._approaching(line, ego) if state in EQUAL else self._patiently[line]
+
+    def _approaching(self, line: Line, ego: Ego | None = None) -> Iterator[Approach]:
+        """The same as they come; ego: where nobody has priority."""
+        for foe, hurrying, is_open in self._outside[line]:
+            patience = HELD_UP_AFTER
+            if ego and self._order(foe.id, foe.crossing.before) > self._order(ego.id, line.lane):
+                patience = 0.0  # both stand, and it came later
+            yield hurrying if self._hurries(foe.id, foe.to_line, is_open, patience) else foe
+
+    def _foes_outside(self, line: Line) -> list[tuple[Approach, Approach, bool]]:
+        """Those vehicles at their speed, and as they hurry, and whether the line ahead of each is open."""
+        conflicts, now, found = self._conflicts[line], self._now, []
+        for name, beyond in conflicts.entering:
+            to_end = beyond + now.lane_length[name]
+            for foe in now.on_lane[name]:
+                links = now.next_links[foe][:3]
+                via = next((link[LINK_VIA] for link in links if link[LINK_VIA] in conflicts.crossings), None)
+                crossing = conflicts.crossings.get(via)
+                if crossing is None or not crossing.first or links[0][LINK_STATE] in RED:
+                    continue
+                to_line, speed = to_end - now.position[foe], now.speed[foe]
+                hurrying = Pace(speed, now.acceleration[foe], now.max_speed[name])
+                approaches = (Approach(foe, crossing, to_line, pace) for pace in (Pace(speed), hurrying))
+                found.append((*approaches, links[0][LINK_OPEN]))
+        return found
+
+    def _inside(self, line: Line, *, first: bool) -> Iterator[Approach]:
+        """Vehicles inside the junction whose paths cross the own one.
+
+        first: only those with priority
+        """
+        for crossing in self._conflicts[line].crossings.values():
+            if crossing.first or not first:
+                for one in self.on(crossing):
+                    if not self.is_past(one) and not self.held_up(one.id, "in"):
+                        yield one
+
+    def on(self, crossing: Crossing) -> Iterator[Approach]:
+        """Vehicles inside the junction on a path; one that has left it with its nose only is on the next lane.
+
+        Those that drive may accelerate.
+        """
+        now, driven = self._now, 0.0
+        for via in crossing.via:
+            for name in now.on_lane[via]:
+                one = Approach(name, crossing, -driven - now.position[name], Pace(now.speed[name]))
+                yield self._setting_out(one) if one.pace.speed >= STANDING else one
+            driven += now.lane_length[via]
+
+    def is_past(self, one: Approach) -> bool:
+        """Whether its rear has left the conflict area."""
+        return one.to_line + one.crossing.its[1] + self._now.length[one.id] < 0
+
+    def _hurries(self, foe: str, to_line: float, is_open: bool, patience: float = HELD_UP_AFTER) -> bool:
+        """Whether a foe may come sooner than by its speed: one that drives, or that stands at a line just opened.
+
+        Whether a line is open to a member SUMO does not know.
+        """
+        if self._now.speed[foe] >= STANDING:
+            self._standing.pop((foe, ""), None)
+            return True  # even if it brakes now: two that brake for each other would both count on that
+        if not (is_open or foe in self.members) or to_line > self._now.length[foe]:
+            return False
+        return not self.held_up(foe, "", patience)
+
+    def held_up(self, foe: str, where: str, patience: float = HELD_UP_AFTER) -> bool:
+        """Whether a foe stands too long where it might drive: at an open line ("") or inside a junction ("in")."""
+        if self._now.speed[foe] >= STANDING:
+            self._standing.pop((foe, where), None)
+            return False
+        time = self._sumo.simulation.getTime()
+        since, last = self._standing.get((foe, where), (time, time))
+        since = since if time - last < HELD_UP_AFTER else time
+        self._standing[foe, where] = since, time
+        return time - since > patience
+
+    # ---- stop signs
+
+    def has_stood(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether a vehicle has stood at this line; that is remembered until it has passed the line."""
+        return distance < 0 or self._stood_since(ego.id, line.lane, distance, ego.length) is not None
+
+    def _stood_since(self, name: str, lane: str, to_line: float, length: float) -> float | None:
+        """Time since which a vehicle has been standing at its line, or has stood there [s]; None: it has not."""
+        before, since = self._stood.get(name, ("", 0.0))
+        if before == lane:
+            return since
+        if self._now.speed[name] >= STANDING or to_line > AT_LINE * scale(length):
+            return None
+        since = self._sumo.simulation.getTime() - self._now.waited[name]
+        self._stood[name] = lane, since
+        return since
+
+    def _waited(self, ego: Ego) -> float:
+        """Time since a vehicle first stood at its line [s]; 0 if it has not."""
+        lane, since = self._stood.get(ego.id, ("", 0.0))
+        return self._sumo.simulation.getTime() - since if lane == ego.lane else 0.0
+
+    def _order(self, name: str, lane: str) -> tuple[float, str]:
+        """Order in which vehicles that have stood at their lines go; of equal ones, by lane."""
+        before, since = self._stood.get(name, ("", math.inf))
+        return (since if before == lane else math.inf), lane
+
+    def _at_lines(self, line: Line) -> Iterator[Approach]:
+        """The first vehicle on each crossing lane, if it stands at its line or has stood there."""
+        now, conflicts = self._now, self._conflicts[line]
+        for before in sorted({crossing.before for crossing in conflicts.crossings.values()} - {line.lane}):
+            names = now.on_lane[before]
+            if not names:
+                continue
+            foe = names[-1]
+            to_line = now.lane_length[before] - now.position[foe]
+            links = now.next_links[foe][:1]
+            crossing = conflicts.crossings.get(links[0][LINK_VIA]) if links else None
+            if crossing and self._stood_since(foe, before, to_line, now.length[foe]) is not None:
+                yield Approach(foe, crossing, to_line, Pace(now.speed[foe], now.acceleration[foe], crossing.fastest))
+
+    def _departs(self, foe: Approach, ego: Ego) -> bool:
+        """Whether a vehicle that has stood at its line sets out, before this one."""
+        earlier = self._order(foe.id, foe.crossing.before) < self._stood.get(ego.id, ("", math.inf))[::-1]
+        return earlier and foe.pace.speed >= STANDING
+
+    def _is_its_turn(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether a vehicle that has stood at an all-way stop may go: those that have stood longer are gone.
+
+        The order of arrival is the same for all, so two vehicles never wait for each other. If one that should go does
+        not, the next one goes after SETS_OUT_AFTER, the one after that NEXT_IN_TURN later.
+        """
+        own, time, key = self._order(ego.id, line.lane), self._sumo.simulation.getTime(), (ego.id, line.lane)
+        inside = [*self._inside(line, first=False)]
+        earlier, departs = [], False
+        for foe in self._at_lines(line):
+            if foe.pace.speed >= STANDING:  # it has begun to drive
+                departs |= self._order(foe.id, foe.crossing.before) < own or distance >= 0
+            elif self._order(foe.id, foe.crossing.before) < own:
+                earlier.append(foe)
+        still = self._still.setdefault(key, time)
+        if departs or any(foe.pace.speed >= STANDING for foe in inside):
+            still = self._still[key] = time
+        if departs or not self._has_gap_among(inside, line, distance, ego, 0.0, distance):
+            return False
+        return time - still > SETS_OUT_AFTER + NEXT_IN_TURN * (len(earlier) - 1) if earlier else True

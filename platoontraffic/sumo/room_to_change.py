@@ -1,0 +1,163 @@
+"""Room for the lane changes of members, among the vehicles that SUMO has on the lanes beside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from platoontraffic.controllers.lane_room import room_needed
+from platoontraffic.road.gap_acceptance import Pace
+from platoontraffic.road.lane_routes import Line
+from platoontraffic.road.network import Network
+from platoontraffic.sumo.conflicts import GAP_HORIZON
+from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.reads import Reads
+
+CHANGING_PACE = 1.5, 6.0  # acceleration of a slow vehicle that changes lanes [m/s2], up to [m/s]
+COMMITTED = 0.25  # share of a lane change after which it is not interrupted
+BEHIND = 0.5  # distance behind another one on its lane from which a slow vehicle may go over, for a car [m]
+PASSES_BY = 2.0  # a vehicle that is so much faster passes, and leaves room then [m/s]
+QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
+QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
+QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
+OWN_GAP = 4.0  # that a member of a car's length leaves in a queue [m]
+
+
+class RoomToChange:
+    """Judges whether there is room for a lane change.
+
+    now: SUMO's values at this instant
+    """
+
+    def __init__(self, network: Network, now: Reads) -> None:
+        self._network, self._now = network, now
+        self._adjacent: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
+        self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
+        self.members: frozenset[str] = frozenset()  # their ids
+        # Of each member without room for its lane change, begun or not: the lane on which it wants room, and how far
+        # behind its front a vehicle there must stand to leave it [m].
+        self.wanted: dict[str, tuple[str, float]] = {}
+
+    def may_change(self, line: Line, distance: float, ego: Ego) -> float:
+        """Distance at which a vehicle must stop because there is no room on a lane that it crosses or changes to [m].
+
+        distance : to the begin of the lane change; negative: it has begun [m]
+        returns  : to where it still is on the lane before; inf: there is room, or it is on all those lanes already
+
+        A queue ahead leaves no room to begin: it would stand across both lanes. It is waited for, but not for ever.
+        """
+        crossed = _crossed(line)
+        share = line.across / len(crossed)
+        patient = self._now.waited[ego.id] < QUEUE_PATIENCE
+        queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
+        for k, one in enumerate(crossed):
+            stop = distance + (k + COMMITTED) * share
+            half = distance + (k + 0.5) * share
+            if stop > 0 and (queue or not self._is_room(one, distance, half, ego)):
+                self.wanted[ego.id] = one.onto, ego.length + room_needed(ego.length, 0.0, 0.0) - half
+                return stop
+        return np.inf
+
+    def is_beside(self, line: Line, ego: Ego) -> bool:
+        """Whether a slow vehicle that is not yet on its lane has another one there with its rear beside the own front.
+
+        The other one came in between, and does not see what is behind its own front. A member does not see what is
+        beside it either; of two that go over to each other's lanes one waits.
+
+        line: the next one of the route: it begins on the lane on which the vehicle should be
+        """
+        if self._beside:
+            self._beside.discard(ego.id)
+        if ego.lane == line.lane or ego.speed >= QUEUE_SPEED * ego.size:
+            return False
+        if ego.lane.rpartition("_")[0] != line.lane.rpartition("_")[0]:
+            return False
+        now, here = self._now, self._now.position[ego.id]
+        for place, before in ((line.lane, 0.0), *((via, now.lane_length[line.lane]) for via in line.via[:1])):
+            for name in now.on_lane[place]:
+                front = before + now.position[name]
+                yields = name not in self.members or name in self._beside
+                begin = here if yields else here - ego.length
+                if begin < front < here + now.length[name] + BEHIND * ego.size:
+                    self._beside.add(ego.id)
+                    return True
+        return False
+
+    def is_passed_soon(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether all vehicles that leave no room for a lane change here are faster, and none of them is in a queue."""
+        if self._queue_within(line, distance, ego):
+            return False
+        crossed = _crossed(line)
+        for k, one in enumerate(crossed):
+            for name in self._blocking(one, distance, distance + (k + 0.5) * line.across / len(crossed), ego):
+                if self._now.speed[name] < ego.speed + PASSES_BY:
+                    return False
+        return True
+
+    def _is_room(self, line: Line, distance: float, half: float, ego: Ego) -> bool:
+        """Whether there will be room on one lane, and no vehicle there will have to brake hard; as `_blocking`."""
+        return next(self._blocking(line, distance, half, ego), None) is None
+
+    def _blocking(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[str]:
+        """Vehicles on one lane that leave no room, or would have to brake hard.
+
+        half : distance after which half of the member is over there: until then SUMO's drivers do not see it [m]
+        """
+        pace = Pace(ego.speed, *CHANGING_PACE)
+        time = pace.time_for(half)
+        later = pace.speed_after(time)
+        for name, foe_to_end in self._on_adjacent(line, distance + line.to_end):
+            if name == ego.id:
+                continue
+            ahead, foe_speed = distance + line.to_end - foe_to_end, self._now.speed[name]
+            if ahead >= 0:
+                gap = ahead - self._now.length[name]
+                closing, rear_speed = max(ego.speed - foe_speed, 0.0), ego.speed
+            else:
+                gap = -ahead - ego.length - foe_speed * time + half
+                closing, rear_speed = max(foe_speed - later, 0.0), foe_speed
+            if gap < room_needed(ego.length, rear_speed, closing):
+                yield name
+
+    def _queue_within(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether a vehicle stands on one of the two lanes before the end of the lane change."""
+        now = self._now
+        here = now.lane_length[line.lane] - line.to_end - distance  # position of the own front bumper
+        end, stands = here + distance + line.across + OWN_GAP * ego.size, QUEUE_STANDS * ego.size
+        for name in (*now.on_lane[line.lane], *now.on_lane[line.onto]):
+            if name != ego.id and now.speed[name] < stands:
+                position = now.position[name]
+                if position > here and position - now.length[name] < end:
+                    return True
+        return False
+
+    def _on_adjacent(self, line: Line, own_to_end: float) -> Iterator[tuple[str, float]]:
+        """Vehicles on the adjacent lane and lanes that lead to it, and the distance of each to its end [m].
+
+        Of those behind only the first one on each lane, and on lanes that lead there only if there is none: the others
+        follow it.
+
+        own_to_end: distance of the own front bumper to the end of the adjacent lane [m]
+        """
+        now = self._now
+        if line not in self._adjacent:
+            reach = now.lane_length[line.onto] + GAP_HORIZON * now.max_speed[line.onto]
+            self._adjacent[line] = tuple(self._network.upstream(line.onto, reach))
+        for name, beyond in self._adjacent[line]:
+            to_ends = beyond + now.lane_length[name]
+            for vehicle in reversed(now.on_lane[name]):
+                to_end = to_ends - now.position[vehicle]
+                yield vehicle, to_end
+                if to_end > own_to_end:
+                    if name == line.onto:
+                        return
+                    break
+
+
+def _crossed(line: Line) -> list[Line]:
+    """A lane change by each lane that it leads onto, in their order."""
+    edge, _, first = line.lane.rpartition("_")
+    here, there = int(first), int(line.onto.rpartition("_")[2])
+    step = 1 if there > here else -1
+    return [line._replace(onto=f"{edge}_{k}") for k in range(here + step, there + step, step)]

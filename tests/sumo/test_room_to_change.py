@@ -1,0 +1,120 @@
+"""Room for lane changes, among vehicles on the lanes beside."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from platoontraffic.road.lane_routes import CHANGING, Line
+from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.reads import Reads
+from platoontraffic.sumo.room_to_change import RoomToChange
+from platoontraffic.vehicles.catalogue import VEHICLES
+
+CAR = VEHICLES["car"]
+
+
+def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
+    """The first lane beside is full, the one beyond is empty; once there, only that one counts."""
+    places = {"road_0": [("m.0", 30.0)], "road_1": [("c", 31.0)], "road_2": []}
+    client = SimpleNamespace(
+        lane=SimpleNamespace(
+            getLength=lambda _: 200.0, getMaxSpeed=lambda _: 13.9,
+            getLastStepVehicleIDs=lambda lane: [name for name, _ in places[lane]],
+        ),
+        vehicle=SimpleNamespace(
+            getSpeed=lambda _: 10.0, getLength=lambda _: 5.0,
+            getWaitingTime=lambda _: 0.0,
+            getLanePosition=lambda name: {k: v for lane in places.values() for k, v in lane}[name],
+        ),
+    )  # fmt: skip
+    now = Reads(client)
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), now)
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_2", (), 80.0, 160.0)  # it begins at 40 m
+    ego = Ego("m.0", "road_0", 10.0, 5.0)
+    assert change.may_change(line, 10.0, ego) == pytest.approx(10.0 + 0.25 * 40.0)
+    assert change.may_change(line, -15.0, ego) == np.inf  # it is on that lane, and the next one is free
+    places["road_2"] = [("c2", 53.0)]
+    now.renew()
+    assert change.may_change(line, -15.0, ego) == pytest.approx(40.0 + 0.25 * 40.0 - 15.0)
+
+
+def test_a_lane_change_is_judged_by_the_first_vehicle_behind_since_the_others_follow_it():
+    """It stands beside the member's rear; one that comes fast has to stop behind it."""
+    places = {"road_0": [("m.0", 30.0)], "road_1": [("fast", 10.0), ("stands", 24.0)], "before_1": [("faster", 90.0)]}
+    client = SimpleNamespace(
+        lane=SimpleNamespace(
+            getLength=lambda _: 100.0, getMaxSpeed=lambda _: 13.9,
+            getLastStepVehicleIDs=lambda lane: [name for name, _ in places[lane]],
+        ),
+        vehicle=SimpleNamespace(
+            getSpeed=lambda name: {"fast": 12.0, "faster": 13.9}.get(name, 0.0), getLength=lambda _: 5.0,
+            getWaitingTime=lambda _: 0.0,
+            getLanePosition=lambda name: {k: v for lane in places.values() for k, v in lane}[name],
+        ),
+    )  # fmt: skip
+    now = Reads(client)
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0), ("before_1", 100.0)]), now)
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 65.0)  # it begins at 35 m
+    ego = Ego("m.0", "road_0", 0.0, 5.0)
+    assert change.may_change(line, 5.0, ego) == np.inf
+    assert not change.wanted
+    places["road_1"].pop()
+    now.renew()
+    assert change.may_change(line, 5.0, ego) < np.inf
+    assert change.wanted == {"m.0": ("road_1", pytest.approx(5.0 + 2.5 - (5.0 + 8.0)))}
+    places["road_1"].clear()
+    now.renew()
+    change.wanted.clear()
+    assert change.may_change(line, 5.0, ego) < np.inf  # for the one that comes from the lane before
+
+
+@pytest.mark.parametrize(
+    ("front", "speed", "lane", "is_beside"),
+    [
+        (33.0, 1.0, "road_0", True),  # its rear is beside the own front
+        (35.2, 1.0, "road_0", True),  # and must be half a metre before it
+        (36.0, 1.0, "road_0", False),
+        (29.0, 1.0, "road_0", False),  # it sees the member, and waits
+        (33.0, 8.0, "road_0", False),
+        (33.0, 1.0, "road_1", False),  # the member is on its lane
+        (33.0, 1.0, "other_0", False),
+    ],
+)
+def test_a_slow_vehicle_waits_beside_one_that_came_in_between_on_its_lane(front, speed, lane, is_beside):
+    client = SimpleNamespace(
+        lane=SimpleNamespace(
+            getLength=lambda _: 200.0, getLastStepVehicleIDs=lambda lane: ["c"] if lane == "road_1" else []
+        ),
+        vehicle=SimpleNamespace(getLength=lambda _: 5.0, getLanePosition=lambda name: front if name == "c" else 30.0),
+    )  # fmt: skip
+    now = Reads(client)
+    change = RoomToChange(SimpleNamespace(), now)
+    line = Line(100.0, "M", "", 0, "road_1", "next_0", (":a_0",), 10.0)
+    assert change.is_beside(line, Ego("m.0", lane, speed, CAR.length)) == is_beside
+
+
+def test_a_slow_member_waits_for_another_one_abreast_and_of_two_only_one_waits():
+    """They are on each other's lanes, the second one a little behind the first."""
+    places = {"m.0": ("road_0", 30.0), "m.1": ("road_1", 28.0)}
+    client = SimpleNamespace(
+        lane=SimpleNamespace(
+            getLength=lambda _: 200.0,
+            getLastStepVehicleIDs=lambda lane: [name for name, (there, _) in places.items() if there == lane],
+        ),
+        vehicle=SimpleNamespace(getLength=lambda _: CAR.length, getLanePosition=lambda name: places[name][1]),
+    )
+    now = Reads(client)
+    change = RoomToChange(SimpleNamespace(), now)
+    change.members = frozenset(places)
+    first, second = (Line(100.0, "M", "", 0, lane, "next_0", (":a_0",), 10.0) for lane in ("road_1", "road_0"))
+    ahead, behind = Ego("m.0", "road_0", 1.0, CAR.length), Ego("m.1", "road_1", 1.0, CAR.length)
+    assert change.is_beside(first, ahead)
+    for _ in range(3):
+        assert change.is_beside(second, behind)  # the first one's rear is beside its front
+        assert not change.is_beside(first, ahead)
+    places["m.1"] = "road_1", 20.0
+    now.renew()
+    assert not change.is_beside(second, behind)
