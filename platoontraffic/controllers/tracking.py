@@ -84,18 +84,18 @@ class Memory(NamedTuple):
     past: Past
     obstacle: Obstacle  # in the scan
     scanned_speed: np.ndarray  # own speed in the scan [m/s]
-    never_lost: np.ndarray  # it has had the same predecessor from the start, bool
+    never_lost: np.ndarray  # it has had the same predecessor from the start, and drives in its trail, bool
     creeping: Creeping
     braking_for: BrakingFor
     beside: Beside
     predecessor: Predecessor
 
     @classmethod
-    def begin(cls, sensed: Sensed, dt: float) -> Memory:
+    def begin(cls, sensed: Sensed, dt: float, by_trail: bool) -> Memory:
         n = len(sensed.speed)
         records = Odometry.begin(sensed.speed, sensed.yaw_rate), YawBias.unknown(n), Track.none(n), Trail.begin(n)
         driven = *np.zeros((3, n)), DriveLine.at_rest(n), Past.begin(sensed, dt)
-        none = Obstacle.none(n), sensed.speed, np.ones(n, bool)
+        none = Obstacle.none(n), sensed.speed, np.full(n, by_trail)
         unseen = Predecessor(*np.full((3, n), np.nan))
         return cls(*records, *driven, *none, Creeping.none(n), nothing(n), Beside.none(n), unseen)
 
@@ -213,7 +213,8 @@ class TrackingFollower(Law):
     5. Alone. A predecessor not seen for `patience` is lost: the vehicle then stops, in the trail. With
        on_loss = "drive" it is given its route, and drives on along it as the path law `alone` does, until a vehicle is
        ahead on the route. It follows that one, along the route, since a laser cannot identify it; a predecessor that
-       leaves the route is dropped. On the order to lead it drops its predecessor.
+       leaves the route is dropped. On the order to lead it drops its predecessor. With keeps_to = "route" it does so
+       from the start: whoever is ahead is not of its platoon, and may change lanes where it cannot.
     6. Stop lines. With policy = "obey" it is given lights and right of way, and stops at a closed line as `alone` does;
        without a predecessor it always does. After that it follows along its route, if it is given one, since others may
        have come in between.
@@ -236,11 +237,14 @@ class TrackingFollower(Law):
     half_width: Annotated[Positive | None, Field(alias="half_width_m")] = None
     policy: Literal["convoy", "obey"] = "convoy"  # at closed stop lines behind a predecessor
     on_loss: Literal["stop", "drive"] = "stop"  # without a predecessor: stops, or drives along its route
+    keeps_to: Literal["trail", "route"] = "trail"  # path that it follows along from the start
     alone: PathLeader = field(default_factory=PathLeader)  # drives along the route, and stops at lines
 
     def __post_init__(self) -> None:
         if self.alone.profile or self.alone.trace:
             raise ValueError("alone: profile and trace are for leaders; must be left out")
+        if self.keeps_to == "route" and self.on_loss != "drive":
+            raise ValueError('keeps_to: "route" goes with on_loss = "drive"')
 
     @property
     def needs(self) -> frozenset[str]:
@@ -267,7 +271,7 @@ class TrackingFollower(Law):
         from platoontraffic.controllers.tracking_kernel import decide
 
         if memory is None:
-            memory = Memory.begin(sensed, dt)
+            memory = Memory.begin(sensed, dt, by_trail=self.keeps_to == "trail")
         now, drive_line, bias, past = self._own_motion(sensed, memory, dt)
         sensed = now.sensed
         estimate = self._estimate(now)

@@ -16,9 +16,11 @@ FIRST_MARGIN = 1.0  # between the rear of a vehicle that goes first and the othe
 LEAST_MARGIN = 0.5  # the same of the most impatient driver [s]
 BEHIND_MARGIN = 0.3  # between the rear of a vehicle that is let go first and the own front [s]
 TIME_TO_IMPATIENCE = 300.0  # waiting time at a line until a driver is as impatient as can be [s]: SUMO's default
-MERGE_BRAKING = (
-    2.0  # that a vehicle which merges first may demand of the one behind [m/s2]; SUMO's drivers brake by 4.5
-)
+# That a vehicle which merges first may demand of the one behind [m/s2]; SUMO's drivers brake by 4.5.
+MERGE_BRAKING = 2.0
+# A queue that creeps past for ever leaves no gap; its drivers let in one that has waited for so long [s], if they are
+# slower than that [m/s] and stop so gently [m/s2], so far before the paths meet [m].
+LET_IN_AFTER, LET_IN_SPEED, LET_IN_BRAKING, LET_IN_ROOM = 20.0, 4.0, 1.5, 1.0
 
 
 class Pace(NamedTuple):
@@ -83,6 +85,13 @@ def may_cross(foe: Foe, own: Pace, length: float, margin: float = FIRST_MARGIN) 
     if pace.speed < STANDING and not (pace.acceleration > 0 and foe.foe_to_conflict > 0):
         return foe.foe_to_conflict > 0  # it waits; otherwise it blocks the path
     return _is_first(foe, own, length, margin) or _is_behind(foe, own, min(margin, BEHIND_MARGIN))
+
+
+def lets_in(foe: Foe, waited: float) -> bool:
+    """Whether a foe in a slow queue lets a vehicle merge before it that has waited for so long at its line [s]."""
+    stops_after = LET_IN_ROOM + foe.pace.speed**2 / (2 * LET_IN_BRAKING)
+    may_stop = foe.pace.speed < LET_IN_SPEED and foe.foe_to_conflict > stops_after
+    return foe.merges and may_stop and waited > LET_IN_AFTER
 
 
 def _is_first(foe: Foe, own: Pace, length: float, margin: float) -> bool:

@@ -13,6 +13,7 @@ from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
 
 MODEL = VEHICLES["car"]  # of the vehicle on which a driver's keys are checked; each member has the size of its own
 KEEPS_UP = 1.05  # times the speed at which its leader drives on a free road, a follower may drive to catch up
+BY_ITSELF = {"keeps_to": "route"}  # a member that follows whoever is ahead
 USUAL_SIZE, USUAL_WINDOW = 5, 30.0  # of a platoon; time that vehicles wait for others [s]
 # The vehicle of the catalogue that a vehicle class of SUMO's drives like; vehicles of other classes stay SUMO's.
 VEHICLE_OF = {
@@ -64,7 +65,8 @@ class Equip(Table):
     """Mode platoons: law of the leaders, by name or as a table. Default: "path"."""
     follower: Driver
     """Law of all other members, by name or as a table. Default: "tracking" with policy = "obey" and
-    on_loss = "drive"; in mode platoons with alone.speed_factor = 1.05, so that it catches up."""
+    on_loss = "drive"; in mode single with keeps_to = "route", in mode platoons with alone.speed_factor = 1.05, so that
+    it catches up."""
     stuck: Literal["wait", "remove", "sumo_drives"] = "wait"
     """Remedy for a member that has stood for `stuck_after_s`: none, it is removed, or SUMO drives it from then on."""
     stuck_after_s: Annotated[float, Field(ge=10, le=86_400)] = 300.0
@@ -85,8 +87,8 @@ class Equip(Table):
             given = {"size": USUAL_SIZE, "window_s": USUAL_WINDOW, **given}
         for role in ("leader", "follower") if table.get("mode") == "platoons" else ("follower",):
             driver, named = dict(usual(MODEL).drivers[role]), table.get(role)
-            if role == "follower" and table.get("mode") == "platoons":
-                driver["alone"] = {"speed_factor": KEEPS_UP}
+            if role == "follower":
+                driver |= {"alone": {"speed_factor": KEEPS_UP}} if table.get("mode") == "platoons" else BY_ITSELF
             if named is None:
                 given[role] = driver
             elif isinstance(named, dict) and "law" not in named:

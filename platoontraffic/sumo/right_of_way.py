@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from platoontraffic.road.gap_acceptance import STANDING, Foe, Pace, margin_after, may_cross
+from platoontraffic.road.gap_acceptance import STANDING, Foe, Pace, lets_in, margin_after, may_cross
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.conflicts import (
@@ -85,9 +85,11 @@ class RightOfWay:
             foes = [foe if foe.to_line > 0 else self._setting_out(foe) for foe in foes]
         if self._conflicts[line].swings and self._now.waited[ego.id] >= SWINGS_OUT_AFTER:
             foes = [foe for foe in foes if not foe.crossing.swings]
-        margin = margin_after(self._waited(ego))
+        # Where nobody has priority it is not known who came first.
+        waited = 0.0 if state in EQUAL else self._waited(line, distance, ego)
         enters = distance + self._conflicts[line].waits if midway else distance
-        return self._has_gap_among(self._met(line, foes, distance, midway), line, distance, ego, margin, enters)
+        met, margin = self._met(line, foes, distance, midway), margin_after(waited)
+        return self._has_gap_among(met, line, distance, ego, margin, enters, waited)
 
     def may_enter(self, line: Line, state: str, ego: Ego) -> bool:
         """Whether there was a gap for a vehicle that has just entered: among vehicles outside, without margin.
@@ -100,7 +102,8 @@ class RightOfWay:
             return not any(self._departs(foe, ego) and foe.pace.speed > ego.speed for foe in self._at_lines(line))
         coming = (foe for foe in self._coming(line, ego, state) if not foe.crossing.swings)
         foes = [foe._replace(pace=Pace(foe.pace.speed)) for foe in coming]
-        return self._has_gap_among(self._met(line, foes, 0.0, midway=False), line, 0.0, ego, 0.0, 0.0)
+        met = self._met(line, foes, 0.0, midway=False)
+        return self._has_gap_among(met, line, 0.0, ego, 0.0, 0.0, self._waited(line, 0.0, ego))
 
     def pace(self, line: Line, ego: Ego) -> Pace:
         limit = max(map(self._now.max_speed.__getitem__, line.via), default=ego.speed)
@@ -109,9 +112,20 @@ class RightOfWay:
     # ---- gaps
 
     def _has_gap_among(
-        self, foes: Sequence[Approach], line: Line, distance: float, ego: Ego, margin: float, enters: float
+        self,
+        foes: Sequence[Approach],
+        line: Line,
+        distance: float,
+        ego: Ego,
+        margin: float,
+        enters: float,
+        waited: float = 0.0,
     ) -> bool:
-        """distance, enters: from the front bumper to the line, and to the line or where it waits midway [m]"""
+        """Whether it may cross before or behind each foe, or is let in.
+
+        distance, enters: from the front bumper to the line, and to the line or where it waits midway [m]
+        waited          : time since it first stood at the line [s]
+        """
         pace = self.pace(line, ego)
         for one in foes:
             crossing = one.crossing
@@ -126,7 +140,7 @@ class RightOfWay:
                 crossing.fastest,
                 crossing.merges,
             )
-            if not may_cross(foe, pace, ego.length, margin):
+            if not may_cross(foe, pace, ego.length, margin) and not lets_in(foe, waited):
                 return False
         return True
 
@@ -241,10 +255,10 @@ class RightOfWay:
         self._stood[name] = lane, since
         return since
 
-    def _waited(self, ego: Ego) -> float:
-        """Time since a vehicle first stood at its line [s]; 0 if it has not."""
-        lane, since = self._stood.get(ego.id, ("", 0.0))
-        return self._sumo.simulation.getTime() - since if lane == ego.lane else 0.0
+    def _waited(self, line: Line, distance: float, ego: Ego) -> float:
+        """Time since a vehicle first stood at this line [s]; 0 if it has not."""
+        since = self._stood_since(ego.id, line.lane, distance, ego.length)
+        return 0.0 if since is None else self._sumo.simulation.getTime() - since
 
     def _order(self, name: str, lane: str) -> tuple[float, str]:
         """Order in which vehicles that have stood at their lines go; of equal ones, by lane."""

@@ -1,4 +1,4 @@
-"""Members that stand before a body."""
+"""Members that stand, or slowly come to a stand, before a body."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OBSTACLE, PREDECESSOR = (BRAKES_FOR.index(word) for word in ("obstacle", "predec
 
 
 class Standing(NamedTuple):
-    """A member that stands, and its law brakes for a body."""
+    """A member that is so slow, and its law brakes for a body."""
 
     row: int
     group: int  # of those with its law
@@ -25,14 +25,15 @@ class Standing(NamedTuple):
     creeps: bool
 
 
-def before_bodies(fleet: Fleet) -> Iterator[Standing]:
-    stands = np.abs(fleet.motion.speed) < STANDS
-    if not some(stands):
+def before_bodies(fleet: Fleet, slower_than: float = STANDS) -> Iterator[Standing]:
+    """slower_than: [m/s]"""
+    slow = np.abs(fleet.motion.speed) < slower_than
+    if not some(slow):
         return
     for number, group in enumerate(fleet.groups):
         limit = group.law.braking_for(group.memory) if group.memory is not None else None
         if limit is None:
             continue
         before_body = (limit.reason == OBSTACLE) | (limit.reason == PREDECESSOR)
-        for k in (stands[group.rows] & before_body).nonzero()[0].tolist():
+        for k in (slow[group.rows] & before_body).nonzero()[0].tolist():
             yield Standing(int(group.rows[k]), number, k, int(limit.reason[k]), bool(limit.creeps[k]))

@@ -2,8 +2,9 @@
 
 A driver who cannot go on because another vehicle reaches into the path steers past it, if there is room. A member does
 so by its own lasers, its route and the map: after `AFTER` at a stand, if the body has not moved since, its route gets a
-way round it (`road.way_round`). Where a little to the side is enough, it does not wait: it would hold up a junction. A
-vehicle that it has followed waits, as a rule, for a light or for a gap: behind that one it stays for `AFTER_FOLLOWING`.
+way round it (`road.way_round`). Where a little to the side is enough, it does not wait, nor come to a stand: it would
+hold up a junction. A vehicle that it has followed waits, as a rule, for a light or for a gap: behind that one it stays
+for `AFTER_FOLLOWING`.
 
 The way keeps to the lanes of its own direction and to junctions; nothing may be there, nor behind on the side to which
 it goes, as far as a laser looks back. Until it is past, it follows no vehicle: it stops for whatever is in its way.
@@ -33,10 +34,11 @@ from platoontraffic.world.standing import STANDS, before_bodies
 
 AFTER = 5.0  # time that a member has stood before it takes a way [s] ...
 AFTER_FOLLOWING = 120.0  # ... round the vehicle that it has followed: longer than that waits at a light ...
-LITTLE, AFTER_LITTLE = 0.8, 1.0  # ... and with a shift of at most so much [m]
+LITTLE = 0.8  # greatest shift that it does not wait with [m] ...
+ROLLS = 2.5  # ... from this speed down [m/s]
 EVERY = 1.0  # period after which it looks again [s]
 STILL = 0.05  # by which a body that stands may seem to move between two looks [m]
-EVERY_UNDER_WAY, STILL_UNDER_WAY = 0.5, 0.3  # the same two of a member under way [s], [m]
+EVERY_UNDER_WAY, STILL_UNDER_WAY = 0.5, 0.3  # the same two of a member that drives [s], [m]
 NEAR = 25.0  # distance of returns that matter [m]; nothing may be so far behind where it pulls out
 WITHIN_LANE = 1.5  # greatest shift with which the vehicle is still on its lane [m]
 STAYS = 0.6  # shift up to which it stays on its lane with its whole width [m]
@@ -46,11 +48,11 @@ PREDECESSOR = BRAKES_FOR.index("predecessor")
 
 
 class _Look(NamedTuple):
-    """What a member that stands knew when it last looked."""
+    """What a slow member knew when it last looked."""
 
-    since: float  # it stands [s]
-    at: float  # time of that look [s]
-    free: float  # distance to the body [m]; NaN: it has not looked yet
+    since: float = math.inf  # it stands [s]; inf: it rolls
+    at: float = -math.inf  # time of that look [s]
+    place: float = math.nan  # of the body, along the route [m]; NaN: it has not looked yet
 
 
 class _UnderWay(NamedTuple):
@@ -70,7 +72,7 @@ class WaysRound:
 
     def __init__(self, network: Network | None) -> None:
         self._network = network
-        self._looks: dict[str, _Look] = {}  # of members that stand
+        self._looks: dict[str, _Look] = {}  # of slow members
         self._under_way: dict[str, _UnderWay] = {}
 
     def followed(
@@ -102,9 +104,10 @@ class WaysRound:
             station = float(fleet.progress.station[np.searchsorted(fleet.progress.rows, row)])
             name, member = fleet.ids[row], fleet.members[row]
             body = _body(member)
-            free, last = blocked_at(member.route, station, body, returns.points), self._looks[name]
-            self._looks[name] = last._replace(at=time, free=free)
-            if not abs(free - last.free) < STILL:
+            last = self._looks[name]
+            look = last._replace(at=time, place=station + blocked_at(member.route, station, body, returns.points))
+            self._looks[name] = look
+            if not abs(look.place - last.place) < (STILL if look.since < math.inf else STILL_UNDER_WAY):
                 continue
             pose = *(float(axle[row]) for axle in fleet.model.axle_position(fleet.motion)), fleet.motion.heading[row]
             may_use = self._may_use(member.route.edges, body, behind)
@@ -166,12 +169,12 @@ class WaysRound:
                 yield row
 
     def _blocked(self, fleet: Fleet, time: float) -> Iterator[tuple[int, int, int]]:
-        """Members that have stood for long before a body: row, group, row in the group."""
+        """Slow members before a body that look at it now: row, group, row in the group."""
+        speed = np.abs(fleet.motion.speed)
         if self._looks:
-            stands = np.abs(fleet.motion.speed) < STANDS
-            for name in self._looks.keys() - {fleet.ids[i] for i in np.flatnonzero(stands)}:
+            for name in self._looks.keys() - {fleet.ids[i] for i in np.flatnonzero(speed < ROLLS)}:
                 del self._looks[name]
-        for one in before_bodies(fleet):
+        for one in before_bodies(fleet, ROLLS):
             member = fleet.members[one.row]
             if member.route is None or "route" not in member.law.needs or one.creeps:
                 continue
@@ -179,9 +182,13 @@ class WaysRound:
                 continue  # a robot in a laboratory stays
             if one.reason == PREDECESSOR and fleet.predecessor[one.row] >= 0:
                 continue  # its own one, behind which it stays
-            look = self._looks.setdefault(member.id, _Look(time, -math.inf, math.nan))
-            after = AFTER_FOLLOWING if one.reason == PREDECESSOR else AFTER_LITTLE
-            if time - look.since > after - EVERY - 1e-6 and time - look.at > EVERY - 1e-6:
+            look, stands = self._looks.get(member.id, _Look()), speed[one.row] < STANDS
+            if stands != (look.since < math.inf):
+                look = look._replace(since=time if stands else math.inf)
+            self._looks[member.id] = look
+            if one.reason == PREDECESSOR and not time - look.since > AFTER_FOLLOWING - EVERY - 1e-6:
+                continue
+            if time - look.at > (EVERY if stands else EVERY_UNDER_WAY) - 1e-6:
                 yield one.row, one.group, one.k
 
     def _may_use(self, edges: Sequence[str], body: Body, behind: np.ndarray) -> Callable[[float, np.ndarray], bool]:

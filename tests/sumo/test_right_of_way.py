@@ -350,7 +350,10 @@ def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
     crossing = Crossing("side_0", (":a_1",), (8.0, 12.0), (16.0, 20.0), False, True, np.inf, 10.0)
     client = SimpleNamespace(
         lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0),
-        vehicle=SimpleNamespace(getLength=lambda _: 5.0, getAccel=lambda _: 2.6, getSpeed=lambda _: 0.0),
+        vehicle=SimpleNamespace(
+            getLength=lambda _: 5.0, getAccel=lambda _: 2.6, getSpeed=lambda _: 0.0, getWaitingTime=lambda _: 0.0
+        ),
+        simulation=SimpleNamespace(getTime=lambda: 0.0),
     )
     conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
     way = RightOfWay(client, Reads(client), {line: conflicts})
@@ -392,6 +395,28 @@ def test_a_vehicle_that_has_just_set_out_inside_is_expected_to_accelerate(speed,
     )  # fmt: skip
     ego = Ego("m.0", "road_0", 0.0, CAR.length)
     assert way._has_gap_among([*way.on(crossing)], line, 0.8, ego, 0.0, 0.8) == has_gap
+
+
+@pytest.mark.parametrize(
+    ("waits", "speed", "to_line", "may"),
+    [(19.0, 2.0, 4.0, False), (21.0, 2.0, 4.0, True), (21.0, 5.0, 20.0, False), (21.0, 3.9, 2.0, False)],
+)
+def test_a_queue_that_creeps_past_lets_in_a_member_that_has_waited_for_long(waits, speed, to_line, may):
+    """It stood at the end of its side street for the rest of the run. The paths meet 3 m beyond both lines."""
+    line = Line(100.0, "m", "", 0, "side_0", "main_0", (":a_0",), 10.0)
+    crossing = Crossing("before_0", (":a_1",), (3.0, 10.0), (3.0, 10.0), True, True, np.inf, 10.0)
+    client = SimpleNamespace(
+        lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0),
+        vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 0.0, getWaitingTime=lambda _: waits),
+        simulation=SimpleNamespace(getTime=lambda: 100.0),
+    )
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)})
+    way._outside[line] = []
+    way._patiently[line] = [Approach("c", crossing, to_line, Pace(speed, 2.6, 13.9))]
+    way._first_inside[line] = []
+    ego = Ego("m.0", "side_0", 0.0, CAR.length)
+    assert way.may_cross(line, 1.0, ego, state="m") == may
+    assert way.may_enter(line, "m", ego._replace(speed=2.0)) or not may  # that is no failure to yield
 
 
 @pytest.mark.parametrize(("own", "its", "has_gap"), [(1.6, 0.3, True), (0.8, 1.5, False), (1.6, 0.0, True)])
