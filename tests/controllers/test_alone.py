@@ -259,3 +259,21 @@ def test_a_fault_in_the_table_alone_is_named_with_its_line(drives):
     drives.write_text(DRIVES.replace("time_headway_s", "time_headwy_s"))
     with pytest.raises(InputError, match=r"drives.toml:16: platoon.0.follower.alone.time_headwy_s: unknown key"):
         scenario.load(drives)
+
+
+@pytest.mark.parametrize(("keeps_to", "aside"), [("trail", 3.2), ("route", 0.0)])
+def test_it_leaves_its_lane_behind_its_predecessor_only_in_a_platoon(keeps_to, aside):
+    """The vehicle ahead changes lanes. One that merely happens to be ahead is not followed there."""
+    bend = 3.2 * 4 / 40.0**2  # curvature of two arcs of 20 m that lead 3.2 m aside, 2 d / (L / 2)^2 [1/m]
+
+    def leader(time: float) -> tuple[float, float]:
+        driven = SPEED * (time - 1.0)
+        return 0.0, bend if 0.0 <= driven < 20.0 else -bend if 20.0 <= driven < 40.0 else 0.0
+
+    course = driven(leader, 10.0, TrackingFollower(on_loss="drive", keeps_to=keeps_to))
+    assert course.y[-1] == pytest.approx(aside, abs=0.7)
+
+
+def test_a_follower_that_keeps_to_its_route_must_be_able_to_drive_alone():
+    with pytest.raises(ValueError, match="on_loss"):
+        TrackingFollower(keeps_to="route")
