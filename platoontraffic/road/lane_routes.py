@@ -23,6 +23,11 @@ CHANGE_AFTER = 5.0  # distance of a lane change from the begin of its edge [lane
 CHANGE_LENGTH = 12.0  # length of a change over one lane [lane widths]: 38 m, or 3 s at 13 m/s
 SHORTEST_CHANGE = 5.0  # the same where there is little room [lane widths]: 16 m
 ROOM_SHARE = 0.6  # of the rest of the lane that a change takes then, so that it ends before a queue at the line
+ABREAST = 2.2  # distance of lanes on which cars drive side by side with some room [m]
+TO_BORDER = 0.95  # from the middle of a car to the border of its lane, at least [m]
+AS_ONE = 1.2  # distance from another lane up to which a lane begins or ends on it [m]
+EASED = 4.0  # distance from its ends up to which a lane is moved less [m]
+SAMPLED = 2.0  # spacing of the places at which lanes are compared [m]
 EARLIEST_SHARE = 0.1  # share of a short edge that precedes a lane change, and that is left for it at least
 
 
@@ -93,7 +98,7 @@ class LaneRoute:
 
     def add(self, lane: Any) -> None:
         """Append a whole lane."""
-        self.parts.append(np.array(lane.getShape()))
+        self.parts.append(_line_of(lane))
         self.limits.append(lane.getSpeed())
 
     def cross(self, lane: Any, link: Any, position: float, longest: float = math.inf) -> None:
@@ -133,6 +138,34 @@ class LaneRoute:
         return sum(_length(part) for part in self.parts)
 
 
+def _line_of(lane: Any) -> np.ndarray:
+    """A lane's centre line, moved aside within the lane where the next lane is too close for cars side by side, (k, 2).
+
+    Networks have such places in long bends of junctions. Lanes that begin or end as one are left as they are.
+    """
+    shape, edge, index = np.array(lane.getShape()), lane.getEdge().getLanes(), lane.getIndex()
+    line, moved = LineString(shape), shape
+    most = max(lane.getWidth() / 2 - TO_BORDER, 0.0)
+    for other in (*edge[max(index - 1, 0) : index], *edge[index + 1 : index + 2]):
+        beside = LineString(other.getShape())
+        if not other.allows(CAR) or line.distance(beside) >= ABREAST or _meet(line, beside):
+            continue
+        along = np.union1d(shapely.line_locate_point(line, shapely.points(shape)), np.arange(0.0, line.length, SAMPLED))
+        there = shapely.line_interpolate_point(line, along)
+        nearest = shapely.line_interpolate_point(beside, shapely.line_locate_point(beside, there))
+        there, nearest = shapely.get_coordinates(there), shapely.get_coordinates(nearest)
+        apart = np.hypot(*(there - nearest).T)
+        by = np.clip(ABREAST - apart, 0.0, most) * np.clip(np.minimum(along, line.length - along) / EASED, 0.0, 1.0)
+        moved = (there if moved is shape else moved) + (by / apart)[:, None] * (there - nearest)
+    return moved
+
+
+def _meet(line: LineString, beside: LineString) -> bool:
+    """Whether one of two lines begins or ends on the other."""
+    ends = [(beside, Point(line.coords[k])) for k in (0, -1)] + [(line, Point(beside.coords[k])) for k in (0, -1)]
+    return any(one.distance(end) < AS_ONE for one, end in ends)
+
+
 def change_length(width: float, longest: float) -> float:
     """Length of a change over one lane of a width, where there is room [m]: at most `longest`, but fit to be driven."""
     return min(CHANGE_LENGTH * width, max(longest, SHORTEST_CHANGE * width))
@@ -147,7 +180,7 @@ def _crossing_over(lane: Any, other: Any, position: float, longest: float) -> tu
     """
     line, beside = LineString(lane.getShape()), LineString(other.getShape())
     if lane is other:
-        return np.array(lane.getShape()), 0.0, 0.0
+        return _line_of(lane), 0.0, 0.0
     lanes = abs(lane.getIndex() - other.getIndex()) / line.length
     over, wanted = lane.getWidth() * lanes, change_length(lane.getWidth(), longest) * lanes
     # As early as that, or as early as its length needs; but not before the position, if that leaves room.
