@@ -87,8 +87,8 @@ class PathLeader(Law):
                 Without right of way it approaches slowly, and passes when the line is open.
 
     Each of these is an acceleration, and the least one is driven. To have no more than a speed v0 from a distance s on,
-    (v^2 - v0^2) / 2 s must be braked, which is a share q of the comfortable braking; the acceleration is then
-    acceleration - (acceleration + braking) q: the full one far away, and the comfortable braking at q = 1.
+    the speed u = sqrt(v0^2 + 2 braking s) is allowed here. It is approached as a wanted speed is, so braking is the
+    comfortable one, and begins as late as that allows; before bends and lower limits it is planned a little less hard.
     """
 
     needs: ClassVar[frozenset[str]] = frozenset({"route", "signals"})
@@ -136,9 +136,10 @@ class PathLeader(Law):
         free, bearing = first_return(sensed, self._half_width(sensed.body))
         same = SAME * sensed.body.length
         closing = closing_speed(free, memory.free, memory.closing, sensed.speed, dt, same=same, time_constant=FILTER)
-        along = self.along_route(sensed, memory.driven.command.acceleration, memory.time, free, closing, dt)
+        drive = memory.driven.command.acceleration
+        along = self.along_route(sensed, drive, memory.time, free, closing, dt)
         acceleration, creeps, limit = self.acceleration_among_others(
-            sensed, along, self.acceleration_for_lines(sensed), (free, bearing, memory.free), memory.creeping, dt
+            sensed, along, self.acceleration_for_lines(sensed, drive), (free, bearing, memory.free), memory.creeping, dt
         )
         acceleration = np.maximum(acceleration, -self.hardest_braking)
         acceleration = np.maximum(acceleration, -sensed.speed / dt)  # braking ends at a stand
@@ -232,15 +233,18 @@ class PathLeader(Law):
         limits_of(acceleration, lines, obstacle, free, bearing, active, words, least, reason, toward)
         return least, creeps, BrakingFor(reason, toward, active)
 
-    def acceleration_for_lines(self, sensed: Sensed) -> np.ndarray:
-        """For a closed line ahead, (n,) [m/s2]; inf where there is none."""
+    def acceleration_for_lines(self, sensed: Sensed, drive: np.ndarray) -> np.ndarray:
+        """For a closed line ahead, (n,) [m/s2]; inf where there is none.
+
+        drive: as of `along_route`
+        """
         from platoontraffic.controllers.path_kernel import stop_at_lines
 
         acceleration = np.empty(len(sensed.speed))
         if sensed.signals is None:
             acceleration.fill(np.inf)
         else:
-            stop_at_lines(sensed.signals, sensed.speed, sensed.body.length, self._gains, acceleration)
+            stop_at_lines(sensed.signals, sensed.speed, drive, sensed.body, self._gains, acceleration)
         return acceleration
 
 

@@ -22,6 +22,7 @@ LOOK = 2.5  # distance before a line without right of way at which cross traffic
 STOP_BEFORE = 0.2  # distance before a line at which it stops [vehicle lengths]
 STEERING_LAG = 0.15  # from a command to the curvature driven, by which the curvature of the route is fed forward [s]
 SHARPEST = 0.1  # least radius of a turn, for a vehicle that turns on the spot [vehicle lengths]
+PLANNED = 0.7  # share of the comfortable braking that is planned before bends and lower limits, as brakes lag
 STEERED = 0.95  # share of its steering rate that the changes of curvature may take
 RESERVE = 1.15  # lateral acceleration that steering may use, above that of the planned speed
 ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
@@ -48,8 +49,8 @@ def drive_along(route, speed, drive, body, ranges, laser, free, closing, profile
         astray = abs(offset) > ASTRAY * body.width[i] or abs(off_heading) > ASKEW
         slow = math.sqrt(lateral * np.maximum(body.turning_radius[i], length / 2)) if astray else math.inf
         along.offset[i] = offset
-        run_out = np.maximum(drive[i], 0.0) * body.drive_lag[i]
-        here, bends = _bends(route, i, (v, v + run_out), body.curvature_rate[i], slow, gains)
+        reached = v + _run_out(drive[i], body.drive_lag[i])
+        here, bends = _bends(route, i, (v, reached), body.curvature_rate[i], slow, gains)
         along.bends[i] = bends
 
         catch_up = np.maximum(length if math.isnan(gains.catch_up) else gains.catch_up, gains.catch_up_time * v)
@@ -103,7 +104,7 @@ def _bends(route, i, speeds, steering_rate, slow, gains):
     """
     v, reached = speeds
     distance, curvature = route.distance[i], route.curvature[i]
-    here, acceleration = math.inf, math.inf
+    here, acceleration, braking = math.inf, math.inf, PLANNED * gains.braking
     for k in range(len(distance)):
         fastest = math.sqrt(gains.lateral_acceleration / np.maximum(abs(curvature[k]), 1e-9))
         if k + 1 < len(distance):
@@ -115,18 +116,26 @@ def _bends(route, i, speeds, steering_rate, slow, gains):
         if k == 0:
             here = fastest
             continue
-        left, soon = distance[k] - REACTION * v, SETTLING / 2 * v
-        if left < soon:
-            acceleration = np.minimum(acceleration, (fastest - v) / SETTLING)
-        acceleration = np.minimum(acceleration, _slowed_to(fastest, np.maximum(left, soon), reached, gains))
+        slowing = _slowed_to(fastest, np.maximum(distance[k] - REACTION * v, 0.0), reached, braking)
+        acceleration = np.minimum(acceleration, np.maximum(slowing, (fastest - v) / SETTLING))
     return here, acceleration
 
 
 @compiled
-def _slowed_to(fastest, distance, v, gains):
-    """Acceleration to have no more than a speed from a distance on; inf where it is not exceeded."""
-    share = np.maximum(v**2 - fastest**2, 0.0) / (2 * np.maximum(distance, 1e-6)) / gains.braking
-    return gains.acceleration - (gains.acceleration + gains.braking) * share if share > 0 else math.inf
+def _run_out(drive, lag):
+    """Speed that is gained while the engine's acceleration ends [m/s]."""
+    return np.maximum(drive, 0.0) * lag
+
+
+@compiled
+def _slowed_to(fastest, distance, v, braking):
+    """Acceleration to have no more than a speed v0 from a distance on, by a braking b that begins as late as it can.
+
+    At a distance s before, the speed u = sqrt(v0^2 + 2 b s) is allowed. It falls at b v / u, and is approached with the
+    time constant SETTLING.
+    """
+    allowed = math.sqrt(fastest**2 + 2 * braking * distance)
+    return (allowed - v) / SETTLING - braking * np.minimum(v / np.maximum(allowed, 1e-3), 1.0)
 
 
 @compiled
@@ -151,17 +160,21 @@ def _all_lost(ranges):
 
 
 @compiled
-def stop_at_lines(signals, speed, length, gains, acceleration):
-    """Fill in the acceleration for a closed line ahead [m/s2], (n,); inf where there is none."""
+def stop_at_lines(signals, speed, drive, body, gains, acceleration):
+    """Fill in the acceleration for a closed line ahead [m/s2], (n,); inf where there is none.
+
+    drive: acceleration by the engines now [m/s2], (n,)
+    """
     for i in range(len(speed)):
-        v, ahead, before = speed[i], signals.distance[i], STOP_BEFORE * length[i]
+        length, v, ahead = body.length[i], speed[i], signals.distance[i]
+        before, reached = STOP_BEFORE * length, v + _run_out(drive[i], body.drive_lag[i])
         needed = v**2 / (2 * np.maximum(ahead, 1e-3))
-        unseen = signals.minor[i] and ahead > LOOK * length[i]  # cross traffic is not known from there
+        unseen = signals.minor[i] and ahead > LOOK * length  # cross traffic is not known from there
         too_late = needed > (2 * gains.braking if signals.changing[i] else gains.hardest_braking)
         acceleration[i] = math.inf
         if (unseen or not (signals.open[i] or too_late)) and ahead < math.inf:
             left = np.maximum(ahead - before, 1e-3)
-            acceleration[i] = _slowed_to(0.0, left, v, gains) if ahead > before else -gains.braking
+            acceleration[i] = _slowed_to(0.0, left, reached, gains.braking) if ahead > before else -gains.braking
 
 
 @compiled

@@ -289,7 +289,7 @@ class TrackingFollower(Law):
         pursuit = self._pursue(now, estimate, ahead, drive_line, obstacle, along)
 
         known, held = estimate.now.known, memory.beside.held
-        stop = self.alone.acceleration_for_lines(sensed)
+        stop = self.alone.acceleration_for_lines(sensed, drive_line.drive)
         road, creeps, limit = self._by_road(now, scanned, obstacle, along, stop)
         if self.policy == "convoy":
             stop = np.where(known & ~now.wrong_lane, np.inf, stop)

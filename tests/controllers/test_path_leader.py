@@ -284,6 +284,28 @@ def test_it_stops_at_a_closed_line_and_goes_when_it_opens():
     assert front[-1] > 150
 
 
+def test_it_keeps_its_speed_until_it_must_brake_in_comfort_for_a_line():
+    _, front, speed = before_a_line(120.0, opens=np.inf)
+    left, braking = 120 - path_kernel.STOP_BEFORE * CAR.length - front, PathLeader().braking
+    assert speed[left > 12.0**2 / (2 * braking) + path_kernel.SETTLING * 12.0].min() > 0.98 * 12.0
+
+
+@pytest.mark.parametrize("lag", [0.1, 0.5])
+def test_it_moves_up_to_a_line_almost_as_fast_as_comfort_allows(lag):
+    """From stand to stand over a distance s by acceleration a and braking b: at most sqrt(2 s / (1 / a + 1 / b))."""
+    law, model, s = PathLeader(speed=20.0), replace(CAR, lag=lag, brake_lag=0.2), 30.0
+    (one,) = platoon(law, at=(-model.axle, 0.0, 0.0), leader_eye=EYE, model=model)
+    start = model.length / 2 - model.axle
+    at = start + s + path_kernel.STOP_BEFORE * model.length
+    log = drive(
+        [replace(one, route=STRAIGHT)], NO_WALLS, 15.0, 0.1, ground=lambda: StopLine(0.1, at, lambda time: False)
+    )
+    fastest = np.sqrt(2 * s / (1 / law.acceleration + 1 / law.braking))
+    assert 0.9 * fastest < log.speed.max() <= fastest
+    assert np.diff(log.speed[:, 0]).min() / 0.1 > -1.25 * law.braking
+    assert log.x[-1, 0] - log.x[0, 0] == pytest.approx(s, abs=0.1)
+
+
 def test_an_open_line_changes_nothing():
     *_, speed = before_a_line(60.0, opens=0.0)
     assert speed == pytest.approx(12.0)
