@@ -2,9 +2,9 @@
 
 A driver who cannot go on because another vehicle reaches into the path steers past it, if there is room. A member does
 so by its own lasers, its route and the map: after `AFTER` at a stand, if the body has not moved since, its route gets a
-way round it (`road.way_round`). Where a little to the side is enough, it does not wait, nor come to a stand: it would
-hold up a junction. A vehicle that it has followed waits, as a rule, for a light or for a gap: behind that one it stays
-for `AFTER_FOLLOWING`.
+way round it (`road.way_round`). A vehicle that it has followed waits, as a rule, for a light or for a gap: behind that
+one it stays for `AFTER_FOLLOWING`. Where a little to the side is enough, it does not wait, nor come to a stand: it
+would hold up a junction.
 
 The way keeps to the lanes of its own direction and to junctions; nothing may be there, nor behind on the side to which
 it goes, as far as a laser looks back. Until it is past, it follows no vehicle: it stops for whatever is in its way.
@@ -95,7 +95,7 @@ class WaysRound:
             leads[row] = self._under_way.pop(fleet.ids[row]).led
         routes = self._returning_later(fleet, sensed, time)
         events: list[Noted] = []
-        for row, group, k in self._blocked(fleet, time):
+        for row, group, k, after in self._blocked(fleet, time):
             if row in routes:
                 continue
             if scans[group] is None:
@@ -112,7 +112,7 @@ class WaysRound:
             pose = *(float(axle[row]) for axle in fleet.model.axle_position(fleet.motion)), fleet.motion.heading[row]
             may_use = self._may_use(member.route.edges, body, behind)
             most = MOST if roads[row][0][:1] == ":" else WITHIN_LANE
-            if time - last.since < AFTER - 1e-6:
+            if time - last.since < after - 1e-6:
                 most = LITTLE
             way = way_round(member.route, station, pose, body, returns.points, may_use, most)
             if way is None:
@@ -168,8 +168,11 @@ class WaysRound:
             if fleet.progress.station[k] > one.way.ends:
                 yield row
 
-    def _blocked(self, fleet: Fleet, time: float) -> Iterator[tuple[int, int, int]]:
-        """Slow members before a body that look at it now: row, group, row in the group."""
+    def _blocked(self, fleet: Fleet, time: float) -> Iterator[tuple[int, int, int, float]]:
+        """Slow members before a body that look at it now: row, group, row in the group, time that they wait [s].
+
+        One behind a vehicle that it has followed looks the more seldom, the longer it stands.
+        """
         speed = np.abs(fleet.motion.speed)
         if self._looks:
             for name in self._looks.keys() - {fleet.ids[i] for i in np.flatnonzero(speed < ROLLS)}:
@@ -186,10 +189,10 @@ class WaysRound:
             if stands != (look.since < math.inf):
                 look = look._replace(since=time if stands else math.inf)
             self._looks[member.id] = look
-            if one.reason == PREDECESSOR and not time - look.since > AFTER_FOLLOWING - EVERY - 1e-6:
-                continue
-            if time - look.at > (EVERY if stands else EVERY_UNDER_WAY) - 1e-6:
-                yield one.row, one.group, one.k
+            follows = one.reason == PREDECESSOR
+            every = EVERY_UNDER_WAY if not stands else max(EVERY, (time - look.since) / 2) if follows else EVERY
+            if time - look.at > every - 1e-6:
+                yield one.row, one.group, one.k, AFTER_FOLLOWING if follows else AFTER
 
     def _may_use(self, edges: Sequence[str], body: Body, behind: np.ndarray) -> Callable[[float, np.ndarray], bool]:
         """Whether a way is on the road, and nothing is behind on its side.
