@@ -16,6 +16,7 @@ from platoontraffic.sumo.conflicts import (
     LINK_STATE,
     LINK_VIA,
     RED,
+    STOP,
     ZIPPER,
     Conflicts,
     Crossing,
@@ -28,6 +29,7 @@ HELD_UP_AFTER = 3.0  # a vehicle that stands at an open line for longer is held 
 SETS_OUT_AFTER = 1.5  # a vehicle whose turn it is at an all-way stop sets out within this time [s]
 NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
 SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the paths of others all the same [s]
+STOPS_BY = 4.5  # hardest braking with which a vehicle comes to a stop sign [m/s2]: that of SUMO's cars
 AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
 
 
@@ -172,7 +174,10 @@ class RightOfWay:
             yield hurrying if self._hurries(foe.id, foe.to_line, is_open, patience) else foe
 
     def _foes_outside(self, line: Line) -> list[tuple[Approach, Approach, bool]]:
-        """Those vehicles at their speed, and as they hurry, and whether the line ahead of each is open."""
+        """Those vehicles at their speed, and as they hurry, and whether the line ahead of each is open.
+
+        One that comes to a stop sign stops there first.
+        """
         conflicts, now, found = self._conflicts[line], self._now, []
         for name, beyond in conflicts.entering:
             to_end = beyond + now.lane_length[name]
@@ -182,10 +187,13 @@ class RightOfWay:
                 crossing = conflicts.crossings.get(via)
                 if crossing is None or not crossing.first or links[0][LINK_STATE] in RED:
                     continue
-                to_line, speed = to_end - now.position[foe], now.speed[foe]
+                to_line, speed, first = to_end - now.position[foe], now.speed[foe], links[0]
                 hurrying = Pace(speed, now.acceleration[foe], now.max_speed[name])
-                approaches = (Approach(foe, crossing, to_line, pace) for pace in (Pace(speed), hurrying))
-                found.append((*approaches, links[0][LINK_OPEN]))
+                paces = Pace(speed), hurrying
+                if first[LINK_STATE] in STOP and first[LINK_VIA] == crossing.via[0] and speed >= STANDING:
+                    stops_after = max(to_line, 0.0) / speed + speed / (2 * STOPS_BY)
+                    to_line, paces = 0.0, (hurrying._replace(speed=0.0, delay=stops_after),) * 2
+                found.append((*(Approach(foe, crossing, to_line, pace) for pace in paces), first[LINK_OPEN]))
         return found
 
     def _inside(self, line: Line, *, first: bool) -> Iterator[Approach]:

@@ -419,6 +419,22 @@ def test_a_queue_that_creeps_past_lets_in_a_member_that_has_waited_for_long(wait
     assert way.may_enter(line, "m", ego._replace(speed=2.0)) or not may  # that is no failure to yield
 
 
+@pytest.mark.parametrize(("state", "has_gap"), [("m", False), ("s", True)])
+def test_a_foe_that_comes_to_a_stop_sign_stops_there_first(state, has_gap):
+    """36 m before its line it drives 4 m/s: it comes within 12 s, but not if it stops; the member is gone after 7 s."""
+    line = Line(100.0, "s", "", 0, "side_0", "main_0", (":a_0",), 15.0)
+    crossing = Crossing("before_0", (":a_1",), (10.0, 16.0), (7.0, 12.0), False, True, np.inf, 10.0)
+    now = SimpleNamespace(
+        on_lane={"before_0": ["c"]}, lane_length={"before_0": 100.0}, position={"c": 64.0}, speed={"c": 4.0},
+        acceleration={"c": 2.6}, length={"c": 5.0}, max_speed={"before_0": 13.9, ":a_0": 8.0},
+        next_links={"c": [("beyond_0", True, True, False, ":a_1", state)]},
+    )  # fmt: skip
+    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    way = RightOfWay(SimpleNamespace(), now, {line: conflicts})
+    ego = Ego("m.0", "side_0", 0.0, CAR.length)
+    assert way._has_gap_among(way._patiently[line], line, 1.0, ego, 1.0, 1.0) == has_gap
+
+
 @pytest.mark.parametrize(("own", "its", "has_gap"), [(1.6, 0.3, True), (0.8, 1.5, False), (1.6, 0.0, True)])
 def test_at_an_all_way_stop_who_sets_out_later_has_waived_the_right_of_way(monkeypatch, own, its, has_gap):
     """The other one had stood for longer, but did not drive when its turn came."""
