@@ -65,6 +65,12 @@ class Hindrances:
             return Cause("broken", f"its {' and '.join(parts)} {'is' if len(parts) == 1 else 'are'} broken")
         return Cause("held", self._held_by(number)) if self._held[number] else Cause()
 
+    def after(self, number: int, time: float) -> Cause:
+        """Why a member stood after a time, if it was held since then; it may be about to drive."""
+        if self._until[number] <= time:
+            return Cause()
+        return Cause("held", f"{self._held_by(number)} until {self._until[number]:.1f} s")
+
     def lately(self, number: int, time: float) -> Cause:
         """Why a member has lost its platoon, as far as that is known here."""
         if self._broken[number]:

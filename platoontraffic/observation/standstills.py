@@ -42,7 +42,7 @@ class Standstills:
         since = np.where(np.isnan(since) & ~moving, step.traffic.time, since)
         began = ~moving & ~noted & (step.traffic.time - since > STANDSTILL_AFTER)
         for i in began.nonzero()[0]:
-            cause = self._cause(step, i)
+            cause = self._cause(step, i) or self._hindrances.after(number[i], since[i])
             detail = f"since {since[i]:.3f} s" + (cause.detail and f", {cause.detail}")
             yield step.event("standstill", i, what=cause.what, detail=detail)
         for i in (moving & noted).nonzero()[0]:

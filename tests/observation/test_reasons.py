@@ -92,3 +92,13 @@ def test_who_creeps_past_a_nose_says_so_once():
     creeps = [(e.vehicle, e.other, e.detail) for e in noted if e.kind == "creeps"]
     assert creeps == [("robot.0", "other", "past other")]
     assert not [e for e in noted if e.kind == "collision"]
+
+
+def test_one_that_is_released_just_before_a_standstill_is_long_enough_was_held():
+    def noted(opens: float) -> list[Event]:
+        return events(driving(), ground=lambda: StopLine(0.1, 70.0, lambda time: time >= opens))
+
+    (held,) = (e for e in noted(np.inf) if e.kind == "standstill")
+    since = float(held.detail.partition(" s")[0].removeprefix("since "))
+    (reason,) = standstills(noted(since + 9.95))
+    assert reason == ("robot.0", "held", f"held by light until {since + 9.9:.1f} s")
