@@ -213,8 +213,9 @@ class TrackingFollower(Law):
     5. Alone. A predecessor not seen for `patience` is lost: the vehicle then stops, in the trail. With
        on_loss = "drive" it is given its route, and drives on along it as the path law `alone` does, until a vehicle is
        ahead on the route. It follows that one, along the route, since a laser cannot identify it; a predecessor that
-       leaves the route is dropped. On the order to lead it drops its predecessor. With keeps_to = "route" it does so
-       from the start: whoever is ahead is not of its platoon, and may change lanes where it cannot.
+       leaves the route is dropped. On the order to lead it drops its predecessor. With keeps_to = "route" it
+       follows along its route from the start: the vehicle ahead is not of its platoon, and may change lanes where there
+       is no room for a second one.
     6. Stop lines. With policy = "obey" it is given lights and right of way, and stops at a closed line as `alone` does;
        without a predecessor it always does. After that it follows along its route, if it is given one, since others may
        have come in between.
@@ -244,7 +245,7 @@ class TrackingFollower(Law):
         if self.alone.profile or self.alone.trace:
             raise ValueError("alone: profile and trace are for leaders; must be left out")
         if self.keeps_to == "route" and self.on_loss != "drive":
-            raise ValueError('keeps_to: "route" goes with on_loss = "drive"')
+            raise ValueError('on_loss: must be "drive" with keeps_to = "route"')
 
     @property
     def needs(self) -> frozenset[str]:

@@ -18,8 +18,8 @@ BEHIND_MARGIN = 0.3  # between the rear of a vehicle that is let go first and th
 TIME_TO_IMPATIENCE = 300.0  # waiting time at a line until a driver is as impatient as can be [s]: SUMO's default
 # That a vehicle which merges first may demand of the one behind [m/s2]; SUMO's drivers brake by 4.5.
 MERGE_BRAKING = 2.0
-# A queue that creeps past for ever leaves no gap; its drivers let in one that has waited for so long [s], if they are
-# slower than that [m/s] and stop so gently [m/s2], so far before the paths meet [m].
+# A queue that creeps past for ever leaves no gap. A driver in it lets in a vehicle that has waited for so long [s], if
+# it is slower than that [m/s] and can stop so gently [m/s2], so far before the paths meet [m].
 LET_IN_AFTER, LET_IN_SPEED, LET_IN_BRAKING, LET_IN_ROOM = 20.0, 4.0, 1.5, 1.0
 
 
@@ -88,7 +88,7 @@ def may_cross(foe: Foe, own: Pace, length: float, margin: float = FIRST_MARGIN) 
 
 
 def lets_in(foe: Foe, waited: float) -> bool:
-    """Whether a foe in a slow queue lets a vehicle merge before it that has waited for so long at its line [s]."""
+    """Whether a foe in a slow queue lets a vehicle merge that has waited for so long at its line [s]."""
     stops_after = LET_IN_ROOM + foe.pace.speed**2 / (2 * LET_IN_BRAKING)
     may_stop = foe.pace.speed < LET_IN_SPEED and foe.foe_to_conflict > stops_after
     return foe.merges and may_stop and waited > LET_IN_AFTER

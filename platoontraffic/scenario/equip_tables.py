@@ -13,7 +13,7 @@ from platoontraffic.vehicles.catalogue import VEHICLES, VehicleModel
 
 MODEL = VEHICLES["car"]  # of the vehicle on which a driver's keys are checked; each member has the size of its own
 KEEPS_UP = 1.05  # times the speed at which its leader drives on a free road, a follower may drive to catch up
-BY_ITSELF = {"keeps_to": "route"}  # a member that follows whoever is ahead
+BY_ITSELF = {"keeps_to": "route"}  # of a member that follows any vehicle ahead
 USUAL_SIZE, USUAL_WINDOW = 5, 30.0  # of a platoon; time that vehicles wait for others [s]
 # The vehicle of the catalogue that a vehicle class of SUMO's drives like; vehicles of other classes stay SUMO's.
 VEHICLE_OF = {

@@ -87,7 +87,7 @@ class RightOfWay:
             foes = [foe if foe.to_line > 0 else self._setting_out(foe) for foe in foes]
         if self._conflicts[line].swings and self._now.waited[ego.id] >= SWINGS_OUT_AFTER:
             foes = [foe for foe in foes if not foe.crossing.swings]
-        # Where nobody has priority it is not known who came first.
+        # Where no lane has priority, it is not known which vehicle came first.
         waited = 0.0 if state in EQUAL else self._waited(line, distance, ego)
         enters = distance + self._conflicts[line].waits if midway else distance
         met, margin = self._met(line, foes, distance, midway), margin_after(waited)

@@ -16,7 +16,7 @@ OBSTACLE, PREDECESSOR = (BRAKES_FOR.index(word) for word in ("obstacle", "predec
 
 
 class Standing(NamedTuple):
-    """A member that is so slow, and its law brakes for a body."""
+    """A member that stands or is slow, with a law that brakes for a body."""
 
     row: int
     group: int  # of those with its law
@@ -26,7 +26,7 @@ class Standing(NamedTuple):
 
 
 def before_bodies(fleet: Fleet, slower_than: float = STANDS) -> Iterator[Standing]:
-    """slower_than: [m/s]"""
+    """Members that brake for a body and are slower than that [m/s]."""
     slow = np.abs(fleet.motion.speed) < slower_than
     if not some(slow):
         return

@@ -169,9 +169,10 @@ class WaysRound:
                 yield row
 
     def _blocked(self, fleet: Fleet, time: float) -> Iterator[tuple[int, int, int, float]]:
-        """Slow members before a body that look at it now: row, group, row in the group, time that they wait [s].
+        """Slow members that look now at the body before them.
 
-        One behind a vehicle that it has followed looks the more seldom, the longer it stands.
+        Row, group, row in the group, and the time at a stand before a shift of more than `LITTLE` [s]. A member behind
+        a vehicle that it has followed looks less often, the longer it stands.
         """
         speed = np.abs(fleet.motion.speed)
         if self._looks:

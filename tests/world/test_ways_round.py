@@ -18,7 +18,7 @@ from platoontraffic.road.way_round import MOST, SPEED
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world.traffic import TrafficSnapshot
-from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY
+from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE
 from tests.support.bench import NO_WALLS, Prescribed, StopLine, drive, platoon
 
 CAR = CARS["car"]
@@ -79,19 +79,32 @@ def test_it_goes_round_a_body_and_returns(law, overlap, side, after):
     assert 0.3 < np.abs(log.y[:, 0]).max() < MOST + 0.1
 
 
-@pytest.mark.parametrize("side", [1, -1])
-def test_it_stays_for_long_behind_a_vehicle_that_it_has_followed(side):
-    """As a left-turner that waits midway for a gap; beside it others drive, and before it opposed left-turners wait."""
+def following(aside: float, seconds: float):
+    """A member behind a vehicle that it has followed and that comes to a stand so far to the left of its path [m]."""
     (member,) = platoon(LAWS["tracking"], leader_eye=EYE, model=CAR)
     stops = Prescribed(lambda time: Drive(0.0 if time < 9.0 else -3.0, 0.0))
-    (ahead,) = platoon(stops, at=(20.0, side * 0.7, 0.0), model=CAR)
+    (ahead,) = platoon(stops, at=(20.0, aside, 0.0), model=CAR)
     member = replace(member, route=ROUTE, speed=8.0, single=True, equip="equip")
     ahead = replace(ahead, id="ahead", speed=8.0, single=True)
     ground = partial(StopLine, 0.1, 15.0, lambda time: time > 3.0)  # after a line it follows along its route
-    log = drive([member, ahead], NO_WALLS, AFTER_FOLLOWING + 60.0, 0.1, map=Street(6.0), ground=ground)
+    return drive([member, ahead], NO_WALLS, seconds, 0.1, map=Street(6.0), ground=ground)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_it_stays_for_long_behind_a_vehicle_that_it_has_followed(side):
+    """As a left-turner that waits midway for a gap; beside it others drive, and before it opposed left-turners wait."""
+    log = following(side * 0.7, AFTER_FOLLOWING + 60.0)
     stands = log.time[(log.speed[:, 0] < 0.05) & (log.x[:, 0] > 40.0)]
     assert abs(stands[-1] - stands[0] - AFTER_FOLLOWING) < 3.0
     assert log.x[-1, 0] > log.x[-1, 1] + 20.0
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_it_does_not_stay_where_a_little_to_the_side_is_enough(side):
+    """As past a left-turner that waits midway, a little beside the path: it waits for the member in turn."""
+    log = following(side * 1.4, 60.0)
+    assert log.x[-1, 0] > log.x[-1, 1] + 20.0
+    assert 0.3 < np.abs(log.y[:, 0]).max() < LITTLE + 0.1
 
 
 @pytest.mark.parametrize("law", LAWS)
