@@ -25,7 +25,7 @@ SHORTEST_CHANGE = 5.0  # the same where there is little room [lane widths]: 16 m
 ROOM_SHARE = 0.6  # of the rest of the lane that a change takes then, so that it ends before a queue at the line
 ABREAST = 2.2  # distance of lanes on which cars drive side by side with some room [m]
 TO_BORDER = 0.95  # from the middle of a car to the border of its lane, at least [m]
-AS_ONE = 1.2  # distance from another lane up to which a lane begins or ends on it [m]
+AS_ONE = 1.2  # distance up to which lanes meet, and do not lead side by side [m]
 EASED = 4.0  # distance from its ends up to which a lane is moved less [m]
 SAMPLED = 2.0  # spacing of the places at which lanes are compared [m]
 EARLIEST_SHARE = 0.1  # share of a short edge that precedes a lane change, and that is left for it at least
@@ -141,14 +141,14 @@ class LaneRoute:
 def _line_of(lane: Any) -> np.ndarray:
     """A lane's centre line, moved aside within the lane where the next lane is too close for cars side by side, (k, 2).
 
-    Networks have such places in long bends of junctions. Lanes that begin or end as one are left as they are.
+    Networks have such places in long bends of junctions. Lanes that meet or cross are left as they are.
     """
     shape, edge, index = np.array(lane.getShape()), lane.getEdge().getLanes(), lane.getIndex()
     line, moved = LineString(shape), shape
     most = max(lane.getWidth() / 2 - TO_BORDER, 0.0)
     for other in (*edge[max(index - 1, 0) : index], *edge[index + 1 : index + 2]):
         beside = LineString(other.getShape())
-        if not other.allows(CAR) or line.distance(beside) >= ABREAST or _meet(line, beside):
+        if not other.allows(CAR) or not AS_ONE < line.distance(beside) < ABREAST:
             continue
         along = np.union1d(shapely.line_locate_point(line, shapely.points(shape)), np.arange(0.0, line.length, SAMPLED))
         there = shapely.line_interpolate_point(line, along)
@@ -158,12 +158,6 @@ def _line_of(lane: Any) -> np.ndarray:
         by = np.clip(ABREAST - apart, 0.0, most) * np.clip(np.minimum(along, line.length - along) / EASED, 0.0, 1.0)
         moved = (there if moved is shape else moved) + (by / apart)[:, None] * (there - nearest)
     return moved
-
-
-def _meet(line: LineString, beside: LineString) -> bool:
-    """Whether one of two lines begins or ends on the other."""
-    ends = [(beside, Point(line.coords[k])) for k in (0, -1)] + [(line, Point(beside.coords[k])) for k in (0, -1)]
-    return any(one.distance(end) < AS_ONE for one, end in ends)
 
 
 def change_length(width: float, longest: float) -> float:

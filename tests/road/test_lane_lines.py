@@ -56,6 +56,7 @@ def test_lanes_that_come_too_close_are_driven_apart_within_their_widths():
         (np.full(9, 3.2), (True, True)),
         (np.linspace(0.0, 3.2, 9), (True, True)),  # they begin as one
         (np.linspace(3.2, 0.0, 9), (True, True)),
+        (np.linspace(3.2, -3.2, 9), (True, True)),  # they cross; the rounding of the line never ended
         (np.full(9, 1.8), (True, False)),  # a footpath beside
     ],
 )
