@@ -311,7 +311,8 @@ def _spliced(route: Route, station: float, section: _Section, end: float) -> tup
     last = max(stop, first + 1)  # the end of the route, or a point of the straight line beyond
     limits = route.limit[np.searchsorted(line.stations, station + distance, side="right") - 1]
     points = np.concatenate([line.points[:kept], points, line.points[first:last]])
-    limit = np.concatenate([route.limit[:kept], np.minimum(limits, SPEED), route.limit[first:last]])
+    limits[:-1] = np.minimum(limits[:-1], SPEED)  # each up to the next point, which of the last is beyond the way
+    limit = np.concatenate([route.limit[:kept], limits, route.limit[first:last]])
     before = line.stations[kept - 1]
     joined = before + math.dist(line.points[kept - 1], section.points[0])
     driven = joined + np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(section.points[on_way], axis=0).T))])

@@ -173,6 +173,15 @@ def test_stop_lines_keep_their_places():
     ]  # fmt: skip
 
 
+def test_it_is_slow_only_as_far_as_the_way_goes():
+    ends = np.array([[-50.0, 0.0], [150.0, 0.0]])  # a straight lane has no points in between
+    route = Route.along(("road",), ends, np.full(2, 13.9))
+    way = way_round(route, 50.0, (0.0, 0.0, 0.0), BODY, seen(box(1.0)), anywhere)
+    line = way.route.line
+    limits = way.route.limit[np.searchsorted(line.stations, [49.0, 51.0, way.ends - 0.3, way.ends + 0.3], "right") - 1]
+    assert limits.tolist() == [13.9, ways.SPEED, ways.SPEED, 13.9]
+
+
 @settings(max_examples=25, deadline=None)
 @given(
     overlap=st.floats(0.05, 1.9),
