@@ -2,9 +2,9 @@
 
 A law keeps a strip free that is wider than its vehicle. Two vehicles whose strips overlap while their bodies would pass
 each other wait for each other for ever. So a vehicle that has stood for `AFTER` before an obstacle that has not moved
-either, and that would pass it, is given the swath that its body really sweeps, `CLEARANCE` wider on each side, at
-walking pace, until it has driven one length beyond the obstacle. It stops before whatever the laser meets in that
-swath, and as soon as the obstacle moves.
+either, and that would pass it, is given the swath that its body really sweeps (`swept_kernel`), `CLEARANCE` wider on
+each side, at walking pace, until it has driven one length beyond the obstacle. It stops before whatever the laser meets
+in that swath, and as soon as the obstacle moves.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from platoontraffic.controllers.law import Sensed
 AFTER = 10.0  # time that a vehicle and what it stands for must have stood [s]
 SPEED = 0.25  # greatest while it creeps [vehicle lengths a second]: 1.2 m/s
 GAIN = 0.8  # by which it approaches that speed; the drive line lags behind its command by half a second [1/s]
-CLEARANCE = 0.05  # on each side of the body [vehicle widths]: 9 cm; its offset from the path is added
+CLEARANCE = 0.05  # on each side of the body [vehicle widths]: 9 cm
 STOP = 0.1  # distance before a return in the swath at which it stops [vehicle lengths]
 PLACES = 0.02  # distance of the poses at which the swath is compared with the returns [vehicle lengths]
 CLOSEST = 0.03  # the same where it goes on along a body that is close beside it already [vehicle widths]
@@ -41,11 +41,14 @@ class Creeping(NamedTuple):
     def active(self) -> np.ndarray:
         return self.left > 0
 
-    def after(self, sensed: Sensed, free: np.ndarray, before: np.ndarray, held: np.ndarray, dt: float) -> Creeping:
+    def after(
+        self, sensed: Sensed, free: np.ndarray, before: np.ndarray, held: np.ndarray, curvature: np.ndarray, dt: float
+    ) -> Creeping:
         """The state after dt.
 
         free, before : distance to the first obstacle on the strip, in this scan and in the last one [m], (n,)
         held         : the vehicle stands, or would, for something else: a line, a predecessor; bool (n,)
+        curvature    : that is steered [1/m], (n,)
         """
         # Imported here: importing numba takes half a second.
         from platoontraffic.controllers.creeping_kernel import wait
@@ -53,21 +56,26 @@ class Creeping(NamedTuple):
         length, after = sensed.body.length, Creeping(*np.empty((2, len(free))))
         if wait(self, sensed.speed, length, free, before, held, AFTER, dt, after):
             for i in np.flatnonzero((after.stood > AFTER) & ~self.active):
-                if swept(sensed, int(i)) >= min(free[i] + length[i], (REACH - PLACES) * length[i]):
+                if swept(sensed, int(i), curvature[i]) >= min(free[i] + length[i], (REACH - PLACES) * length[i]):
                     after.left[i] = length[i]
         return after
 
 
-def acceleration(sensed: Sensed, rows: np.ndarray, braking: float) -> np.ndarray:
-    """Of vehicles that creep along their routes, for some rows (m,) [m/s2], (m,)."""
+def acceleration(sensed: Sensed, rows: np.ndarray, curvature: np.ndarray, braking: float) -> np.ndarray:
+    """Of vehicles that creep along their routes, for some rows (m,) [m/s2], (m,); curvature: as of `Creeping.after`."""
     length, speed = sensed.body.length[rows], sensed.speed[rows]
-    free = np.array([swept(sensed, int(i)) for i in rows]) - sensed.speed[rows] * sensed.age
+    free = np.array([swept(sensed, int(i), curvature[i]) for i in rows]) - sensed.speed[rows] * sensed.age
     allowed = np.sqrt(braking * np.maximum(free - STOP * length, 0.0))  # half of the braking: it stops early
     return np.where(speed > allowed, -braking, np.minimum(GAIN * (SPEED * length - speed), braking / 2))
 
 
-def swept(sensed: Sensed, i: int) -> float:
-    """Distance along the route until the body of vehicle i is `CLEARANCE` from a return [m]; at most REACH lengths."""
+def swept(sensed: Sensed, i: int, curvature: float) -> float:
+    """Distance until the body of vehicle i is `CLEARANCE` from a return [m]; at most REACH lengths.
+
+    curvature: that is steered [1/m]
+    """
+    from platoontraffic.controllers.swept_kernel import drive  # importing numba takes half a second
+
     body, route, model = sensed.body, sensed.route, sensed.scan.model
     length, width, axle = float(body.length[i]), float(body.width[i]), float(body.axle[i])
     angle = model.angles + model.mount.yaw
@@ -78,15 +86,12 @@ def swept(sensed: Sensed, i: int) -> float:
     x = model.mount.x - axle + ranges[met] * np.cos(angle[met])
     y = model.mount.y + ranges[met] * np.sin(angle[met])
     there = np.arange(0.0, REACH, PLACES) * length
-    points, distance = route.points[i], route.distance[i]
-    at = np.column_stack([np.interp(there, distance, points[:, k]) for k in (0, 1)])
-    offset = at[0].copy()
-    at -= offset  # it keeps its offset from the path; the margin has it too
-    heading = np.arctan2(*np.gradient(at, axis=0).T[::-1])
-    cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    away_x, away_y = x - at[:, :1], y - at[:, 1:]
+    places = np.empty((len(there), 4))
+    drive(route, route.points[i], i, PLACES * length, float(sensed.speed[i]), float(curvature), body, places)
+    at_x, at_y, cos, sin = places.T[:, :, None]
+    away_x, away_y = x - at_x, y - at_y
     ahead, aside = cos * away_x + sin * away_y, cos * away_y - sin * away_x
-    side = width / 2 + _kept(ahead[0] + axle, aside[0], length, width, float(offset[1]))
+    side = width / 2 + _kept(ahead[0] + axle, aside[0], length, width, float(route.points[i, 0, 1]))
     inside = (np.abs(aside) < side) & (ahead > -length / 2 - axle) & (ahead < length / 2 - axle)
     first = inside.any(axis=1)
     return max(float(there[first.argmax()]) - PLACES * length, 0.0) if first.any() else REACH * length
@@ -95,18 +100,17 @@ def swept(sensed: Sensed, i: int) -> float:
 def _kept(ahead: np.ndarray, aside: np.ndarray, length: float, width: float, offset: float) -> np.ndarray:
     """Distance that is kept from returns on each side of the body (k,) [m].
 
-    That is less for what is close beside it already, and to which the return to the route leads no nearer; and, down to
-    `CLOSEST`, for what goes on beyond that and comes no nearer, such as the rest of a long vehicle.
+    That is less for what is close beside it already; and, down to `CLOSEST`, for what goes on beyond that and comes no
+    nearer, such as the rest of a long vehicle.
 
     ahead, aside : of the centre, forward and to the left (k,) [m]
     offset       : of the route, to the left [m]
     """
-    usual, away = CLEARANCE * width + abs(offset), np.abs(aside) - width / 2
-    towards = np.where(aside * offset > 0, abs(offset), 0.0)
-    beside = (away > 0) & (np.abs(ahead) < length / 2 + ALONGSIDE * length)
-    kept = np.where(beside & (away > towards + BESIDE), np.minimum(usual, away - BESIDE), usual)
+    usual, away = CLEARANCE * width, np.abs(aside) - width / 2
+    beside = (away > BESIDE) & (np.abs(ahead) < length / 2 + ALONGSIDE * length)
+    kept = np.where(beside, np.minimum(usual, away - BESIDE), usual)
     for there in (aside > 0, aside < 0) if abs(offset) < ON_LINE * width else ():
         least = away[beside & there].min(initial=np.inf)
         beyond = there & ~beside & (away > least - BESIDE)
-        kept[beyond] = np.clip(least - BESIDE, CLOSEST * width + towards[beyond], usual)
+        kept[beyond] = np.clip(least - BESIDE, CLOSEST * width, usual)
     return kept

@@ -133,7 +133,7 @@ class PathLeader(Law):
         if sensed.odometry_age:
             driven, own = driven.until_now(sensed, dt)
             sensed = replace(sensed, speed=own.speed, yaw_rate=own.yaw_rate)
-        free, bearing = first_return(sensed, self._half_width(sensed.body))
+        free, bearing = first_return(sensed, self._half_width(sensed.body), memory.driven.command.curvature)
         same = SAME * sensed.body.length
         closing = closing_speed(free, memory.free, memory.closing, sensed.speed, dt, same=same, time_constant=FILTER)
         drive = memory.driven.command.acceleration
@@ -223,11 +223,11 @@ class PathLeader(Law):
         from platoontraffic.controllers.path_kernel import limits_of  # importing numba takes half a second
 
         acceleration, obstacle, (free, bearing, before) = along.acceleration, along.obstacle, strip
-        creeps = creeps.after(sensed, free, before, lines < obstacle, dt)
+        creeps = creeps.after(sensed, free, before, lines < obstacle, along.curvature, dt)
         active = creeps.active
         if len(rows := active.nonzero()[0]):
             acceleration = acceleration.copy()
-            acceleration[rows] = creeping.acceleration(sensed, rows, self.braking)
+            acceleration[rows] = creeping.acceleration(sensed, rows, along.curvature, self.braking)
         (least, toward), reason = np.empty((2, len(free))), np.empty(len(free), dtype=np.intp)
         words = OBSTACLE, LINE
         limits_of(acceleration, lines, obstacle, free, bearing, active, words, least, reason, toward)
@@ -253,10 +253,11 @@ def nothing(n: int) -> BrakingFor:
     return BrakingFor(np.zeros(n, dtype=int), np.full(n, np.nan), np.zeros(n, dtype=bool))
 
 
-def first_return(sensed: Sensed, half_width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def first_return(sensed: Sensed, half_width: np.ndarray, driven: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Along the route from the front bumper to the first return on the strip that the vehicle will drive over.
 
     half_width : of the strip [m], (n,)
+    driven     : curvature that is driven now [1/m], (n,)
     returns    : distance [m], and its bearing from the laser's forward direction [rad], (n,); inf, NaN: no return
     """
     from platoontraffic.controllers.path_kernel import first_on_strip
@@ -271,7 +272,24 @@ def first_return(sensed: Sensed, half_width: np.ndarray) -> tuple[np.ndarray, np
         points = seen_from(points, then.moved(sensed.speed, sensed.yaw_rate, sensed.age), then)
     strip = points, route.distance, half_width
     first_on_strip(scan.ranges, limits, beams, laser, model.mount.y, strip, body.length, front, free, beam)
+    none = np.full((n, 2), -1)
+    first_touched(sensed, points, driven, none, np.full(n, np.inf), free, beam)
     return free, bearing_of(beam, model)
+
+
+def first_touched(sensed: Sensed, points: np.ndarray, driven: np.ndarray, skipped, until, free, beam) -> None:
+    """Lower free distances to those until the body would touch a return in a bend, and fill in the beams of these.
+
+    points : of the routes, as seen from where the scan was taken (n, k, 2) [m]
+    others : as of `swept_kernel.first_touched`
+    """
+    from platoontraffic.controllers import swept_kernel
+
+    scan, body, model = sensed.scan, sensed.body, sensed.scan.model
+    laser, seen = (model.mount.x - body.axle, model.mount.y), (scan.ranges, model.range_min, beams_of(model))
+    swept_kernel.first_touched(
+        sensed.route, points, sensed.speed, driven, body, seen, laser, skipped, until, free, beam
+    )
 
 
 @lru_cache

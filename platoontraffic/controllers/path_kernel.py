@@ -56,7 +56,7 @@ def drive_along(route, speed, drive, body, ranges, laser, free, closing, profile
         catch_up = np.maximum(length if math.isnan(gains.catch_up) else gains.catch_up, gains.catch_up_time * v)
         lock, bend = 1 / np.maximum(body.turning_radius[i], SHARPEST * length), lateral / np.maximum(v, 1e-3) ** 2
         back = curvature_back((offset, off_heading), catch_up, np.minimum(lock, bend))
-        ahead = _curvature_at(route.distance[i], route.curvature[i], STEERING_LAG * v)
+        ahead = curvature_at(route.distance[i], route.curvature[i], STEERING_LAG * v)
         greatest = np.minimum(lock, RESERVE * bend)
         curvature = curvature_along((offset, off_heading), ahead) + back
         along.curvature[i] = np.minimum(np.maximum(curvature, -greatest), greatest)
@@ -139,7 +139,7 @@ def _slowed_to(fastest, distance, v, braking):
 
 
 @compiled
-def _curvature_at(distance, curvature, ahead):
+def curvature_at(distance, curvature, ahead):
     """Curvature of a route at a distance ahead [1/m]."""
     after = 0
     for k in range(len(distance)):

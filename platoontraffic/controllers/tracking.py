@@ -14,7 +14,7 @@ from platoontraffic.controllers import beside
 from platoontraffic.controllers.beside import Beside
 from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BrakingFor, Decision, Law, RouteAhead, Sensed, Target
-from platoontraffic.controllers.path import LINE, AlongRoute, PathLeader, bearing_of, nothing
+from platoontraffic.controllers.path import LINE, AlongRoute, PathLeader, bearing_of, first_touched, nothing
 from platoontraffic.controllers.tracker.drive_line import DriveLine
 from platoontraffic.controllers.tracker.fitted import Fitted, fitted
 from platoontraffic.controllers.tracker.own_motion import Moved, Past, YawBias, seen_from
@@ -445,6 +445,12 @@ class TrackingFollower(Law):
         half_width = sensed.body.width / 2 + KEPT_FREE if given is None else np.full(len(reach), given)
         strip = Strip(half_width, reach, sensed.body.width / 2 + SWINGS_CLEAR)
         free, beam = trail.free_distance(now.scanned, sensed.scan, sensed.body, strip, estimate.sighting.beams)
+        if sensed.route is not None:
+            points = (
+                sensed.route.points if not sensed.age else seen_from(sensed.route.points, now.odometry, now.scanned)
+            )
+            until = np.where(estimate.on_route, reach - sensed.body.length / 2 + sensed.body.axle, 0.0)
+            first_touched(sensed, points, now.driven_curvature, estimate.sighting.beams, until, free, beam)
         speed, acceleration = np.empty((2, len(free)))
         follow_obstacle(free, now.scanned.speed, memory.obstacle, memory.scanned_speed, now.dt, speed, acceleration)
         return Obstacle(free, speed, acceleration, bearing_of(beam, sensed.scan.model))

@@ -23,6 +23,7 @@ CHANGE_AFTER = 5.0  # distance of a lane change from the begin of its edge [lane
 CHANGE_LENGTH = 12.0  # length of a change over one lane [lane widths]: 38 m, or 3 s at 13 m/s
 SHORTEST_CHANGE = 5.0  # the same where there is little room [lane widths]: 16 m
 ROOM_SHARE = 0.6  # of the rest of the lane that a change takes then, so that it ends before a queue at the line
+ENOUGH_ROOM = 80.0  # length of lane with which a lane change has all the room that it needs, in traffic too [m]
 ABREAST = 2.2  # distance of lanes on which cars drive side by side with some room [m]
 TO_BORDER = 0.95  # from the middle of a car to the border of its lane, at least [m]
 AS_ONE = 1.2  # distance up to which lanes meet, and do not lead side by side [m]
@@ -44,6 +45,14 @@ class Line(NamedTuple):
     across: float  # length of those lanes, or of the lane change [m]
     to_end: float = 0.0  # from where a lane change begins to the lane's end [m]
     aside: float = 0.0  # distance of the lane that is changed to, to the left [m]
+
+
+class _Crossed(NamedTuple):
+    """What lane changes cost, compared in this order."""
+
+    lanes: int  # that are crossed
+    lacks: float  # room, of all changes [m]
+    late: int  # lanes, each times the number of the edge on which it is left
 
 
 def links_between(here: Any, there: Any) -> list[Any]:
@@ -70,17 +79,28 @@ def inside(link: Any, net: Any) -> list[Any]:
     return lanes
 
 
-def least_changes(road: Sequence[Any], lane: int, last: int | None) -> list[Any]:
-    """The links from each edge to the next that cross the fewest lanes; of equal ones, those that change latest.
+def least_changes(
+    road: Sequence[Any], lane: int, last: int | None, position: float = 0.0, on: int = 0, onto: int | None = None
+) -> list[Any]:  # fmt: skip
+    """The links from each edge to the next that cross the fewest lanes.
+
+    Of equal ones, those that change where there is most room, up to `ENOUGH_ROOM`; of these, those that change first.
 
     lane, last : index of the first lane, and of the last one if it can be reached; None: any
+    position   : on an edge, before which its lanes are not changed [m]
+    on, onto   : index of that edge, and of the lane at its end; None: any
     """
-    best: dict[int, tuple[int, list[Any]]] = {lane: (0, [])}  # index of the lane reached -> lanes crossed, links
-    for here, there in pairwise(road):
-        onward: dict[int, tuple[int, list[Any]]] = {}
+    best: dict[int, tuple[_Crossed, list[Any]]] = {lane: (_Crossed(0, 0.0, 0), [])}  # by index of the lane reached
+    for i, (here, there) in enumerate(pairwise(road)):
+        lacks = max(ENOUGH_ROOM - here.getLength() + (position if i == on else 0.0), 0.0)
+        onward: dict[int, tuple[_Crossed, list[Any]]] = {}
         for now, (crossed, links) in best.items():
             for link in links_between(here, there):
-                cost, to = crossed + abs(link.getFromLane().getIndex() - now), link.getToLane().getIndex()
+                leaves, to = link.getFromLane().getIndex(), link.getToLane().getIndex()
+                if i == on and onto not in (None, leaves):
+                    continue
+                lanes = abs(leaves - now)
+                cost = _Crossed(crossed.lanes + lanes, crossed.lacks + lacks * lanes, crossed.late + i * lanes)
                 if to not in onward or cost < onward[to][0]:
                     onward[to] = cost, [*links, link]
         best = onward

@@ -45,7 +45,8 @@ def with_later_change(
     # With the edge before, so that the bend between the two is rounded as on the given route.
     before, start = (1, junctions[-1].lane.rpartition("_")[2]) if junctions else (0, lane)
     edges = route.edges[len(junctions) - before :]
-    lanes = network.route_lanes(edges, int(start), position=later - CHANGE_AFTER * width, on=before, longest=longest)
+    position = later - CHANGE_AFTER * width
+    lanes = network.route_lanes(edges, int(start), False, position, before, int(target), longest)
     onward = Route.along(edges, *lanes).drivable_by(model)
     if (onward.lines[before].lane, onward.lines[before].onto) != (change.lane, change.onto):
         return None

@@ -163,13 +163,13 @@ class Network:
 
     def route_lanes(
         self, edges: Sequence[str], lane: int = 0, closed: bool = False, position: float = 0.0, on: int = 0,
-        longest: float = math.inf,
+        onto: int | None = None, longest: float = math.inf,
     ) -> tuple[np.ndarray, np.ndarray, list[Line]]:  # fmt: skip
         """The centre line of the lanes of a route, across its junctions; a closed one ends where it starts.
 
         lane     : index on the first edge; lanes are changed as rarely as the route allows, near an edge's begin
         position : on an edge, before which its lanes are not changed: where driving starts [m]
-        on       : index of that edge
+        on, onto : index of that edge, and of the lane at its end; None: any
         longest  : greatest length of a change over one lane of that edge [m]
         returns  : points (k, 2) [m]; speed limit from each point on (k,) [m/s]; stop lines and lane changes
         raises   : InputError where there is no such route
@@ -182,7 +182,7 @@ class Network:
         self._check_lane(road[0], lane)
         first, route = lane, LaneRoute(self._net)
         lap = [*road, road[0]] if closed else road
-        links = least_changes(lap, lane, lane if closed else None)
+        links = least_changes(lap, lane, lane if closed else None, position, on, onto)
         for i, (here, link) in enumerate(zip(lap, links, strict=False)):
             route.cross(here.getLane(lane), link, *((position, longest) if i == on else (0.0,)))
             lane = link.getToLane().getIndex()

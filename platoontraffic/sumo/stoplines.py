@@ -42,6 +42,10 @@ OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle m
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
 LOOKS_EVERY = 1.0  # without room for its lane change, a vehicle looks for it so much later [s]
+SETS_OUT, FREE_AHEAD = (
+    1.0,
+    15.0,
+)  # a slow vehicle that is faster [m/s] and has so much road before it [m] is in no queue
 QUEUE_GAP = 2.5  # between cars that stand in a queue [m]
 SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
 WALKING = 0.3  # speed below which a person on a crossing stands [m/s]
@@ -291,13 +295,28 @@ class StopLines:
             if now.speed[name] < STANDING and behind < length:
                 return False
         onto = now.on_lane[line.onto]  # the last one first
-        last = next((k for k, name in enumerate(onto) if now.speed[name] < QUEUE_SPEED * size), None)
+        last = next((k for k in range(len(onto)) if self._queues(onto, k, line, size)), None)
         if last is None or not any(map(self._sumo.lane.getInternalFoes, line.via)):
             return True
         left = now.position[onto[last]] - now.length[onto[last]]
         before = [*onto[:last], *chain.from_iterable(inside)]
         taken = sum(now.length[name] + QUEUE_GAP * size for name in before)
         return left > taken + length + OWN_GAP * size
+
+    def _queues(self, onto: Sequence[str], k: int, line: Line, size: float) -> bool:
+        """Whether the k-th vehicle on the lane behind a junction, from the last one on, stands, or soon will.
+
+        One that is slow in the bend, and has the road before it, does not.
+        """
+        now, name = self._now, onto[k]
+        if now.speed[name] >= QUEUE_SPEED * size:
+            return False
+        if now.speed[name] < SETS_OUT * size:
+            return True
+        ends, ahead = now.lane_length[line.onto], onto[k + 1] if k + 1 < len(onto) else None
+        if ahead and now.speed[ahead] < QUEUE_SPEED * size:
+            ends = now.position[ahead] - now.length[ahead]
+        return ends - now.position[name] < FREE_AHEAD * size
 
     def _is_free_of_people(self, line: Line, distance: float, ego: Ego) -> bool:
         """Whether nobody on a pedestrian crossing stands where the vehicle drives, or will be there when it comes."""

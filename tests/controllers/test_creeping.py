@@ -66,9 +66,9 @@ def test_it_stops_when_what_it_creeps_past_moves():
     one = np.ones(1)
     sensed = SimpleNamespace(speed=1.0 * one, body=SimpleNamespace(length=CAR.length * one))
     state, no = creeping.Creeping(0 * one, CAR.length * one), np.zeros(1, dtype=bool)
-    assert state.after(sensed, 2.9 * one, 3.0 * one, no, 0.1).active.all()
-    assert not state.after(sensed, 2.4 * one, 3.0 * one, no, 0.1).active.any()
-    assert not state.after(sensed, 2.9 * one, 3.0 * one, ~no, 0.1).active.any()  # a line closes
+    assert state.after(sensed, 2.9 * one, 3.0 * one, no, 0 * one, 0.1).active.all()
+    assert not state.after(sensed, 2.4 * one, 3.0 * one, no, 0 * one, 0.1).active.any()
+    assert not state.after(sensed, 2.9 * one, 3.0 * one, ~no, 0 * one, 0.1).active.any()  # a line closes
 
 
 @pytest.mark.parametrize("side", [1, -1])

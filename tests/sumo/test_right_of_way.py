@@ -471,6 +471,32 @@ def test_a_member_finds_room_at_the_place_midway_where_sumo_takes_it_to_be_there
     assert lines._has_room(line, Ego("m.0", ":a_0", 0.0, CAR.length)) == has_room
 
 
+@pytest.mark.parametrize(
+    ("speeds", "places", "has_room"),
+    [
+        ((0.0,), (9.0,), False),
+        ((1.8,), (9.0,), True),  # slow in the bend, with the road before it
+        ((1.8, 8.0), (9.0, 18.0), True),
+        ((1.8, 0.0), (9.0, 18.0), False),  # it comes up to a queue
+        ((1.8, 0.0), (9.0, 60.0), True),
+        ((1.8,), (90.0,), True),
+        ((0.5,), (9.0,), False),
+    ],
+)
+def test_a_vehicle_that_leaves_the_bend_slowly_is_no_queue(speeds, places, has_room):
+    """Each follower stood until its predecessor was round the bend: 8 s each, where SUMO's own cars take 3 s."""
+    line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace(lane=SimpleNamespace(getInternalFoes=lambda _: (":a_3",))))
+    names = [f"c{k}" for k in range(len(speeds))]
+    speed, position = (dict(zip(names, values, strict=True)) for values in (speeds, places))
+    on_lane, length = {":a_0": [], "next_0": names}, dict.fromkeys(names, 5.0)
+    lane_length = {"next_0": 100.0}
+    lines._now = SimpleNamespace(
+        on_lane=on_lane, position=position, speed=speed, length=length, lane_length=lane_length
+    )
+    assert lines._has_room(line, Ego("m.0", "road_0", 0.0, CAR.length)) == has_room
+
+
 @pytest.mark.parametrize(("state", "via"), [("M", ()), (CHANGING, ("road_1",))])
 def test_a_line_without_lanes_inside_leaves_a_member_where_sumo_takes_it_to_be(monkeypatch, state, via):
     """A line between two edges without a junction inside, or a lane change; SUMO has it inside a junction."""

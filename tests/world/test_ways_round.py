@@ -102,7 +102,7 @@ def test_it_stays_for_long_behind_a_vehicle_that_it_has_followed(side):
 @pytest.mark.parametrize("side", [1, -1])
 def test_it_does_not_stay_where_a_little_to_the_side_is_enough(side):
     """As past a left-turner that waits midway, a little beside the path: it waits for the member in turn."""
-    log = following(side * 1.4, 60.0)
+    log = following(side * 1.4, 45.0)
     assert log.x[-1, 0] > log.x[-1, 1] + 20.0
     assert 0.3 < np.abs(log.y[:, 0]).max() < LITTLE + 0.1
 

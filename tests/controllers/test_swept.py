@@ -1,0 +1,81 @@
+"""What the body would touch in a tight bend, where its front swings out of the strip about its path."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity
+
+from platoontraffic.controllers.path import PathLeader
+from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.lidar import PRESETS, Mount, Noise, Scene
+from platoontraffic.road.route import Route
+from platoontraffic.vehicles.bicycle import CARS
+from tests.controllers.test_creeping import footprints
+from tests.support.bench import drive, platoon
+
+CAR = CARS["car"]
+EYES = {
+    "path": replace(PRESETS["car-leader"], mount=Mount(CAR.length / 2 - 0.03), noise=Noise()),
+    "tracking": replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03), noise=Noise()),
+}
+LAWS = {"path": PathLeader(), "tracking": TrackingFollower(policy="obey", on_loss="drive")}
+RADIUS, BEGINS = 6.5, 40.0
+
+
+def bend(side: int) -> Route:
+    """To the left (1) or to the right (-1)."""
+    angle = np.linspace(0, math.pi / 2, 40)
+    arc = np.column_stack([BEGINS + RADIUS * np.sin(angle), RADIUS * (1 - np.cos(angle))])
+    points = np.vstack([[-200.0, 0.0], arc, [BEGINS + RADIUS, 300.0]]) * (1, side)
+    return Route.along(("road",), points, np.full(len(points), 10.0)).drivable_by(CAR)
+
+
+def beyond(radius: float, side: int) -> shapely.Polygon:
+    """A body in the middle of the bend, so far from its centre, and 1 m long across."""
+    body = shapely.box(radius, -0.5, radius + 1.0, 0.5)
+    turned = affinity.translate(affinity.rotate(body, -45, origin=(0, 0)), BEGINS, RADIUS)
+    return turned if side > 0 else affinity.scale(turned, 1, -1, origin=(0, 0))
+
+
+def driven(law: str, side: int, body: shapely.Polygon):
+    (member,) = platoon(LAWS[law], at=(0.0, 0.0, 0.0), leader_eye=EYES[law], model=CAR)
+    member = replace(member, route=bend(side), speed=6.0)
+    return drive([member], Scene.from_shapely(solids=[body]), 30.0, 0.1)
+
+
+@cache
+def undisturbed(law: str, side: int):
+    log = driven(law, side, beyond(50.0, side))
+    return log, shapely.union_all(footprints(log))
+
+
+def outermost(law: str, side: int) -> float:
+    """Distance from the centre of the bend that the body reaches in the middle of it [m]."""
+    ground = undisturbed(law, side)[1]
+    return next(radius for radius in np.arange(7.0, 9.0, 0.01) if not beyond(radius, side).intersects(ground))
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("overlap", [0.05, 0.2])
+def test_it_stops_before_a_body_that_its_front_would_swing_into(law, side, overlap):
+    """As in Bologna, where cars in turn touched a bus that stood beside a sharp corner."""
+    body = beyond(outermost(law, side) - overlap, side)
+    assert body.distance(shapely.LineString(bend(side).line.points)) > 0.6 * CAR.width  # it is not in the strip
+    log = driven(law, side, body)
+    assert log.speed[-1, 0] < 0.01
+    assert 0.02 < shapely.distance(footprints(log), body).min() < 3.0
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("side", [1, -1])
+def test_it_does_not_slow_down_for_one_beside_that(law, side):
+    body, (free, _) = beyond(outermost(law, side) + 0.25, side), undisturbed(law, side)
+    log = driven(law, side, body)
+    assert abs(log.y[-1, 0]) == pytest.approx(abs(free.y[-1, 0]), abs=0.5)
