@@ -20,7 +20,7 @@ from platoontraffic.observation.encounters import Encounters
 from platoontraffic.observation.instant import Instant
 from platoontraffic.observation.observer import Measures, Observer
 from platoontraffic.observation.statistics import Statistics
-from platoontraffic.observation.violations import violations
+from platoontraffic.observation.violations import Violations
 from platoontraffic.results import plug_in_metrics, statistics
 from platoontraffic.results.own_copies import named_for_forks
 from platoontraffic.results.provenance import Stopwatch, Untimed
@@ -182,6 +182,7 @@ class Simulation:
         self.messages = _no_messages(setting)
         self.stuck, self._remedies = Stuck(setting.recruits.tables if setting.recruits else ()), {}
         self.convoys, self.ways_round = Convoys(), WaysRound(setting.map)
+        self.violations = Violations()
         self.members = list(setting.members)  # all that it has had, by their number
         fleet = self.world.deploy(*departures(setting.members, setting.dt))
         self.obstacles = Obstacles(setting.obstacles, fleet)
@@ -238,7 +239,7 @@ class Simulation:
         signals = self.world.signals(fleet)
         messages, fleet, radio = self.messages.received(fleet, step, traffic.time)
         fleet = timed("decide", fleet.decided, sensed.scans, dt, signals, sensed.odometry, sensed.readings, messages)
-        entered = violations(self.world.entries(fleet))
+        entered = list(self.violations.observe(self.world.entries(fleet), fleet))
         noted = [*parted, *ordered, *failed, *stuck, *round_it, *radio, *entered]
         events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted, sensed.seen)
         events = [*events, *self.encounters.observe(traffic, fleet, events)]

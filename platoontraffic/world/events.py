@@ -134,7 +134,7 @@ EVENT_KINDS = {
         Kind(
             "failed_to_yield",
             "enters a junction from a lane (detail) although it must give way to a vehicle that arrives before it is "
-            "across; not noted if SUMO drives it",
+            "across, and does not stop within 1 m behind the line; not noted if SUMO drives it",
         ),
         Kind(
             "breaks_down",

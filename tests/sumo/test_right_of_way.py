@@ -16,6 +16,7 @@ from platoontraffic import shipped
 from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.lidar import PRESETS, Mount
+from platoontraffic.observation.observer import Observer
 from platoontraffic.road.gap_acceptance import Pace
 from platoontraffic.road.lane_routes import CHANGING, SHORTEST_CHANGE, Line
 from platoontraffic.road.network import Network
@@ -29,6 +30,8 @@ from platoontraffic.sumo.room_to_change import RoomToChange
 from platoontraffic.sumo.stoplines import StopLines
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
+from platoontraffic.vehicles.motion import Drive
+from platoontraffic.world.contact import Contacts
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
 from tests.support import ODD_NETS
@@ -185,6 +188,24 @@ def test_a_member_gives_way_to_a_vehicle_that_turns_off_the_major_road_before_it
     for at in (235.0, 245.0, 255.0):
         seen, _ = scene("cross", MINOR, [turning], 30.0, position=at, speed=6.0, eye=BLIND)
         assert clearance(seen, "t") > 0.3, at
+
+
+@pytest.mark.sumo
+@pytest.mark.parametrize(("others", "fails"), [([("c", MAJOR, 436.0, 10.0)], True), ([], False)])
+def test_a_member_that_is_made_to_drive_on_fails_to_yield(tmp_path, others, fails):
+    network = Network.read(NETS / "cross.net.xml")
+    member = deployed(network, MINOR, 240.0, 0, 10.0, BLIND)
+
+    def ground() -> World:
+        return Staged(network, tmp_path / "words.log", lambda: [insert(*other) for other in others])
+
+    def observer() -> Observer:
+        return Observer([member], network, Contacts(NO_WALLS, {"m.0"}))
+
+    with Simulation(Setting([member], NO_WALLS, STEP, 100, ground=ground, observer=observer)) as simulation:
+        simulation.reset()
+        kinds = [one.kind for _ in range(60) for one in simulation.step({"m.0": Drive(0.0, 0.0)}).events]
+    assert ("failed_to_yield" in kinds) == fails
 
 
 @pytest.mark.sumo
