@@ -26,6 +26,7 @@ from platoontraffic.sumo.conflicts import (
     STOP,
     YELLOW,
     Conflicts,
+    Crossing,
 )
 from platoontraffic.sumo.ego import EARLY_BRAKING, Ego
 from platoontraffic.sumo.reads import Once, Reads
@@ -216,7 +217,8 @@ class StopLines:
             inside = self._now.lane_length[ego.lane]
             driven = self._now.position[ego.id]
             is_open = self._way.may_cross(line, -driven, ego, midway=True)
-            return LineState(inside - driven, is_open, False, False, RIGHT_OF_WAY)
+            stop = min(inside, self._midway(line, driven - OVERRUN * ego.size))
+            return LineState(stop - driven, is_open, False, False, RIGHT_OF_WAY)
         if line.state == CHANGING:
             before = self._change.may_change(line, -over, ego)
             if before < np.inf and ego.lane != line.onto:  # the less it has gone over, the better others pass it
@@ -227,6 +229,20 @@ class StopLines:
             if ego.speed**2 / (2 * EARLY_BRAKING) < left and not self._way.has_way(line, state, -over, ego):
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
         return None
+
+    def _midway(self, line: Line, driven: float) -> float:
+        """Where a front that is so far beyond the line comes into the way of vehicles with priority [m]; inf: nowhere.
+
+        SUMO's place midway may lie beyond that: its vehicles pass through each other there.
+        """
+        crossings = self._conflicts[line].crossings.values()
+        places = (one.touches for one in crossings if one.first and one.touches > driven and self._may_come(one))
+        return min(places, default=math.inf)
+
+    def _may_come(self, crossing: Crossing) -> bool:
+        """Whether no red light stops the vehicles on another path."""
+        states = (link[LINK_STATE] for link in self._now.links[crossing.before] if link[LINK_VIA] == crossing.via[0])
+        return not any(state in RED for state in states)
 
     def _ahead(self, line: Line, distance: float, near: bool, ego: Ego) -> LineState:
         """State of a line ahead; the adjacent lane and the space beyond are checked only when it is near."""
@@ -256,7 +272,8 @@ class StopLines:
         if near and not self._has_room(line, ego):
             return LineState(distance, False, False, False, NO_ROOM)
         if near and len(line.via) > 1 and not self._way.may_cross(line, distance, ego, midway=True):
-            return LineState(distance + conflicts.waits, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
+            stop = min(conflicts.waits, self._midway(line, 0.0))
+            return LineState(distance + stop, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
 
     def _link_state(self, line: Line) -> str:

@@ -475,11 +475,40 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
     links = [("",) * LINK_VIA + (via,) for via in (":a_0", ":a_1")]
     lengths = {":a_0": 6.0, ":a_1": 20.0}
     lines._now = SimpleNamespace(lane_length=lengths, position={"m.0": over}, links={"road_0": links})
+    lines._conflicts = {line._replace(station=0.0): SimpleNamespace(crossings={})}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(StopLines, "_link_state", lambda *_: "M")
     member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, over, [])))
     state = lines._state(member, 100.0 + over, Ego("m.0", lane, 3.0, CAR.length))
     assert (not state.open and state.distance == pytest.approx(6.0 - over)) == heeds
+
+
+@pytest.mark.parametrize(
+    ("over", "first", "light", "stops_at"),
+    [
+        (1.0, (True, True), "G", 4.0),
+        (4.5, (True, True), "G", 4.0),  # a little farther, and still out of the way
+        (5.5, (True, True), "G", 7.0),  # it is in the way of the first path already, but not of the second
+        (8.5, (True, True), "G", 9.0),
+        (1.0, (True, True), "r", 9.0),  # nobody comes from there
+        (1.0, (False, True), "G", 7.0),
+        (1.0, (False, False), "G", 9.0),
+    ],
+)
+def test_a_member_waits_midway_before_the_paths_of_those_with_priority(monkeypatch, over, first, light, stops_at):
+    """SUMO's place midway, 9 m on, lies in them: in Bologna a column drove through the front of a member there."""
+    line = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    met = [
+        Crossing("other_0", (via,), (touches - 1, 15.0), (5.0, 10.0), False, one, np.inf, 10.0, touches)
+        for via, touches, one in zip((":b_0", ":b_1"), (4.0, 7.0), first, strict=True)
+    ]
+    links = {"other_0": [("",) * LINK_VIA + (one.via[0], light) for one in met]}
+    lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, links=links)
+    lines._conflicts = {line: SimpleNamespace(crossings={one.via[0]: one for one in met})}
+    monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
+    state = lines._passed(line, over, Ego("m.0", ":a_0", 3.0, CAR.length))
+    assert state.distance == pytest.approx(stops_at - over)
 
 
 @pytest.mark.parametrize(("inside", "has_room"), [("m.0", True), ("c", False)])
