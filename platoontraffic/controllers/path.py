@@ -277,13 +277,16 @@ def first_return(sensed: Sensed, half_width: np.ndarray, driven: np.ndarray) -> 
     return free, bearing_of(beam, model)
 
 
-def first_touched(sensed: Sensed, points: np.ndarray, driven: np.ndarray, skipped, until, free, beam) -> None:
+def first_touched(
+    sensed: Sensed, points: np.ndarray, driven: np.ndarray, skipped: np.ndarray, until: np.ndarray,
+    free: np.ndarray, beam: np.ndarray,
+) -> None:  # fmt: skip
     """Lower free distances to those until the body would touch a return in a bend, and fill in the beams of these.
 
     points : of the routes, as seen from where the scan was taken (n, k, 2) [m]
     others : as of `swept_kernel.first_touched`
     """
-    from platoontraffic.controllers import swept_kernel
+    from platoontraffic.controllers import swept_kernel  # importing numba takes half a second
 
     scan, body, model = sensed.scan, sensed.body, sensed.scan.model
     laser, seen = (model.mount.x - body.axle, model.mount.y), (scan.ranges, model.range_min, beams_of(model))

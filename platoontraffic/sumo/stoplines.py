@@ -43,10 +43,7 @@ OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle m
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
 LOOKS_EVERY = 1.0  # without room for its lane change, a vehicle looks for it so much later [s]
-SETS_OUT, FREE_AHEAD = (
-    1.0,
-    15.0,
-)  # a slow vehicle that is faster [m/s] and has so much road before it [m] is in no queue
+SETS_OUT, FREE_AHEAD = 1.0, 15.0  # faster than that [m/s], and with so much road before it [m]: in no queue
 QUEUE_GAP = 2.5  # between cars that stand in a queue [m]
 SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
 WALKING = 0.3  # speed below which a person on a crossing stands [m/s]
