@@ -272,8 +272,7 @@ def first_return(sensed: Sensed, half_width: np.ndarray, driven: np.ndarray) -> 
         points = seen_from(points, then.moved(sensed.speed, sensed.yaw_rate, sensed.age), then)
     strip = points, route.distance, half_width
     first_on_strip(scan.ranges, limits, beams, laser, model.mount.y, strip, body.length, front, free, beam)
-    none = np.full((n, 2), -1)
-    first_touched(sensed, points, driven, none, np.full(n, np.inf), free, beam)
+    first_touched(sensed, points, driven, *_all_beams(n), free, beam)
     return free, bearing_of(beam, model)
 
 
@@ -293,6 +292,12 @@ def first_touched(
     swept_kernel.first_touched(
         sensed.route, points, sensed.speed, driven, body, seen, laser, skipped, until, free, beam
     )
+
+
+@lru_cache
+def _all_beams(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """`skipped` and `until` of `first_touched` where every return counts."""
+    return np.full((n, 2), -1), np.full(n, np.inf)
 
 
 @lru_cache

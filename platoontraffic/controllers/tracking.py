@@ -445,7 +445,7 @@ class TrackingFollower(Law):
         half_width = sensed.body.width / 2 + KEPT_FREE if given is None else np.full(len(reach), given)
         strip = Strip(half_width, reach, sensed.body.width / 2 + SWINGS_CLEAR)
         free, beam = trail.free_distance(now.scanned, sensed.scan, sensed.body, strip, estimate.sighting.beams)
-        if sensed.route is not None:
+        if sensed.route is not None and some(estimate.on_route):
             points = (
                 sensed.route.points if not sensed.age else seen_from(sensed.route.points, now.odometry, now.scanned)
             )
