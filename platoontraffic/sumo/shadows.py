@@ -11,6 +11,9 @@ of a vehicle in the middle of its lane. So a member whose shadow is missing is i
   and this is done again before each step);
 - to remove a shadow, as for one to the left, with its true width.
 
+A vehicle gets no shadow beside another one: to that, it would be a leader that it has run into, and it brakes hard or
+changes lanes, even into the vehicle itself. In a bend bodies come near the border of their lanes for a moment.
+
 All of this happens between two steps, so that no driver sees it elsewhere. Left is towards the lanes with the higher
 index, also in left-hand traffic.
 """
@@ -107,6 +110,8 @@ class Shadows:
         for mover in movers if self._seen else ():
             seen = self._seen.get(mover.id)
             if seen and (side := self._wanted(mover, seen)) != self._side[mover.id]:
+                if side and self._is_beside_another(mover, seen, side):
+                    continue
                 self._insert(mover, seen, side)
                 self._side[mover.id] = side
 
@@ -118,6 +123,16 @@ class Shadows:
             return NONE
         edge, _, index = seen.lane.rpartition("_")
         return side if 0 <= int(index) + side < self._lane_number(edge) else NONE
+
+    def _is_beside_another(self, mover: Mover, seen: _Seen, side: int) -> bool:
+        """Whether there is a vehicle abreast of it on the lane on that side."""
+        vehicle, (edge, _, index) = self._sumo.vehicle, seen.lane.rpartition("_")
+        front, length = vehicle.getLanePosition(mover.id), vehicle.getLength(mover.id)
+        for name in self._sumo.lane.getLastStepVehicleIDs(f"{edge}_{int(index) + side}"):
+            its = vehicle.getLanePosition(name)
+            if its > front - length and its - vehicle.getLength(name) < front:
+                return True
+        return False
 
     def _insert(self, mover: Mover, seen: _Seen, side: int) -> None:
         """Insert a vehicle anew, so that its shadow is on this side."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import libsumo
@@ -19,7 +20,7 @@ from platoontraffic.controllers.reactive import ReactiveLeader
 from platoontraffic.lidar import PRESETS
 from platoontraffic.road.network import Network
 from platoontraffic.shipped import networks
-from platoontraffic.sumo.shadows import Shadows
+from platoontraffic.sumo.shadows import Mover, Shadows
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Motion
@@ -241,3 +242,26 @@ def test_without_shadows_a_driver_is_too_late_and_the_lane_that_was_left_stays_t
     monkeypatch.setattr(Shadows, "cast", lambda *_: None)
     assert played([Change(0, 1)], [Driver(1, 10.0, 28.0)], True)[0].gap.min() < 0
     assert played([Change(1, 0)], [Driver(1, 24.0, 25.0)], True)[0].gap[-1] > free.gap[-1] + 10
+
+
+@pytest.mark.parametrize(("index", "lateral", "other"), [(1, -0.2, 0), (0, 0.2, 1)], ids=["right", "left"])
+@pytest.mark.parametrize(("its_front", "casts"), [(102.0, False), (96.0, False), (94.9, True), (105.1, True)])
+def test_a_vehicle_abreast_of_another_one_has_no_shadow_there(index, lateral, other, its_front, casts):
+    """In a bend of a road in Bologna a driver, beside whom a shadow came up, changed lanes into the member itself."""
+    moved: list[str] = []
+    fronts = {"m": 100.0, "other": its_front}
+    vehicle = SimpleNamespace(
+        getLateralLanePosition=lambda _: lateral, getLanePosition=fronts.get, getLength=lambda _: 5.0,
+        moveTo=lambda _, lane, __: moved.append(lane), setLateralLanePosition=lambda *_: None,
+    )  # fmt: skip
+    lane = SimpleNamespace(getLastStepVehicleIDs=lambda name: ("other",) if name == f"a_{other}" else ("m",),
+                           getWidth=lambda _: 3.2)  # fmt: skip
+    edge, types = SimpleNamespace(getLaneNumber=lambda _: 2), SimpleNamespace(setWidth=lambda *_: None)
+    sumo = SimpleNamespace(vehicle=vehicle, lane=lane, edge=edge, vehicletype=types)
+    shadows = Shadows(sumo, SimpleNamespace(left_hand=False, edges={"a": (100.0, 100.0)}), STEP)
+    mover, where = Mover("m", "type", 1.8), {"m": ("a", f"a_{index}")}
+    shadows.observe([mover], where)
+    lateral *= 1.5  # it moves on, 1 m/s
+    shadows.observe([mover], where)
+    shadows.cast([mover])
+    assert bool(moved) == casts
