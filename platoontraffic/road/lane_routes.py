@@ -51,7 +51,7 @@ class _Crossed(NamedTuple):
     """What lane changes cost, compared in this order."""
 
     lanes: int  # that are crossed
-    lacks: float  # room, of all changes [m]
+    lacks: float  # room that is missing, of all changes [m]
     late: int  # lanes, each times the number of the edge on which it is left
 
 

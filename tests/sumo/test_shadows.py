@@ -247,7 +247,7 @@ def test_without_shadows_a_driver_is_too_late_and_the_lane_that_was_left_stays_t
 @pytest.mark.parametrize(("index", "lateral", "other"), [(1, -0.2, 0), (0, 0.2, 1)], ids=["right", "left"])
 @pytest.mark.parametrize(("its_front", "casts"), [(102.0, False), (96.0, False), (94.9, True), (105.1, True)])
 def test_a_vehicle_abreast_of_another_one_has_no_shadow_there(index, lateral, other, its_front, casts):
-    """In a bend of a road in Bologna a driver, beside whom a shadow came up, changed lanes into the member itself."""
+    """In a bend in Bologna a car of SUMO's had a shadow beside it, and changed lanes into the member itself."""
     moved: list[str] = []
     fronts = {"m": 100.0, "other": its_front}
     vehicle = SimpleNamespace(
