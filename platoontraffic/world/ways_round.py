@@ -7,7 +7,8 @@ one it stays for `AFTER_FOLLOWING`. Where a little to the side is enough, it doe
 would hold up a junction.
 
 The way keeps to the lanes of its own direction and to junctions; nothing may be there, nor behind on the side to which
-it goes, as far as a laser looks back. Until it is past, it follows no vehicle: it stops for whatever is in its way.
+it goes, as far as a laser looks back. What drives away ahead of it does not count. Until it is past, it follows no
+vehicle: it stops for whatever is in its way.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import shapely
 from platoontraffic.controllers import BRAKES_FOR
 from platoontraffic.controllers.tracking import AROUND
 from platoontraffic.lidar import ScanBatch
+from platoontraffic.lidar.pose import wrap
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.road.way_round import MOST, Body, Way, blocked_at, blocked_return, way_round, with_later_return
@@ -31,6 +33,7 @@ from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import NOTHING, WINDOW, Fleet, Member, Readings
 from platoontraffic.world.sensing import Measurements
 from platoontraffic.world.standing import STANDS, before_bodies
+from platoontraffic.world.traffic import TrafficSnapshot
 
 AFTER = 5.0  # time that a member has stood before it takes a way [s] ...
 AFTER_FOLLOWING = 120.0  # ... round the vehicle that it has followed: longer than that waits at a light ...
@@ -42,6 +45,7 @@ EVERY_UNDER_WAY, STILL_UNDER_WAY = 0.5, 0.3  # the same two of a member that dri
 NEAR = 25.0  # distance of returns that matter [m]; nothing may be so far behind where it pulls out
 WITHIN_LANE = 1.5  # greatest shift with which the vehicle is still on its lane [m]
 STAYS = 0.6  # shift up to which it stays on its lane with its whole width [m]
+AWAY_BY, AWAY_WITHIN = 0.5, math.radians(45)  # what is ahead, faster [m/s] and headed so nearly alike [rad] drives away
 APART = 0.3  # from the side of the own body at which a strip behind begins and ends [m]
 
 PREDECESSOR = BRAKES_FOR.index("predecessor")
@@ -100,7 +104,8 @@ class WaysRound:
                 continue
             if scans[group] is None:
                 continue
-            returns, behind = _returns(fleet, row, k, scans[group], readings[group] if readings else NOTHING)
+            traffic = seen[group].traffic if seen[group] else None
+            returns, behind = _returns(fleet, row, k, scans[group], traffic, readings[group] if readings else NOTHING)
             station = float(fleet.progress.station[np.searchsorted(fleet.progress.rows, row)])
             name, member = fleet.ids[row], fleet.members[row]
             body = _body(member)
@@ -120,7 +125,7 @@ class WaysRound:
             led = self._under_way[name].led if name in self._under_way else bool(leads[row])
             routes[row], self._under_way[name] = way.route, _UnderWay(way, led, time)
             del self._looks[name]
-            other = seen[group].traffic.surfaces[returns.hits[way.met]] if seen[group] else ""
+            other = traffic.surfaces[returns.hits[way.met]] if traffic else ""
             side = "left" if way.shift > 0 else "right"
             events.append(Noted(row, "goes_round", f"{abs(way.shift):.1f} m to the {side}", other=other))
             leads[row] |= "leads" in member.law.needs
@@ -146,7 +151,8 @@ class WaysRound:
             if scan is None or time < one.at + EVERY_UNDER_WAY - 1e-6:
                 continue
             k = int(np.flatnonzero(fleet.groups[group].rows == row)[0])
-            returns, _ = _returns(fleet, row, k, scan, NOTHING)
+            traffic = sensed.seen[group].traffic if sensed.seen[group] else None
+            returns, _ = _returns(fleet, row, k, scan, traffic, NOTHING)
             station, body = float(fleet.progress.station[np.searchsorted(rows, row)]), _body(fleet.members[row])
             blocked = blocked_return(one.way, station, body, returns.points)
             self._under_way[name] = one._replace(at=time, blocked=blocked)
@@ -229,14 +235,25 @@ class _Returns(NamedTuple):
     hits: np.ndarray  # row in the traffic that each belongs to, (k,)
 
 
-def _returns(fleet: Fleet, row: int, k: int, scan: ScanBatch, readings: Readings) -> tuple[_Returns, np.ndarray]:
-    """Near returns of a member's laser, and those of the one that looks back, from the centre, x forward (k, 2) [m]."""
+def _returns(
+    fleet: Fleet, row: int, k: int, scan: ScanBatch, traffic: TrafficSnapshot | None, readings: Readings
+) -> tuple[_Returns, np.ndarray]:
+    """Near returns of a member's laser, and those of the one that looks back, from the centre, x forward (k, 2) [m].
+
+    traffic: whatever drives away ahead in it is left out; that it does is taken as known, as from a further scan
+    """
     near, hits = _near(scan, k)
+    motion = fleet.motion
+    x, y, heading = (float(values[row]) for values in (motion.x, motion.y, motion.heading))
+    if traffic is not None:
+        alike = np.abs(wrap(traffic.heading - heading)) < AWAY_WITHIN
+        leaves = np.append((traffic.speed > AWAY_BY) & alike, [False, False])  # not what is -1, a wall, or -2
+        stays = ~(leaves[hits] & (near[:, 0] > fleet.model.length[row] / 2))
+        near, hits = near[stays], hits[stays]
     back = [_near(one, k)[0] for name, one in sorted(readings.scans.items()) if name == AROUND]
     behind = back[0] if back else np.empty((0, 2))
-    motion = fleet.motion
-    cos, sin = math.cos(motion.heading[row]), math.sin(motion.heading[row])
-    there = np.array([motion.x[row], motion.y[row]]) + near @ np.array([[cos, sin], [-sin, cos]])
+    cos, sin = math.cos(heading), math.sin(heading)
+    there = np.array([x, y]) + near @ np.array([[cos, sin], [-sin, cos]])
     return _Returns(there, hits), behind
 
 
