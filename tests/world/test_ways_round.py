@@ -19,7 +19,7 @@ from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE
-from tests.support.bench import NO_WALLS, Prescribed, StopLine, drive, platoon
+from tests.support.bench import NO_WALLS, Prescribed, StopLine, constant, drive, platoon
 
 CAR = CARS["car"]
 EYE = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03), noise=Noise())
@@ -105,6 +105,26 @@ def test_it_does_not_stay_where_a_little_to_the_side_is_enough(side):
     log = following(side * 1.4, 45.0)
     assert log.x[-1, 0] > log.x[-1, 1] + 20.0
     assert 0.3 < np.abs(log.y[:, 0]).max() < LITTLE + 0.1
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("side", [1, -1])
+def test_what_drives_away_ahead_is_not_in_the_way(law, side):
+    """As members in a row past a left-turner that waits midway: each stood until the one before it was far away."""
+    (member,) = platoon(
+        {**LAWS, "tracking": replace(LAWS["tracking"], keeps_to="route")}[law],
+        at=(0.0, 0.0, 0.0),
+        leader_eye=EYE,
+        model=CAR,
+    )
+    member = replace(member, route=ROUTE, speed=3.0, single=True, equip="equip")
+    (ahead,) = platoon(constant(2.0), at=(20.0, side * -0.5, 0.0), leader_eye=EYE, model=CAR)
+    ahead = replace(ahead, id="ahead", speed=2.0, single=True)
+    body = box(0.4, side)
+    log = drive([member, ahead], Scene.from_shapely(solids=[body]), 60.0, 0.1, map=Street(6.0))
+    assert (log.speed[log.time > 2.0, 0] > 0.3).all()
+    assert log.x[-1, 0] > PLACE + 30
+    assert shapely.distance(footprints(log), body).min() > 0.1
 
 
 @pytest.mark.parametrize("law", LAWS)
