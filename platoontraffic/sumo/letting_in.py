@@ -15,7 +15,7 @@ from platoontraffic.sumo.client import Client
 
 AFTER = 3.0  # time that a member has stood before it is let in [s]
 LONGEST = 20.0  # time that one vehicle waits for one member [s]
-SEEN_AFTER = 2.0  # time from the begin of the lane change until the vehicle behind sees the member on its lane [s]
+GOES_OVER = 8.0  # longest time from the begin of the lane change until the member is on its lane, where it is seen [s]
 BRAKING = 3.0  # of a vehicle that lets a member in [m/s2]
 LEAST, SPARE = 1.0, 1.0  # distance behind the member's front: at least, and beyond what the lane change needs [m]
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
@@ -27,8 +27,9 @@ class LettingIn:
     def __init__(self, sumo: Client, step: float) -> None:
         self._sumo, self._step = sumo, step
         self._waiting: dict[str, tuple[str, float]] = {}  # the vehicle that waits for each member, and since when [s]
-        # When each of these members last had no room [s], and how far behind its front that vehicle is to stop [m].
-        self._asked: dict[str, tuple[float, float]] = {}
+        # When each of these members last had no room [s], on which lane, and how far behind its front that vehicle is
+        # to stop [m].
+        self._asked: dict[str, tuple[float, str, float]] = {}
         self._has_waited: set[tuple[str, str]] = set()  # vehicles and the members for which they do not wait again
 
     def observe(
@@ -57,16 +58,19 @@ class LettingIn:
                 if not stood or (found := self._first(name, lane, behind, where, held)) is None:
                     continue
                 self._waiting[name] = found, time
-            self._asked[name] = time, behind
+            self._asked[name] = time, lane, behind
         for name, (foe, since) in list(self._waiting.items()):
             if foe not in on_road:
                 self._end(name)
-            elif name not in members or time >= min(since + LONGEST, self._asked[name][0] + SEEN_AFTER):
+                continue
+            asked, lane, behind = self._asked[name]
+            is_over = name not in members or where[name][1] == lane
+            if is_over or time >= min(since + LONGEST, asked + GOES_OVER):
                 vehicle.setSpeed(foe, OWN_DRIVER)
                 self._has_waited.add((foe, name))
                 self._end(name)
             else:
-                self._hold(foe, name, self._asked[name][1])
+                self._hold(foe, name, behind)
 
     def _end(self, name: str) -> None:
         del self._waiting[name], self._asked[name]
