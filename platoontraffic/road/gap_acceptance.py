@@ -18,6 +18,9 @@ BEHIND_MARGIN = 0.3  # between the rear of a vehicle that is let go first and th
 TIME_TO_IMPATIENCE = 300.0  # waiting time at a line until a driver is as impatient as can be [s]: SUMO's default
 # That a vehicle which merges first may demand of the one behind [m/s2]; SUMO's drivers brake by 4.5.
 MERGE_BRAKING = 2.0
+# After so long at a line [s], a driver expects of one in a queue, slower than that [m/s] and so far from the line [m],
+# that it keeps its speed: others are before it.
+WATCHES_QUEUES_AFTER, IN_QUEUE_SPEED, IN_QUEUE_FROM = 10.0, 4.0, 15.0
 # A queue that creeps past for ever leaves no gap. A driver in it lets in a vehicle that has waited for so long [s], if
 # it is slower than that [m/s] and can stop so gently [m/s2], so far before the paths meet [m].
 LET_IN_AFTER, LET_IN_SPEED, LET_IN_BRAKING, LET_IN_ROOM = 20.0, 4.0, 1.5, 1.0

@@ -6,7 +6,17 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from platoontraffic.road.gap_acceptance import STANDING, Foe, Pace, lets_in, margin_after, may_cross
+from platoontraffic.road.gap_acceptance import (
+    IN_QUEUE_FROM,
+    IN_QUEUE_SPEED,
+    STANDING,
+    WATCHES_QUEUES_AFTER,
+    Foe,
+    Pace,
+    lets_in,
+    margin_after,
+    may_cross,
+)
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.conflicts import (
@@ -89,6 +99,8 @@ class RightOfWay:
             foes = [foe for foe in foes if not foe.crossing.swings]
         # Where no lane has priority, it is not known which vehicle came first.
         waited = 0.0 if state in EQUAL else self._waited(line, distance, ego)
+        if waited > WATCHES_QUEUES_AFTER:
+            foes = [self._in_queue(foe) for foe in foes]
         enters = distance + self._conflicts[line].waits if midway else distance
         met, margin = self._met(line, foes, distance, midway), margin_after(waited)
         return self._has_gap_among(met, line, distance, ego, margin, enters, waited)
@@ -158,6 +170,15 @@ class RightOfWay:
         """A vehicle inside the junction, as it drives if it sets out now."""
         pace = Pace(foe.pace.speed, self._now.acceleration[foe.id], foe.crossing.fastest)
         return foe._replace(pace=pace)
+
+    def _in_queue(self, foe: Approach) -> Approach:
+        """A slow vehicle that SUMO drives, far from the line, keeps its speed: it is in a queue.
+
+        A member may have no vehicle before it.
+        """
+        is_slow = STANDING <= foe.pace.speed < IN_QUEUE_SPEED
+        follows = is_slow and foe.to_line > IN_QUEUE_FROM and foe.id not in self.members
+        return foe._replace(pace=Pace(foe.pace.speed)) if follows else foe
 
     # ---- foes
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from platoontraffic.sumo.client import libsumo as sumo
-from platoontraffic.sumo.letting_in import AFTER, BRAKING, LONGEST, SEEN_AFTER, SPARE, LettingIn
+from platoontraffic.sumo.letting_in import AFTER, BRAKING, GOES_OVER, LONGEST, SPARE, LettingIn
 from tests.support.generated import crossroads
 
 pytestmark = pytest.mark.sumo
@@ -59,10 +59,16 @@ def test_the_first_one_that_can_stop_behind_its_front_does_so_in_comfort(column)
 
 def test_it_drives_on_when_the_member_has_begun(column):
     begins = AFTER + 8.0
-    _, speed = column([20.0], begins + SEEN_AFTER + 2.0, begins=begins)
+    _, speed = column([20.0], begins + GOES_OVER + 2.0, begins=begins)
     time = np.arange(1, len(speed) + 1) * STEP
-    assert speed[(time > begins - 1.0) & (time < begins + SEEN_AFTER - STEP)].max() < 0.1
+    assert speed[(time > begins - 1.0) & (time < begins + GOES_OVER - STEP)].max() < 0.1
     assert speed[-1] > 3.0
+
+
+def test_it_does_not_wait_for_a_member_on_its_lane(column):
+    """There SUMO's driver sees it."""
+    _, speed = column([20.0], 8.0, where={"member": ("wc", "wc_1")})
+    assert speed.min() > 8.0
 
 
 def test_it_waits_once_and_not_for_ever(column):

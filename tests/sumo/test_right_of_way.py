@@ -440,6 +440,32 @@ def test_a_queue_that_creeps_past_lets_in_a_member_that_has_waited_for_long(wait
     assert way.may_enter(line, "m", ego._replace(speed=2.0)) or not may  # that is no failure to yield
 
 
+@pytest.mark.parametrize(
+    ("waits", "speed", "to_line", "members", "may"),
+    [
+        (11.0, 2.0, 38.0, set(), True),
+        (9.0, 2.0, 38.0, set(), False),
+        (11.0, 2.0, 38.0, {"c"}, False),
+        (11.0, 4.5, 38.0, set(), False),
+        (11.0, 2.0, 14.0, set(), False),
+    ],
+)
+def test_who_waits_does_not_expect_the_end_of_a_queue_at_full_throttle(waits, speed, to_line, members, may):
+    """A left-turner stood for 74 s before opposed ones, for vehicles that crept up to the end of their queue."""
+    line = Line(100.0, "m", "", 0, "side_0", "main_0", (":a_0",), 18.0)
+    crossing = Crossing("before_0", (":a_1",), (5.0, 13.0), (9.0, 16.0), False, True, np.inf, 10.0)
+    client = SimpleNamespace(
+        lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0),
+        vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 0.0, getWaitingTime=lambda _: waits),
+        simulation=SimpleNamespace(getTime=lambda: 100.0),
+    )
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)})
+    way.members = frozenset(members)
+    way._outside[line], way._first_inside[line] = [], []
+    way._patiently[line] = [Approach("c", crossing, to_line, Pace(speed, 2.6, 13.9))]
+    assert way.may_cross(line, 1.0, Ego("m.0", "side_0", 0.0, CAR.length), state="m") == may
+
+
 @pytest.mark.parametrize(("state", "has_gap"), [("m", False), ("s", True)])
 def test_a_foe_that_comes_to_a_stop_sign_stops_there_first(state, has_gap):
     """36 m before its line it drives 4 m/s: it comes within 12 s, but not if it stops; the member is gone after 7 s."""
