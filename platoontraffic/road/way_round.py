@@ -26,6 +26,7 @@ BESIDE = 0.03  # ... if the way does not come nearer to it by more than this [m]
 KEPT_FREE = 0.2  # a body that is nearer to the path of the own one, on either side, stands in the way [m]
 SPEED = 2.0  # greatest speed on the way [m/s]
 LOCK = 1.1  # least radius of the way [turning radii]
+STRETCHED = 1.0, 1.5, 2.2  # coming back takes so many times longer where it adds up with a bend to more than the lock
 SPACING = 0.25  # of the poses that are checked [m]
 REACH = 8.0  # distance ahead in which a body is looked for that stands in the way [m]
 LONGEST_BODY = 13.0  # ... and how far beyond it is followed [m]
@@ -181,7 +182,7 @@ def with_later_return(
     there = returns[_on_return(way, station, body, returns).any(axis=0)]
     passed, *_ = _extent(_ahead(plan.route, plan.begins, driven + REACH + LONGEST_BODY), body, there)
     length = _aside(_sharpest(_ahead(plan.route, plan.begins + passed, 3 * body.length)), body, way.shift)
-    later = length and _shifted(plan._replace(returns=passed), body, way.shift, length)
+    later = _shifted(plan._replace(returns=passed), body, way.shift, length)
     if not later:
         return None
     left = later.section.distance >= driven
@@ -268,9 +269,12 @@ def _way(
     bend: sharpest of the route there [1/m]
     """
     aside, back = _aside(bend, body, shift - offset), _aside(bend, body, shift)
-    if aside is None or back is None:
-        return None
-    return _shifted(Plan(route, station, offset, aside, max(passed, aside)), body, shift, back)
+    plan = Plan(route, station, offset, aside, max(passed, aside))
+    for longer in STRETCHED:
+        way = _shifted(plan, body, shift, longer * back)
+        if way and _sharpest(way.section) <= max(bend, 1 / body.turning_radius):
+            return way
+    return None
 
 
 def _sharpest(section: _Section) -> float:
@@ -278,12 +282,13 @@ def _sharpest(section: _Section) -> float:
     return float(np.abs(section.curvature).max())
 
 
-def _aside(bend: float, body: Body, shift: float) -> float | None:
-    """The least length of a shift that can be steered everywhere where the route has no sharper bend [m]."""
+def _aside(bend: float, body: Body, shift: float) -> float:
+    """The least length of a shift that can be steered where the route has no sharper bend [m].
+
+    Where it nearly has the vehicle's own, that of a shift beside the bend.
+    """
     least = 1 / (LOCK * body.turning_radius)
-    reserve = least - bend
-    if reserve < least / 4:
-        return None
+    reserve = max(least - bend, least / 4)
     return max(math.sqrt(2 * math.pi * abs(shift) / reserve), SHORTEST * body.length)
 
 

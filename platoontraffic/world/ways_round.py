@@ -7,8 +7,8 @@ one it stays for `AFTER_FOLLOWING`. Where a little to the side is enough, it doe
 would hold up a junction.
 
 The way keeps to the lanes of its own direction and to junctions; nothing may be there, nor behind on the side to which
-it goes, as far as a laser looks back. What drives away ahead of it does not count. Until it is past, it follows no
-vehicle: it stops for whatever is in its way.
+it goes, as far as a laser looks back. What drives away ahead of it, or stands behind, does not count. Until it is past,
+it follows no vehicle: it stops for whatever is in its way.
 """
 
 from __future__ import annotations
@@ -240,7 +240,7 @@ def _returns(
 ) -> tuple[_Returns, np.ndarray]:
     """Near returns of a member's laser, and those of the one that looks back, from the centre, x forward (k, 2) [m].
 
-    traffic: whatever drives away ahead in it is left out; that it does is taken as known, as from a further scan
+    traffic: what drives away ahead, and what stands behind, is left out; that is taken as known, as from a further scan
     """
     near, hits = _near(scan, k)
     motion = fleet.motion
@@ -250,8 +250,12 @@ def _returns(
         leaves = np.append((traffic.speed > AWAY_BY) & alike, [False, False])  # not what is -1, a wall, or -2
         stays = ~(leaves[hits] & (near[:, 0] > fleet.model.length[row] / 2))
         near, hits = near[stays], hits[stays]
-    back = [_near(one, k)[0] for name, one in sorted(readings.scans.items()) if name == AROUND]
-    behind = back[0] if back else np.empty((0, 2))
+    behind = np.empty((0, 2))
+    if AROUND in readings.scans:
+        behind, hits_behind = _near(readings.scans[AROUND], k)
+        if traffic is not None:
+            comes = np.append(np.abs(traffic.speed) > STANDS, [True, True])
+            behind = behind[comes[hits_behind]]
     cos, sin = math.cos(heading), math.sin(heading)
     there = np.array([x, y]) + near @ np.array([[cos, sin], [-sin, cos]])
     return _Returns(there, hits), behind

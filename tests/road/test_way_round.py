@@ -66,6 +66,26 @@ def swept(way, end: float = 2.0) -> shapely.Geometry:
     return shapely.union_all(shapely.polygons(corners(section, BODY)))
 
 
+def turning(after: float, radius: float) -> Route:
+    """From the west, straight to a place beyond the origin [m], and a bend of 20 degrees to the right there [m]."""
+    s = np.linspace(-50.0, 150.0, 4001)
+    heading = -np.clip((s - after) / radius, 0.0, np.radians(20))
+    steps = (s[1] - s[0]) * np.column_stack([np.cos(heading), np.sin(heading)])
+    points = np.vstack([[0.0, 0.0], np.cumsum(steps, axis=0)[:-1]]) - [50.0, 0.0]
+    return Route.along(("road",), points, np.full(len(s), 13.9))
+
+
+@pytest.mark.parametrize("after", [8.0, 18.0])
+def test_there_is_a_way_where_the_road_bends_nearly_as_sharply_as_it_can_steer(after):
+    """In a junction in Bologna, past a bus that waited midway; a platoon stood before it, and the bus for that."""
+    body, route = box(0.3), turning(after, 1.25 * BODY.turning_radius)
+    way = way_round(route, 50.0, (0.0, 0.0, 0.0), BODY, seen(body), anywhere)
+    assert way.shift == pytest.approx(-0.5, abs=0.25)
+    assert swept(way).distance(body) > ways.CLEARANCES[1] - 0.02
+    section = ways._ahead(way.route, 50.0, way.ends - 50.0)
+    assert np.abs(section.curvature).max() < 1.02 / BODY.turning_radius
+
+
 @pytest.mark.parametrize("overlap", [-0.1, 0.1, 0.5, 1.0, 1.4])
 def test_there_is_a_way_past_a_body_that_leaves_room(overlap):
     body = box(overlap)
