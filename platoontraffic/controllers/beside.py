@@ -63,11 +63,12 @@ class Beside(NamedTuple):
     waits: np.ndarray  # time since it stays [s]
     seen_at: np.ndarray  # where its goal has been for `steady_for`; NaN: there was none
     steady_for: np.ndarray  # [s]
+    yields: np.ndarray  # it stops where its predecessor left the lane, for what is beside it, bool
 
     @classmethod
     def none(cls, n: int) -> Beside:
-        nan = np.full(n, np.nan)
-        return cls(nan, nan, nan, nan, nan, Side.unknown(n), np.zeros(n), np.zeros(n), nan, np.zeros(n))
+        nan, no = np.full(n, np.nan), np.zeros(n, dtype=bool)
+        return cls(nan, nan, nan, nan, nan, Side.unknown(n), np.zeros(n), np.zeros(n), nan, np.zeros(n), no)
 
     @property
     def active(self) -> np.ndarray:
@@ -77,7 +78,7 @@ class Beside(NamedTuple):
     @property
     def held(self) -> np.ndarray:
         """It stays on its lane, and its goal is on another one, bool (n,)."""
-        return self.active & np.isnan(self.driven)
+        return self.active & np.isnan(self.driven) | self.yields
 
     def drives(self, route: RouteAhead | None) -> RouteAhead | None:
         """The route, shifted to the lane on which a follower stays, and to its goal where it goes over."""
@@ -168,7 +169,7 @@ def look(beside: Beside, scene: Scene) -> Beside:
     goals, before = Goals(*np.empty((6, n))), Side(*np.empty((5, n)))
     find_goals(given, scene.follows, own, (station, offset), beside, scene.dt, goals, before)
     side, values = _looked(before, scene, goals.base, goals.away, goals.reach), np.empty((9, n))
-    after = Beside(*values[:5], side, *values[5:])
+    after = Beside(*values[:5], side, *values[5:], np.empty(n, dtype=bool))
     change(beside, own, goals, length, speed, scene.age, scene.dt, after)
     return after
 
@@ -176,7 +177,7 @@ def look(beside: Beside, scene: Scene) -> Beside:
 def slowed(
     beside: Beside, length: np.ndarray, speed: np.ndarray, target: np.ndarray, error: np.ndarray, age: float, wanted
 ):
-    """The wanted acceleration, less where a gap must be opened beside what keeps pace [m/s2], (n,).
+    """The wanted acceleration, less where it yields, or a gap must be opened beside what keeps pace [m/s2], (n,).
 
     length, speed : own [m], [m/s]
     target        : speed of the predecessor [m/s]; NaN without one

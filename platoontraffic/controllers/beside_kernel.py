@@ -25,6 +25,7 @@ STANDS = 2.0  # speed of what is behind up to which nothing need be left to it [
 UNTIL_CLEAR = 3.0  # where it no longer looks for room: least time until what is behind would be abreast [s]
 PATIENCE = 4.0  # time that it waits for room beside what keeps pace, before it falls back [s]
 SLOWER, FALLS_BACK, GENTLE = 2.0, 25.0, 1.0  # falls back: slower by [m/s], as far as [m], braking by [m/s2]
+LEAVES, YIELDS_BY = 0.1, 3.5  # a slow follower that leaves its lane by that [m] stops for what is beside it [m/s2]
 
 room_needed = compiled(lane_room.room_needed)
 
@@ -82,6 +83,8 @@ def change(before, own, goals, length, speed, age, dt, after):
         left = abs(own[i] - base) > COMMITTED  # its lane
         no_way = not room and not left and abs(away) > ANOTHER
         begins = not active and speed[i] > BEGINS and no_way
+        leaves = not left and abs(away) > ANOTHER and (own[i] - base) * side.side[i] > LEAVES
+        after.yields[i] = not active and not begins and leaves and not _is_clear(side, i)
         stops = crossing and no_way
         goes = held and after.room_for[i] > SURE - 1e-6
         back = held and abs(away) < IN_LINE
@@ -111,6 +114,9 @@ def slow_down(beside, length, speed, target, error, age, wanted):
     """Change wanted accelerations to those of `beside.slowed`."""
     side = beside.side
     for i in range(len(wanted)):
+        if beside.yields[i]:
+            wanted[i] = np.minimum(wanted[i], -YIELDS_BY)
+            continue
         held = not math.isnan(beside.stays[i]) and math.isnan(beside.driven[i])
         if not (held and beside.waits[i] > PATIENCE and error[i] < FALLS_BACK):
             continue

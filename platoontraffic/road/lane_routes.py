@@ -47,6 +47,20 @@ class Line(NamedTuple):
     aside: float = 0.0  # distance of the lane that is changed to, to the left [m]
 
 
+class Change(NamedTuple):
+    """A lane change on one edge of a route, by indices."""
+
+    edge: int  # of the route
+    lane: int
+    onto: int
+
+    def allows(self, edge: int, lane: int, leaves: int) -> bool:
+        """Whether a vehicle that comes to an edge on a lane may leave it from another one: no change is before this."""
+        if edge == self.edge:
+            return (lane, leaves) == (self.lane, self.onto)
+        return edge > self.edge or lane == leaves
+
+
 class _Crossed(NamedTuple):
     """What lane changes cost, compared in this order."""
 
@@ -80,16 +94,17 @@ def inside(link: Any, net: Any) -> list[Any]:
 
 
 def least_changes(
-    road: Sequence[Any], lane: int, last: int | None, position: float = 0.0, on: int = 0, onto: int | None = None
-) -> list[Any]:  # fmt: skip
+    road: Sequence[Any], lane: int, last: int | None, position: float = 0.0, change: Change | None = None
+) -> list[Any]:
     """The links from each edge to the next that cross the fewest lanes.
 
     Of equal ones, those that change where there is most room, up to `ENOUGH_ROOM`; of these, those that change first.
 
     lane, last : index of the first lane, and of the last one if it can be reached; None: any
-    position   : on an edge, before which its lanes are not changed [m]
-    on, onto   : index of that edge, and of the lane at its end; None: any
+    position   : before which lanes are not changed [m], on the first edge, or on that of the change
+    change     : the first one; None: any
     """
+    on = change.edge if change else 0
     best: dict[int, tuple[_Crossed, list[Any]]] = {lane: (_Crossed(0, 0.0, 0), [])}  # by index of the lane reached
     for i, (here, there) in enumerate(pairwise(road)):
         lacks = max(ENOUGH_ROOM - here.getLength() + (position if i == on else 0.0), 0.0)
@@ -97,7 +112,7 @@ def least_changes(
         for now, (crossed, links) in best.items():
             for link in links_between(here, there):
                 leaves, to = link.getFromLane().getIndex(), link.getToLane().getIndex()
-                if i == on and onto not in (None, leaves):
+                if change and not change.allows(i, now, leaves):
                     continue
                 lanes = abs(leaves - now)
                 cost = _Crossed(crossed.lanes + lanes, crossed.lacks + lacks * lanes, crossed.late + i * lanes)

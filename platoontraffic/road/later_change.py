@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, Line, change_length
+from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, Change, Line, change_length
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.motion import VehicleModel
@@ -29,8 +29,8 @@ def with_later_change(
     """The route with one of its lane changes later by a distance [m], or by less where its lane ends.
 
     longest: greatest length of that change over one lane [m]
-    returns: a route whose stations before the change are those of the given one; None on a loop, where there is no room
-             for it, or where the lanes beyond would be others
+    returns: a route whose stations before the change are those of the given one; None on a loop, or where there is no
+             room for it
     """
     (edge, _, lane), target = change.lane.rpartition("_"), change.onto.rpartition("_")[2]
     width, shape = network.lane_width(edge, int(lane)), network.route_line((edge,), int(lane))
@@ -46,10 +46,9 @@ def with_later_change(
     before, start = (1, junctions[-1].lane.rpartition("_")[2]) if junctions else (0, lane)
     edges = route.edges[len(junctions) - before :]
     position = later - CHANGE_AFTER * width
-    lanes = network.route_lanes(edges, int(start), False, position, before, int(target), longest)
-    onward = Route.along(edges, *lanes).drivable_by(model)
-    if (onward.lines[before].lane, onward.lines[before].onto) != (change.lane, change.onto):
-        return None
+    first = Change(before, int(lane), int(target))
+    onward = Route.along(edges, *network.route_lanes(edges, int(start), False, position, first, longest))
+    onward = onward.drivable_by(model)
     join = min(JOIN * model.length, begin / 2)
     ends = change.station - join, onward.lines[before].station - (later - begin) - join
     return _spliced(route, i, onward, before, *ends, join)

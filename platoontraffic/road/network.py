@@ -19,7 +19,7 @@ from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import kerbs
 from platoontraffic.road import levels
 from platoontraffic.road.fastest_routes import TURNS_BACK, FastestRoutes
-from platoontraffic.road.lane_routes import CHANGING, LaneRoute, Line, inside, least_changes, links_between
+from platoontraffic.road.lane_routes import CHANGING, Change, LaneRoute, Line, inside, least_changes, links_between
 from platoontraffic.road.middle_lines import MiddleLines
 from platoontraffic.road.netconvert import build_net
 from platoontraffic.road.permissions import CAR, is_road, users
@@ -162,14 +162,14 @@ class Network:
         return self.route_lanes(edges, lane, closed)[0]
 
     def route_lanes(
-        self, edges: Sequence[str], lane: int = 0, closed: bool = False, position: float = 0.0, on: int = 0,
-        onto: int | None = None, longest: float = math.inf,
+        self, edges: Sequence[str], lane: int = 0, closed: bool = False, position: float = 0.0,
+        change: Change | None = None, longest: float = math.inf,
     ) -> tuple[np.ndarray, np.ndarray, list[Line]]:  # fmt: skip
         """The centre line of the lanes of a route, across its junctions; a closed one ends where it starts.
 
         lane     : index on the first edge; lanes are changed as rarely as the route allows, near an edge's begin
-        position : on an edge, before which its lanes are not changed: where driving starts [m]
-        on, onto : index of that edge, and of the lane at its end; None: any
+        position : before which lanes are not changed [m], on the first edge, where driving starts, or on the change's
+        change   : the first one; None: any
         longest  : greatest length of a change over one lane of that edge [m]
         returns  : points (k, 2) [m]; speed limit from each point on (k,) [m/s]; stop lines and lane changes
         raises   : InputError where there is no such route
@@ -182,7 +182,8 @@ class Network:
         self._check_lane(road[0], lane)
         first, route = lane, LaneRoute(self._net)
         lap = [*road, road[0]] if closed else road
-        links = least_changes(lap, lane, lane if closed else None, position, on, onto)
+        links = least_changes(lap, lane, lane if closed else None, position, change)
+        on = change.edge if change else 0
         for i, (here, link) in enumerate(zip(lap, links, strict=False)):
             route.cross(here.getLane(lane), link, *((position, longest) if i == on else (0.0,)))
             lane = link.getToLane().getIndex()

@@ -32,7 +32,7 @@ ZIPPER = "Z"  # in the order of arrival
 GAP_HORIZON = 3.6  # a gap is judged from this time before the line on, at the fastest foe's speed [s]
 APART = 0.8  # distance of two paths at which vehicles pass each other with a margin [lane widths]: 2.6 m in streets
 TOUCHES = 0.5  # distance of a front bumper's middle from a path at which a vehicle there would touch it [lane widths]
-SWUNG = 0.65  # the same of vehicles side by side [lane widths]: 2.1 m
+SWUNG = 0.2  # distance of a front corner from a car beside at which it is in that one's way [m]
 SAMPLED = 0.08  # distance of the points at which paths are compared [lane widths]: 0.25 m
 SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at a car's full lock]
 ABOUT = 15.0  # distance before and beyond a junction from which a car's path through it is rounded [m]
@@ -126,7 +126,7 @@ def _swung_over(
     """The crossings of paths to other lanes of the edge beyond, over which the front of a car swings out."""
     edge, _, index = line.onto.rpartition("_")
     others = [f"{edge}_{k}" for k in range(sumo.edge.getLaneNumber(edge)) if k != int(index)]
-    stations, front = _front(line, own, sumo) if others else (None, None)
+    stations, corners = _front(line, own, sumo) if others else (None, None)
     found: dict[str, Crossing] = {}
     for onto in others:
         inside = [name for name, _ in network.upstream(onto, sumo.lane.getLength(onto) + 1e-3)[1:] if name[0] == ":"]
@@ -136,20 +136,19 @@ def _swung_over(
                 if link[LINK_ONTO] != onto or not via or via[0] in met or not set(via).isdisjoint(line.via):
                     continue
                 there, points = _sampled(_path(via, onto, sumo), SAMPLED * width)
-                away = np.hypot(*(front[:, None] - points[None]).transpose(2, 0, 1))
-                if (away > SWUNG * width).all():
+                away = np.hypot(*(corners[:, :, None] - points).transpose(3, 0, 1, 2)).min(axis=0)
+                near = away < CAR.width / 2 + SWUNG
+                if not near.any():
                     continue
-                near = away < APART * width
                 mine, its = stations[near.any(axis=1)][[0, -1]], there[near.any(axis=0)][[0, -1]]
                 fastest = min(map(sumo.lane.getMaxSpeed, via))
                 ranges = (float(mine[0]), float(mine[1])), (float(its[0]), float(its[1]))
-                touches = float(stations[(away <= SWUNG * width).any(axis=1)][0])
-                found[via[0]] = Crossing(before, via, *ranges, False, True, math.inf, fastest, touches, True)
+                found[via[0]] = Crossing(before, via, *ranges, False, True, math.inf, fastest, ranges[0][0], True)
     return found
 
 
 def _front(line: Line, own: np.ndarray, sumo: Client) -> tuple[np.ndarray, np.ndarray]:
-    """The path of a car's front bumper, its middle, through a junction: stations from the line (k,) [m], points (k, 2).
+    """The paths of a car's front corners through a junction: stations from the line (k,) [m], points (2, k, 2) [m].
 
     Its driven axle is on the line that it can drive, as members' are.
     """
@@ -164,7 +163,9 @@ def _front(line: Line, own: np.ndarray, sumo: Client) -> tuple[np.ndarray, np.nd
     driven = np.arange(0.0, route.length, SAMPLED * sumo.lane.getWidth(line.lane))
     axle, ahead = route.line.at(driven), CAR.length / 2 - CAR.axle
     along = np.gradient(axle, axis=0)
-    return driven - route.lines[0].station + ahead, axle + ahead * along / np.hypot(*along.T)[:, None]
+    along /= np.hypot(*along.T)[:, None]
+    aside = CAR.width / 2 * np.column_stack([-along[:, 1], along[:, 0]])
+    return driven - route.lines[0].station + ahead, axle + ahead * along + [aside, -aside]
 
 
 def _walks(own: np.ndarray, inner: set[str], width: float, sumo: Client):

@@ -95,7 +95,7 @@ class RightOfWay:
         if state in ZIPPER:  # the nearer one goes first, and one that stands inside may set out at any time
             foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
             foes = [foe if foe.to_line > 0 else self._setting_out(foe) for foe in foes]
-        if self._conflicts[line].swings and self._now.waited[ego.id] >= SWINGS_OUT_AFTER:
+        if self._conflicts[line].swings and self._waited(line, distance, ego) >= SWINGS_OUT_AFTER:
             foes = [foe for foe in foes if not foe.crossing.swings]
         # Where no lane has priority, it is not known which vehicle came first.
         waited = 0.0 if state in EQUAL else self._waited(line, distance, ego)

@@ -55,9 +55,15 @@ class RoomToChange:
             stop = distance + (k + COMMITTED) * share
             half = distance + (k + 0.5) * share
             if stop > 0 and (queue or not self._is_room(one, distance, half, ego)):
-                self.wanted[ego.id] = one.onto, ego.length + room_needed(ego.length, 0.0, 0.0) - half
+                self._want(one.onto, half, ego)
                 return stop
+        if distance < 0 and ego.lane != line.onto:  # it goes over: vehicles there wait until it has done so
+            self._want(line.onto, max(distance + 0.5 * line.across, 0.0), ego)
         return np.inf
+
+    def _want(self, lane: str, half: float, ego: Ego) -> None:
+        """half: distance after which half of the member is over there [m]"""
+        self.wanted[ego.id] = lane, ego.length + room_needed(ego.length, 0.0, 0.0) - half
 
     def is_beside(self, line: Line, ego: Ego) -> bool:
         """Whether a slow vehicle that is not yet on its lane has another one there with its rear beside the own front.

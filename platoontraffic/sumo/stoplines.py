@@ -299,8 +299,8 @@ class StopLines:
     def _has_room(self, line: Line, ego: Ego) -> bool:
         """Whether a vehicle can leave a junction with cross traffic before it stands behind the queue beyond it.
 
-        Where it may wait midway, there must be room for it: no other vehicle stands there. To SUMO it may be there
-        itself, a little over the line.
+        Vehicles inside, from everywhere, join that queue first. Where it may wait midway, there must be room for it: no
+        other vehicle stands there. To SUMO it may be there itself, a little over the line.
         """
         now, length, size = self._now, ego.length, ego.size
         inside = [[name for name in now.on_lane[via] if name != ego.id] for via in line.via]
@@ -310,10 +310,12 @@ class StopLines:
                 return False
         onto = now.on_lane[line.onto]  # the last one first
         last = next((k for k in range(len(onto)) if self._queues(onto, k, line, size)), None)
-        if last is None or not any(map(self._sumo.lane.getInternalFoes, line.via)):
+        crossings = self._conflicts[line].crossings.values()
+        if last is None or not crossings:
             return True
         left = now.position[onto[last]] - now.length[onto[last]]
-        before = [*onto[:last], *chain.from_iterable(inside)]
+        merging = (one.via for one in crossings if one.merges)
+        before = [*onto[:last], *chain(*inside, *(now.on_lane[via] for via in chain.from_iterable(merging)))]
         taken = sum(now.length[name] + QUEUE_GAP * size for name in before)
         return left > taken + length + OWN_GAP * size
 

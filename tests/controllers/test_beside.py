@@ -48,7 +48,7 @@ def road(bend: float, begin: float, aside=0.0) -> Route:
 
 
 def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: float = 0.0, seed: int = 0,
-          lasts: float = LASTS, leaves: float = LEAVES) -> Log:  # fmt: skip
+          lasts: float = LASTS, leaves: float = LEAVES, speed: float = SPEED) -> Log:  # fmt: skip
     """A leader that changes lanes to the left (1), the right (-1) or not (0), its follower, and a car on the left lane.
 
     other: where that car begins, ahead of the follower [m], and its speed above the follower's [m/s]; it goes over to
@@ -56,26 +56,27 @@ def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: flo
     bend : curvature of the road [1/m]
     lasts: the leader's lane change [s]
     leaves: when the other car begins to go over to the third lane [s]
+    speed : of the leader [m/s]
     """
     members = platoon(
-        PathLeader(speed=SPEED), FOLLOWER, 1, distance=FOLLOWER.desired_distance(SPEED), model=CAR,
-        leader_eye=UNSEEING, eye=EYE, speed=SPEED, odometry=ODOMETRY["car"],
+        PathLeader(speed=speed), FOLLOWER, 1, distance=FOLLOWER.desired_distance(speed), model=CAR,
+        leader_eye=UNSEEING, eye=EYE, speed=speed, odometry=ODOMETRY["car"],
     )  # fmt: skip
-    start, begin = members[0].pose[0], members[0].pose[0] + SPEED * BENDS
+    start, begin = members[0].pose[0], members[0].pose[0] + speed * BENDS
 
     def over(place: float) -> np.ndarray:
         """Aside of a road on which a lane change begins at a place on the x axis [m]."""
-        share = np.clip((np.arange(-500.0, 900.0) + begin - place) / (SPEED * lasts), 0.0, 1.0)
+        share = np.clip((np.arange(-500.0, 900.0) + begin - place) / (speed * lasts), 0.0, 1.0)
         return LANE * (1 - np.cos(math.pi * share)) / 2
 
-    members[0] = replace(members[0], route=road(bend, begin, side * over(start + SPEED * BEGINS)))
+    members[0] = replace(members[0], route=road(bend, begin, side * over(start + speed * BEGINS)))
     members[1] = replace(members[1], further_lidars=(SIGHT,), route=road(bend, begin))
     if other:
         ahead, faster = other
-        x, speed = members[1].pose[0] + ahead, SPEED + faster
+        x, its = members[1].pose[0] + ahead, speed + faster
         members.append(
-            Member("other.0", "other", 0, CAR, UNSEEING, PathLeader(speed=speed), "", 0, 0.0, (x, LANE, 0.0),
-                   speed=speed, route=road(bend, begin, LANE + over(x + speed * leaves)))
+            Member("other.0", "other", 0, CAR, UNSEEING, PathLeader(speed=its), "", 0, 0.0, (x, LANE, 0.0),
+                   speed=its, route=road(bend, begin, LANE + over(x + its * leaves)))
         )  # fmt: skip
     return drive(members, NO_WALLS, 24.0, DT, seed=seed, ground=lambda: StopLine(DT))
 
@@ -142,6 +143,21 @@ def test_it_waits_for_a_car_that_comes_from_behind(seed):
     passed = log.x[:, 2] - CAR.length > log.x[:, 1]
     assert np.abs(aside(log)[~passed]).max() < 0.3
     assert aside(log)[-1] == pytest.approx(aside(log, 0)[-1], abs=0.3)  # then it goes over as well
+
+
+@pytest.mark.parametrize("faster", [0.0, 1.0, 4.0])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_in_a_street_it_stops_beside_what_is_abreast_where_its_predecessor_left_the_lane(side, faster):
+    """As slowly as that it does not stay on its lane for long; it drove into the car beside it at 5 m/s."""
+    speed, lasts = 5.0, 6.0
+    ahead = -faster * (BEGINS + 0.5 * lasts)
+    log, alone = (scene(side, one, lasts=lasts, leaves=60.0, speed=speed) for one in ((ahead, faster), None))
+    if side > 0:
+        assert clearance(log, 1, 2) > 0.5
+        assert log.speed[:, 1].min() < 1.0
+        assert log.x[-1, 1] > log.x[0, 1] + 40.0  # and goes on when that has passed
+    else:  # it is on the other side
+        np.testing.assert_allclose(aside(log), aside(alone), atol=0.05)
 
 
 def test_it_does_not_wait_for_a_car_that_falls_behind():

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from platoontraffic.road.lane_routes import ENOUGH_ROOM, least_changes
+from platoontraffic.road.lane_routes import ENOUGH_ROOM, Change, least_changes
 
 
 class Edge(SimpleNamespace):
@@ -42,6 +42,6 @@ def test_lanes_are_changed_first_where_there_is_room(lengths, position, changes_
     assert [link.getFromLane().getIndex() for link in links].index(0) == changes_on
 
 
-def test_a_change_that_is_wanted_is_made_where_it_is_wanted():
-    links = least_changes(road(200.0, 200.0, 200.0), 1, None, 0.0, 0, 1)
-    assert [link.getFromLane().getIndex() for link in links] == [1, 0]
+def test_a_change_that_is_wanted_is_made_where_it_is_wanted_and_none_before():
+    links = least_changes(road(200.0, 200.0, 200.0, 200.0), 1, None, 0.0, Change(1, 1, 0))
+    assert [link.getFromLane().getIndex() for link in links] == [1, 0, 0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shapely.geometry import LineString
 
 from platoontraffic import shipped
 from platoontraffic.road.lane_routes import CHANGING, Line
@@ -52,6 +53,19 @@ def test_a_change_is_later_and_the_rest_of_the_route_stays(name, by):
     onto = [(line.lane, line.onto, line.state) for line in route.lines]
     assert [(line.lane, line.onto, line.state) for line in later.lines] == onto
     assert set(later.limit) == set(route.limit)
+
+
+def test_a_change_is_later_also_where_the_edge_before_has_more_room_for_it():
+    """No later change was found there, so members stopped where theirs began, while others drove by for ever."""
+    network, edges = network_of("highway"), ("e0_e1", "e1_e2", "e2_e_exit")
+    late = LineString(network.route_line(edges[:1])).length - 20.0
+    route = Route.along(edges, *network.route_lanes(edges, 1, position=late)).drivable_by(CAR)
+    i, change = next((i, line) for i, line in enumerate(route.lines) if line.state == CHANGING)
+    assert change.lane.startswith("e1_e2")
+    for by in (16.0, change.to_end - 90.0):
+        later = with_later_change(route, change, by, network, CAR)
+        assert later.lines[i].station == pytest.approx(change.station + by, abs=0.3)
+        assert later.lines[i][4:6] == change[4:6]
 
 
 @pytest.mark.parametrize("by", [5.0, 16.0, 20.0])

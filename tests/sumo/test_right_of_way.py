@@ -537,11 +537,28 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(monkeypat
     assert state.distance == pytest.approx(stops_at - over)
 
 
+def crossed(via: str, merges: bool = False) -> Crossing:
+    return Crossing("side_0", (via,), (3.0, 12.0), (4.0, 16.0), merges, True, np.inf, 10.0)
+
+
+@pytest.mark.parametrize("merges", [True, False])
+def test_room_behind_a_junction_is_left_to_those_inside_that_drive_to_the_same_lane(merges):
+    """There is room for one more. In a jammed junction a member drove up to them, and stood in everybody's way."""
+    line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._conflicts = {line: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges)})}
+    on_lane = {":a_0": [], ":b_0": ["inside"], "next_0": ["last"]}
+    values = {name: dict.fromkeys(("last", "inside"), value) for name, value in (("speed", 0.0), ("length", 5.0))}
+    lines._now = SimpleNamespace(on_lane=on_lane, position={"last": 16.0, "inside": 8.0}, **values)
+    assert lines._has_room(line, Ego("m.0", "road_0", 0.0, CAR.length)) == (not merges)
+
+
 @pytest.mark.parametrize(("inside", "has_room"), [("m.0", True), ("c", False)])
 def test_a_member_finds_room_at_the_place_midway_where_sumo_takes_it_to_be_there_itself(inside, has_room):
     """It stands at its line, which SUMO places a little before. It waited for itself, for ever."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace(lane=SimpleNamespace(getInternalFoes=lambda _: (":a_3",))))
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._conflicts = {line: SimpleNamespace(crossings={":b_0": crossed(":b_0")})}
     on_lane = {":a_0": [inside], ":a_2": [], "next_0": []}
     lines._now = SimpleNamespace(on_lane=on_lane, position={inside: 0.2}, speed={inside: 0.0}, length={inside: 5.0})
     assert lines._has_room(line, Ego("m.0", ":a_0", 0.0, CAR.length)) == has_room
@@ -562,7 +579,8 @@ def test_a_member_finds_room_at_the_place_midway_where_sumo_takes_it_to_be_there
 def test_a_vehicle_that_leaves_the_bend_slowly_is_no_queue(speeds, places, has_room):
     """Each follower stood until its predecessor was round the bend: 8 s each, where SUMO's own cars take 3 s."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace(lane=SimpleNamespace(getInternalFoes=lambda _: (":a_3",))))
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._conflicts = {line: SimpleNamespace(crossings={":b_0": crossed(":b_0")})}
     names = [f"c{k}" for k in range(len(speeds))]
     speed, position = (dict(zip(names, values, strict=True)) for values in (speeds, places))
     on_lane, length = {":a_0": [], "next_0": names}, dict.fromkeys(names, 5.0)
@@ -605,7 +623,7 @@ def test_a_member_that_waits_midway_lets_those_pass_that_pass_closely_before_its
 
 
 @pytest.mark.sumo
-@pytest.mark.parametrize(("turn", "swings"), [(30.0, False), (90.0, False), (120.0, True)])
+@pytest.mark.parametrize(("turn", "swings"), [(30.0, False), (90.0, False), (120.0, False), (160.0, True)])
 def test_a_sharp_turn_on_the_inner_lane_waits_for_vehicles_that_its_front_would_swing_over(tmp_path, turn, swings):
     network = Network.read(corner(tmp_path, turn))
     libsumo.start(["sumo", "-n", str(network.path), "--no-step-log", "--no-warnings"])
@@ -616,3 +634,20 @@ def test_a_sharp_turn_on_the_inner_lane_waits_for_vehicles_that_its_front_would_
             assert [(one.before, one.first) for one in crossings if one.swings] == expected
     finally:
         libsumo.close()
+
+
+@pytest.mark.parametrize(("waited", "goes"), [(2.0, False), (6.0, True)])
+def test_a_front_that_has_begun_to_swing_out_after_a_stand_does_not_stop_again(monkeypatch, waited, goes):
+    """SUMO's waiting time is 0 as soon as it moves: it drove one metre, and then stood for 5 s more."""
+    line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    crossing = Crossing("side_0", (":a_1",), (3.0, 12.0), (4.0, 16.0), False, True, np.inf, 10.0, 3.0, swings=True)
+    client = SimpleNamespace(
+        lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0),
+        vehicle=SimpleNamespace(getLength=lambda _: 5.0, getWaitingTime=lambda _: 0.0),
+    )
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0, swings=True)
+    way = RightOfWay(client, Reads(client), {line: conflicts})
+    monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [Approach("c", crossing, 20.0, Pace(8.0))])
+    monkeypatch.setattr(RightOfWay, "_inside", lambda *_, first: [])
+    monkeypatch.setattr(RightOfWay, "_waited", lambda *_: waited)
+    assert way.may_cross(line, -0.5, Ego("m.0", ":a_0", 0.8, CAR.length)) == goes
