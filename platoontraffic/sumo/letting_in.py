@@ -12,10 +12,12 @@ import math
 from collections.abc import Mapping, Set
 
 from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.room_to_change import Wanted
 
 AFTER = 3.0  # time that a member has stood before it is let in [s]
-LONGEST = 20.0  # time that one vehicle waits for one member [s]
-GOES_OVER = 8.0  # longest time from the begin of the lane change until the member is on its lane, where it is seen [s]
+LONGEST = 20.0  # time that one vehicle waits for one member to begin its lane change [s]
+GOES_OVER = 30.0  # longest time from then on until the member is on its lane, where it is seen [s]
+GIVEN_UP = 1.0  # a member that has not wanted room for so long does not change lanes any more [s]
 BRAKING = 3.0  # of a vehicle that lets a member in [m/s2]
 LEAST, SPARE = 1.0, 1.0  # distance behind the member's front: at least, and beyond what the lane change needs [m]
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
@@ -26,15 +28,13 @@ class LettingIn:
 
     def __init__(self, sumo: Client, step: float) -> None:
         self._sumo, self._step = sumo, step
-        self._waiting: dict[str, tuple[str, float]] = {}  # the vehicle that waits for each member, and since when [s]
-        # When each of these members last had no room [s], on which lane, and how far behind its front that vehicle is
-        # to stop [m].
-        self._asked: dict[str, tuple[float, str, float]] = {}
+        self.waiting: dict[str, tuple[str, float]] = {}  # the vehicle that waits for each member, and until when [s]
+        self._asked: dict[str, tuple[float, Wanted]] = {}  # when each of these members last wanted room [s], and which
         self._has_waited: set[tuple[str, str]] = set()  # vehicles and the members for which they do not wait again
 
     def observe(
         self,
-        room_wanted: Mapping[str, tuple[str, float]],
+        room_wanted: Mapping[str, Wanted],
         where: Mapping[str, tuple[str, str]],
         held: Set[str] = frozenset(),
     ) -> None:
@@ -44,49 +44,50 @@ class LettingIn:
         where        : edge and lane of each member
         held         : vehicles in SUMO that are obstacles
         """
-        if not room_wanted and not self._waiting:
+        if not room_wanted and not self.waiting:
             return
         time, vehicle = self._sumo.simulation.getTime(), self._sumo.vehicle
         on_road = set(vehicle.getIDList())
         members = on_road & where.keys()
-        for name, (lane, behind) in room_wanted.items():
+        for name, wanted in room_wanted.items():
             if name not in members:
                 continue
-            behind = max(behind + SPARE, LEAST)
-            if name not in self._waiting:
+            wanted = wanted._replace(behind=max(wanted.behind + SPARE, LEAST))
+            if name not in self.waiting:
                 stood = vehicle.getWaitingTime(name) >= AFTER - 1e-6
-                if not stood or (found := self._first(name, lane, behind, where, held)) is None:
+                found = self._first(name, wanted, where, held) if stood else None
+                if found is None:
                     continue
-                self._waiting[name] = found, time
-            self._asked[name] = time, lane, behind
-        for name, (foe, since) in list(self._waiting.items()):
+                self.waiting[name] = found, time + (GOES_OVER if wanted.begun else LONGEST)
+            elif wanted.begun and not self._asked[name][1].begun:
+                self.waiting[name] = self.waiting[name][0], time + GOES_OVER
+            self._asked[name] = time, wanted
+        for name, (foe, until) in list(self.waiting.items()):
             if foe not in on_road:
                 self._end(name)
                 continue
-            asked, lane, behind = self._asked[name]
-            is_over = name not in members or where[name][1] == lane
-            if is_over or time >= min(since + LONGEST, asked + GOES_OVER):
+            asked, wanted = self._asked[name]
+            is_over = name not in members or where[name][1] == wanted.lane
+            if is_over or time >= min(until, asked + GIVEN_UP):
                 vehicle.setSpeed(foe, OWN_DRIVER)
                 self._has_waited.add((foe, name))
                 self._end(name)
             else:
-                self._hold(foe, name, behind)
+                self._hold(foe, name, wanted.behind)
 
     def _end(self, name: str) -> None:
-        del self._waiting[name], self._asked[name]
+        del self.waiting[name], self._asked[name]
 
-    def _first(
-        self, name: str, lane: str, behind: float, where: Mapping[str, tuple[str, str]], held: Set[str]
-    ) -> str | None:
+    def _first(self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]], held: Set[str]) -> str | None:
         """The first vehicle on a lane that can stop at a distance behind a member's front."""
         lane_length, vehicle, own = self._sumo.lane.getLength, self._sumo.vehicle, where[name][1]
-        if own.rpartition("_")[0] != lane.rpartition("_")[0]:
+        if own.rpartition("_")[0] != wanted.lane.rpartition("_")[0]:
             return None
-        front = vehicle.getLanePosition(name) + lane_length(lane) - lane_length(own)
-        for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(lane)):
+        front = vehicle.getLanePosition(name) + lane_length(wanted.lane) - lane_length(own)
+        for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
             stops = vehicle.getLanePosition(foe) + vehicle.getSpeed(foe) ** 2 / (2 * BRAKING)
             drives = foe not in where and foe not in held
-            if drives and stops <= front - behind and (foe, name) not in self._has_waited:
+            if drives and stops <= front - wanted.behind and (foe, name) not in self._has_waited:
                 return foe
         return None
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,20 +25,27 @@ QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to
 OWN_GAP = 4.0  # that a member of a car's length leaves in a queue [m]
 
 
+class Wanted(NamedTuple):
+    """Room for a lane change, as a member wants it."""
+
+    lane: str
+    behind: float  # distance behind the member's front at which a vehicle there must stand to leave it [m]
+    begun: bool  # it is going over, and is not on that lane yet
+
+
 class RoomToChange:
     """Judges whether there is room for a lane change.
 
-    now: SUMO's values at this instant
+    now   : SUMO's values at this instant
+    let_in: members for which a vehicle waits now
     """
 
-    def __init__(self, network: Network, now: Reads) -> None:
-        self._network, self._now = network, now
+    def __init__(self, network: Network, now: Reads, let_in: Container[str] = ()) -> None:
+        self._network, self._now, self._let_in = network, now, let_in
         self._adjacent: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
         self.members: frozenset[str] = frozenset()  # their ids
-        # Of each member without room for its lane change, begun or not: the lane on which it wants room, and how far
-        # behind its front a vehicle there must stand to leave it [m].
-        self.wanted: dict[str, tuple[str, float]] = {}
+        self.wanted: dict[str, Wanted] = {}  # by each member that has no room for its lane change, or is going over
 
     def may_change(self, line: Line, distance: float, ego: Ego) -> float:
         """Distance at which a vehicle must stop because there is no room on a lane that it crosses or changes to [m].
@@ -45,25 +53,27 @@ class RoomToChange:
         distance : to the begin of the lane change; negative: it has begun [m]
         returns  : to where it still is on the lane before; inf: there is room, or it is on all those lanes already
 
-        A queue ahead leaves no room to begin: it would stand across both lanes. It is waited for, but not for ever.
+        A queue ahead leaves no room to begin: it would stand across both lanes. It is waited for, but not for ever, and
+        not while it is let in.
         """
         crossed = _crossed(line)
         share = line.across / len(crossed)
-        patient = self._now.waited[ego.id] < QUEUE_PATIENCE
+        patient = self._now.waited[ego.id] < QUEUE_PATIENCE and ego.id not in self._let_in
         queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
         for k, one in enumerate(crossed):
             stop = distance + (k + COMMITTED) * share
             half = distance + (k + 0.5) * share
             if stop > 0 and (queue or not self._is_room(one, distance, half, ego)):
-                self._want(one.onto, half, ego)
+                self._want(one.onto, half, ego, begun=distance < 0)
                 return stop
-        if distance < 0 and ego.lane != line.onto:  # it goes over: vehicles there wait until it has done so
-            self._want(line.onto, max(distance + 0.5 * line.across, 0.0), ego)
+        if distance < 0 and ego.lane != line.onto:
+            self._want(line.onto, max(distance + 0.5 * line.across, 0.0), ego, begun=True)
         return np.inf
 
-    def _want(self, lane: str, half: float, ego: Ego) -> None:
+    def _want(self, lane: str, half: float, ego: Ego, *, begun: bool) -> None:
         """half: distance after which half of the member is over there [m]"""
-        self.wanted[ego.id] = lane, ego.length + room_needed(ego.length, 0.0, 0.0) - half
+        behind = ego.length + room_needed(ego.length, 0.0, 0.0) - half
+        self.wanted[ego.id] = Wanted(lane, behind, begun)
 
     def is_beside(self, line: Line, ego: Ego) -> bool:
         """Whether a slow vehicle that is not yet on its lane has another one there with its rear beside the own front.

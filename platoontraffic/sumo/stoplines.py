@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -31,7 +31,7 @@ from platoontraffic.sumo.conflicts import (
 from platoontraffic.sumo.ego import EARLY_BRAKING, Ego
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import RightOfWay
-from platoontraffic.sumo.room_to_change import OWN_GAP, QUEUE_SPEED, RoomToChange
+from platoontraffic.sumo.room_to_change import OWN_GAP, QUEUE_SPEED, RoomToChange, Wanted
 from platoontraffic.world import ground
 from platoontraffic.world.fleet import WINDOW, Fleet, Member
 from platoontraffic.world.ground import Entry
@@ -65,13 +65,14 @@ NO_LINE = LineState(np.inf, True, False, False, 0)
 class StopLines:
     """Judges stop lines by the vehicles that SUMO has about them."""
 
-    def __init__(self, network: Network, sumo: Client) -> None:
+    def __init__(self, network: Network, sumo: Client, let_in: Container[str] = ()) -> None:
+        """let_in: as of `RoomToChange`"""
         self._network, self._sumo = network, sumo
         self._now = Reads(sumo)
         self._conflicts = Once(lambda line: Conflicts.at(line, network, sumo))
         self._at_junction = Once(lambda line: line._replace(station=0.0))  # one for all routes over it
         self._way = RightOfWay(sumo, self._now, self._conflicts)
-        self._change = RoomToChange(network, self._now)
+        self._change = RoomToChange(network, self._now, let_in)
         self._fleet: tuple[Member, ...] = ()  # at the last look
         self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet
         # The lane change that each member cannot begin now, and whether the vehicles in its way pass it soon.
@@ -79,7 +80,7 @@ class StopLines:
         self._later: dict[tuple[Route, Line, float, float], Route | None] = {}  # with a later or shorter lane change
 
     @property
-    def room_wanted(self) -> Mapping[str, tuple[str, float]]:
+    def room_wanted(self) -> Mapping[str, Wanted]:
         """`RoomToChange.wanted`."""
         return self._change.wanted
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from platoontraffic.sumo.client import libsumo as sumo
-from platoontraffic.sumo.letting_in import AFTER, BRAKING, GOES_OVER, LONGEST, SPARE, LettingIn
+from platoontraffic.sumo.letting_in import AFTER, BRAKING, GIVEN_UP, GOES_OVER, LONGEST, SPARE, LettingIn
+from platoontraffic.sumo.room_to_change import Wanted
 from tests.support.generated import crossroads
 
 pytestmark = pytest.mark.sumo
@@ -20,7 +21,7 @@ def column(tmp_path):
     """Cars on the lane beside a member that stands: their fronts [m] and speeds [m/s] in every step, (steps, cars)."""
     net = crossroads(tmp_path)
 
-    def run(starts, seconds, *, begins=np.inf, where=MEMBER, held=frozenset()):
+    def run(starts, seconds, *, begins=np.inf, gives_up=np.inf, where=MEMBER, held=frozenset()):
         sumo.start(["sumo", "-n", str(net), "--step-length", str(STEP), "--no-step-log", "--no-warnings",
                     "--time-to-teleport", "-1"])  # fmt: skip
         try:
@@ -35,7 +36,8 @@ def column(tmp_path):
             sumo.vehicle.moveTo("member", "wc_0", FRONT)
             letting_in, seen = LettingIn(sumo, STEP), []
             for k in range(round(seconds / STEP)):
-                letting_in.observe({"member": ("wc_1", BEHIND - SPARE)} if k * STEP < begins else {}, where, held)
+                wanted = {"member": Wanted("wc_1", BEHIND - SPARE, k * STEP >= begins)} if k * STEP < gives_up else {}
+                letting_in.observe(wanted, where, held)
                 sumo.simulationStep()
                 cars = [f"c{n}" for n in range(len(starts))]
                 here = [sumo.vehicle.getPosition(car)[0] - sumo.vehicle.getPosition("member")[0] for car in cars]
@@ -57,11 +59,18 @@ def test_the_first_one_that_can_stop_behind_its_front_does_so_in_comfort(column)
     assert (np.diff(speed, axis=0) / STEP).min() > -BRAKING - 0.3
 
 
-def test_it_drives_on_when_the_member_has_begun(column):
-    begins = AFTER + 8.0
+def test_it_waits_until_the_member_that_has_begun_is_over_but_not_for_ever(column):
+    begins = AFTER + LONGEST - 2.0
     _, speed = column([20.0], begins + GOES_OVER + 2.0, begins=begins)
     time = np.arange(1, len(speed) + 1) * STEP
     assert speed[(time > begins - 1.0) & (time < begins + GOES_OVER - STEP)].max() < 0.1
+    assert speed[-1] > 3.0
+
+
+def test_it_drives_on_when_the_member_has_given_up(column):
+    gives_up = AFTER + 8.0
+    _, speed = column([20.0], gives_up + GIVEN_UP + 2.0, gives_up=gives_up)
+    assert speed[round(gives_up / STEP)] < 0.1
     assert speed[-1] > 3.0
 
 

@@ -38,7 +38,7 @@ def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
     change.wanted.clear()
     assert change.may_change(line, -15.0, ego) == np.inf  # it is on that lane, and the next one is free
     # It is not on the last one yet: vehicles there stop behind its rear.
-    assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 2.5 - 25.0))}
+    assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 2.5 - 25.0), True)}
     change.wanted.clear()
     assert change.may_change(line, -15.0, ego._replace(lane="road_2")) == np.inf
     assert not change.wanted
@@ -70,7 +70,7 @@ def test_a_lane_change_is_judged_by_the_first_vehicle_behind_since_the_others_fo
     places["road_1"].pop()
     now.renew()
     assert change.may_change(line, 5.0, ego) < np.inf
-    assert change.wanted == {"m.0": ("road_1", pytest.approx(5.0 + 2.5 - (5.0 + 8.0)))}
+    assert change.wanted == {"m.0": ("road_1", pytest.approx(5.0 + 2.5 - (5.0 + 8.0)), False)}
     places["road_1"].clear()
     now.renew()
     change.wanted.clear()
