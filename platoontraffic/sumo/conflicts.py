@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -65,6 +65,13 @@ class Walk(NamedTuple):
     apart: float  # distance from those at which a person does not matter [m]
 
 
+class Sampled(NamedTuple):
+    """Points of a line at equal distances."""
+
+    stations: np.ndarray  # (k,) [m]
+    points: np.ndarray  # (k, 2) [m]
+
+
 class Conflicts(NamedTuple):
     """What a stop line must be judged by; constant during a run."""
 
@@ -83,6 +90,7 @@ class Conflicts(NamedTuple):
         # SUMO names the lane of each link with priority, once a link.
         foes = Counter(name for name in lane.getFoes(line.lane, line.onto) if not name.startswith(":"))
         own, width = _path(line.via, line.onto, sumo), lane.getWidth(line.lane)
+        sampled = _sampled(own, SAMPLED * width)
         crossings: dict[str, Crossing] = {}
         inner = {name for via in line.via for name in lane.getInternalFoes(via)} - set(line.via)
         unregulated = not network.unregulated.isdisjoint(line.via)  # SUMO knows no foes there
@@ -97,24 +105,25 @@ class Conflicts(NamedTuple):
                 if inner.isdisjoint(via) or (before == line.lane and via == line.via):
                     continue
                 merges = link[LINK_ONTO] == line.onto
-                its = _path(via, link[LINK_ONTO], sumo)
-                met = _met(own, its, APART * width, SAMPLED * width)
+                its = _sampled(_path(via, link[LINK_ONTO], sumo), SAMPLED * width)
+                away = _apart(sampled, its)
+                met = _met(sampled, its, away < APART * width)
                 if met is None:
                     continue
-                closer = _met(own, its, TOUCHES * width, SAMPLED * width)
+                closer = _met(sampled, its, away < TOUCHES * width)
                 touches = closer[0][0] if closer else math.inf
                 waits = lane.getLength(via[0]) if len(via) > 1 else math.inf
                 fastest = min(map(lane.getMaxSpeed, via))
                 is_first = unregulated or before in foes
                 crossings[via[0]] = Crossing(before, via, *met, merges, is_first, waits, fastest, touches)
-        bend = _curvature(own, width)
+        bend = _curvature(sampled)
         found = _swung_over(line, own, width, crossings, network, sumo) if bend > SHARP / CAR.turning_radius else {}
         crossings |= found
         entering = sorted({crossing.before for crossing in crossings.values() if crossing.first})
         fastest = max(map(lane.getMaxSpeed, entering), default=0.0)
         watched = fastest * (SLOWEST.time_for(line.across + CAR_LENGTH) + FIRST_MARGIN)
         upstream = dict(one for name in reversed(entering) for one in network.upstream(name, watched))
-        walks = tuple(_walks(own, inner, width, sumo))
+        walks = tuple(_walks(sampled, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
         reach = GAP_HORIZON * max(fastest, lane.getMaxSpeed(line.lane) if walks else 0.0)
         return cls(tuple(upstream.items()), crossings, walks, waits, reach, bend, unregulated, bool(found))
@@ -126,29 +135,27 @@ def _swung_over(
     """The crossings of paths to other lanes of the edge beyond, over which the front of a car swings out."""
     edge, _, index = line.onto.rpartition("_")
     others = [f"{edge}_{k}" for k in range(sumo.edge.getLaneNumber(edge)) if k != int(index)]
-    stations, corners = _front(line, own, sumo) if others else (None, None)
+    corners = _front(line, own, sumo) if others else ()
     found: dict[str, Crossing] = {}
     for onto in others:
-        inside = [name for name, _ in network.upstream(onto, sumo.lane.getLength(onto) + 1e-3)[1:] if name[0] == ":"]
-        for before in sorted({network.entered_from[name] for name in inside} - {line.lane}):
+        inside = {name for name, _ in network.upstream(onto, sumo.lane.getLength(onto) + 1e-3)}
+        for before in sorted({network.entered_from[name] for name in inside & network.entered_from.keys()} - {line.lane}):
             for link in sumo.lane.getLinks(before):
                 via = _chain(link[LINK_VIA], sumo)
                 if link[LINK_ONTO] != onto or not via or via[0] in met or not set(via).isdisjoint(line.via):
                     continue
-                there, points = _sampled(_path(via, onto, sumo), SAMPLED * width)
-                away = np.hypot(*(corners[:, :, None] - points).transpose(3, 0, 1, 2)).min(axis=0)
-                near = away < CAR.width / 2 + SWUNG
-                if not near.any():
+                its = _sampled(_path(via, onto, sumo), SAMPLED * width)
+                away = np.minimum(*(_apart(corner, its) for corner in corners))
+                swung = _met(corners[0], its, away < CAR.width / 2 + SWUNG)
+                if swung is None:
                     continue
-                mine, its = stations[near.any(axis=1)][[0, -1]], there[near.any(axis=0)][[0, -1]]
                 fastest = min(map(sumo.lane.getMaxSpeed, via))
-                ranges = (float(mine[0]), float(mine[1])), (float(its[0]), float(its[1]))
-                found[via[0]] = Crossing(before, via, *ranges, False, True, math.inf, fastest, ranges[0][0], True)
+                found[via[0]] = Crossing(before, via, *swung, False, True, math.inf, fastest, swung[0][0], True)
     return found
 
 
-def _front(line: Line, own: np.ndarray, sumo: Client) -> tuple[np.ndarray, np.ndarray]:
-    """The paths of a car's front corners through a junction: stations from the line (k,) [m], points (2, k, 2) [m].
+def _front(line: Line, own: np.ndarray, sumo: Client) -> tuple[Sampled, Sampled]:
+    """The paths of a car's front corners through a junction, by stations of its front from the line.
 
     Its driven axle is on the line that it can drive, as members' are.
     """
@@ -165,18 +172,19 @@ def _front(line: Line, own: np.ndarray, sumo: Client) -> tuple[np.ndarray, np.nd
     along = np.gradient(axle, axis=0)
     along /= np.hypot(*along.T)[:, None]
     aside = CAR.width / 2 * np.column_stack([-along[:, 1], along[:, 0]])
-    return driven - route.lines[0].station + ahead, axle + ahead * along + [aside, -aside]
+    stations, front = driven - route.lines[0].station + ahead, axle + ahead * along
+    return Sampled(stations, front + aside), Sampled(stations, front - aside)
 
 
-def _walks(own: np.ndarray, inner: set[str], width: float, sumo: Client):
+def _walks(own: Sampled, inner: set[str], width: float, sumo: Client) -> Iterator[Walk]:
     for name in sorted(inner):
         edge = name.rpartition("_")[0]
         if "_c" not in edge or "pedestrian" not in sumo.lane.getAllowed(name):
             continue
-        met = _met(own, np.array(sumo.lane.getShape(name)), APART * width, SAMPLED * width)
+        walk = _sampled(np.array(sumo.lane.getShape(name)), SAMPLED * width)
+        met = _met(own, walk, _apart(own, walk) < APART * width)
         if met is not None:
-            stations, points = _sampled(own, SAMPLED * width)
-            there = points[(stations >= met[0][0]) & (stations <= met[0][1])]
+            there = own.points[(own.stations >= met[0][0]) & (own.stations <= met[0][1])]
             yield Walk(edge, met[0], there, APART * width)
 
 
@@ -195,29 +203,29 @@ def _stations(line: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
 
 
-def _sampled(line: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Stations (k,) [m] and points (k, 2) of a line."""
+def _sampled(line: np.ndarray, step: float) -> Sampled:
     stations = _stations(line)
     there = np.linspace(0.0, stations[-1], max(math.ceil(stations[-1] / step), 1) + 1)
-    return there, np.column_stack([np.interp(there, stations, line[:, k]) for k in (0, 1)])
+    return Sampled(there, np.column_stack([np.interp(there, stations, line[:, k]) for k in (0, 1)]))
 
 
-def _met(
-    one: np.ndarray, other: np.ndarray, apart: float, step: float
-) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Where two lines are nearer to each other than `apart` [m]: first and last station of each; None: nowhere."""
-    (s, p), (t, q) = _sampled(one, step), _sampled(other, step)
-    near = np.hypot(p[:, None, 0] - q[None, :, 0], p[:, None, 1] - q[None, :, 1]) < apart
+def _apart(one: Sampled, other: Sampled) -> np.ndarray:
+    """Distances of all points of two lines (k, l) [m]."""
+    (x, y), (its_x, its_y) = one.points.T, other.points.T
+    return np.hypot(x[:, None] - its_x, y[:, None] - its_y)
+
+
+def _met(one: Sampled, other: Sampled, near: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """First and last station of each of two lines where they are near each other, bool (k, l); None: nowhere."""
     if not near.any():
         return None
-    mine, its = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
-    return (float(s[mine[0]]), float(s[mine[-1]])), (float(t[its[0]]), float(t[its[-1]]))
+    mine, its = one.stations[near.any(axis=1)], other.stations[near.any(axis=0)]
+    return (float(mine[0]), float(mine[-1])), (float(its[0]), float(its[-1]))
 
 
-def _curvature(line: np.ndarray, width: float) -> float:
+def _curvature(line: Sampled) -> float:
     """Greatest curvature of a line over one lane width each way [1/m]."""
-    _, points = _sampled(line, SAMPLED * width)
-    half = round(1 / SAMPLED)
+    points, half = line.points, round(1 / SAMPLED)
     if len(points) < 2 * half + 1:
         return 0.0
     one, two = points[half:-half] - points[: -2 * half], points[2 * half :] - points[half:-half]

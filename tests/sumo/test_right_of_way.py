@@ -22,7 +22,7 @@ from platoontraffic.road.lane_routes import CHANGING, SHORTEST_CHANGE, Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
-from platoontraffic.sumo.conflicts import LINK_VIA, Conflicts, Crossing
+from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Reads
 from platoontraffic.sumo.right_of_way import Approach, RightOfWay
@@ -36,7 +36,7 @@ from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
 from tests.support import ODD_NETS
 from tests.support.bench import NO_WALLS
-from tests.support.generated import corner
+from tests.support.generated import corner, generated
 
 NETS = ODD_NETS
 STEP = 0.1
@@ -651,3 +651,20 @@ def test_a_front_that_has_begun_to_swing_out_after_a_stand_does_not_stop_again(m
     monkeypatch.setattr(RightOfWay, "_inside", lambda *_, first: [])
     monkeypatch.setattr(RightOfWay, "_waited", lambda *_: waited)
     assert way.may_cross(line, -0.5, Ego("m.0", ":a_0", 0.8, CAR.length)) == goes
+
+
+@pytest.mark.sumo
+def test_a_sharp_turn_beside_a_footpath(generated_nets):
+    """A run ended with a KeyError where the lane beside is one for people."""
+    sidewalks = "--sidewalks.guess", "--crossings.guess", "--default.sidewalk-width=2"
+    network = Network.read(generated(generated_nets, "spider", "priority", 2, *sidewalks))
+    libsumo.start(["sumo", "-n", str(network.path), "--no-step-log", "--no-warnings"])
+    try:
+        lanes = [name for name in libsumo.lane.getIDList() if name[0] != ":" and "_0" not in name]
+        lines = [
+            Line(0.0, link[LINK_STATE], "", 0, name, link[LINK_ONTO], (link[LINK_VIA],), 10.0)
+            for name in lanes for link in libsumo.lane.getLinks(name) if link[LINK_VIA]
+        ]  # fmt: skip
+        assert any(Conflicts.at(line, network, libsumo).walks for line in lines)
+    finally:
+        libsumo.close()
