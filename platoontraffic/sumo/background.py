@@ -19,6 +19,7 @@ from platoontraffic.world.traffic import TrafficSnapshot
 PERSON = "person."  # prefix of pedestrians' ids in snapshots: SUMO allows a person and a vehicle of one name
 RECHECK_AFTER = 0.5  # period after which distant vehicles are measured again [s]
 BRIDGE = 30.0  # distance from a crossing of two levels within which vehicles on the other road are left out [m]
+AT_BRIDGE = 150.0  # distance from it within which members count [m]
 PERSON_SIZE = 1.0  # bound of half a pedestrian's length or width [m]
 
 compiled = compiler(__file__)
@@ -31,13 +32,15 @@ class Background:
     position until then. The list of the remaining vehicles is in SUMO's order, by id, and is kept up to date with the
     vehicles that enter and leave the simulation.
 
-    A vehicle on a bridge over a member's route, or below one, is left out: the world of lasers and contacts is flat.
+    A vehicle on a bridge over a member's road, or below one, is left out: the world of lasers and contacts is flat.
+    Where members are on both roads, near that place, it is left in.
     """
 
     def __init__(self, sumo: Client, network: Network) -> None:
         self._sumo, self._network = sumo, network
         self._bridges: dict[str, list[tuple[str, float, float]]] = {}  # the roads that cross each road, and where [m]
-        self._crossing: list[tuple[str, float, float]] = []  # those of the members' routes
+        self._crossing: list[tuple[str, str]] = []  # roads of the members' routes, and others that cross them
+        self._places = np.empty((0, 2))  # where they do [m]
         self._crossing_for: tuple[Member, ...] = ()
         # Length, width [m] by vehicle.
         self._sizes = Once(lambda name: (sumo.vehicle.getLength(name), sumo.vehicle.getWidth(name)))
@@ -81,21 +84,32 @@ class Background:
         return TrafficSnapshot(time, tuple(names), x, y, heading, speed, length, width)
 
     def _on_their_level(self, fleet: Fleet, vehicles: TrafficSnapshot) -> TrafficSnapshot:
-        """Without vehicles near a place where their road crosses a member's route on another level."""
+        """Without vehicles near a place where their road crosses that of a member near it on another level."""
         if fleet.members is not self._crossing_for:
             edges = {edge for member in fleet.members if member.route for edge in member.route.edges}
             if new := sorted(edges - self._bridges.keys()):
                 self._bridges |= self._network.crossed_without_junction(new)
-            # Where members drive on both levels, all are left in.
-            self._crossing = [one for edge in sorted(edges) for one in self._bridges[edge] if one[0] not in edges]
+            crossings = [(edge, *one) for edge in sorted(edges) for one in self._bridges[edge]]
+            self._crossing = [roads for *roads, _, _ in crossings]
+            self._places = np.array([place for _, _, *place in crossings]).reshape(-1, 2)
             self._crossing_for = fleet.members
         if not self._crossing:
             return vehicles
-        stays = np.ones(len(vehicles.ids), bool)
-        for road, x, y in self._crossing:
+        own, stays = fleet.motion, np.ones(len(vehicles.ids), bool)
+        far = _farther(self._places, own.x, own.y, np.full(len(self._places), AT_BRIDGE))
+        for k in np.flatnonzero(~far).tolist():
+            (road, other), (x, y) = self._crossing[k], self._places[k]
+            near = np.flatnonzero(np.hypot(own.x - x, own.y - y) < AT_BRIDGE).tolist()
+            if {road} != set().union(*(self._levels(fleet.members[i], road, other) for i in near)):
+                continue
             for i in np.flatnonzero(np.hypot(vehicles.x - x, vehicles.y - y) < BRIDGE).tolist():
-                stays[i] &= self._sumo.vehicle.getRoadID(vehicles.ids[i]) != road
+                stays[i] &= self._sumo.vehicle.getRoadID(vehicles.ids[i]) != other
         return vehicles if stays.all() else self.read(list(compress(vehicles.ids, stays)), vehicles.time)
+
+    def _levels(self, member: Member, *roads: str) -> set[str]:
+        """Those of two roads that a member drives on; where its route takes both, the one on which it is."""
+        driven = {*roads} & {*(member.route.edges if member.route else ())}
+        return driven if len(driven) < len(roads) else {*roads} & {self._sumo.vehicle.getRoadID(member.id)}
 
     def stepped(self, time: float) -> None:
         """To be called after every step of SUMO's: the vehicles on the road may be others. time: SUMO's clock [s]"""

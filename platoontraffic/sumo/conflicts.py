@@ -139,7 +139,9 @@ def _swung_over(
     found: dict[str, Crossing] = {}
     for onto in others:
         inside = {name for name, _ in network.upstream(onto, sumo.lane.getLength(onto) + 1e-3)}
-        for before in sorted({network.entered_from[name] for name in inside & network.entered_from.keys()} - {line.lane}):
+        for before in sorted(
+            {network.entered_from[name] for name in inside & network.entered_from.keys()} - {line.lane}
+        ):
             for link in sumo.lane.getLinks(before):
                 via = _chain(link[LINK_VIA], sumo)
                 if link[LINK_ONTO] != onto or not via or via[0] in met or not set(via).isdisjoint(line.via):

@@ -55,9 +55,10 @@ class LettingGo:
         for name, row in blocked.items():
             if time - self._since[name] < AFTER - 1e-6:
                 continue
-            body = shapely.polygons(_box(fleet, row).corners())[0]
-            for foe in self._waiting(where[name][1], where):
-                if name not in self._ignored.get(foe, ()) and self._passes(foe, body):
+            waiting = [foe for foe in self._waiting(where[name][1], where) if name not in self._ignored.get(foe, ())]
+            body = shapely.polygons(_box(fleet, row).corners())[0] if waiting else None
+            for foe in waiting:
+                if self._passes(foe, body):
                     self._ignore(foe, {*self._ignored.get(foe, ()), name})
 
     def _end(self, blocked: Set[str]) -> None:

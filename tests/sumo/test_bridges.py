@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -48,3 +49,21 @@ def test_a_member_does_not_stop_for_a_vehicle_on_the_bridge(bridge, tmp_path):
     _, x, _, speed = track(seen)
     assert x[-1] > 250
     assert speed.min() > 9.0
+
+
+@pytest.mark.parametrize(("begins", "sees"), [(190.0, True), (10.0, False)])
+def test_vehicles_on_both_levels_are_seen_only_where_members_are_on_both(bridge, tmp_path, begins, sees):
+    """In a city some member drives on every road. In an open one a platoon on a bridge met the motorway's cars."""
+    members = [
+        deployed(bridge, ("under",), 60.0, 0, 10.0, EYE),
+        replace(deployed(bridge, ("over",), begins, 0, 0.0, EYE), id="other.0", platoon="other"),
+    ]
+
+    def ground() -> Staged:
+        return Staged(bridge, tmp_path / "words.log", lambda: insert("c", ("over",), 202.0, 0.0))
+
+    setting = Setting(members, NO_WALLS, STEP, steps=30, ground=ground, whole_traffic_every=1)
+    with Simulation(setting) as simulation:
+        seen = [now.traffic for now in simulation if now.step and len(now.fleet) == 2]
+    assert seen
+    assert all(("c" in traffic.ids) == sees for traffic in seen)
