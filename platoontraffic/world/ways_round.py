@@ -46,7 +46,7 @@ NEAR = 25.0  # distance of returns that matter [m]; nothing may be so far behind
 WITHIN_LANE = 1.5  # greatest shift with which the vehicle is still on its lane [m]
 STAYS = 0.6  # shift up to which it stays on its lane with its whole width [m]
 AWAY_BY, AWAY_WITHIN = 0.5, math.radians(45)  # what is ahead, faster [m/s] and headed so nearly alike [rad] drives away
-APART = 0.3  # from the side of the own body at which a strip behind begins and ends [m]
+APART, BESIDE = 0.3, 0.8  # from the side of the own body, and of the shifted one, between which a strip behind lies [m]
 
 PREDECESSOR = BRAKES_FOR.index("predecessor")
 
@@ -211,7 +211,7 @@ class WaysRound:
             if abs(shift) > STAYS:
                 ahead, aside = behind.T
                 aside = math.copysign(1.0, shift) * aside - body.width / 2
-                there = (aside > APART) & (aside < abs(shift) + APART)
+                there = (aside > APART) & (aside < abs(shift) + BESIDE)
                 if (there & (ahead < -body.length / 2) & (ahead > -body.length / 2 - NEAR)).any():
                     return False
             points = shapely.points(corners.reshape(-1, 2))

@@ -14,11 +14,11 @@ from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, Mount, Noise, Scene
 from platoontraffic.road.route import Route
-from platoontraffic.road.way_round import MOST, SPEED
+from platoontraffic.road.way_round import MOST, SPEED, Body
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world.traffic import TrafficSnapshot
-from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE
+from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE, WaysRound
 from tests.support.bench import NO_WALLS, Prescribed, StopLine, constant, drive, platoon
 
 CAR = CARS["car"]
@@ -146,6 +146,16 @@ def test_it_stands_where_there_is_no_room(law):
     log = driven(law, body, half=CAR.width / 2 + 0.6, seconds=30.0)
     assert log.speed[-1, 0] < 0.01
     assert shapely.distance(footprints(log), body).min() > 0.5
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("beside", "behind", "waits"), [(0.5, 15.0, True), (1.0, 15.0, False), (0.5, 30.0, False)])
+def test_it_waits_for_what_comes_from_behind_and_would_pass_closely(side, beside, behind, waits):
+    """A few centimetres of a car's front were in the strip, between two beams: it was touched at 10 m/s in Bologna."""
+    shift, body = side * 1.2, Body(*(float(getattr(CAR, key)) for key in Body._fields))
+    comes = np.array([[-CAR.length / 2 - behind, side * (CAR.width / 2 + 1.2 + beside)]])
+    may_use = WaysRound(Street(6.0))._may_use(("road",), body, comes)
+    assert may_use(shift, np.array([[[0.0, 0.0], [2.0, 1.0]]])) == (not waits)
 
 
 def test_without_a_map_it_stands():
