@@ -40,6 +40,8 @@ SETS_OUT_AFTER = 1.5  # a vehicle whose turn it is at an all-way stop sets out w
 NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
 SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the paths of others all the same [s]
 STOPS_BY = 4.5  # hardest braking with which a vehicle comes to a stop sign [m/s2]: that of SUMO's cars
+LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
+LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
 AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
 
 
@@ -72,6 +74,8 @@ class RightOfWay:
         self._standing: dict[tuple[str, str], tuple[float, float]] = {}
         self._stood: dict[str, tuple[str, float]] = {}  # the line's lane at which each has stood, and since when [s]
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
+        # Members that were asked to let another one in: at the end of which lane, since when, and when last [s].
+        self._asked: dict[str, tuple[str, float, float]] = {}
         self.members: frozenset[str] = frozenset()  # their ids
 
     def renew(self) -> None:
@@ -140,7 +144,7 @@ class RightOfWay:
         distance, enters: from the front bumper to the line, and to the line or where it waits midway [m]
         waited          : time since it first stood at the line [s]
         """
-        pace = self.pace(line, ego)
+        pace, asked = self.pace(line, ego), []
         for one in foes:
             crossing = one.crossing
             foe = Foe(
@@ -154,9 +158,30 @@ class RightOfWay:
                 crossing.fastest,
                 crossing.merges,
             )
-            if not may_cross(foe, pace, ego.length, margin) and not lets_in(foe, waited):
+            if may_cross(foe, pace, ego.length, margin):
+                continue
+            if not lets_in(foe, waited):
                 return False
-        return True
+            if one.id in self.members:
+                asked.append(one)
+        return all([self._stands_for_another(one) for one in asked])
+
+    def _stands_for_another(self, one: Approach) -> bool:
+        """Ask a member that comes in a queue to let the vehicle in; whether it stands at its line by now."""
+        if not 0 < one.to_line < AT_LINE * scale(self._now.length[one.id]):
+            return False
+        time = self._sumo.simulation.getTime()
+        _, since, last = self._asked.get(one.id, ("", time, time))
+        since = since if time - last < LETS_IN_FOR else time
+        self._asked[one.id] = one.crossing.before, since, time
+        return self._now.speed[one.id] < STANDING and time - since < LETS_IN_LONGEST
+
+    def is_asked(self, name: str, lane: str) -> bool:
+        """Whether a member has been asked to stop at the line of its lane, and to let another one in."""
+        if name not in self._asked:
+            return False
+        (before, since, last), time = self._asked[name], self._sumo.simulation.getTime()
+        return before == lane and time - last < LETS_IN_FOR and time - since < LETS_IN_LONGEST
 
     def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
         """The foes that are met after, or before, the place where the vehicle may wait midway."""

@@ -261,6 +261,8 @@ class StopLines:
             return LineState(distance, False, minor, yellow, STOP_SIGN)
         if state not in PRIORITY and not self._way.has_way(line, state, distance, ego):
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
+        if near and self._way.is_asked(ego.id, line.lane):
+            return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
         if state in PRIORITY and near and conflicts.swings and not self._way.may_cross(line, distance, ego):
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
         if not self._is_free_of_people(line, distance, ego):

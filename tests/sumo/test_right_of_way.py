@@ -25,7 +25,7 @@ from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Reads
-from platoontraffic.sumo.right_of_way import Approach, RightOfWay
+from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
 from platoontraffic.sumo.room_to_change import RoomToChange
 from platoontraffic.sumo.stoplines import StopLines
 from platoontraffic.sumo.world import World
@@ -438,6 +438,47 @@ def test_a_queue_that_creeps_past_lets_in_a_member_that_has_waited_for_long(wait
     ego = Ego("m.0", "side_0", 0.0, CAR.length)
     assert way.may_cross(line, 1.0, ego, state="m") == may
     assert way.may_enter(line, "m", ego._replace(speed=2.0)) or not may  # that is no failure to yield
+
+
+def test_a_member_in_a_queue_is_asked_to_let_another_one_in_and_counted_on_when_it_stands():
+    """It did not know that it was counted on: in Bologna members that turned onto the same road touched each other."""
+    line = Line(100.0, "m", "", 0, "side_0", "main_0", (":a_0",), 10.0)
+    crossing = Crossing("before_0", (":a_1",), (3.0, 10.0), (3.0, 10.0), True, True, np.inf, 10.0)
+    now = SimpleNamespace(time=100.0, speed=2.0)
+    client = SimpleNamespace(
+        lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0),
+        vehicle=SimpleNamespace(
+            getLength=lambda _: 5.0, getSpeed=lambda name: now.speed if name == "m.1" else 0.0,
+            getWaitingTime=lambda _: 30.0,
+        ),
+        simulation=SimpleNamespace(getTime=lambda: now.time),
+    )  # fmt: skip
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)})
+    way.members = {"m.0", "m.1"}
+    ego = Ego("m.0", "side_0", 0.0, CAR.length)
+
+    def may_cross(to_line: float, *others: Approach) -> bool:
+        way.renew()
+        way._now.renew()
+        way._outside[line] = way._first_inside[line] = []
+        way._patiently[line] = [Approach("m.1", crossing, to_line, Pace(now.speed, 2.6, 13.9)), *others]
+        return way.may_cross(line, 1.0, ego, state="m")
+
+    assert not may_cross(3.0, Approach("c", crossing, 20.0, Pace(10.0)))
+    assert not way.is_asked("m.1", "before_0")  # it would stop for nothing: another vehicle is in the way
+    assert not may_cross(8.0)
+    assert not way.is_asked("m.1", "before_0")  # not at its line yet
+    assert not may_cross(3.0)
+    assert way.is_asked("m.1", "before_0")
+    assert not way.is_asked("m.1", "elsewhere_0")
+    now.speed, now.time = 0.0, 103.0
+    assert may_cross(1.0)
+    now.time = 100.0 + LETS_IN_LONGEST + 0.1
+    assert not way.is_asked("m.1", "before_0")  # it does not wait for ever
+    now.time = 130.0
+    assert may_cross(1.0)
+    now.time += LETS_IN_FOR + 0.1
+    assert not way.is_asked("m.1", "before_0")
 
 
 @pytest.mark.parametrize(
