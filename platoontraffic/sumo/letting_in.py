@@ -47,10 +47,8 @@ class LettingIn:
         if not room_wanted and not self.waiting:
             return
         time, vehicle = self._sumo.simulation.getTime(), self._sumo.vehicle
-        on_road = set(vehicle.getIDList())
-        members = on_road & where.keys()
         for name, wanted in room_wanted.items():
-            if name not in members:
+            if name not in where:
                 continue
             wanted = wanted._replace(behind=max(wanted.behind + SPARE, LEAST))
             if name not in self.waiting:
@@ -63,17 +61,23 @@ class LettingIn:
                 self.waiting[name] = self.waiting[name][0], time + GOES_OVER
             self._asked[name] = time, wanted
         for name, (foe, until) in list(self.waiting.items()):
-            if foe not in on_road:
+            if not self._is_on_road(foe):
                 self._end(name)
                 continue
             asked, wanted = self._asked[name]
-            is_over = name not in members or where[name][1] == wanted.lane
+            is_over = name not in where or where[name][1] == wanted.lane
             if is_over or time >= min(until, asked + GIVEN_UP):
                 vehicle.setSpeed(foe, OWN_DRIVER)
                 self._has_waited.add((foe, name))
                 self._end(name)
             else:
                 self._hold(foe, name, wanted.behind)
+
+    def _is_on_road(self, vehicle: str) -> bool:
+        try:
+            return bool(self._sumo.vehicle.getRoadID(vehicle))
+        except self._sumo.TraCIException:  # it has left the simulation
+            return False
 
     def _end(self, name: str) -> None:
         del self.waiting[name], self._asked[name]
