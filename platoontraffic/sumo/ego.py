@@ -12,6 +12,7 @@ from platoontraffic.vehicles.motion import scale
 from platoontraffic.world.fleet import Member
 
 EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
+AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
 
 
@@ -45,6 +46,11 @@ class Ego(NamedTuple):
     def checks_from(self) -> float:
         """Distance before a line at which it must know whether the line is open [m]."""
         return self.speed**2 / (2 * EARLY_BRAKING) + self.length
+
+    @property
+    def stops_within(self) -> float:
+        """Distance of a line before which it stops at once, in comfort [m]."""
+        return self.speed**2 / (2 * EARLY_BRAKING) + AT_ONCE * self.size
 
     def pace(self, conflicts: Conflicts, limit: float) -> Pace:
         """How it drives through a junction with a speed limit [m/s]."""

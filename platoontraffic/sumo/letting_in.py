@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Set
 
+from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.room_to_change import Wanted
 
@@ -96,7 +97,7 @@ class LettingIn:
         return None
 
     def _hold(self, foe: str, name: str, behind: float) -> None:
-        """Give a vehicle a speed from which it stops behind a member's rear, or nearer where it cannot."""
+        """Let a vehicle stop behind a member's rear, or nearer where it cannot; it does not follow the member then."""
         vehicle = self._sumo.vehicle
         (x, y), (its_x, its_y) = vehicle.getPosition(name), vehicle.getPosition(foe)
         course = math.radians(90 - vehicle.getAngle(foe))
@@ -104,7 +105,7 @@ class LettingIn:
         speed, length = vehicle.getSpeed(foe), vehicle.getLength(name)
         room = ahead - max(length, behind)
         if room < speed**2 / (2 * BRAKING):
-            room = ahead - behind
+            room = ahead - behind if speed > STANDING else 0.0
         # The speed from which it stops within the room, after the coming step.
         fastest = BRAKING * (math.sqrt(self._step**2 + 2 * max(room, 0.0) / BRAKING) - self._step)
         gentlest = max(speed - BRAKING * self._step, 0.0)

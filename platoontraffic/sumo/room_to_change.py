@@ -51,7 +51,9 @@ class RoomToChange:
         """Distance at which a vehicle must stop because there is no room on a lane that it crosses or changes to [m].
 
         distance : to the begin of the lane change; negative: it has begun [m]
-        returns  : to where it still is on the lane before; inf: there is room, or it is on all those lanes already
+        returns  : to where it still is on the lane before, but at once where it has begun to go over to the next one,
+                   for the less it has done so, the better others pass it; inf: there is room, or it is on all those
+                   lanes already
 
         A queue ahead leaves no room to begin: it would stand across both lanes. It is waited for, but not for ever, and
         not while it is let in.
@@ -65,7 +67,7 @@ class RoomToChange:
             half = distance + (k + 0.5) * share
             if stop > 0 and (queue or not self._is_room(one, distance, half, ego)):
                 self._want(one.onto, half, ego, begun=distance < 0)
-                return stop
+                return min(stop, ego.stops_within) if distance + k * share < 0 else stop
         if distance < 0 and ego.lane != line.onto:
             self._want(line.onto, max(distance + 0.5 * line.across, 0.0), ego, begun=True)
         return np.inf

@@ -28,7 +28,7 @@ from platoontraffic.sumo.conflicts import (
     Conflicts,
     Crossing,
 )
-from platoontraffic.sumo.ego import EARLY_BRAKING, Ego
+from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, Ego
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import RightOfWay
 from platoontraffic.sumo.room_to_change import OWN_GAP, QUEUE_SPEED, RoomToChange, Wanted
@@ -40,7 +40,6 @@ BRAKES_FOR_LINE = BRAKES_FOR.index("line")
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE = range(1, len(CLOSED_BY))
 
 OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle may still stop there [m]
-AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
 LOOKS_EVERY = 1.0  # without room for its lane change, a vehicle looks for it so much later [s]
 SETS_OUT, FREE_AHEAD = 1.0, 15.0  # a vehicle faster than that [m/s], with so much road before it [m], is in no queue
@@ -219,9 +218,8 @@ class StopLines:
             return LineState(stop - driven, is_open, False, False, RIGHT_OF_WAY)
         if line.state == CHANGING:
             before = self._change.may_change(line, -over, ego)
-            if before < np.inf and ego.lane != line.onto:  # the less it has gone over, the better others pass it
-                soon = ego.speed**2 / (2 * EARLY_BRAKING) + AT_ONCE * ego.size
-                return LineState(min(before, soon), False, False, False, LANE_CHANGE)
+            if before < np.inf and ego.lane != line.onto:
+                return LineState(before, False, False, False, LANE_CHANGE)
         elif ego.lane in line.via and (state := self._link_state(line)) not in PRIORITY:
             left = OVERRUN * ego.size - over
             if ego.speed**2 / (2 * EARLY_BRAKING) < left and not self._way.has_way(line, state, -over, ego):

@@ -35,6 +35,13 @@ def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
     line = Line(0.0, CHANGING, "", 0, "road_0", "road_2", (), 80.0, 160.0)  # it begins at 40 m
     ego = Ego("m.0", "road_0", 10.0, 5.0)
     assert change.may_change(line, 10.0, ego) == pytest.approx(10.0 + 0.25 * 40.0)
+    slow = ego._replace(speed=1.0)
+    assert change.may_change(line, -1.0, slow) == pytest.approx(slow.stops_within)  # it has begun: at once
+    places["road_1"], places["road_2"] = [], [("c", 31.0)]
+    now.renew()
+    assert change.may_change(line, -1.0, slow) == pytest.approx(40.0 + 0.25 * 40.0 - 1.0)  # on the lane between
+    places["road_1"], places["road_2"] = [("c", 31.0)], []
+    now.renew()
     change.wanted.clear()
     assert change.may_change(line, -15.0, ego) == np.inf  # it is on that lane, and the next one is free
     # It is not on the last one yet: vehicles there stop behind its rear.
