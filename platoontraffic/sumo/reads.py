@@ -51,9 +51,10 @@ class Reads:
         self.next_links = OfSumo(sumo, "vehicle", "getNextLinks")
         self.waited = OfSumo(sumo, "vehicle", "getWaitingTime")
         self.lights = OfSumo(sumo, "trafficlight", "getRedYellowGreenState")
+        self.next_switch = OfSumo(sumo, "trafficlight", "getNextSwitch")
         self._of_instant = [
             self.max_speed, self.links, self.on_lane, self.people, self.speed, self.position, self.acceleration,
-            self.next_links, self.waited, self.lights,
+            self.next_links, self.waited, self.lights, self.next_switch,
         ]  # fmt: skip
 
     def renew(self) -> None:

@@ -45,6 +45,7 @@ LOOKS_EVERY = 1.0  # without room for its lane change, a vehicle looks for it so
 SETS_OUT, FREE_AHEAD = 1.0, 15.0  # a vehicle faster than that [m/s], with so much road before it [m], is in no queue
 QUEUE_GAP = 2.5  # between cars that stand in a queue [m]
 SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
+CHANGES_SOON = 4.0  # a red light that changes within this time lets vehicles come to whoever waits in their path [s]
 WALKING = 0.3  # speed below which a person on a crossing stands [m/s]
 
 
@@ -232,8 +233,11 @@ class StopLines:
         SUMO's place midway may lie beyond that: its vehicles pass through each other there.
         """
         crossings = self._conflicts[line].crossings.values()
-        places = (one.touches for one in crossings if one.first and one.touches > driven and self._may_come(one))
-        return min(places, default=math.inf)
+        ahead = [one for one in crossings if one.first and one.touches > driven]
+        if not ahead:
+            return math.inf
+        changes = line.light and self._now.next_switch[line.light] - self._sumo.simulation.getTime() < CHANGES_SOON
+        return min((one.touches for one in ahead if changes or self._may_come(one)), default=math.inf)
 
     def _may_come(self, crossing: Crossing) -> bool:
         """Whether no red light stops the vehicles on another path."""

@@ -551,27 +551,32 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
 
 
 @pytest.mark.parametrize(
-    ("over", "first", "light", "stops_at"),
+    ("over", "first", "light", "changes", "stops_at"),
     [
-        (1.0, (True, True), "G", 4.0),
-        (4.5, (True, True), "G", 4.0),  # a little farther, and still out of the way
-        (5.5, (True, True), "G", 7.0),  # it is in the way of the first path already, but not of the second
-        (8.5, (True, True), "G", 9.0),
-        (1.0, (True, True), "r", 9.0),  # nobody comes from there
-        (1.0, (False, True), "G", 7.0),
-        (1.0, (False, False), "G", 9.0),
+        (1.0, (True, True), "G", 20.0, 4.0),
+        (4.5, (True, True), "G", 20.0, 4.0),  # a little farther, and still out of the way
+        (5.5, (True, True), "G", 20.0, 7.0),  # it is in the way of the first path already, but not of the second
+        (8.5, (True, True), "G", 20.0, 9.0),
+        (1.0, (True, True), "r", 20.0, 9.0),  # nobody comes from there
+        (1.0, (True, True), "r", 3.0, 4.0),  # but will: it would not be gone by then
+        (5.5, (True, True), "r", 3.0, 7.0),
+        (1.0, (False, True), "G", 20.0, 7.0),
+        (1.0, (False, False), "G", 20.0, 9.0),
     ],
 )
-def test_a_member_waits_midway_before_the_paths_of_those_with_priority(monkeypatch, over, first, light, stops_at):
+def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
+    monkeypatch, over, first, light, changes, stops_at
+):
     """SUMO's place midway, 9 m on, lies in them: in Bologna a column drove through the front of a member there."""
-    line = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    line = Line(0.0, "g", "a", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 100.0)))
     met = [
         Crossing("other_0", (via,), (touches - 1, 15.0), (5.0, 10.0), False, one, np.inf, 10.0, touches)
         for via, touches, one in zip((":b_0", ":b_1"), (4.0, 7.0), first, strict=True)
     ]
     links = {"other_0": [("",) * LINK_VIA + (one.via[0], light) for one in met]}
-    lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, links=links)
+    switch = {"a": 100.0 + changes}
+    lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, links=links, next_switch=switch)
     lines._conflicts = {line: SimpleNamespace(crossings={one.via[0]: one for one in met})}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     state = lines._passed(line, over, Ego("m.0", ":a_0", 3.0, CAR.length))
