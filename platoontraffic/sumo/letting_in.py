@@ -1,9 +1,10 @@
-"""SUMO's vehicles that let a member in, which waits for room on their lane.
+"""Vehicles that let a member in, which waits for room on their lane.
 
 SUMO's driver brakes for a vehicle that must change to its lane and cannot. It does not brake for a moved vehicle, for
 SUMO does not know that this one must change; beside a queue a member would wait without end. So the first vehicle that
-can stop where it leaves room for the member does so, once the member has stood for `AFTER`. It gets speeds from which
-it brakes by no more than `BRAKING`; SUMO's driver model keeps it slower where it must, as always.
+can stop where it leaves room for the member does so, once the member has stood for `AFTER`. One that SUMO drives gets
+speeds from which it brakes by no more than `BRAKING`; SUMO's driver model keeps it slower where it must, as always. A
+member is given a line to stop at; followers of a platoon let nobody in before them.
 """
 
 from __future__ import annotations
@@ -25,11 +26,16 @@ OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed a
 
 
 class LettingIn:
-    """Which vehicle waits for which member."""
+    """Which vehicle waits for which member.
+
+    waiting : by the member that is let in, the vehicle that waits, and until when [s]
+    stops   : by members that wait: lane and place on it at which they are to stop [m]
+    """
 
     def __init__(self, sumo: Client, step: float) -> None:
         self._sumo, self._step = sumo, step
-        self.waiting: dict[str, tuple[str, float]] = {}  # the vehicle that waits for each member, and until when [s]
+        self.waiting: dict[str, tuple[str, float]] = {}
+        self.stops: dict[str, tuple[str, float]] = {}
         self._asked: dict[str, tuple[float, Wanted]] = {}  # when each of these members last wanted room [s], and which
         self._has_waited: set[tuple[str, str]] = set()  # vehicles and the members for which they do not wait again
 
@@ -38,15 +44,19 @@ class LettingIn:
         room_wanted: Mapping[str, Wanted],
         where: Mapping[str, tuple[str, str]],
         held: Set[str] = frozenset(),
+        bound: Set[str] = frozenset(),
     ) -> None:
         """Before every step.
 
         room_wanted : `StopLines.room_wanted`
         where        : edge and lane of each member
         held         : vehicles in SUMO that are obstacles
+        bound        : members that let nobody in before them
         """
+        self.stops.clear()
         if not room_wanted and not self.waiting:
             return
+        held = held | bound
         time, vehicle = self._sumo.simulation.getTime(), self._sumo.vehicle
         for name, wanted in room_wanted.items():
             if name not in where:
@@ -68,9 +78,12 @@ class LettingIn:
             asked, wanted = self._asked[name]
             is_over = name not in where or where[name][1] == wanted.lane
             if is_over or time >= min(until, asked + GIVEN_UP):
-                vehicle.setSpeed(foe, OWN_DRIVER)
+                if foe not in where:
+                    vehicle.setSpeed(foe, OWN_DRIVER)
                 self._has_waited.add((foe, name))
                 self._end(name)
+            elif foe in where:
+                self.stops[foe] = wanted.lane, self._place(foe, name, wanted, where)
             else:
                 self._hold(foe, name, wanted.behind)
 
@@ -85,16 +98,27 @@ class LettingIn:
 
     def _first(self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]], held: Set[str]) -> str | None:
         """The first vehicle on a lane that can stop at a distance behind a member's front."""
-        lane_length, vehicle, own = self._sumo.lane.getLength, self._sumo.vehicle, where[name][1]
-        if own.rpartition("_")[0] != wanted.lane.rpartition("_")[0]:
+        vehicle = self._sumo.vehicle
+        if where[name][1].rpartition("_")[0] != wanted.lane.rpartition("_")[0]:
             return None
-        front = vehicle.getLanePosition(name) + lane_length(wanted.lane) - lane_length(own)
+        front = self._front(name, wanted.lane, where)
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
             stops = vehicle.getLanePosition(foe) + vehicle.getSpeed(foe) ** 2 / (2 * BRAKING)
-            drives = foe not in where and foe not in held
-            if drives and stops <= front - wanted.behind and (foe, name) not in self._has_waited:
+            if foe not in held and stops <= front - wanted.behind and (foe, name) not in self._has_waited:
                 return foe
         return None
+
+    def _place(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
+        """Where a member is to stop on its lane: behind another one's rear, or nearer where it cannot [m]."""
+        vehicle, front = self._sumo.vehicle, self._front(name, wanted.lane, where)
+        stops = vehicle.getLanePosition(foe) + vehicle.getSpeed(foe) ** 2 / (2 * BRAKING)
+        behind = max(vehicle.getLength(name), wanted.behind)
+        return front - (behind if stops <= front - behind else wanted.behind)
+
+    def _front(self, name: str, lane: str, where: Mapping[str, tuple[str, str]]) -> float:
+        """Place of a member's front beside a lane [m]."""
+        length = self._sumo.lane.getLength
+        return self._sumo.vehicle.getLanePosition(name) + length(lane) - length(where[name][1])
 
     def _hold(self, foe: str, name: str, behind: float) -> None:
         """Let a vehicle stop behind a member's rear, or nearer where it cannot; it does not follow the member then."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -29,6 +29,7 @@ from platoontraffic.sumo.conflicts import (
     Crossing,
 )
 from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, Ego
+from platoontraffic.sumo.letting_in import LettingIn
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import RightOfWay
 from platoontraffic.sumo.room_to_change import OWN_GAP, QUEUE_SPEED, RoomToChange, Wanted
@@ -65,14 +66,15 @@ NO_LINE = LineState(np.inf, True, False, False, 0)
 class StopLines:
     """Judges stop lines by the vehicles that SUMO has about them."""
 
-    def __init__(self, network: Network, sumo: Client, let_in: Container[str] = ()) -> None:
-        """let_in: as of `RoomToChange`"""
+    def __init__(self, network: Network, sumo: Client, letting_in: LettingIn | None = None) -> None:
+        """letting_in: None: nobody lets in"""
         self._network, self._sumo = network, sumo
+        self._stops = letting_in.stops if letting_in else {}
         self._now = Reads(sumo)
         self._conflicts = Once(lambda line: Conflicts.at(line, network, sumo))
         self._at_junction = Once(lambda line: line._replace(station=0.0))  # one for all routes over it
         self._way = RightOfWay(sumo, self._now, self._conflicts)
-        self._change = RoomToChange(network, self._now, let_in)
+        self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else ())
         self._fleet: tuple[Member, ...] = ()  # at the last look
         self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet
         # The lane change that each member cannot begin now, and whether the vehicles in its way pass it soon.
@@ -109,7 +111,10 @@ class StopLines:
         self._blocked_changes.clear()
         self._change.wanted.clear()
         for k, i, (name, _, _, *own) in self._asking:
-            state = self._state(members[i], front[k], Ego(name, roads[name][1], speed[i], *own))
+            ego = Ego(name, roads[name][1], speed[i], *own)
+            state = self._state(members[i], front[k], ego)
+            if name in self._stops:
+                state = self._letting_in(state, ego)
             if state is not NO_LINE:
                 for values, value in zip(signals, state, strict=True):
                     values[i] = value
@@ -169,6 +174,16 @@ class StopLines:
         return found
 
     # ---- one vehicle's row
+
+    def _letting_in(self, state: LineState, ego: Ego) -> LineState:
+        """The line of a member that lets another one in: it stops where it leaves room, or at its own line before."""
+        lane, place = self._stops[ego.id]
+        if lane != ego.lane:
+            return state
+        distance = max(place - self._now.position[ego.id], 0.0)
+        return (
+            LineState(distance, False, False, False, RIGHT_OF_WAY) if state.open or distance < state.distance else state
+        )
 
     def _state(self, member: Member, station: float, ego: Ego) -> LineState:
         """The line that the member must heed; its front bumper is at a station of its route [m].

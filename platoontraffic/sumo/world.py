@@ -72,7 +72,7 @@ class World:
         self._placement = Placement(self._sumo, network, step)
         self._letting_go = LettingGo(self._sumo, network)
         self._letting_in = LettingIn(self._sumo, step)
-        self._lines = StopLines(network, self._sumo, self._letting_in.waiting)
+        self._lines = StopLines(network, self._sumo, self._letting_in)
         self._trips = Trips(self._sumo, self._placement, step)
         self._passages = Passages(self._sumo, network, counted, self._trips)
         self._recruiting = recruits and Recruiting(self._sumo, recruits, step)
@@ -169,7 +169,8 @@ class World:
         raises: RunError (a pose is not finite)
         """
         self._letting_go.observe(fleet, self._placement.where, self._clock)
-        self._letting_in.observe(self._lines.room_wanted, self._placement.where, self._obstacles.in_sumo)
+        held, bound = self._obstacles.in_sumo, fleet.followers_of_platoons
+        self._letting_in.observe(self._lines.room_wanted, self._placement.where, held, bound)
         self._placement.place(fleet, brakes)
 
     def advance(self, fleet: Fleet) -> Fleet:

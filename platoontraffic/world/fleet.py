@@ -312,6 +312,11 @@ class Fleet(MemberState):
         return np.flatnonzero(self.native)
 
     @cached_property
+    def followers_of_platoons(self) -> frozenset[str]:
+        """Ids of the members that belong behind another one."""
+        return frozenset(m.id for m in self.members if m.place and not m.single)
+
+    @cached_property
     def moved_rows(self) -> list[int]:
         """Rows of the others, which `moveToXY` moves."""
         return np.flatnonzero(~self.native).tolist()

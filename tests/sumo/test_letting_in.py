@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from platoontraffic.sumo.client import libsumo as sumo
+from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.letting_in import AFTER, BRAKING, GIVEN_UP, GOES_OVER, LONGEST, SPARE, LettingIn
 from platoontraffic.sumo.room_to_change import Wanted
+from platoontraffic.sumo.stoplines import LineState, StopLines
 from tests.support.generated import crossroads
 
 pytestmark = pytest.mark.sumo
@@ -86,11 +90,42 @@ def test_it_waits_once_and_not_for_ever(column):
     assert speed[-1] > 4.0
 
 
-def test_members_and_obstacles_are_left_alone(column):
-    _, speed = column([20.0], 8.0, where=MEMBER | {"c0": ("wc", "wc_1")})
-    assert speed.min() > 8.0
+def test_obstacles_are_left_alone(column):
     _, speed = column([20.0], 8.0, held={"c0"})
     assert speed.min() > 8.0
+
+
+@pytest.mark.parametrize(("start", "stops_at"), [(20.0, FRONT - 5.0), (FRONT - 4.5, FRONT - BEHIND)])
+def test_a_member_is_given_a_line_to_stop_at(start, stops_at):
+    """Behind the other one's rear, or nearer where it is farther already; a follower of a platoon is not asked."""
+    place = {"member": FRONT, "polite": start}
+    client = SimpleNamespace(
+        TraCIException=ValueError,
+        simulation=SimpleNamespace(getTime=lambda: 100.0),
+        lane=SimpleNamespace(getLength=lambda _: 200.0, getLastStepVehicleIDs=lambda _: ["polite"]),
+        vehicle=SimpleNamespace(
+            getWaitingTime=lambda _: AFTER, getSpeed=lambda _: 0.0, getLength=lambda _: 5.0,
+            getLanePosition=place.__getitem__, getRoadID=lambda _: "wc",
+        ),
+    )  # fmt: skip
+    letting_in, where = LettingIn(client, STEP), {"member": ("wc", "wc_0"), "polite": ("wc", "wc_1")}
+    wanted = {"member": Wanted("wc_1", BEHIND - SPARE, False)}
+    letting_in.observe(wanted, where, bound={"polite"})
+    assert not letting_in.stops
+    letting_in.observe(wanted, where)
+    assert letting_in.stops == {"polite": ("wc_1", pytest.approx(stops_at))}
+    lines = StopLines(None, client, letting_in)
+    far, near, red = (
+        LineState(80.0, True, False, False, 0), LineState(50.0, False, False, False, 1),
+        LineState(0.0, False, False, False, 1),
+    )  # fmt: skip
+    ego = Ego("polite", "wc_1", 0.0, 5.0)
+    for state in (far, near):
+        told = lines._letting_in(state, ego)
+        assert not told.open
+        assert told.distance == pytest.approx(min(stops_at - start, 50.0 if state is near else np.inf))
+    assert lines._letting_in(red, ego) is red
+    assert lines._letting_in(far, ego._replace(lane="wc_0")) is far
 
 
 def test_nobody_waits_for_a_member_that_is_gone_or_off_the_road(column):
