@@ -52,10 +52,14 @@ class Standstills:
 
     def _cause(self, step: Step, row: int) -> Cause:
         number, ahead = step.fleet.number[row], step.fleet.predecessor[row]
-        if cause := self._hindrances.now(number):
-            return cause
+        hindrance = self._hindrances.now(number)
+        before_line = self._limits.reason(number) in ("obstacle", "predecessor")  # a body is nearer than a closed line
+        if hindrance and not (hindrance.what == "held" and before_line):
+            return hindrance
         if self._limits.known[number] and (cause := self._by_law(step, row)):
             return cause
+        if hindrance:
+            return hindrance
         if blocking := _vehicle_ahead(step.traffic, row):
             return Cause("behind", f"behind {blocking}")
         if ahead >= 0 and not self._locks.locked[number]:

@@ -87,6 +87,13 @@ def test_a_closed_line_is_a_reason_before_the_body_behind_it():
     assert ("robot.0", "held", "held by light") in standstills(noted)
 
 
+def test_a_body_is_a_reason_before_the_closed_line_behind_it():
+    noted = events(
+        [*driving(), standing("other", 60.0, 0.0, np.pi / 2)], ground=lambda: StopLine(0.1, 70.0, lambda time: False)
+    )
+    assert ("robot.0", "blocked", "blocked by other") in standstills(noted)
+
+
 def test_who_creeps_past_a_nose_says_so_once():
     noted = events([*driving(), standing("other", 60.0, 2.95, np.radians(150))])
     creeps = [(e.vehicle, e.other, e.detail) for e in noted if e.kind == "creeps"]
