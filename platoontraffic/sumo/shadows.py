@@ -12,7 +12,9 @@ of a vehicle in the middle of its lane. So a member whose shadow is missing is i
 - to remove a shadow, as for one to the left, with its true width.
 
 A vehicle gets no shadow beside another one: to that, it would be a leader that it has run into, and it brakes hard or
-changes lanes, even into the vehicle itself. In a bend bodies come near the border of their lanes for a moment.
+changes lanes, even into the vehicle itself. In a bend bodies come near the border of their lanes for a moment. For a
+shadow to the right nobody may be beside it on the left either: in the step in which only a shadow is on its own lane,
+a driver there takes that lane for free, and changes into it.
 
 All of this happens between two steps, so that no driver sees it elsewhere. Left is towards the lanes with the higher
 index, also in left-hand traffic.
@@ -31,6 +33,7 @@ LEFT, NONE, RIGHT = 1, 0, -1
 AHEAD = 1.5  # a shadow is on the lane that the body will reach within this time at its present lateral speed [s]
 TOUCH = 1e-6  # a vehicle as near to the middle of its lane as this was not on the other side of it [m]
 WIDER = 1.01  # width of a vehicle that is to have a shadow wherever it is on its lane [lane widths]
+NEARLY = 5.0  # distance of a vehicle on the left that may change lanes in the step of a shadow to the right [m]
 DURATION = "lanechange.duration"
 SHORTEST = "0.001"  # [s]; SUMO has shadows if a lane change takes any time, and its own cars still change at once
 
@@ -112,6 +115,8 @@ class Shadows:
             if seen and (side := self._wanted(mover, seen)) != self._side[mover.id]:
                 if side and self._is_beside_another(mover, seen, side):
                     continue
+                if side == RIGHT and self._is_beside_another(mover, seen, LEFT, NEARLY):
+                    continue
                 self._insert(mover, seen, side)
                 self._side[mover.id] = side
 
@@ -124,13 +129,16 @@ class Shadows:
         edge, _, index = seen.lane.rpartition("_")
         return side if 0 <= int(index) + side < self._lane_number(edge) else NONE
 
-    def _is_beside_another(self, mover: Mover, seen: _Seen, side: int) -> bool:
-        """Whether there is a vehicle abreast of it on the lane on that side."""
+    def _is_beside_another(self, mover: Mover, seen: _Seen, side: int, nearly: float = 0.0) -> bool:
+        """Whether there is a vehicle abreast of it on the lane on that side, or nearly so, within a distance [m]."""
         vehicle, (edge, _, index) = self._sumo.vehicle, seen.lane.rpartition("_")
+        lane = int(index) + side
+        if not 0 <= lane < self._lane_number(edge):
+            return False
         front, length = vehicle.getLanePosition(mover.id), vehicle.getLength(mover.id)
-        for name in self._sumo.lane.getLastStepVehicleIDs(f"{edge}_{int(index) + side}"):
+        for name in self._sumo.lane.getLastStepVehicleIDs(f"{edge}_{lane}"):
             its = vehicle.getLanePosition(name)
-            if its > front - length and its - vehicle.getLength(name) < front:
+            if its > front - length - nearly and its - vehicle.getLength(name) < front + nearly:
                 return True
         return False
 

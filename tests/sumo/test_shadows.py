@@ -244,24 +244,39 @@ def test_without_shadows_a_driver_is_too_late_and_the_lane_that_was_left_stays_t
     assert played([Change(1, 0)], [Driver(1, 24.0, 25.0)], True)[0].gap[-1] > free.gap[-1] + 10
 
 
-@pytest.mark.parametrize(("index", "lateral", "other"), [(1, -0.2, 0), (0, 0.2, 1)], ids=["right", "left"])
-@pytest.mark.parametrize(("its_front", "casts"), [(102.0, False), (96.0, False), (94.9, True), (105.1, True)])
-def test_a_vehicle_abreast_of_another_one_has_no_shadow_there(index, lateral, other, its_front, casts):
-    """In a bend in Bologna a car of SUMO's had a shadow beside it, and changed lanes into the member itself."""
+def cast(index: int, lateral: float, other: int, its_front: float, lanes: int) -> bool:
+    """Whether a member at 100 m that moves to the border of its lane gets a shadow, with another vehicle on a lane."""
     moved: list[str] = []
     fronts = {"m": 100.0, "other": its_front}
     vehicle = SimpleNamespace(
         getLateralLanePosition=lambda _: lateral, getLanePosition=fronts.get, getLength=lambda _: 5.0,
         moveTo=lambda _, lane, __: moved.append(lane), setLateralLanePosition=lambda *_: None,
     )  # fmt: skip
-    lane = SimpleNamespace(getLastStepVehicleIDs=lambda name: ("other",) if name == f"a_{other}" else ("m",),
-                           getWidth=lambda _: 3.2)  # fmt: skip
-    edge, types = SimpleNamespace(getLaneNumber=lambda _: 2), SimpleNamespace(setWidth=lambda *_: None)
+    there = {f"a_{index}": ("m",), f"a_{other}": ("other",)}
+    lane = SimpleNamespace(getLastStepVehicleIDs=lambda name: there.get(name, ()), getWidth=lambda _: 3.2)
+    edge, types = SimpleNamespace(getLaneNumber=lambda _: lanes), SimpleNamespace(setWidth=lambda *_: None)
     sumo = SimpleNamespace(vehicle=vehicle, lane=lane, edge=edge, vehicletype=types)
-    shadows = Shadows(sumo, SimpleNamespace(left_hand=False, edges={"a": (100.0, 100.0)}), STEP)
+    shadows = Shadows(sumo, SimpleNamespace(left_hand=False, edges={"a": (100.0,) * lanes}), STEP)
     mover, where = Mover("m", "type", 1.8), {"m": ("a", f"a_{index}")}
     shadows.observe([mover], where)
     lateral *= 1.5  # it moves on, 1 m/s
     shadows.observe([mover], where)
     shadows.cast([mover])
-    assert bool(moved) == casts
+    return bool(moved)
+
+
+@pytest.mark.parametrize(("index", "lateral", "other"), [(1, -0.2, 0), (0, 0.2, 1)], ids=["right", "left"])
+@pytest.mark.parametrize(("its_front", "casts"), [(102.0, False), (96.0, False), (94.9, True), (105.1, True)])
+def test_a_vehicle_abreast_of_another_one_has_no_shadow_there(index, lateral, other, its_front, casts):
+    """In a bend in Bologna a car of SUMO's had a shadow beside it, and changed lanes into the member itself."""
+    assert cast(index, lateral, other, its_front, lanes=2) == casts
+
+
+@pytest.mark.parametrize(
+    ("lateral", "its_front", "casts"),
+    [(-0.2, 102.0, False), (-0.2, 108.0, False), (-0.2, 92.0, False), (-0.2, 111.0, True), (-0.2, 89.0, True),
+     (0.2, 111.0, True)],
+)  # fmt: skip
+def test_a_vehicle_has_no_shadow_to_the_right_beside_another_one_on_its_left(lateral, its_front, casts):
+    """In the step of that only a shadow is on its own lane. In Bologna cars on the left took the lane for free then."""
+    assert cast(1, lateral, 2, its_front, lanes=3) == casts
