@@ -319,8 +319,8 @@ class StopLines:
     def _has_room(self, line: Line, ego: Ego) -> bool:
         """Whether a vehicle can leave a junction with cross traffic before it stands behind the queue beyond it.
 
-        Vehicles inside, from everywhere, join that queue first. Where it may wait midway, there must be room for it: no
-        other vehicle stands there. To SUMO it may be there itself, a little over the line.
+        Vehicles that stand inside, from everywhere, join that queue first. Where it may wait midway, there must be room
+        for it: no other vehicle stands there. To SUMO it may be there itself, a little over the line.
         """
         now, length, size = self._now, ego.length, ego.size
         inside = [[name for name in now.on_lane[via] if name != ego.id] for via in line.via]
@@ -334,8 +334,9 @@ class StopLines:
         if last is None or not crossings:
             return True
         left = now.position[onto[last]] - now.length[onto[last]]
-        merging = (one.via for one in crossings if one.merges)
-        before = [*onto[:last], *chain(*inside, *(now.on_lane[via] for via in chain.from_iterable(merging)))]
+        merging = chain.from_iterable(one.via for one in crossings if one.merges)
+        standing = [name for via in merging for name in now.on_lane[via] if now.speed[name] < STANDING]
+        before = [*onto[:last], *chain.from_iterable(inside), *standing]
         taken = sum(now.length[name] + QUEUE_GAP * size for name in before)
         return left > taken + length + OWN_GAP * size
 

@@ -587,16 +587,18 @@ def crossed(via: str, merges: bool = False) -> Crossing:
     return Crossing("side_0", (via,), (3.0, 12.0), (4.0, 16.0), merges, True, np.inf, 10.0)
 
 
-@pytest.mark.parametrize("merges", [True, False])
-def test_room_behind_a_junction_is_left_to_those_inside_that_drive_to_the_same_lane(merges):
+@pytest.mark.parametrize(("merges", "speed", "waits"), [(True, 0.0, True), (False, 0.0, False), (True, 3.0, False)])
+def test_room_behind_a_junction_is_left_to_those_that_stand_inside_and_go_to_the_same_lane(merges, speed, waits):
     """There is room for one more. In a jammed junction a member drove up to them, and stood in everybody's way."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
     lines._conflicts = {line: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges)})}
     on_lane = {":a_0": [], ":b_0": ["inside"], "next_0": ["last"]}
-    values = {name: dict.fromkeys(("last", "inside"), value) for name, value in (("speed", 0.0), ("length", 5.0))}
-    lines._now = SimpleNamespace(on_lane=on_lane, position={"last": 16.0, "inside": 8.0}, **values)
-    assert lines._has_room(line, Ego("m.0", "road_0", 0.0, CAR.length)) == (not merges)
+    lines._now = SimpleNamespace(
+        on_lane=on_lane, position={"last": 16.0, "inside": 8.0}, speed={"last": 0.0, "inside": speed},
+        length={"last": 5.0, "inside": 5.0},
+    )  # fmt: skip
+    assert lines._has_room(line, Ego("m.0", "road_0", 0.0, CAR.length)) == (not waits)
 
 
 @pytest.mark.parametrize(("inside", "has_room"), [("m.0", True), ("c", False)])
