@@ -53,8 +53,8 @@ class Standstills:
     def _cause(self, step: Step, row: int) -> Cause:
         number, ahead = step.fleet.number[row], step.fleet.predecessor[row]
         hindrance = self._hindrances.now(number)
-        before_line = self._limits.reason(number) in ("obstacle", "predecessor")  # a body is nearer than a closed line
-        if hindrance and not (hindrance.what == "held" and before_line):
+        brakes_for_body = self._limits.reason(number) in ("obstacle", "predecessor")  # it is nearer than a closed line
+        if hindrance and not (hindrance.what == "held" and brakes_for_body):
             return hindrance
         if self._limits.known[number] and (cause := self._by_law(step, row)):
             return cause

@@ -55,7 +55,7 @@ class Change(NamedTuple):
     onto: int
 
     def allows(self, edge: int, lane: int, leaves: int) -> bool:
-        """Whether a vehicle that comes to an edge on a lane may leave it from another one: no change is before this."""
+        """Whether a route with this as its first change may come to an edge on one lane and leave it from another."""
         if edge == self.edge:
             return (lane, leaves) == (self.lane, self.onto)
         return edge > self.edge or lane == leaves

@@ -100,13 +100,13 @@ class Background:
         for k in np.flatnonzero(~far).tolist():
             (road, other), (x, y) = self._crossing[k], self._places[k]
             near = np.flatnonzero(np.hypot(own.x - x, own.y - y) < AT_BRIDGE).tolist()
-            if {road} != set().union(*(self._levels(fleet.members[i], road, other) for i in near)):
+            if {road} != set().union(*(self._driven(fleet.members[i], road, other) for i in near)):
                 continue
             for i in np.flatnonzero(np.hypot(vehicles.x - x, vehicles.y - y) < BRIDGE).tolist():
                 stays[i] &= self._sumo.vehicle.getRoadID(vehicles.ids[i]) != other
         return vehicles if stays.all() else self.read(list(compress(vehicles.ids, stays)), vehicles.time)
 
-    def _levels(self, member: Member, *roads: str) -> set[str]:
+    def _driven(self, member: Member, *roads: str) -> set[str]:
         """Those of two roads that a member drives on; where its route takes both, the one on which it is."""
         driven = {*roads} & {*(member.route.edges if member.route else ())}
         return driven if len(driven) < len(roads) else {*roads} & {self._sumo.vehicle.getRoadID(member.id)}

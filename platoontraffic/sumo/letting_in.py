@@ -43,20 +43,17 @@ class LettingIn:
         self,
         room_wanted: Mapping[str, Wanted],
         where: Mapping[str, tuple[str, str]],
-        held: Set[str] = frozenset(),
-        bound: Set[str] = frozenset(),
+        unwilling: Set[str] = frozenset(),
     ) -> None:
         """Before every step.
 
         room_wanted : `StopLines.room_wanted`
-        where        : edge and lane of each member
-        held         : vehicles in SUMO that are obstacles
-        bound        : members that let nobody in before them
+        where       : edge and lane of each member
+        unwilling   : vehicles that let nobody in
         """
         self.stops.clear()
         if not room_wanted and not self.waiting:
             return
-        held = held | bound
         time, vehicle = self._sumo.simulation.getTime(), self._sumo.vehicle
         for name, wanted in room_wanted.items():
             if name not in where:
@@ -64,7 +61,7 @@ class LettingIn:
             wanted = wanted._replace(behind=max(wanted.behind + SPARE, LEAST))
             if name not in self.waiting:
                 stood = vehicle.getWaitingTime(name) >= AFTER - 1e-6
-                found = self._first(name, wanted, where, held) if stood else None
+                found = self._first(name, wanted, where, unwilling) if stood else None
                 if found is None:
                     continue
                 self.waiting[name] = found, time + (GOES_OVER if wanted.begun else LONGEST)
@@ -96,24 +93,28 @@ class LettingIn:
     def _end(self, name: str) -> None:
         del self.waiting[name], self._asked[name]
 
-    def _first(self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]], held: Set[str]) -> str | None:
+    def _first(
+        self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]], unwilling: Set[str]
+    ) -> str | None:
         """The first vehicle on a lane that can stop at a distance behind a member's front."""
-        vehicle = self._sumo.vehicle
         if where[name][1].rpartition("_")[0] != wanted.lane.rpartition("_")[0]:
             return None
-        front = self._front(name, wanted.lane, where)
+        before = self._front(name, wanted.lane, where) - wanted.behind
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
-            stops = vehicle.getLanePosition(foe) + vehicle.getSpeed(foe) ** 2 / (2 * BRAKING)
-            if foe not in held and stops <= front - wanted.behind and (foe, name) not in self._has_waited:
+            if foe not in unwilling and self._can_stop(foe, before) and (foe, name) not in self._has_waited:
                 return foe
         return None
 
     def _place(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
         """Where a member is to stop on its lane: behind another one's rear, or nearer where it cannot [m]."""
-        vehicle, front = self._sumo.vehicle, self._front(name, wanted.lane, where)
-        stops = vehicle.getLanePosition(foe) + vehicle.getSpeed(foe) ** 2 / (2 * BRAKING)
-        behind = max(vehicle.getLength(name), wanted.behind)
-        return front - (behind if stops <= front - behind else wanted.behind)
+        front = self._front(name, wanted.lane, where)
+        rear = front - max(self._sumo.vehicle.getLength(name), wanted.behind)
+        return rear if self._can_stop(foe, rear) else front - wanted.behind
+
+    def _can_stop(self, vehicle: str, before: float) -> bool:
+        """Whether it can stop before a place on its lane [m]."""
+        speed = self._sumo.vehicle.getSpeed(vehicle)
+        return self._sumo.vehicle.getLanePosition(vehicle) + speed**2 / (2 * BRAKING) <= before
 
     def _front(self, name: str, lane: str, where: Mapping[str, tuple[str, str]]) -> float:
         """Place of a member's front beside a lane [m]."""

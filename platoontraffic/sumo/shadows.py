@@ -13,8 +13,8 @@ of a vehicle in the middle of its lane. So a member whose shadow is missing is i
 
 A vehicle gets no shadow beside another one: to that, it would be a leader that it has run into, and it brakes hard or
 changes lanes, even into the vehicle itself. In a bend bodies come near the border of their lanes for a moment. For a
-shadow to the right nobody may be beside it on the left either: in the step in which only a shadow is on its own lane,
-a driver there takes that lane for free, and changes into it.
+shadow to the right no vehicle may be beside it on the left either: for one step the member's own lane has only a shadow
+on it. SUMO's driver on the left takes that lane for free, and changes into the member.
 
 All of this happens between two steps, so that no driver sees it elsewhere. Left is towards the lanes with the higher
 index, also in left-hand traffic.

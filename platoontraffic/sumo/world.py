@@ -169,8 +169,8 @@ class World:
         raises: RunError (a pose is not finite)
         """
         self._letting_go.observe(fleet, self._placement.where, self._clock)
-        held, bound = self._obstacles.in_sumo, fleet.followers_of_platoons
-        self._letting_in.observe(self._lines.room_wanted, self._placement.where, held, bound)
+        unwilling = self._obstacles.in_sumo | fleet.followers_of_platoons
+        self._letting_in.observe(self._lines.room_wanted, self._placement.where, unwilling)
         self._placement.place(fleet, brakes)
 
     def advance(self, fleet: Fleet) -> Fleet:

@@ -89,7 +89,7 @@ def test_a_closed_line_is_a_reason_before_the_body_behind_it():
 
 def test_a_body_is_a_reason_before_the_closed_line_behind_it():
     noted = events(
-        [*driving(), standing("other", 60.0, 0.0, np.pi / 2)], ground=lambda: StopLine(0.1, 70.0, lambda time: False)
+        [*driving(), standing("other", 60.0, 0.0, np.pi / 2)], ground=lambda: StopLine(0.1, 64.0, lambda time: False)
     )
     assert ("robot.0", "blocked", "blocked by other") in standstills(noted)
 

@@ -110,7 +110,7 @@ def test_a_member_is_given_a_line_to_stop_at(start, stops_at):
     )  # fmt: skip
     letting_in, where = LettingIn(client, STEP), {"member": ("wc", "wc_0"), "polite": ("wc", "wc_1")}
     wanted = {"member": Wanted("wc_1", BEHIND - SPARE, False)}
-    letting_in.observe(wanted, where, bound={"polite"})
+    letting_in.observe(wanted, where, {"polite"})
     assert not letting_in.stops
     letting_in.observe(wanted, where)
     assert letting_in.stops == {"polite": ("wc_1", pytest.approx(stops_at))}
