@@ -54,12 +54,6 @@ class Change(NamedTuple):
     lane: int
     onto: int
 
-    def allows(self, edge: int, lane: int, leaves: int) -> bool:
-        """Whether a route with this as its first change may come to an edge on one lane and leave it from another."""
-        if edge == self.edge:
-            return (lane, leaves) == (self.lane, self.onto)
-        return edge > self.edge or lane == leaves
-
 
 class _Crossed(NamedTuple):
     """What lane changes cost, compared in this order."""
@@ -112,7 +106,7 @@ def least_changes(
         for now, (crossed, links) in best.items():
             for link in links_between(here, there):
                 leaves, to = link.getFromLane().getIndex(), link.getToLane().getIndex()
-                if change and not change.allows(i, now, leaves):
+                if change and i == change.edge and (now, leaves) != (change.lane, change.onto):
                     continue
                 lanes = abs(leaves - now)
                 cost = _Crossed(crossed.lanes + lanes, crossed.lacks + lacks * lanes, crossed.late + i * lanes)

@@ -132,3 +132,15 @@ def test_nobody_waits_for_a_member_that_is_gone_or_off_the_road(column):
     for where in ({}, {"member": ("", "")}, {"member": (":c_0", ":c_0_0")}):
         _, speed = column([20.0], 8.0, where=where)
         assert speed.min() > 8.0
+
+
+@pytest.mark.parametrize(("speed", "ahead", "drives"), [(0.0, 2.0, False), (1.0, 2.0, True), (0.0, 6.0, True)])
+def test_a_vehicle_that_stands_does_not_follow_the_member_until_it_is_abreast(speed, ahead, drives):
+    """It may stop 1 m behind the front, and stands 2 m behind it; far behind the member's rear it drives up."""
+    speeds: list[float] = []
+    vehicle = SimpleNamespace(
+        getPosition=lambda name: (FRONT + ahead if name == "member" else FRONT, 0.0), getAngle=lambda _: 90.0,
+        getSpeed=lambda _: speed, getLength=lambda _: 5.0, setSpeed=lambda _, value: speeds.append(value),
+    )  # fmt: skip
+    LettingIn(SimpleNamespace(vehicle=vehicle), STEP)._hold("foe", "member", 1.0)
+    assert (abs(speeds[0]) > 1e-9) == drives

@@ -27,7 +27,7 @@ from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
 from platoontraffic.sumo.room_to_change import RoomToChange
-from platoontraffic.sumo.stoplines import StopLines
+from platoontraffic.sumo.stoplines import NO_LINE, StopLines
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
@@ -716,3 +716,32 @@ def test_a_sharp_turn_beside_a_footpath(generated_nets):
         assert any(Conflicts.at(line, network, libsumo).walks for line in lines)
     finally:
         libsumo.close()
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_the_line_of_a_member_that_is_asked_to_let_another_one_in_is_closed(monkeypatch, asked):
+    line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
+    monkeypatch.setattr(RightOfWay, "is_asked", lambda *given: asked and given[1:] == ("m.0", "road_0"))
+    monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
+    assert lines._ahead(line, 3.0, True, Ego("m.0", "road_0", 2.0, CAR.length)).open == (not asked)
+
+
+def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
+    class Two(SimpleNamespace):
+        __len__ = lambda self: 2  # noqa: E731
+
+    law, model = SimpleNamespace(needs={"signals"}), SimpleNamespace(length=5.0)
+    members = tuple(SimpleNamespace(id=f"m.{k}", law=law, model=model, route=None) for k in (0, 1))
+    fleet = Two(
+        members=members, ids=("m.0", "m.1"), progress=SimpleNamespace(rows=np.arange(2), station=np.zeros(2)),
+        model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)), motion=SimpleNamespace(speed=np.ones(2)),
+    )  # fmt: skip
+    client = SimpleNamespace(vehicle=SimpleNamespace(getLanePosition=lambda _: 30.0))
+    letting_in = SimpleNamespace(stops={"m.1": ("road_0", 36.0)}, waiting={})
+    lines = StopLines(SimpleNamespace(), client, letting_in)
+    monkeypatch.setattr(StopLines, "_state", lambda *_: NO_LINE)
+    signals = lines.signals(fleet, {"m.0": ("road", "road_0"), "m.1": ("road", "road_0")})
+    assert signals.open.tolist() == [True, False]
+    assert signals.distance[1] == pytest.approx(6.0)

@@ -131,3 +131,23 @@ def test_a_slow_member_waits_for_another_one_abreast_and_of_two_only_one_waits()
     places["m.1"] = "road_1", 20.0
     now.renew()
     assert not change.is_beside(second, behind)
+
+
+@pytest.mark.parametrize("let_in", [True, False])
+def test_a_member_that_is_let_in_beside_a_queue_goes_over_at_once(let_in):
+    """It waited 20 s for the queue to leave, and the vehicle that let it in 20 s for the member; then that drove on."""
+    places = {"road_0": [("m.0", 30.0)], "road_1": [("polite", 26.0), ("queue", 45.0)]}
+    client = SimpleNamespace(
+        lane=SimpleNamespace(
+            getLength=lambda _: 100.0, getMaxSpeed=lambda _: 13.9,
+            getLastStepVehicleIDs=lambda lane: [name for name, _ in places[lane]],
+        ),
+        vehicle=SimpleNamespace(
+            getSpeed=lambda _: 0.0, getLength=lambda _: 5.0, getWaitingTime=lambda _: 8.0,
+            getLanePosition=lambda name: {k: v for lane in places.values() for k, v in lane}[name],
+        ),
+    )  # fmt: skip
+    network = SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)])
+    change = RoomToChange(network, Reads(client), {"m.0"} if let_in else ())
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)  # it begins at 31 m
+    assert (change.may_change(line, 1.0, Ego("m.0", "road_0", 0.0, 5.0)) == np.inf) == let_in
