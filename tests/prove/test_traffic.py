@@ -149,6 +149,12 @@ def test_medians_are_over_the_seeds():
     assert Verdict.of(made).hours == pytest.approx(0.3)
 
 
+def test_a_seed_in_which_only_sumos_own_arrive_is_a_fault_whatever_the_median_is():
+    made = [Pair(i, 2, (), ride(arrivals=one), ride()) for i, one in enumerate([(100.0, 110.0)] * 2 + [(100.0,)])]
+    assert Verdict.of(made).ratio == 1.0
+    assert Verdict.of(made).faults == ("seed 2: 1 members arrive, 2 of SUMO's own do",)
+
+
 @pytest.mark.sumo
 @pytest.mark.slow
 @pytest.mark.parametrize("net", ["corridor", "plain"])
