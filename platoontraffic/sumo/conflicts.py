@@ -14,7 +14,7 @@ from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
-from platoontraffic.vehicles.catalogue import VEHICLES
+from platoontraffic.vehicles.bicycle import CARS, Car
 from platoontraffic.vehicles.motion import CAR_LENGTH
 
 # Indices of fields of a link as SUMO returns it, and their number; via: first lane inside the junction, "" if none.
@@ -34,9 +34,8 @@ APART = 0.8  # distance of two paths at which vehicles pass each other with a ma
 TOUCHES = 0.5  # distance of a front bumper's middle from a path at which a vehicle there would touch it [lane widths]
 SWUNG = 0.2  # distance of a front corner from a car beside at which it is in that one's way [m]
 SAMPLED = 0.08  # distance of the points at which paths are compared [lane widths]: 0.25 m
-SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at a car's full lock]
-ABOUT = 15.0  # distance before and beyond a junction from which a car's path through it is rounded [m]
-CAR = VEHICLES["car"]
+SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at its full lock]
+ABOUT = 15.0  # distance before and beyond a junction from which a vehicle's path through it is rounded [m]
 TAIL = 2.0  # part of the lane beyond the junction at which merging paths are compared [lane widths]
 SLOWEST = Pace(0.0, 1.5, 6.0)  # of members: it decides how far ahead foes are looked for
 
@@ -53,7 +52,7 @@ class Crossing(NamedTuple):
     waits: float  # where it may wait midway; inf: nowhere
     fastest: float  # speed limit inside the junction [m/s]
     touches: float = math.inf  # where the own front begins to be in the foe's way; inf: nowhere
-    swings: bool = False  # the paths do not meet on the network, but the front of a car swings out over the foe's
+    swings: bool = False  # the paths do not meet on the network, but the own front swings out over the foe's
 
 
 class Walk(NamedTuple):
@@ -82,7 +81,7 @@ class Conflicts(NamedTuple):
     reach: float  # distance before the junction from which a gap is judged [m]
     curvature: float  # greatest of the own path through the junction [1/m]
     unregulated: bool = False  # the network gives nobody priority, so everybody is yielded to
-    swings: bool = False  # the front of a car swings out over paths to the lanes beside its own
+    swings: bool = False  # the own front swings out over paths to the lanes beside its own
 
     @classmethod
     def at(cls, line: Line, network: Network, sumo: Client) -> Conflicts:
@@ -117,7 +116,9 @@ class Conflicts(NamedTuple):
                 is_first = unregulated or before in foes
                 crossings[via[0]] = Crossing(before, via, *met, merges, is_first, waits, fastest, touches)
         bend = _curvature(sampled)
-        found = _swung_over(line, own, width, crossings, network, sumo) if bend > SHARP / CAR.turning_radius else {}
+        model = CARS[line.kind]
+        is_sharp = bend > SHARP / model.turning_radius
+        found = _swung_over(line, own, model, width, crossings, network, sumo) if is_sharp else {}
         crossings |= found
         entering = sorted({crossing.before for crossing in crossings.values() if crossing.first})
         fastest = max(map(lane.getMaxSpeed, entering), default=0.0)
@@ -130,12 +131,18 @@ class Conflicts(NamedTuple):
 
 
 def _swung_over(
-    line: Line, own: np.ndarray, width: float, met: Mapping[str, Crossing], network: Network, sumo: Client
+    line: Line,
+    own: np.ndarray,
+    model: Car,
+    width: float,
+    met: Mapping[str, Crossing],
+    network: Network,
+    sumo: Client,
 ) -> dict[str, Crossing]:
-    """The crossings of paths to other lanes of the edge beyond, over which the front of a car swings out."""
+    """The crossings of paths to other lanes of the edge beyond, over which the vehicle's front swings out."""
     edge, _, index = line.onto.rpartition("_")
     others = [f"{edge}_{k}" for k in range(sumo.edge.getLaneNumber(edge)) if k != int(index)]
-    corners = _front(line, own, sumo) if others else ()
+    corners = _front(line, own, model, sumo) if others else ()
     found: dict[str, Crossing] = {}
     for onto in others:
         inside = {name for name, _ in network.upstream(onto, sumo.lane.getLength(onto) + 1e-3)}
@@ -148,7 +155,7 @@ def _swung_over(
                     continue
                 its = _sampled(_path(via, onto, sumo), SAMPLED * width)
                 away = np.minimum(*(_apart(corner, its) for corner in corners))
-                swung = _met(corners[0], its, away < CAR.width / 2 + SWUNG)
+                swung = _met(corners[0], its, away < CARS["car"].width / 2 + SWUNG)
                 if swung is None:
                     continue
                 fastest = min(map(sumo.lane.getMaxSpeed, via))
@@ -156,8 +163,8 @@ def _swung_over(
     return found
 
 
-def _front(line: Line, own: np.ndarray, sumo: Client) -> tuple[Sampled, Sampled]:
-    """The paths of a car's front corners through a junction, by stations of its front from the line.
+def _front(line: Line, own: np.ndarray, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
+    """The paths of a vehicle's front corners through a junction, by stations of its front from the line.
 
     Its driven axle is on the line that it can drive, as members' are.
     """
@@ -168,12 +175,12 @@ def _front(line: Line, own: np.ndarray, sumo: Client) -> tuple[Sampled, Sampled]
     about = stations[(stations > begin - ABOUT) & (stations < begin + _stations(own)[-1] + ABOUT)]
     about = np.concatenate([[max(begin - ABOUT, 0.0)], about, [min(begin + _stations(own)[-1] + ABOUT, stations[-1])]])
     points = np.column_stack([np.interp(np.unique(about), stations, whole[:, k]) for k in (0, 1)])
-    route = Route.along((), points, np.zeros(len(points)), [line._replace(station=begin - about[0])]).drivable_by(CAR)
+    route = Route.along((), points, np.zeros(len(points)), [line._replace(station=begin - about[0])]).drivable_by(model)
     driven = np.arange(0.0, route.length, SAMPLED * sumo.lane.getWidth(line.lane))
-    axle, ahead = route.line.at(driven), CAR.length / 2 - CAR.axle
+    axle, ahead = route.line.at(driven), model.length / 2 - model.axle
     along = np.gradient(axle, axis=0)
     along /= np.hypot(*along.T)[:, None]
-    aside = CAR.width / 2 * np.column_stack([-along[:, 1], along[:, 0]])
+    aside = model.width / 2 * np.column_stack([-along[:, 1], along[:, 0]])
     stations, front = driven - route.lines[0].station + ahead, axle + ahead * along
     return Sampled(stations, front + aside), Sampled(stations, front - aside)
 

@@ -8,9 +8,11 @@ from typing import NamedTuple
 from platoontraffic.controllers import Law
 from platoontraffic.road.gap_acceptance import Pace
 from platoontraffic.sumo.conflicts import Conflicts
+from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import scale
 from platoontraffic.world.fleet import Member
 
+KINDS = sorted(CARS.items(), key=lambda named: named[1].length)
 EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
@@ -25,6 +27,7 @@ class Ego(NamedTuple):
     length: float  # [m]
     acceleration: float = 1.5  # of its law in comfort [m/s2]
     lateral: float = 2.0  # greatest lateral acceleration of its law [m/s2]
+    kind: str = "car"  # the shortest of `CARS` that is as long
 
     @classmethod
     def of(cls, member: Member) -> Ego:
@@ -35,7 +38,9 @@ class Ego(NamedTuple):
         law = member.law
         gains = [_gain(one, "acceleration", cls._field_defaults["acceleration"]) for one in _drivers(law)]
         lateral = [_gain(one, "lateral_acceleration", cls._field_defaults["lateral"]) for one in _drivers(law)]
-        return cls(member.id, "", 0.0, float(member.model.length), min(gains), min(lateral))
+        length = float(member.model.length)
+        kind = next((name for name, model in KINDS if length <= model.length), KINDS[-1][0])
+        return cls(member.id, "", 0.0, length, min(gains), min(lateral), kind)
 
     @property
     def size(self) -> float:

@@ -38,7 +38,8 @@ from platoontraffic.vehicles.motion import scale
 HELD_UP_AFTER = 3.0  # a vehicle that stands at an open line for longer is held up by something else [s]
 SETS_OUT_AFTER = 1.5  # a vehicle whose turn it is at an all-way stop sets out within this time [s]
 NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
-SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the paths of others all the same [s]
+SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the paths of others without a margin [s] ...
+SWINGS_OUT_LONGEST = 30.0  # ... and after which it does so whoever comes [s]
 STOPS_BY = 4.5  # hardest braking with which a vehicle comes to a stop sign [m/s2]: that of SUMO's cars
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
 LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
@@ -99,13 +100,18 @@ class RightOfWay:
         if state in ZIPPER:  # the nearer one goes first, and one that stands inside may set out at any time
             foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
             foes = [foe if foe.to_line > 0 else self._setting_out(foe) for foe in foes]
-        if self._conflicts[line].swings and self._waited(line, distance, ego) >= SWINGS_OUT_AFTER:
+        enters = distance + self._conflicts[line].waits if midway else distance
+        if self._conflicts[line].swings and (stood := self._waited(line, distance, ego)) >= SWINGS_OUT_AFTER:
+            beside = [foe._replace(pace=Pace(foe.pace.speed)) for foe in foes if foe.crossing.swings]
             foes = [foe for foe in foes if not foe.crossing.swings]
+            waits = stood < SWINGS_OUT_LONGEST and ego.speed < STANDING
+            met = self._met(line, beside, distance, midway) if waits else []
+            if not self._has_gap_among(met, line, distance, ego, 0.0, enters):
+                return False
         # Where no lane has priority, it is not known which vehicle came first.
         waited = 0.0 if state in EQUAL else self._waited(line, distance, ego)
         if waited > WATCHES_QUEUES_AFTER:
             foes = [self._in_queue(foe) for foe in foes]
-        enters = distance + self._conflicts[line].waits if midway else distance
         met, margin = self._met(line, foes, distance, midway), margin_after(waited)
         return self._has_gap_among(met, line, distance, ego, margin, enters, waited)
 

@@ -72,7 +72,8 @@ class StopLines:
         self._stops = letting_in.stops if letting_in else {}
         self._now = Reads(sumo)
         self._conflicts = Once(lambda line: Conflicts.at(line, network, sumo))
-        self._at_junction = Once(lambda line: line._replace(station=0.0))  # one for all routes over it
+        # By line and kind of vehicle: one for all routes over it.
+        self._at_junction = Once(lambda passed: passed[0]._replace(station=0.0, kind=passed[1]))
         self._way = RightOfWay(sumo, self._now, self._conflicts)
         self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else ())
         self._fleet: tuple[Member, ...] = ()  # at the last look
@@ -167,9 +168,8 @@ class StopLines:
                 continue
             ego = Ego.of(fleet.members[i])._replace(lane=via, speed=float(fleet.motion.speed[i]))
             signal = _signal(state)
-            has_gap = (
-                signal != ground.GIVES_WAY or line is None or self._way.may_enter(self._at_junction[line], state, ego)
-            )
+            gives_way = signal == ground.GIVES_WAY and line is not None
+            has_gap = not gives_way or self._way.may_enter(self._at_junction[line, ego.kind], state, ego)
             found.append(Entry(i, lane, signal, has_gap))
         return found
 
@@ -195,7 +195,7 @@ class StopLines:
         if passed and passed.via and passed.state != CHANGING and ego.lane[:1] == ":" and ego.lane not in passed.via:
             ego = self._on_its_route(passed, over, ego)
         may_stop = passed and (ego.lane in passed.via or passed.state == CHANGING)
-        if may_stop and (state := self._passed(self._at_junction[passed], over, ego)):
+        if may_stop and (state := self._passed(self._at_junction[passed, ego.kind], over, ego)):
             return state
         if not lines:
             return NO_LINE
@@ -266,7 +266,7 @@ class StopLines:
             if not is_open:
                 self._blocked_changes[ego.id] = line, self._change.is_passed_soon(line, distance, ego)
             return LineState(distance, is_open, False, False, LANE_CHANGE)
-        line = self._at_junction[line]
+        line = self._at_junction[line, ego.kind]
         state, conflicts = self._link_state(line), self._conflicts[line]
         minor = state in STOP or (state in MINOR and bool(conflicts.entering))
         yellow = state in YELLOW

@@ -671,21 +671,44 @@ def test_a_member_that_waits_midway_lets_those_pass_that_pass_closely_before_its
 
 
 @pytest.mark.sumo
-@pytest.mark.parametrize(("turn", "swings"), [(30.0, False), (90.0, False), (120.0, False), (160.0, True)])
-def test_a_sharp_turn_on_the_inner_lane_waits_for_vehicles_that_its_front_would_swing_over(tmp_path, turn, swings):
+@pytest.mark.parametrize(
+    ("turn", "kind", "swings"),
+    [
+        (30.0, "car", False),
+        (90.0, "car", False),
+        (120.0, "car", False),
+        (160.0, "car", True),
+        (30.0, "truck", False),
+        (90.0, "truck", True),
+    ],
+)
+def test_a_sharp_turn_on_the_inner_lane_waits_for_vehicles_that_its_front_would_swing_over(
+    tmp_path, turn, kind, swings
+):
     network = Network.read(corner(tmp_path, turn))
     libsumo.start(["sumo", "-n", str(network.path), "--no-step-log", "--no-warnings"])
     try:
         for lane, expected in ((0, [("wc_1", True)] if swings else []), (1, [])):
             *_, lines = network.route_lanes(("wc", "cx"), lane, position=20.0)
-            crossings = Conflicts.at(lines[0], network, libsumo).crossings.values()
+            crossings = Conflicts.at(lines[0]._replace(kind=kind), network, libsumo).crossings.values()
             assert [(one.before, one.first) for one in crossings if one.swings] == expected
     finally:
         libsumo.close()
 
 
-@pytest.mark.parametrize(("waited", "goes"), [(2.0, False), (6.0, True)])
-def test_a_front_that_has_begun_to_swing_out_after_a_stand_does_not_stop_again(monkeypatch, waited, goes):
+@pytest.mark.parametrize(
+    ("waited", "speed", "foe_at", "goes"),
+    [
+        (2.0, 0.8, 20.0, False),
+        (6.0, 0.8, 20.0, True),
+        (6.0, 0.0, 20.0, False),
+        (6.0, 0.0, 200.0, True),
+        (31.0, 0.0, 20.0, True),
+    ],
+)
+def test_a_front_swings_out_after_a_stand_where_nobody_comes_and_once_it_has_begun(
+    monkeypatch, waited, speed, foe_at, goes
+):
     """SUMO's waiting time is 0 as soon as it moves: it drove one metre, and then stood for 5 s more."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (3.0, 12.0), (4.0, 16.0), False, True, np.inf, 10.0, 3.0, swings=True)
@@ -695,10 +718,10 @@ def test_a_front_that_has_begun_to_swing_out_after_a_stand_does_not_stop_again(m
     )
     conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0, swings=True)
     way = RightOfWay(client, Reads(client), {line: conflicts})
-    monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [Approach("c", crossing, 20.0, Pace(8.0))])
+    monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [Approach("c", crossing, foe_at, Pace(8.0))])
     monkeypatch.setattr(RightOfWay, "_inside", lambda *_, first: [])
     monkeypatch.setattr(RightOfWay, "_waited", lambda *_: waited)
-    assert way.may_cross(line, -0.5, Ego("m.0", ":a_0", 0.8, CAR.length)) == goes
+    assert way.may_cross(line, -0.5, Ego("m.0", ":a_0", speed, CAR.length)) == goes
 
 
 @pytest.mark.sumo
