@@ -11,10 +11,10 @@ of a vehicle in the middle of its lane. So a member whose shadow is missing is i
   and this is done again before each step);
 - to remove a shadow, as for one to the left, with its true width.
 
-A vehicle gets no shadow beside another one: to that, it would be a leader that it has run into, and it brakes hard or
-changes lanes, even into the vehicle itself. In a bend bodies come near the border of their lanes for a moment. For a
-shadow to the right no vehicle may be beside it on the left either: for one step the member's own lane has only a shadow
-on it. SUMO's driver on the left takes that lane for free, and changes into the member.
+A vehicle gets no shadow before the front of another one that is abreast: to that, it would be a leader that it has run
+into, and it brakes hard or changes lanes, even into the vehicle itself. In a bend bodies come near the border of their
+lanes for a moment. For a shadow to the right no vehicle may be beside it on the left either: for one step the member's
+own lane has only a shadow on it. SUMO's driver on the left takes that lane for free, and changes into the member.
 
 All of this happens between two steps, so that no driver sees it elsewhere. Left is towards the lanes with the higher
 index, also in left-hand traffic.
@@ -23,7 +23,7 @@ index, also in left-hand traffic.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from platoontraffic.road.network import Network
@@ -113,9 +113,9 @@ class Shadows:
         for mover in movers if self._seen else ():
             seen = self._seen.get(mover.id)
             if seen and (side := self._wanted(mover, seen)) != self._side[mover.id]:
-                if side and self._is_beside_another(mover, seen, side):
+                if side and self._is_before_a_front(mover, seen, side):
                     continue
-                if side == RIGHT and self._is_beside_another(mover, seen, LEFT, NEARLY):
+                if side == RIGHT and self._is_beside_another(mover, seen, LEFT):
                     continue
                 self._insert(mover, seen, side)
                 self._side[mover.id] = side
@@ -129,18 +129,26 @@ class Shadows:
         edge, _, index = seen.lane.rpartition("_")
         return side if 0 <= int(index) + side < self._lane_number(edge) else NONE
 
-    def _is_beside_another(self, mover: Mover, seen: _Seen, side: int, nearly: float = 0.0) -> bool:
-        """Whether there is a vehicle abreast of it on the lane on that side, or nearly so, within a distance [m]."""
+    def _is_before_a_front(self, mover: Mover, seen: _Seen, side: int) -> bool:
+        """Whether the front of a vehicle on the lane on that side is beside it."""
+        front, length = self._sumo.vehicle.getLanePosition(mover.id), self._sumo.vehicle.getLength(mover.id)
+        return any(front - length < its <= front for its, _ in self._on_lane(seen, side))
+
+    def _is_beside_another(self, mover: Mover, seen: _Seen, side: int) -> bool:
+        """Whether there is a vehicle abreast of it on the lane on that side, or nearly so."""
+        front, length = self._sumo.vehicle.getLanePosition(mover.id), self._sumo.vehicle.getLength(mover.id)
+        return any(
+            its > front - length - NEARLY and its - its_length < front + NEARLY
+            for its, its_length in self._on_lane(seen, side)
+        )
+
+    def _on_lane(self, seen: _Seen, side: int) -> Iterator[tuple[float, float]]:
+        """Front and length of each vehicle on the lane on that side of its own [m]."""
         vehicle, (edge, _, index) = self._sumo.vehicle, seen.lane.rpartition("_")
         lane = int(index) + side
-        if not 0 <= lane < self._lane_number(edge):
-            return False
-        front, length = vehicle.getLanePosition(mover.id), vehicle.getLength(mover.id)
-        for name in self._sumo.lane.getLastStepVehicleIDs(f"{edge}_{lane}"):
-            its = vehicle.getLanePosition(name)
-            if its > front - length - nearly and its - vehicle.getLength(name) < front + nearly:
-                return True
-        return False
+        if 0 <= lane < self._lane_number(edge):
+            for name in self._sumo.lane.getLastStepVehicleIDs(f"{edge}_{lane}"):
+                yield vehicle.getLanePosition(name), vehicle.getLength(name)
 
     def _insert(self, mover: Mover, seen: _Seen, side: int) -> None:
         """Insert a vehicle anew, so that its shadow is on this side."""

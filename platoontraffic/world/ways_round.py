@@ -4,7 +4,7 @@ A driver who cannot go on because another vehicle reaches into the path steers p
 so by its own lasers, its route and the map: after `AFTER` at a stand, if the body has not moved since, its route gets a
 way round it (`road.way_round`). A vehicle that it has followed waits, as a rule, for a light or for a gap: behind that
 one it stays for `AFTER_FOLLOWING`. Where a little to the side is enough, it does not wait, nor come to a stand: it
-would hold up a junction.
+would hold up a junction. At a closed stop line it does wait: the body may be gone when the line opens.
 
 The way keeps to the lanes of its own direction and to junctions; nothing may be there, nor behind on the side to which
 it goes, as far as a laser looks back. What drives away ahead of it, or stands behind, does not count. Until it is past,
@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from platoontraffic.controllers import BRAKES_FOR
+from platoontraffic.controllers import BRAKES_FOR, Signals
 from platoontraffic.controllers.tracking import AROUND
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.pose import wrap
@@ -84,12 +84,14 @@ class WaysRound:
         fleet: Fleet,
         roads: Sequence[tuple[str, str]],
         sensed: Measurements,
+        signals: Signals | None,
         time: float,
     ) -> tuple[list[Noted], Fleet]:
         """Events of members that go round a body from now on, and the fleet with their routes.
 
-        roads  : edge and lane of each member, (n,)
-        sensed : what arrives in this step
+        roads   : edge and lane of each member, (n,)
+        sensed  : what arrives in this step
+        signals : the next stop line of each member; None: there are none
         """
         if self._network is None or fleet.progress.routes is None:
             return [], fleet
@@ -110,8 +112,11 @@ class WaysRound:
             name, member = fleet.ids[row], fleet.members[row]
             body = _body(member)
             last = self._looks[name]
-            look = last._replace(at=time, place=station + blocked_at(member.route, station, body, returns.points))
+            distance = blocked_at(member.route, station, body, returns.points)
+            look = last._replace(at=time, place=station + distance)
             self._looks[name] = look
+            if signals is not None and not signals.open[row] and signals.distance[row] < distance:
+                continue
             if not abs(look.place - last.place) < (STILL if look.since < math.inf else STILL_UNDER_WAY):
                 continue
             pose = *(float(axle[row]) for axle in fleet.model.axle_position(fleet.motion)), fleet.motion.heading[row]

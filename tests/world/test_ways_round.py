@@ -14,9 +14,10 @@ from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, Mount, Noise, Scene
 from platoontraffic.road.route import Route
-from platoontraffic.road.way_round import MOST, SPEED, Body
+from platoontraffic.road.way_round import MOST, SPEED, Body, way_round
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import Drive
+from platoontraffic.world import ways_round
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE, WaysRound
 from tests.support.bench import NO_WALLS, Prescribed, StopLine, constant, drive, platoon
@@ -38,11 +39,11 @@ class Street:
         return self._area
 
 
-def driven(law, body, half: float = 6.0, seconds: float = 40.0):
+def driven(law, body, half: float = 6.0, seconds: float = 40.0, **setting):
     (member,) = platoon(LAWS[law], at=(0.0, 0.0, 0.0), leader_eye=EYE, model=CAR)
     member = replace(member, route=ROUTE, speed=8.0, single=True, equip="equip")
     scene = Scene.from_shapely(solids=[body])
-    return drive([member], scene, seconds, 0.1, map=Street(half))
+    return drive([member], scene, seconds, 0.1, map=Street(half), **setting)
 
 
 def footprints(log) -> np.ndarray:
@@ -60,6 +61,24 @@ def box(overlap: float, side: int = 1, length: float = 4.0) -> shapely.Polygon:
     """A body at x = PLACE that covers so much of the path from the left (1) or from the right (-1) [m]."""
     inner, outer = sorted((side * (CAR.width / 2 - overlap), side * (CAR.width / 2 + 3.0)))
     return shapely.box(PLACE, inner, PLACE + length, outer)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("ahead", "waits"), [(1.5, True), (30.0, False)])
+def test_at_a_closed_line_before_the_body_it_waits(monkeypatch, law, ahead, waits):
+    """At a red light in Bologna, members planned to go round what crossed, and drove so when it had gone."""
+    red, line = 45.0, PLACE - ahead if waits else PLACE + ahead
+    times, planned = [0.0], []
+
+    def way(*given):
+        planned.append(times[-1])
+        return way_round(*given)
+
+    monkeypatch.setattr(ways_round, "way_round", way)
+    ground = partial(StopLine, 0.1, line, lambda time: time > red)
+    log = driven(law, box(0.4), seconds=80.0, ground=ground, observe=lambda now: times.append(now.time))
+    assert (planned[0] > red - 0.2) == waits
+    assert log.x[-1, 0] > PLACE + 30
 
 
 @pytest.mark.parametrize("law", LAWS)
