@@ -33,6 +33,7 @@ LEFT, NONE, RIGHT = 1, 0, -1
 AHEAD = 1.5  # a shadow is on the lane that the body will reach within this time at its present lateral speed [s]
 TOUCH = 1e-6  # a vehicle as near to the middle of its lane as this was not on the other side of it [m]
 WIDER = 1.01  # width of a vehicle that is to have a shadow wherever it is on its lane [lane widths]
+SLOW = 5.0  # speed up to which a vehicle may stand so much across that its rear matters [m/s]
 NEARLY = 5.0  # distance of a vehicle on the left that may change lanes in the step of a shadow to the right [m]
 DURATION = "lanechange.duration"
 SHORTEST = "0.001"  # [s]; SUMO has shadows if a lane change takes any time, and its own cars still change at once
@@ -50,6 +51,7 @@ class _Seen(NamedTuple):
     lane: str
     lateral: float  # of the front bumper's middle, left of the lane's centre line [m]
     speed: float  # lateral [m/s]
+    over: tuple[int, float] | None  # side on which the front was last over the border, and where on the lane [m]
 
 
 def shadow_options(network: Network, options: Mapping[str, str]) -> dict[str, str]:
@@ -98,7 +100,10 @@ class Shadows:
             lateral = self._mirror * placed
             same = before is not None and before.lane == lane
             speed = (lateral - before.lateral) / self._step if same else before.speed if before else 0.0
-            self._seen[mover.id] = _Seen(lane, lateral, speed)
+            over = before.over if same else None
+            if abs(lateral) > self._room(mover, lane):
+                over = _towards(lateral), self._sumo.vehicle.getLanePosition(mover.id)
+            self._seen[mover.id] = _Seen(lane, lateral, speed, over)
             if same and mover.id in widened:
                 self._side[mover.id] = _towards(placed)
             elif not same:  # SUMO has inserted it there
@@ -121,11 +126,21 @@ class Shadows:
                 self._side[mover.id] = side
 
     def _wanted(self, mover: Mover, seen: _Seen) -> int:
-        """The side of the lane that its body overlaps, or will soon overlap as it moves away from the middle."""
+        """The side of the lane that its body overlaps, or will soon overlap as it moves away from the middle.
+
+        The rear of a slow vehicle, which may stand across, overlaps it until it comes to where the front was over the
+        border last.
+        """
         side, room = _towards(seen.lateral), self._room(mover, seen.lane)
         outwards = side * seen.speed if side * (seen.lateral - seen.speed * self._step) > -TOUCH else 0.0
         if abs(seen.lateral) + max(outwards, 0.0) * AHEAD <= room:
-            return NONE
+            if seen.over is None:
+                return NONE
+            side, place = seen.over
+            vehicle = self._sumo.vehicle
+            rear = vehicle.getLanePosition(mover.id) - vehicle.getLength(mover.id)
+            if rear > place or vehicle.getSpeed(mover.id) > SLOW:
+                return NONE
         edge, _, index = seen.lane.rpartition("_")
         return side if 0 <= int(index) + side < self._lane_number(edge) else NONE
 

@@ -244,6 +244,29 @@ def test_without_shadows_a_driver_is_too_late_and_the_lane_that_was_left_stays_t
     assert played([Change(1, 0)], [Driver(1, 24.0, 25.0)], True)[0].gap[-1] > free.gap[-1] + 10
 
 
+@pytest.mark.parametrize(
+    ("driven", "speed", "casts"), [(3.0, 1.0, True), (4.9, 1.0, True), (5.1, 1.0, False), (3.0, 8.0, False)]
+)
+def test_the_rear_of_a_slow_member_is_seen_until_it_has_left_the_lane(driven, speed, casts):
+    """A member stood across the border, its front in its lane again: a car of SUMO's struck its rear."""
+    now = {"lateral": -1.0, "front": 100.0}
+    vehicle = SimpleNamespace(
+        getLateralLanePosition=lambda _: now["lateral"], getLanePosition=lambda _: now["front"],
+        getLength=lambda _: 5.0, getSpeed=lambda _: speed,
+    )  # fmt: skip
+    sumo = SimpleNamespace(
+        vehicle=vehicle,
+        lane=SimpleNamespace(getWidth=lambda _: 3.2),
+        edge=SimpleNamespace(getLaneNumber=lambda _: 2),
+    )
+    shadows = Shadows(sumo, SimpleNamespace(left_hand=False, edges={"a": (100.0,) * 2}), STEP)
+    mover, where = Mover("m", "type", 1.8), {"m": ("a", "a_1")}
+    shadows.observe([mover], where)
+    now |= {"lateral": -0.6, "front": 100.0 + driven}
+    shadows.observe([mover], where)
+    assert (shadows._wanted(mover, shadows._seen["m"]) == -1) == casts
+
+
 def cast(index: int, lateral: float, other: int, its_front: float, lanes: int) -> bool:
     """Whether a member at 100 m that moves to the border of its lane gets a shadow, with another vehicle on a lane."""
     moved: list[str] = []
