@@ -8,10 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
+from platoontraffic.observation import nearby_kernel
+from platoontraffic.observation.nearby_kernel import nearby
 
 EQUAL = 1e-9  # distances that differ by less are equal [m]
 
-compiled = compiler(__file__)
+compiled = compiler(__file__, nearby_kernel.__file__)
 
 
 class Bodies(NamedTuple):
@@ -44,15 +46,17 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
     for k in range(len(bodies.x)):
         radius[k] = math.hypot(bodies.half_length[k], bodies.half_width[k])
         fastest, largest = max(fastest, abs(bodies.speed[k])), max(largest, radius[k])
+    by_x = np.argsort(bodies.x)
+    sorted_x, rows = bodies.x[by_x], np.empty(len(radius), np.intp)
     for i in range(n):
         clearance[i], closest[i], contact_in[i] = math.nan, -1, math.nan
         least, soonest = reach, horizon
         widest = radius[i] + largest + max(reach, (abs(bodies.speed[i]) + fastest) * horizon)
         vx, vy = bodies.speed[i] * bodies.cos[i], bodies.speed[i] * bodies.sin[i]
-        for k in range(len(bodies.x)):
-            dx, dy = bodies.x[k] - bodies.x[i], bodies.y[k] - bodies.y[i]
-            if abs(dx) > widest or abs(dy) > widest or k == i:
+        for k in rows[: nearby(bodies.x, bodies.y, by_x, sorted_x, i, widest, rows)]:
+            if k == i:
                 continue
+            dx, dy = bodies.x[k] - bodies.x[i], bodies.y[k] - bodies.y[i]
             far = max(least, near[i], (abs(bodies.speed[i]) + abs(bodies.speed[k])) * soonest)
             far += radius[i] + radius[k]
             if dx * dx + dy * dy > far * far:

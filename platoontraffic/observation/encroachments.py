@@ -22,11 +22,11 @@ from platoontraffic.world.events import ENCROACHED, Event
 from platoontraffic.world.fleet import Member
 
 if TYPE_CHECKING:
-    from platoontraffic.observation.encroachments_kernel import Trails
+    from platoontraffic.observation.encroachments_kernel import Meetings, Trails
 
 TRAIL = ENCROACHED + 1.0  # time for which it is known where bodies were [s]
 BODIES = 64  # for which there is room at first
-NEVER = -2  # step at which a pair met that has not
+MEETS = 16  # pairs a member for which there is room at first
 AT_ONCE = 8  # encroachments a member that can end in one step
 
 
@@ -40,13 +40,15 @@ class Encroachments:
         self.number_platoons(members)
         self._time: float | None = None  # one step before [s]
         self._step = 0
-        self._trails: Trails | None = None  # from the second step on, with `_meetings`
+        self._trails: Trails | None = None  # from the second step on ...
+        self._before: Meetings | None = None  # ... as are the pairs of the last step, and room for those of the next
+        self._now: Meetings | None = None
         self._column: dict[str, int] = {}  # of each body in the trails
         self._ids: tuple[str, ...] = ()  # of the bodies of the last step ...
         self._columns = np.empty(0, dtype=np.intp)  # ... and their columns
         self._free: list[int] = []
         self._numbers = np.empty(0, dtype=np.intp)  # of the members of the last step ...
-        self._seats = np.empty(0, dtype=np.intp)  # ... and their rows in `_meetings`
+        self._seats = np.empty(0, dtype=np.intp)  # ... and their rows in the meetings
         self._seat: dict[int, int] = {}  # by number
 
     def number_platoons(self, members: Sequence[Member]) -> None:
@@ -58,7 +60,7 @@ class Encroachments:
     def observe(self, step: Step) -> Iterator[Event]:
         """encroachment"""
         # Imported here and below: importing numba takes half a second.
-        from platoontraffic.observation.encroachments_kernel import extend, meet
+        from platoontraffic.observation.encroachments_kernel import NO_ROOM, extend, meet
 
         before, self._time = self._time, step.traffic.time
         if before is None:
@@ -80,7 +82,9 @@ class Encroachments:
         extend(trails, head, slot, *position, *traffic.facing)
         found = np.empty((AT_ONCE * n, 4))
         own = self._seats, self._platoon[step.fleet.number]
-        count = meet(trails, self._meetings, head, self._step, dt, slot, *position, *own, found)
+        while (count := meet(trails, self._before, self._now, head, dt, slot, *position, *own, found)) == NO_ROOM:
+            self._make_room_for_meetings(0, 2 * self._now.pair.shape[1])
+        self._before, self._now = self._now, self._before
         for i, k, was_first, time in found[:count].tolist():
             if k < n and not was_first:  # whatever their order in the fleet
                 i, k, was_first = k, i, True
@@ -91,19 +95,17 @@ class Encroachments:
     def _begin(self, steps: int) -> None:
         from platoontraffic.observation.encroachments_kernel import Meetings, Trails
 
+        self._before, self._now = Meetings.none(0, MEETS), Meetings.none(0, MEETS)
         nothing = np.zeros((steps, 0))
         self._trails = Trails(*[nothing] * 5, np.zeros(0, dtype=np.intp), *np.zeros((3, 0)))
-        self._meetings = Meetings(np.zeros((2, 0, 0), dtype=np.intp), *np.zeros((2, 2, 0, 0)))
         self._make_room()
 
     def _make_room(self) -> None:
         """Twice as many columns as before."""
         there = self._trails.count.size
         more = there or BODIES
-        self._trails, self._meetings = (
-            type(record)(*(np.concatenate([a, np.zeros((*a.shape[:-1], more), a.dtype)], axis=-1) for a in record))
-            for record in (self._trails, self._meetings)
-        )
+        trails = (np.concatenate([a, np.zeros((*a.shape[:-1], more), a.dtype)], axis=-1) for a in self._trails)
+        self._trails = type(self._trails)(*trails)
         self._free += range(there + more - 1, there - 1, -1)
 
     def _find_columns(self, ids: tuple[str, ...]) -> None:
@@ -117,7 +119,6 @@ class Encroachments:
                 self._make_room()
             column[name] = one = self._free.pop()
             self._trails.count[one] = 0
-            self._meetings.last[..., one] = NEVER
         self._ids, self._columns = ids, np.fromiter(map(column.__getitem__, ids), np.intp, len(ids))
 
     def _find_seats(self, numbers: np.ndarray) -> None:
@@ -125,15 +126,20 @@ class Encroachments:
         here = numbers.tolist()
         for gone in self._seat.keys() - set(here):
             del self._seat[gone]
-        taken, there = set(self._seat.values()), self._meetings.last.shape[1]
+        taken, there = set(self._seat.values()), len(self._before.count)
         if (more := len(here) - there) > 0:  # some to spare
-            more += there
-            self._meetings = type(self._meetings)(
-                *(np.concatenate([a, np.zeros((2, more, a.shape[2]), a.dtype)], axis=1) for a in self._meetings)
-            )
-        free = iter([seat for seat in range(there + max(more, 0)) if seat not in taken])
+            self._make_room_for_meetings(more + there, self._before.pair.shape[1])
+        free = iter([seat for seat in range(len(self._before.count)) if seat not in taken])
         for number in here:
             if number not in self._seat:
                 self._seat[number] = seat = next(free)
-                self._meetings.last[:, seat] = NEVER
+                self._before.count[seat] = 0  # it may have been another one's
         self._numbers, self._seats = numbers, np.array([self._seat[number] for number in here], dtype=np.intp)
+
+    def _make_room_for_meetings(self, more: int, pairs: int) -> None:
+        """For more members, and so many pairs of each."""
+        members, there = self._before.pair.shape
+        wider = self._before.none(members + more, pairs)
+        for new, old in zip(wider, self._before, strict=True):
+            new[(slice(members), slice(there))[: new.ndim]] = old
+        self._before, self._now = wider, self._before.none(members + more, pairs)

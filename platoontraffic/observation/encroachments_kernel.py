@@ -12,11 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
+from platoontraffic.observation import nearby_kernel
+from platoontraffic.observation.nearby_kernel import nearby
 
 HALVINGS = 12  # of a step, to find the instant within it
 CLOSED = -1.0  # in place of a time: nothing is looked for any more while the second stays in the trail
+NO_ROOM = -1  # in place of a number of encroachments
 
-compiled = compiler(__file__)
+compiled = compiler(__file__, nearby_kernel.__file__)
 
 
 class Trails(NamedTuple):
@@ -34,11 +37,21 @@ class Trails(NamedTuple):
 
 
 class Meetings(NamedTuple):
-    """Of members on the road with S bodies, (2, M, S): [0] the member is the second of the two, [1] it is the first."""
+    """Pairs of a member and another body of which the second is in the trail of the first, up to P of each of M members.
 
-    last: np.ndarray  # step at which the second was last in the first's trail, int
-    entered: np.ndarray  # length of the second's path when it entered that [m]
-    least: np.ndarray  # post-encroachment time until now [s], inf, or CLOSED
+    A row of the last three is of a member, and holds its pairs in any order.
+    """
+
+    count: np.ndarray  # pairs, (M,) int
+    pair: np.ndarray  # 2 times the column of the other body; plus 1 where the member is the first, (M, P) int
+    entered: np.ndarray  # length of the second's path when it entered the trail [m], (M, P)
+    least: np.ndarray  # post-encroachment time until now [s], inf, or CLOSED, (M, P)
+
+    @classmethod
+    def none(cls, members: int, pairs: int) -> Meetings:
+        """Room for so many."""
+        shape = members, pairs
+        return cls(np.zeros(members, np.intp), np.empty(shape, np.intp), np.empty(shape), np.empty(shape))
 
 
 @compiled
@@ -60,24 +73,29 @@ def extend(trails, head, slot, x, y, cos, sin):
 
 
 @compiled
-def meet(trails, meetings, head, step, dt, slot, x, y, seat, platoon, found):
+def meet(trails, before, now, head, dt, slot, x, y, seat, platoon, found):
     """Look at every pair of a member and another body, which is of no platoon or of another one.
 
+    before  : Meetings of the last step; now: those of this step, filled in
     slot    : column of each body in trails, members first, (N,); x, y: where they are now [m], (N,)
-    seat    : row of each member in meetings, (n,); platoon: of each, (n,)
+    seat    : row of each member in Meetings, (n,); platoon: of each, (n,)
     found   : rows of member and body, 1 where the member was first, and post-encroachment time, (capacity, 4)
-    returns : how many were found
+    returns : how many were found; NO_ROOM where a member meets more bodies than there is room for
     """
     n, count, bodies = len(seat), 0, len(slot)
     length, radius, old_x, old_y = np.empty(bodies), np.empty(bodies), np.empty(bodies), np.empty(bodies)
+    longest = widest = 0.0
     for k in range(bodies):
         s, row = slot[k], _oldest(trails, head, slot[k])
         length[k] = trails.arc[head, s] - trails.arc[row, s]
         old_x[k], old_y[k] = trails.x[row, s], trails.y[row, s]
         radius[k] = math.hypot(trails.half_length[s], trails.half_width[s])
+        longest, widest = max(longest, length[k]), max(widest, radius[k])
+    by_x = np.argsort(x)
+    sorted_x, near = x[by_x], np.empty(bodies, np.intp)
     for i in range(n):
-        a = slot[i]
-        for k in range(bodies):
+        a, now.count[seat[i]] = slot[i], 0
+        for k in near[: nearby(x, y, by_x, sorted_x, i, radius[i] + widest + longest, near)]:
             reach = radius[i] + radius[k] + max(length[i], length[k])
             if abs(x[k] - x[i]) > reach or abs(y[k] - y[i]) > reach:
                 continue
@@ -86,17 +104,37 @@ def meet(trails, meetings, head, step, dt, slot, x, y, seat, platoon, found):
             b = slot[k]
             for is_first in range(2):
                 one, other = (k, i) if is_first else (i, k)  # the second, the first
-                pair = is_first, seat[i], b
+                pair = 2 * b + is_first
+                # A column that is new has been another body's.
+                new = trails.count[a] < 2 or trails.count[b] < 2
+                p = -1 if new else _find(before, seat[i], pair)
                 ends = (x[other], y[other]), (old_x[other], old_y[other])
                 beside = _beside((x[one], y[one]), ends, length[other] + 2 * (radius[i] + radius[k]))
-                if beside and meetings.last[pair] != step - 1:
+                if beside and p < 0:
                     continue
                 second, first = (b, a) if is_first else (a, b)
-                time = _met(trails, meetings, head, step, dt, second, first, pair)
+                entered = before.entered[seat[i], p] if p >= 0 else math.nan
+                least = before.least[seat[i], p] if p >= 0 else CLOSED
+                time, is_in, entered, least = _met(trails, head, dt, second, first, p >= 0, entered, least)
+                if is_in:
+                    if now.count[seat[i]] == now.pair.shape[1]:
+                        return NO_ROOM
+                    last = seat[i], now.count[seat[i]]
+                    now.pair[last], now.entered[last], now.least[last] = pair, entered, least
+                    now.count[seat[i]] += 1
                 if time >= 0.0 and count < len(found):
                     found[count, 0], found[count, 1], found[count, 2], found[count, 3] = i, k, is_first, time
                     count += 1
     return count
+
+
+@compiled
+def _find(meetings, row, pair):
+    """Where a pair is in a row of Meetings; -1: it is not."""
+    for p in range(meetings.count[row]):
+        if meetings.pair[row, p] == pair:
+            return p
+    return -1
 
 
 @compiled
@@ -109,34 +147,33 @@ def _beside(place, ends, length):
 
 
 @compiled
-def _met(trails, meetings, head, step, dt, second, first, pair):
+def _met(trails, head, dt, second, first, was_in, entered, least):
     """The post-encroachment time of a pair, once the second has entered the first's trail by its own width; or else
-    CLOSED."""
-    was_in = meetings.last[pair] == step - 1
-    least = meetings.least[pair] if was_in else CLOSED
+    CLOSED. Then whether the second is in that trail, and what is remembered of it if it is.
+
+    was_in         : it was so one step before
+    entered, least : what was remembered; as in Meetings
+    """
     body = _pose(trails, head, second)
     age = _newest(trails, head, body, first)
     if age < 0:
-        return _finished(meetings, pair, least)
-    meetings.last[pair] = step
+        return _finished(least), False, entered, CLOSED
     if not was_in:
-        meetings.entered[pair] = trails.arc[head, second]
+        entered = trails.arc[head, second]
         # From behind, over the trail's end: it follows, or where the first comes from is not known.
         behind = _overlap(body, _pose(trails, _oldest(trails, head, first), first))
-        meetings.least[pair] = least = CLOSED if behind or trails.count[second] < 2 else math.inf
+        least = CLOSED if behind or trails.count[second] < 2 else math.inf
     if age == 0:  # a contact is no encroachment
-        meetings.least[pair] = least = CLOSED
+        least = CLOSED
     if least == CLOSED:
-        return CLOSED
-    if was_in and trails.arc[head, second] - meetings.entered[pair] > 2.0 * trails.half_width[second]:
-        return _finished(meetings, pair, least)
-    meetings.least[pair] = min(least, _time_between(trails, head, dt, second, first, age))
-    return CLOSED
+        return CLOSED, True, entered, CLOSED
+    if was_in and trails.arc[head, second] - entered > 2.0 * trails.half_width[second]:
+        return _finished(least), True, entered, CLOSED
+    return CLOSED, True, entered, min(least, _time_between(trails, head, dt, second, first, age))
 
 
 @compiled
-def _finished(meetings, pair, least):
-    meetings.least[pair] = CLOSED
+def _finished(least):
     return least if least < math.inf else CLOSED
 
 
