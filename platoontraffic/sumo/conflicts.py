@@ -9,11 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from platoontraffic.lidar.compiled import compiler
 from platoontraffic.road.gap_acceptance import FIRST_MARGIN, Pace
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.reads import Once
 from platoontraffic.vehicles.bicycle import CARS, Car
 from platoontraffic.vehicles.motion import CAR_LENGTH
 
@@ -38,6 +40,9 @@ SHARP = 0.5  # curvature of a path below which no front swings out over another 
 ABOUT = 15.0  # distance before and beyond a junction from which a vehicle's path through it is rounded [m]
 TAIL = 2.0  # part of the lane beyond the junction at which merging paths are compared [lane widths]
 SLOWEST = Pace(0.0, 1.5, 6.0)  # of members: it decides how far ahead foes are looked for
+ROUNDED = 1e-9  # share by which a squared distance may be wrong, amply
+
+compiled = compiler(__file__)
 
 
 class Crossing(NamedTuple):
@@ -71,6 +76,19 @@ class Sampled(NamedTuple):
     points: np.ndarray  # (k, 2) [m]
 
 
+Span = tuple[float, float]  # the first and the last station of a stretch of a line [m]
+
+
+class Paths(Once):
+    """Paths through junctions, sampled: by lanes inside, lane beyond, and distance of the points [m].
+
+    Those of a junction meet one another, so each is asked for by the lines of many.
+    """
+
+    def __init__(self, sumo: Client) -> None:
+        super().__init__(lambda key: _sampled(_path(*key[:2], sumo), key[2]))
+
+
 class Conflicts(NamedTuple):
     """What a stop line must be judged by; constant during a run."""
 
@@ -84,12 +102,13 @@ class Conflicts(NamedTuple):
     swings: bool = False  # the own front swings out over paths to the lanes beside its own
 
     @classmethod
-    def at(cls, line: Line, network: Network, sumo: Client) -> Conflicts:
-        lane = sumo.lane
+    def at(cls, line: Line, network: Network, sumo: Client, paths: Paths | None = None) -> Conflicts:
+        """paths: kept for the next lines"""
+        lane, paths = sumo.lane, Paths(sumo) if paths is None else paths
         # SUMO names the lane of each link with priority, once a link.
         foes = Counter(name for name in lane.getFoes(line.lane, line.onto) if not name.startswith(":"))
-        own, width = _path(line.via, line.onto, sumo), lane.getWidth(line.lane)
-        sampled = _sampled(own, SAMPLED * width)
+        width = lane.getWidth(line.lane)
+        own = paths[line.via, line.onto, SAMPLED * width]
         crossings: dict[str, Crossing] = {}
         inner = {name for via in line.via for name in lane.getInternalFoes(via)} - set(line.via)
         unregulated = not network.unregulated.isdisjoint(line.via)  # SUMO knows no foes there
@@ -104,27 +123,26 @@ class Conflicts(NamedTuple):
                 if inner.isdisjoint(via) or (before == line.lane and via == line.via):
                     continue
                 merges = link[LINK_ONTO] == line.onto
-                its = _sampled(_path(via, link[LINK_ONTO], sumo), SAMPLED * width)
-                away = _apart(sampled, its)
-                met = _met(sampled, its, away < APART * width)
+                its = paths[via, link[LINK_ONTO], SAMPLED * width]
+                met = _met(own, its, APART * width)
                 if met is None:
                     continue
-                closer = _met(sampled, its, away < TOUCHES * width)
+                closer = _met(own, its, TOUCHES * width)
                 touches = closer[0][0] if closer else math.inf
                 waits = lane.getLength(via[0]) if len(via) > 1 else math.inf
                 fastest = min(map(lane.getMaxSpeed, via))
                 is_first = unregulated or before in foes
                 crossings[via[0]] = Crossing(before, via, *met, merges, is_first, waits, fastest, touches)
-        bend = _curvature(sampled)
+        bend = _curvature(own)
         model = CARS[line.kind]
         is_sharp = bend > SHARP / model.turning_radius
-        found = _swung_over(line, own, model, width, crossings, network, sumo) if is_sharp else {}
+        found = _swung_over(line, model, width, crossings, network, sumo, paths) if is_sharp else {}
         crossings |= found
         entering = sorted({crossing.before for crossing in crossings.values() if crossing.first})
         fastest = max(map(lane.getMaxSpeed, entering), default=0.0)
         watched = fastest * (SLOWEST.time_for(line.across + CAR_LENGTH) + FIRST_MARGIN)
         upstream = dict(one for name in reversed(entering) for one in network.upstream(name, watched))
-        walks = tuple(_walks(sampled, inner, width, sumo))
+        walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
         reach = GAP_HORIZON * max(fastest, lane.getMaxSpeed(line.lane) if walks else 0.0)
         return cls(tuple(upstream.items()), crossings, walks, waits, reach, bend, unregulated, bool(found))
@@ -132,17 +150,17 @@ class Conflicts(NamedTuple):
 
 def _swung_over(
     line: Line,
-    own: np.ndarray,
     model: Car,
     width: float,
     met: Mapping[str, Crossing],
     network: Network,
     sumo: Client,
+    paths: Paths,
 ) -> dict[str, Crossing]:
     """The crossings of paths to other lanes of the edge beyond, over which the vehicle's front swings out."""
     edge, _, index = line.onto.rpartition("_")
     others = [f"{edge}_{k}" for k in range(sumo.edge.getLaneNumber(edge)) if k != int(index)]
-    corners = _front(line, own, model, sumo) if others else ()
+    corners = _front(line, model, sumo) if others else ()
     found: dict[str, Crossing] = {}
     for onto in others:
         inside = {name for name, _ in network.upstream(onto, sumo.lane.getLength(onto) + 1e-3)}
@@ -153,17 +171,17 @@ def _swung_over(
                 via = _chain(link[LINK_VIA], sumo)
                 if link[LINK_ONTO] != onto or not via or via[0] in met or not set(via).isdisjoint(line.via):
                     continue
-                its = _sampled(_path(via, onto, sumo), SAMPLED * width)
-                away = np.minimum(*(_apart(corner, its) for corner in corners))
-                swung = _met(corners[0], its, away < CARS["car"].width / 2 + SWUNG)
-                if swung is None:
+                its = paths[via, onto, SAMPLED * width]
+                spans = [span for corner in corners if (span := _met(corner, its, CARS["car"].width / 2 + SWUNG))]
+                if not spans:
                     continue
+                swung = tuple((min(of_one)[0], max(end for _, end in of_one)) for of_one in zip(*spans, strict=True))
                 fastest = min(map(sumo.lane.getMaxSpeed, via))
                 found[via[0]] = Crossing(before, via, *swung, False, True, math.inf, fastest, swung[0][0], True)
     return found
 
 
-def _front(line: Line, own: np.ndarray, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
+def _front(line: Line, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
     """The paths of a vehicle's front corners through a junction, by stations of its front from the line.
 
     Its driven axle is on the line that it can drive, as members' are.
@@ -172,8 +190,9 @@ def _front(line: Line, own: np.ndarray, model: Car, sumo: Client) -> tuple[Sampl
     whole = np.concatenate([before, *(np.array(sumo.lane.getShape(name)) for name in line.via), beyond])
     whole = whole[np.concatenate([[True], np.hypot(*np.diff(whole, axis=0).T) > 1e-6])]
     stations, begin = _stations(whole), _stations(before)[-1]
-    about = stations[(stations > begin - ABOUT) & (stations < begin + _stations(own)[-1] + ABOUT)]
-    about = np.concatenate([[max(begin - ABOUT, 0.0)], about, [min(begin + _stations(own)[-1] + ABOUT, stations[-1])]])
+    end = begin + _stations(_path(line.via, line.onto, sumo))[-1]
+    about = stations[(stations > begin - ABOUT) & (stations < end + ABOUT)]
+    about = np.concatenate([[max(begin - ABOUT, 0.0)], about, [min(end + ABOUT, stations[-1])]])
     points = np.column_stack([np.interp(np.unique(about), stations, whole[:, k]) for k in (0, 1)])
     route = Route.along((), points, np.zeros(len(points)), [line._replace(station=begin - about[0])]).drivable_by(model)
     driven = np.arange(0.0, route.length, SAMPLED * sumo.lane.getWidth(line.lane))
@@ -191,7 +210,7 @@ def _walks(own: Sampled, inner: set[str], width: float, sumo: Client) -> Iterato
         if "_c" not in edge or "pedestrian" not in sumo.lane.getAllowed(name):
             continue
         walk = _sampled(np.array(sumo.lane.getShape(name)), SAMPLED * width)
-        met = _met(own, walk, _apart(own, walk) < APART * width)
+        met = _met(own, walk, APART * width)
         if met is not None:
             there = own.points[(own.stations >= met[0][0]) & (own.stations <= met[0][1])]
             yield Walk(edge, met[0], there, APART * width)
@@ -218,18 +237,30 @@ def _sampled(line: np.ndarray, step: float) -> Sampled:
     return Sampled(there, np.column_stack([np.interp(there, stations, line[:, k]) for k in (0, 1)]))
 
 
-def _apart(one: Sampled, other: Sampled) -> np.ndarray:
-    """Distances of all points of two lines (k, l) [m]."""
-    (x, y), (its_x, its_y) = one.points.T, other.points.T
-    return np.hypot(x[:, None] - its_x, y[:, None] - its_y)
-
-
-def _met(one: Sampled, other: Sampled, near: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """First and last station of each of two lines where they are near each other, bool (k, l); None: nowhere."""
-    if not near.any():
+def _met(one: Sampled, other: Sampled, apart: float) -> tuple[Span, Span] | None:
+    """Where each of two lines is less than a distance [m] from points of the other; None: nowhere."""
+    first, last, its_first, its_last = _near(one.points, other.points, apart)
+    if last < 0:
         return None
-    mine, its = one.stations[near.any(axis=1)], other.stations[near.any(axis=0)]
-    return (float(mine[0]), float(mine[-1])), (float(its[0]), float(its[-1]))
+    mine, its = one.stations, other.stations
+    return (float(mine[first]), float(mine[last])), (float(its[its_first]), float(its[its_last]))
+
+
+@compiled
+def _near(points, others, apart):
+    """The first and the last of points (k, 2) that is less than a distance from one of the others (l, 2), and of those;
+    the last ones are -1 where there are none."""
+    first, last, its_first, its_last = len(points), -1, len(others), -1
+    for i in range(len(points)):
+        for k in range(len(others)):
+            dx, dy = points[i, 0] - others[k, 0], points[i, 1] - others[k, 1]
+            # The root takes long, and decides only where the square is nearly the same.
+            squares = dx * dx + dy * dy
+            if squares > apart * apart * (1 + ROUNDED):
+                continue
+            if squares < apart * apart * (1 - ROUNDED) or math.hypot(dx, dy) < apart:
+                first, last, its_first, its_last = min(first, i), i, min(its_first, k), max(its_last, k)
+    return first, last, its_first, its_last
 
 
 def _curvature(line: Sampled) -> float:

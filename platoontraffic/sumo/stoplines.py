@@ -27,6 +27,7 @@ from platoontraffic.sumo.conflicts import (
     YELLOW,
     Conflicts,
     Crossing,
+    Paths,
 )
 from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, Ego
 from platoontraffic.sumo.letting_in import LettingIn
@@ -71,7 +72,8 @@ class StopLines:
         self._network, self._sumo = network, sumo
         self._stops = letting_in.stops if letting_in else {}
         self._now = Reads(sumo)
-        self._conflicts = Once(lambda line: Conflicts.at(line, network, sumo))
+        paths = Paths(sumo)
+        self._conflicts = Once(lambda line: Conflicts.at(line, network, sumo, paths))
         # By line and kind of vehicle: one for all routes over it.
         self._at_junction = Once(lambda passed: passed[0]._replace(station=0.0, kind=passed[1]))
         self._way = RightOfWay(sumo, self._now, self._conflicts)
