@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -188,6 +189,9 @@ class Simulation:
         self.obstacles = Obstacles(setting.obstacles, fleet)
         self.encounters = Encounters(self.obstacles, setting.members)
         self._hold_obstacles()
+        # What is here lasts. A collection that looks through the network takes as long as some steps.
+        gc.freeze()
+        self._open.callback(gc.unfreeze)
         return self._decide(0, fleet)
 
     def step(self, override: Mapping[str, Twist | Drive] | None = None) -> Instant:

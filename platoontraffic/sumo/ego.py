@@ -50,7 +50,7 @@ class Ego(NamedTuple):
     @property
     def checks_from(self) -> float:
         """Distance before a line at which it must know whether the line is open [m]."""
-        return self.speed**2 / (2 * EARLY_BRAKING) + self.length
+        return checks_from(self.speed, self.length)
 
     @property
     def stops_within(self) -> float:
@@ -61,6 +61,11 @@ class Ego(NamedTuple):
         """How it drives through a junction with a speed limit [m/s]."""
         bend = math.sqrt(self.lateral / max(conflicts.curvature, 1e-6))
         return Pace(self.speed, self.acceleration, min(bend, limit), STARTING)
+
+
+def checks_from(speed: float, length: float) -> float:
+    """`Ego.checks_from` of a vehicle."""
+    return speed**2 / (2 * EARLY_BRAKING) + length
 
 
 def _drivers(law: Law) -> list[object]:

@@ -29,7 +29,7 @@ from platoontraffic.sumo.conflicts import (
     Crossing,
     Paths,
 )
-from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, Ego
+from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, Ego, checks_from
 from platoontraffic.sumo.letting_in import LettingIn
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import RightOfWay
@@ -64,6 +64,17 @@ class LineState(NamedTuple):
 NO_LINE = LineState(np.inf, True, False, False, 0)
 
 
+class FarLine(NamedTuple):
+    """The next line of a member that is so far from it that the traffic about it does not count yet."""
+
+    route: Route
+    lane: str  # on which the member is
+    begins: float  # station of the line before [m]
+    line: Line
+    reach: float  # distance of the line from which on that counts [m]
+    state: LineState | None  # but for the distance; None: a light decides
+
+
 class StopLines:
     """Judges stop lines by the vehicles that SUMO has about them."""
 
@@ -80,6 +91,7 @@ class StopLines:
         self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else ())
         self._fleet: tuple[Member, ...] = ()  # at the last look
         self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet
+        self._far: dict[str, FarLine] = {}  # of members that had one at the last look
         # The lane change that each member cannot begin now, and whether the vehicles in its way pass it soon.
         self._blocked_changes: dict[str, tuple[Line, bool]] = {}
         self._later: dict[tuple[Route, Line, float, float], Route | None] = {}  # with a later or shorter lane change
@@ -106,6 +118,7 @@ class StopLines:
             rows = enumerate(progress.rows.tolist())
             self._asking = [(k, i, Ego.of(members[i])) for k, i in rows if "signals" in members[i].law.needs]
             self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
+            self._far = {name: self._far[name] for name in fleet.ids if name in self._far}
         if not self._asking:
             return None
         self.renew()
@@ -113,14 +126,21 @@ class StopLines:
         speed, signals = fleet.motion.speed.tolist(), Signals(*(values.copy() for values in self._no_lines))
         self._blocked_changes.clear()
         self._change.wanted.clear()
-        for k, i, (name, _, _, *own) in self._asking:
-            ego = Ego(name, roads[name][1], speed[i], *own)
-            state = self._state(members[i], front[k], ego)
-            if name in self._stops:
-                state = self._letting_in(state, ego)
+        rows, states = [], []
+        for k, i, still in self._asking:
+            name = still.id
+            far = self._far.get(name)
+            state = far and self._still_far(far, members[i].route, front[k], roads[name][1], speed[i], still)
+            if state is None or name in self._stops:
+                ego = still._replace(lane=roads[name][1], speed=speed[i])
+                state = state or self._state(members[i], front[k], ego)
+                if name in self._stops:
+                    state = self._letting_in(state, ego)
             if state is not NO_LINE:
-                for values, value in zip(signals, state, strict=True):
-                    values[i] = value
+                rows.append(i)
+                states.append(state)
+        for values, column in zip(signals, zip(*states, strict=True), strict=bool(states)):
+            values[rows] = column
         return signals
 
     def with_later_changes(self, fleet: Fleet) -> Fleet:
@@ -187,6 +207,27 @@ class StopLines:
             LineState(distance, False, False, False, RIGHT_OF_WAY) if state.open or distance < state.distance else state
         )
 
+    def _still_far(
+        self, far: FarLine, route: Route, station: float, lane: str, speed: float, still: Ego
+    ) -> LineState | None:
+        """State of the line that was far at the last look, if it still is; None: it must be looked at.
+
+        station: of the member's front bumper [m]
+        still  : the member at rest
+        """
+        distance = far.line.station - station
+        if far.route is not route or far.lane != lane or station <= far.begins:
+            return None
+        if distance < far.reach or distance < checks_from(speed, still.length):
+            return None
+        return LineState(distance, *far.state[1:]) if far.state else self._ahead(far.line, distance, False, still)
+
+    def _note_far(self, ego: Ego, route: Route, passed: Line | None, line: Line, state: LineState) -> None:
+        reach = 0.0 if line.state == CHANGING else self._conflicts[self._at_junction[line, ego.kind]].reach
+        if not route.closed and state.distance >= reach:
+            begins = passed.station if passed else -math.inf
+            self._far[ego.id] = FarLine(route, ego.lane, begins, line, reach, None if line.light else state)
+
     def _state(self, member: Member, station: float, ego: Ego) -> LineState:
         """The line that the member must heed; its front bumper is at a station of its route [m].
 
@@ -204,7 +245,10 @@ class StopLines:
         if self._change.is_beside(lines[0][0], ego):
             return LineState(AT_ONCE * ego.size, False, False, False, LANE_CHANGE)
         ahead = [self._ahead(line, distance, distance < checks_from, ego) for line, distance in lines]
-        first = ahead[0]
+        first, (line, distance) = ahead[0], lines[0]
+        has_changed = may_stop and ego.lane == passed.onto and over >= passed.across
+        if distance >= checks_from and ego.lane == line.lane and (has_changed or not may_stop):
+            self._note_far(ego, member.route, passed, line, first)
         if first.open and not first.minor:
             for line in ahead:
                 if not line.open:

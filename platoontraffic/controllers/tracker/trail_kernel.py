@@ -109,10 +109,10 @@ def relay(trail, odometry, route):
         if not route.rows[i]:
             continue
         cos, sin = math.cos(odometry.heading[i]), math.sin(odometry.heading[i])
-        size[i] = 0
+        size[i] = piece = 0
         for k in range(min(route.distance.shape[1], points.shape[1] // 2)):
             station = route.distance[i, k]
-            ahead, aside = _rounded(route.points[i], route.distance[i], station, route.rounding[i])
+            ahead, aside, piece = _rounded(route.points[i], route.distance[i], station, route.rounding[i], piece)
             x, y = odometry.x[i] + ahead * cos - aside * sin, odometry.y[i] + ahead * sin + aside * cos
             if k == 0:
                 points[i, 0] = x, y, 0.0
@@ -124,23 +124,26 @@ def relay(trail, odometry, route):
 
 
 @compiled
-def _rounded(points, distance, station, window):
-    """Mean of a route's places within a window each way of a station."""
+def _rounded(points, distance, station, window, piece):
+    """Mean of a route's places within a window each way of a station, and the piece that the first of them is on.
+
+    Before its first point and beyond its last the route goes straight on.
+
+    piece: the first place is on this one, or on a later one
+    """
     x = y = 0.0
+    last, first = len(distance) - 2, piece
     for j in range(-ROUNDING, ROUNDING + 1):
-        place_x, place_y = _place(points, distance, station + j * window / ROUNDING)
+        there = station + j * window / ROUNDING
+        while piece < last and distance[piece + 1] < there:
+            piece += 1
+        if j == -ROUNDING:
+            first = piece
+        share = (there - distance[piece]) / (distance[piece + 1] - distance[piece])
+        place_x = points[piece, 0] + share * (points[piece + 1, 0] - points[piece, 0])
         x += place_x / (2 * ROUNDING + 1)
-        y += place_y / (2 * ROUNDING + 1)
-    return x, y
-
-
-@compiled
-def _place(points, distance, station):
-    """The place on a route; before its first point and beyond its last it goes straight on."""
-    k = min(max(np.searchsorted(distance, station) - 1, 0), len(distance) - 2)
-    share = (station - distance[k]) / (distance[k + 1] - distance[k])
-    x = points[k, 0] + share * (points[k + 1, 0] - points[k, 0])
-    return x, points[k, 1] + share * (points[k + 1, 1] - points[k, 1])
+        y += (points[piece, 1] + share * (points[piece + 1, 1] - points[piece, 1])) / (2 * ROUNDING + 1)
+    return x, y, first
 
 
 @compiled
