@@ -37,7 +37,7 @@ class Trails(NamedTuple):
 
 
 class Meetings(NamedTuple):
-    """Pairs of a member and another body of which the second is in the trail of the first, up to P of each of M members.
+    """Pairs of a member and another body of which the second is in the first's trail, up to P of each of M members.
 
     A row of the last three is of a member, and holds its pairs in any order.
     """
@@ -209,9 +209,13 @@ def _newest(trails, head, body, first):
     """Age of the newest pose of a trail that overlaps a body [steps]; -1: none does."""
     rows = len(trails.x)
     touching = math.hypot(body[4], body[5]) + math.hypot(trails.half_length[first], trails.half_width[first])
-    age, ages = 0, min(trails.count[first], rows)
+    age, ages, last = 0, min(trails.count[first], rows), -1
     while age < ages:
         row = (head - age) % rows
+        if last >= 0 and _pose(trails, row, first) == _pose(trails, last, first):  # it stood
+            age += 1
+            continue
+        last = row
         away = math.hypot(trails.x[row, first] - body[0], trails.y[row, first] - body[1]) - touching
         if away <= 0.0:
             if _overlap(body, _pose(trails, row, first)):

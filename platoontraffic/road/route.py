@@ -104,6 +104,15 @@ class Route:
     def _line_stations(self) -> list[float]:
         return [line.station for line in self.lines]
 
+    @cached_property
+    def lane_changes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stations [m], and distance of the route there from the lane on which it began, to the left [m]."""
+        at, aside = [0.0], [0.0]
+        for line in (line for line in self.lines if line.state == CHANGING):
+            at += [line.station, line.station + line.across]
+            aside += [aside[-1], aside[-1] + line.aside]
+        return np.array([*at, self.line.stations[-1]]), np.array([*aside, aside[-1]])
+
     def lines_about(self, station: float, reach: float) -> tuple[Line | None, float, list[tuple[Line, float]]]:
         """The last stop line before a station, the distance since it [m], and the next lines with the distance to each.
 
@@ -149,7 +158,7 @@ class Routes:
         grids = [chosen[key].curvature(size) for key, size in kinds]
         self._grid = np.concatenate([grid + base for (grid, _), base in zip(grids, bases, strict=True)])
         self._curvature = np.concatenate([curvature for _, curvature in grids])
-        shifts = [_lane_changes(chosen[key]) for key, _ in kinds]
+        shifts = [chosen[key].lane_changes for key, _ in kinds]
         self._changes = np.concatenate([at + base for (at, _), base in zip(shifts, bases, strict=True)])
         self._aside = np.concatenate([aside for _, aside in shifts])
         self._shifted = bool(self._aside.any())
@@ -263,15 +272,6 @@ def _between(stations, values, k, there):
     if there <= stations[k] or k + 1 == len(stations):
         return values[k]
     return (values[k + 1] - values[k]) / (stations[k + 1] - stations[k]) * (there - stations[k]) + values[k]
-
-
-def _lane_changes(route: Route) -> tuple[np.ndarray, np.ndarray]:
-    """Stations [m], and distance of the route there from the lane on which it began, to the left [m]."""
-    at, aside = [0.0], [0.0]
-    for line in (line for line in route.lines if line.state == CHANGING):
-        at += [line.station, line.station + line.across]
-        aside += [aside[-1], aside[-1] + line.aside]
-    return np.array([*at, route.line.stations[-1]]), np.array([*aside, aside[-1]])
 
 
 def _curvature(line: Polyline, length: float) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -66,15 +68,26 @@ class Way(NamedTuple):
     plan: Plan
 
 
-class _Section(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Section:
     """Places along a line, from the driven axle on."""
 
     distance: np.ndarray  # (k,) [m]
     points: np.ndarray  # (k, 2)
 
-    @property
+    @cached_property
     def heading(self) -> np.ndarray:
         return np.arctan2(*np.gradient(self.points, axis=0).T[::-1])
+
+    @cached_property
+    def facing(self) -> tuple[np.ndarray, np.ndarray]:
+        """Cosine and sine of the heading, (k,) each."""
+        return np.cos(self.heading), np.sin(self.heading)
+
+    @cached_property
+    def begin(self) -> _Section:
+        """Its first two places."""
+        return _Section(self.distance[:2], self.points[:2])
 
     @property
     def curvature(self) -> np.ndarray:
@@ -83,8 +96,8 @@ class _Section(NamedTuple):
 
     def shifted(self, offset: np.ndarray | float) -> _Section:
         """With places moved to the left, (k,) or all alike [m]."""
-        left = np.array([-np.sin(self.heading), np.cos(self.heading)])
-        return self._replace(points=self.points + (offset * left).T)
+        cos, sin = self.facing
+        return _Section(self.distance, self.points + (offset * np.array([-sin, cos])).T)
 
 
 class _Planned(NamedTuple):
@@ -141,6 +154,8 @@ def way_round(
         for shift, side in product(np.arange(LEAST, most + STEP / 2, STEP).tolist(), (1, -1))
         if shift >= body.width / 2 + (left if side > 0 else -right)
     ]
+    if not shifts:
+        return None
     bend = _sharpest(_ahead(route, station, passed + 3 * body.length))
     ways: dict[float, _Planned | None] = {}
     seen: dict[float, tuple[np.ndarray, np.ndarray]] = {}
@@ -205,7 +220,7 @@ def _made(way: _Planned, shift: float, met: int) -> Way:
 
 def corners(section: _Section, body: Body) -> np.ndarray:
     """Of the body at each place of its driven axle, (k, 4, 2) [m]."""
-    cos, sin = np.cos(section.heading), np.sin(section.heading)
+    cos, sin = section.facing
     ahead = np.array([0.5, 0.5, -0.5, -0.5]) * body.length - body.axle
     aside = np.array([0.5, -0.5, -0.5, 0.5]) * body.width
     x = section.points[:, :1] + cos[:, None] * ahead - sin[:, None] * aside
@@ -220,7 +235,7 @@ def _ahead(route: Route, station: float, distance: float) -> _Section:
 
 def _kept(section: _Section, body: Body, returns: np.ndarray, clearance: float) -> np.ndarray:
     """The clearance, or less for returns close beside the body at the begin of a section [m], (returns,)."""
-    ahead, aside = (place[0] for place in _seen_from(section._replace(points=section.points[:2]), body, returns))
+    ahead, aside = (place[0] for place in _seen_from(section.begin, body, returns))
     away = np.abs(aside) - body.width / 2
     close = (away > 0) & (np.abs(ahead) < body.length / 2 + ALONGSIDE)
     return np.where(close, np.clip(away - BESIDE, 0.0, clearance), clearance)
@@ -228,14 +243,19 @@ def _kept(section: _Section, body: Body, returns: np.ndarray, clearance: float) 
 
 def _seen_from(section: _Section, body: Body, returns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places of returns from the body's centre, forward and to the left, (k, returns) each [m]."""
-    cos, sin = np.cos(section.heading)[:, None], np.sin(section.heading)[:, None]
+    cos, sin = (part[:, None] for part in section.facing)
     x, y = returns[:, 0] - section.points[:, :1], returns[:, 1] - section.points[:, 1:]
     return cos * x + sin * y + body.axle, cos * y - sin * x
 
 
 def _touches(section: _Section, body: Body, returns: np.ndarray, clearance: np.ndarray) -> np.ndarray:
     """Whether each return is within its clearance (returns,) of the body at each place, (k, returns)."""
-    return _within(_seen_from(section, body, returns), body, clearance)
+    reach = body.length / 2 + abs(body.axle) + body.width / 2 + 2 * clearance.max(initial=0.0)
+    low, high = section.points.min(axis=0) - reach, section.points.max(axis=0) + reach
+    near = ((returns > low) & (returns < high)).all(axis=1)  # of the others none is
+    touched = np.zeros((len(section.points), len(returns)), bool)
+    touched[:, near] = _within(_seen_from(section, body, returns[near]), body, clearance[near])
+    return touched
 
 
 def _within(seen: tuple[np.ndarray, np.ndarray], body: Body, clearance: np.ndarray) -> np.ndarray:
@@ -249,7 +269,7 @@ def _extent(section: _Section, body: Body, returns: np.ndarray) -> tuple[float, 
 
     returns: distance at which the own rear is past it; its greatest offsets to the right and to the left [m]
     """
-    cos, sin = np.cos(section.heading), np.sin(section.heading)
+    cos, sin = section.facing
     away = np.hypot(returns[:, None, 0] - section.points[:, 0], returns[:, None, 1] - section.points[:, 1])
     k = away.argmin(axis=1)
     x, y = (returns - section.points[k]).T

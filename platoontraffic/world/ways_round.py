@@ -251,9 +251,10 @@ def _returns(
     motion = fleet.motion
     x, y, heading = (float(values[row]) for values in (motion.x, motion.y, motion.heading))
     if traffic is not None:
-        alike = np.abs(wrap(traffic.heading - heading)) < AWAY_WITHIN
-        leaves = np.append((traffic.speed > AWAY_BY) & alike, [False, False])  # not what is -1, a wall, or -2
-        stays = ~(leaves[hits] & (near[:, 0] > fleet.model.length[row] / 2))
+        ahead = (hits >= 0) & (near[:, 0] > fleet.model.length[row] / 2)  # not what is -1, a wall, or -2
+        met, stays = hits[ahead], np.ones(len(hits), bool)
+        alike = np.abs(wrap(traffic.heading[met] - heading)) < AWAY_WITHIN
+        stays[ahead] = ~((traffic.speed[met] > AWAY_BY) & alike)
         near, hits = near[stays], hits[stays]
     behind = np.empty((0, 2))
     if AROUND in readings.scans:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from platoontraffic.observation import encroachments
 from platoontraffic.observation.encroachments import Encroachments
 from platoontraffic.observation.step import Step
 from platoontraffic.world.events import Event
@@ -202,3 +203,9 @@ def random_tables(rng):
 def test_a_slow_second_implementation_agrees_on_random_scenes():
     rng = np.random.default_rng(1)
     assert sum(agree(*random_tables(rng)) for _ in range(10)) > 20
+
+
+def test_a_member_may_meet_more_bodies_than_there_was_room_for(monkeypatch):
+    *_, events = random_tables(np.random.default_rng(1))
+    monkeypatch.setattr(encroachments, "MEETS", 1)
+    pd.testing.assert_frame_equal(random_tables(np.random.default_rng(1))[2], events)

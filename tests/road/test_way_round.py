@@ -223,3 +223,12 @@ def test_it_never_touches_anything_and_can_be_steered(overlap, ahead, length, an
     stations = np.arange(50.0, way.ends, 0.5)
     heading = np.unwrap(np.arctan2(*np.gradient(way.route.line.at(stations), axis=0).T[::-1]))
     assert np.abs(np.gradient(heading, 0.5)).max() < 1.05 / BODY.turning_radius
+
+
+def test_returns_far_from_the_path_are_left_out_without_a_difference():
+    section = ways._ahead(street(bend=0.02), 45.0, 20.0)
+    returns, body = np.random.default_rng(1).uniform(-30, 30, (2000, 2)), BODY
+    clearance = np.full(len(returns), 0.3)
+    touched = ways._touches(section, body, returns, clearance)
+    assert touched.any()
+    assert (touched == ways._within(ways._seen_from(section, body, returns), body, clearance)).all()
