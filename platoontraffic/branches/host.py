@@ -9,6 +9,8 @@ import contextlib
 import ctypes
 import faulthandler
 import os
+import pickle
+import select
 import signal
 import sys
 import traceback
@@ -31,23 +33,29 @@ class Host:
     """Serves calls that come over a connection.
 
     A call is (name, arguments): that method of the object is called, with `say` first. What is said on the way is
-    ("said", value), its end ("done", result) or ("failed", exception).
+    ("said", value), its end ("done", result) or ("failed", exception). Both are plain pickles: those of
+    `Connection.send` can also hold connections, and take longer.
     """
 
     def __init__(self, connection: Connection, parent: int) -> None:
-        self._connection, self._parent = connection, parent
         self._held: Any = None
+        self._of(connection, parent)
+
+    def _of(self, connection: Connection, parent: int) -> None:
+        self._connection, self._parent = connection, parent
         self._forks: set[int] = set()
+        self._calls = select.poll()  # made once: that of `Connection.poll` is made anew each time
+        self._calls.register(connection, select.POLLIN)
 
     def serve(self) -> None:
         """Until the other side closes the connection, or the parent process ends."""
         while True:
             try:
-                if not self._connection.poll(LOOK):
+                if not self._calls.poll(1e3 * LOOK):
                     if os.getppid() != self._parent:
                         return
                     continue
-                name, arguments = self._connection.recv()
+                name, arguments = pickle.loads(self._connection.recv_bytes())
                 self._reap()
                 self._answer(name, arguments)
             except (EOFError, OSError):
@@ -96,7 +104,7 @@ class Host:
             return fork
         os.close(waits)
         self._connection.close()
-        self._connection, self._parent, self._forks = Connection(other), parent, set()
+        self._of(Connection(other), parent)
         die_with(parent)
         try:
             self._held.forked(*arguments)
@@ -115,7 +123,7 @@ class Host:
         self._send("said", value)
 
     def _send(self, kind: str, value: Any) -> None:
-        self._connection.send((kind, value))
+        self._connection.send_bytes(pickle.dumps((kind, value)))
 
 
 def main(descriptor: int, parent: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import pickle
 import signal
 import socket
 import subprocess
@@ -83,7 +84,7 @@ class Process:
     def send(self, name: str, *arguments: Any) -> None:
         """Begin a call, the result of which `answer` gives; the process is busy until then."""
         try:
-            self._connection.send((name, arguments))
+            self._connection.send_bytes(pickle.dumps((name, arguments)))
         except OSError:
             raise self._dead() from None
 
@@ -107,7 +108,7 @@ class Process:
         raises: RunError if the process has died
         """
         try:
-            return self._connection.recv()
+            return pickle.loads(self._connection.recv_bytes())
         except (EOFError, OSError):
             raise self._dead() from None
 
@@ -132,7 +133,7 @@ class Process:
             except OSError:  # it has died in the meantime
                 raise self._dead() from None
         if then:
-            connection.send((then, ()))
+            connection.send_bytes(pickle.dumps((then, ())))
         return connection
 
     def answer_fork(self, connection: Connection) -> Self:
@@ -179,7 +180,7 @@ def _close(connection: Connection, pid: int, popen: subprocess.Popen | None) -> 
     until = time.monotonic() + GRACE
     try:
         while connection.poll(max(until - time.monotonic(), 0.0)):
-            connection.recv()  # of a call that is not answered
+            connection.recv_bytes()  # of a call that is not answered
         os.kill(pid, signal.SIGKILL)
     except (EOFError, OSError):  # it has ended
         pass

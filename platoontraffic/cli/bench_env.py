@@ -3,8 +3,10 @@
 Rates are those of the wall, because an environment and its simulation are two processes; on a busy machine they fall.
 Ratios are those of CPU time, of both processes together, which is nearly that of an idle machine.
 
-Both kinds of environment simulate one step of the same length for each of the environment's. In `lab_loop` all five
-robots scan; in highway-env one vehicle does, or all five, as agents that learn.
+A step is one decision and the observation after it, on either side. In `lab_loop` it is one step of the simulation, of
+0.025 s, in which all five robots scan walls and each other with 720 beams. highway-env is set to the same: one step of
+its simulation for each decision, both at 40 Hz (by default it simulates at 15 Hz and decides at 1 Hz), five vehicles,
+and 720 beams, which meet vehicles only. One of these scans, or all five do, as agents that learn.
 """
 
 from __future__ import annotations
@@ -18,28 +20,34 @@ import numpy as np
 
 from platoontraffic.lidar.benchmark.frame import table
 
-BEAMS, VEHICLES, STEP = 720, 5, 0.025  # in the lab; length of a step [s]
+BEAMS, VEHICLES, STEP = 720, 5, 0.025  # in the lab; simulated time of a step [s]
 BETWEEN = 40  # steps between two resets
 LAB, CORRIDOR = "lab_loop", "corridor, 300 s of warm-up"
-SCENARIOS = {
-    LAB: ("paper_loop", ("learn.parents=1",)),
-    CORRIDOR: ("corridor_tracking", ("sumo.warm_up_s=300", "learn.parents=1")),
+SCENARIOS = {  # scenario, its changes, simulated time of a step [s]
+    LAB: ("paper_loop", ("learn.parents=1",), STEP),
+    CORRIDOR: ("corridor_tracking", ("sumo.warm_up_s=300", "learn.parents=1"), 0.1),
 }
-STAGES = {  # of a step -> stages of `Episodes.spent`
+STAGES = {  # of a step -> stages of a simulation's stopwatch
     "SUMO: its step, members moved and read": ("step", "place", "read", "signals"),
     "scans of all members": ("scan",),
     "laws of the other members": ("decide", "move"),
-    "observation: gaps, events, statistics": ("observe",),
+    "observation: gaps, events, statistics": ("observe", "measure"),
     "the rest of the loop": ("loop",),
 }
+LEARNS, AHEAD = "robot.1", 0.05  # member that learns in the lab; speed that it is commanded [m/s]
 
 
 class Rates(NamedTuple):
     steps: float  # a second
-    cpu: float  # of a step, in all processes [s]
+    environment: float  # CPU time of a step in the process that steps the environment [s]
+    simulation: float  # the same in the process of its simulation [s]; 0: it has none
     reset: float  # after an episode, median [s]
     seeded: float  # with a seed, at once after another reset, median [s]
-    stages: dict[str, float]  # CPU time of a step [s]
+
+    @property
+    def cpu(self) -> float:
+        """CPU time of a step [s]."""
+        return self.environment + self.simulation
 
 
 def ours(scenario: str, changes: tuple[str, ...], resets: int, steps: int) -> Rates:
@@ -47,9 +55,31 @@ def ours(scenario: str, changes: tuple[str, ...], resets: int, steps: int) -> Ra
 
     env = Follower(scenario, changes)
     try:
-        return _rates(env, np.array([0.05, 0.0]), resets, steps, env.spent)
+        return _rates(env, np.array([AHEAD, 0.0]), resets, steps, env.spent)
     finally:
         env.close()
+
+
+def stages(scenario: str, vehicle: str, steps: int) -> dict[str, float]:
+    """CPU time of a step of the simulation alone, as it is in an environment, by part [s]; in this process.
+
+    vehicle: the member that learns
+    """
+    from platoontraffic.controllers.external import External
+    from platoontraffic.results.provenance import Stopwatch
+    from platoontraffic.simulation import Simulation
+    from platoontraffic.vehicles.motion import Twist
+
+    command = {vehicle: Twist(AHEAD, 0.0)}
+    with Simulation.load(scenario, laws={vehicle: External()}) as simulation:
+        watch = simulation.stopwatch = Stopwatch(time.process_time)
+        simulation.reset()
+        simulation.step(command)
+        before = dict(watch.seconds)
+        for _ in range(steps):
+            watch.call("loop", simulation.step, command)
+        spent = {stage: (seconds - before.get(stage, 0.0)) / steps for stage, seconds in watch.seconds.items()}
+    return {part: sum(spent[stage] for stage in found) for part, found in STAGES.items()}
 
 
 def highway(scanning: int) -> tuple[Any, Any]:
@@ -79,7 +109,7 @@ def highway(scanning: int) -> tuple[Any, Any]:
 
 
 def _rates(env: Any, action: Any, resets: int, steps: int, spent: Any) -> Rates:
-    """spent: gives the CPU time of the environment's further processes, by stage [s]"""
+    """spent: gives the CPU time of the process of the environment's simulation [s]"""
     env.reset(seed=0)
     times: dict[bool, list[float]] = {False: [], True: []}
     for again in (False, True):
@@ -96,49 +126,58 @@ def _rates(env: Any, action: Any, resets: int, steps: int, spent: Any) -> Rates:
         if np.any(terminated) or truncated:
             raise RuntimeError("an episode of the benchmark has ended")
     taken, own = time.perf_counter() - began, time.process_time() - own
-    stages = {stage: (seconds - before[stage]) / steps for stage, seconds in spent().items()}
-    stages["environment"] = own / steps
     reset, seeded = (float(np.median(times[again])) for again in (False, True))
-    return Rates(steps / taken, sum(stages.values()), reset, seeded, stages)
+    return Rates(steps / taken, own / steps, (spent() - before) / steps, reset, seeded)
 
 
 def text(quick: bool) -> str:
     """The benchmark, as tables."""
     resets, steps = (5, 100) if quick else (30, 400)
     rows, alone = [], {}
-    for name, (scenario, changes) in SCENARIOS.items():
+    for name, (scenario, changes, step) in SCENARIOS.items():
         alone[name] = rates = ours(scenario, changes, resets, steps)
         with ProcessPoolExecutor(2, get_context("spawn")) as pool:
             both = [one.result() for one in [pool.submit(ours, scenario, changes, resets, steps) for _ in range(2)]]
-        rows.append(_row(name, 1, [rates]))
-        rows.append(_row(name, 2, both))
+        rows += [_row(name, [rates], step), _row(name, both, step)]
     ratios = []
     try:
         for scanning in (1, VEHICLES):
-            other = _rates(*highway(scanning), resets, steps, dict)
-            rows.append(_row(f"highway-env, {scanning} of {VEHICLES} vehicles with {BEAMS} beams", 1, [other]))
+            other = _rates(*highway(scanning), resets, steps, float)
+            rows.append(_row(f"highway-env, {scanning} of {VEHICLES} vehicles with {BEAMS} beams", [other], STEP))
             times = other.cpu / alone[LAB].cpu
             ratios.append(f"{LAB}, where {VEHICLES} robots scan, has {times:.1f} times the steps in a CPU second of "
                           f"highway-env, where {scanning} of {VEHICLES} vehicles scans (bar: 10)")  # fmt: skip
     except ImportError:
         ratios.append("highway-env is not installed: pip install highway-env")
-    heads = ["environment", "processes", "steps/s", "CPU of a step [ms]", "reset [ms]", "with a seed [ms]"]
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        parts = pool.submit(stages, SCENARIOS[LAB][0], LEARNS, steps).result()
+    heads = [
+        "environment", "processes", "steps/s", "CPU of a step [ms]", "simulated s in a CPU s", "reset [ms]",
+        "with a seed [ms]",
+    ]  # fmt: skip
     return "\n\n".join([
-        table([heads, *rows], [True, *[False] * 5]),
+        table([heads, *rows], [True, *[False] * 6]),
         f"reset: after {BETWEEN} steps; with a seed: at once after another reset",
+        f"step: one decision and one observation; simulated time: {STEP} s in {LAB} and in highway-env (by default it "
+        f"simulates at 15 Hz and decides at 1 Hz), {SCENARIOS[CORRIDOR][2]} s in the corridor",
         *ratios,
-        f"where the CPU time of a step goes, in {LAB}:\n\n{_where(alone[LAB])}",
+        f"where the CPU time of a step goes, in {LAB}:\n\n{_where(parts, alone[LAB])}",
     ])  # fmt: skip
 
 
-def _row(name: str, processes: int, rates: list[Rates]) -> list[str]:
-    steps, cpu, *resets = sum(r.steps for r in rates), *(np.mean([r[i] for r in rates]) for i in (1, 2, 3))
-    return [name, str(processes), f"{steps:.0f}", f"{1e3 * cpu:.2f}", *(f"{1e3 * one:.0f}" for one in resets)]
+def _row(name: str, rates: list[Rates], step: float) -> list[str]:
+    """step: simulated time of one [s]"""
+    steps, (cpu, *resets) = sum(r.steps for r in rates), np.mean([(r.cpu, r.reset, r.seeded) for r in rates], axis=0)
+    figures = f"{steps:.0f}", f"{1e3 * cpu:.2f}", f"{step / cpu:.0f}", *(f"{1e3 * one:.0f}" for one in resets)
+    return [name, str(len(rates)), *figures]
 
 
-def _where(rates: Rates) -> str:
-    stages = {name: sum(rates.stages.get(stage, 0.0) for stage in parts) for name, parts in STAGES.items()}
-    stages["frame: rewards, info, and sending them"] = rates.stages["frame"]
-    stages["environment: receiving, spaces, dictionaries"] = rates.stages["environment"]
-    rows = [[name, f"{1e3 * seconds:.2f}", f"{100 * seconds / rates.cpu:.0f} %"] for name, seconds in stages.items()]
+def _where(parts: dict[str, float], rates: Rates) -> str:
+    """parts: of `stages`"""
+    beside = rates.simulation - sum(parts.values())
+    parts = parts | {
+        "beside a simulation alone: rewards, info, sending them, caches that another process has used": beside,
+        "environment: receiving, spaces, dictionaries": rates.environment,
+    }
+    rows = [[name, f"{1e3 * seconds:.2f}", f"{100 * seconds / rates.cpu:.0f} %"] for name, seconds in parts.items()]
     return table([["part", "CPU of a step [ms]", "share"], *rows], [True, False, False])

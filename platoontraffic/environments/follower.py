@@ -62,8 +62,8 @@ class Follower(gymnasium.Env):
         """The map around the members, (480, 640, 3) uint8."""
         return self._seats.pixels() if self.render_mode == "rgb_array" else None
 
-    def spent(self) -> dict[str, float]:
-        """CPU time of the simulation's process since the episode began, by stage [s]; `bench env` prints it."""
+    def spent(self) -> float:
+        """CPU time of the simulation's process since the episode began [s]; `bench env` counts it."""
         return self._seats.spent()
 
     def close(self) -> None:

@@ -20,9 +20,11 @@ class Seats:
     def __init__(self, scenario: str | Path, changes: Sequence[str], vehicles: tuple[str, ...], all_: bool) -> None:
         self._parents = Parents(Source(str(scenario), tuple(changes), vehicles, all_))
         self.facts = self._parents.facts
-        self.names = [seat.id for seat in self.facts.seats]
+        self._seats = {seat.id: seat for seat in self.facts.seats}
+        self.names = list(self._seats)
         self.actions = {seat.id: spaces.action_space(self.facts, seat) for seat in self.facts.seats}
         self.observations = {seat.id: spaces.observation_space(self.facts, seat) for seat in self.facts.seats}
+        self._terms = [f"reward_{name}" for name in self.facts.learn.reward]
         self._picture: Any = None
         self.frame: Frame | None = None
         self._next: Plan | None = None  # episode of a reset without a seed
@@ -47,8 +49,7 @@ class Seats:
         """raises: ValueError (an action is wrong; nothing has moved), RuntimeError (there is no episode)"""
         if self.frame is None or self.frame.ended:
             raise RuntimeError("there is no episode, or it has ended: reset() begins one")
-        seats = {seat.id: seat for seat in self.facts.seats}
-        commands = {name: spaces.command_of(self.facts, seats[name], one) for name, one in actions.items()}
+        commands = {name: spaces.command_of(self.facts, self._seats[name], one) for name, one in actions.items()}
         frame, self.frame = self.frame, None
         if self._prepares:
             self._prepares = False
@@ -65,7 +66,7 @@ class Seats:
         return spaces.observation(self.observations[seat.id], seat, self.frame, row)
 
     def reward(self, row: int) -> float:
-        return float(sum(self.frame.terms[row].tolist()))
+        return float(sum(self.frame.terms[row]))
 
     def terminated(self, row: int) -> bool:
         ended = not self.frame.here[row] or self.frame.ended == "arrived"
@@ -75,9 +76,8 @@ class Seats:
         """Time, the quantities that the member has, terms of the reward; at the end its metrics of the episode."""
         frame = self.frame
         info: dict[str, Any] = {"time_s": frame.time, "events": frame.events[row]}
-        info |= {name: value for name, value in zip(FIELDS, frame.values[row].tolist(), strict=True) if value == value}
-        terms = zip(self.facts.learn.reward, frame.terms[row].tolist(), strict=False)  # at the beginning there are none
-        info |= {f"reward_{name}": term for name, term in terms}
+        info |= {name: value for name, value in zip(FIELDS, frame.values[row], strict=True) if value == value}
+        info |= zip(self._terms, frame.terms[row], strict=False)  # at the beginning there are none
         if last:
             info["metrics"] = self._parents.call("metrics")[row]
         return info
@@ -90,7 +90,7 @@ class Seats:
         bodies, members, learners = self._parents.call("bodies")
         return self._picture.pixels(bodies, members, learners)
 
-    def spent(self) -> dict[str, float]:
+    def spent(self) -> float:
         return self._parents.call("spent")
 
     def close(self) -> None:

@@ -60,7 +60,7 @@ def observation(space: Space, seat: Seat, frame: Frame, row: int) -> Any:
     ranges = np.maximum(np.fmin(frame.ranges[row], box.high), box.low)  # where it is NaN, fmin gives the other one
     speed, yaw_rate = (
         np.minimum(np.maximum(np.float32([value]), space[name].low), space[name].high)
-        for name, value in zip(("speed", "yaw_rate"), frame.own[row].tolist(), strict=True)
+        for name, value in zip(("speed", "yaw_rate"), frame.own[row], strict=True)
     )
     others = {
         name: np.clip(np.nan_to_num(values[row]).astype(np.float32), space[name].low, space[name].high)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import gc
+import math
 import time
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +25,6 @@ from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results.conclusion import scene
 from platoontraffic.results.own_copies import take_own_copies
-from platoontraffic.results.provenance import Stopwatch
 from platoontraffic.results.statistics import QUANTITIES
 from platoontraffic.scenario import Change, Learn, Scenario
 from platoontraffic.simulation import Prepared, Setting, Simulation, prepare, setting_of
@@ -70,16 +71,19 @@ class Facts(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """What members that learn have at a decision: rows (n, ...) in the order of the seats."""
+    """What members that learn have at a decision: n of each, in the order of the seats.
+
+    Few numbers are plain ones: an array takes ten times as long to be sent to another process.
+    """
 
     time: float  # [s]
     ended: str  # as of `Instant`
-    here: np.ndarray  # on the road, bool
+    here: list[bool]  # on the road
     ranges: np.ndarray | None  # [m], (n, k) float32, +inf: nothing; None if the observation is a vector
-    own: np.ndarray  # measured speed [m/s] and yaw rate [rad/s], (n, 2); all of the vector if it is one
-    terms: np.ndarray  # of the reward since the last decision, weighted, (n, r) in the order of `learn.reward`
-    values: np.ndarray  # of quantities, now, (n, q) in the order of `FIELDS`; NaN: it has none
-    events: tuple[tuple[str, ...], ...]  # kinds since the last decision, for each member
+    own: list[tuple[float, float]] | np.ndarray  # measured speed [m/s] and yaw rate [rad/s]; or the vector, (n, ...)
+    terms: list[list[float]]  # of the reward since the last decision, weighted, in the order of `learn.reward`
+    values: list[tuple[float, ...]]  # of quantities, now, in the order of `FIELDS`; NaN: it has none
+    events: list[tuple[str, ...]]  # kinds since the last decision
     known: dict[str, np.ndarray]  # by the names in `Facts.known`: fields of `Neighbour`, (n, 7)
 
 
@@ -88,8 +92,7 @@ class Places(NamedTuple):
 
     members: tuple[Member, ...]  # of the fleet
     groups: tuple[np.ndarray, ...]  # rows of its groups
-    here: np.ndarray  # on the road, (n,) bool
-    rows: np.ndarray  # of those in the fleet, (m,)
+    rows: list[int | None]  # of each member that learns in the fleet; None: it is not on the road
     in_groups: tuple[tuple[int, int, int], ...]  # seat, group, row in the group
 
     @classmethod
@@ -102,9 +105,8 @@ class Places(NamedTuple):
             for k, row in enumerate(group.rows.tolist())
             if row in seats
         )
-        here = np.array([name in row_of for name in learners])
-        rows = np.array([row_of[name] for name in learners if name in row_of], dtype=np.intp)
-        return cls(fleet.members, tuple(group.rows for group in fleet.groups), here, rows, in_groups)
+        rows = [row_of.get(name) for name in learners]
+        return cls(fleet.members, tuple(group.rows for group in fleet.groups), rows, in_groups)
 
     def hold_in(self, fleet: Fleet) -> bool:
         groups = fleet.groups
@@ -168,7 +170,7 @@ class Episodes:
         setting = replace(self._setting(prepared), seed=seed, whole_traffic_every=None)
         if prepared is self._prepared:
             setting = replace(setting, observer=lambda: self._observer)
-        self._simulation = Simulation(setting, Stopwatch(time.process_time))
+        self._simulation = Simulation(setting)
         n = len(self._learners)
         self._ranges: list[np.ndarray | None] = [None] * n
 
@@ -179,33 +181,37 @@ class Episodes:
         while not now.ended and not set(self._learners) <= set(now.fleet.ids):
             now = simulation.step()
         self._places = Places.of(self._learners, now.fleet)
-        if not self._places.here.any():
+        if not self._places.in_groups:
             raise RunError(f"{', '.join(self._learners)}: did not depart before the end of the episode ({now.ended})")
-        self._columns = [simulation.observer.statistics.values.dtype.names.index(field) for field in FIELDS.values()]
+        columns = simulation.observer.statistics.values.dtype.names
+        self._fields = itemgetter(*map(columns.index, FIELDS.values()))
+        names, reward = list(FIELDS), enumerate(self._learn.reward.items())
+        self._paid = [(i, weight, names.index(name)) for i, (name, weight) in reward if name in FIELDS]
         self._every = now.fleet.groups[self._places.in_groups[0][1]].every
-        self._keep(now)
-        return self._frame(now, self._values(now), np.zeros((len(self._learners), 0)), [])
+        places = self._places_in(now)
+        self._keep(now, places)
+        return self._frame(now, places, self._values(places), [[] for _ in self._learners], [])
 
     def step(self, say: Say, commands: dict[str, Twist | Drive]) -> Frame:
         """The next decision."""
         simulation, learn = self._simulation, self._learn
         here = simulation.now.fleet.ids
         given: dict[str, Twist | Drive] | None = {name: one for name, one in commands.items() if name in here}
-        n, dt = len(self._learners), simulation.setting.dt
-        names, reward = list(FIELDS), enumerate(learn.reward.items())
-        paid = [(i, weight, names.index(name)) for i, (name, weight) in reward if name in FIELDS]
-        terms, events = np.zeros((n, len(learn.reward))), []
+        dt, terms, events = simulation.setting.dt, [[0.0] * len(learn.reward) for _ in self._learners], []
         for _ in range(self._every):
-            now = simulation.stopwatch.call("loop", simulation.step, given)
+            now = simulation.step(given)
             given = None  # it holds until the next decision
             events += now.events
-            values = self._values(now)
-            for i, weight, column in paid:
-                terms[:, i] += np.where(np.isnan(values[:, column]), 0.0, weight * np.abs(values[:, column]) * dt)
-            self._keep(now)
+            places = self._places_in(now)
+            values = self._values(places)
+            for own, paid in zip(values, terms, strict=True):
+                for i, weight, column in self._paid:
+                    if not math.isnan(own[column]):
+                        paid[i] += weight * abs(own[column]) * dt
+            self._keep(now, places)
             if now.ended:
                 break
-        return self._frame(now, values, terms, events)
+        return self._frame(now, places, values, terms, events)
 
     def scene(self, say: Say) -> dict[str, Any]:
         """GeoJSON, as scene.geojson of a run."""
@@ -221,13 +227,12 @@ class Episodes:
         return (
             np.stack([t.x, t.y, t.heading, t.length, t.width], axis=1),
             len(now.fleet),
-            self._places_in(now).rows.tolist(),
+            [row for row in self._places_in(now).rows if row is not None],
         )
 
-    def spent(self, say: Say) -> dict[str, float]:
-        """CPU time of this process [s]: in the stages of steps, "loop", the rest of these, and "frame", all else."""
-        stages = dict(self._simulation.stopwatch.seconds)
-        return stages | {"frame": time.process_time() - sum(stages.values())}
+    def spent(self, say: Say) -> float:
+        """CPU time of this process [s]."""
+        return time.process_time()
 
     def metrics(self, say: Say) -> list[dict[str, float]]:
         """Statistics of each member that learns over the episode: `gap_m_mean`, `gap_m_rms`, `gap_m_min` ..."""
@@ -269,41 +274,41 @@ class Episodes:
             self._places = Places.of(self._learners, now.fleet)
         return self._places
 
-    def _values(self, now: Instant) -> np.ndarray:
+    def _values(self, places: Places) -> list[tuple[float, ...]]:
         """Of quantities, as in a frame."""
-        values, places = np.full((len(self._learners), len(FIELDS)), np.nan), self._places_in(now)
-        values[places.here] = self._simulation.observer.statistics.numbers[places.rows][:, self._columns]
-        return values
+        numbers, none = self._simulation.observer.statistics.numbers, (math.nan,) * len(FIELDS)
+        return [none if row is None else self._fields(numbers[row].tolist()) for row in places.rows]
 
-    def _keep(self, now: Instant) -> None:
+    def _keep(self, now: Instant, places: Places) -> None:
         """Keep the last scans of the members that learn."""
-        for seat, group, k in self._places_in(now).in_groups:
+        for seat, group, k in places.in_groups:
             if (batch := now.scans[group]) is not None:
                 self._ranges[seat] = batch.ranges[k]
 
-    def _frame(self, now: Instant, values: np.ndarray, terms: np.ndarray, events: Sequence[Any]) -> Frame:
-        """values: as in the frame; terms: those of quantities; events: since the last decision"""
-        places, n = self._places_in(now), len(self._learners)
-        kinds = tuple(
+    def _frame(
+        self, now: Instant, places: Places, values: list[tuple[float, ...]], terms: list[list[float]], events: list[Any]
+    ) -> Frame:
+        """terms: those of quantities, at the beginning none; events: since the last decision"""
+        kinds = [
             tuple(e.kind for e in events if e.vehicle == name or (e.kind in OF_BOTH and e.other == name))
             for name in self._learners
-        )
+        ]
         for i, (name, weight) in enumerate(self._learn.reward.items()):
-            if name not in FIELDS and terms.size:
-                terms[:, i] += [weight * own.count(name) for own in kinds]
-        own = np.zeros((n, 2))
-        if places.rows.size:
-            odometry = self._simulation.sensors.odometry(now.fleet, now.step)
-            motion = now.fleet.motion
-            both = (motion.speed, motion.yaw_rate) if odometry is None else odometry
-            own[places.here] = np.stack(both, axis=1)[places.rows]
+            for own, paid in zip(kinds, terms, strict=True) if name not in FIELDS else ():
+                if name in own:
+                    paid[i] += weight * own.count(name)
+        fleet, observes = now.fleet, self._learn.observation
+        odometry = self._simulation.sensors.odometry(fleet, now.step)
+        speed, yaw_rate = (fleet.motion.speed, fleet.motion.yaw_rate) if odometry is None else odometry
+        moves = [(0.0, 0.0) if row is None else (float(speed[row]), float(yaw_rate[row])) for row in places.rows]
         samples = next((len(one) for one in self._ranges if one is not None), 1)
-        ranges = np.stack([np.full(samples, np.inf) if one is None else one for one in self._ranges])
-        if self._learn.observation == "dict":
-            ranges, known = ranges.astype(np.float32, copy=False), self._others(now.fleet)
+        ranges = np.array([np.full(samples, np.inf) if one is None else one for one in self._ranges])
+        if observes == "dict":
+            seen = ranges.astype(np.float32, copy=False), moves
         else:
-            ranges, own, known = None, self._vector(now, ranges, own), {}
-        return Frame(now.time, now.ended, places.here, ranges, own, terms, values, kinds, known)
+            seen = None, self._vector(now, ranges, np.array(moves))
+        here, known = [row is not None for row in places.rows], self._others(fleet)
+        return Frame(now.time, now.ended, here, *seen, terms, values, kinds, known)
 
     def _others(self, fleet: Fleet) -> dict[str, np.ndarray]:
         """Other members as the members that learn know them, as in a frame."""

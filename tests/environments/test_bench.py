@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
 import pytest
 
 pytest.importorskip("gymnasium")
 
 from platoontraffic.cli import bench_env
+from platoontraffic.environments.follower import Follower
+from platoontraffic.results.provenance import Stopwatch
+from platoontraffic.simulation import Simulation
 
 pytestmark = [pytest.mark.slow, pytest.mark.sumo, pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")]
 
@@ -16,12 +20,31 @@ pytestmark = [pytest.mark.slow, pytest.mark.sumo, pytest.mark.skipif(not hasattr
 def test_the_parts_of_a_step_are_all_of_it(monkeypatch):
     monkeypatch.setattr(bench_env, "BETWEEN", 2)
     rates = bench_env.ours("paper_loop", ("platoon.size=2", "learn.parents=1"), 2, 5)
-    shown = {stage for stages in bench_env.STAGES.values() for stage in stages} | {"frame", "environment"}
-    assert {stage for stage, seconds in rates.stages.items() if seconds > 0} <= shown
-    assert sum(rates.stages.values()) == pytest.approx(rates.cpu)
-    assert min(rates[:4]) > 0
-    shares = [int(line.split()[-2]) for line in bench_env._where(rates).splitlines() if line.endswith("%")]
+    assert min(rates) > 0
+    assert rates.cpu == rates.environment + rates.simulation
+    parts = bench_env.stages("paper_loop", bench_env.LEARNS, 5)
+    assert min(parts.values()) > 0
+    shares = [int(line.split()[-2]) for line in bench_env._where(parts, rates).splitlines() if line.endswith("%")]
     assert sum(shares) == pytest.approx(100, abs=len(shares))
+
+
+def test_all_stages_of_a_simulation_are_in_a_part():
+    with Simulation.load("paper_loop", "platoon.size=2") as simulation:
+        watch = simulation.stopwatch = Stopwatch()
+        simulation.reset()
+        simulation.step()
+    shown = [stage for stages in bench_env.STAGES.values() for stage in stages]
+    assert sorted(shown) == sorted({*watch.seconds, "loop"})
+
+
+@pytest.mark.parametrize("name", bench_env.SCENARIOS)
+def test_a_step_is_as_long_as_is_said(name):
+    scenario, changes, step = bench_env.SCENARIOS[name]
+    env = Follower(scenario, (*changes, "sumo.warm_up_s=0"))
+    _, before = env.reset(seed=0)
+    *_, info = env.step(np.array([0.0, 0.0]))
+    env.close()
+    assert info["time_s"] - before["time_s"] == pytest.approx(step)
 
 
 @pytest.mark.parametrize("scanning", [1, bench_env.VEHICLES])
