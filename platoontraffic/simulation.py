@@ -6,6 +6,7 @@ import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
@@ -112,6 +113,11 @@ class Setting:
     whole_traffic_every: int | None = None  # steps; snapshots between them may lack what is out of range of all members
     then: Then | None = None
 
+    @cached_property
+    def departures(self) -> tuple[Fleet, list[Fleet]]:
+        """The members at their start poses: as of `prepared.departures`."""
+        return departures(self.members, self.dt)
+
 
 class Outcome(NamedTuple):
     """How a simulation ended."""
@@ -185,7 +191,7 @@ class Simulation:
         self.convoys, self.ways_round = Convoys(), WaysRound(setting.map)
         self.violations = Violations()
         self.members = list(setting.members)  # all that it has had, by their number
-        fleet = self.world.deploy(*departures(setting.members, setting.dt))
+        fleet = self.world.deploy(*setting.departures)
         self.obstacles = Obstacles(setting.obstacles, fleet)
         self.encounters = Encounters(self.obstacles, setting.members)
         self._hold_obstacles()

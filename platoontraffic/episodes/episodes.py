@@ -29,10 +29,10 @@ from platoontraffic.results.statistics import QUANTITIES
 from platoontraffic.scenario import Change, Learn, Scenario
 from platoontraffic.simulation import Prepared, Setting, Simulation, prepare, setting_of
 from platoontraffic.vehicles.motion import Drive, Twist
+from platoontraffic.vehicles.records import changed
 from platoontraffic.world.events import EVENT_KINDS
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import BareGround
-from platoontraffic.world.prepared import departures
 
 FIELDS = {one.name: one.field for one in QUANTITIES}
 GROUP_SHIFT = np.zeros(10)  # inputs of a group where nothing is seen
@@ -135,12 +135,13 @@ class Episodes:
         self._known = _known(_with_seat(seat).law.needs) if self._learn.observation == "dict" else ()
         self._open = ExitStack()
         self._world = None
-        setting = self._setting(self._prepared)
-        _kernels(setting)
+        _kernels(self._setting(self._prepared))
         self._world = self._open.enter_context(setting_of(self._prepared, self._folder, forkable=True).ground())
         self._world.warm_up()
-        self._world.snapshot(departures(setting.members, setting.dt)[0], 1.0)  # compiled, too
-        self._observer = setting.observer()  # a fork uses its copy of it once
+        setting = self._setting(self._prepared)
+        self._world.snapshot(setting.departures[0], 1.0)  # compiled, too
+        observer = setting.observer()  # a fork uses its copy of it once
+        self._of_fork = changed(setting, observer=lambda: observer, whole_traffic_every=None)
         gc.collect()
         gc.freeze()  # in forks, collections need not touch, and so copy, what is here
 
@@ -166,11 +167,10 @@ class Episodes:
         before, self._folder = self._folder, folder / "files"
         take_own_copies(before, self._folder)
         self._world.logs_in(self._folder)
-        prepared = self._prepare(values) if values else self._prepared
-        setting = replace(self._setting(prepared), seed=seed, whole_traffic_every=None)
-        if prepared is self._prepared:
-            setting = replace(setting, observer=lambda: self._observer)
-        self._simulation = Simulation(setting)
+        setting = self._of_fork
+        if values:
+            setting = changed(self._setting(self._prepare(values)), whole_traffic_every=None)
+        self._simulation = Simulation(changed(setting, seed=seed))
         n = len(self._learners)
         self._ranges: list[np.ndarray | None] = [None] * n
 

@@ -336,8 +336,10 @@ class Network:
 
     def crossed_without_junction(self, edges: Sequence[str]) -> dict[str, list[tuple[str, float, float]]]:
         """The roads over or below each of some edges, as `levels.crossings`."""
-        lines = {e.getID(): [np.array(lane.getShape()) for lane in e.getLanes()] for e in self._roads}
-        return levels.crossings(lines, edges)
+        if new := [edge for edge in edges if edge not in self._crossed]:
+            lines = {e.getID(): [np.array(lane.getShape()) for lane in e.getLanes()] for e in self._roads}
+            self._crossed.update(levels.crossings(lines, new))
+        return {edge: self._crossed[edge] for edge in edges}
 
     def lane_borders(self) -> list[LineString]:
         """Lines between neighbouring lanes of one direction."""
@@ -377,6 +379,11 @@ class Network:
         """
         x, y, heading = (np.atleast_1d(np.asarray(value, dtype=float)) for value in (x, y, heading))
         return self._middles.right_of(x, y, heading, self.drivable)
+
+    @cached_property
+    def _crossed(self) -> dict[str, list[tuple[str, float, float]]]:
+        """Roads over or below each edge that has been asked for."""
+        return {}
 
     @cached_property
     def _roads(self) -> list[sumolib.net.edge.Edge]:

@@ -38,7 +38,6 @@ class Background:
 
     def __init__(self, sumo: Client, network: Network) -> None:
         self._sumo, self._network = sumo, network
-        self._bridges: dict[str, list[tuple[str, float, float]]] = {}  # the roads that cross each road, and where [m]
         self._crossing: list[tuple[str, str]] = []  # roads of the members' routes, and others that cross them
         self._places = np.empty((0, 2))  # where they do [m]
         self._crossing_for: tuple[Member, ...] = ()
@@ -87,9 +86,8 @@ class Background:
         """Without vehicles near a place where their road crosses that of a member near it on another level."""
         if fleet.members is not self._crossing_for:
             edges = {edge for member in fleet.members if member.route for edge in member.route.edges}
-            if new := sorted(edges - self._bridges.keys()):
-                self._bridges |= self._network.crossed_without_junction(new)
-            crossings = [(edge, *one) for edge in sorted(edges) for one in self._bridges[edge]]
+            bridges = self._network.crossed_without_junction(sorted(edges))
+            crossings = [(edge, *one) for edge, others in bridges.items() for one in others]
             self._crossing = [roads for *roads, _, _ in crossings]
             self._places = np.array([place for _, _, *place in crossings]).reshape(-1, 2)
             self._crossing_for = fleet.members

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
@@ -105,8 +104,7 @@ class Conflicts(NamedTuple):
     def at(cls, line: Line, network: Network, sumo: Client, paths: Paths | None = None) -> Conflicts:
         """paths: kept for the next lines"""
         lane, paths = sumo.lane, Paths(sumo) if paths is None else paths
-        # SUMO names the lane of each link with priority, once a link.
-        foes = Counter(name for name in lane.getFoes(line.lane, line.onto) if not name.startswith(":"))
+        foes = {*lane.getFoes(line.lane, line.onto)}  # lanes of the links with priority, and lanes inside
         width = lane.getWidth(line.lane)
         own = paths[line.via, line.onto, SAMPLED * width]
         crossings: dict[str, Crossing] = {}

@@ -22,6 +22,8 @@ CHANGING = 0.1  # lateral speed of a vehicle that changes lanes [m/s]
 def in_the_way(platoon: Fleet, traffic: TrafficSnapshot, sumo: Client) -> list[str]:
     """Vehicles and people near the platoon's places, vehicles on its lanes too close to brake in comfort, and vehicles
     beside it that change lanes."""
+    if set(traffic.ids) <= set(platoon.ids):
+        return []  # nobody else is there
     found = near_places(platoon, traffic) | too_close_on_lanes(platoon, sumo)
     beside = near_places(platoon, traffic, LANES_ASIDE) - found
     found |= {name for name in beside & set(sumo.vehicle.getIDList()) if _changes_lanes(name, sumo)}
