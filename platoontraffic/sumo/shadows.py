@@ -115,6 +115,7 @@ class Shadows:
 
     def cast(self, movers: Iterable[Mover]) -> None:
         """Before a step, and before vehicles are moved: give them the shadows that they must have in it."""
+        missing = []
         for mover in movers if self._seen else ():
             seen = self._seen.get(mover.id)
             if seen and (side := self._wanted(mover, seen)) != self._side[mover.id]:
@@ -122,8 +123,11 @@ class Shadows:
                     continue
                 if side == RIGHT and self._is_beside_another(mover, seen, LEFT):
                     continue
-                self._insert(mover, seen, side)
-                self._side[mover.id] = side
+                missing.append((self._sumo.vehicle.getLanePosition(mover.id), mover, seen, side))
+        # SUMO looks through the shadows of a lane from the last one inserted on, up to the first one behind a driver.
+        for _, mover, seen, side in sorted(missing, key=lambda one: one[0]):
+            self._insert(mover, seen, side)
+            self._side[mover.id] = side
 
     def _wanted(self, mover: Mover, seen: _Seen) -> int:
         """The side of the lane that its body overlaps, or will soon overlap as it moves away from the middle.

@@ -267,6 +267,29 @@ def test_the_rear_of_a_slow_member_is_seen_until_it_has_left_the_lane(driven, sp
     assert (shadows._wanted(mover, shadows._seen["m"]) == -1) == casts
 
 
+def test_of_two_shadows_on_a_lane_the_last_one_is_inserted_first():
+    """SUMO does not sort them before its step: a driver between them would not see the one ahead."""
+    moved: list[str] = []
+    fronts, lateral = {"ahead": 100.0, "behind": 80.0}, {"ahead": 0.0, "behind": 0.0}
+    vehicle = SimpleNamespace(
+        getLateralLanePosition=lateral.get, getLanePosition=fronts.get, getLength=lambda _: 5.0,
+        moveTo=lambda name, *_: moved.append(name), setLateralLanePosition=lambda *_: None,
+    )  # fmt: skip
+    sumo = SimpleNamespace(
+        vehicle=vehicle,
+        lane=SimpleNamespace(getWidth=lambda _: 3.2, getLastStepVehicleIDs=lambda _: ()),
+        edge=SimpleNamespace(getLaneNumber=lambda _: 2),
+        vehicletype=SimpleNamespace(setWidth=lambda *_: None),
+    )
+    shadows = Shadows(sumo, SimpleNamespace(left_hand=False, edges={"a": (100.0,) * 2}), STEP)
+    movers, where = [Mover(name, name, 1.8) for name in fronts], {name: ("a", "a_0") for name in fronts}
+    shadows.observe(movers, where)
+    lateral |= {"ahead": 1.0, "behind": 1.0}
+    shadows.observe(movers, where)
+    shadows.cast(movers)
+    assert list(dict.fromkeys(moved)) == ["behind", "ahead"]
+
+
 def cast(index: int, lateral: float, other: int, its_front: float, lanes: int) -> bool:
     """Whether a member at 100 m that moves to the border of its lane gets a shadow, with another vehicle on a lane."""
     moved: list[str] = []
