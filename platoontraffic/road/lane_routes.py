@@ -45,7 +45,7 @@ class Line(NamedTuple):
     across: float  # length of those lanes, or of the lane change [m]
     to_end: float = 0.0  # from where a lane change begins to the lane's end [m]
     aside: float = 0.0  # distance of the lane that is changed to, to the left [m]
-    kind: str = "car"  # of the vehicle that passes it, a name of `CARS`: how far its front swings out beyond
+    kind: str = "car"  # vehicle of `CARS` for which conflicts beyond it are found: its front may swing out
 
 
 class Change(NamedTuple):

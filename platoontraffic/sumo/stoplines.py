@@ -139,8 +139,8 @@ class StopLines:
             if state is not NO_LINE:
                 rows.append(i)
                 states.append(state)
-        for values, column in zip(signals, zip(*states, strict=True), strict=bool(states)):
-            values[rows] = column
+        for k, values in enumerate(signals):
+            values[rows] = [state[k] for state in states]
         return signals
 
     def with_later_changes(self, fleet: Fleet) -> Fleet:

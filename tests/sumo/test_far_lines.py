@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from platoontraffic.road.lane_routes import Line
 from platoontraffic.simulation import Simulation
-from platoontraffic.sumo.stoplines import StopLines
-
-pytestmark = pytest.mark.sumo
+from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.stoplines import RIGHT_OF_WAY, FarLine, LineState, StopLines
 
 
 def driven() -> np.ndarray:
@@ -17,9 +17,29 @@ def driven() -> np.ndarray:
         return np.array([(*now.fleet.motion.x, *now.fleet.motion.y) for now in simulation])
 
 
+@pytest.mark.sumo
 def test_members_drive_as_if_each_line_were_looked_at_in_every_step(monkeypatch):
     expected, times = driven(), []
     still_far = StopLines._still_far
     monkeypatch.setattr(StopLines, "_still_far", lambda *given: times.append(still_far(*given)))
     assert (driven() == expected).all()
     assert sum(state is not None for state in times) > 100
+
+
+@pytest.mark.parametrize(
+    ("station", "speed", "lane", "route", "is_far"),
+    [
+        (30.0, 10.0, "a_0", "route", True),
+        (51.0, 10.0, "a_0", "route", False),  # the traffic about the line counts from 50 m on
+        (30.0, 17.0, "a_0", "route", False),  # it has to know from 72 m + 5 m on
+        (30.0, 10.0, "a_1", "route", False),
+        (30.0, 10.0, "a_0", "another", False),
+        (9.0, 10.0, "a_0", "route", False),  # it is not beyond the line before
+    ],
+)
+def test_a_line_is_looked_at_again_where_something_has_changed(station, speed, lane, route, is_far):
+    state = LineState(75.0, True, True, False, RIGHT_OF_WAY)
+    far = FarLine("route", "a_0", 10.0, Line(100.0, "m", "", 0, "a_0", "b_0", (":x_0",), 10.0), 50.0, state)
+    lines = StopLines(None, None)
+    expected = state._replace(distance=100.0 - station) if is_far else None
+    assert lines._still_far(far, route, station, lane, speed, Ego("m", "", 0.0, 5.0)) == expected

@@ -724,6 +724,16 @@ def test_a_front_swings_out_after_a_stand_where_nobody_comes_and_once_it_has_beg
     assert way.may_cross(line, -0.5, Ego("m.0", ":a_0", speed, CAR.length)) == goes
 
 
+@pytest.mark.parametrize(
+    ("length", "kind"), [(4.0, "car"), (4.74, "car"), (5.5, "van"), (9.2, "truck"), (12.0, "truck")]
+)
+def test_a_member_is_judged_as_the_shortest_kind_of_vehicle_that_is_as_long(length, kind):
+    law = SimpleNamespace(acceleration=1.5, lateral_acceleration=2.0)
+    ego = Ego.of(SimpleNamespace(id="m", law=law, model=replace(CAR, length=length)))
+    line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    assert StopLines(None, None)._at_junction[line, ego.kind] == line._replace(station=0.0, kind=kind)
+
+
 @pytest.mark.sumo
 def test_a_sharp_turn_beside_a_footpath(generated_nets):
     """A run ended with a KeyError where the lane beside is one for people."""

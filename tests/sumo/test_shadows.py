@@ -20,7 +20,7 @@ from platoontraffic.controllers.reactive import ReactiveLeader
 from platoontraffic.lidar import PRESETS
 from platoontraffic.road.network import Network
 from platoontraffic.shipped import networks
-from platoontraffic.sumo.shadows import Mover, Shadows
+from platoontraffic.sumo.shadows import Mover, Shadows, shadow_options
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Motion
@@ -265,6 +265,28 @@ def test_the_rear_of_a_slow_member_is_seen_until_it_has_left_the_lane(driven, sp
     now |= {"lateral": -0.6, "front": 100.0 + driven}
     shadows.observe([mover], where)
     assert (shadows._wanted(mover, shadows._seen["m"]) == -1) == casts
+
+
+@pytest.mark.sumo
+@pytest.mark.parametrize("road", [HIGHWAY, LEFT_HAND], ids=["right", "left"])
+@pytest.mark.parametrize("aside", [1.2, -1.2])
+def test_a_driver_between_two_members_that_stand_across_stops_behind_the_one_ahead(tmp_path, road, aside):
+    """In left-hand traffic some shadows are cast in every step, and SUMO does not sort them before it."""
+    network, edge, lane = Network.read(road.net), road.edges[0], 1
+    places = ("ahead", 80.0), ("behind", 50.0)
+    own = [replace(_member(network, name, edge, lane, place), speed=0.0) for name, place in places]
+    with World(network, STEP, 1, tmp_path / "words.log", shadow_options(network, {})) as world:
+        fleet = world.deploy(Fleet.deployed(own, STEP))
+        _insert("driver", road, lane, 10.0)
+        x, y, heading = (getattr(fleet.motion, key) for key in ("x", "y", "heading"))
+        there = Motion.at_rest(x - aside * np.sin(heading), y + aside * np.cos(heading), heading)
+        for step in range(80):
+            world.place(replace(fleet, motion=there))
+            fleet = world.advance(fleet)
+            if step == 3:
+                _put("driver", edge, lane, 60.0, 5.0)
+        place = libsumo.vehicle.getLanePosition
+        assert place("ahead") - CAR.length - place("driver") == pytest.approx(2.5, abs=0.5)  # its gap at a stand
 
 
 def test_of_two_shadows_on_a_lane_the_last_one_is_inserted_first():
