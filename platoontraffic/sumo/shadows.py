@@ -11,11 +11,11 @@ of a vehicle in the middle of its lane. So a member whose shadow is missing is i
   and this is done again before each step);
 - to remove a shadow, as for one to the left, with its true width.
 
-A member gets no shadow on a lane where the front of another vehicle is beside it. That vehicle would take the shadow for
-a leader into which it has driven; it would brake hard or change lanes, even into the member. In a bend bodies come near
-the border of their lanes for a moment. For a shadow to the right no vehicle may be beside the member on the left either:
-for one step the member's own lane has only a shadow on it. SUMO's driver on the left takes that lane for free, and
-changes into the member.
+A member gets no shadow on a lane where the front of another vehicle is beside it. That vehicle would take the shadow
+for a leader into which it has driven; it would brake hard or change lanes, even into the member. In a bend bodies come
+near the border of their lanes for a moment. For a shadow to the right no vehicle may be beside the member on the left
+either: for one step the member's own lane has only a shadow on it. SUMO's driver on the left takes that lane for free,
+and changes into the member.
 
 All of this happens between two steps, so that no driver sees it elsewhere. Left is towards the lanes with the higher
 index, also in left-hand traffic.
