@@ -18,6 +18,7 @@ from platoontraffic.world.events import STANDSTILL_AFTER, Event
 from platoontraffic.world.traffic import TrafficSnapshot
 
 ALONG = math.cos(math.radians(45))  # cosine of the angle up to which a body stands along the path, not across it
+PASSING = 1.0  # speed above which a vehicle drives past another one that stands [m/s]
 STANDING, TURNING = 0.01, 0.01  # speed and yaw rate up to which a vehicle stands still [lengths a second, rad/s]
 
 
@@ -53,8 +54,9 @@ class Standstills:
     def _cause(self, step: Step, row: int) -> Cause:
         number, ahead = step.fleet.number[row], step.fleet.predecessor[row]
         hindrance = self._hindrances.now(number)
-        brakes_for_body = self._limits.reason(number) in ("obstacle", "predecessor")  # it is nearer than a closed line
-        if hindrance and not (hindrance.what == "held" and brakes_for_body):
+        reason, body = self._limits.reason(number), self._limits.body(number)
+        by_body = reason == "predecessor" or (reason == "obstacle" and not _drives(step.traffic, body))
+        if hindrance and not (hindrance.what == "held" and by_body):  # a body is nearer than the closed line
             return hindrance
         if self._limits.known[number] and (cause := self._by_law(step, row)):
             return cause
@@ -84,6 +86,11 @@ class Standstills:
         if reason == "lost" and ahead >= 0:
             return Cause("lost", f"has lost {step.traffic.ids[ahead]}")
         return Cause()
+
+
+def _drives(traffic: TrafficSnapshot, body: str) -> bool:
+    """Whether it is a vehicle that drives past, and does not keep another one at a stand."""
+    return body in traffic.ids and traffic.speed[traffic.ids.index(body)] > PASSING
 
 
 def _vehicle_ahead(traffic: TrafficSnapshot, row: int) -> str:

@@ -97,7 +97,8 @@ def least_changes(
 
     lane, last : index of the first lane, and of the last one if it can be reached; None: any
     position   : before which lanes are not changed [m], on the first edge, or on that of the change
-    change     : the first one; None: any
+    change     : the first one, or none on its edge, onto the same lane; None: any
+    raises     : InputError where there is none
     """
     on = change.edge if change else 0
     best: dict[int, tuple[_Crossed, list[Any]]] = {lane: (_Crossed(0, 0.0, 0), [])}  # by index of the lane reached
@@ -113,6 +114,8 @@ def least_changes(
                 cost = _Crossed(crossed.lanes + lanes, crossed.lacks + lacks * lanes, crossed.late + i * lanes)
                 if to not in onward or cost < onward[to][0]:
                     onward[to] = cost, [*links, link]
+        if not onward:
+            raise InputError(f"no lanes from edge '{here.getID()}' to '{there.getID()}' with that lane change")
         best = onward
     return best[last][1] if last in best else min(best.values(), key=lambda option: option[0])[1]
 

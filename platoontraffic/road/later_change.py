@@ -1,16 +1,18 @@
-"""A lane change later on its lane, or a shorter one.
+"""A lane change later on its lane, a shorter one, or one on an edge beyond.
 
 A vehicle without room for its lane change drives on and looks for room there, as on a slip road. The slower it is, the
-less road the change takes.
+less road the change takes. Where its lane leads on to the next edge of its route it may change there.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, Change, Line, change_length
+from platoontraffic.errors import InputError
+from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, ENOUGH_ROOM, Change, Line, change_length
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.motion import VehicleModel
@@ -40,18 +42,62 @@ def with_later_change(
     is_worth_it = later >= begin + AT_LEAST * model.length or (later >= begin and whole < SHORTER * change.across)
     if route.closed or not is_worth_it:
         return None
-    i = route.lines.index(change)
-    junctions = [line for line in route.lines[:i] if line.state != CHANGING]
-    # With the edge before, so that the bend between the two is rounded as on the given route.
-    before, start = (1, junctions[-1].lane.rpartition("_")[2]) if junctions else (0, lane)
-    edges = route.edges[len(junctions) - before :]
-    position = later - CHANGE_AFTER * width
-    first = Change(before, int(lane), int(target))
-    onward = Route.along(edges, *network.route_lanes(edges, int(start), False, position, first, longest))
-    onward = onward.drivable_by(model)
+    first = Change(0, int(lane), int(target))
+    onward, before = _onward(route, change, first, network, model, later - CHANGE_AFTER * width, longest)
     join = min(JOIN * model.length, begin / 2)
     ends = change.station - join, onward.lines[before].station - (later - begin) - join
-    return _spliced(route, i, onward, before, *ends, join)
+    return _spliced(route, route.lines.index(change), onward, before, *ends, join)
+
+
+def with_change_beyond(route: Route, change: Line, network: Network, model: VehicleModel) -> Route | None:
+    """The route without a lane change on its edge, and with others beyond instead.
+
+    returns: as of `with_later_change`; None also where its lane does not lead on, more lanes would be crossed, or there
+             would be less room for it
+    """
+    if route.closed:
+        return None
+    (edge, _, lane), i = change.lane.rpartition("_"), route.lines.index(change)
+    try:
+        onward, before = _onward(route, change, Change(0, int(lane), int(lane)), network, model)
+    except InputError:
+        return None
+    room = min((line.to_end for line in onward.lines if line.state == CHANGING), default=math.inf)
+    more = _lanes_crossed(onward.lines) > _lanes_crossed(route.lines[i:])
+    if more or room < min(change.to_end, ENOUGH_ROOM):
+        return None
+    shape = network.route_line((edge,), int(lane))
+    begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
+    join = min(JOIN * model.length, begin / 2)
+    entered = onward.lines[0].station + onward.lines[0].across if before else 0.0
+    return _spliced(route, i, onward, before, change.station - join, entered + begin - join, join)
+
+
+def _onward(
+    route: Route,
+    change: Line,
+    first: Change,
+    network: Network,
+    model: VehicleModel,
+    position: float = 0.0,
+    longest: float = math.inf,
+) -> tuple[Route, int]:
+    """A route from the edge of a lane change on, with another one there, and the number of its lines before that edge.
+
+    It begins with the edge before, if there is one, so that the bend between the two is rounded as on the given route.
+
+    first: the lane change there, with the edge's number from there
+    """
+    junctions = [line for line in route.lines[: route.lines.index(change)] if line.state != CHANGING]
+    before, start = (1, int(junctions[-1].lane.rpartition("_")[2])) if junctions else (0, first.lane)
+    edges, first = route.edges[len(junctions) - before :], first._replace(edge=before)
+    onward = Route.along(edges, *network.route_lanes(edges, start, False, position, first, longest))
+    return onward.drivable_by(model), before
+
+
+def _lanes_crossed(lines: Sequence[Line]) -> int:
+    changes = [line for line in lines if line.state == CHANGING]
+    return sum(abs(int(one.onto.rpartition("_")[2]) - int(one.lane.rpartition("_")[2])) for one in changes)
 
 
 def _spliced(route: Route, i: int, onward: Route, k: int, end: float, near: float, join: float) -> Route:

@@ -2,9 +2,10 @@
 
 SUMO's driver brakes for a vehicle that must change to its lane and cannot. It does not brake for a moved vehicle, for
 SUMO does not know that this one must change; beside a queue a member would wait without end. So the first vehicle that
-can stop where it leaves room for the member does so, once the member has stood for `AFTER`. One that SUMO drives gets
-speeds from which it brakes by no more than `BRAKING`; SUMO's driver model keeps it slower where it must, as always. A
-member is given a line to stop at; followers of a platoon let nobody in before them.
+can stop where it leaves room for the member does so: at once where the member's lane ends soon, as SUMO's drivers do,
+else once the member has stood for `AFTER`. One that SUMO drives gets speeds from which it brakes by no more than
+`BRAKING`; SUMO's driver model keeps it slower where it must, as always. A member is given a line to stop at; followers
+of a platoon let nobody in before them.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.room_to_change import Wanted
 
-AFTER = 3.0  # time that a member has stood before it is let in [s]
+AFTER = 3.0  # time that a member has stood before it is let in, where that is not urgent [s]
 LONGEST = 20.0  # time that one vehicle waits for one member to begin its lane change [s]
 GOES_OVER = 30.0  # longest time from then on until the member is on its lane, where it is seen [s]
 GIVEN_UP = 1.0  # a member that has not wanted room for so long does not change lanes any more [s]
@@ -60,8 +61,8 @@ class LettingIn:
                 continue
             wanted = wanted._replace(behind=max(wanted.behind + SPARE, LEAST))
             if name not in self.waiting:
-                stood = vehicle.getWaitingTime(name) >= AFTER - 1e-6
-                found = self._first(name, wanted, where, unwilling) if stood else None
+                asks = wanted.urgent or vehicle.getWaitingTime(name) >= AFTER - 1e-6
+                found = self._first(name, wanted, where, unwilling) if asks else None
                 if found is None:
                     continue
                 self.waiting[name] = found, time + (GOES_OVER if wanted.begun else LONGEST)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterator
+from math import inf
 from typing import NamedTuple
-
-import numpy as np
 
 from platoontraffic.controllers.lane_room import room_needed
 from platoontraffic.road.gap_acceptance import Pace
@@ -22,6 +21,7 @@ PASSES_BY = 2.0  # a vehicle that is so much faster passes, and leaves room then
 QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
 QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
+LOOKS_AHEAD = 10.0  # a lane change is urgent where the lane ends within this time at its speed limit, as SUMO's is [s]
 OWN_GAP = 4.0  # that a member of a car's length leaves in a queue [m]
 
 
@@ -31,6 +31,7 @@ class Wanted(NamedTuple):
     lane: str
     behind: float  # distance behind the member's front at which a vehicle there must stand to leave it [m]
     begun: bool  # it is going over, and is not on that lane yet
+    urgent: bool = False  # its lane ends soon
 
 
 class RoomToChange:
@@ -66,16 +67,17 @@ class RoomToChange:
             stop = distance + (k + COMMITTED) * share
             half = distance + (k + 0.5) * share
             if stop > 0 and (queue or not self._is_room(one, distance, half, ego)):
-                self._want(one.onto, half, ego, begun=distance < 0)
+                self._want(line, one.onto, distance, half, ego)
                 return min(stop, ego.stops_within) if distance + k * share < 0 else stop
         if distance < 0 and ego.lane != line.onto:
-            self._want(line.onto, max(distance + 0.5 * line.across, 0.0), ego, begun=True)
-        return np.inf
+            self._want(line, line.onto, distance, max(distance + 0.5 * line.across, 0.0), ego)
+        return inf
 
-    def _want(self, lane: str, half: float, ego: Ego, *, begun: bool) -> None:
-        """half: distance after which half of the member is over there [m]"""
+    def _want(self, line: Line, lane: str, distance: float, half: float, ego: Ego) -> None:
+        """half: distance after which half of the member is over on the lane [m]"""
         behind = ego.length + room_needed(ego.length, 0.0, 0.0) - half
-        self.wanted[ego.id] = Wanted(lane, behind, begun)
+        urgent = distance + line.to_end < LOOKS_AHEAD * self._now.max_speed[line.lane]
+        self.wanted[ego.id] = Wanted(lane, behind, distance < 0, urgent)
 
     def is_beside(self, line: Line, ego: Ego) -> bool:
         """Whether a slow vehicle that is not yet on its lane has another one there with its rear beside the own front.
@@ -113,6 +115,16 @@ class RoomToChange:
                     return False
         return True
 
+    def free_road(self, line: Line, distance: float, ego: Ego) -> float:
+        """Distance from the begin of a lane change to the next vehicle in a queue on the lane before [m]; inf: none."""
+        now, begin, slow = self._now, self._begin(line), QUEUE_SPEED * ego.size
+        ahead = (name for name in now.on_lane[line.lane] if name != ego.id and now.position[name] > begin - distance)
+        return min((now.position[one] - now.length[one] - begin for one in ahead if now.speed[one] < slow), default=inf)
+
+    def _begin(self, line: Line) -> float:
+        """Position of the begin of a lane change on its lane [m]."""
+        return self._now.lane_length[line.lane] - line.to_end
+
     def _is_room(self, line: Line, distance: float, half: float, ego: Ego) -> bool:
         """Whether there will be room on one lane, and no vehicle there will have to brake hard; as `_blocking`."""
         return next(self._blocking(line, distance, half, ego), None) is None
@@ -139,15 +151,20 @@ class RoomToChange:
                 yield name
 
     def _queue_within(self, line: Line, distance: float, ego: Ego) -> bool:
-        """Whether a vehicle stands on one of the two lanes before the end of the lane change."""
+        """Whether a vehicle stands where it is in the way of the lane change.
+
+        On the own lane that is before the vehicle has left it, on the other one before the end of the lane change.
+        """
         now = self._now
-        here = now.lane_length[line.lane] - line.to_end - distance  # position of the own front bumper
-        end, stands = here + distance + line.across + OWN_GAP * ego.size, QUEUE_STANDS * ego.size
-        for name in (*now.on_lane[line.lane], *now.on_lane[line.onto]):
-            if name != ego.id and now.speed[name] < stands:
-                position = now.position[name]
-                if position > here and position - now.length[name] < end:
-                    return True
+        begin = self._begin(line)
+        leaves = begin + line.across / len(_crossed(line))
+        end, stands = begin + line.across + OWN_GAP * ego.size, QUEUE_STANDS * ego.size
+        for lane, until in ((line.lane, leaves), (line.onto, end)):
+            for name in now.on_lane[lane]:
+                if name != ego.id and now.speed[name] < stands:
+                    position = now.position[name]
+                    if position > begin - distance and position - now.length[name] < until:
+                        return True
         return False
 
     def _on_adjacent(self, line: Line, own_to_end: float) -> Iterator[tuple[str, float]]:

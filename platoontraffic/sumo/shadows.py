@@ -13,9 +13,8 @@ of a vehicle in the middle of its lane. So a member whose shadow is missing is i
 
 A member gets no shadow on a lane where the front of another vehicle is beside it. That vehicle would take the shadow
 for a leader into which it has driven; it would brake hard or change lanes, even into the member. In a bend bodies come
-near the border of their lanes for a moment. For a shadow to the right no vehicle may be beside the member on the left
-either: for one step the member's own lane has only a shadow on it. SUMO's driver on the left takes that lane for free,
-and changes into the member.
+near the border of their lanes for a moment. For one step of a shadow to the right the member's own lane has only a
+shadow on it, which SUMO's drivers do not see when they change lanes. So those beside the member change no lanes in it.
 
 All of this happens between two steps, so that no driver sees it elsewhere. Left is towards the lanes with the higher
 index, also in left-hand traffic.
@@ -24,7 +23,7 @@ index, also in left-hand traffic.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from platoontraffic.road.network import Network
@@ -35,7 +34,8 @@ AHEAD = 1.5  # a shadow is on the lane that the body will reach within this time
 TOUCH = 1e-6  # a vehicle as near to the middle of its lane as this was not on the other side of it [m]
 WIDER = 1.01  # width of a vehicle that is to have a shadow wherever it is on its lane [lane widths]
 SLOW = 5.0  # speed up to which a vehicle may stand so much across that its rear matters [m/s]
-NEARLY = 5.0  # distance of a vehicle on the left that may change lanes in the step of a shadow to the right [m]
+NEARLY = 5.0  # distance up to which another vehicle is beside, in the step of a shadow to the right [m]
+NO_CHANGES = 0  # argument of setLaneChangeMode
 DURATION = "lanechange.duration"
 SHORTEST = "0.001"  # [s]; SUMO has shadows if a lane change takes any time, and its own cars still change at once
 
@@ -78,6 +78,7 @@ class Shadows:
         self._seen: dict[str, _Seen] = {}
         self._side: dict[str, int] = {}  # of the shadow that each vehicle has in SUMO
         self._widened: list[Mover] = []  # in the step that SUMO makes
+        self._kept: dict[str, int] = {}  # mode of lane changes of vehicles that change none in it
         self._lanes: dict[str, int] = {}  # number, by edge
         self._widths: dict[str, float] = {}  # [m], by lane
 
@@ -91,6 +92,10 @@ class Shadows:
         for mover in self._widened:
             self._sumo.vehicletype.setWidth(mover.kind, mover.width)
         widened, self._widened = {mover.id for mover in self._widened}, []
+        for name, mode in self._kept.items():
+            with contextlib.suppress(self._sumo.TraCIException):  # it has left the simulation
+                self._sumo.vehicle.setLaneChangeMode(name, mode)
+        self._kept.clear()
         lateral_of = direct(self._sumo.vehicle.getLateralLanePosition)
         for mover in movers:
             edge, lane = where[mover.id]
@@ -122,12 +127,12 @@ class Shadows:
             if seen and (side := self._wanted(mover, seen)) != self._side[mover.id]:
                 if side and self._is_before_a_front(mover, seen, side):
                     continue
-                if side == RIGHT and self._is_beside_another(mover, seen, LEFT):
-                    continue
                 missing.append((self._sumo.vehicle.getLanePosition(mover.id), mover, seen, side))
         # SUMO's driver sees the shadow that was inserted last, and earlier ones only if they are further ahead.
         for _, mover, seen, side in sorted(missing, key=lambda one: one[0]):
             self._insert(mover, seen, side)
+            if side == RIGHT:
+                self._keep_lanes(mover, seen)
             self._side[mover.id] = side
 
     def _wanted(self, mover: Mover, seen: _Seen) -> int:
@@ -151,24 +156,28 @@ class Shadows:
 
     def _is_before_a_front(self, mover: Mover, seen: _Seen, side: int) -> bool:
         """Whether the front of a vehicle on the lane on that side is beside it."""
-        front, length = self._sumo.vehicle.getLanePosition(mover.id), self._sumo.vehicle.getLength(mover.id)
-        return any(front - length < its <= front for its, _ in self._on_lane(seen, side))
+        position = self._sumo.vehicle.getLanePosition
+        front, length = position(mover.id), self._sumo.vehicle.getLength(mover.id)
+        return any(front - length < position(name) <= front for name in self._on_lane(seen, side))
 
-    def _is_beside_another(self, mover: Mover, seen: _Seen, side: int) -> bool:
-        """Whether there is a vehicle abreast of it on the lane on that side, or nearly so."""
-        front, length = self._sumo.vehicle.getLanePosition(mover.id), self._sumo.vehicle.getLength(mover.id)
-        return any(
-            its > front - length - NEARLY and its - its_length < front + NEARLY
-            for its, its_length in self._on_lane(seen, side)
-        )
+    def _keep_lanes(self, mover: Mover, seen: _Seen) -> None:
+        """Vehicles beside it, on the lanes next to its own, change no lanes in the coming step."""
+        vehicle = self._sumo.vehicle
+        front, length = vehicle.getLanePosition(mover.id), vehicle.getLength(mover.id)
+        for side in (LEFT, RIGHT):
+            for name in self._on_lane(seen, side):
+                its = vehicle.getLanePosition(name)
+                is_beside = its > front - length - NEARLY and its - vehicle.getLength(name) < front + NEARLY
+                if is_beside and name != mover.id and name not in self._kept:
+                    self._kept[name] = vehicle.getLaneChangeMode(name)
+                    vehicle.setLaneChangeMode(name, NO_CHANGES)
 
-    def _on_lane(self, seen: _Seen, side: int) -> Iterator[tuple[float, float]]:
-        """Front and length of each vehicle on the lane on that side of its own [m]."""
-        vehicle, (edge, _, index) = self._sumo.vehicle, seen.lane.rpartition("_")
+    def _on_lane(self, seen: _Seen, side: int) -> Sequence[str]:
+        """Vehicles on the lane on that side of its own."""
+        edge, _, index = seen.lane.rpartition("_")
         lane = int(index) + side
-        if 0 <= lane < self._lane_number(edge):
-            for name in self._sumo.lane.getLastStepVehicleIDs(f"{edge}_{lane}"):
-                yield vehicle.getLanePosition(name), vehicle.getLength(name)
+        is_there = 0 <= lane < self._lane_number(edge)
+        return self._sumo.lane.getLastStepVehicleIDs(f"{edge}_{lane}") if is_there else ()
 
     def _insert(self, mover: Mover, seen: _Seen, side: int) -> None:
         """Insert a vehicle anew, so that its shadow is on this side."""

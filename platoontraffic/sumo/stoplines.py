@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 from platoontraffic.controllers import BRAKES_FOR, CLOSED_BY, Signals
 from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, Line
-from platoontraffic.road.later_change import with_later_change
+from platoontraffic.road.later_change import with_change_beyond, with_later_change
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
@@ -75,6 +75,14 @@ class FarLine(NamedTuple):
     state: LineState | None  # but for the distance; None: a light decides
 
 
+class _Blocked(NamedTuple):
+    """A lane change that cannot begin now."""
+
+    line: Line
+    passed: bool  # the vehicles in its way pass it soon
+    free: float  # from its begin to the next vehicle in a queue on the lane before [m]; inf: there is none
+
+
 class StopLines:
     """Judges stop lines by the vehicles that SUMO has about them."""
 
@@ -92,9 +100,10 @@ class StopLines:
         self._fleet: tuple[Member, ...] = ()  # at the last look
         self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet
         self._far: dict[str, FarLine] = {}  # of members that had one at the last look
-        # The lane change that each member cannot begin now, and whether the vehicles in its way pass it soon.
-        self._blocked_changes: dict[str, tuple[Line, bool]] = {}
-        self._later: dict[tuple[Route, Line, float, float], Route | None] = {}  # with a later or shorter lane change
+        self._blocked_changes: dict[str, _Blocked] = {}  # of each member that cannot begin its lane change now
+        # Routes with a later or shorter lane change.
+        self._later = Once(lambda of: with_later_change(*of[:3], network, of[4], of[3]))
+        self._beyond = Once(lambda of: with_change_beyond(*of[:2], network, of[2]))
 
     @property
     def room_wanted(self) -> Mapping[str, Wanted]:
@@ -146,24 +155,33 @@ class StopLines:
     def with_later_changes(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members that brake because there is no room for their lane change here.
 
-        They look for it further on, as long as their lane leads on, but not beside a queue. The slower they are, the
-        less road their lane change takes.
+        They look for it further on, as long as their lane leads on: on this edge, but not beside a queue, or on edges
+        beyond, where the members behind them in their platoon do so too. The slower they are, the less road their lane
+        change takes.
         """
         for group in fleet.groups if self._blocked_changes else ():
             limit = group.law.braking_for(group.memory) if group.memory is not None else None
             rows = group.rows[limit.reason == BRAKES_FOR_LINE] if limit else ()
-            for member, row in ((fleet.members[i], int(i)) for i in rows if fleet.ids[i] in self._blocked_changes):
-                (change, passed), speed = self._blocked_changes[member.id], float(fleet.motion.speed[row])
-                width = self._sumo.lane.getWidth(change.lane)
-                step = CHANGE_AFTER * width
-                by = step * max(math.ceil(LOOKS_EVERY * speed / step), 1) if passed else 0.0
-                longest = width * math.ceil(CHANGE_TIME * speed / width)
-                key = member.route, change, by, longest
-                if key not in self._later:
-                    self._later[key] = with_later_change(*key[:3], self._network, member.model, longest)
-                if route := self._later[key]:
-                    fleet = fleet.with_route(row, route, WINDOW)
+            for row in (int(i) for i in rows if fleet.ids[i] in self._blocked_changes):
+                fleet = self._with_later_change(fleet, row)
         return fleet
+
+    def _with_later_change(self, fleet: Fleet, row: int) -> Fleet:
+        member, speed = fleet.members[row], float(fleet.motion.speed[row])
+        change, passed, free = self._blocked_changes[member.id]
+        width = self._sumo.lane.getWidth(change.lane)
+        longest, step = width * math.ceil(CHANGE_TIME * speed / width), CHANGE_AFTER * width
+        by = step * max(math.ceil(LOOKS_EVERY * speed / step), 1)
+        moves_on = passed and free > by + change.across
+        here = self._later[member.route, change, by if moves_on else 0.0, longest, member.model]
+        if here and moves_on:
+            return fleet.with_route(row, here, WINDOW)
+        if free == math.inf and self._beyond[member.route, change, member.model]:
+            for i, line in [(row, change), *_behind_before(fleet, row, change)]:
+                if beyond := self._beyond[fleet.members[i].route, line, fleet.members[i].model]:
+                    fleet = fleet.with_route(i, beyond, WINDOW)
+            return fleet
+        return fleet.with_route(row, here, WINDOW) if here else fleet
 
     def entries(self, fleet: Fleet, entered: Sequence[tuple[str, str, str]]) -> list[Entry]:
         """How members entered junctions; SUMO-driven ones are left out.
@@ -310,7 +328,8 @@ class StopLines:
         if line.state == CHANGING:
             is_open = not near or ego.lane == line.onto or self._change.may_change(line, distance, ego) == np.inf
             if not is_open:
-                self._blocked_changes[ego.id] = line, self._change.is_passed_soon(line, distance, ego)
+                passed = self._change.is_passed_soon(line, distance, ego)
+                self._blocked_changes[ego.id] = _Blocked(line, passed, self._change.free_road(line, distance, ego))
             return LineState(distance, is_open, False, False, LANE_CHANGE)
         line = self._at_junction[line, ego.kind]
         state, conflicts = self._link_state(line), self._conflicts[line]
@@ -419,6 +438,19 @@ class StopLines:
                 if _distance(walk.points, start, end) < walk.apart:
                     return False
         return True
+
+
+def _behind_before(fleet: Fleet, row: int, change: Line) -> Iterator[tuple[int, Line]]:
+    """Rows of members behind one in its platoon that have its lane change ahead of them, and their line there."""
+    first, progress = fleet.members[row], fleet.progress
+    for k, i in enumerate(progress.rows.tolist()):
+        member = fleet.members[i]
+        if member.platoon != first.platoon or member.place <= first.place or member.single:
+            continue
+        front = progress.station[k] + progress.front[k]
+        for line in member.route.lines:
+            if (line.state, line.lane, line.onto) == (change.state, change.lane, change.onto) and line.station > front:
+                yield i, line
 
 
 def _distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:

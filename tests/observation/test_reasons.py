@@ -94,6 +94,19 @@ def test_a_body_is_a_reason_before_the_closed_line_behind_it():
     assert ("robot.0", "blocked", "blocked by other") in standstills(noted)
 
 
+def test_a_vehicle_that_drives_past_is_no_reason_of_who_stands_at_a_closed_line():
+    """An oblique body before the line, met by a beam just when the standstill was noted, was named for 66 s at red."""
+
+    def ground() -> StopLine:
+        return StopLine(0.1, 70.0, lambda time: False)
+
+    (alone,) = (e for e in events(driving(), ground=ground) if e.kind == "standstill")
+    speed = 2.0
+    (crosses,) = platoon(constant(speed), at=(70.6, -speed * alone.time, np.pi / 2), model=CAR)
+    noted = events([*driving(), replace(crosses, id="other", platoon="other")], ground=ground)
+    assert ("robot.0", "held", "held by light") in standstills(noted)
+
+
 def test_who_creeps_past_a_nose_says_so_once():
     noted = events([*driving(), standing("other", 60.0, 2.95, np.radians(150))])
     creeps = [(e.vehicle, e.other, e.detail) for e in noted if e.kind == "creeps"]

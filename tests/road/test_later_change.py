@@ -8,7 +8,7 @@ from shapely.geometry import LineString
 
 from platoontraffic import shipped
 from platoontraffic.road.lane_routes import CHANGING, Line
-from platoontraffic.road.later_change import with_later_change
+from platoontraffic.road.later_change import with_change_beyond, with_later_change
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -112,3 +112,31 @@ def test_a_slow_vehicle_changes_lanes_in_less_road_and_later(name):
     assert later.lines[i].across == pytest.approx(16.0 * lanes, rel=0.05)  # no change is shorter
     assert later.lines[i].station - last.lines[i].station == pytest.approx(22.4 * lanes, rel=0.05)
     assert later.lines[i].station + later.lines[i].across < later.lines[i + 1].station
+
+
+def test_a_change_is_put_off_to_the_next_edge_where_the_lane_leads_on():
+    network, edges = network_of("highway"), ("e0_e1", "e1_e2", "e2_e_exit")
+    route = Route.along(edges, *network.route_lanes(edges, 1)).drivable_by(CAR)
+    change = route.lines[0]
+    beyond = with_change_beyond(route, change, network, CAR)
+    lanes = [(line.lane, line.onto) for line in beyond.lines]
+    assert lanes == [("e0_e1_1", "e1_e2_2"), ("e1_e2_2", "e1_e2_0"), ("e1_e2_0", "e2_e_exit_0")]
+    assert beyond.length == pytest.approx(route.length, abs=0.3)
+    before, after = np.linspace(0, change.station - 2 * CAR.length, 9), np.linspace(1500.0, route.length, 9)
+    for stations in (before, after):
+        np.testing.assert_allclose(beyond.line.at(stations), route.line.at(stations), atol=0.1)
+    assert np.abs(beyond.curvature(1.0)[1]).max() < np.abs(route.curvature(1.0)[1]).max() + 0.01
+    assert beyond.edges == route.edges
+
+
+@pytest.mark.parametrize("name", ["first edge", "after a junction", "towards a crossing"])
+def test_a_change_stays_where_its_lane_does_not_lead_on(name):
+    network, route, change = given(name)
+    assert with_change_beyond(route, change, network, CAR) is None
+
+
+def test_a_change_is_put_off_to_an_edge_with_enough_room_only(monkeypatch):
+    network, edges = network_of("highway"), ("e0_e1", "e1_e2", "e2_e_exit")
+    route = Route.along(edges, *network.route_lanes(edges, 1)).drivable_by(CAR)
+    monkeypatch.setattr("platoontraffic.road.later_change.ENOUGH_ROOM", 300.0)  # there are 229 m
+    assert with_change_beyond(route, route.lines[0], network, CAR) is None

@@ -25,7 +25,7 @@ def column(tmp_path):
     """Cars on the lane beside a member that stands: their fronts [m] and speeds [m/s] in every step, (steps, cars)."""
     net = crossroads(tmp_path)
 
-    def run(starts, seconds, *, begins=np.inf, gives_up=np.inf, where=MEMBER, held=frozenset()):
+    def run(starts, seconds, *, begins=np.inf, gives_up=np.inf, urgent=False, where=MEMBER, held=frozenset()):
         sumo.start(["sumo", "-n", str(net), "--step-length", str(STEP), "--no-step-log", "--no-warnings",
                     "--time-to-teleport", "-1"])  # fmt: skip
         try:
@@ -40,7 +40,8 @@ def column(tmp_path):
             sumo.vehicle.moveTo("member", "wc_0", FRONT)
             letting_in, seen = LettingIn(sumo, STEP), []
             for k in range(round(seconds / STEP)):
-                wanted = {"member": Wanted("wc_1", BEHIND - SPARE, k * STEP >= begins)} if k * STEP < gives_up else {}
+                begun = k * STEP >= begins
+                wanted = {"member": Wanted("wc_1", BEHIND - SPARE, begun, urgent)} if k * STEP < gives_up else {}
                 letting_in.observe(wanted, where, held)
                 sumo.simulationStep()
                 cars = [f"c{n}" for n in range(len(starts))]
@@ -60,6 +61,14 @@ def test_the_first_one_that_can_stop_behind_its_front_does_so_in_comfort(column)
     assert FRONT - 6.0 < place[-1][1] <= FRONT - BEHIND + 0.01
     assert speed[-1][1:] == pytest.approx([0.0, 0.0], abs=0.01)
     assert place[-1][2] < place[-1][1] - 5.0
+    assert (np.diff(speed, axis=0) / STEP).min() > -BRAKING - 0.3
+
+
+def test_it_stops_at_once_where_the_lane_of_the_member_ends_soon(column):
+    """SUMO's drivers do so for each other; members came to a stand first."""
+    place, speed = column([60.0, 22.0], 15.0, urgent=True)
+    assert FRONT - 6.0 < place[-1][0] <= FRONT - BEHIND + 0.01
+    assert speed[-1] == pytest.approx([0.0, 0.0], abs=0.05)
     assert (np.diff(speed, axis=0) / STEP).min() > -BRAKING - 0.3
 
 

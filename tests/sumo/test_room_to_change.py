@@ -45,7 +45,7 @@ def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
     change.wanted.clear()
     assert change.may_change(line, -15.0, ego) == np.inf  # it is on that lane, and the next one is free
     # It is not on the last one yet: vehicles there stop behind its rear.
-    assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 2.5 - 25.0), True)}
+    assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 2.5 - 25.0), True, False)}
     change.wanted.clear()
     assert change.may_change(line, -15.0, ego._replace(lane="road_2")) == np.inf
     assert not change.wanted
@@ -77,7 +77,7 @@ def test_a_lane_change_is_judged_by_the_first_vehicle_behind_since_the_others_fo
     places["road_1"].pop()
     now.renew()
     assert change.may_change(line, 5.0, ego) < np.inf
-    assert change.wanted == {"m.0": ("road_1", pytest.approx(5.0 + 2.5 - (5.0 + 8.0)), False)}
+    assert change.wanted == {"m.0": ("road_1", pytest.approx(5.0 + 2.5 - (5.0 + 8.0)), False, True)}
     places["road_1"].clear()
     now.renew()
     change.wanted.clear()
@@ -137,17 +137,42 @@ def test_a_slow_member_waits_for_another_one_abreast_and_of_two_only_one_waits()
 def test_a_member_that_is_let_in_beside_a_queue_goes_over_at_once(let_in):
     """It waited 20 s for the queue to leave, and the vehicle that let it in 20 s for the member; then that drove on."""
     places = {"road_0": [("m.0", 30.0)], "road_1": [("polite", 26.0), ("queue", 45.0)]}
-    client = SimpleNamespace(
+    network = SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)])
+    change = RoomToChange(network, Reads(client_of(places)), {"m.0"} if let_in else ())
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)  # it begins at 31 m
+    assert (change.may_change(line, 1.0, Ego("m.0", "road_0", 0.0, 5.0)) == np.inf) == let_in
+
+
+@pytest.mark.parametrize(
+    ("lane", "rear", "has_room"),
+    [
+        ("road_0", 39.0, False),  # in the own lane, before the member has left it
+        ("road_0", 48.0, True),
+        ("road_2", 48.0, False),  # in the lane that it changes to, before it is there
+        ("road_2", 68.0, True),
+    ],
+)
+def test_a_queue_blocks_a_lane_change_only_where_it_stands_in_its_path(lane, rear, has_room):
+    """Members stood for 20 s far behind a queue that they were to leave, with free lanes beside them."""
+    places = {"road_0": [("m.0", 30.0)], "road_1": [], "road_2": []}
+    places[lane] = [*places[lane], ("queue", rear + 5.0)]
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of(places)))
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_2", (), 32.0, 69.0)  # from 31 to 63 m
+    ego = Ego("m.0", "road_0", 0.0, 5.0)
+    assert (change.may_change(line, 1.0, ego) == np.inf) == has_room
+    assert change.free_road(line, 1.0, ego) == (rear - 31.0 if lane == "road_0" else np.inf)
+
+
+def client_of(places: dict[str, list[tuple[str, float]]]) -> SimpleNamespace:
+    """All stand. places: vehicles of 5 m and their fronts, by lane of 100 m"""
+    fronts = {name: front for lane in places.values() for name, front in lane}
+    return SimpleNamespace(
         lane=SimpleNamespace(
             getLength=lambda _: 100.0, getMaxSpeed=lambda _: 13.9,
             getLastStepVehicleIDs=lambda lane: [name for name, _ in places[lane]],
         ),
         vehicle=SimpleNamespace(
             getSpeed=lambda _: 0.0, getLength=lambda _: 5.0, getWaitingTime=lambda _: 8.0,
-            getLanePosition=lambda name: {k: v for lane in places.values() for k, v in lane}[name],
+            getLanePosition=fronts.__getitem__,
         ),
     )  # fmt: skip
-    network = SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)])
-    change = RoomToChange(network, Reads(client), {"m.0"} if let_in else ())
-    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)  # it begins at 31 m
-    assert (change.may_change(line, 1.0, Ego("m.0", "road_0", 0.0, 5.0)) == np.inf) == let_in

@@ -312,39 +312,55 @@ def test_of_two_shadows_on_a_lane_the_last_one_is_inserted_first():
     assert list(dict.fromkeys(moved)) == ["behind", "ahead"]
 
 
-def cast(index: int, lateral: float, other: int, its_front: float, lanes: int) -> bool:
-    """Whether a member at 100 m that moves to the border of its lane gets a shadow, with another vehicle on a lane."""
+class Beside(NamedTuple):
+    """What happens to a member that moves to the border of its lane, and to another vehicle."""
+
+    casts: bool  # the member gets a shadow
+    modes: list[int]  # of lane changes of the other one, as they are set: before the step and after it
+
+
+def beside(index: int, lateral: float, other: int, its_front: float, lanes: int) -> Beside:
+    """The member is at 100 m on lane `index`, the other one on lane `other`."""
     moved: list[str] = []
+    modes: list[int] = []
     fronts = {"m": 100.0, "other": its_front}
     vehicle = SimpleNamespace(
         getLateralLanePosition=lambda _: lateral, getLanePosition=fronts.get, getLength=lambda _: 5.0,
+        getLaneChangeMode=lambda _: 1621, setLaneChangeMode=lambda _, mode: modes.append(mode),
         moveTo=lambda _, lane, __: moved.append(lane), setLateralLanePosition=lambda *_: None,
     )  # fmt: skip
     there = {f"a_{index}": ("m",), f"a_{other}": ("other",)}
     lane = SimpleNamespace(getLastStepVehicleIDs=lambda name: there.get(name, ()), getWidth=lambda _: 3.2)
     edge, types = SimpleNamespace(getLaneNumber=lambda _: lanes), SimpleNamespace(setWidth=lambda *_: None)
-    sumo = SimpleNamespace(vehicle=vehicle, lane=lane, edge=edge, vehicletype=types)
+    sumo = SimpleNamespace(vehicle=vehicle, lane=lane, edge=edge, vehicletype=types, TraCIException=KeyError)
     shadows = Shadows(sumo, SimpleNamespace(left_hand=False, edges={"a": (100.0,) * lanes}), STEP)
     mover, where = Mover("m", "type", 1.8), {"m": ("a", f"a_{index}")}
     shadows.observe([mover], where)
     lateral *= 1.5  # it moves on, 1 m/s
     shadows.observe([mover], where)
     shadows.cast([mover])
-    return bool(moved)
+    casts = bool(moved)
+    shadows.observe([mover], where)
+    return Beside(casts, modes)
 
 
 @pytest.mark.parametrize(("index", "lateral", "other"), [(1, -0.2, 0), (0, 0.2, 1)], ids=["right", "left"])
 @pytest.mark.parametrize(("its_front", "casts"), [(102.0, True), (100.0, False), (96.0, False), (94.9, True)])
 def test_a_vehicle_has_no_shadow_before_the_front_of_another_one_abreast(index, lateral, other, its_front, casts):
     """In a bend in Bologna a car of SUMO's had a shadow beside it, and changed lanes into the member itself."""
-    assert cast(index, lateral, other, its_front, lanes=2) == casts
+    assert beside(index, lateral, other, its_front, lanes=2).casts == casts
 
 
 @pytest.mark.parametrize(
-    ("lateral", "its_front", "casts"),
-    [(-0.2, 102.0, False), (-0.2, 108.0, False), (-0.2, 92.0, False), (-0.2, 111.0, True), (-0.2, 89.0, True),
-     (0.2, 111.0, True)],
+    ("lateral", "its_front", "stays"),
+    [(-0.2, 102.0, True), (-0.2, 108.0, True), (-0.2, 92.0, True), (-0.2, 111.0, False), (-0.2, 89.0, False),
+     (0.2, 102.0, False)],
 )  # fmt: skip
-def test_a_vehicle_has_no_shadow_to_the_right_beside_another_one_on_its_left(lateral, its_front, casts):
-    """In the step of that only a shadow is on its own lane. In Bologna cars on the left took the lane for free then."""
-    assert cast(1, lateral, 2, its_front, lanes=3) == casts
+@pytest.mark.parametrize("other", [2, 0])
+def test_a_vehicle_beside_one_that_gets_a_shadow_to_the_right_changes_no_lanes_in_that_step(
+    lateral, its_front, stays, other
+):
+    """Only a shadow is on the member's own lane then. In Bologna cars took that lane for free, and drove into it."""
+    happens = beside(1, lateral, other, its_front, lanes=3)
+    assert happens.casts
+    assert happens.modes == ([0, 1621] if stays else [])
