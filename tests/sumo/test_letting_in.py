@@ -69,7 +69,7 @@ def test_it_stops_at_once_where_the_lane_of_the_member_ends_soon(column):
     place, speed = column([60.0, 22.0], 15.0, urgent=True)
     assert FRONT - 6.0 < place[-1][0] <= FRONT - BEHIND + 0.01
     assert speed[-1] == pytest.approx([0.0, 0.0], abs=0.05)
-    assert (np.diff(speed, axis=0) / STEP).min() > -BRAKING - 0.3
+    assert (np.diff(speed[:, 0]) / STEP).min() > -BRAKING - 0.3
 
 
 def test_it_waits_until_the_member_that_has_begun_is_over_but_not_for_ever(column):
