@@ -46,7 +46,16 @@ class RoomToChange:
         self._adjacent: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
         self.members: frozenset[str] = frozenset()  # their ids
+        self._over: dict[str, list[str]] = {}  # members that were going over to a lane at the last look
         self.wanted: dict[str, Wanted] = {}  # by each member that has no room for its lane change, or is going over
+
+    def begin_look(self) -> None:
+        """Before the members of a step are asked about."""
+        self._over.clear()
+        for name, wanted in self.wanted.items():
+            if wanted.begun and name in self.members:
+                self._over.setdefault(wanted.lane, []).append(name)
+        self.wanted.clear()
 
     def may_change(self, line: Line, distance: float, ego: Ego) -> float:
         """Distance at which a vehicle must stop because there is no room on a lane that it crosses or changes to [m].
@@ -138,7 +147,7 @@ class RoomToChange:
         time = pace.time_for(half)
         later = pace.speed_after(time)
         for name, foe_to_end in self._on_adjacent(line, distance + line.to_end):
-            if name == ego.id:
+            if name == ego.id or self._waits_for(name, line, distance, ego):
                 continue
             ahead, foe_speed = distance + line.to_end - foe_to_end, self._now.speed[name]
             if ahead >= 0:
@@ -149,6 +158,12 @@ class RoomToChange:
                 closing, rear_speed = max(foe_speed - later, 0.0), foe_speed
             if gap < room_needed(ego.length, rear_speed, closing):
                 yield name
+
+    def _waits_for(self, name: str, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether another member goes over to the same lane, from its other side, and lets this one go first."""
+        if distance >= 0 or name not in self._over.get(line.onto, ()):
+            return False
+        return (self._now.position[name], name) < (self._now.position[ego.id], ego.id)
 
     def _queue_within(self, line: Line, distance: float, ego: Ego) -> bool:
         """Whether a vehicle stands where it is in the way of the lane change.
@@ -170,6 +185,8 @@ class RoomToChange:
     def _on_adjacent(self, line: Line, own_to_end: float) -> Iterator[tuple[str, float]]:
         """Vehicles on the adjacent lane and lanes that lead to it, and the distance of each to its end [m].
 
+        Members that go over to a lane count as being on it.
+
         Of those behind only the first one on each lane, and on lanes that lead there only if there is none: the others
         follow it.
 
@@ -180,8 +197,10 @@ class RoomToChange:
             reach = now.lane_length[line.onto] + GAP_HORIZON * now.max_speed[line.onto]
             self._adjacent[line] = tuple(self._network.upstream(line.onto, reach))
         for name, beyond in self._adjacent[line]:
-            to_ends = beyond + now.lane_length[name]
-            for vehicle in reversed(now.on_lane[name]):
+            to_ends, there = beyond + now.lane_length[name], now.on_lane[name]
+            if over := self._over.get(name):
+                there = sorted({*there, *over}, key=lambda one: (now.position[one], one))
+            for vehicle in reversed(there):
                 to_end = to_ends - now.position[vehicle]
                 yield vehicle, to_end
                 if to_end > own_to_end:

@@ -13,8 +13,11 @@ of a vehicle in the middle of its lane. So a member whose shadow is missing is i
 
 A member gets no shadow on a lane where the front of another vehicle is beside it. That vehicle would take the shadow
 for a leader into which it has driven; it would brake hard or change lanes, even into the member. In a bend bodies come
-near the border of their lanes for a moment. For one step of a shadow to the right the member's own lane has only a
-shadow on it, which SUMO's drivers do not see when they change lanes. So those beside the member change no lanes in it.
+near the border of their lanes for a moment.
+
+SUMO's drivers do not see shadows when they change lanes. So those beside a member change no lanes while that could lead
+them into it: on the lane beyond that of its shadow; and for one step of a shadow to the right, in which only a shadow
+is on the member's own lane, on both lanes next to that.
 
 All of this happens between two steps, so that no driver sees it elsewhere. Left is towards the lanes with the higher
 index, also in left-hand traffic.
@@ -34,7 +37,7 @@ AHEAD = 1.5  # a shadow is on the lane that the body will reach within this time
 TOUCH = 1e-6  # a vehicle as near to the middle of its lane as this was not on the other side of it [m]
 WIDER = 1.01  # width of a vehicle that is to have a shadow wherever it is on its lane [lane widths]
 SLOW = 5.0  # speed up to which a vehicle may stand so much across that its rear matters [m/s]
-NEARLY = 5.0  # distance up to which another vehicle is beside, in the step of a shadow to the right [m]
+NEARLY = 5.0  # distance up to which another vehicle is beside that might change lanes [m]
 NO_CHANGES = 0  # argument of setLaneChangeMode
 DURATION = "lanechange.duration"
 SHORTEST = "0.001"  # [s]; SUMO has shadows if a lane change takes any time, and its own cars still change at once
@@ -123,16 +126,17 @@ class Shadows:
         """Before a step, and before vehicles are moved: give them the shadows that they must have in it."""
         missing = []
         for mover in movers if self._seen else ():
-            seen = self._seen.get(mover.id)
-            if seen and (side := self._wanted(mover, seen)) != self._side[mover.id]:
-                if side and self._is_before_a_front(mover, seen, side):
-                    continue
+            if (seen := self._seen.get(mover.id)) is None:
+                continue
+            if side := self._wanted(mover, seen):
+                self._keep_lanes(mover, seen, (2 * side,))
+            if side != self._side[mover.id] and not (side and self._is_before_a_front(mover, seen, side)):
                 missing.append((self._sumo.vehicle.getLanePosition(mover.id), mover, seen, side))
         # SUMO's driver sees the shadow that was inserted last, and earlier ones only if they are further ahead.
         for _, mover, seen, side in sorted(missing, key=lambda one: one[0]):
             self._insert(mover, seen, side)
             if side == RIGHT:
-                self._keep_lanes(mover, seen)
+                self._keep_lanes(mover, seen, (LEFT, RIGHT))
             self._side[mover.id] = side
 
     def _wanted(self, mover: Mover, seen: _Seen) -> int:
@@ -160,22 +164,22 @@ class Shadows:
         front, length = position(mover.id), self._sumo.vehicle.getLength(mover.id)
         return any(front - length < position(name) <= front for name in self._on_lane(seen, side))
 
-    def _keep_lanes(self, mover: Mover, seen: _Seen) -> None:
-        """Vehicles beside it, on the lanes next to its own, change no lanes in the coming step."""
+    def _keep_lanes(self, mover: Mover, seen: _Seen, lanes: Iterable[int]) -> None:
+        """Vehicles beside it change no lanes in the coming step. lanes: on which they are, from its own to the left"""
         vehicle = self._sumo.vehicle
         front, length = vehicle.getLanePosition(mover.id), vehicle.getLength(mover.id)
-        for side in (LEFT, RIGHT):
-            for name in self._on_lane(seen, side):
+        for lane in lanes:
+            for name in self._on_lane(seen, lane):
                 its = vehicle.getLanePosition(name)
                 is_beside = its > front - length - NEARLY and its - vehicle.getLength(name) < front + NEARLY
                 if is_beside and name != mover.id and name not in self._kept:
                     self._kept[name] = vehicle.getLaneChangeMode(name)
                     vehicle.setLaneChangeMode(name, NO_CHANGES)
 
-    def _on_lane(self, seen: _Seen, side: int) -> Sequence[str]:
-        """Vehicles on the lane on that side of its own."""
+    def _on_lane(self, seen: _Seen, left: int) -> Sequence[str]:
+        """Vehicles on the lane that is so many lanes to the left of its own."""
         edge, _, index = seen.lane.rpartition("_")
-        lane = int(index) + side
+        lane = int(index) + left
         is_there = 0 <= lane < self._lane_number(edge)
         return self._sumo.lane.getLastStepVehicleIDs(f"{edge}_{lane}") if is_there else ()
 

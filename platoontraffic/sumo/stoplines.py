@@ -134,7 +134,7 @@ class StopLines:
         front = (progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]).tolist()
         speed, signals = fleet.motion.speed.tolist(), Signals(*(values.copy() for values in self._no_lines))
         self._blocked_changes.clear()
-        self._change.wanted.clear()
+        self._change.begin_look()
         rows, states = [], []
         for k, i, still in self._asking:
             name = still.id

@@ -163,6 +163,28 @@ def test_a_queue_blocks_a_lane_change_only_where_it_stands_in_its_path(lane, rea
     assert change.free_road(line, 1.0, ego) == (rear - 31.0 if lane == "road_0" else np.inf)
 
 
+def test_of_two_members_that_go_over_to_one_lane_from_both_sides_one_waits():
+    """SUMO has each on its own lane until it is over, so neither was seen by the other."""
+    places = {"road_0": [("m.0", 31.0)], "road_1": [], "road_2": [("m.1", 30.0)]}
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of(places)))
+    change.members = frozenset(("m.0", "m.1"))
+    right = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.5)  # it begins at 30.5 m
+    left = right._replace(lane="road_2", to_end=69.0)  # at 31 m
+    first, second = Ego("m.0", "road_0", 0.0, 5.0), Ego("m.1", "road_2", 0.0, 5.0)
+    change.begin_look()
+    assert change.may_change(right, -0.5, first) == np.inf
+    assert change.may_change(left, 1.0, second) == np.inf  # it does not know yet
+    change.begin_look()
+    assert change.may_change(right, -0.5, first) == np.inf
+    assert change.may_change(left, 1.0, second) < np.inf
+    change.begin_look()
+    change.may_change(left._replace(to_end=70.5), -0.5, second)  # both have begun
+    assert change.may_change(right, -0.5, first) == np.inf
+    change.begin_look()
+    assert change.may_change(right, -0.5, first) == np.inf  # it is ahead
+    assert change.may_change(left._replace(to_end=70.5), -0.5, second) < np.inf
+
+
 def client_of(places: dict[str, list[tuple[str, float]]]) -> SimpleNamespace:
     """All stand. places: vehicles of 5 m and their fronts, by lane of 100 m"""
     fronts = {name: front for lane in places.values() for name, front in lane}

@@ -364,3 +364,10 @@ def test_a_vehicle_beside_one_that_gets_a_shadow_to_the_right_changes_no_lanes_i
     happens = beside(1, lateral, other, its_front, lanes=3)
     assert happens.casts
     assert happens.modes == ([0, 1621] if stays else [])
+
+
+@pytest.mark.parametrize(("index", "lateral", "other"), [(0, 0.2, 2), (2, -0.2, 0)], ids=["left", "right"])
+@pytest.mark.parametrize(("its_front", "stays"), [(102.0, True), (92.0, True), (111.0, False), (89.0, False)])
+def test_a_vehicle_beyond_the_lane_of_a_shadow_changes_no_lanes_beside_it(index, lateral, other, its_front, stays):
+    """It and the member went over to the lane between them at the same time."""
+    assert beside(index, lateral, other, its_front, lanes=3).modes[:2] == ([0, 1621] if stays else [])
