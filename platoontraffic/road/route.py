@@ -1,13 +1,13 @@
 """Routes of members, and the road ahead of them as their drivers know it.
 
-All rows of a fleet are handled at once: the lines of all routes are concatenated in one array, each from a base
-station of its own.
+All rows of a fleet are handled at once: the lines of all routes are in one array, one behind another. Stations of each
+count from a base station of its own.
 """
 
 from __future__ import annotations
 
 import bisect
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -138,30 +138,24 @@ class Route:
 class Routes:
     """The routes of some vehicles; rows (n,)."""
 
-    def __init__(self, routes: Sequence[Route], length: np.ndarray) -> None:
-        """length: of the vehicles [m], (n,)"""
+    def __init__(self, routes: Sequence[Route], length: np.ndarray, known: Routes | None = None) -> None:
+        """
+        length : of the vehicles [m], (n,)
+        known  : routes of which many are the same: what is laid out for them is not laid out again
+        """
         # Vehicles that differ in their speeds alone have the same line.
-        of_row = [(id(route.line), size) for route, size in zip(routes, length.tolist(), strict=True)]
-        kinds = {kind: number for number, kind in enumerate(dict.fromkeys(of_row))}
-        chosen = {id(route.line): route for route in routes}
-        which = np.array([kinds[kind] for kind in of_row])
-        lines = [chosen[key].line for key, _ in kinds]
-        spans = np.array([line.stations[-1] for line in lines])
-        bases = np.concatenate([[0.0], np.cumsum(spans[:-1] + 1.0)])
+        of_row = [(route.line, size) for route, size in zip(routes, length.tolist(), strict=True)]
+        kinds = dict(zip(of_row, routes, strict=True))
+        self._layout = known._layout if known and len(known._layout.places) < 2 * len(kinds) else _Layout()
+        self._layout.add(kinds)
+        places = np.array([self._layout.places[kind] for kind in of_row]).reshape(-1, 3, 2)
+        self._points_of, self._grid_of, self._changes_of = np.ascontiguousarray(places.transpose(1, 0, 2))
         self._length = length
-        self._base, self._span = bases[which], spans[which]
-        stops = np.cumsum([len(line.points) for line in lines])
-        self._points_of = np.column_stack([np.concatenate([[0], stops[:-1]]), stops])[which]
-        self._stations = np.concatenate([line.stations + base for line, base in zip(lines, bases, strict=True)])
-        self._points = np.concatenate([line.points for line in lines])
-        self._limits = np.concatenate([chosen[key].limit for key, _ in kinds])
-        grids = [chosen[key].curvature(size) for key, size in kinds]
-        self._grid = np.concatenate([grid + base for (grid, _), base in zip(grids, bases, strict=True)])
-        self._curvature = np.concatenate([curvature for _, curvature in grids])
-        shifts = [chosen[key].lane_changes for key, _ in kinds]
-        self._changes = np.concatenate([at + base for (at, _), base in zip(shifts, bases, strict=True)])
-        self._aside = np.concatenate([aside for _, aside in shifts])
-        self._shifted = bool(self._aside.any())
+        self._span = np.array([line.stations[-1] for line, _ in of_row])
+        spans = np.array([line.stations[-1] for line, _ in kinds])
+        bases = dict(zip(kinds, np.concatenate([[0.0], np.cumsum(spans[:-1] + 1.0)]).tolist(), strict=True))
+        self._base = np.array([bases[kind] for kind in of_row])
+        self._shifted = self._layout.shifted
         self._closed = np.array([route.closed for route in routes])
         self.walled = np.array([route.walled for route in routes])  # a wall closes the road at the end of the route
         self._end = np.array([route.length for route in routes])
@@ -171,7 +165,7 @@ class Routes:
     def project(self, x: np.ndarray, y: np.ndarray, near: np.ndarray, window: np.ndarray) -> np.ndarray:
         """Stations (n,) of the nearest points within `window` (n,) of stations `near`, as Polyline.project."""
         routes, station = (self._base, self._points_of, self._closed, self._end), np.empty(len(x))
-        _project((self._stations, self._points), routes, x, y, near, window, station)
+        _project(self._layout.lines[:2], routes, x, y, near, window, station)
         return station
 
     def ahead(
@@ -185,14 +179,65 @@ class Routes:
         shape = len(station), len(REACH)
         ahead = RouteAhead(np.empty(shape), np.empty((*shape, 2)), *np.empty((2, *shape)), np.zeros(shape))
         routes = self._length, self._closed, self._end, self._span, self._base, self._factor, self._top_speed
-        lines, grid = (self._stations, self._points, self._limits), (self._grid, self._curvature)
+        places, layout = (self._points_of, self._grid_of, self._changes_of), self._layout
         poses = x, y, np.cos(heading), np.sin(heading)
-        _look_ahead(rows, station, poses, routes, lines, grid, (self._changes, self._aside), self._shifted, ahead)
+        _look_ahead(rows, station, poses, routes, places, layout.lines, layout.grids, layout.changes, self._shifted,
+                    ahead)  # fmt: skip
         return ahead
 
     def left(self, station: np.ndarray) -> np.ndarray:
         """Distance to the end of the route [m], (n,); inf on a closed one."""
         return self._last - station
+
+
+class _Layout:
+    """Arrays of routes one behind another, with room for more.
+
+    places  : by line and length of the vehicle [m]: first and last + 1 of its rows in lines, grids and changes
+    lines   : stations (k,) [m], points (k, 2) [m], and limits (k,) [m/s]
+    grids   : stations and curvature there, (k,) each
+    changes : stations and distance from the first lane there, (k,) each
+    """
+
+    def __init__(self) -> None:
+        self.places: dict[tuple[Polyline, float], tuple[tuple[int, int], ...]] = {}
+        self.lines = np.empty(0), np.empty((0, 2)), np.empty(0)
+        self.grids = self.changes = np.empty(0), np.empty(0)
+        self._used = 0, 0, 0  # rows of each
+
+    @property
+    def shifted(self) -> bool:
+        """Some route changes lanes."""
+        return bool(self.changes[1][: self._used[-1]].any())
+
+    def add(self, routes: Mapping[tuple[Polyline, float], Route]) -> None:
+        """Lay out those that are not yet here. Places of the others stay."""
+        new = [(kind, route) for kind, route in routes.items() if kind not in self.places]
+        if not new:
+            return
+        parts = [
+            [(line.stations, line.points, route.limit) for (line, _), route in new],
+            [route.curvature(size) for (_, size), route in new],
+            [route.lane_changes for _, route in new],
+        ]
+        ends = [np.cumsum([used, *(len(one[0]) for one in of)]) for used, of in zip(self._used, parts, strict=True)]
+        spans = (zip(end[:-1].tolist(), end[1:].tolist(), strict=True) for end in ends)
+        self.places.update(zip((kind for kind, _ in new), zip(*spans, strict=True), strict=True))
+        self.lines, self.grids, self.changes = (
+            tuple(_extended(array, used, more) for array, more in zip(arrays, zip(*of, strict=True), strict=True))
+            for arrays, used, of in zip((self.lines, self.grids, self.changes), self._used, parts, strict=True)
+        )
+        self._used = tuple(int(end[-1]) for end in ends)
+
+
+def _extended(array: np.ndarray, used: int, more: Sequence[np.ndarray]) -> np.ndarray:
+    """An array with more rows behind those that are used: itself, if it has room; else a copy with twice as many."""
+    size = used + sum(map(len, more))
+    if size > len(array):
+        array, old = np.empty((2 * size if used else size, *array.shape[1:])), array
+        array[:used] = old[:used]
+    np.concatenate(more, out=array[used:size])
+    return array
 
 
 @compiled
@@ -211,48 +256,55 @@ def _project(lines, routes, x, y, near, window, station):
             about = about % end[i]
             if about < end[i] / 2:
                 about += end[i]
-        there, _ = project(points[first:stop], stations[first:stop], x[i], y[i], about + base[i], window[i])
+        based = stations[first:stop] + base[i]
+        there, _ = project(points[first:stop], based, x[i], y[i], about + base[i], window[i])
         station[i] = there - base[i]
 
 
 @compiled
-def _look_ahead(rows, station, poses, routes, lines, grid, changes, shifted, ahead):
+def _look_ahead(rows, station, poses, routes, places, lines, grids, changes, shifted, ahead):
     """Fill in `RouteAhead` as of `Routes.ahead`.
 
     poses   : x, y [m], cosine and sine of the heading, (m,)
     routes  : vehicle length, whether it is closed, its length, that of its line, base station, factor on its limits,
               top speed, (n,) each
-    lines   : stations, points and limits of all routes
-    grid    : stations and curvature there; changes: stations and distance from the first lane there
+    places  : of each row's in lines, grids and changes: the first and the one after the last, (n, 2) each
+    lines, grids, changes : as of `_Layout`
     shifted : a route changes lanes
     """
     x, y, cos, sin = poses
     length, closed, end, span, base, factor, top_speed = routes
-    stations, points, limits = lines
+    points_of, grid_of, changes_of = places
     for i in range(len(rows)):
         r = rows[i]
+        (first, stop), (grid_first, grid_stop), (change_first, change_stop) = points_of[r], grid_of[r], changes_of[r]
+        stations, points, limits = lines[0][first:stop], lines[1][first:stop], lines[2][first:stop]
+        grid, curvature = grids[0][grid_first:grid_stop], grids[1][grid_first:grid_stop]
+        changed, aside = changes[0][change_first:change_stop], changes[1][change_first:change_stop]
+        begin = base[r]
         k = bend = change = -1
         before = np.inf
         for j in range(len(REACH)):
             distance = REACH[j] * length[r]
             there = station[i] + distance
-            there = (there % end[r] if closed[r] else min(there, span[r])) + base[r]
+            there = (there % end[r] if closed[r] else min(there, span[r])) + begin
             if there < before:  # the first, or a new lap
-                k, bend, change = _last(stations, there), _last(grid[0], there), _last(changes[0], there)
+                k, bend, change = _last(stations, begin, there), _last(grid, begin, there), _last(changed, begin, there)
             before = there
-            while k + 1 < len(stations) and stations[k + 1] <= there:
+            while k + 1 < len(stations) and stations[k + 1] + begin <= there:
                 k += 1
-            while bend + 1 < len(grid[0]) and grid[0][bend + 1] <= there:
+            while bend + 1 < len(grid) and grid[bend + 1] + begin <= there:
                 bend += 1
             ahead.distance[i, j], ahead.limit[i, j] = distance, min(factor[r] * limits[k], top_speed[r])
-            ahead.curvature[i, j] = _between(grid[0], grid[1], bend, there)
+            ahead.curvature[i, j] = _between(grid, begin, curvature, bend, there)
             if shifted:
-                while change + 1 < len(changes[0]) and changes[0][change + 1] <= there:
+                while change + 1 < len(changed) and changed[change + 1] + begin <= there:
                     change += 1
-                ahead.aside[i, j] = _between(changes[0], changes[1], change, there)
+                ahead.aside[i, j] = _between(changed, begin, aside, change, there)
             east, north = points[k, 0], points[k, 1]
-            if there != stations[k] and k + 1 < len(stations):
-                size, along = stations[k + 1] - stations[k], there - stations[k]
+            here = stations[k] + begin
+            if there != here and k + 1 < len(stations):
+                size, along = stations[k + 1] + begin - here, there - here
                 east += (points[k + 1, 0] - east) / size * along
                 north += (points[k + 1, 1] - north) / size * along
             east, north = east - x[i], north - y[i]
@@ -261,17 +313,25 @@ def _look_ahead(rows, station, poses, routes, lines, grid, changes, shifted, ahe
 
 
 @compiled
-def _last(stations, there):
-    """The last one of stations that is not beyond a station; the first, if all are."""
-    return max(np.searchsorted(stations, there, side="right") - 1, 0)
+def _last(stations, base, there):
+    """The last one of stations, from a base, that is not beyond a station; the first, if all are."""
+    low, high = 0, len(stations)
+    while low < high:
+        middle = (low + high) // 2
+        if stations[middle] + base <= there:
+            low = middle + 1
+        else:
+            high = middle
+    return max(low - 1, 0)
 
 
 @compiled
-def _between(stations, values, k, there):
-    """As np.interp, where the k-th one is the last station that is not beyond."""
-    if there <= stations[k] or k + 1 == len(stations):
+def _between(stations, base, values, k, there):
+    """As np.interp, where the k-th one of stations, from a base, is the last one that is not beyond."""
+    here = stations[k] + base
+    if there <= here or k + 1 == len(stations):
         return values[k]
-    return (values[k + 1] - values[k]) / (stations[k + 1] - stations[k]) * (there - stations[k]) + values[k]
+    return (values[k + 1] - values[k]) / (stations[k + 1] + base - here) * (there - here) + values[k]
 
 
 def _curvature(line: Polyline, length: float) -> tuple[np.ndarray, np.ndarray]:

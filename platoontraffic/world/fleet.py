@@ -185,12 +185,17 @@ class RouteProgress:
     front: np.ndarray  # from the driven axle to the front bumper [m]
 
     @classmethod
-    def of(cls, members: Sequence[Member], station: np.ndarray | None = None) -> RouteProgress:
-        """station: by default 0."""
+    def of(
+        cls, members: Sequence[Member], station: np.ndarray | None = None, known: RouteProgress | None = None
+    ) -> RouteProgress:
+        """
+        station : by default 0
+        known   : of members many of which are the same
+        """
         rows = np.flatnonzero([m.is_given_its_route for m in members])
         length = np.array([members[i].model.length for i in rows], dtype=float)
         front = length / 2 - [members[i].model.axle for i in rows]
-        routes = Routes([members[i].route for i in rows], length) if len(rows) else None
+        routes = Routes([members[i].route for i in rows], length, known and known.routes) if len(rows) else None
         return cls(rows, routes, np.zeros(len(rows)) if station is None else station, length, front)
 
     def located(self, model: FleetModel, motion: Motion, window: np.ndarray | float = WINDOW) -> RouteProgress:
@@ -307,6 +312,11 @@ class Fleet(MemberState):
         return tuple(m.id for m in self.members)
 
     @cached_property
+    def row_of(self) -> Mapping[str, int]:
+        """Rows of the members, by id."""
+        return {name: row for row, name in enumerate(self.ids)}
+
+    @cached_property
     def native_rows(self) -> np.ndarray:
         """Rows of the members that SUMO's own driver model drives, (m,)."""
         return np.flatnonzero(self.native)
@@ -374,7 +384,7 @@ class Fleet(MemberState):
         predecessor = np.append(self.predecessor, np.where(others.predecessor < 0, -1, others.predecessor + n))
         groups = (*self.groups, *(group._replace(rows=group.rows + n) for group in others.groups))
         station = np.append(self.progress.station, others.progress.station)
-        return self._of(state, members, predecessor, groups, RouteProgress.of(members, station))
+        return self._of(state, members, predecessor, groups, RouteProgress.of(members, station, self.progress))
 
     @cached_property
     def is_divided(self) -> bool:
@@ -416,7 +426,7 @@ class Fleet(MemberState):
                 memory = group.memory if keep.all() else memory_of(group.law, group.memory, keep)
                 under_way = group.under_way if keep.all() else group.under_way.part(keep)
                 groups.append(group._replace(rows=row[group.rows[keep]], memory=memory, under_way=under_way))
-        progress = RouteProgress.of(members, self.progress.station[stays[self.progress.rows]])
+        progress = RouteProgress.of(members, self.progress.station[stays[self.progress.rows]], self.progress)
         return self._of(take(self._state(), stays), members, row[self.predecessor[stays]], groups, progress)
 
     def with_orders(self, predecessor: np.ndarray, leads: np.ndarray) -> Fleet:
@@ -429,7 +439,7 @@ class Fleet(MemberState):
         window : of the search about its last station, if the routes share stations until there [vehicle lengths]
         """
         members = tuple(replace(m, route=route) if i == row else m for i, m in enumerate(self.members))
-        progress = RouteProgress.of(members, self.progress.station)
+        progress = RouteProgress.of(members, self.progress.station, self.progress)
         windows = np.where(progress.rows == row, window, WINDOW)
         return changed(self, members=members, progress=progress.located(self.model, self.motion, windows))
 
@@ -440,7 +450,7 @@ class Fleet(MemberState):
             return self
         new = tuple(replace(new, route=m.route) for m, new in zip(self.members, theirs, strict=True))
         groups = [part for group in self.groups for part in group.refitted(new, dt)]
-        progress = RouteProgress.of(new).located(self.model, self.motion, np.inf)
+        progress = RouteProgress.of(new, known=self.progress).located(self.model, self.motion, np.inf)
         # On a route that meets itself the nearest station may be another one than the last.
         known = np.isin(progress.rows, self.progress.rows)
         progress.station[known] = self.progress.station[np.isin(self.progress.rows, progress.rows)]
@@ -501,7 +511,7 @@ class Fleet(MemberState):
 
         raises: ValueError where there is no such member, where SUMO drives it, or where a command is not finite
         """
-        row_of = {m.id: i for i, m in enumerate(self.members)}
+        row_of = self.row_of
         for name, command in override.items():
             if name not in row_of:
                 raise ValueError(f"{name!r}: no member on the road{did_you_mean(name, row_of)}")

@@ -104,6 +104,20 @@ def test_the_distance_left_is_finite_on_open_routes_only():
     np.testing.assert_allclose(Routes(routes, np.full(2, 4.0)).left(np.array([20.0, 20.0])), [30.0, np.inf])
 
 
+def test_routes_that_are_known_are_laid_out_once_and_those_that_have_gone_are_dropped():
+    rng = np.random.default_rng(5)
+    routes, pose = [circle(20.0 + i) for i in range(6)], (np.zeros(1), *rng.normal(0, 5, (3, 1)))
+    found = Routes(routes[:1], np.array([4.0]))
+    for i, one in enumerate(routes[1:]):
+        found = Routes([routes[i], one], np.full(2, 4.0), found)
+        assert len(found._layout.places) <= 4
+        known, anew = (
+            r.ahead(*(np.repeat(v, 2) for v in pose)) for r in (found, Routes(routes[i : i + 2], np.full(2, 4.0)))
+        )
+        for values, expected in zip(known, anew, strict=True):
+            np.testing.assert_array_equal(values, expected)
+
+
 # ---- the road ahead
 
 
