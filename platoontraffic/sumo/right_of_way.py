@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 from platoontraffic.road.gap_acceptance import (
@@ -22,6 +23,7 @@ from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.conflicts import (
     ALL_STOP,
     EQUAL,
+    LINK_ONTO,
     LINK_OPEN,
     LINK_STATE,
     LINK_VIA,
@@ -43,6 +45,11 @@ SWINGS_OUT_LONGEST = 30.0  # ... and after which it does so even if a vehicle co
 STOPS_BY = 4.5  # hardest braking with which a vehicle comes to a stop sign [m/s2]: that of SUMO's cars
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
 LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
+JUNCTIONS = 3  # number of the next junctions at which a vehicle's path is compared with the own one
+PLAN_LANE, PLAN_ONWARD = (
+    0,
+    5,
+)  # indices in a row of getBestLanes: a lane, and the lanes on which a vehicle goes on there
 AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
 
 
@@ -71,6 +78,7 @@ class RightOfWay:
         self._outside = Once(self._foes_outside)
         self._patiently = Once(lambda line: [*self._approaching(line)])
         self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
+        self._inside_between = Once(self._between)
         # Vehicles that stand at an open line ("") or on a lane inside a junction: since when, and when last seen [s].
         self._standing: dict[tuple[str, str], tuple[float, float]] = {}
         self._stood: dict[str, tuple[str, float]] = {}  # the line's lane at which each has stood, and since when [s]
@@ -219,14 +227,14 @@ class RightOfWay:
 
     def _approaching(self, line: Line, ego: Ego | None = None) -> Iterator[Approach]:
         """The same as they come; ego: where nobody has priority."""
-        for foe, hurrying, is_open in self._outside[line]:
+        for foe, hurrying in self._outside[line]:
             patience = HELD_UP_AFTER
             if ego and self._order(foe.id, foe.crossing.before) > self._order(ego.id, line.lane):
                 patience = 0.0  # both stand, and it came later
-            yield hurrying if self._hurries(foe.id, foe.to_line, is_open, patience) else foe
+            yield hurrying if self._hurries(foe.id, foe.to_line, patience) else foe
 
-    def _foes_outside(self, line: Line) -> list[tuple[Approach, Approach, bool]]:
-        """Those vehicles at their speed, and as they hurry, and whether the line ahead of each is open.
+    def _foes_outside(self, line: Line) -> list[tuple[Approach, Approach]]:
+        """Those vehicles at their speed, and as they hurry.
 
         One that comes to a stop sign stops there first.
         """
@@ -234,19 +242,40 @@ class RightOfWay:
         for name, beyond in conflicts.entering:
             to_end = beyond + now.lane_length[name]
             for foe in now.on_lane[name]:
-                links = now.next_links[foe][:3]
-                via = next((link[LINK_VIA] for link in links if link[LINK_VIA] in conflicts.crossings), None)
+                inside, state = self._links_ahead(foe, name)
+                via = next((one for one in inside if one in conflicts.crossings), None)
                 crossing = conflicts.crossings.get(via)
-                if crossing is None or not crossing.first or links[0][LINK_STATE] in RED:
+                if crossing is None or not crossing.first or state in RED:
                     continue
-                to_line, speed, first = to_end - now.position[foe], now.speed[foe], links[0]
+                to_line, speed = to_end - now.position[foe], now.speed[foe]
                 hurrying = Pace(speed, now.acceleration[foe], now.max_speed[name])
                 paces = Pace(speed), hurrying
-                if first[LINK_STATE] in STOP and first[LINK_VIA] == crossing.via[0] and speed >= STANDING:
+                if state in STOP and inside[0] == via and speed >= STANDING:
                     stops_after = max(to_line, 0.0) / speed + speed / (2 * STOPS_BY)
                     to_line, paces = 0.0, (hurrying._replace(speed=0.0, delay=stops_after),) * 2
-                found.append((*(Approach(foe, crossing, to_line, pace) for pace in paces), first[LINK_OPEN]))
+                found.append(tuple(Approach(foe, crossing, to_line, pace) for pace in paces))
         return found
+
+    def _links_ahead(self, name: str, lane: str) -> tuple[Sequence[str], str]:
+        """First lanes inside the next junctions on a vehicle's path, at most `JUNCTIONS`; state of the next link.
+
+        As `getNextLinks` has them; but that judges whether each link is open, and takes five times as long. SUMO's plan
+        ends where the vehicle is to stop and at the end of its route, and there is none inside a junction.
+        """
+        now = self._now
+        lanes = next((plan[PLAN_ONWARD] for plan in now.best_lanes[name] if plan[PLAN_LANE] == lane), ())
+        if len(lanes) <= JUNCTIONS:
+            links = now.next_links[name][:JUNCTIONS]
+            return [link[LINK_VIA] for link in links], links[0][LINK_STATE] if links else ""
+        inside = self._inside_between[tuple(lanes[: JUNCTIONS + 1])]
+        return inside, next(link[LINK_STATE] for link in now.links[lane] if link[LINK_VIA] == inside[0])
+
+    def _between(self, lanes: Sequence[str]) -> tuple[str, ...]:
+        """First lanes inside the junctions between lanes that follow one another."""
+        found = []
+        for here, onto in pairwise(lanes):
+            found += [link[LINK_VIA] for link in self._sumo.lane.getLinks(here) if link[LINK_ONTO] == onto]
+        return tuple(found)
 
     def _inside(self, line: Line, *, first: bool) -> Iterator[Approach]:
         """Vehicles inside the junction whose paths cross the own one.
@@ -275,7 +304,7 @@ class RightOfWay:
         """Whether its rear has left the conflict area."""
         return one.to_line + one.crossing.its[1] + self._now.length[one.id] < 0
 
-    def _hurries(self, foe: str, to_line: float, is_open: bool, patience: float = HELD_UP_AFTER) -> bool:
+    def _hurries(self, foe: str, to_line: float, patience: float = HELD_UP_AFTER) -> bool:
         """Whether a foe may come sooner than by its speed: one that drives, or that stands at a line just opened.
 
         Whether a line is open to a member SUMO does not know.
@@ -283,7 +312,9 @@ class RightOfWay:
         if self._now.speed[foe] >= STANDING:
             self._standing.pop((foe, ""), None)
             return True  # even if it brakes now: two that brake for each other would both count on that
-        if not (is_open or foe in self.members) or to_line > self._now.length[foe]:
+        if to_line > self._now.length[foe]:
+            return False
+        if foe not in self.members and not self._now.next_links[foe][0][LINK_OPEN]:
             return False
         return not self.held_up(foe, "", patience)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -398,7 +399,9 @@ def test_a_member_that_turns_at_green_beside_the_middle_of_its_lane_does_not_run
     onto, via = ("next_0", ":a_0") if turns else ("beyond_0", ":a_1")
     line = Line(100.0, "O", "a", 0, "road_0", onto, (via,), 10.0)
     member = SimpleNamespace(id="m.0", model=CAR, law=PathLeader(), route=SimpleNamespace(lines=[line]))
-    fleet = SimpleNamespace(members=[member], native=[False], motion=SimpleNamespace(speed=np.ones(1)))
+    fleet = SimpleNamespace(
+        members=[member], row_of={"m.0": 0}, native=[False], motion=SimpleNamespace(speed=np.ones(1))
+    )
     (entered,) = StopLines(SimpleNamespace(), client).entries(fleet, [("m.0", "road_0", ":a_1")])
     assert (entered.row, entered.lane, entered.signal) == (0, "road_0", signal)
 
@@ -515,7 +518,7 @@ def test_a_foe_that_comes_to_a_stop_sign_stops_there_first(state, has_gap):
     now = SimpleNamespace(
         on_lane={"before_0": ["c"]}, lane_length={"before_0": 100.0}, position={"c": 64.0}, speed={"c": 4.0},
         acceleration={"c": 2.6}, length={"c": 5.0}, max_speed={"before_0": 13.9, ":a_0": 8.0},
-        next_links={"c": [("beyond_0", True, True, False, ":a_1", state)]},
+        best_lanes={"c": ()}, next_links={"c": [("beyond_0", True, True, False, ":a_1", state)]},
     )  # fmt: skip
     conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
     way = RightOfWay(SimpleNamespace(), now, {line: conflicts})
@@ -778,3 +781,19 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     signals = lines.signals(fleet, {"m.0": ("road", "road_0"), "m.1": ("road", "road_0")})
     assert signals.open.tolist() == [True, False]
     assert signals.distance[1] == pytest.approx(6.0)
+
+
+@pytest.mark.sumo
+def test_links_ahead_of_foes_are_those_that_sumo_judges():
+    seen = []
+    with Simulation.load("grid_platoons") as simulation:
+        for _ in islice(simulation, 0, 300, 10):
+            reads = Reads(simulation.sumo)
+            way = RightOfWay(simulation.sumo, reads, {})
+            for name in simulation.sumo.vehicle.getIDList():
+                links = simulation.sumo.vehicle.getNextLinks(name)[:3]
+                expected = [link[LINK_VIA] for link in links], links[0][LINK_STATE] if links else ""
+                inside, state = way._links_ahead(name, simulation.sumo.vehicle.getLaneID(name))
+                assert ([*inside], state) == expected
+                seen.append(name not in reads.next_links)
+    assert sum(seen) > 100  # for so many it did not need to be judged
