@@ -70,13 +70,13 @@ class Trail(NamedTuple):
         # Imported here, as below: importing numba takes half a second.
         from platoontraffic.controllers.tracker.trail_kernel import copy_points, extend, find_oldest, relay
 
-        oldest = np.empty_like(self.size)
-        find_oldest(self, odometry, oldest)
+        oldest, replaced = np.empty_like(self.size), np.zeros(len(self.size), bool) if route is None else route.rows
+        find_oldest(self, odometry, replaced, oldest)
         size = self.size - oldest
         # The copy has room for one more point, or, where an arc or a route may be laid, for as many as there can be. In
         # whole blocks, so that trails of followers that departed at different times fit into one array.
         capacity = POINTS if route is not None or some(gap) else min((size.max() // BLOCK + 1) * BLOCK, POINTS)
-        trail = Trail(np.zeros((len(size), capacity, 3)), size)
+        trail = Trail(np.empty((len(size), capacity, 3)), size)
         copy_points(self, oldest, trail.points)
         if route is not None:
             relay(trail, odometry, route)

@@ -34,10 +34,16 @@ def _remainder(angle, turn):
 
 
 @compiled
-def find_oldest(trail, odometry, oldest):
-    """Fill in the first point of each trail that lies no more than BEHIND behind the own axle, (n,)."""
+def find_oldest(trail, odometry, replaced, oldest):
+    """Fill in the first point of each trail that lies no more than BEHIND behind the own axle, (n,).
+
+    replaced: trails of which no point is kept, bool (n,)
+    """
     for i in range(len(oldest)):
         points, size = trail.points[i], trail.size[i]
+        if replaced[i]:
+            oldest[i] = size
+            continue
         piece, _ = _nearest(points, size, odometry.x[i], odometry.y[i])
         oldest[i] = np.searchsorted(points[:size, 2], points[piece, 2] - BEHIND)
 
