@@ -194,7 +194,7 @@ class StopLines:
         if not entered:
             return []
         self.renew()
-        found, row = [], {m.id: i for i, m in enumerate(fleet.members)}
+        found, row = [], fleet.row_of
         for name, lane, via in entered:
             i = row.get(name)
             if i is None or fleet.native[i]:
