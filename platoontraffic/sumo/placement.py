@@ -62,10 +62,14 @@ class Placement:
         self._sumo, self._network, self._step = sumo, network, step
         self._shadows = Shadows(sumo, network, step)
         self.where: dict[str, tuple[str, str]] = {}  # edge and lane of each member that the run has had
+        self._located: list[str] = []  # lanes of the members ...
+        self._located_of: tuple[str, ...] = ()  # ... with these ids, after the last step
         self._entries: list[Entry] = []  # since `entries` was last called
         self._leg: dict[str, int] = {}  # index, among its route's edges, of the edge that each member is on
         # Of each member: route last set in SUMO, and the edge it began with.
         self._routed: dict[str, tuple[str, Route | None] | None] = defaultdict(lambda: None)
+        self._settled_of: tuple[Member, ...] = ()  # at the last call of `settle`
+        self._unsettled: set[str] = set()  # those of them of which the route may have to be set anew
         self._is_short: dict[str, bool] = {}  # by lane
         self._on_short: set[str] = set()  # members on a short lane
         self._slowed: set[str] = set()  # SUMO-driven members with a failed drive
@@ -199,18 +203,21 @@ class Placement:
 
     def locate(self, fleet: Fleet) -> None:
         """Read the edge and lane of every member, and note those that have entered a junction."""
-        lane_of = direct(self._sumo.vehicle.getLaneID)
-        for name in fleet.ids:
-            lane, before = lane_of(name), self.where[name][1] if name in self.where else ""
-            if lane and lane == before:
+        ids, where = fleet.ids, self.where
+        lanes = list(map(direct(self._sumo.vehicle.getLaneID), ids))
+        if ids is not self._located_of:
+            self._located_of, self._located = ids, [where[name][1] if name in where else "" for name in ids]
+        for row, (name, lane, before) in enumerate(zip(ids, lanes, self._located, strict=True)):
+            if lane == before and lane:
                 continue
             if before and not lane and self._put_back(name, before):
                 continue
             if lane[:1] == ":" and before and before[0] != ":":
                 self._entries.append((name, before, lane))
-            self.where[name] = self._sumo.vehicle.getRoadID(name), lane
+            where[name], self._located[row] = (self._sumo.vehicle.getRoadID(name), lane), lane
+            self._unsettled.add(name)
             (self._on_short.add if self._is_a_short_lane(lane) else self._on_short.discard)(name)
-        self._shadows.observe(self._moved(fleet), self.where)
+        self._shadows.observe(self._moved(fleet), where)
 
     def _put_back(self, name: str, lane: str) -> bool:
         """Put a member that is in the wedge beyond a lane back at the end of that lane, until its next move.
@@ -270,28 +277,39 @@ class Placement:
 
     def settle(self, fleet: Fleet) -> None:
         """Correct the members' speeds and routes in SUMO."""
-        vehicle, set_speed = self._sumo.vehicle, direct(self._sumo.vehicle.setPreviousSpeed)
-        speeds, natives = np.abs(fleet.motion.speed).tolist(), fleet.native.tolist()
-        for member, speed, native in zip(fleet.members, speeds, natives, strict=True):
-            if native and not member.route.closed:  # it keeps to the route that it was given
-                continue
-            if not native:
-                # The speed SUMO derives is wrong where a lane's length is not that of the path driven: at corners.
-                set_speed(member.id, speed)
-            edge = self.where[member.id][0]
-            routed = self._routed[member.id]
-            if routed == (edge, member.route) or edge not in self._network.edges:  # a junction
-                continue
-            if vehicle.getRoute(member.id)[vehicle.getRouteIndex(member.id)] != edge:
-                continue  # for a few steps after a junction SUMO still counts it to the edge before
-            if member.route and edge not in member.route.edges:  # beside its route: SUMO knows what it is on
-                self._routed.pop(member.id, None)
-                continue
-            # Other drivers judge right of way by the route. Moving a vehicle off its route replaces the route.
-            if routed and routed[1] is not member.route:
-                self._leg.pop(member.id, None)
-            self._set_route(member.id, self._edges_ahead(member, edge))
-            self._routed[member.id] = edge, member.route
+        set_speed, speeds = direct(self._sumo.vehicle.setPreviousSpeed), np.abs(fleet.motion.speed).tolist()
+        # The speed SUMO derives is wrong where a lane's length is not that of the path driven: at corners.
+        for row in fleet.moved_rows:
+            set_speed(fleet.ids[row], speeds[row])
+        if fleet.members is not self._settled_of:
+            self._settled_of, self._unsettled = fleet.members, set(fleet.ids)
+        for row in sorted(fleet.row_of[name] for name in self._unsettled if name in fleet.row_of):
+            member = fleet.members[row]
+            # A SUMO-driven one keeps to the route that it was given.
+            if (fleet.native[row] and not member.route.closed) or self._is_settled(member):
+                self._unsettled.remove(member.id)
+
+    def _is_settled(self, member: Member) -> bool:
+        """Set a member's route in SUMO, where it is not; False: it must be tried again after the next step.
+
+        Other drivers judge right of way by the route. Moving a vehicle off its route replaces the route.
+        """
+        vehicle, edge = self._sumo.vehicle, self.where[member.id][0]
+        routed = self._routed[member.id]
+        if routed == (edge, member.route):
+            return True
+        if edge not in self._network.edges:  # a junction
+            return False
+        if vehicle.getRoute(member.id)[vehicle.getRouteIndex(member.id)] != edge:
+            return False  # for a few steps after a junction SUMO still counts it to the edge before
+        if member.route and edge not in member.route.edges:  # beside its route: SUMO knows what it is on
+            self._routed.pop(member.id, None)
+            return False
+        if routed and routed[1] is not member.route:
+            self._leg.pop(member.id, None)
+        self._set_route(member.id, self._edges_ahead(member, edge))
+        self._routed[member.id] = edge, member.route
+        return True
 
     def _set_route(self, name: str, ahead: list[str]) -> None:
         """Give a vehicle its route from the edge on that it is on.

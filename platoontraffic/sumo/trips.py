@@ -12,6 +12,7 @@ import numpy as np
 
 from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.placement import Placement
+from platoontraffic.sumo.reads import Once
 from platoontraffic.world.fleet import Fleet
 from platoontraffic.world.trips import Trip
 
@@ -33,7 +34,8 @@ class Trips:
         self._sums = np.empty((0, len(SUMS)))  # of each trip
         self._drivers = np.empty((0, 2))  # of each trip: speed factor, and top speed [m/s]
         self._row: dict[str, int] = {}
-        self._limits: dict[str, float] = {}  # [m/s], by lane
+        # [m/s], by lane
+        self._limits = Once(lambda lane: sumo.lane.getMaxSpeed(lane) if lane else np.inf)
         self._rows = np.empty(0, dtype=np.intp)  # of the members in the fleet that are from the traffic ...
         self._of_rows = np.empty(0, dtype=np.intp)  # ... and their rows in the sums
         self._for: tuple[str, ...] = ()
@@ -70,7 +72,8 @@ class Trips:
         if not len(self._rows):
             return
         names, speed = [fleet.ids[i] for i in self._rows], np.abs(fleet.motion.speed[self._rows])
-        limit = np.array([self._limit(name) for name in names])
+        where, limits, lane_of = self._placement.where, self._limits, self._sumo.vehicle.getLaneID
+        limit = np.array([limits[where[name][1] or lane_of(name)] for name in names])
         factor, top_speed = self._drivers[self._of_rows].T
         desired = np.minimum(factor * limit, top_speed)
         vehicle = self._sumo.vehicle
@@ -91,10 +94,3 @@ class Trips:
             trip._replace(**dict(zip(SUMS, sums, strict=True)))
             for trip, sums in zip(self._trips.values(), self._sums.tolist(), strict=True)
         ]
-
-    def _limit(self, name: str) -> float:
-        """Speed limit of a member's lane [m/s]."""
-        lane = self._placement.where[name][1] or self._sumo.vehicle.getLaneID(name)
-        if lane not in self._limits:
-            self._limits[lane] = self._sumo.lane.getMaxSpeed(lane) if lane else np.inf
-        return self._limits[lane]
