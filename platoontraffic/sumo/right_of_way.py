@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import pairwise
+from functools import cached_property
+from itertools import chain, pairwise
 from typing import NamedTuple
 
 from platoontraffic.road.gap_acceptance import (
@@ -79,6 +80,8 @@ class RightOfWay:
         self._patiently = Once(lambda line: [*self._approaching(line)])
         self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
         self._inside_between = Once(self._between)
+        # States of links without a light: by the lane before, and the first lane inside.
+        self._steady = Once(lambda link: _state_of(sumo.lane.getLinks(link[0]), link[1]))
         # Vehicles that stand at an open line ("") or on a lane inside a junction: since when, and when last seen [s].
         self._standing: dict[tuple[str, str], tuple[float, float]] = {}
         self._stood: dict[str, tuple[str, float]] = {}  # the line's lane at which each has stood, and since when [s]
@@ -268,7 +271,15 @@ class RightOfWay:
             links = now.next_links[name][:JUNCTIONS]
             return [link[LINK_VIA] for link in links], links[0][LINK_STATE] if links else ""
         inside = self._inside_between[tuple(lanes[: JUNCTIONS + 1])]
-        return inside, next(link[LINK_STATE] for link in now.links[lane] if link[LINK_VIA] == inside[0])
+        if lane in self._controlled:
+            return inside, _state_of(now.links[lane], inside[0])
+        return inside, self._steady[lane, inside[0]]
+
+    @cached_property
+    def _controlled(self) -> frozenset[str]:
+        """Lanes that end at a traffic light."""
+        lights = self._sumo.trafficlight
+        return frozenset(chain.from_iterable(map(lights.getControlledLanes, lights.getIDList())))
 
     def _between(self, lanes: Sequence[str]) -> tuple[str, ...]:
         """First lanes inside the junctions between lanes that follow one another."""
@@ -395,3 +406,8 @@ class RightOfWay:
         if departs or not self._has_gap_among(inside, line, distance, ego, 0.0, distance):
             return False
         return time - still > SETS_OUT_AFTER + NEXT_IN_TURN * (len(earlier) - 1) if earlier else True
+
+
+def _state_of(links: Iterable[Sequence], inside: str) -> str:
+    """State of that one of the links of a lane which leads onto a lane inside a junction."""
+    return next(link[LINK_STATE] for link in links if link[LINK_VIA] == inside)
