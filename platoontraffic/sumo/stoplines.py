@@ -148,8 +148,10 @@ class StopLines:
             if state is not NO_LINE:
                 rows.append(i)
                 states.append(state)
-        for k, values in enumerate(signals):
-            values[rows] = [state[k] for state in states]
+        if states:
+            have_line = np.array(rows)
+            for values, column in zip(signals, zip(*states, strict=True), strict=True):
+                values[have_line] = column
         return signals
 
     def with_later_changes(self, fleet: Fleet) -> Fleet:
