@@ -47,10 +47,7 @@ STOPS_BY = 4.5  # hardest braking with which a vehicle comes to a stop sign [m/s
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
 LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
 JUNCTIONS = 3  # number of the next junctions at which a vehicle's path is compared with the own one
-PLAN_LANE, PLAN_ONWARD = (
-    0,
-    5,
-)  # indices in a row of getBestLanes: a lane, and the lanes on which a vehicle goes on there
+PLAN_LANE, PLAN_ONWARD = 0, 5  # in a row of getBestLanes: a lane, and the lanes on which a vehicle goes on there
 AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
 
 
