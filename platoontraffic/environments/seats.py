@@ -24,6 +24,7 @@ class Seats:
         self.names = list(self._seats)
         self.actions = {seat.id: spaces.action_space(self.facts, seat) for seat in self.facts.seats}
         self.observations = {seat.id: spaces.observation_space(self.facts, seat) for seat in self.facts.seats}
+        self._ends = frozenset(self.facts.learn.ends)
         self._terms = [f"reward_{name}" for name in self.facts.learn.reward]
         self._picture: Any = None
         self.frame: Frame | None = None
@@ -37,7 +38,7 @@ class Seats:
         """
         self.frame, plan = None, self._drawn(random)
         self._prepares, self._next = self._next in (None, plan), self._drawn(deepcopy(random))
-        self.frame = self._parents.begin(plan)
+        self.frame = Frame.received(self._parents.begin(plan))
 
     def _drawn(self, random: np.random.Generator) -> Plan:
         """Parent, seed of the sensors' errors, and the values of `draw`, in this order."""
@@ -59,7 +60,7 @@ class Seats:
         except (ValueError, RuntimeError):
             self._parents.end()
             raise
-        self.frame = frame
+        self.frame = Frame.received(frame)
 
     def observation(self, row: int) -> Any:
         seat = self.facts.seats[row]
@@ -69,8 +70,8 @@ class Seats:
         return float(sum(self.frame.terms[row]))
 
     def terminated(self, row: int) -> bool:
-        ended = not self.frame.here[row] or self.frame.ended == "arrived"
-        return bool(ended or set(self.frame.events[row]) & set(self.facts.learn.ends))
+        frame = self.frame
+        return not frame.here[row] or frame.ended == "arrived" or not self._ends.isdisjoint(frame.events[row])
 
     def info(self, row: int, last: bool) -> dict[str, Any]:
         """Time, the quantities that the member has, terms of the reward; at the end its metrics of the episode."""

@@ -26,7 +26,7 @@ def observation_space(facts: Facts, seat: Seat) -> Space:
     """As of `observation`."""
     lidar, learn = seat.lidar, facts.learn
     near, far = np.float32(lidar.range_min), np.float32(lidar.range_max)
-    speed, yaw_rate = np.float32(2 * seat.top_speed), np.float32(2 * np.pi)
+    speed, yaw_rate = np.float32(seat.most)
     if learn.observation == "dict":
         return Dict(
             ranges=Box(near, far, (lidar.samples,), np.float32),
@@ -57,11 +57,10 @@ def observation(space: Space, seat: Seat, frame: Frame, row: int) -> Any:
     if isinstance(space, Box):
         return np.clip(frame.own[row].astype(np.float32), space.low, space.high)
     box = space["ranges"]
-    ranges = np.maximum(np.fmin(frame.ranges[row], box.high), box.low)  # where it is NaN, fmin gives the other one
-    speed, yaw_rate = (
-        np.minimum(np.maximum(np.float32([value]), space[name].low), space[name].high)
-        for name, value in zip(("speed", "yaw_rate"), frame.own[row], strict=True)
-    )
+    ranges = np.fmin(frame.ranges[row], box.high)  # where it is NaN, fmin gives the other one
+    np.maximum(ranges, box.low, out=ranges)
+    own, most = frame.own[row], seat.most
+    speed, yaw_rate = (np.array([min(max(v, -top), top)], np.float32) for v, top in zip(own, most, strict=True))
     others = {
         name: np.clip(np.nan_to_num(values[row]).astype(np.float32), space[name].low, space[name].high)
         for name, values in frame.known.items()
@@ -72,16 +71,17 @@ def observation(space: Space, seat: Seat, frame: Frame, row: int) -> Any:
     return {"ranges": ranges, "speed": speed, "yaw_rate": yaw_rate, **others}
 
 
-def command_of(facts: Facts, seat: Seat, action: Any) -> Twist | Drive:
-    """The command of an action; beyond the limits of the space it is the nearest within them.
+def command_of(facts: Facts, seat: Seat, action: Any) -> tuple[float, float]:
+    """The two values of the command of an action; beyond the limits of the space they are the nearest within them.
 
     raises: ValueError
     """
     given = np.asarray(action)
-    names = ", ".join(COMMANDS[facts.command]._fields)
     if given.shape != (2,) or given.dtype.kind not in "iuf":
+        names = ", ".join(COMMANDS[facts.command]._fields)
         raise ValueError(f"{seat.id}: action {action!r}: must be two numbers ({names}), an array of shape (2,)")
-    if not all(map(math.isfinite, given.tolist())):
+    first, second = map(float, given.tolist())
+    if not (math.isfinite(first) and math.isfinite(second)):
+        names = ", ".join(COMMANDS[facts.command]._fields)
         raise ValueError(f"{seat.id}: action {action!r}: must be finite ({names})")
-    limits = zip(given.tolist(), seat.low, seat.high, strict=True)
-    return COMMANDS[facts.command](*(min(max(float(value), low), high) for value, low, high in limits))
+    return min(max(first, seat.low[0]), seat.high[0]), min(max(second, seat.low[1]), seat.high[1])

@@ -58,6 +58,11 @@ class Seat(NamedTuple):
     low: tuple[float, float]  # least command
     high: tuple[float, float]
 
+    @property
+    def most(self) -> tuple[float, float]:
+        """Greatest speed [m/s] and yaw rate [rad/s], either way, that are observed."""
+        return 2 * self.top_speed, 2 * math.pi
+
 
 class Facts(NamedTuple):
     """What an environment is made of."""
@@ -73,7 +78,8 @@ class Facts(NamedTuple):
 class Frame(NamedTuple):
     """What members that learn have at a decision: n of each, in the order of the seats.
 
-    Few numbers are plain ones: an array takes ten times as long to be sent to another process.
+    It goes to another process in every step. Arrays, and tuples of a class of their own, take several times as long to
+    be sent as plain tuples, numbers and bytes.
     """
 
     time: float  # [s]
@@ -85,6 +91,18 @@ class Frame(NamedTuple):
     values: list[tuple[float, ...]]  # of quantities, now, in the order of `FIELDS`; NaN: it has none
     events: list[tuple[str, ...]]  # kinds since the last decision
     known: dict[str, np.ndarray]  # by the names in `Facts.known`: fields of `Neighbour`, (n, 7)
+
+    @classmethod
+    def received(cls, plain: tuple) -> Frame:
+        """The frame that was sent as `plain`."""
+        frame = cls._make(plain)
+        if frame.ranges is None:
+            return frame
+        return frame._replace(ranges=np.frombuffer(frame.ranges, np.float32).reshape(len(frame.here), -1))
+
+    def plain(self) -> tuple:
+        """The frame as it is sent."""
+        return (*self[:3], None if self.ranges is None else self.ranges.tobytes(), *self[4:])
 
 
 class Places(NamedTuple):
@@ -132,6 +150,8 @@ class Episodes:
         self._prepared = self._prepare({}) if drawn or number else prepare(base)
         self._learners = _learners(self._prepared, source, self._learn)
         seat = next(m for m in self._prepared.members if m.id == self._learners[0])
+        drives = self._learn.command == "drive" or (not self._learn.command and seat.model.turning_radius > 0)
+        self._command = Drive if drives else Twist
         self._known = _known(_with_seat(seat).law.needs) if self._learn.observation == "dict" else ()
         self._open = ExitStack()
         self._world = None
@@ -148,12 +168,11 @@ class Episodes:
     def facts(self, say: Say) -> Facts:
         members = {m.id: m for m in self._prepared.members}
         seats = [members[name] for name in self._learners]
-        drives = [m.model.turning_radius > 0 for m in seats]
-        command = self._learn.command or ("drive" if drives[0] else "twist")
         if len({(m.lidar, _with_seat(m).law.needs) for m in seats}) > 1:
             names = ", ".join(self._learners)
             raise InputError(f"{names}: members that learn in one environment must have equal lasers and needs")
         drawn = {key: one for key, one in self._learn.draw.items() if not key.startswith("sumo.")}
+        command = self._command.__name__.lower()
         return Facts(
             self._learn.model_copy(update={"draw": drawn}),
             tuple(Seat(m.id, m.lidar, float(m.model.top_speed), *_limits(m, command)) for m in seats),
@@ -174,8 +193,8 @@ class Episodes:
         n = len(self._learners)
         self._ranges: list[np.ndarray | None] = [None] * n
 
-    def begin(self, say: Say) -> Frame:
-        """The first decision: when all members that learn are on the road."""
+    def begin(self, say: Say) -> tuple:
+        """The first decision, as `Frame.plain`: when all members that learn are on the road."""
         simulation = self._simulation
         now = simulation.reset()
         while not now.ended and not set(self._learners) <= set(now.fleet.ids):
@@ -190,13 +209,16 @@ class Episodes:
         self._every = now.fleet.groups[self._places.in_groups[0][1]].every
         places = self._places_in(now)
         self._keep(now, places)
-        return self._frame(now, places, self._values(places), [[] for _ in self._learners], [])
+        return self._frame(now, places, self._values(places), [[] for _ in self._learners], []).plain()
 
-    def step(self, say: Say, commands: dict[str, Twist | Drive]) -> Frame:
-        """The next decision."""
-        simulation, learn = self._simulation, self._learn
+    def step(self, say: Say, commands: dict[str, tuple[float, float]]) -> tuple:
+        """The next decision, as `Frame.plain`.
+
+        commands: the two values of a `Twist` or a `Drive`, by member
+        """
+        simulation, learn, kind = self._simulation, self._learn, self._command
         here = simulation.now.fleet.ids
-        given: dict[str, Twist | Drive] | None = {name: one for name, one in commands.items() if name in here}
+        given: dict[str, Twist | Drive] | None = {name: kind(*one) for name, one in commands.items() if name in here}
         dt, terms, events = simulation.setting.dt, [[0.0] * len(learn.reward) for _ in self._learners], []
         for _ in range(self._every):
             now = simulation.step(given)
@@ -211,7 +233,7 @@ class Episodes:
             self._keep(now, places)
             if now.ended:
                 break
-        return self._frame(now, places, values, terms, events)
+        return self._frame(now, places, values, terms, events).plain()
 
     def scene(self, say: Say) -> dict[str, Any]:
         """GeoJSON, as scene.geojson of a run."""

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any, NamedTuple
 
 from platoontraffic.branches.process import Process
-from platoontraffic.episodes.episodes import Episodes, Facts, Frame, Source
+from platoontraffic.episodes.episodes import Episodes, Facts, Source
 from platoontraffic.errors import InputError, RunError
 
 
@@ -45,8 +45,8 @@ class Parents:
         self._next: _Next | None = None
         self.facts: Facts = self._parent(0).call("facts")
 
-    def begin(self, plan: Plan) -> Frame:
-        """The first frame of a new episode, which ends the last one. raises: InputError, RunError, KeyboardInterrupt"""
+    def begin(self, plan: Plan) -> tuple:
+        """The first frame of a new episode, as sent, which ends the last one. raises: InputError, RunError, KeyboardInterrupt"""
         _end(*self._last)
         self._last = self._episode, self._of_episode
         self._episode = self._of_episode = None
