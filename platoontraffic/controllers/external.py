@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from platoontraffic.controllers.law import Decision, Known, Law, Sensed, Target
+from platoontraffic.controllers.law import Decision, Known, Law, Sensed
 from platoontraffic.controllers.policy import group_target
+from platoontraffic.lidar import LidarModel
 from platoontraffic.vehicles.motion import NotNegative, Twist
 
 
@@ -44,13 +45,17 @@ class External(Law):
         return frozenset(self.observes)
 
     def __call__(self, sensed: Sensed, memory: Given | None, dt: float) -> Decision:
-        scan = sensed.scan
-        aside = np.abs(scan.model.angles + scan.model.mount.yaw) > self.view / 2 * (1 + 1e-9)
-        if aside.any():
-            scan = replace(scan, ranges=np.where(aside, np.inf, scan.ranges).astype(scan.ranges.dtype))
-        still = np.zeros(len(sensed.speed))
-        given = Given(sensed.truth, sensed.messages) if self.needs else None
-        return Decision(Twist(still, still), given, Target(*group_target(scan)))
+        still = np.zeros(sensed.speed.size)
+        given = Given(sensed.truth, sensed.messages) if self.observes else None
+        return Decision(Twist(still, still), given, group_target(sensed.scan, self._beams_in_view(sensed.scan.model)))
+
+    def _beams_in_view(self, lidar: LidarModel) -> tuple[int, int]:
+        """The first one, and the one after the last."""
+        if (key := ("view", self.view)) not in lidar.kept:
+            ahead = np.abs(lidar.angles + lidar.mount.yaw) <= self.view / 2 * (1 + 1e-9)
+            beams = np.flatnonzero(ahead)
+            lidar.kept[key] = (int(beams[0]), int(beams[-1]) + 1) if len(beams) else (0, 0)
+        return lidar.kept[key]
 
     def desired_distance(self, speed):
         """Distance from laser to rear that it is to keep [m]; NaN: none."""

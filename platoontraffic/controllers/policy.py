@@ -35,7 +35,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from platoontraffic.controllers.law import Decision, Law, Sensed, Target
-from platoontraffic.controllers.printed import middle
 from platoontraffic.controllers.repaired import RepairedFollower
 from platoontraffic.lidar import PRESETS, ScanBatch
 from platoontraffic.vehicles.motion import Drive, Twist
@@ -166,18 +165,16 @@ def inputs_of(kind: str, shift: np.ndarray, sensed: Sensed) -> Inputs:
     if kind == "scan":
         seen, target = sectors(scan, len(shift) - 2), group_target(scan)
     else:
-        ranges, ends = NEAREST.nearest(scan)
-        seen, target = _group(scan, ranges, *ends, shift), _target(scan, ranges, ends)
+        seen, target = _group(scan, *NEAREST.nearest(scan), shift), group_target(scan)
     return Inputs(np.concatenate([seen, own], axis=1), target)
 
 
-def group_target(scan: ScanBatch) -> Target:
-    """The middle of the nearest group of neighbouring returns."""
-    return _target(scan, *NEAREST.nearest(scan))
+def group_target(scan: ScanBatch, view: tuple[int, int] | None = None) -> Target:
+    """The middle of the nearest group of neighbouring returns.
 
-
-def _target(scan: ScanBatch, ranges: np.ndarray, ends: np.ndarray) -> Target:
-    distance, theta = middle(scan.model, ranges, ends)
+    view: first beam that counts, and the one after the last; None: all count
+    """
+    distance, theta = NEAREST.nearest_middle(scan, view or (0, scan.model.samples))
     return Target(distance, theta - np.pi / 2)
 
 
@@ -187,9 +184,9 @@ def sectors(scan: ScanBatch, count: int) -> np.ndarray:
     return np.minimum.reduceat(scan.filled(), edges, axis=1)
 
 
-def _group(scan: ScanBatch, ranges: np.ndarray, first: np.ndarray, last: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Inputs 0 to 7 of a group, (n, 8)."""
-    model, k = scan.model, ranges.shape[1]
+def _group(scan: ScanBatch, ranges: np.ndarray, ends: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Inputs 0 to 7 of a group, (n, 8). ends: its first and last beam, (2, n)"""
+    model, k, (first, last) = scan.model, ranges.shape[1], ends
     beams = np.arange(k)
     within = (beams >= first[:, None]) & (beams <= last[:, None]) & (first >= 0)[:, None]
     x, y = (np.where(within, ranges, 0.0) * one for one in model.directions)

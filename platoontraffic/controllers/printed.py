@@ -86,8 +86,8 @@ def middle(model: LidarModel, ranges: np.ndarray, ends: np.ndarray) -> Middle:
 
 
 def arc_speed(distance: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Lines 23-24: r = D / (2 sin(theta/2)), v = r theta [m/s]. Arrays (n,)."""
-    theta = np.where(theta == 0, NEARLY_ZERO, theta)
+    """Lines 23-24: r = D / (2 sin(theta/2)), v = r theta [m/s]. Arrays (n,), or numbers."""
+    theta = theta + NEARLY_ZERO * (theta == 0)
     return distance * theta / (2 * np.sin(theta / 2))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers.law import Decision, Law, Sensed
-from platoontraffic.controllers.reactive_rules import ACTIONS, SECTORS
+from platoontraffic.controllers.reactive_rules import SECTORS
 from platoontraffic.vehicles.motion import Positive, Twist
 
 
@@ -28,11 +28,10 @@ class ReactiveLeader(Law):
     sector: Literal["smallest", "mean", "middle"] = "smallest"  # range of a sector; the text does not say which
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
-        from platoontraffic.controllers.reactive_kernel import rules  # importing numba takes half a second
+        from platoontraffic.controllers.reactive_kernel import commands  # importing numba takes half a second
 
-        scan, model = sensed.scan, sensed.scan.model
-        numbers = np.empty(len(scan.ranges), dtype=np.intp)
-        rules(scan.ranges, model.range_min, model.range_max, SECTORS.index(self.sector), numbers)
-        drive, angular = ACTIONS[numbers - 1].T
-        to_the_left = -angular if self.positive_turn == "clockwise" else angular
-        return Decision(Twist(drive * self.speed, to_the_left * self.turn_rate))
+        scan, model, n = sensed.scan, sensed.scan.model, sensed.speed.size
+        twist, to_the_left = Twist(np.empty(n), np.empty(n)), -1 if self.positive_turn == "clockwise" else 1
+        limits, rates = (model.range_min, model.range_max), (self.speed, self.turn_rate, to_the_left)
+        commands(scan.ranges, limits, SECTORS.index(self.sector), rates, *twist)
+        return Decision(twist)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from platoontraffic.controllers import reactive_rules
-from platoontraffic.controllers.reactive_rules import SECTORS, rule
+from platoontraffic.controllers.reactive_rules import ACTIONS, SECTORS, rule
 from platoontraffic.lidar.compiled import compiler
 
 SMALLEST, MEAN, MIDDLE = map(SECTORS.index, ("smallest", "mean", "middle"))
@@ -15,18 +15,21 @@ _rule = compiled(rule)
 
 
 @compiled
-def rules(scans, range_min, range_max, sector, numbers):
-    """Fill in the number of the rule that applies to each scan, (n,).
+def commands(scans, limits, sector, rates, speed, yaw_rate):
+    """Fill in the command of the rule that applies to each scan, (n,).
 
     scans  : ranges [m], (n, k): inf or NaN: no return, -inf: nearer than range_min
+    limits : range_min and range_max [m]
     sector : which range of a sector counts, an index of SECTORS
+    rates  : units of the rules' drive [m/s] and angular velocity [rad/s], and sign of the latter, 1 if to the left
     """
-    k = scans.shape[1]
+    (range_min, range_max), (speed_unit, turn_unit, sign), k = limits, rates, scans.shape[1]
     for i in range(len(scans)):
         right = _range(scans[i, k * 1 // 5 : k * 2 // 5], range_min, range_max, sector)
         front = _range(scans[i, k * 2 // 5 : k * 3 // 5], range_min, range_max, sector)
         left = _range(scans[i, k * 3 // 5 : k * 4 // 5], range_min, range_max, sector)
-        numbers[i] = _rule(front, left, right)
+        drive, angular = ACTIONS[_rule(front, left, right) - 1]
+        speed[i], yaw_rate[i] = drive * speed_unit, sign * angular * turn_unit
 
 
 @compiled

@@ -23,7 +23,6 @@ from platoontraffic.controllers.printed import (
     SPEED_GAIN,
     SUFFICIENT_DISTANCE,
     Middle,
-    arc_speed,
     edges,
     first_two,
     middle,
@@ -44,20 +43,36 @@ class RepairedFollower(Law):
     group_step: Annotated[Positive, Field(alias="group_step_m")] = 0.1
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
+        from platoontraffic.controllers.repaired_kernel import commands  # importing numba takes half a second
+
         distance, theta = self.find(sensed.scan)
-        bearing = theta - np.pi / 2
-        speed = arc_speed(np.maximum(distance - self.stand_off, 0.0), theta)
+        twist = Twist(np.empty(distance.size), np.empty(distance.size))
         sufficient = SUFFICIENT_DISTANCE if self.stand_off == 0 else -np.inf
-        twist = np.where(distance > sufficient, (speed, self.heading_gain * bearing), 0.0)
-        return Decision(Twist(*twist), target=Target(distance, bearing))
+        commands(distance, theta, self.stand_off, sufficient, self.heading_gain, *twist)
+        return Decision(twist, target=Target(distance, theta - np.pi / 2))
 
     def find(self, scan: ScanBatch) -> Middle:
         """The middle between the first and the last return of the predecessor."""
-        ranges, ends = self.nearest(scan) if self.nearest_group else self._between_edges(scan)
+        if self.nearest_group:
+            return self.nearest_middle(scan, (0, scan.model.samples))
+        ranges, ends = self._between_edges(scan)
         if not self.visible_middle:
             first, last = ends
             ends = np.where((first > 0) & (last < scan.model.samples - 1), ends, -1)
         return middle(scan.model, ranges, ends)
+
+    def nearest_middle(self, scan: ScanBatch, view: tuple[int, int]) -> Middle:
+        """The middle between the first and the last return of the nearest run of neighbouring returns.
+
+        view: first beam that counts, and the one after the last
+        """
+        from platoontraffic.controllers.repaired_kernel import middles  # importing numba takes half a second
+
+        model, n = scan.model, scan.ranges.shape[0]
+        x, y = np.empty(n), np.empty(n)
+        fan = float(model.angle_min), float(model.angle_increment)
+        middles(scan.ranges, view, model.range_min, self.group_step, not self.visible_middle, fan, x, y)
+        return Middle(np.hypot(x, y), np.arctan2(y, x))
 
     def nearest(self, scan: ScanBatch) -> tuple[np.ndarray, np.ndarray]:
         """Ranges (n, k), and the first and last beam of the run of neighbouring returns around the nearest, (2, n)."""

@@ -56,8 +56,8 @@ class Command(NamedTuple):
         nothing = np.full(np.shape(given.speed), np.nan)
         return cls(given, Drive(nothing, nothing))
 
-    def replaced(self, rows: Sequence[np.ndarray], given: Sequence[Twist | Drive]) -> Command:
-        """A copy with each of the given commands, (m,), in its rows, (m,)."""
+    def replaced(self, rows: Sequence[np.ndarray | int], given: Sequence[Twist | Drive]) -> Command:
+        """A copy with each of the given commands, (m,) or numbers, in its rows, (m,) or one."""
         speed, yaw_rate, acceleration, curvature = np.array([*self.twist, *self.drive])
         for where, one in zip(rows, given, strict=True):
             driven = type(one) is Drive

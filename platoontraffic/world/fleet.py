@@ -341,8 +341,10 @@ class Fleet(MemberState):
         return tuple(tuple(self.members[i].id for i in group.rows) for group in self.groups)
 
     @cached_property
-    def bodies_by_group(self) -> tuple[Body, ...]:
-        return tuple(take(self.body, group.rows) for group in self.groups)
+    def sensed_by_group(self) -> tuple[Sensed, ...]:
+        """What the law of each group is given that is the same in every step: the bodies of its members."""
+        nothing = np.empty(0)
+        return tuple(Sensed(None, nothing, nothing, take(self.body, group.rows)) for group in self.groups)
 
     @cached_property
     def has_more_sensors(self) -> bool:
@@ -519,9 +521,9 @@ class Fleet(MemberState):
                 raise ValueError(f"{name!r}: SUMO drives it; it takes no command")
             if not isinstance(command, Twist | Drive):
                 raise ValueError(f"{name!r}: {command!r}; must be a Twist or a Drive")
-            if not np.isfinite(command).all():
+            if not (np.isfinite(command[0]) and np.isfinite(command[1])):
                 raise ValueError(f"{name!r}: {command}; must be finite")
-        rows = [np.array([row_of[name]]) for name in override]
+        rows = [row_of[name] for name in override]
         return changed(self, command=self.command.replaced(rows, list(override.values())))
 
     def moved(self, dt: float, brakes: np.ndarray | None = None) -> Fleet:
@@ -572,22 +574,26 @@ class Fleet(MemberState):
         """
         group = self.groups[i]
         rows, needs = group.rows, group.law.needs
-        return Sensed(
-            without_surfaces(scan),
-            own.speed[rows],
-            own.yaw_rate[rows],
-            self.bodies_by_group[i],
-            self.progress.ahead(self.model, self.motion, rows) if "route" in needs else None,
-            take(signals, rows) if "signals" in needs else None,
-            self.leads[rows] if "leads" in needs else None,
-            {name: without_surfaces(further) for name, further in more.scans.items()} if more.scans else {},
-            more.sensors,
-            group.delay * dt,
-            group.odometry_delay * dt,
-            {one.sensor.name: one.delay * dt for one in group.further_lidars} if group.further_lidars else {},
-            known_by(self, rows, needs) if "truth" in needs else None,
-            _received(messages, rows, needs) if "messages" in needs else None,
-        )
+        given: dict[str, Any] = {
+            "scan": without_surfaces(scan), "speed": own.speed[rows], "yaw_rate": own.yaw_rate[rows],
+        }  # fmt: skip
+        if "route" in needs:
+            given["route"] = self.progress.ahead(self.model, self.motion, rows)
+        if "signals" in needs:
+            given["signals"] = take(signals, rows)
+        if "leads" in needs:
+            given["leads"] = self.leads[rows]
+        if "truth" in needs:
+            given["truth"] = known_by(self, rows, needs)
+        if "messages" in needs:
+            given["messages"] = _received(messages, rows, needs)
+        if more is not NOTHING:
+            given["scans"] = {name: without_surfaces(further) for name, further in more.scans.items()}
+            given["readings"] = more.sensors
+        if group.late:
+            given["age"], given["odometry_age"] = group.delay * dt, group.odometry_delay * dt
+            given["ages"] = {one.sensor.name: one.delay * dt for one in group.further_lidars}
+        return changed(self.sensed_by_group[i], **given)
 
 
 def _received(messages: Known | None, rows: np.ndarray, needs: frozenset[str]) -> Known:
