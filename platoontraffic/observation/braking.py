@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from platoontraffic.observation.step import Step
+from platoontraffic.observation.thresholds_kernel import brakes_hard
 from platoontraffic.vehicles.motion import FULL_SIZE
 from platoontraffic.world.events import EMERGENCY_BRAKING, Event
 
@@ -28,8 +29,6 @@ class Braking:
 
     def observe(self, step: Step) -> Iterator[Event]:
         """emergency_brake"""
-        from platoontraffic.observation.thresholds_kernel import brakes_hard  # importing numba takes half a second
-
         number, acceleration = step.fleet.number, step.fleet.motion.acceleration
         dt = 0.0 if self._time is None else step.traffic.time - self._time
         self._time, begins = step.traffic.time, np.empty(number.size, dtype=bool)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from platoontraffic.observation import closeness_kernel
 from platoontraffic.observation.step import Step
 from platoontraffic.world.events import (
     CLEARANCE_REACH,
@@ -16,9 +16,6 @@ from platoontraffic.world.events import (
     Event,
 )
 from platoontraffic.world.traffic import TrafficSnapshot
-
-if TYPE_CHECKING:
-    from platoontraffic.observation.closeness_kernel import Bodies
 
 CLOSE = 1e-3  # distance from which on two bodies do not touch, whatever is rounded [m]
 PAIRS = 4  # pairs a member that can begin to be near in one step
@@ -38,11 +35,9 @@ class Closeness:
 
     def look(self, step: Step) -> None:
         """Measure the distances of this step."""
-        from platoontraffic.observation.closeness_kernel import look  # importing numba takes half a second
-
         number, bodies = step.fleet.number, _bodies(step.traffic)
         rows, pairs = np.empty(number.size, dtype=np.intp), np.empty((PAIRS * number.size, 2), dtype=np.intp)
-        count, self.any_close = look(bodies, number, CLOSE, CLEARANCE_REACH, CONTACT_HORIZON, self._near_gap,
+        count, self.any_close = closeness_kernel.look(bodies, number, CLOSE, CLEARANCE_REACH, CONTACT_HORIZON, self._near_gap,
                                      NEAR_MISS_SPEED, self.clearance, rows, self.contact_in, pairs)  # fmt: skip
         self._pairs, self._closest = pairs[:count], (rows, step.traffic.ids)
 
@@ -72,20 +67,17 @@ class Closeness:
 def look_around(traffic: TrafficSnapshot, n: int, near: np.ndarray) -> tuple[np.ndarray, ...]:
     """Of the first n bodies: clearance [m], row of the closest body, time to contact [s], (n,), and the pairs that are
     nearer than `near` (n,) [m] and move against each other, (m, 2). As in `closeness_kernel.look_around`."""
-    from platoontraffic.observation.closeness_kernel import look_around as filled  # importing numba takes half a second
-
     (clearance, contact_in), closest = np.empty((2, n)), np.empty(n, dtype=np.intp)
     pairs = np.empty((PAIRS * n, 2), dtype=np.intp)
-    count = filled(_bodies(traffic), n, CLEARANCE_REACH, CONTACT_HORIZON, near, NEAR_MISS_SPEED, clearance, closest,
+    count = closeness_kernel.look_around(_bodies(traffic), n, CLEARANCE_REACH, CONTACT_HORIZON, near, NEAR_MISS_SPEED, clearance, closest,
                    contact_in, pairs)  # fmt: skip
     return clearance, closest, contact_in, pairs[:count]
 
 
-def _bodies(traffic: TrafficSnapshot) -> Bodies:
-    from platoontraffic.observation.closeness_kernel import Bodies  # importing numba takes half a second
-
+def _bodies(traffic: TrafficSnapshot) -> tuple[np.ndarray, ...]:
+    """The fields of `closeness_kernel.Bodies`."""
     size = traffic.length / 2, traffic.width / 2
-    return Bodies(traffic.x, traffic.y, *traffic.facing, *size, traffic.speed)
+    return traffic.x, traffic.y, *traffic.facing, *size, traffic.speed
 
 
 def _velocity(traffic: TrafficSnapshot, row: int) -> np.ndarray:

@@ -17,6 +17,7 @@ import numpy as np
 from platoontraffic.observation.lane_entries import SAME_DIRECTION, LaneEntries
 from platoontraffic.observation.step import Step
 from platoontraffic.observation.swings import Course, swung
+from platoontraffic.observation.thresholds_kernel import comes_near
 from platoontraffic.road.network import Network
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.events import NEAR_MISS_GAP, Event
@@ -94,8 +95,6 @@ class NearMisses:
         gap     : (n,) [m], NaN where there is none
         touching: pairs in contact, as in `Contacts.of`
         """
-        from platoontraffic.observation.thresholds_kernel import comes_near  # importing numba takes half a second
-
         ids, begins = step.traffic.ids, np.empty(gap.size, dtype=bool)
         if not comes_near(step.fleet.number, gap, self._least, self._near, begins):
             return

@@ -13,16 +13,13 @@ follows it: it does not encroach, as long as it stays on that trail. Nor does on
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from platoontraffic.observation.encroachments_kernel import NO_ROOM, Meetings, Trails, follow, meet
 from platoontraffic.observation.step import Step
 from platoontraffic.world.events import ENCROACHED, Event
 from platoontraffic.world.fleet import Member
-
-if TYPE_CHECKING:
-    from platoontraffic.observation.encroachments_kernel import Meetings, Trails
 
 TRAIL = ENCROACHED + 1.0  # time for which it is known where bodies were [s]
 BODIES = 64  # for which there is room at first
@@ -59,9 +56,6 @@ class Encroachments:
 
     def observe(self, step: Step) -> Iterator[Event]:
         """encroachment"""
-        # Imported here and below: importing numba takes half a second.
-        from platoontraffic.observation.encroachments_kernel import NO_ROOM, extend, meet
-
         before, self._time = self._time, step.traffic.time
         if before is None:
             return
@@ -76,14 +70,15 @@ class Encroachments:
             trails.half_width[self._columns] = traffic.width / 2
         if step.fleet.number is not self._numbers:
             self._find_seats(step.fleet.number)
-        slot, trails = self._columns, self._trails
-        head = self._step % trails.x.shape[0]
-        position = traffic.x, traffic.y
-        extend(trails, head, slot, *position, *traffic.facing)
-        found = np.empty((AT_ONCE * n, 4))
+        head, found = self._step % self._trails.x.shape[0], np.empty((AT_ONCE * n, 4))
+        place = self._columns, traffic.x, traffic.y
         own = self._seats, self._platoon[step.fleet.number]
-        while (count := meet(trails, self._before, self._now, head, dt, slot, *position, *own, found)) == NO_ROOM:
+        kept = tuple(self._trails), tuple(self._before), tuple(self._now)
+        count = follow(*kept, head, dt, *place, *traffic.facing, *own, found)
+        while count == NO_ROOM:
             self._make_room_for_meetings(0, 2 * self._now.pair.shape[1])
+            kept = tuple(self._trails), tuple(self._before), tuple(self._now)
+            count = meet(*kept, head, dt, *place, *own, found)
         self._before, self._now = self._now, self._before
         for i, k, was_first, time in found[:count].tolist():
             if k < n and not was_first:  # whatever their order in the fleet
@@ -93,8 +88,6 @@ class Encroachments:
                 yield step.event("encroachment", int(i), traffic.ids[int(k)], time, what=what)
 
     def _begin(self, steps: int) -> None:
-        from platoontraffic.observation.encroachments_kernel import Meetings, Trails
-
         self._before, self._now = Meetings.none(0, MEETS), Meetings.none(0, MEETS)
         nothing = np.zeros((steps, 0))
         self._trails = Trails(*[nothing] * 5, np.zeros(0, dtype=np.intp), *np.zeros((3, 0)))

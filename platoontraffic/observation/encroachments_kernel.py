@@ -55,6 +55,13 @@ class Meetings(NamedTuple):
 
 
 @compiled
+def follow(trails, before, now, head, dt, slot, x, y, cos, sin, seat, platoon, found):
+    """Add where bodies are now to the trails, then `meet`; arguments as there. cos, sin: of their headings, (N,)"""
+    extend(Trails(*trails), head, slot, x, y, cos, sin)
+    return meet(trails, before, now, head, dt, slot, x, y, seat, platoon, found)
+
+
+@compiled
 def extend(trails, head, slot, x, y, cos, sin):
     """Add where bodies are now; slot: column of each, (N,)."""
     rows = len(trails.x)
@@ -76,12 +83,14 @@ def extend(trails, head, slot, x, y, cos, sin):
 def meet(trails, before, now, head, dt, slot, x, y, seat, platoon, found):
     """Look at every pair of a member and another body, which is of no platoon or of another one.
 
-    before  : Meetings of the last step; now: those of this step, filled in
+    trails  : the fields of Trails
+    before  : those of Meetings, of the last step; now: those of this step, filled in
     slot    : column of each body in trails, members first, (N,); x, y: where they are now [m], (N,)
     seat    : row of each member in Meetings, (n,); platoon: of each, (n,)
     found   : rows of member and body, 1 where the member was first, and post-encroachment time, (capacity, 4)
     returns : how many were found; NO_ROOM where a member meets more bodies than there is room for
     """
+    trails, before, now = Trails(*trails), Meetings(*before), Meetings(*now)
     n, count, bodies = len(seat), 0, len(slot)
     length, radius, old_x, old_y = np.empty(bodies), np.empty(bodies), np.empty(bodies), np.empty(bodies)
     longest = widest = 0.0

@@ -9,6 +9,7 @@ import numpy as np
 from platoontraffic.controllers.calls import desired_distance
 from platoontraffic.controllers.law import Law
 from platoontraffic.geometry.driven_paths import DrivenPaths
+from platoontraffic.observation.gaps_kernel import locate
 from platoontraffic.observation.step import Step
 from platoontraffic.world.fleet import Fleet, Member
 
@@ -50,11 +51,8 @@ class Gaps:
 
     def observe(self, step: Step) -> None:
         """Extend all paths to where the members are now; locate each follower on its predecessor's path."""
-        # Imported here: importing numba takes half a second.
-        from platoontraffic.observation.gaps_kernel import Followers, locate
-
         fleet, model = step.fleet, step.fleet.model
-        followers = Followers(self.gap, self.cross_track, self._end, self._station, self._ahead)
+        followers = self.gap, self.cross_track, self._end, self._station, self._ahead
         body, backwards = (model.length, model.width, model.axle), fleet.motion.speed < 0
         locate(self._paths.arrays, followers, step.fleet.number, fleet.predecessor, step.x, step.y, backwards, body,
                fleet.native)  # fmt: skip

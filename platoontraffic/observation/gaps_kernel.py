@@ -31,10 +31,11 @@ def locate(paths, state, number, predecessor, x, y, reversing, body, native):
     """Extend all paths to where the members are now; locate each follower on its predecessor's path: `Gaps.observe`.
 
     paths  : `DrivenPaths.arrays`
+    state  : the fields of Followers
     number : of the members on the road, (n,), as the following ones
     body   : length, width, axle
     """
-    points, size, _ = paths
+    state, (points, size, _) = Followers(*state), paths
     extend(paths, number, x, y, reversing)
     length, width, axle = body
     for i in range(len(number)):

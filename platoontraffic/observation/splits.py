@@ -16,6 +16,7 @@ import shapely
 from platoontraffic.observation.hindrances import Hindrances
 from platoontraffic.observation.limits import Limits
 from platoontraffic.observation.locks import NOTHING, Locks
+from platoontraffic.observation.splits_kernel import BEGINS, update
 from platoontraffic.observation.step import Cause, Step
 from platoontraffic.world.events import Event
 from platoontraffic.world.traffic import TrafficSnapshot
@@ -39,17 +40,11 @@ class Splits:
 
         gap, desired_gap: (n,) [m], NaN where there is none
         """
-        from platoontraffic.observation.splits_kernel import (
-            BEGINS,
-            State,
-            update,
-        )  # importing numba takes half a second
-
         fleet, time = step.fleet, step.traffic.time
         number, predecessor, locked = fleet.number, fleet.predecessor, self._locks.locked
         own = self._scale, self.split, self.left_behind, self._begun, self._apart_since, self._follows, self._here
         changes = np.empty(number.size, dtype=np.int8)
-        if not update(time, number, predecessor, fleet.native, locked, gap, desired_gap, State(*own), changes):
+        if not update(time, number, predecessor, fleet.native, locked, gap, desired_gap, own, changes):
             return
         for i in (changes == BEGINS).nonzero()[0]:
             cause = self._cause(step, i)

@@ -36,9 +36,10 @@ def update(time, number, predecessor, native, locked, gap, desired_gap, state, c
     number      : of each member on the road, (n,); predecessor and native likewise
     locked      : as in `Locks`, (N,)
     gap, desired_gap : (n,) [m], NaN where there is none
+    state       : the fields of State
     returns     : whether there are changes
     """
-    changed = False
+    state, changed = State(*state), False
     for i in range(len(number)):
         k, follows = number[i], predecessor[i] >= 0
         if follows and not state.follows[k] and state.here[k]:  # it was on the road: it has to join first

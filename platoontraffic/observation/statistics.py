@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from platoontraffic.observation import statistics_kernel as kernel
 from platoontraffic.observation.step import Step
 
 
@@ -23,9 +24,6 @@ class Statistics:
     """State of all members of the run, by their number: arrays (N, ...)."""
 
     def __init__(self, n: int) -> None:
-        from platoontraffic.observation import statistics_kernel as kernel  # importing numba takes half a second
-
-        self._kernel = kernel
         self._tallies = np.zeros((n, kernel.COLUMNS, 5))
         self._tallies[..., kernel.LEAST], self._tallies[..., kernel.MOST] = np.inf, -np.inf
         self._before = np.full((n, 3), np.nan)  # x, y [m], turned [rad] one step before
@@ -35,18 +33,18 @@ class Statistics:
 
     def observe(self, step: Step, **measured: np.ndarray) -> None:
         """measured: the fields of `statistics_kernel.Seen` that are not the fleet's"""
-        fleet, motion, kernel, n = step.fleet, step.fleet.motion, self._kernel, step.fleet.number.size
+        fleet, motion, n = step.fleet, step.fleet.motion, step.fleet.number.size
         own = motion.x, motion.y, motion.turned, motion.speed, motion.acceleration, motion.yaw_rate, *fleet.radio
         seen = kernel.Seen(step.fleet.number, fleet.predecessor, *own, **measured)
         self.numbers = np.empty((n, kernel.COLUMNS))
         self.values = np.ndarray(n, kernel.VALUES, self.numbers)  # the same memory
-        kernel.observe(seen, self._before, step.traffic.time - self._time, self.values, self.numbers, self._tallies)
+        kernel.observe(tuple(seen), self._before, step.traffic.time - self._time, self.values, self.numbers, self._tallies)
         self._time = step.traffic.time
 
     def of(self, number: int) -> dict[str, Statistic]:
         """Statistics of a member, by name in QUANTITIES; without those of which it never had a value."""
         found: dict[str, Statistic] = {}
-        for name, tally in zip(self._kernel.QUANTITIES, self._tallies[number].tolist(), strict=True):
+        for name, tally in zip(kernel.QUANTITIES, self._tallies[number].tolist(), strict=True):
             count, total, squares, least, most = tally
             if count:
                 found[name] = Statistic(count, total / count, (squares / count) ** 0.5, least, most)

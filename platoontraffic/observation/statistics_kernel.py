@@ -53,7 +53,8 @@ class Seen(NamedTuple):
 
 @compiled
 def observe(seen, before, dt, values, numbers, tallies):
-    """`evaluate`, then `add`; numbers: the memory of the values, (n, COLUMNS)"""
+    """`evaluate`, then `add`; seen: the fields of Seen; numbers: the memory of the values, (n, COLUMNS)"""
+    seen = Seen(*seen)
     evaluate(seen, before, dt, values)
     add(seen.number, numbers, tallies)
 

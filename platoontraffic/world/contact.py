@@ -35,7 +35,7 @@ class Contacts:
         self._space = pymunk.Space()
         self._poses = BodyPoses(self._space)
         self.members = members
-        self._walls = Walls.of(scene.segments) if len(scene.segments) else None
+        self._walls = tuple(Walls.of(scene.segments)) if len(scene.segments) else None
         self._may_touch = may_touch
         self._ids: tuple[str, ...] | None = None  # of the previous snapshot
         self._rows = np.empty(0, dtype=np.intp)  # of its vehicles in the table

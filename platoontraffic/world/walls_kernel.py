@@ -50,8 +50,10 @@ class Walls(NamedTuple):
 def may_touch(walls, n, x, y, facing, length, width, margin):
     """Whether the outline of one of the first n bodies, which are boxes, comes within a margin [m] of a wall.
 
+    walls : the fields of Walls
     facing: cosine and sine of the headings
     """
+    walls = Walls(*walls)
     for i in range(n):
         cos, sin = facing[0][i], facing[1][i]
         ahead, aside = length[i] / 2 + margin, width[i] / 2 + margin
