@@ -156,6 +156,11 @@ class ScanBatch:
         hits = None if self.hits is None else self.hits[indices]
         return ScanBatch(self.model, self.stamp, ids, self.ranges[indices], hits, self.inside[indices])
 
+    def part(self, rows: slice) -> ScanBatch:
+        """A batch of successive rows, which shares the memory of this one."""
+        hits = None if self.hits is None else self.hits[rows]
+        return ScanBatch(self.model, self.stamp, self.ids[rows], self.ranges[rows], hits, self.inside[rows])
+
     def filled(self, no_return=None, too_close=None, error=None) -> np.ndarray:
         """As LaserScan.filled, (n, k) float64."""
         return _filled(self.ranges, self.model, no_return, too_close, error)

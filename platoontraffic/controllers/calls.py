@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -93,11 +94,9 @@ def _is_sound(decision: Any, n: int) -> bool:
 
 
 def _check_finite(law: Law, decision: Decision, at: Occasion) -> None:
-    from platoontraffic.controllers.calls_kernel import all_finite  # importing numba takes half a second
-
     command, target = decision.command, decision.target
     (one, other), (distance, bearing) = command, target
-    if all_finite(one, other, *(NO_ROWS if target is NO_TARGET else target)):
+    if _kernel().all_finite(one, other, *(NO_ROWS if target is NO_TARGET else target)):
         return
     sound = np.isfinite(one) & np.isfinite(other) & ~np.isinf(distance) & ~np.isinf(bearing)
     row = int(np.argmin(sound))
@@ -106,6 +105,14 @@ def _check_finite(law: Law, decision: Decision, at: Occasion) -> None:
     given += f", target {distance}, {bearing}"
     vehicle = f"{at.ids[row]} at {at.stamp:.3f} s"
     raise _fault(law, f"gave {given} for {vehicle}; must be finite, a target may be NaN")
+
+
+@cache
+def _kernel():
+    """Imported when it is first used: importing numba takes half a second."""
+    from platoontraffic.controllers import calls_kernel
+
+    return calls_kernel
 
 
 def _row_each(values: Any, n: int) -> np.ndarray:

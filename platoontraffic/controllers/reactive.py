@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Literal
 
 import numpy as np
@@ -28,10 +29,16 @@ class ReactiveLeader(Law):
     sector: Literal["smallest", "mean", "middle"] = "smallest"  # range of a sector; the text does not say which
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
-        from platoontraffic.controllers.reactive_kernel import commands  # importing numba takes half a second
-
         scan, model, n = sensed.scan, sensed.scan.model, sensed.speed.size
         twist, to_the_left = Twist(np.empty(n), np.empty(n)), -1 if self.positive_turn == "clockwise" else 1
         limits, rates = (model.range_min, model.range_max), (self.speed, self.turn_rate, to_the_left)
-        commands(scan.ranges, limits, SECTORS.index(self.sector), rates, *twist)
+        _kernel().commands(scan.ranges, limits, SECTORS.index(self.sector), rates, *twist)
         return Decision(twist)
+
+
+@cache
+def _kernel():
+    """Imported when it is first used: importing numba takes half a second."""
+    from platoontraffic.controllers import reactive_kernel
+
+    return reactive_kernel

@@ -13,6 +13,7 @@ stand_off       v = 1.1107 (D - stand_off). As printed the distance kept at 0.1 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated
 
 import numpy as np
@@ -43,12 +44,10 @@ class RepairedFollower(Law):
     group_step: Annotated[Positive, Field(alias="group_step_m")] = 0.1
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
-        from platoontraffic.controllers.repaired_kernel import commands  # importing numba takes half a second
-
         distance, theta = self.find(sensed.scan)
         twist = Twist(np.empty(distance.size), np.empty(distance.size))
         sufficient = SUFFICIENT_DISTANCE if self.stand_off == 0 else -np.inf
-        commands(distance, theta, self.stand_off, sufficient, self.heading_gain, *twist)
+        _kernel().commands(distance, theta, self.stand_off, sufficient, self.heading_gain, *twist)
         return Decision(twist, target=Target(distance, theta - np.pi / 2))
 
     def find(self, scan: ScanBatch) -> Middle:
@@ -66,21 +65,17 @@ class RepairedFollower(Law):
 
         view: first beam that counts, and the one after the last
         """
-        from platoontraffic.controllers.repaired_kernel import middles  # importing numba takes half a second
-
         model, n = scan.model, scan.ranges.shape[0]
         x, y = np.empty(n), np.empty(n)
         fan = float(model.angle_min), float(model.angle_increment)
-        middles(scan.ranges, view, model.range_min, self.group_step, not self.visible_middle, fan, x, y)
+        _kernel().middles(scan.ranges, view, model.range_min, self.group_step, not self.visible_middle, fan, x, y)
         return Middle(np.hypot(x, y), np.arctan2(y, x))
 
     def nearest(self, scan: ScanBatch) -> tuple[np.ndarray, np.ndarray]:
         """Ranges (n, k), and the first and last beam of the run of neighbouring returns around the nearest, (2, n)."""
-        from platoontraffic.controllers.repaired_kernel import nearest_groups  # importing numba takes half a second
-
         ranges = np.empty(scan.ranges.shape)
         ends = np.empty((2, ranges.shape[0]), dtype=np.intp)
-        nearest_groups(scan.ranges, scan.model.range_min, self.group_step, ranges, ends)
+        _kernel().nearest_groups(scan.ranges, scan.model.range_min, self.group_step, ranges, ends)
         return ranges, ends
 
     def _between_edges(self, scan: ScanBatch) -> tuple[np.ndarray, np.ndarray]:
@@ -110,3 +105,11 @@ class RepairedFollower(Law):
 
     def linear(self, speed: float, place: int) -> Linear:
         return Linear(gap=SPEED_GAIN, commands="speed")
+
+
+@cache
+def _kernel():
+    """Imported when it is first used: importing numba takes half a second."""
+    from platoontraffic.controllers import repaired_kernel
+
+    return repaired_kernel

@@ -46,7 +46,10 @@ class Parents:
         self.facts: Facts = self._parent(0).call("facts")
 
     def begin(self, plan: Plan) -> tuple:
-        """The first frame of a new episode, as sent, which ends the last one. raises: InputError, RunError, KeyboardInterrupt"""
+        """The first frame of a new episode, as `Frame.plain`; it ends the last one.
+
+        raises: InputError, RunError, KeyboardInterrupt
+        """
         _end(*self._last)
         self._last = self._episode, self._of_episode
         self._episode = self._of_episode = None

@@ -37,8 +37,9 @@ class Closeness:
         """Measure the distances of this step."""
         number, bodies = step.fleet.number, _bodies(step.traffic)
         rows, pairs = np.empty(number.size, dtype=np.intp), np.empty((PAIRS * number.size, 2), dtype=np.intp)
-        count, self.any_close = closeness_kernel.look(bodies, number, CLOSE, CLEARANCE_REACH, CONTACT_HORIZON, self._near_gap,
-                                     NEAR_MISS_SPEED, self.clearance, rows, self.contact_in, pairs)  # fmt: skip
+        limits = CLOSE, CLEARANCE_REACH, CONTACT_HORIZON, self._near_gap, NEAR_MISS_SPEED
+        found = self.clearance, rows, self.contact_in, pairs
+        count, self.any_close = closeness_kernel.look(bodies, number, *limits, *found)
         self._pairs, self._closest = pairs[:count], (rows, step.traffic.ids)
 
     def closest(self) -> np.ndarray:
@@ -69,15 +70,14 @@ def look_around(traffic: TrafficSnapshot, n: int, near: np.ndarray) -> tuple[np.
     nearer than `near` (n,) [m] and move against each other, (m, 2). As in `closeness_kernel.look_around`."""
     (clearance, contact_in), closest = np.empty((2, n)), np.empty(n, dtype=np.intp)
     pairs = np.empty((PAIRS * n, 2), dtype=np.intp)
-    count = closeness_kernel.look_around(_bodies(traffic), n, CLEARANCE_REACH, CONTACT_HORIZON, near, NEAR_MISS_SPEED, clearance, closest,
-                   contact_in, pairs)  # fmt: skip
+    limits = CLEARANCE_REACH, CONTACT_HORIZON, near, NEAR_MISS_SPEED
+    count = closeness_kernel.look_around(_bodies(traffic), n, *limits, clearance, closest, contact_in, pairs)
     return clearance, closest, contact_in, pairs[:count]
 
 
 def _bodies(traffic: TrafficSnapshot) -> tuple[np.ndarray, ...]:
-    """The fields of `closeness_kernel.Bodies`."""
-    size = traffic.length / 2, traffic.width / 2
-    return traffic.x, traffic.y, *traffic.facing, *size, traffic.speed
+    """The fields of `closeness_kernel.Bodies`, but whole lengths and widths."""
+    return traffic.x, traffic.y, *traffic.facing, traffic.length, traffic.width, traffic.speed
 
 
 def _velocity(traffic: TrafficSnapshot, row: int) -> np.ndarray:

@@ -32,7 +32,7 @@ class Bodies(NamedTuple):
 def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, contact_in, pairs):
     """Fill in what is closest to each of the first n bodies, (n,); returns the number of pairs that are near.
 
-    bodies     : the fields of Bodies
+    bodies     : the fields of Bodies, but whole lengths and widths
     reach      : distance between outlines up to which bodies are looked for [m]
     horizon    : time up to which touching is looked for [s]
     near       : distance below which a pair is near [m], (n,)
@@ -42,7 +42,8 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
     contact_in : least time until it touches a body if all go straight on [s]; NaN: none within the horizon
     pairs      : the rows of pairs that are near, the lower first, (capacity, 2); those beyond it are left out
     """
-    bodies = Bodies(*bodies)
+    x, y, cos, sin, length, width, speed = bodies
+    bodies = Bodies(x, y, cos, sin, length / 2, width / 2, speed)
     fastest, largest, count = 0.0, 0.0, 0
     radius = np.empty(len(bodies.x))
     for k in range(len(bodies.x)):

@@ -65,11 +65,14 @@ class DesiredGaps:
         self.laser_to_bumper = np.array([m.seen_ahead_of_gap for m in members])  # (N,) [m]
         self._members: Sequence[Member] = ()  # that are grouped by law
         self._laws: list[tuple[Law, np.ndarray]] = []
+        self._less = np.empty(0)  # that the laws' distances are to be shortened by, (n,) [m]
 
     def of(self, fleet: Fleet) -> np.ndarray:
         """Bumper to bumper [m], (n,); NaN where a law names no distance."""
         if fleet.members is not self._members:
             self._members, self._laws = fleet.members, _by_law(fleet.members)
+            by_laser = np.array([m.law.distance_from == "laser" for m in fleet.members], dtype=bool)
+            self._less = np.where(by_laser, self.laser_to_bumper[fleet.number], 0.0)
         distance = np.empty(fleet.number.size)
         distance[:] = np.nan
         for law, rows in self._laws:
@@ -78,9 +81,7 @@ class DesiredGaps:
                 distance[rows] = law.desired_distance(speed)
             except Exception:  # it takes one speed at a time; or it is faulty, and fails again here with a message
                 distance[rows] = [desired_distance(law, v) for v in speed]
-            if law.distance_from == "laser":
-                distance[rows] -= self.laser_to_bumper[fleet.number[rows]]
-        return distance
+        return distance - self._less
 
 
 def _by_law(members: Sequence[Member]) -> list[tuple[Law, np.ndarray]]:

@@ -133,9 +133,11 @@ def look(scan: ScanBatch, seen: Seen, rows: np.ndarray, bearing: np.ndarray, ahe
     bearing : of the targets, (n,)
     ahead   : rows of the predecessors in the traffic that was seen, (m,); -1: there is none
     """
-    model, mount, traffic = scan.model, scan.model.mount, seen.traffic
-    fan = float(model.angle_min), model.angle_increment, float(model.range_max)
-    eye = float(mount.x), float(mount.y), float(mount.yaw)
+    model, traffic = scan.model, seen.traffic
+    if "look" not in model.kept:
+        eye = float(model.mount.x), float(model.mount.y), float(model.mount.yaw)
+        model.kept["look"] = (float(model.angle_min), model.angle_increment, float(model.range_max)), eye
+    fan, eye = model.kept["look"]
     boxes = traffic.x, traffic.y, traffic.heading, traffic.length, traffic.width
     places = rows, seen.rows, ahead
     look_rows(places, scan.ranges, scan.hits, model.directions, fan, eye, boxes, bearing, *sight)

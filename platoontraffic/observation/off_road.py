@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from platoontraffic.observation.step import Step
+from platoontraffic.vehicles.records import every
 from platoontraffic.world.events import OFF_ROAD_DISTANCE, Event
 
 
@@ -25,10 +26,11 @@ class OffRoad:
     def observe(self, step: Step) -> Iterator[Event]:
         """off_road, on_road"""
         number = step.fleet.number
-        away = (~shapely.contains_xy(self._drivable, step.x, step.y)).nonzero()[0]
-        if not away.size and not self._any_off:
+        on_road = shapely.contains_xy(self._drivable, step.x, step.y)
+        if not self._any_off and every(on_road):
             self._entered[number] = True
             return
+        away = (~on_road).nonzero()[0]
         distance = np.zeros(len(number))
         if away.size:
             distance[away] = shapely.distance(self._drivable, shapely.points(step.x[away], step.y[away]))

@@ -12,8 +12,8 @@ from platoontraffic.observation.hindrances import Hindrances
 from platoontraffic.observation.limits import Limits
 from platoontraffic.observation.locks import Locks
 from platoontraffic.observation.step import Cause, Step
+from platoontraffic.observation.thresholds_kernel import all_move
 from platoontraffic.vehicles.motion import FULL_SIZE
-from platoontraffic.vehicles.records import every
 from platoontraffic.world.events import STANDSTILL_AFTER, Event
 from platoontraffic.world.traffic import TrafficSnapshot
 
@@ -34,9 +34,9 @@ class Standstills:
     def observe(self, step: Step) -> Iterator[Event]:
         """standstill when one has lasted STANDSTILL_AFTER, standstill_end when that one ends"""
         number, motion = step.fleet.number, step.fleet.motion
-        slow = STANDING * step.fleet.model.length
-        moving = (np.abs(motion.speed) > slow) | (np.abs(motion.yaw_rate) > TURNING)
-        all_moved, self._all_move = self._all_move, bool(every(moving))
+        moving = np.empty(number.size, dtype=bool)
+        limits, length = (STANDING, TURNING), step.fleet.model.length
+        all_moved, self._all_move = self._all_move, all_move(motion.speed, motion.yaw_rate, length, limits, moving)
         if all_moved and self._all_move:
             return
         since, noted = self._since[number], self._noted[number]

@@ -38,7 +38,9 @@ class Statistics:
         seen = kernel.Seen(step.fleet.number, fleet.predecessor, *own, **measured)
         self.numbers = np.empty((n, kernel.COLUMNS))
         self.values = np.ndarray(n, kernel.VALUES, self.numbers)  # the same memory
-        kernel.observe(tuple(seen), self._before, step.traffic.time - self._time, self.values, self.numbers, self._tallies)
+        kernel.observe(
+            tuple(seen), self._before, step.traffic.time - self._time, self.values, self.numbers, self._tallies
+        )
         self._time = step.traffic.time
 
     def of(self, number: int) -> dict[str, Statistic]:

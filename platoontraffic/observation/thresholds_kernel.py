@@ -31,6 +31,21 @@ def brakes_hard(number, acceleration, dt, limit, full_size, before, jerk, hard, 
 
 
 @compiled
+def all_move(speed, yaw_rate, length, limits, moving):
+    """Fill in which members move, (n,) bool, and return whether all do.
+
+    length : of each, (n,) [m]
+    limits : up to which a member stands [lengths a second, rad/s]
+    """
+    standing, turning = limits
+    everybody = True
+    for i in range(len(speed)):
+        moving[i] = abs(speed[i]) > standing * length[i] or abs(yaw_rate[i]) > turning
+        everybody &= moving[i]
+    return everybody
+
+
+@compiled
 def comes_near(number, gap, least, near, begins):
     """Members with a gap, (n,), below `least`, (N,) [m]."""
     any_begins = False

@@ -20,6 +20,7 @@ PERSON = "person."  # prefix of pedestrians' ids in snapshots: SUMO allows a per
 RECHECK_AFTER = 0.5  # period after which distant vehicles are measured again [s]
 BRIDGE = 30.0  # distance from a crossing of two levels within which vehicles on the other road are left out [m]
 AT_BRIDGE = 150.0  # distance from it within which members count [m]
+NO_VALUES = (np.empty(0),) * 6  # of no vehicles
 PERSON_SIZE = 1.0  # bound of half a pedestrian's length or width [m]
 
 compiled = compiler(__file__)
@@ -70,7 +71,7 @@ class Background:
         """Vehicles of SUMO's by name."""
         n, vehicle = len(names), self._sumo.vehicle
         if not n:
-            return TrafficSnapshot(time, (), *[np.empty(0)] * 6)
+            return TrafficSnapshot(time, (), *NO_VALUES)
         # Thousands in every step: numbers go from the calls into the arrays without lists between them.
         if names is not self._sized[0]:  # the list of near vehicles holds for several steps
             sizes = np.fromiter(chain.from_iterable(map(self._sizes.__getitem__, names)), float, 2 * n).reshape(-1, 2)

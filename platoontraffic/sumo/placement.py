@@ -14,7 +14,8 @@ from platoontraffic.errors import RunError
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client, direct
-from platoontraffic.sumo.frame import centre_of, front_of, heading_of, sumo_angle
+from platoontraffic.sumo.frame import centre_of, heading_of, sumo_angle
+from platoontraffic.sumo.placement_kernel import fill_in_poses
 from platoontraffic.sumo.plexe import feed, switch_on
 from platoontraffic.sumo.shadows import Mover, Shadows
 from platoontraffic.sumo.vehicle_types import (
@@ -28,7 +29,6 @@ from platoontraffic.sumo.vehicle_types import (
     make_type_of,
     release,
 )
-from platoontraffic.vehicles.records import every
 from platoontraffic.world.fleet import Fleet, Member
 
 # Arguments of moveToXY: edge and lane, before the position; keepRoute and matchThreshold [m], behind the angle.
@@ -164,12 +164,11 @@ class Placement:
         raises: RunError (a pose is not finite: SUMO would accept it)
         """
         motion, move = fleet.motion, direct(self._sumo.vehicle.moveToXY)
-        x, y = front_of(motion.x, motion.y, motion.heading, fleet.model.length)
-        angle = sumo_angle(motion.heading)
-        if not every(np.isfinite(x + y + angle)):
+        at = np.empty((motion.x.size, 3))
+        if not fill_in_poses(motion.x, motion.y, motion.heading, fleet.model.length, at):
             raise RunError("a member's pose is not finite")
         self._shadows.cast(self._moved(fleet))
-        poses, short = np.array([x, y, angle]).T.tolist(), self._on_short
+        poses, short = at.tolist(), self._on_short
         for i in fleet.moved_rows:
             name = fleet.ids[i]
             move(name, *ANY_LANE, *poses[i], *(ON_ITS_ROUTE if name in short else EXACTLY))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from operator import attrgetter
 from typing import ClassVar
 
@@ -79,14 +79,11 @@ class DifferentialDrive:
         The axle's middle drives an arc: exact for a constant twist, and, since both wheels share one lag, exact too
         for a start from rest at constant curvature. With a lag, distance and turned angle are still exact.
         """
-        # Imported here: importing numba takes half a second.
-        from platoontraffic.vehicles.differential_kernel import move
-
         twist, drive = command if isinstance(command, Command) else Command.of(command)
         wheels = self.wheel_separation, self.wheel_radius, self.max_wheel_speed
         shape, values = rows((*_MOVES(motion), *twist, *drive, self.axle, *wheels, *self._left_over(dt)))
         after = np.empty((7, values[0].size))
-        move(values[:6], values[6:10], values[10], values[11:14], *values[14:], dt, after)
+        _kernel().move(values[:6], values[6:10], values[10], values[11:14], *values[14:], dt, after)
         return Motion(*after.reshape(7, *shape), motion.steering, motion.braking)
 
     def _left_over(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -99,6 +96,14 @@ class DifferentialDrive:
     @cached_property
     def _of_steps(self) -> dict[float, tuple[np.ndarray, np.ndarray]]:
         return {}
+
+
+@cache
+def _kernel():
+    """Imported when it is first used: importing numba takes half a second."""
+    from platoontraffic.vehicles import differential_kernel
+
+    return differential_kernel
 
 
 ROBOTS = {"paper-robot": DifferentialDrive()}

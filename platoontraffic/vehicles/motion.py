@@ -58,7 +58,7 @@ class Command(NamedTuple):
 
     def replaced(self, rows: Sequence[np.ndarray | int], given: Sequence[Twist | Drive]) -> Command:
         """A copy with each of the given commands, (m,) or numbers, in its rows, (m,) or one."""
-        speed, yaw_rate, acceleration, curvature = np.array([*self.twist, *self.drive])
+        speed, yaw_rate, acceleration, curvature = [values.copy() for values in (*self.twist, *self.drive)]
         for where, one in zip(rows, given, strict=True):
             driven = type(one) is Drive
             speed[where], yaw_rate[where] = (0.0, 0.0) if driven else one

@@ -162,6 +162,16 @@ class Clocked(NamedTuple):
     delay: int = 0  # steps from a measurement to its use
 
 
+class Carried(NamedTuple):
+    """The members that carry one laser, whatever their laws: one scan serves them all."""
+
+    lidar: LidarModel
+    every: int  # steps from one scan to the next
+    rows: np.ndarray  # of these members in the fleet, group after group
+    ids: tuple[str, ...]  # of them
+    parts: tuple[tuple[int, slice], ...]  # groups, and where their members are in `rows`
+
+
 class Readings(NamedTuple):
     """Measurements of a group beside the scan of its laser, of what is due, by name."""
 
@@ -339,6 +349,24 @@ class Fleet(MemberState):
     @cached_property
     def ids_by_group(self) -> tuple[tuple[str, ...], ...]:
         return tuple(tuple(self.members[i].id for i in group.rows) for group in self.groups)
+
+    @cached_property
+    def lasers(self) -> tuple[Carried, ...]:
+        """The lasers by which laws decide; SUMO-driven members need none."""
+        sharing: dict[LidarModel, list[int]] = {}
+        for i, group in enumerate(self.groups):
+            if not group.law.native:
+                sharing.setdefault(group.lidar, []).append(i)
+        found = []
+        for lidar, groups in sharing.items():
+            rows, ends = (
+                [self.groups[i].rows for i in groups],
+                np.cumsum([0, *(len(self.groups[i].rows) for i in groups)]),
+            )
+            ids = tuple(name for i in groups for name in self.ids_by_group[i])
+            parts = tuple((i, slice(*ends[k : k + 2].tolist())) for k, i in enumerate(groups))
+            found.append(Carried(lidar, self.groups[groups[0]].every, np.concatenate(rows), ids, parts))
+        return tuple(found)
 
     @cached_property
     def sensed_by_group(self) -> tuple[Sensed, ...]:

@@ -181,8 +181,8 @@ class BareGround:
 
 def members_at(fleet: Fleet, time: float) -> TrafficSnapshot:
     """The members alone."""
-    motion, size = fleet.motion, (fleet.model.length, fleet.model.width)
-    return TrafficSnapshot(time, fleet.ids, *np.array([motion.x, motion.y, motion.heading, motion.speed, *size]))
+    motion, model = fleet.motion, fleet.model
+    return TrafficSnapshot(time, fleet.ids, motion.x, motion.y, motion.heading, motion.speed, model.length, model.width)
 
 
 def with_their_followers(fleet: Fleet, gone: set[str]) -> set[str]:

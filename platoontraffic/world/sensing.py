@@ -79,13 +79,14 @@ class Sensing:
 
         A return belongs to a row of `traffic`. blind: as in `sense`.
         """
-        due = [step % group.every == 0 and not group.law.native for group in fleet.groups]
-        boxes = _boxes(traffic, fleet) if True in due else None
-        at = Occasion(traffic.time, step, self.seed)
-        return [
-            self._scan(group.lidar, boxes, fleet, i, at, blind) if due[i] else None
-            for i, group in enumerate(fleet.groups)
-        ]
+        scans: list[ScanBatch | None] = [None] * len(fleet.groups)
+        due = [laser for laser in fleet.lasers if step % laser.every == 0]
+        boxes, at = _boxes(traffic, fleet) if due else None, Occasion(traffic.time, step, self.seed)
+        for laser in due:
+            batch = self._scan(laser.lidar, boxes, laser.rows, laser.ids, at, blind)
+            for group, rows in laser.parts:
+                scans[group] = batch if len(laser.parts) == 1 else batch.part(rows)
+        return scans
 
     def read(
         self, traffic: TrafficSnapshot, fleet: Fleet, step: int, blind: np.ndarray | None = None
@@ -100,7 +101,8 @@ class Sensing:
         readings = []
         for i, group in enumerate(fleet.groups):
             due = [one.sensor for one in group.further_lidars if step % one.every == 0]
-            scans = {lidar.name: self._scan(lidar, boxes, fleet, i, at, blind) for lidar in due}
+            ids = fleet.ids_by_group[i]
+            scans = {lidar.name: self._scan(lidar, boxes, group.rows, ids, at, blind) for lidar in due}
             own = [one.sensor for one in group.sensors if step % one.every == 0]
             sensed = {named.name: self._measured(named, traffic, fleet, group, step) for named in own}
             readings.append(Readings(traffic.time, scans, sensed, dict.fromkeys(scans, Seen(traffic, group.rows))))
@@ -117,13 +119,13 @@ class Sensing:
         self,
         lidar: LidarModel,
         boxes: Boxes,
-        fleet: Fleet,
-        group: int,
+        rows: np.ndarray,
+        ids: tuple[str, ...],
         at: Occasion,
         blind: np.ndarray | None,
     ) -> ScanBatch:
-        rows = fleet.groups[group].rows
-        carriers = Carriers.unchecked(boxes, rows, fleet.ids_by_group[group])
+        """rows, ids: of its carriers in the fleet, (n,)"""
+        carriers = Carriers.unchecked(boxes, rows, ids)
         batch = scan(lidar, self.scene, boxes, carriers, at, engine=self.engine)
         if blind is None or not blind[rows].any():
             return batch
