@@ -17,6 +17,12 @@ from platoontraffic.environments.seats import Seats
 class Platoon(ParallelEnv):
     """Agents are members, by their ids. A member that has come to an end stands still for the rest of the episode.
 
+    `agents` are the members on the road that have not come to an end. Where platoons depart at different times, an
+    episode begins when the first members that learn have departed. Others become agents when they depart: a step has
+    their first observations beside those of the agents that acted. If no agent is left while others still wait to
+    depart, the step goes on until the next one has departed, or the episode ends. A member that never departs never
+    becomes an agent.
+
     All else as of `follower.Follower`.
     """
 
@@ -38,6 +44,7 @@ class Platoon(ParallelEnv):
         self._seats = Seats(scenario, changes, tuple(vehicles), True)
         self._random: np.random.Generator | None = None
         self.possible_agents = list(self._seats.names)
+        self._row = {name: row for row, name in enumerate(self.possible_agents)}
         self.agents: list[str] = []
         self.observation_spaces, self.action_spaces = self._seats.observations, self._seats.actions
 
@@ -50,9 +57,11 @@ class Platoon(ParallelEnv):
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[dict, dict]:
         if seed is not None or self._random is None:
             self._random, _ = seeding.np_random(seed)
-        self._seats.begin(self._random)
-        self.agents = list(self.possible_agents)
-        return self._of_agents(self._seats.observation), self._of_agents(lambda row: self._seats.info(row, False))
+        seats = self._seats
+        seats.begin(self._random)
+        self.agents = seats.departed
+        seen = {name: seats.observation(self._row[name]) for name in self.agents}
+        return seen, {name: seats.info(self._row[name], False) for name in self.agents}
 
     def step(self, actions: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
         """raises: ValueError (actions of other agents than those that are left, or an action is wrong), RuntimeError"""
@@ -60,14 +69,25 @@ class Platoon(ParallelEnv):
             raise ValueError(f"actions for {sorted(actions)}; must be for {self.agents}")
         seats = self._seats
         seats.step(actions)
-        terminated = self._of_agents(seats.terminated)
-        truncated = {name: not end and bool(seats.frame.ended) for name, end in terminated.items()}
-        ends = {name: terminated[name] or truncated[name] for name in terminated}
-        given = (
-            self._of_agents(seats.observation), self._of_agents(seats.reward), terminated, truncated,
-            self._of_agents(lambda row: seats.info(row, ends[self.possible_agents[row]])),
-        )  # fmt: skip
-        self.agents = [name for name in self.agents if not (terminated[name] or truncated[name])]
+        given = self._given([*self.agents, *seats.departed])
+        while not self.agents and seats.waiting and not seats.frame.ended:
+            seats.step({})
+            for known, new in zip(given, self._given(seats.departed), strict=True):
+                known.update(new)
+        return given
+
+    def _given(self, names: list[str]) -> tuple[dict, dict, dict, dict, dict]:
+        """What a step returns of some members; those of them that have not come to an end are the agents."""
+        seats, given = self._seats, ({}, {}, {}, {}, {})
+        for name in names:
+            row = self._row[name]
+            terminated = seats.terminated(row)
+            truncated = not terminated and bool(seats.frame.ended)
+            info = seats.info(row, terminated or truncated)
+            values = seats.observation(row), seats.reward(row), terminated, truncated, info
+            for of_all, value in zip(given, values, strict=True):
+                of_all[name] = value
+        self.agents = [name for name in names if not (given[2][name] or given[3][name])]
         return given
 
     def render(self) -> np.ndarray | None:
@@ -75,6 +95,3 @@ class Platoon(ParallelEnv):
 
     def close(self) -> None:
         self._seats.close()
-
-    def _of_agents(self, of: Any) -> dict[str, Any]:
-        return {name: of(self.possible_agents.index(name)) for name in self.agents}

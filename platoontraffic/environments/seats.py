@@ -28,6 +28,8 @@ class Seats:
         self._terms = [f"reward_{name}" for name in self.facts.learn.reward]
         self._picture: Any = None
         self.frame: Frame | None = None
+        self.waiting: list[str] = []  # members that learn and have not yet departed
+        self.departed: list[str] = []  # those that have departed since the last decision
         self._next: Plan | None = None  # episode of a reset without a seed
         self._prepares = False
 
@@ -38,7 +40,8 @@ class Seats:
         """
         self.frame, plan = None, self._drawn(random)
         self._prepares, self._next = self._next in (None, plan), self._drawn(deepcopy(random))
-        self.frame = Frame.received(self._parents.begin(plan))
+        self.waiting = self.names
+        self._receive(self._parents.begin(plan))
 
     def _drawn(self, random: np.random.Generator) -> Plan:
         """Parent, seed of the sensors' errors, and the values of `draw`, in this order."""
@@ -60,7 +63,15 @@ class Seats:
         except (ValueError, RuntimeError):
             self._parents.end()
             raise
-        self.frame = Frame.received(frame)
+        self._receive(frame)
+
+    def _receive(self, plain: tuple) -> None:
+        self.frame = Frame.received(plain)
+        self.departed = []
+        if self.waiting:
+            here = {name for name, is_here in zip(self.names, self.frame.here, strict=True) if is_here}
+            self.departed = [name for name in self.waiting if name in here]
+            self.waiting = [name for name in self.waiting if name not in here]
 
     def observation(self, row: int) -> Any:
         seat = self.facts.seats[row]

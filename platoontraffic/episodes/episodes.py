@@ -194,10 +194,10 @@ class Episodes:
         self._ranges: list[np.ndarray | None] = [None] * n
 
     def begin(self, say: Say) -> tuple:
-        """The first decision, as `Frame.plain`: when all members that learn are on the road."""
+        """The first decision, as `Frame.plain`: when the first of the members that learn are on the road."""
         simulation = self._simulation
         now = simulation.reset()
-        while not now.ended and not set(self._learners) <= set(now.fleet.ids):
+        while not now.ended and set(self._learners).isdisjoint(now.fleet.ids):
             now = simulation.step()
         self._places = Places.of(self._learners, now.fleet)
         if not self._places.in_groups:

@@ -65,16 +65,53 @@ def test_gymnasium_accepts_the_shipped_scenarios(scenario, observation):
     env.close()
 
 
+# The second platoon departs from 3 s on, and the third from 20 s on, when there is room.
+IN_TURN = (
+    "platoon.size=2", "platoon.1.start.time_s=3", "platoon.2.start.time_s=20", "sumo.warm_up_s=5", "learn.episode_s=25",
+    "learn.parents=1",
+)  # fmt: skip
+
+
 @pytest.mark.slow
-def test_pettingzoo_accepts_it():
-    env = Platoon("paper_loop", SHORT)
-    parallel_api_test(env, num_cycles=50)
+@pytest.mark.parametrize(("scenario", "changes"), [("paper_loop", SHORT), ("highway_traffic", IN_TURN)])
+def test_pettingzoo_accepts_it(scenario, changes):
+    env = Platoon(scenario, changes)
+    parallel_api_test(env, num_cycles=250)
     env.close()
 
 
 @pytest.mark.slow
-def test_agents_with_equal_seeds_have_equal_episodes():
-    parallel_seed_test(lambda: Platoon("paper_loop", SHORT), num_cycles=30)
+@pytest.mark.parametrize(("scenario", "changes"), [("paper_loop", SHORT), ("highway_traffic", IN_TURN)])
+def test_agents_with_equal_seeds_have_equal_episodes(scenario, changes):
+    parallel_seed_test(lambda: Platoon(scenario, changes), num_cycles=60)
+
+
+@pytest.mark.slow
+def test_members_become_agents_when_they_depart_and_a_step_without_agents_goes_on_until_then():
+    env = Platoon("highway_traffic", IN_TURN)
+    seen, _ = env.reset(seed=1)
+    assert env.agents == list(seen) == ["p0.1"]
+    assert env.possible_agents[:3] == ["p0.1", "p1.1", "p2.1"]
+    keep = np.zeros(2, np.float32)
+    while "p1.1" not in env.agents:
+        given = env.step(dict.fromkeys(env.agents, keep))
+    assert all(list(part) == ["p0.1", "p1.1"] for part in given)
+    seen, reward, terminated, truncated, info = (part["p1.1"] for part in given)
+    assert env.observation_space("p1.1").contains(seen)
+    assert reward == pytest.approx(sum(v for k, v in info.items() if k.startswith("reward_")))
+    assert 3 <= info["time_s"] < 5
+    assert not terminated
+    assert not truncated
+    for _ in range(80):  # away from where the next ones are to depart
+        env.step(dict.fromkeys(env.agents, keep))
+    off_the_road = np.float32([0.0, env.action_space("p0.1").high[1]])
+    while env.agents != ["p2.1"]:
+        before, given = env.agents, env.step(dict.fromkeys(env.agents, off_the_road))
+        assert before  # there is always one to act
+    assert given[2] == dict.fromkeys(before, True) | {"p2.1": False}
+    assert given[4][before[0]]["time_s"] < 18
+    assert given[4]["p2.1"]["time_s"] >= 20
+    env.close()
 
 
 EPISODE = """
