@@ -7,6 +7,7 @@ Lengths are in steps of 1 mm for robots and 1 cm for cars, from the lower left c
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Sequence
 from typing import Any
 
@@ -102,7 +103,17 @@ def _facts(results: Results) -> dict[str, Any]:
         "version": provenance.get("version"),
         "until": until,
         "kinds": resources.get("events", {}).get("kinds", {}),
+        "replayRecordsScans": _replay_records_scans(results),
     }
+
+
+def _replay_records_scans(results: Results) -> bool:
+    """Whether `run --replay` records scans of this scenario; it does not where all members are from the traffic."""
+    try:
+        config = tomllib.loads(inside(results.folder, "config.toml").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return True
+    return "platoon" in config or "equip" not in config
 
 
 def _json(results: Results, name: str) -> dict[str, Any]:

@@ -381,9 +381,11 @@ class Player {
     Object.assign(slider, { min: run.from, max: run.until, step: 0.001 });
     element("clock").append("", make("small", { textContent: ` of ${seconds(run.until)}` }));
     const missing = [];
-    if (!run.traffic) missing.push("other vehicles (record.traffic_every_s)");
-    if (!run.scans) missing.push("scans, and so beams, returns and segments (record.scans_every_s)");
-    if (missing.length) element("missing").textContent = `Not recorded in this run: ${missing.join("; ")}. "run --replay" records them.`;
+    const replay = '"run --replay" or ';
+    if (!run.traffic) missing.push(`other vehicles (${replay}record.traffic_every_s records them)`);
+    const scansBy = `${run.replayRecordsScans ? replay : ""}record.scans_every_s`;
+    if (!run.scans) missing.push(`scans, and so beams, returns and segments (${scansBy} records them)`);
+    if (missing.length) element("missing").textContent = `Not recorded in this run: ${missing.join("; ")}.`;
     for (const speed of SPEEDS) element("speed").append(make("option", { value: speed, textContent: `${speed} ×` }));
     element("speed").value = 1;
     const follow = element("follow");

@@ -563,10 +563,21 @@ def test_without_what_was_not_recorded_the_page_opens_and_says_so(opened, tmp_pa
     (folder / "vehicles.csv").unlink()  # as of runs of the first version
     (folder / "provenance.json").unlink()
     tab = opened(page(folder, folder / "replay.html"))
-    assert "Not recorded in this run: other vehicles" in tab.locator("#missing").inner_text()
-    assert "scans" in tab.locator("#missing").inner_text()
+    assert tab.locator("#missing").inner_text() == (
+        'Not recorded in this run: other vehicles ("run --replay" or record.traffic_every_s records them); scans, and '
+        'so beams, returns and segments ("run --replay" or record.scans_every_s records them).'
+    )
     assert tab.get_by_label("Beams and returns").is_disabled()
     assert len(tab.evaluate("replay.drawn.members")) == 3
+
+
+def test_a_page_of_members_from_the_traffic_does_not_say_that_replay_records_scans(opened, tmp_path):
+    folder = made_run(tmp_path / "run", scans_every=None, seconds=2.0)
+    (folder / "config.toml").write_text("[[equip]]\nshare = 0.3\n")
+    tab = opened(page(folder, folder / "replay.html"))
+    assert tab.locator("#missing").inner_text() == (
+        "Not recorded in this run: scans, and so beams, returns and segments (record.scans_every_s records them)."
+    )
 
 
 def test_a_leader_alone_has_a_page(opened, tmp_path):
