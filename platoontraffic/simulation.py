@@ -344,8 +344,10 @@ class Simulation:
         waiting, laps = self.world.waiting, self.setting.laps
         if not fleet.members and not waiting and not self.world.expects_more:
             return "arrived"
-        if laps and fleet.members and not waiting and every(np.abs(fleet.motion.turned) >= 2 * np.pi * laps):
-            return "laps"
+        if laps and fleet.members and not waiting:
+            turned, whole = fleet.motion.turned, 2 * np.pi * laps
+            if abs(turned[0]) >= whole and every(np.abs(turned) >= whole):  # the first one decides nearly always
+                return "laps"
         if self.setting.ends_at_contact and any(event.kind == "collision" for event in events):
             return "contact"
         return "duration" if step == self.setting.steps else ""

@@ -9,7 +9,7 @@ import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.observation import nearby_kernel
-from platoontraffic.observation.nearby_kernel import nearby
+from platoontraffic.observation.nearby_kernel import in_order_of_x, nearby
 
 EQUAL = 1e-9  # distances that differ by less are equal [m]
 
@@ -49,8 +49,8 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
     for k in range(len(bodies.x)):
         radius[k] = math.hypot(bodies.half_length[k], bodies.half_width[k])
         fastest, largest = max(fastest, abs(bodies.speed[k])), max(largest, radius[k])
-    by_x = np.argsort(bodies.x)
-    sorted_x, rows = bodies.x[by_x], np.empty(len(radius), np.intp)
+    by_x, sorted_x = in_order_of_x(bodies.x)
+    rows = np.empty(len(radius), np.intp)
     for i in range(n):
         clearance[i], closest[i], contact_in[i] = math.nan, -1, math.nan
         least, soonest = reach, horizon

@@ -13,7 +13,7 @@ import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.observation import nearby_kernel
-from platoontraffic.observation.nearby_kernel import nearby
+from platoontraffic.observation.nearby_kernel import in_order_of_x, nearby
 
 HALVINGS = 12  # of a step, to find the instant within it
 CLOSED = -1.0  # in place of a time: nothing is looked for any more while the second stays in the trail
@@ -100,8 +100,8 @@ def meet(trails, before, now, head, dt, slot, x, y, seat, platoon, found):
         old_x[k], old_y[k] = trails.x[row, s], trails.y[row, s]
         radius[k] = math.hypot(trails.half_length[s], trails.half_width[s])
         longest, widest = max(longest, length[k]), max(widest, radius[k])
-    by_x = np.argsort(x)
-    sorted_x, near = x[by_x], np.empty(bodies, np.intp)
+    by_x, sorted_x = in_order_of_x(x)
+    near = np.empty(bodies, np.intp)
     for i in range(n):
         a, now.count[seat[i]] = slot[i], 0
         for k in near[: nearby(x, y, by_x, sorted_x, i, radius[i] + widest + longest, near)]:
