@@ -27,11 +27,11 @@ class Standing(NamedTuple):
 
 def before_bodies(fleet: Fleet, slower_than: float = STANDS) -> Iterator[Standing]:
     """Members that brake for a body and are slower than that [m/s]."""
-    slow = np.abs(fleet.motion.speed) < slower_than
-    if not some(slow):
+    remember = [(number, group) for number, group in enumerate(fleet.groups) if group.memory is not None]
+    if not remember or not some(slow := np.abs(fleet.motion.speed) < slower_than):
         return
-    for number, group in enumerate(fleet.groups):
-        limit = group.law.braking_for(group.memory) if group.memory is not None else None
+    for number, group in remember:
+        limit = group.law.braking_for(group.memory)
         if limit is None:
             continue
         before_body = (limit.reason == OBSTACLE) | (limit.reason == PREDECESSOR)

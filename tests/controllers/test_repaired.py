@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from platoontraffic.controllers.printed import SPEED_GAIN, PrintedFollower
+from platoontraffic.controllers.printed import SPEED_GAIN, PrintedFollower, middle
 from platoontraffic.controllers.reactive import ReactiveLeader
 from platoontraffic.controllers.repaired import RepairedFollower
 from platoontraffic.lidar import PRESETS
@@ -43,6 +43,23 @@ def test_with_all_repairs_off_it_is_the_printed_law():
     np.testing.assert_array_equal(off.command, printed.command)
     np.testing.assert_array_equal(off.target, printed.target)
     assert 0.2 < (printed.command.speed > 0).mean() < 0.95
+
+
+@pytest.mark.parametrize("visible_middle", [True, False])
+def test_the_middle_is_that_of_the_papers_formulas(visible_middle):
+    law, batch = RepairedFollower(visible_middle=visible_middle), batch_of(random_scans(500, np.random.default_rng(9)))
+    ranges, ends = law.nearest(batch)
+    whole = visible_middle | ((ends[0] > 0) & (ends[1] < 719))
+    np.testing.assert_array_equal(law.find(batch), middle(EYE, ranges, np.where(whole, ends, -1)))
+
+
+def test_beams_out_of_view_count_as_without_a_return():
+    batch = batch_of(random_scans(500, np.random.default_rng(10)))
+    ranges = batch.ranges.copy()
+    ranges[:, :200] = ranges[:, 500:] = np.inf
+    seen = REPAIRED.nearest_middle(batch, (200, 500))
+    np.testing.assert_array_equal(seen, REPAIRED.find(batch_of(ranges)))
+    assert np.isfinite(seen.distance).mean() > 0.3
 
 
 @pytest.mark.parametrize("nearest_group", [True, False])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test  # noqa: E402
 from platoontraffic.controllers.printed import SPEED_GAIN  # noqa: E402
 from platoontraffic.environments.follower import Follower  # noqa: E402
 from platoontraffic.environments.platoon import Platoon  # noqa: E402
+from platoontraffic.episodes.episodes import Frame  # noqa: E402
 from platoontraffic.errors import InputError, RunError  # noqa: E402
 
 pytestmark = [
@@ -129,6 +131,15 @@ for seed in (5, 6):
 print(digest.hexdigest())
 env.close()
 """
+
+
+def test_a_frame_is_received_as_it_was_sent():
+    ranges = np.float32([[1.0, np.inf, np.nan], [0.5, -np.inf, 2.0]])
+    rest = [(0.1, 0.0), (0.2, 0.1)], [[0.5], [1.0]], [(1.0,), (2.0,)], [("collision",), ()], {}
+    received = Frame.received(pickle.loads(pickle.dumps(Frame(1.5, "", [True, False], ranges, *rest).plain())))
+    assert received.ranges.dtype == np.float32
+    np.testing.assert_array_equal(received.ranges, ranges)
+    assert received._replace(ranges=None) == Frame(1.5, "", [True, False], None, *rest)
 
 
 @pytest.mark.slow

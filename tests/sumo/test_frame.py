@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from platoontraffic.sumo.frame import centre_of, front_of, heading_of, sumo_angle
+from platoontraffic.sumo.placement_kernel import fill_in_poses
 
 headings = st.floats(-np.pi, np.pi, exclude_min=True)
 metres = st.floats(-1e6, 1e6)
@@ -30,3 +31,13 @@ def test_centre_to_front_bumper_and_back(x, y, heading, length):
 
 def test_front_bumper_is_half_a_length_ahead():
     assert front_of(1.0, 2.0, np.pi / 2, 4.0) == pytest.approx((1.0, 4.0))
+
+
+def test_poses_of_many_vehicles_are_those_of_each():
+    rng, n = np.random.default_rng(1), 1000
+    (x, y), heading = rng.uniform(-1e4, 1e4, (2, n)), rng.uniform(-np.pi, np.pi, n)
+    length, poses = rng.uniform(0.2, 18.0, n), np.empty((n, 3))
+    assert fill_in_poses(x, y, heading, length, poses)
+    np.testing.assert_array_equal(poses.T, [*front_of(x, y, heading, length), sumo_angle(heading)])
+    x[7] = np.nan
+    assert not fill_in_poses(x, y, heading, length, poses)

@@ -14,11 +14,12 @@ from platoontraffic import scenario
 from platoontraffic.analysis import load
 from platoontraffic.controllers import Decision, Law
 from platoontraffic.errors import InputError
-from platoontraffic.lidar import LidarModel, Mount, Noise
+from platoontraffic.lidar import LidarModel, Mount, Noise, scan
 from platoontraffic.recording import run
 from platoontraffic.simulation import Setting, Simulation, prepare
 from platoontraffic.vehicles.motion import Twist
 from platoontraffic.vehicles.sensor import NamedSensor, Sensor
+from platoontraffic.world import sensing
 from tests.support import ROOT
 from tests.support.bench import NO_WALLS, platoon
 
@@ -54,6 +55,10 @@ class Keeping(Law):
         return Decision(Twist(np.full(n, 0.2), np.zeros(n)), given)
 
 
+class KeepingAlso(Keeping):
+    """Another law."""
+
+
 def members(lidar=FRONT, further=(REAR,), sensor=Counter()):
     sensors = (NamedSensor("clock", sensor),)
     one = platoon(Keeping(), Keeping(), 2, leader_eye=lidar, eye=lidar, distance=1.0)
@@ -72,6 +77,19 @@ def test_each_laser_scans_at_its_own_rate_and_looks_its_own_way():
     assert np.isfinite(first.scans[0].ranges).any(axis=1).tolist() == [False, True, True]  # ahead of it
     assert np.isfinite(first.readings[0].scans["rear"].ranges).any(axis=1).tolist() == [True, True, False]  # behind it
     assert first.readings[0].scans["rear"].name == "rear"
+
+
+def test_members_with_one_laser_are_scanned_at_once_whatever_their_laws(monkeypatch):
+    scanned = []
+    monkeypatch.setattr(sensing, "scan", lambda *given, **more: scanned.append(given[3].ids) or scan(*given, **more))
+    alike = members(further=(), sensor=Counter())
+    first, second, third = alike
+    mixed = instants([replace(first, law=KeepingAlso()), second, replace(third, law=KeepingAlso())], steps=0)[0]
+    assert scanned == [("robot.0", "robot.2", "robot.1")]
+    (one, other), (whole,) = mixed.scans, instants(alike, steps=0)[0].scans
+    assert one.ids == ("robot.0", "robot.2")
+    np.testing.assert_array_equal(one.ranges, whole.ranges[[0, 2]])
+    np.testing.assert_array_equal(other.hits, whole.hits[[1]])
 
 
 def test_lasers_of_one_member_err_independently():
