@@ -59,7 +59,7 @@ class Platoon(ParallelEnv):
             self._random, _ = seeding.np_random(seed)
         seats = self._seats
         seats.begin(self._random)
-        self.agents = seats.departed
+        self.agents = list(seats.departed)
         seen = {name: seats.observation(self._row[name]) for name in self.agents}
         return seen, {name: seats.info(self._row[name], False) for name in self.agents}
 

@@ -1,7 +1,7 @@
 """Members with a value that passes a threshold in this step; compiled.
 
 number: of each member on the road, (n,); arrays (N,) are of all members of the run, by number; `begins`, (n,) bool, is
-filled in: the value was not beyond the threshold one step before. Each returns whether any begins.
+filled in: the value was not beyond the threshold one step before. Where it is, whether any begins is returned.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -359,12 +360,10 @@ class Fleet(MemberState):
                 sharing.setdefault(group.lidar, []).append(i)
         found = []
         for lidar, groups in sharing.items():
-            rows, ends = (
-                [self.groups[i].rows for i in groups],
-                np.cumsum([0, *(len(self.groups[i].rows) for i in groups)]),
-            )
+            rows = [self.groups[i].rows for i in groups]
+            ends = np.cumsum([0, *map(len, rows)]).tolist()
+            parts = tuple((i, slice(*between)) for i, between in zip(groups, pairwise(ends), strict=True))
             ids = tuple(name for i in groups for name in self.ids_by_group[i])
-            parts = tuple((i, slice(*ends[k : k + 2].tolist())) for k, i in enumerate(groups))
             found.append(Carried(lidar, self.groups[groups[0]].every, np.concatenate(rows), ids, parts))
         return tuple(found)
 
