@@ -159,7 +159,7 @@ class Episodes:
         self._world = self._open.enter_context(setting_of(self._prepared, self._folder, forkable=True).ground())
         self._world.warm_up()
         setting = self._setting(self._prepared)
-        self._world.snapshot(setting.departures[0], 1.0)  # compiled, too
+        self._world.load_kernels(setting.departures[0])
         observer = setting.observer()  # a fork uses its copy of it once
         self._of_fork = changed(setting, observer=lambda: observer, whole_traffic_every=None)
         gc.collect()

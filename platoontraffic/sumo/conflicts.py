@@ -244,6 +244,12 @@ def _met(one: Sampled, other: Sampled, apart: float) -> tuple[Span, Span] | None
     return (float(mine[first]), float(mine[last])), (float(its[its_first]), float(its[its_last]))
 
 
+def load() -> None:
+    """Load what is compiled here."""
+    line = _sampled(np.array([(0.0, 0.0), (1.0, 0.0)]), 1.0)
+    _met(line, line, 1.0)
+
+
 @compiled
 def _near(points, others, apart):
     """The first and the last of points (k, 2) that is less than a distance from one of the others (l, 2), and of those;

@@ -16,12 +16,14 @@ from platoontraffic.errors import RunError
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.background import PERSON, Background
 from platoontraffic.sumo.client import Client, direct, libsumo
+from platoontraffic.sumo.conflicts import load as load_conflicts
 from platoontraffic.sumo.departures import in_the_way
 from platoontraffic.sumo.letting_go import LettingGo
 from platoontraffic.sumo.letting_in import LettingIn
 from platoontraffic.sumo.obstacles import HeldObstacles
 from platoontraffic.sumo.passages import Passages
 from platoontraffic.sumo.placement import Placement
+from platoontraffic.sumo.placement_kernel import load as load_poses
 from platoontraffic.sumo.process import Process, start_options
 from platoontraffic.sumo.recruiting import Recruiting
 from platoontraffic.sumo.shadows import shadow_options
@@ -136,6 +138,12 @@ class World:
         """Let background traffic drive alone for its time; without another world that goes on, `deploy` does that."""
         if self._warm_up:
             self._process.step(self._sumo.simulation.getTime() + self._warm_up)
+
+    def load_kernels(self, fleet: Fleet) -> None:
+        """Load what is compiled for this world, so that forks of the process need not. Nothing moves."""
+        self.snapshot(fleet, 1.0)
+        load_poses()
+        load_conflicts()
 
     def snapshot(self, fleet: Fleet, reach: float = np.inf) -> TrafficSnapshot:
         """Vehicles and people at this instant: members as the fleet has them, background traffic as SUMO does.

@@ -116,6 +116,37 @@ def test_members_become_agents_when_they_depart_and_a_step_without_agents_goes_o
     env.close()
 
 
+LOADED_IN_A_FORK = """
+import os, sys, tempfile
+from pathlib import Path
+from numba.core.caching import Cache
+from platoontraffic.episodes.episodes import Episodes, Source
+
+loads, load = [], Cache.load_overload
+Cache.load_overload = lambda self, *given: loads.append(self) or load(self, *given)
+parent = Path(tempfile.mkdtemp())
+episodes = Episodes(Source(sys.argv[1], ("learn.parents=1", "sumo.warm_up_s=1")), 0, parent)
+assert loads
+loads.clear()
+if not os.fork():
+    episodes.forked(1, {}, Path(tempfile.mkdtemp(dir=parent)))
+    episodes.begin(None)
+    for _ in range(3):
+        episodes.step(None, {})
+    print([one._cache_file._index_name for one in loads], flush=True)
+    os._exit(0)
+os.wait()
+os._exit(0)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["paper_loop", "corridor_tracking"])
+def test_an_episode_loads_no_kernel_that_its_parent_could_have_loaded(scenario):
+    given = [sys.executable, "-c", LOADED_IN_A_FORK, scenario]
+    assert subprocess.run(given, capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
 EPISODE = """
 import hashlib, sys
 import numpy as np
