@@ -1,11 +1,11 @@
-"""Vehicles that let a member in, which waits for room on their lane.
+"""Vehicles that let another one in, which waits for room on their lane: a member, or one of SUMO's among members.
 
 SUMO's driver brakes for a vehicle that must change to its lane and cannot. It does not brake for a moved vehicle, for
 SUMO does not know that this one must change; beside a queue a member would wait without end. So the first vehicle that
 can stop where it leaves room for the member does so: at once where the member's lane ends soon, as SUMO's drivers do,
 else once the member has stood for `AFTER`. One that SUMO drives gets speeds from which it brakes by no more than
-`BRAKING`; SUMO's driver model keeps it slower where it must, as always. A member is given a line to stop at; followers
-of a platoon let nobody in before them.
+`BRAKING`; SUMO's driver model keeps it slower where it must, as always. A member is given a line to stop at, for one of
+SUMO's too (`lane_ends`); followers of a platoon let nobody in before them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class LettingIn:
     ) -> None:
         """Before every step.
 
-        room_wanted : `StopLines.room_wanted`
+        room_wanted : by each that wants in: `StopLines.room_wanted`, `LaneEnds.room_wanted`
         where       : edge and lane of each member
         unwilling   : vehicles that let nobody in
         """
@@ -57,7 +57,7 @@ class LettingIn:
             return
         time, vehicle = self._sumo.simulation.getTime(), self._sumo.vehicle
         for name, wanted in room_wanted.items():
-            if name not in where:
+            if name not in where and not self._is_on_road(name):
                 continue
             wanted = wanted._replace(behind=max(wanted.behind + SPARE, LEAST))
             if name not in self.waiting:
@@ -74,7 +74,7 @@ class LettingIn:
                 self._end(name)
                 continue
             asked, wanted = self._asked[name]
-            is_over = name not in where or where[name][1] == wanted.lane
+            is_over = not self._is_on_road(name) or self._lane(name, where) == wanted.lane
             if is_over or time >= min(until, asked + GIVEN_UP):
                 if foe not in where:
                     vehicle.setSpeed(foe, OWN_DRIVER)
@@ -98,10 +98,12 @@ class LettingIn:
         self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]], unwilling: Set[str]
     ) -> str | None:
         """The first vehicle on a lane that can stop at a distance behind a member's front."""
-        if where[name][1].rpartition("_")[0] != wanted.lane.rpartition("_")[0]:
+        if self._lane(name, where).rpartition("_")[0] != wanted.lane.rpartition("_")[0]:
             return None
         before = self._front(name, wanted.lane, where) - wanted.behind
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
+            if name not in where and foe not in where:
+                continue  # SUMO's let each other in
             if foe not in unwilling and self._can_stop(foe, before) and (foe, name) not in self._has_waited:
                 return foe
         return None
@@ -120,7 +122,10 @@ class LettingIn:
     def _front(self, name: str, lane: str, where: Mapping[str, tuple[str, str]]) -> float:
         """Place of a member's front beside a lane [m]."""
         length = self._sumo.lane.getLength
-        return self._sumo.vehicle.getLanePosition(name) + length(lane) - length(where[name][1])
+        return self._sumo.vehicle.getLanePosition(name) + length(lane) - length(self._lane(name, where))
+
+    def _lane(self, name: str, where: Mapping[str, tuple[str, str]]) -> str:
+        return where[name][1] if name in where else self._sumo.vehicle.getLaneID(name)
 
     def _hold(self, foe: str, name: str, behind: float) -> None:
         """Let a vehicle stop behind a member's rear, or nearer where it cannot; it does not follow the member then."""

@@ -18,6 +18,7 @@ from platoontraffic.sumo.background import PERSON, Background
 from platoontraffic.sumo.client import Client, direct, libsumo
 from platoontraffic.sumo.conflicts import load as load_conflicts
 from platoontraffic.sumo.departures import in_the_way
+from platoontraffic.sumo.lane_ends import LaneEnds
 from platoontraffic.sumo.letting_go import LettingGo
 from platoontraffic.sumo.letting_in import LettingIn
 from platoontraffic.sumo.obstacles import HeldObstacles
@@ -73,7 +74,7 @@ class World:
         self._obstacles = HeldObstacles(self._sumo, network.drivable, self._background)
         self._placement = Placement(self._sumo, network, step)
         self._letting_go = LettingGo(self._sumo, network)
-        self._letting_in = LettingIn(self._sumo, step)
+        self._letting_in, self._lane_ends = LettingIn(self._sumo, step), LaneEnds(self._sumo)
         self._lines = StopLines(network, self._sumo, self._letting_in)
         self._trips = Trips(self._sumo, self._placement, step)
         self._passages = Passages(self._sumo, network, counted, self._trips)
@@ -178,7 +179,8 @@ class World:
         """
         self._letting_go.observe(fleet, self._placement.where, self._clock)
         unwilling = self._obstacles.in_sumo | fleet.followers_of_platoons
-        self._letting_in.observe(self._lines.room_wanted, self._placement.where, unwilling)
+        theirs = self._lane_ends.room_wanted(fleet.ids, self._placement.where)
+        self._letting_in.observe({**self._lines.room_wanted, **theirs}, self._placement.where, unwilling)
         self._placement.place(fleet, brakes)
 
     def advance(self, fleet: Fleet) -> Fleet:

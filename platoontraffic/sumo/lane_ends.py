@@ -1,0 +1,62 @@
+"""SUMO's vehicles that stand at the end of a lane, and must go over to a lane on which members drive.
+
+SUMO's drivers let each other in there. Members are not asked by SUMO: a column of them kept a bus in Bologna at the end
+of its lane, and all that stood behind it, for ten minutes. A driver sees the indicator of such a vehicle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from platoontraffic.controllers.lane_room import room_needed
+from platoontraffic.road.gap_acceptance import STANDING
+from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.room_to_change import Wanted
+
+EVERY = 1.0  # time from one look to the next [s]
+AT_END = 25.0  # distance of a front from the end of its lane [m]: SUMO's vehicles leave room there for each other
+PLAN_LANE, PLAN_OFFSET = 0, 3  # in a row of getBestLanes: a lane, and how many lanes to the left the best one is
+
+
+class LaneEnds:
+    """What these vehicles want; it stays the same until the next look."""
+
+    def __init__(self, sumo: Client) -> None:
+        self._sumo, self._due = sumo, 0.0
+        self._wanted: dict[str, Wanted] = {}
+        self._numbers: dict[str, int] = {}  # of lanes, by edge
+
+    def room_wanted(self, members: Iterable[str], where: Mapping[str, tuple[str, str]]) -> Mapping[str, Wanted]:
+        """The room that each of them wants on a lane with members.
+
+        where: edge and lane of each member
+        """
+        time = self._sumo.simulation.getTime()
+        if time >= self._due - 1e-6:
+            self._due = time + EVERY
+            lanes = sorted({where[name] for name in members})
+            found = (self._first(edge, lane) for edge, lane in lanes if self._number(edge) > 1)
+            self._wanted = {name: wanted for both in found for name, wanted in both if name not in where}
+        return self._wanted
+
+    def _first(self, edge: str, onto: str) -> Iterator[tuple[str, Wanted]]:
+        """The first vehicles on the lanes beside a lane, where they stand at their ends and must go over to it."""
+        vehicle, index = self._sumo.vehicle, int(onto.rpartition("_")[2])
+        for side in (-1, 1):
+            lane = f"{edge}_{index - side}"
+            there = self._sumo.lane.getLastStepVehicleIDs(lane) if 0 <= index - side < self._number(edge) else ()
+            if not there or vehicle.getSpeed(there[-1]) >= STANDING:
+                continue
+            name, end = there[-1], self._sumo.lane.getLength(lane)
+            if end - vehicle.getLanePosition(name) > AT_END:
+                continue
+            to_left = (plan[PLAN_OFFSET] for plan in vehicle.getBestLanes(name) if plan[PLAN_LANE] == lane)
+            if side * next(to_left, 0) > 0:
+                length = vehicle.getLength(name)
+                yield name, Wanted(onto, length + room_needed(length, 0.0, 0.0), False)
+
+    def _number(self, edge: str) -> int:
+        if edge not in self._numbers:
+            on_road = edge and edge[0] != ":"
+            self._numbers[edge] = self._sumo.edge.getLaneNumber(edge) if on_road else 0
+        return self._numbers[edge]

@@ -1,0 +1,96 @@
+"""Vehicles of SUMO's at ends of lanes, which must go over to a lane of members."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from platoontraffic.sumo.lane_ends import AT_END, EVERY, LaneEnds
+from platoontraffic.sumo.letting_in import AFTER, LettingIn
+
+MEMBERS = {"m": ("road", "road_1"), "other": (":j_0", ":j_0_0")}
+
+
+class Road:
+    """Three lanes of 100 m; a bus on the right lane, members on the middle one."""
+
+    def __init__(self, speed: float = 0.0, to_end: float = 5.0, to_left: int = 1, waited: float = 10.0) -> None:
+        place, self.time = {"bus": 100.0 - to_end, "m": 40.0, "m2": 70.0}, 0.0
+        lanes = {"road_0": ["bus"], "road_1": ["m", "m2"], "road_2": []}
+        self.lane_of = {name: lane for lane, names in lanes.items() for name in names}
+        length = {"bus": 12.0}
+        self.client = SimpleNamespace(
+            TraCIException=KeyError,
+            simulation=SimpleNamespace(getTime=lambda: self.time),
+            edge=SimpleNamespace(getLaneNumber=lambda _: 3),
+            lane=SimpleNamespace(getLength=lambda _: 100.0, getLastStepVehicleIDs=lanes.__getitem__),
+            vehicle=SimpleNamespace(
+                getSpeed=lambda name: speed if name == "bus" else 8.0,
+                getLanePosition=place.__getitem__, getLength=lambda name: length.get(name, 5.0),
+                getBestLanes=lambda _: [("road_0", 100.0, 0.0, to_left, False, ())],
+                getWaitingTime=lambda _: waited, getRoadID=lambda name: "road" if name in self.lane_of else "",
+                getLaneID=self.lane_of.__getitem__,
+            ),
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("road", "wants"),
+    [
+        (Road(), True),
+        (Road(speed=2.0), False),
+        (Road(to_end=AT_END + 1.0), False),
+        (Road(to_left=0), False),
+        (Road(to_left=-1), False),
+    ],
+)
+def test_a_vehicle_that_stands_at_the_end_of_its_lane_wants_over(road, wants):
+    found = LaneEnds(road.client).room_wanted(MEMBERS, MEMBERS)
+    assert list(found) == (["bus"] if wants else [])
+    if wants:
+        assert found["bus"].lane == "road_1"
+        assert found["bus"].behind > 12.0
+        assert not found["bus"].begun
+
+
+def test_ends_of_lanes_are_looked_at_once_a_second():
+    road = Road()
+    ends = LaneEnds(road.client)
+    assert ends.room_wanted(MEMBERS, MEMBERS)
+    road.client.vehicle.getSpeed = lambda _: 3.0
+    road.time = EVERY / 2
+    assert ends.room_wanted(MEMBERS, MEMBERS)
+    road.time = EVERY
+    assert not ends.room_wanted(MEMBERS, MEMBERS)
+
+
+@pytest.mark.parametrize("waited", [AFTER - 1.0, AFTER])
+def test_the_first_member_that_can_stop_behind_it_lets_it_in(waited):
+    """The one before it, 25 m from the front at 8 m/s, cannot. SUMO's own are left to SUMO."""
+    road = Road(waited=waited)
+    where = {"m": ("road", "road_1"), "m2": ("road", "road_1")}
+    letting_in, ends = LettingIn(road.client, 0.1), LaneEnds(road.client)
+    wanted = ends.room_wanted(where, where)
+    letting_in.observe(wanted, where)
+    rear = 95.0 - (wanted["bus"].behind + 1.0)
+    assert letting_in.stops == ({"m": ("road_1", pytest.approx(rear))} if waited >= AFTER else {})
+    only = {"m2": where["m2"]}  # the other one is SUMO's
+    letting_in = LettingIn(road.client, 0.1)
+    letting_in.observe(ends.room_wanted(only, only), only)
+    assert not letting_in.waiting
+
+
+@pytest.mark.parametrize("gone", [True, False])
+def test_a_member_drives_on_once_the_vehicle_is_on_its_lane_or_gone(gone):
+    road, where = Road(), {"m": ("road", "road_1")}
+    letting_in, ends = LettingIn(road.client, 0.1), LaneEnds(road.client)
+    letting_in.observe(ends.room_wanted(where, where), where)
+    assert letting_in.stops
+    if gone:
+        del road.lane_of["bus"]
+    else:
+        road.lane_of["bus"] = "road_1"
+    letting_in.observe({}, where)
+    assert not letting_in.stops
+    assert not letting_in.waiting
