@@ -29,13 +29,13 @@ class LaneEnds:
     def room_wanted(self, members: Iterable[str], where: Mapping[str, tuple[str, str]]) -> Mapping[str, Wanted]:
         """The room that each of them wants on a lane with members.
 
-        where: edge and lane of each member that SUMO has
+        where: edge and lane of each member that SUMO has; the lane is "" off the road
         """
         time = self._sumo.simulation.getTime()
         if time >= self._due - 1e-6:
             self._due = time + EVERY
             lanes = sorted({where[name] for name in members if name in where})
-            found = (self._first(edge, lane) for edge, lane in lanes if self._number(edge) > 1)
+            found = (self._first(edge, lane) for edge, lane in lanes if lane and self._number(edge) > 1)
             self._wanted = {name: wanted for both in found for name, wanted in both if name not in where}
         return self._wanted
 

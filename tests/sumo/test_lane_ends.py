@@ -9,7 +9,7 @@ import pytest
 from platoontraffic.sumo.lane_ends import AT_END, EVERY, LaneEnds
 from platoontraffic.sumo.letting_in import AFTER, LettingIn
 
-MEMBERS = {"m": ("road", "road_1"), "other": (":j_0", ":j_0_0")}
+MEMBERS = {"m": ("road", "road_1"), "inside": (":j_0", ":j_0_0"), "off the road": ("road", "")}
 
 
 class Road:
