@@ -171,6 +171,8 @@ class StopLines:
     def _with_later_change(self, fleet: Fleet, row: int) -> Fleet:
         member, speed = fleet.members[row], float(fleet.motion.speed[row])
         change, passed, free = self._blocked_changes[member.id]
+        if change not in member.route.lines:  # put off just now, with its leader's
+            return fleet
         width = self._sumo.lane.getWidth(change.lane)
         longest, step = width * math.ceil(CHANGE_TIME * speed / width), CHANGE_AFTER * width
         by = step * max(math.ceil(LOOKS_EVERY * speed / step), 1)

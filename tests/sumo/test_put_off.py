@@ -1,0 +1,68 @@
+"""Lane changes that a platoon puts off to the next edge."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from math import inf
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from platoontraffic.controllers.path import PathLeader
+from platoontraffic.controllers.tracking import TrackingFollower
+from platoontraffic.road.lane_routes import CHANGING
+from platoontraffic.road.network import Network
+from platoontraffic.road.route import Route
+from platoontraffic.shipped import networks
+from platoontraffic.sumo.stoplines import StopLines, _Blocked
+from platoontraffic.vehicles.catalogue import VEHICLES
+from platoontraffic.vehicles.records import changed
+from platoontraffic.world.fleet import Fleet
+from tests.support.bench import platoon
+
+EDGES = "e0_e1", "e1_e2", "e2_e_exit"
+
+
+@pytest.fixture
+def fleet_and_lines():
+    """Four cars before the place at which they are to leave their lane; and the judge of their lines."""
+    network, car, law = Network.read(networks()["highway"]), VEHICLES["car"], TrackingFollower(on_loss="drive")
+    route = Route.along(EDGES, *network.route_lanes(EDGES, 1, position=60.0)).drivable_by(car)
+    change = next(line for line in route.lines if line.state == CHANGING)
+    (x, y), (ahead_x, ahead_y) = route.line.at(np.array([change.station - 10.0, change.station - 9.0]))
+    at = float(x), float(y), math.atan2(ahead_y - y, ahead_x - x)
+    members = platoon(PathLeader(), law, 3, at=at, distance=4.0, model=car)
+    fleet = Fleet.deployed([replace(m, route=route) for m in members], 0.1)
+    fleet = changed(fleet, progress=fleet.progress.located(fleet.model, fleet.motion, np.inf))
+    lines = StopLines(network, SimpleNamespace(lane=SimpleNamespace(getWidth=lambda _: 3.2)))
+    return fleet, lines, change
+
+
+def changes(fleet: Fleet) -> list[str]:
+    """Edge of the first lane change of each member."""
+    return [next(one.lane for one in m.route.lines if one.state == CHANGING).rpartition("_")[0] for m in fleet.members]
+
+
+def test_the_members_behind_put_it_off_too(fleet_and_lines):
+    fleet, lines, change = fleet_and_lines
+    lines._blocked_changes = {name: _Blocked(change, False, inf) for name in fleet.ids}
+    after = lines._with_later_change(fleet, 1)
+    assert changes(after) == ["e0_e1", "e1_e2", "e1_e2", "e1_e2"]
+    assert lines._with_later_change(after, 2) is after  # it was blocked as well, and has another route now
+    np.testing.assert_allclose(after.progress.station, fleet.progress.station, atol=0.1)
+
+
+def test_those_that_have_begun_it_keep_it(fleet_and_lines):
+    fleet, lines, change = fleet_and_lines
+    lines._blocked_changes = {fleet.ids[0]: _Blocked(change, False, inf)}
+    fleet.progress.station[2] = change.station  # of its rear axle
+    assert changes(lines._with_later_change(fleet, 0)) == ["e1_e2", "e1_e2", "e0_e1", "e1_e2"]
+
+
+@pytest.mark.parametrize("free", [40.0, inf])
+def test_it_is_put_off_only_where_no_queue_stands_on_the_lane(fleet_and_lines, free):
+    fleet, lines, change = fleet_and_lines
+    lines._blocked_changes = {fleet.ids[0]: _Blocked(change, False, free)}
+    assert changes(lines._with_later_change(fleet, 0))[0] == ("e1_e2" if free == inf else "e0_e1")
