@@ -7,7 +7,6 @@ less road the change takes. Where its lane leads on to the next edge of its rout
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -52,25 +51,24 @@ def with_later_change(
 def with_change_beyond(route: Route, change: Line, network: Network, model: VehicleModel) -> Route | None:
     """The route without a lane change on its edge, and with others beyond instead.
 
-    returns: as of `with_later_change`; None also where its lane does not lead on, more lanes would be crossed, or there
-             would be less room for it
+    returns: as of `with_later_change`; None also where its lane does not lead on, or there would be less room for it
     """
     if route.closed:
         return None
-    (edge, _, lane), i = change.lane.rpartition("_"), route.lines.index(change)
+    edge, _, lane = change.lane.rpartition("_")
     try:
         onward, before = _onward(route, change, Change(0, int(lane), int(lane)), network, model)
     except InputError:
         return None
     room = min((line.to_end for line in onward.lines if line.state == CHANGING), default=math.inf)
-    more = _lanes_crossed(onward.lines) > _lanes_crossed(route.lines[i:])
-    if more or room < min(change.to_end, ENOUGH_ROOM):
+    if room < min(change.to_end, ENOUGH_ROOM):
         return None
     shape = network.route_line((edge,), int(lane))
     begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
     join = min(JOIN * model.length, begin / 2)
     entered = onward.lines[0].station + onward.lines[0].across if before else 0.0
-    return _spliced(route, i, onward, before, change.station - join, entered + begin - join, join)
+    ends = change.station - join, entered + begin - join
+    return _spliced(route, route.lines.index(change), onward, before, *ends, join)
 
 
 def _onward(
@@ -93,11 +91,6 @@ def _onward(
     edges, first = route.edges[len(junctions) - before :], first._replace(edge=before)
     onward = Route.along(edges, *network.route_lanes(edges, start, False, position, first, longest))
     return onward.drivable_by(model), before
-
-
-def _lanes_crossed(lines: Sequence[Line]) -> int:
-    changes = [line for line in lines if line.state == CHANGING]
-    return sum(abs(int(one.onto.rpartition("_")[2]) - int(one.lane.rpartition("_")[2])) for one in changes)
 
 
 def _spliced(route: Route, i: int, onward: Route, k: int, end: float, near: float, join: float) -> Route:

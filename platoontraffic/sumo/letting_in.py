@@ -17,19 +17,20 @@ from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.room_to_change import Wanted
 
-AFTER = 3.0  # time that a member has stood before it is let in, where that is not urgent [s]
-LONGEST = 20.0  # time that one vehicle waits for one member to begin its lane change [s]
-GOES_OVER = 30.0  # longest time from then on until the member is on its lane, where it is seen [s]
-GIVEN_UP = 1.0  # a member that has not wanted room for so long does not change lanes any more [s]
-BRAKING = 3.0  # of a vehicle that lets a member in [m/s2]
-LEAST, SPARE = 1.0, 1.0  # distance behind the member's front: at least, and beyond what the lane change needs [m]
+AFTER = 3.0  # time that a vehicle has stood before it is let in, where that is not urgent [s]
+LONGEST = 20.0  # time that one vehicle waits for another one to begin its lane change [s]
+GOES_OVER = 30.0  # longest time from then on until that one is on its lane, where it is seen [s]
+GIVEN_UP = 1.0  # a vehicle that has not wanted room for so long does not change lanes any more [s]
+BRAKING = 3.0  # of a vehicle that lets another one in [m/s2]
+LEAST, SPARE = 1.0, 1.0  # distance behind the other one's front: at least, and beyond what the lane change needs [m]
+NEAR = 50.0  # distance from there up to which a member is asked to let one of SUMO's in [m]
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
 
 
 class LettingIn:
-    """Which vehicle waits for which member.
+    """Which vehicle waits for which other one.
 
-    waiting : by the member that is let in, the vehicle that waits, and until when [s]
+    waiting : by the vehicle that is let in, the one that waits, and until when [s]
     stops   : by members that wait: lane and place on it at which they are to stop [m]
     """
 
@@ -37,8 +38,8 @@ class LettingIn:
         self._sumo, self._step = sumo, step
         self.waiting: dict[str, tuple[str, float]] = {}
         self.stops: dict[str, tuple[str, float]] = {}
-        self._asked: dict[str, tuple[float, Wanted]] = {}  # when each of these members last wanted room [s], and which
-        self._has_waited: set[tuple[str, str]] = set()  # vehicles and the members for which they do not wait again
+        self._asked: dict[str, tuple[float, Wanted]] = {}  # when each that is let in last wanted room [s], and which
+        self._has_waited: set[tuple[str, str]] = set()  # vehicles, and those for which they do not wait again
 
     def observe(
         self,
@@ -97,19 +98,19 @@ class LettingIn:
     def _first(
         self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]], unwilling: Set[str]
     ) -> str | None:
-        """The first vehicle on a lane that can stop at a distance behind a member's front."""
+        """The first vehicle on the wanted lane that can leave the room; for one of SUMO's only a member."""
         if self._lane(name, where).rpartition("_")[0] != wanted.lane.rpartition("_")[0]:
             return None
-        before = self._front(name, wanted.lane, where) - wanted.behind
+        before, place = self._front(name, wanted.lane, where) - wanted.behind, self._sumo.vehicle.getLanePosition
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
-            if name not in where and foe not in where:
+            if name not in where and (foe not in where or place(foe) < before - NEAR):
                 continue  # SUMO's let each other in
             if foe not in unwilling and self._can_stop(foe, before) and (foe, name) not in self._has_waited:
                 return foe
         return None
 
     def _place(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
-        """Where a member is to stop on its lane: behind another one's rear, or nearer where it cannot [m]."""
+        """Where a member is to stop on its lane: behind the other one's rear, or nearer where it cannot [m]."""
         front = self._front(name, wanted.lane, where)
         rear = front - max(self._sumo.vehicle.getLength(name), wanted.behind)
         return rear if self._can_stop(foe, rear) else front - wanted.behind
@@ -120,7 +121,7 @@ class LettingIn:
         return self._sumo.vehicle.getLanePosition(vehicle) + speed**2 / (2 * BRAKING) <= before
 
     def _front(self, name: str, lane: str, where: Mapping[str, tuple[str, str]]) -> float:
-        """Place of a member's front beside a lane [m]."""
+        """Place of a vehicle's front beside a lane [m]."""
         length = self._sumo.lane.getLength
         return self._sumo.vehicle.getLanePosition(name) + length(lane) - length(self._lane(name, where))
 

@@ -26,10 +26,10 @@ OWN_GAP = 4.0  # that a member of a car's length leaves in a queue [m]
 
 
 class Wanted(NamedTuple):
-    """Room for a lane change, as a member wants it."""
+    """Room for a lane change, as a vehicle wants it."""
 
     lane: str
-    behind: float  # distance behind the member's front at which a vehicle there must stand to leave it [m]
+    behind: float  # distance behind its front at which a vehicle there must stand to leave it [m]
     begun: bool  # it is going over, and is not on that lane yet
     urgent: bool = False  # its lane ends soon
 

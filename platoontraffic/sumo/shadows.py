@@ -11,6 +11,10 @@ of a vehicle in the middle of its lane. So a member whose shadow is missing is i
   and this is done again before each step);
 - to remove a shadow, as for one to the left, with its true width.
 
+Of the bodies that overlap a lane from elsewhere SUMO's drivers see the one that is next in the order in which they were
+inserted. So the rear of a vehicle that stands on the junction behind the lane would hide a shadow that is inserted in
+every step; there a member in left-hand traffic keeps to its own lane.
+
 A member gets no shadow on a lane where the front of another vehicle is beside it. That vehicle would take the shadow
 for a leader into which it has driven; it would brake hard or change lanes, even into the member. In a bend bodies come
 near the border of their lanes for a moment.
@@ -130,7 +134,9 @@ class Shadows:
                 continue
             if side := self._wanted(mover, seen):
                 self._keep_lanes(mover, seen, (2 * side,))
-            if side != self._side[mover.id] and not (side and self._is_before_a_front(mover, seen, side)):
+            if side == self._side[mover.id] or (side and self._is_before_a_front(mover, seen, side)):
+                continue
+            if not (side == RIGHT and self._mirror < 0 and self._has_a_rear_on_it(seen.lane)):
                 missing.append((self._sumo.vehicle.getLanePosition(mover.id), mover, seen, side))
         # SUMO's driver sees the shadow that was inserted last, and earlier ones only if they are further ahead.
         for _, mover, seen, side in sorted(missing, key=lambda one: one[0]):
@@ -182,6 +188,16 @@ class Shadows:
         lane = int(index) + left
         is_there = 0 <= lane < self._lane_number(edge)
         return self._sumo.lane.getLastStepVehicleIDs(f"{edge}_{lane}") if is_there else ()
+
+    def _has_a_rear_on_it(self, lane: str) -> bool:
+        """Whether the rear of a vehicle that has left the lane is still on it."""
+        vehicle, lanes = self._sumo.vehicle, self._sumo.lane
+        for onto, *_, via, _, _, length in lanes.getLinks(lane):
+            for there, beyond in ((via, 0.0), (onto, length)):
+                for name in lanes.getLastStepVehicleIDs(there) if there else ():
+                    if beyond + vehicle.getLanePosition(name) < vehicle.getLength(name):
+                        return True
+        return False
 
     def _insert(self, mover: Mover, seen: _Seen, side: int) -> None:
         """Insert a vehicle anew, so that its shadow is on this side."""

@@ -101,9 +101,9 @@ class StopLines:
         self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet
         self._far: dict[str, FarLine] = {}  # of members that had one at the last look
         self._blocked_changes: dict[str, _Blocked] = {}  # of each member that cannot begin its lane change now
-        # Routes with a later or shorter lane change.
-        self._later = Once(lambda of: with_later_change(*of[:3], network, of[4], of[3]))
-        self._beyond = Once(lambda of: with_change_beyond(*of[:2], network, of[2]))
+        # Other routes, by route, lane change, by how much it is later, vehicle model, and its greatest length.
+        self._later = Once(lambda key: with_later_change(*key[:3], network, *key[3:]))
+        self._beyond = Once(lambda key: with_change_beyond(*key[:2], network, key[2]))  # by route, change, model
 
     @property
     def room_wanted(self) -> Mapping[str, Wanted]:
@@ -169,6 +169,7 @@ class StopLines:
         return fleet
 
     def _with_later_change(self, fleet: Fleet, row: int) -> Fleet:
+        """The fleet with another route for one of these members, and for those behind it where they change beyond."""
         member, speed = fleet.members[row], float(fleet.motion.speed[row])
         change, passed, free = self._blocked_changes[member.id]
         if change not in member.route.lines:  # put off just now, with its leader's
@@ -177,7 +178,7 @@ class StopLines:
         longest, step = width * math.ceil(CHANGE_TIME * speed / width), CHANGE_AFTER * width
         by = step * max(math.ceil(LOOKS_EVERY * speed / step), 1)
         moves_on = passed and free > by + change.across
-        here = self._later[member.route, change, by if moves_on else 0.0, longest, member.model]
+        here = self._later[member.route, change, by if moves_on else 0.0, member.model, longest]
         if here and moves_on:
             return fleet.with_route(row, here, WINDOW)
         if free == math.inf and self._beyond[member.route, change, member.model]:

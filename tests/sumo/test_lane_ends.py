@@ -54,6 +54,11 @@ def test_a_vehicle_that_stands_at_the_end_of_its_lane_wants_over(road, wants):
         assert not found["bus"].begun
 
 
+def test_a_member_at_the_end_of_its_lane_asks_by_itself():
+    """By `StopLines.room_wanted`."""
+    assert not LaneEnds(Road().client).room_wanted(MEMBERS, {**MEMBERS, "bus": ("road", "road_0")})
+
+
 def test_ends_of_lanes_are_looked_at_once_a_second():
     road = Road()
     ends = LaneEnds(road.client)

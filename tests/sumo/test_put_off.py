@@ -61,6 +61,17 @@ def test_those_that_have_begun_it_keep_it(fleet_and_lines):
     assert changes(lines._with_later_change(fleet, 0)) == ["e1_e2", "e1_e2", "e0_e1", "e1_e2"]
 
 
+@pytest.mark.parametrize(("free", "is_later"), [(200.0, True), (40.0, False)])
+def test_it_moves_on_beside_vehicles_that_pass_but_not_into_a_queue(fleet_and_lines, free, is_later):
+    fleet, lines, change = fleet_and_lines
+    lines._blocked_changes = {fleet.ids[0]: _Blocked(change, True, free)}
+    speed = np.full(len(fleet), 12.0)
+    fleet = changed(fleet, motion=replace(fleet.motion, speed=speed))
+    after = lines._with_later_change(fleet, 0).members[0].route
+    (station,) = (one.station for one in after.lines if one.state == CHANGING and one.lane == change.lane)
+    assert (station > change.station + 10.0) == is_later
+
+
 @pytest.mark.parametrize("free", [40.0, inf])
 def test_it_is_put_off_only_where_no_queue_stands_on_the_lane(fleet_and_lines, free):
     fleet, lines, change = fleet_and_lines

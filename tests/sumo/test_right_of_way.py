@@ -320,6 +320,19 @@ def test_a_member_does_not_begin_to_change_lanes_where_a_queue_would_stop_it_acr
 
 
 @pytest.mark.sumo
+def test_a_member_lets_a_car_in_that_stands_at_the_end_of_its_lane(scene):
+    """The car may not change lanes by itself here, so the member waits in vain, and drives on."""
+    at_end = [("c", ("west_in", "north_out"), 490.0, 0.0, 0)]
+    seen, _ = scene("cross", ("west_in", "east_out"), at_end, 70.0, position=300.0, lane=1, speed=9.0)
+    time, x, _, speed = track(seen)
+    front, rear = x + CAR.length / 2, track(seen, "c")[1][0] - 2.5
+    stands = speed < 0.1
+    assert 8.0 < np.ptp(time[stands]) < 20.0
+    assert rear - 6.0 < front[stands].max() < rear
+    assert front[-1] > rear + 20.0
+
+
+@pytest.mark.sumo
 def test_a_member_gives_way_at_a_light_that_is_off(scene):
     column = [(f"c{k}", MAJOR, 440.0 - 20 * k, 10.0) for k in range(5)]
     seen, _ = scene(

@@ -183,6 +183,10 @@ def test_of_two_members_that_go_over_to_one_lane_from_both_sides_one_waits():
     change.begin_look()
     assert change.may_change(right, -0.5, first) == np.inf  # it is ahead
     assert change.may_change(left._replace(to_end=70.5), -0.5, second) < np.inf
+    del places["road_0"][0]
+    change.members = frozenset({"m.1"})
+    change.begin_look()
+    assert change.may_change(left._replace(to_end=70.5), -0.5, second) == np.inf  # the other one has left
 
 
 def client_of(places: dict[str, list[tuple[str, float]]]) -> SimpleNamespace:

@@ -371,3 +371,36 @@ def test_a_vehicle_beside_one_that_gets_a_shadow_to_the_right_changes_no_lanes_i
 def test_a_vehicle_beyond_the_lane_of_a_shadow_changes_no_lanes_beside_it(index, lateral, other, its_front, stays):
     """It and the member went over to the lane between them at the same time."""
     assert beside(index, lateral, other, its_front, lanes=3).modes[:2] == ([0, 1621] if stays else [])
+
+
+@pytest.mark.sumo
+def test_in_left_hand_traffic_the_rear_of_who_has_left_the_lane_does_not_hide_a_member(tmp_path):
+    """Cars drove into members between two lanes where a vehicle stood on the junction with its rear on their lane."""
+    network, speed = Network.read(LEFT_HAND.net), 3.0
+    edge, start = "em", 130.0
+    member = _member(network, "car 0", edge, 1, start)
+    with World(network, STEP, 1, tmp_path / "words.log", {"lanechange.duration": "5"}) as world:
+        fleet = world.deploy(Fleet.deployed([member], STEP))
+        road = LEFT_HAND._replace(edges=("em", "mw"))
+        _insert("behind", road, 2, 10.0)
+        _insert("ahead", road, 2, 0.1)
+        world.place(fleet)
+        fleet = world.advance(fleet)
+        libsumo.vehicletype.setLength("ahead", 40.0)
+        _put("ahead", "mw", 2, 2.0, 0.0)  # its rear is on the lane before the junction
+        libsumo.vehicle.setSpeed("ahead", 0.0)
+        _put("behind", edge, 2, start - CAR.length - 8.0, 6.0)
+        gaps = []
+        for time in np.arange(40) * STEP:
+            x, y, heading = network.lane_pose(edge, 1, start + speed * (time + STEP))
+            right = network.lane_width(edge, 1) * np.clip((time + STEP) / 4.0, 0.0, 1.0)
+            x, y = x + right * np.sin(heading), y - right * np.cos(heading)
+            pose = x - CAR.length / 2 * np.cos(heading), y - CAR.length / 2 * np.sin(heading), heading
+            motion = Motion.at_rest(*np.array([pose]).T)
+            fleet = replace(fleet, motion=replace(motion, speed=np.full(1, speed)))
+            world.place(fleet)
+            fleet = world.advance(fleet)
+            places = (libsumo.vehicle.getLanePosition(name) for name in ("car 0", "behind"))
+            gaps.append(next(places) - CAR.length - next(places))
+        assert libsumo.vehicle.getLaneID("car 0") == "em_2"
+    assert min(gaps) > 1.0
