@@ -9,7 +9,7 @@ import numpy as np
 from platoontraffic.controllers import path, steering
 from platoontraffic.controllers.path import BESIDE, LINE, LOST, OBSTACLE, PREDECESSOR
 from platoontraffic.controllers.tracker import bends_kernel, own_motion, records
-from platoontraffic.controllers.tracker.bends_kernel import BRAKING, acceleration_along
+from platoontraffic.controllers.tracker.bends_kernel import BRAKING, acceleration_along, acceleration_in
 from platoontraffic.controllers.tracker.own_motion import STILL
 from platoontraffic.controllers.tracker.records import ACCELERATION, CUTS_IN, OVERHANG, SPEED
 from platoontraffic.lidar.compiled import compiler
@@ -27,13 +27,13 @@ STEEPEST = 0.35  # sine of the greatest angle of the return to the trail
 NOTICED = 0.4  # time after which its braking shows in its measured speed [s]
 OPENING = 2.0  # time in which a gap that is too short for its hardest braking is opened [s]
 EMERGENCY = 0.75  # share of its hardest braking from which, if it is needed, it brakes hardest: estimates are late
-ASTRAY = 0.7  # offset from the trail beyond which its own bend limits its speed [m]
+ASTRAY = 0.7  # offset from its route up to which it drives the bends of that, and beyond which those of the trail [m]
 
 curvature_back = compiled(steering.curvature_back)
 
 
 @compiled
-def pursue(speed, last, body, mount, fitted, line, track, ahead, obstacle, on_route, route_curvature, gains, dt, found):
+def pursue(speed, last, body, mount, fitted, line, track, ahead, obstacle, on_route, route, gains, dt, found):
     """Fill in `tracking.Pursuit`: stages 2 to 4 of the law.
 
     last            : acceleration that was commanded [m/s2], (n,)
@@ -42,9 +42,11 @@ def pursue(speed, last, body, mount, fitted, line, track, ahead, obstacle, on_ro
     line            : `DriveLine`
     track, ahead    : `Track` of the predecessor now, `Ahead` of the trail
     obstacle        : `tracking.Obstacle`
-    on_route        : the route is driven, not the trail, bool (n,), by the curvature `route_curvature`, (n,) [1/m]
+    on_route        : the route is driven, not the trail, bool (n,)
+    route           : offset from it [m], inf where there is none; and curvature by which it is driven [1/m], (n,) each
     gains           : `tracking.Gains`
     """
+    off_route, route_curvature = route
     for i in range(len(speed)):
         v, reaction = speed[i], body.brake_lag[i] + dt / 2  # from a scan to the effect of the brakes
         errors = ahead.offset[i], ahead.off_heading[i]
@@ -70,9 +72,12 @@ def pursue(speed, last, body, mount, fitted, line, track, ahead, obstacle, on_ro
             brake = np.minimum(brake, _open_gap(v, to_obstacle, its_speed, reaction, gains))
         elif math.isfinite(its_speed) and track.blind[i] > 0:  # a predecessor that it hides is no reason to speed up
             wanted = np.minimum(wanted, 0.0)
-        planned = reaction + BRAKING * gains.braking / (2 * gains.jerk)
-        steepest = fitted.steepest_bend[i]
-        found.bends[i] = acceleration_along(ahead.bend[i], ahead.distance[i], curvature, v, planned, steepest, gains)
+        found.bends[i] = acceleration_in(curvature, v, gains)
+        # On its route `alone` plans for the bends of that; those of the trail are known by errors.
+        if not (on_route[i] or abs(off_route[i]) <= ASTRAY):
+            planned, steepest = reaction + BRAKING * gains.braking / (2 * gains.jerk), fitted.steepest_bend[i]
+            bends = acceleration_along(ahead.bend[i], ahead.distance[i], v, planned, steepest, gains)
+            found.bends[i] = np.minimum(found.bends[i], bends)
         found.curvature[i], found.wanted[i], found.needed[i] = curvature, wanted, np.minimum(needed, brake)
 
 

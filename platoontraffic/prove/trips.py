@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -94,7 +95,8 @@ def _attempts(network, starts, targets, count, rng, room, radius) -> Iterator[Tr
 
 def _changes_at_once(lines: Sequence[Line]) -> bool:
     """Whether the start leaves too little road for a lane change before the first junction."""
-    return bool(lines) and lines[0].state == CHANGING and lines[0].across < SHORTEST_CHANGE
+    changes = list(takewhile(lambda line: line.state == CHANGING, lines))
+    return bool(changes) and sum(line.across for line in changes) < SHORTEST_CHANGE
 
 
 def cut(network: Network, route: list[str], longest: float) -> list[str]:

@@ -21,7 +21,7 @@ from platoontraffic.road.drivable_line import spread, stations_of
 from platoontraffic.road.turning import tight_turns
 
 EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car, which has 0.7 m beside it in its lane
-WIDEST = 1.0  # greatest width of the average that easing amounts to [vehicle lengths]: w is its 6th power, in points
+WIDEST = 1.5  # greatest width of the average that easing amounts to [vehicle lengths]: w is its 6th power, in points
 LEVELS = 10  # widths that are tried
 TAIL = 16.0  # beyond so many widths a point has no influence
 ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]: averages make tight arcs a little tighter

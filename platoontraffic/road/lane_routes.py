@@ -22,6 +22,7 @@ CHANGING = "change"  # state of a line where a change of lanes begins
 CHANGE_AFTER = 5.0  # distance of a lane change from the begin of its edge [lane widths]: 16 m in streets
 CHANGE_LENGTH = 12.0  # length of a change over one lane [lane widths]: 38 m, or 3 s at 13 m/s
 SHORTEST_CHANGE = 5.0  # the same where there is little room [lane widths]: 16 m
+BETWEEN = 3.0  # length of lane between two changes, on which a car stands straight [lane widths]: 10 m
 ROOM_SHARE = 0.6  # of the rest of the lane that a change takes then, so that it ends before a queue at the line
 ENOUGH_ROOM = 80.0  # length of lane with which a lane change has all the room that it needs, in traffic too [m]
 ABREAST = 2.2  # distance of lanes on which cars drive side by side with some room [m]
@@ -33,7 +34,9 @@ EARLIEST_SHARE = 0.1  # share of a short edge that precedes a lane change, and t
 
 
 class Line(NamedTuple):
-    """A stop line: where a lane ends at a junction, and the right of way there; or where a lane change begins."""
+    """A stop line: where a lane ends at a junction, and the right of way there; or where a change to the adjacent lane
+    begins.
+    """
 
     station: float  # on the route [m]
     state: str  # SUMO's link state: M and G have priority, m, s and w yield; or CHANGING
@@ -140,11 +143,11 @@ class LaneRoute:
         position : on the lane, before which it is not changed [m]
         longest  : greatest length of a change over one lane [m]
         """
-        points, before, change = _crossing_over(lane, link.getFromLane(), position, longest)
-        if lane is not link.getFromLane():
-            sides, to_end = (lane.getID(), link.getFromLane().getID()), _length(points) - before
-            aside = _aside(lane, link.getFromLane())
-            self.lines.append(Line(self._length() + before, CHANGING, "", 0, *sides, (), change, to_end, aside))
+        points, begins, change = _crossing_over(lane, link.getFromLane(), position, longest)
+        for (here, there), before in zip(pairwise(_from_lane_to_lane(lane, link.getFromLane())), begins, strict=True):
+            sides, to_end = (here.getID(), there.getID()), _length(points) - before
+            at, aside = self._length() + before, _aside(here, there)
+            self.lines.append(Line(at, CHANGING, "", 0, *sides, (), change, to_end, aside))
         self.parts.append(points)
         self.limits.append(lane.getSpeed())
         across = inside(link, self.net)
@@ -198,28 +201,46 @@ def change_length(width: float, longest: float) -> float:
     return min(CHANGE_LENGTH * width, max(longest, SHORTEST_CHANGE * width))
 
 
-def _crossing_over(lane: Any, other: Any, position: float, longest: float) -> tuple[np.ndarray, float, float]:
-    """A line along a lane that crosses over to another lane of the same edge.
+def changes_length(width: float, longest: float, count: int) -> float:
+    """Length of changes over so many lanes of a width, as `change_length` [m]."""
+    return count * change_length(width, longest) + (count - 1) * BETWEEN * width
+
+
+def _from_lane_to_lane(lane: Any, other: Any) -> list[Any]:
+    """The lanes of an edge from one to another, both included."""
+    first, last = lane.getIndex(), other.getIndex()
+    step = 1 if first < last else -1
+    return [lane.getEdge().getLane(k) for k in range(first, last + step, step)]
+
+
+def _crossing_over(lane: Any, other: Any, position: float, longest: float) -> tuple[np.ndarray, list[float], float]:
+    """A line along a lane that crosses over to another lane of the same edge, lane by lane.
 
     position : after which it does [m]
     longest  : greatest length of that over one lane [m]
-    returns  : its points (k, 2) [m], where the change begins [m], its length [m]
+    returns  : its points (k, 2) [m], where each change over one lane begins [m], the length of each [m]
     """
-    line, beside = LineString(lane.getShape()), LineString(other.getShape())
     if lane is other:
-        return _line_of(lane), 0.0, 0.0
-    lanes = abs(lane.getIndex() - other.getIndex()) / line.length
-    over, wanted = lane.getWidth() * lanes, change_length(lane.getWidth(), longest) * lanes
+        return _line_of(lane), [], 0.0
+    lines = [LineString(one.getShape()) for one in _from_lane_to_lane(lane, other)]
+    length, count = lines[0].length, len(lines) - 1
+    shortest, wanted = (changes_length(lane.getWidth(), most, count) / length for most in (0.0, longest))
     # As early as that, or as early as its length needs; but not before the position, if that leaves room.
-    begin = min((position + CHANGE_AFTER * lane.getWidth()) / line.length, max(1 - wanted, EARLIEST_SHARE))
-    begin = max(begin, min(position / line.length, 1 - min(SHORTEST_CHANGE * over, EARLIEST_SHARE)))
-    change = min(wanted, max(SHORTEST_CHANGE * over, ROOM_SHARE * (1 - begin)), 1 - begin)
-    ends = [one.project(Point(p), normalized=True) for one in (line, beside) for p in one.coords]
-    share = np.unique([*ends, begin, begin + change])
-    points = shapely.line_interpolate_point(np.array([line, beside])[:, None], share, normalized=True)
-    begun, ended = shapely.get_coordinates(points).reshape(2, -1, 2)
-    points = begun + np.clip((share - begin) / change, 0.0, 1.0)[:, None] * (ended - begun)
-    return points, begin * line.length, change * line.length
+    begin = min((position + CHANGE_AFTER * lane.getWidth()) / length, max(1 - wanted, EARLIEST_SHARE))
+    begin = max(begin, min(position / length, 1 - min(shortest, EARLIEST_SHARE)))
+    whole = min(wanted, max(shortest, ROOM_SHARE * (1 - begin)), 1 - begin)
+    change = change_length(lane.getWidth(), longest) / length * whole / wanted
+    begins = np.linspace(begin, begin + whole - change, count)
+    ends = [one.project(Point(p), normalized=True) for one in lines for p in one.coords]
+    share = np.unique([*ends, *begins, *(begins + change)])
+    crossed = np.clip((share[:, None] - begins) / change, 0.0, 1.0).sum(axis=1)
+    left = np.minimum(crossed.astype(int), count - 1)
+    here, there = (
+        shapely.get_coordinates(shapely.line_interpolate_point(np.array(lines)[k], share, normalized=True))
+        for k in (left, left + 1)
+    )
+    points = here + (crossed - left)[:, None] * (there - here)
+    return points, (begins * length).tolist(), change * length
 
 
 def _aside(lane: Any, other: Any) -> float:

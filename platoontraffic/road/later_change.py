@@ -7,11 +7,12 @@ less road the change takes. Where its lane leads on to the next edge of its rout
 from __future__ import annotations
 
 import math
+from itertools import takewhile
 
 import numpy as np
 
 from platoontraffic.errors import InputError
-from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, ENOUGH_ROOM, Change, Line, change_length
+from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, ENOUGH_ROOM, Change, Line, changes_length
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.motion import VehicleModel
@@ -27,18 +28,21 @@ SPACING = 0.5  # of points there [m]
 def with_later_change(
     route: Route, change: Line, by: float, network: Network, model: VehicleModel, longest: float = math.inf
 ) -> Route | None:
-    """The route with one of its lane changes later by a distance [m], or by less where its lane ends.
+    """The route with one of its lane changes, and those behind it on its edge, later by a distance [m], or by less
+    where its lane ends.
 
     longest: greatest length of that change over one lane [m]
     returns: a route whose stations before the change are those of the given one; None on a loop, or where there is no
              room for it
     """
-    (edge, _, lane), target = change.lane.rpartition("_"), change.onto.rpartition("_")[2]
+    edge, _, lane = change.lane.rpartition("_")
     width, shape = network.lane_width(edge, int(lane)), network.route_line((edge,), int(lane))
-    whole = change_length(width, longest) * abs(int(target) - int(lane))
+    changes = list(takewhile(lambda line: line.state == CHANGING, route.lines[route.lines.index(change) :]))
+    target, across = changes[-1].onto.rpartition("_")[2], changes[-1].station + changes[-1].across - change.station
+    whole = changes_length(width, longest, len(changes))
     begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
     later = min(begin + by, begin + change.to_end - whole - model.length)  # so that it comes to the line straight
-    is_worth_it = later >= begin + AT_LEAST * model.length or (later >= begin and whole < SHORTER * change.across)
+    is_worth_it = later >= begin + AT_LEAST * model.length or (later >= begin and whole < SHORTER * across)
     if route.closed or not is_worth_it:
         return None
     first = Change(0, int(lane), int(target))
@@ -49,7 +53,7 @@ def with_later_change(
 
 
 def with_change_beyond(route: Route, change: Line, network: Network, model: VehicleModel) -> Route | None:
-    """The route without a lane change on its edge, and with others beyond instead.
+    """The route without one of its lane changes, and those behind it on its edge, and with others beyond instead.
 
     returns: as of `with_later_change`; None also where its lane does not lead on, or there would be less room for it
     """
@@ -60,7 +64,7 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
         onward, before = _onward(route, change, Change(0, int(lane), int(lane)), network, model)
     except InputError:
         return None
-    room = min((line.to_end for line in onward.lines if line.state == CHANGING), default=math.inf)
+    room = next((line.to_end for line in onward.lines if line.state == CHANGING), math.inf)
     if room < min(change.to_end, ENOUGH_ROOM):
         return None
     shape = network.route_line((edge,), int(lane))
@@ -82,12 +86,16 @@ def _onward(
 ) -> tuple[Route, int]:
     """A route from the edge of a lane change on, with another one there, and the number of its lines before that edge.
 
-    It begins with the edge before, if there is one, so that the bend between the two is rounded as on the given route.
+    It begins with the edge before, if there is one, so that the bend between the two is rounded as on the given route;
+    but after another lane change on the same edge.
 
     first: the lane change there, with the edge's number from there
     """
-    junctions = [line for line in route.lines[: route.lines.index(change)] if line.state != CHANGING]
-    before, start = (1, int(junctions[-1].lane.rpartition("_")[2])) if junctions else (0, first.lane)
+    lines = route.lines[: route.lines.index(change)]
+    junctions = [line for line in lines if line.state != CHANGING]
+    before, start = 0, first.lane
+    if lines and lines[-1].state != CHANGING:
+        before, start = 1, int(lines[-1].lane.rpartition("_")[2])
     edges, first = route.edges[len(junctions) - before :], first._replace(edge=before)
     onward = Route.along(edges, *network.route_lanes(edges, start, False, position, first, longest))
     return onward.drivable_by(model), before

@@ -22,6 +22,7 @@ QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/
 QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
 LOOKS_AHEAD = 10.0  # a lane change is urgent where the lane ends within this time at its speed limit, as SUMO's is [s]
+ENTRY = 40.0  # length of the begin of a lane that is kept free of cars that wait for room [m]
 OWN_GAP = 4.0  # that a member of a car's length leaves in a queue [m]
 
 
@@ -58,35 +59,33 @@ class RoomToChange:
         self.wanted.clear()
 
     def may_change(self, line: Line, distance: float, ego: Ego) -> float:
-        """Distance at which a vehicle must stop because there is no room on a lane that it crosses or changes to [m].
+        """Distance at which a vehicle must stop because there is no room on the lane that it changes to [m].
 
         distance : to the begin of the lane change; negative: it has begun [m]
-        returns  : to where it still is on the lane before, but at once where it has begun to go over to the next one,
-                   for the less it has done so, the better others pass it; inf: there is room, or it is on all those
-                   lanes already
+        returns  : to where it still is on the lane before, but at once where it has begun to go over, for the less it
+                   has done so, the better others pass it; inf: there is room, or it is on that lane already
 
         A queue ahead leaves no room to begin: it would stand across both lanes. It is waited for, but not for ever, and
         not while it is let in.
         """
-        crossed = _crossed(line)
-        share = line.across / len(crossed)
+        stop, half = distance + COMMITTED * line.across, distance + 0.5 * line.across
         patient = self._now.waited[ego.id] < QUEUE_PATIENCE and ego.id not in self._let_in
         queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
-        for k, one in enumerate(crossed):
-            stop = distance + (k + COMMITTED) * share
-            half = distance + (k + 0.5) * share
-            if stop > 0 and (queue or not self._is_room(one, distance, half, ego)):
-                self._want(line, one.onto, distance, half, ego)
-                return min(stop, ego.stops_within) if distance + k * share < 0 else stop
+        if stop > 0 and (queue or not self._is_room(line, distance, half, ego)):
+            self._want(line, distance, half, ego)
+            return min(stop, ego.stops_within) if distance < 0 else stop
         if distance < 0 and ego.lane != line.onto:
-            self._want(line, line.onto, distance, max(distance + 0.5 * line.across, 0.0), ego)
+            self._want(line, distance, max(half, 0.0), ego)
         return inf
 
-    def _want(self, line: Line, lane: str, distance: float, half: float, ego: Ego) -> None:
-        """half: distance after which half of the member is over on the lane [m]"""
+    def _want(self, line: Line, distance: float, half: float, ego: Ego) -> None:
+        """Of several changes on its edge the first one counts.
+
+        half: distance after which half of the member is over on the lane [m]
+        """
         behind = ego.length + room_needed(ego.length, 0.0, 0.0) - half
         urgent = distance + line.to_end < LOOKS_AHEAD * self._now.max_speed[line.lane]
-        self.wanted[ego.id] = Wanted(lane, behind, distance < 0, urgent)
+        self.wanted.setdefault(ego.id, Wanted(line.onto, behind, distance < 0, urgent))
 
     def is_beside(self, line: Line, ego: Ego) -> bool:
         """Whether a slow vehicle that is not yet on its lane has another one there with its rear beside the own front.
@@ -113,16 +112,25 @@ class RoomToChange:
                     return True
         return False
 
-    def is_passed_soon(self, line: Line, distance: float, ego: Ego) -> bool:
+    def has_hardly_begun(self, line: Line, over: float) -> bool:
+        """Whether a vehicle is still within its own lane at a distance beyond the begin of its lane change [m]."""
+        return over < COMMITTED * line.across
+
+    def is_better_later(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether a vehicle without room for its lane change should look for it further on.
+
+        Where it would stand near the begin of a long lane, those behind it stand on the junction before.
+        """
+        is_urgent = distance + line.to_end < LOOKS_AHEAD * self._now.max_speed[line.lane]
+        blocks_junction = self._begin(line) < ENTRY * ego.size and not is_urgent
+        return blocks_junction or self._is_passed_soon(line, distance, ego)
+
+    def _is_passed_soon(self, line: Line, distance: float, ego: Ego) -> bool:
         """Whether all vehicles that leave no room for a lane change here are faster, and none of them is in a queue."""
         if self._queue_within(line, distance, ego):
             return False
-        crossed = _crossed(line)
-        for k, one in enumerate(crossed):
-            for name in self._blocking(one, distance, distance + (k + 0.5) * line.across / len(crossed), ego):
-                if self._now.speed[name] < ego.speed + PASSES_BY:
-                    return False
-        return True
+        blocking = self._blocking(line, distance, distance + 0.5 * line.across, ego)
+        return all(self._now.speed[name] >= ego.speed + PASSES_BY for name in blocking)
 
     def free_road(self, line: Line, distance: float, ego: Ego) -> float:
         """Distance from the begin of a lane change to the next vehicle in a queue on the lane before [m]; inf: none."""
@@ -135,11 +143,11 @@ class RoomToChange:
         return self._now.lane_length[line.lane] - line.to_end
 
     def _is_room(self, line: Line, distance: float, half: float, ego: Ego) -> bool:
-        """Whether there will be room on one lane, and no vehicle there will have to brake hard; as `_blocking`."""
+        """Whether there will be room, and no vehicle will have to brake hard; as `_blocking`."""
         return next(self._blocking(line, distance, half, ego), None) is None
 
     def _blocking(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[str]:
-        """Vehicles on one lane that leave no room, or would have to brake hard.
+        """Vehicles on the adjacent lane that leave no room, or would have to brake hard.
 
         half : distance after which half of the member is over there: until then SUMO's drivers do not see it [m]
         """
@@ -172,8 +180,8 @@ class RoomToChange:
         """
         now = self._now
         begin = self._begin(line)
-        leaves = begin + line.across / len(_crossed(line))
-        end, stands = begin + line.across + OWN_GAP * ego.size, QUEUE_STANDS * ego.size
+        leaves, stands = begin + line.across, QUEUE_STANDS * ego.size
+        end = leaves + OWN_GAP * ego.size
         for lane, until in ((line.lane, leaves), (line.onto, end)):
             for name in now.on_lane[lane]:
                 if name != ego.id and now.speed[name] < stands:
@@ -207,11 +215,3 @@ class RoomToChange:
                     if name == line.onto:
                         return
                     break
-
-
-def _crossed(line: Line) -> list[Line]:
-    """A lane change by each lane that it leads onto, in their order."""
-    edge, _, first = line.lane.rpartition("_")
-    here, there = int(first), int(line.onto.rpartition("_")[2])
-    step = 1 if there > here else -1
-    return [line._replace(onto=f"{edge}_{k}") for k in range(here + step, there + step, step)]

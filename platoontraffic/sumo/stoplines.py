@@ -76,10 +76,11 @@ class FarLine(NamedTuple):
 
 
 class _Blocked(NamedTuple):
-    """A lane change that cannot begin now."""
+    """A lane change that cannot begin now, or not go on."""
 
     line: Line
-    passed: bool  # the vehicles in its way pass it soon
+    over: float  # distance driven since its begin [m]; negative: ahead of it
+    further: bool  # there may be room further on
     free: float  # from its begin to the next vehicle in a queue on the lane before [m]; inf: there is none
 
 
@@ -171,16 +172,18 @@ class StopLines:
     def _with_later_change(self, fleet: Fleet, row: int) -> Fleet:
         """The fleet with another route for one of these members, and for those behind it where they change beyond."""
         member, speed = fleet.members[row], float(fleet.motion.speed[row])
-        change, passed, free = self._blocked_changes[member.id]
+        change, over, further, free = self._blocked_changes[member.id]
         if change not in member.route.lines:  # put off just now, with its leader's
             return fleet
         width = self._sumo.lane.getWidth(change.lane)
         longest, step = width * math.ceil(CHANGE_TIME * speed / width), CHANGE_AFTER * width
-        by = step * max(math.ceil(LOOKS_EVERY * speed / step), 1)
-        moves_on = passed and free > by + change.across
+        by = step * max(math.ceil((max(over, 0.0) + LOOKS_EVERY * speed) / step), 1)
+        moves_on = further and free > by + change.across
         here = self._later[member.route, change, by if moves_on else 0.0, member.model, longest]
         if here and moves_on:
             return fleet.with_route(row, here, WINDOW)
+        if over > 0:
+            return fleet
         if free == math.inf and self._beyond[member.route, change, member.model]:
             for i, line in [(row, change), *_behind_before(fleet, row, change)]:
                 if beyond := self._beyond[fleet.members[i].route, line, fleet.members[i].model]:
@@ -262,6 +265,8 @@ class StopLines:
             ego = self._on_its_route(passed, over, ego)
         may_stop = passed and (ego.lane in passed.via or passed.state == CHANGING)
         if may_stop and (state := self._passed(self._at_junction[passed, ego.kind], over, ego)):
+            if passed.state == CHANGING and self._change.has_hardly_begun(passed, over):
+                self._note_blocked(passed, -over, ego)
             return state
         if not lines:
             return NO_LINE
@@ -333,8 +338,7 @@ class StopLines:
         if line.state == CHANGING:
             is_open = not near or ego.lane == line.onto or self._change.may_change(line, distance, ego) == np.inf
             if not is_open:
-                passed = self._change.is_passed_soon(line, distance, ego)
-                self._blocked_changes[ego.id] = _Blocked(line, passed, self._change.free_road(line, distance, ego))
+                self._note_blocked(line, distance, ego)
             return LineState(distance, is_open, False, False, LANE_CHANGE)
         line = self._at_junction[line, ego.kind]
         state, conflicts = self._link_state(line), self._conflicts[line]
@@ -362,6 +366,13 @@ class StopLines:
             stop = min(conflicts.waits, self._midway(line, 0.0))
             return LineState(distance + stop, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
+
+    def _note_blocked(self, change: Line, distance: float, ego: Ego) -> None:
+        """Of several on its edge the first one counts."""
+        if ego.id not in self._blocked_changes:
+            further = self._change.is_better_later(change, distance, ego)
+            free = self._change.free_road(change, distance, ego)
+            self._blocked_changes[ego.id] = _Blocked(change, -distance, further, free)
 
     def _link_state(self, line: Line) -> str:
         """State of the link beyond a line now, as SUMO writes it; but equal where the network gives nobody priority."""

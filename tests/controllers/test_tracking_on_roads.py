@@ -116,6 +116,39 @@ def test_a_platoon_changes_lanes_behind_a_sumo_driven_leader(tmp_path):
     assert sideways == pytest.approx(3.5 / 30, rel=0.2)  # a lane's width in three seconds
 
 
+TURNS_RIGHT = """
+[sumo]
+net = "{net}"
+traffic = false
+[scene]
+walls = "none"
+[run]
+duration_s = 30.0
+step_s = 0.1
+[[platoon]]
+size = 5
+gap_m = 4.0
+vehicle = "car"
+start = {{ edge = "west_in", position_m = 440.0, speed_mps = 5.0 }}
+route = ["west_in", "south_out"]
+leader = {{ law = "path", lidar = "car-leader", odometry = "car" }}
+follower = {{ law = "tracking", policy = "obey", on_loss = "drive", odometry = "car" }}
+"""
+
+
+def test_followers_take_a_sharp_turn_of_their_route_as_fast_as_their_leader(tmp_path):
+    """By the bends of the trail, which is estimated, each was a fourth slower; the last ones missed green lights."""
+    file = tmp_path / "turns_right.toml"
+    file.write_text(TURNS_RIGHT.format(net=(ODD_NETS / "cross.net.xml").as_posix()), encoding="utf-8")
+    rows = pd.read_csv(run(tmp_path / "run", file) / "trajectories.csv")
+    in_bend = rows[rows.lateral_accel_mps2.abs() > 1.0].groupby("vehicle_id").speed_mps.min()
+    assert (in_bend > 0.93 * in_bend["platoon.0"]).all()
+    leaves = rows[rows.edge_id == "south_out"].groupby("vehicle_id").time_s.min()
+    assert np.diff(leaves).max() < 3.0  # at 4.4 m/s with 3 m and 1 s to the predecessor: 2.8 s
+    assert rows.lateral_accel_mps2.abs().max() < 4.5
+    assert rows.cross_track_m.abs().max() < 0.3
+
+
 def test_followers_already_on_the_target_lane_do_not_wait_for_a_lane_change(tmp_path):
     """The SUMO-driven leader changes lanes earlier than the route; its followers go with it."""
     text = OVERTAKES[: OVERTAKES.index("[[platoon]]")].replace("highway", "NET").replace("60.0", "75.0")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 from shapely.geometry import LineString
 
 from platoontraffic import shipped
@@ -18,7 +19,8 @@ CAR = VEHICLES["car"]
 CASES = {
     "first edge": ("highway", ("e1_e2", "e2_e_exit"), 1),
     "after a junction": ("highway", ("e0_e1", "e1_e2", "e2_e_exit"), 0),
-    "over two lanes": ("highway", ("e0_e1", "e1_e2", "e2_e_exit"), 1),
+    "on two edges": ("highway", ("e0_e1", "e1_e2", "e2_e_exit"), 1),
+    "over two lanes": ("highway", ("e1_e2", "e2_e_exit"), 2),
     "towards a crossing": ("cross", ("west_in", "north_out"), 0),
 }
 
@@ -34,6 +36,11 @@ def given(name: str) -> tuple[Network, Route, Line]:
     return network, route, next(line for line in route.lines if line.state == CHANGING)
 
 
+def changes_of(route: Route, change: Line) -> list[Line]:
+    """A lane change and those behind it on its edge."""
+    return [one for one in route.lines if one.lane[:-2] == change.lane[:-2] and one.state == CHANGING]
+
+
 @pytest.mark.parametrize("by", [10.0, 37.0])
 @pytest.mark.parametrize("name", CASES)
 def test_a_change_is_later_and_the_rest_of_the_route_stays(name, by):
@@ -41,11 +48,12 @@ def test_a_change_is_later_and_the_rest_of_the_route_stays(name, by):
     later = with_later_change(route, change, by, network, CAR)
     i = route.lines.index(change)
     moved = [new.station - old.station for new, old in zip(later.lines, route.lines, strict=True)]
-    assert moved == pytest.approx([0.0] * i + [by] + [0.0] * (len(moved) - i - 1), abs=0.3)
+    count, over = len(changes_of(route, change)), changes_of(route, change)[-1]
+    assert moved == pytest.approx([0.0] * i + [by] * count + [0.0] * (len(moved) - i - count), abs=0.3)
     assert later.length == pytest.approx(route.length, abs=0.3)
     stations = np.concatenate(
         [np.linspace(0, change.station - 2 * CAR.length, 50),
-         np.linspace(change.station + change.across + by + 2 * CAR.length, route.length, 50)]
+         np.linspace(over.station + over.across + by + 6 * CAR.length, route.length, 50)]
     )  # fmt: skip
     there = later.line.at(np.minimum(stations, later.length))
     off = [abs(route.line.project(x, y, s, 5.0)[1]) for (x, y), s in zip(there, stations, strict=True)]
@@ -62,7 +70,7 @@ def test_a_change_is_later_also_where_the_edge_before_has_more_room_for_it():
     route = Route.along(edges, *network.route_lanes(edges, 1, position=late)).drivable_by(CAR)
     i, change = next((i, line) for i, line in enumerate(route.lines) if line.state == CHANGING)
     assert change.lane.startswith("e1_e2")
-    for by in (16.0, change.to_end - 90.0):
+    for by in (16.0, change.to_end - 100.0):
         later = with_later_change(route, change, by, network, CAR)
         assert later.lines[i].station == pytest.approx(change.station + by, abs=0.3)
         assert later.lines[i][4:6] == change[4:6]
@@ -83,11 +91,11 @@ def test_the_line_has_no_kink_where_it_is_joined_again_and_again(name, by):
 def test_a_change_is_over_before_its_lane_ends_and_is_then_made_no_later(name):
     network, route, change = given(name)
     last = with_later_change(route, change, 1e4, network, CAR)
-    i = route.lines.index(change)
-    begun, junction = last.lines[i], last.lines[i + 1]
-    assert begun.station > change.station
+    i, count = route.lines.index(change), len(changes_of(route, change))
+    first, begun, junction = last.lines[i], last.lines[i + count - 1], last.lines[i + count]
+    assert first.station > change.station
     assert begun.station + begun.across < junction.station - 5.0
-    assert with_later_change(last, begun, 10.0, network, CAR) is None
+    assert with_later_change(last, first, 10.0, network, CAR) is None
 
 
 def test_a_change_made_later_in_two_steps_is_where_one_step_brings_it():
@@ -102,16 +110,34 @@ def test_a_change_made_later_in_two_steps_is_where_one_step_brings_it():
 @pytest.mark.parametrize("name", CASES)
 def test_a_slow_vehicle_changes_lanes_in_less_road_and_later(name):
     network, route, change = given(name)
-    i, lanes = route.lines.index(change), change.across / 38.4
+    i, lanes = route.lines.index(change), len(changes_of(route, change))
     shorter = with_later_change(route, change, 0.0, network, CAR, 20.0)
-    assert shorter.lines[i].across == pytest.approx(20.0 * lanes, rel=0.05)
+    assert shorter.lines[i].across == pytest.approx(20.0, rel=0.05)
     assert shorter.lines[i].station == pytest.approx(change.station, abs=0.3)
     assert with_later_change(route, change, 0.0, network, CAR, 35.0) is None  # not worth another route
     last = with_later_change(route, change, 1e4, network, CAR)
     later = with_later_change(route, change, 1e4, network, CAR, 1.0)
-    assert later.lines[i].across == pytest.approx(16.0 * lanes, rel=0.05)  # no change is shorter
+    assert later.lines[i].across == pytest.approx(16.0, rel=0.05)  # no change is shorter
     assert later.lines[i].station - last.lines[i].station == pytest.approx(22.4 * lanes, rel=0.05)
-    assert later.lines[i].station + later.lines[i].across < later.lines[i + 1].station
+    last_one, junction = later.lines[i + lanes - 1 : i + lanes + 1]
+    assert last_one.station + last_one.across < junction.station
+
+
+@pytest.mark.parametrize("edges", [("e1_e2", "e2_e_exit"), ("e0_e1", "e1_e2", "e2_e_exit")])
+def test_the_second_of_two_changes_is_made_later_on_the_lane_between(edges):
+    network = network_of("highway")
+    late = LineString(network.route_line(edges[:1])).length - 20.0 if len(edges) > 2 else 0.0
+    route = Route.along(edges, *network.route_lanes(edges, len(edges) % 2 or 2, position=late)).drivable_by(CAR)
+    i = next(i for i, line in enumerate(route.lines) if line.lane == "e1_e2_1" and line.state == CHANGING)
+    first, second = route.lines[i - 1 : i + 1]
+    later = with_later_change(route, second, 30.0, network, CAR)
+    assert later.lines[:i] == route.lines[:i]
+    assert first.state == CHANGING
+    assert later.lines[i].station == pytest.approx(second.station + 30.0, abs=0.3)
+    lane = LineString(network.route_line(("e1_e2",), 1))
+    between = later.line.at(np.linspace(second.station + 3 * CAR.length, later.lines[i].station - 10.0, 5))
+    assert max(lane.distance(point) for point in shapely.points(between)) < 0.3
+    assert len(later.lines) == len(route.lines)
 
 
 def test_a_change_is_put_off_to_the_next_edge_where_the_lane_leads_on():
@@ -120,7 +146,7 @@ def test_a_change_is_put_off_to_the_next_edge_where_the_lane_leads_on():
     change = route.lines[0]
     beyond = with_change_beyond(route, change, network, CAR)
     lanes = [(line.lane, line.onto) for line in beyond.lines]
-    assert lanes == [("e0_e1_1", "e1_e2_2"), ("e1_e2_2", "e1_e2_0"), ("e1_e2_0", "e2_e_exit_0")]
+    assert lanes == [("e0_e1_1", "e1_e2_2"), ("e1_e2_2", "e1_e2_1"), ("e1_e2_1", "e1_e2_0"), ("e1_e2_0", "e2_e_exit_0")]
     assert beyond.length == pytest.approx(route.length, abs=0.3)
     before, after = np.linspace(0, change.station - 2 * CAR.length, 9), np.linspace(1500.0, route.length, 9)
     for stations in (before, after):

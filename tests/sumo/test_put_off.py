@@ -47,7 +47,7 @@ def changes(fleet: Fleet) -> list[str]:
 
 def test_the_members_behind_put_it_off_too(fleet_and_lines):
     fleet, lines, change = fleet_and_lines
-    lines._blocked_changes = {name: _Blocked(change, False, inf) for name in fleet.ids}
+    lines._blocked_changes = {name: _Blocked(change, -10.0, False, inf) for name in fleet.ids}
     after = lines._with_later_change(fleet, 1)
     assert changes(after) == ["e0_e1", "e1_e2", "e1_e2", "e1_e2"]
     assert lines._with_later_change(after, 2) is after  # it was blocked as well, and has another route now
@@ -56,7 +56,7 @@ def test_the_members_behind_put_it_off_too(fleet_and_lines):
 
 def test_those_that_have_begun_it_keep_it(fleet_and_lines):
     fleet, lines, change = fleet_and_lines
-    lines._blocked_changes = {fleet.ids[0]: _Blocked(change, False, inf)}
+    lines._blocked_changes = {fleet.ids[0]: _Blocked(change, -10.0, False, inf)}
     fleet.progress.station[2] = change.station  # of its rear axle
     assert changes(lines._with_later_change(fleet, 0)) == ["e1_e2", "e1_e2", "e0_e1", "e1_e2"]
 
@@ -64,7 +64,7 @@ def test_those_that_have_begun_it_keep_it(fleet_and_lines):
 @pytest.mark.parametrize(("free", "is_later"), [(200.0, True), (40.0, False)])
 def test_it_moves_on_beside_vehicles_that_pass_but_not_into_a_queue(fleet_and_lines, free, is_later):
     fleet, lines, change = fleet_and_lines
-    lines._blocked_changes = {fleet.ids[0]: _Blocked(change, True, free)}
+    lines._blocked_changes = {fleet.ids[0]: _Blocked(change, -10.0, True, free)}
     speed = np.full(len(fleet), 12.0)
     fleet = changed(fleet, motion=replace(fleet.motion, speed=speed))
     after = lines._with_later_change(fleet, 0).members[0].route
@@ -75,5 +75,5 @@ def test_it_moves_on_beside_vehicles_that_pass_but_not_into_a_queue(fleet_and_li
 @pytest.mark.parametrize("free", [40.0, inf])
 def test_it_is_put_off_only_where_no_queue_stands_on_the_lane(fleet_and_lines, free):
     fleet, lines, change = fleet_and_lines
-    lines._blocked_changes = {fleet.ids[0]: _Blocked(change, False, free)}
+    lines._blocked_changes = {fleet.ids[0]: _Blocked(change, -10.0, False, free)}
     assert changes(lines._with_later_change(fleet, 0))[0] == ("e1_e2" if free == inf else "e0_e1")

@@ -32,26 +32,33 @@ def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
     )  # fmt: skip
     now = Reads(client)
     change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), now)
-    line = Line(0.0, CHANGING, "", 0, "road_0", "road_2", (), 80.0, 160.0)  # it begins at 40 m
+    first = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 40.0, 160.0)  # it begins at 40 m
+    second = first._replace(lane="road_1", onto="road_2", to_end=120.0)
     ego = Ego("m.0", "road_0", 10.0, 5.0)
-    assert change.may_change(line, 10.0, ego) == pytest.approx(10.0 + 0.25 * 40.0)
+    assert change.may_change(first, 10.0, ego) == pytest.approx(10.0 + 0.25 * 40.0)
     slow = ego._replace(speed=1.0)
-    assert change.may_change(line, -1.0, slow) == pytest.approx(slow.stops_within)  # it has begun: at once
+    assert change.may_change(first, -1.0, slow) == pytest.approx(slow.stops_within)  # it has begun: at once
     places["road_1"], places["road_2"] = [], [("c", 31.0)]
     now.renew()
-    assert change.may_change(line, -1.0, slow) == pytest.approx(40.0 + 0.25 * 40.0 - 1.0)  # on the lane between
+    change.wanted.clear()
+    assert change.may_change(first, -1.0, slow) == np.inf
+    assert change.may_change(second, 39.0, slow) == pytest.approx(39.0 + 0.25 * 40.0)  # on the lane between
+    assert change.wanted["m.0"].lane == "road_1"  # the first one counts
     places["road_1"], places["road_2"] = [("c", 31.0)], []
     now.renew()
     change.wanted.clear()
-    assert change.may_change(line, -15.0, ego) == np.inf  # it is on that lane, and the next one is free
+    assert change.may_change(first, -15.0, ego._replace(lane="road_1")) == np.inf  # it is on that lane
+    assert change.may_change(second, 25.0, ego) == np.inf  # and the next one is free
+    assert not change.wanted
+    assert change.may_change(second, -1.0, ego._replace(lane="road_1")) == np.inf
     # It is not on the last one yet: vehicles there stop behind its rear.
-    assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 2.5 - 25.0), True, False)}
+    assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 2.5 - 19.0), True, True)}
     change.wanted.clear()
-    assert change.may_change(line, -15.0, ego._replace(lane="road_2")) == np.inf
+    assert change.may_change(second, -1.0, ego._replace(lane="road_2")) == np.inf
     assert not change.wanted
     places["road_2"] = [("c2", 53.0)]
     now.renew()
-    assert change.may_change(line, -15.0, ego) == pytest.approx(40.0 + 0.25 * 40.0 - 15.0)
+    assert change.may_change(second, 25.0, ego) == pytest.approx(25.0 + 0.25 * 40.0)
 
 
 def test_a_lane_change_is_judged_by_the_first_vehicle_behind_since_the_others_follow_it():
@@ -148,16 +155,16 @@ def test_a_member_that_is_let_in_beside_a_queue_goes_over_at_once(let_in):
     [
         ("road_0", 39.0, False),  # in the own lane, before the member has left it
         ("road_0", 48.0, True),
-        ("road_2", 48.0, False),  # in the lane that it changes to, before it is there
-        ("road_2", 68.0, True),
+        ("road_1", 48.0, False),  # in the lane that it changes to, before it is there
+        ("road_1", 52.0, True),
     ],
 )
 def test_a_queue_blocks_a_lane_change_only_where_it_stands_in_its_path(lane, rear, has_room):
     """Members stood for 20 s far behind a queue that they were to leave, with free lanes beside them."""
-    places = {"road_0": [("m.0", 30.0)], "road_1": [], "road_2": []}
+    places = {"road_0": [("m.0", 30.0)], "road_1": []}
     places[lane] = [*places[lane], ("queue", rear + 5.0)]
     change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of(places)))
-    line = Line(0.0, CHANGING, "", 0, "road_0", "road_2", (), 32.0, 69.0)  # from 31 to 63 m
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)  # from 31 to 47 m
     ego = Ego("m.0", "road_0", 0.0, 5.0)
     assert (change.may_change(line, 1.0, ego) == np.inf) == has_room
     assert change.free_road(line, 1.0, ego) == (rear - 31.0 if lane == "road_0" else np.inf)

@@ -16,11 +16,17 @@ BRAKING = 0.6  # share of the comfortable braking that is planned with
 
 
 @compiled
-def acceleration_along(bend, distance, curvature, speed, reaction, steepest, gains):
-    """Greatest acceleration in the bends of a trail, and in the one that is steered now [m/s2].
+def acceleration_in(curvature, speed, gains):
+    """Greatest acceleration in a bend that is steered now, by its curvature before it is limited [m/s2]."""
+    lateral = PLANNED * gains.lateral_acceleration
+    return (math.sqrt(lateral / np.maximum(abs(curvature), 1e-6)) - speed) / SETTLING
+
+
+@compiled
+def acceleration_along(bend, distance, speed, reaction, steepest, gains):
+    """Greatest acceleration in the bends of a trail [m/s2].
 
     bend, distance : curvature [1/m] at distances [m] along the trail, (k,)
-    curvature      : that is steered, before it is limited [1/m]
     reaction       : time until a command to brake has its effect [s]
     steepest       : change of the curvature that the steering follows [1/(m s)]
     gains          : lateral_acceleration, and the comfortable braking [m/s2]
@@ -29,8 +35,7 @@ def acceleration_along(bend, distance, curvature, speed, reaction, steepest, gai
     falls at b v / u. It is approached with the time constant SETTLING: a = (u - v) / SETTLING - b v / u; but v_j itself
     may be approached anywhere, a = (v_j - v) / SETTLING.
     """
-    lateral, braking = PLANNED * gains.lateral_acceleration, BRAKING * gains.braking
-    acceleration = (math.sqrt(lateral / np.maximum(abs(curvature), 1e-6)) - speed) / SETTLING
+    acceleration, lateral, braking = math.inf, PLANNED * gains.lateral_acceleration, BRAKING * gains.braking
     before = math.inf  # speed by the change of curvature from the place before
     for k in range(len(bend)):
         fastest, after = math.sqrt(lateral / np.maximum(abs(bend[k]), 1e-6)), math.inf

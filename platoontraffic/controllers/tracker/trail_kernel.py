@@ -335,6 +335,7 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
     laser      : ahead of the own axles (n,), and to the left [m]
     directions : of the beams, x and y as seen from the own axle, (2, k)
     skipped    : first and last of the beams left out, (n, 2)
+    ranges     : [m]; inf: no return, -inf: nearer than the laser measures, NaN: lost, (n, k)
     first      : filled in with the beam of that return, (n,); -1: none
     """
     forward, left_of = laser
@@ -348,7 +349,10 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
         swings = _swings_out(points, begin, size, front[i])
         left, right = _sides(points[begin:size], (x, y, cos, sin), here + reach, half_width + swings)
         for beam in range(ranges.shape[1]):
-            r = max(ranges[i, beam], 0.0)
+            r = ranges[i, beam]
+            if r == -math.inf and directions[0, beam] > 0:  # another body is at the laser, or over it
+                free[i], first[i] = 0.0, beam
+                break
             if skipped[i, 0] <= beam <= skipped[i, 1] or not r < reach:  # NaN, lost, is not less either
                 continue
             ahead, aside = forward[i] + r * directions[0, beam], left_of + r * directions[1, beam]

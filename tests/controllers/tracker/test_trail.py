@@ -94,3 +94,17 @@ def test_in_a_sharp_bend_the_strip_is_what_the_body_sweeps_where_its_front_swing
     met = (ahead > -CAR.length / 2 - CAR.axle) & (ahead < front) & (np.abs(aside) < half)
     expected = driven[met][0] if met.any() else np.inf
     assert free[0] == pytest.approx(expected, abs=0.6)  # the points of the trail are 0.5 m apart
+
+
+@pytest.mark.parametrize(("direction", "expected"), [(0.0, 0.0), (1.5, 0.0), (3.0, np.inf)])
+def test_a_body_at_the_laser_is_in_the_way_if_it_is_not_behind(direction, expected):
+    """A car of SUMO's had come over a member; it saw nothing, drove on, and into those that stood ahead of it."""
+    x = np.arange(-5.0, 30.0, 0.5)
+    trail = Trail(np.column_stack([x, 0 * x, x])[None], np.array([len(x)]))
+    front, free, first = np.array([CAR.length / 2 - CAR.axle]), np.empty(1), np.empty(1, int)
+    strip = Strip(*(np.array([size]) for size in (1.1, 40.0, 1.0)))
+    beam = np.array([[np.cos(direction)], [np.sin(direction)]])
+    for skipped in (-1, 0):
+        seen = np.array([[-np.inf]]), beam, np.full((1, 2), skipped)
+        first_return(trail, odometry(np.zeros(1)), strip, front, (front, 0.0), *seen, free, first)
+        assert free[0] == expected
