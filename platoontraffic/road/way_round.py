@@ -184,6 +184,18 @@ def blocked_return(way: Way, station: float, body: Body, returns: np.ndarray) ->
     return station + SPACING * float(touched.argmax()) if touched.any() else math.inf
 
 
+def is_free_without(way: Way, without: Route, station: float, body: Body, returns: np.ndarray) -> bool:
+    """Whether a vehicle on a way could go on without it: something is on the way, and nothing on the route as it was.
+
+    station, body, returns : as of `blocked_return`
+    """
+    if blocked_at(way.route, station, body, returns) == math.inf:
+        return False
+    ((x, y),) = way.route.line.at(np.array([station]))
+    there, _ = without.line.project(x, y, station, REACH)
+    return blocked_at(without, there, body, returns) == math.inf
+
+
 def with_later_return(
     way: Way, station: float, body: Body, returns: np.ndarray, may_use: Callable[[float, np.ndarray], bool]
 ) -> Way | None:

@@ -26,7 +26,16 @@ from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
-from platoontraffic.road.way_round import MOST, Body, Way, blocked_at, blocked_return, way_round, with_later_return
+from platoontraffic.road.way_round import (
+    MOST,
+    Body,
+    Way,
+    blocked_at,
+    blocked_return,
+    is_free_without,
+    way_round,
+    with_later_return,
+)
 from platoontraffic.vehicles.motion import FULL_SIZE
 from platoontraffic.vehicles.records import some
 from platoontraffic.world.events import Noted
@@ -63,9 +72,11 @@ class _UnderWay(NamedTuple):
     """A member on its way round a body."""
 
     way: Way
+    without: Route  # the route as it was before
     led: bool  # it was ordered to follow no vehicle anyway
-    at: float  # time of its last look at where it comes back [s]
-    blocked: float = math.inf  # station there at which something was in its way then [m]
+    at: float  # time of its last look at the rest of it [s]
+    blocked: float = math.inf  # station where it comes back at which something was in its way then [m]
+    since: float = math.inf  # it has stood before something on it [s]; inf: it has not
 
 
 class WaysRound:
@@ -99,7 +110,7 @@ class WaysRound:
         leads = fleet.leads.copy()
         for row in list(self._past(fleet)):
             leads[row] = self._under_way.pop(fleet.ids[row]).led
-        routes = self._returning_later(fleet, sensed, time)
+        routes = self._going_on(fleet, sensed, leads, time)
         events: list[Noted] = []
         for row, group, k, after in self._blocked(fleet, time):
             if row in routes:
@@ -127,8 +138,10 @@ class WaysRound:
             way = way_round(member.route, station, pose, body, returns.points, may_use, most)
             if way is None:
                 continue
-            led = self._under_way[name].led if name in self._under_way else bool(leads[row])
-            routes[row], self._under_way[name] = way.route, _UnderWay(way, led, time)
+            before = self._under_way.get(name)
+            without = before.without if before and member.route is before.way.route else member.route
+            led = before.led if before else bool(leads[row])
+            routes[row], self._under_way[name] = way.route, _UnderWay(way, without, led, time)
             del self._looks[name]
             other = traffic.surfaces[returns.hits[way.met]] if traffic else ""
             side = "left" if way.shift > 0 else "right"
@@ -140,16 +153,17 @@ class WaysRound:
             fleet = fleet.with_orders(fleet.predecessor, leads)
         return events, fleet
 
-    def _returning_later(self, fleet: Fleet, sensed: Measurements, time: float) -> dict[int, Route]:
-        """Routes of members under way, by row, that come back later: where they would, they see something that stands.
+    def _going_on(self, fleet: Fleet, sensed: Measurements, leads: np.ndarray, time: float) -> dict[int, Route]:
+        """Other routes of members under way, by row; `leads` of those that give their way up is set back.
 
-        It was hidden by the body that they pass when they set out.
+        They come back later where something stands in their way back that was hidden by the body when they set out. A
+        way on which they have stood for `AFTER` is given up when nothing is in the way without it any more.
         """
         routes: dict[int, Route] = {}
         if not self._under_way:
             return routes
         row_of, rows = {name: i for i, name in enumerate(fleet.ids)}, fleet.progress.rows
-        for name, one in self._under_way.items():
+        for name, one in list(self._under_way.items()):
             row = row_of[name]
             group = next(k for k, group in enumerate(fleet.groups) if row in group.rows)
             scan = sensed.scans[group]
@@ -160,12 +174,18 @@ class WaysRound:
             returns, _ = _returns(fleet, row, k, scan, traffic, NOTHING)
             station, body = float(fleet.progress.station[np.searchsorted(rows, row)]), _body(fleet.members[row])
             blocked = blocked_return(one.way, station, body, returns.points)
-            self._under_way[name] = one._replace(at=time, blocked=blocked)
+            since = min(one.since, time) if fleet.motion.speed[row] < STANDS else math.inf
+            self._under_way[name] = one._replace(at=time, blocked=blocked, since=since)
+            stands_long = time - since > AFTER and fleet.members[row].route is one.way.route
+            if stands_long and is_free_without(one.way, one.without, station, body, returns.points):
+                routes[row], leads[row] = one.without, one.led
+                del self._under_way[name]
+                continue
             if not abs(blocked - one.blocked) < STILL_UNDER_WAY:
                 continue
             may_use = self._may_use(fleet.members[row].route.edges, body, np.empty((0, 2)))
             if way := with_later_return(one.way, station, body, returns.points, may_use):
-                routes[row], self._under_way[name] = way.route, _UnderWay(way, one.led, time)
+                routes[row], self._under_way[name] = way.route, one._replace(way=way, at=time, blocked=math.inf)
         return routes
 
     def _past(self, fleet: Fleet) -> Iterator[int]:

@@ -160,6 +160,23 @@ def test_it_goes_on_beside_a_further_body_that_the_first_one_hid(law, side):
 
 
 @pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("stays", [True, False])
+def test_a_way_on_which_something_stands_is_given_up_when_the_body_has_gone(law, stays):
+    """In Bologna a car came beside a member on its way round another one; both stood there for minutes."""
+    (member,) = platoon(LAWS[law], at=(0.0, 0.0, 0.0), leader_eye=EYE, model=CAR)
+    member = replace(member, route=ROUTE, speed=8.0, single=True, equip="equip")
+    body = Prescribed(lambda time: Drive(0.0 if stays or time < 30.0 else 1.0, 0.0))
+    beside = Prescribed(lambda time: Drive(-9.0 if time > 8.0 else 0.0, 0.0))
+    (ahead,) = platoon(body, at=(PLACE, -1.4, 0.0), leader_eye=EYE, model=CAR)
+    (left,) = platoon(beside, at=(50.5, 2.1, 0.0), leader_eye=EYE, model=CAR)  # it drives away ahead, and stops
+    ahead, left = replace(ahead, id="ahead", single=True), replace(left, id="left", speed=0.7, single=True)
+    log = drive([member, ahead, left], NO_WALLS, 45.0, 0.1, map=Street(6.0))
+    assert log.speed[(log.time > 20.0) & (log.time < 29.0), 0].max() < 0.05
+    assert log.x[-1, 2] < PLACE
+    assert (log.x[-1, 0] > PLACE + 20) == (not stays)
+
+
+@pytest.mark.parametrize("law", LAWS)
 def test_it_stands_where_there_is_no_room(law):
     body = box(1.0)
     log = driven(law, body, half=CAR.width / 2 + 0.6, seconds=30.0)
