@@ -12,8 +12,9 @@ of a vehicle in the middle of its lane. So a member whose shadow is missing is i
 - to remove a shadow, as for one to the left, with its true width.
 
 Of the bodies that overlap a lane from elsewhere SUMO's drivers see the one that is next in the order in which they were
-inserted. So the rear of a vehicle that stands on the junction behind the lane would hide a shadow that is inserted in
-every step; there a member in left-hand traffic keeps to its own lane.
+inserted. So a shadow further ahead is inserted again after one behind it. And the rear of a vehicle that stands on the
+junction behind the lane would hide a shadow that is inserted in every step; there a member in left-hand traffic keeps
+to its own lane.
 
 A member gets no shadow on a lane where the front of another vehicle is beside it. That vehicle would take the shadow
 for a leader into which it has driven; it would brake hard or change lanes, even into the member. In a bend bodies come
@@ -30,6 +31,7 @@ index, also in left-hand traffic.
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -60,6 +62,15 @@ class _Seen(NamedTuple):
     lateral: float  # of the front bumper's middle, left of the lane's centre line [m]
     speed: float  # lateral [m/s]
     over: tuple[int, float] | None  # side on which the front was last over the border, and where on the lane [m]
+
+
+class _Shadow(NamedTuple):
+    """As a vehicle is to have it in the coming step."""
+
+    place: float  # of the vehicle's front on its lane [m]
+    mover: Mover
+    seen: _Seen
+    side: int
 
 
 def shadow_options(network: Network, options: Mapping[str, str]) -> dict[str, str]:
@@ -128,22 +139,49 @@ class Shadows:
 
     def cast(self, movers: Iterable[Mover]) -> None:
         """Before a step, and before vehicles are moved: give them the shadows that they must have in it."""
-        missing = []
+        casts, has = [], []
         for mover in movers if self._seen else ():
             if (seen := self._seen.get(mover.id)) is None:
                 continue
             if side := self._wanted(mover, seen):
                 self._keep_lanes(mover, seen, (2 * side,))
-            if side == self._side[mover.id] or (side and self._is_before_a_front(mover, seen, side)):
-                continue
-            if not (side == RIGHT and self._mirror < 0 and self._has_a_rear_on_it(seen.lane)):
-                missing.append((self._sumo.vehicle.getLanePosition(mover.id), mover, seen, side))
+            one = _Shadow(self._sumo.vehicle.getLanePosition(mover.id), mover, seen, side)
+            if side == self._side[mover.id]:
+                if side:
+                    has.append(one)
+            elif not (side and self._is_before_a_front(mover, seen, side)) and self._may_insert(one):
+                casts.append(one)
         # SUMO's driver sees the shadow that was inserted last, and earlier ones only if they are further ahead.
-        for _, mover, seen, side in sorted(missing, key=lambda one: one[0]):
+        for _, mover, seen, side in sorted([*casts, *self._to_be_sorted(casts, has)], key=lambda one: one.place):
             self._insert(mover, seen, side)
             if side == RIGHT:
                 self._keep_lanes(mover, seen, (LEFT, RIGHT))
             self._side[mover.id] = side
+
+    def _may_insert(self, one: _Shadow) -> bool:
+        return not (one.side == RIGHT and self._mirror < 0 and self._has_a_rear_on_it(one.seen.lane))
+
+    def _to_be_sorted(self, casts: Sequence[_Shadow], has: Sequence[_Shadow]) -> list[_Shadow]:
+        """Shadows that are there, and hide those behind them on their lanes that are inserted now."""
+        first: dict[str, float] = {}  # place of the hindmost one that is inserted on each lane, now or after the step
+        found: list[_Shadow] = []
+
+        def note(one: _Shadow, lanes: Iterable[int]) -> None:
+            for lane in (self._lane_beside(one.seen, by) for by in lanes):
+                first[lane] = min(first.get(lane, math.inf), one.place)
+
+        for one in casts:
+            note(one, (NONE, RIGHT) if one.side == RIGHT else (one.side,))
+        left = sorted(has, key=lambda one: one.place)
+        for one in left if first else ():
+            if one.place > first.get(self._lane_beside(one.seen, one.side), math.inf) and self._may_insert(one):
+                found.append(one)
+                note(one, (NONE, RIGHT) if one.side == RIGHT else (one.side,))
+        return found
+
+    def _lane_beside(self, seen: _Seen, left: int) -> str:
+        edge, _, index = seen.lane.rpartition("_")
+        return f"{edge}_{int(index) + left}"
 
     def _wanted(self, mover: Mover, seen: _Seen) -> int:
         """The side of the lane that its body overlaps, or will soon overlap as it moves away from the middle.
@@ -185,9 +223,8 @@ class Shadows:
     def _on_lane(self, seen: _Seen, left: int) -> Sequence[str]:
         """Vehicles on the lane that is so many lanes to the left of its own."""
         edge, _, index = seen.lane.rpartition("_")
-        lane = int(index) + left
-        is_there = 0 <= lane < self._lane_number(edge)
-        return self._sumo.lane.getLastStepVehicleIDs(f"{edge}_{lane}") if is_there else ()
+        is_there = 0 <= int(index) + left < self._lane_number(edge)
+        return self._sumo.lane.getLastStepVehicleIDs(self._lane_beside(seen, left)) if is_there else ()
 
     def _has_a_rear_on_it(self, lane: str) -> bool:
         """Whether the rear of a vehicle that has left the lane is still on it."""

@@ -268,17 +268,30 @@ def test_the_rear_of_a_slow_member_is_seen_until_it_has_left_the_lane(driven, sp
 
 
 @pytest.mark.sumo
-@pytest.mark.parametrize("road", [HIGHWAY, LEFT_HAND], ids=["right", "left"])
-@pytest.mark.parametrize("aside", [1.2, -1.2])
-def test_a_driver_between_two_members_that_stand_across_stops_behind_the_one_ahead(tmp_path, road, aside):
-    """In left-hand traffic some shadows are cast in every step, and SUMO does not sort them before it."""
-    network, edge, lane = Network.read(road.net), road.edges[0], 1
-    places = ("ahead", 80.0), ("behind", 50.0)
-    own = [replace(_member(network, name, edge, lane, place), speed=0.0) for name, place in places]
+@pytest.mark.parametrize(
+    ("road", "lane", "lanes", "aside"),
+    [
+        *((road, 1, (1, 1), (aside, aside)) for road in (HIGHWAY, LEFT_HAND) for aside in (1.2, -1.2)),
+        *((HIGHWAY, lane, (0, 1), (1.2, -1.2)) for lane in (0, 1)),
+        *((HIGHWAY, lane, (1, 0), (-1.2, 1.2)) for lane in (0, 1)),
+        *((LEFT_HAND, lane, (1, 2), (1.2, -1.2)) for lane in (1, 2)),
+        *((LEFT_HAND, lane, (2, 1), (-1.2, 1.2)) for lane in (1, 2)),
+    ],
+    ids=lambda value: value.net.name.partition(".")[0] if isinstance(value, Road) else None,
+)
+def test_a_driver_between_two_members_that_stand_across_stops_behind_the_one_ahead(tmp_path, road, lane, lanes, aside):
+    """In left-hand traffic some shadows are cast in every step, and SUMO does not sort them before it.
+
+    aside: towards the lanes with the higher index [m]
+    """
+    network, edge = Network.read(road.net), road.edges[0]
+    places = ("ahead", lanes[0], 80.0), ("behind", lanes[1], 50.0)
+    own = [replace(_member(network, name, edge, its, place), speed=0.0) for name, its, place in places]
     with World(network, STEP, 1, tmp_path / "words.log", shadow_options(network, {})) as world:
         fleet = world.deploy(Fleet.deployed(own, STEP))
         _insert("driver", road, lane, 10.0)
         x, y, heading = (getattr(fleet.motion, key) for key in ("x", "y", "heading"))
+        aside = np.array(aside) * (-1 if network.left_hand else 1)
         there = Motion.at_rest(x - aside * np.sin(heading), y + aside * np.cos(heading), heading)
         for step in range(80):
             world.place(replace(fleet, motion=there))
