@@ -183,7 +183,7 @@ class TrackingFollower(Law):
        which is critically damped: e'' + 2 e' / l + e / l^2 = 0 along the trail. From a large offset the vehicle returns
        at a fixed angle. Bends ahead, their changes and the curvature that is steered now limit the speed
        (`tracker.bends_kernel`), and no curvature is steered that would exceed the lateral acceleration. Where it is
-       given its route and drives on it, the bends are the route's: those of the trail are known by errors.
+       given its route and drives on it, the bends are the route's: those of the trail are known with errors.
     3. Follow. The distance from laser to rear shall be stand_off + time_headway v. With its error e and the gap's rate
        r the acceleration (r + distance_gain e) / time_headway makes the speed follow the predecessor's by a first-order
        lag of time_headway at every frequency, so no disturbance grows (Ioannou & Chien, "Autonomous intelligent cruise
@@ -421,8 +421,9 @@ class TrackingFollower(Law):
 
         body, mount, track, beside_it = now.sensed.body, now.sensed.scan.model.mount.x, estimate.now, now.memory.beside
         pursuit = Pursuit(*np.empty((4, len(now.speed))))
-        n = len(now.speed)
-        route = (np.full(n, np.inf), ahead.curvature) if along is None else (along.offset, along.curvature)
+        route = np.full(len(now.speed), np.inf), ahead.curvature, ahead.bend, ahead.distance
+        if along is not None:
+            route = along.offset, along.curvature, now.sensed.route.curvature, now.sensed.route.distance
         pursue(now.speed, now.memory.acceleration, body, mount, now.fitted, drive_line, track, ahead, obstacle,
                estimate.on_route, route, self._gains, now.dt, pursuit)  # fmt: skip
         if not some(beside_it.held):

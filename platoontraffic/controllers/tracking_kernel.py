@@ -43,10 +43,11 @@ def pursue(speed, last, body, mount, fitted, line, track, ahead, obstacle, on_ro
     track, ahead    : `Track` of the predecessor now, `Ahead` of the trail
     obstacle        : `tracking.Obstacle`
     on_route        : the route is driven, not the trail, bool (n,)
-    route           : offset from it [m], inf where there is none; and curvature by which it is driven [1/m], (n,) each
+    route           : offset from it [m], inf where there is none; curvature by which it is driven [1/m], (n,) each; and
+                      its curvature [1/m] at distances ahead [m], (n, k) each
     gains           : `tracking.Gains`
     """
-    off_route, route_curvature = route
+    off_route, route_curvature, route_bend, route_distance = route
     for i in range(len(speed)):
         v, reaction = speed[i], body.brake_lag[i] + dt / 2  # from a scan to the effect of the brakes
         errors = ahead.offset[i], ahead.off_heading[i]
@@ -73,10 +74,12 @@ def pursue(speed, last, body, mount, fitted, line, track, ahead, obstacle, on_ro
         elif math.isfinite(its_speed) and track.blind[i] > 0:  # a predecessor that it hides is no reason to speed up
             wanted = np.minimum(wanted, 0.0)
         found.bends[i] = acceleration_in(curvature, v, gains)
-        # On its route `alone` plans for the bends of that; those of the trail are known by errors.
-        if not (on_route[i] or abs(off_route[i]) <= ASTRAY):
+        if not on_route[i]:  # `alone` plans for the bends of a route that it steers by
+            # Where the trail lies on the route, its bends are the route's, which are known without errors.
+            by_route = abs(off_route[i]) <= ASTRAY
+            bend, there = (route_bend[i], route_distance[i]) if by_route else (ahead.bend[i], ahead.distance[i])
             planned, steepest = reaction + BRAKING * gains.braking / (2 * gains.jerk), fitted.steepest_bend[i]
-            bends = acceleration_along(ahead.bend[i], ahead.distance[i], v, planned, steepest, gains)
+            bends = acceleration_along(bend, there, v, planned, steepest, gains)
             found.bends[i] = np.minimum(found.bends[i], bends)
         found.curvature[i], found.wanted[i], found.needed[i] = curvature, wanted, np.minimum(needed, brake)
 

@@ -136,17 +136,17 @@ follower = {{ law = "tracking", policy = "obey", on_loss = "drive", odometry = "
 """
 
 
-def test_followers_take_a_sharp_turn_of_their_route_as_fast_as_their_leader(tmp_path):
-    """By the bends of the trail, which is estimated, each was a fourth slower; the last ones missed green lights."""
+def test_followers_take_a_sharp_turn_of_their_route_nearly_as_fast_as_their_leader(tmp_path):
+    """By the bends of the trail, which is estimated, each was a third slower; the last ones missed green lights."""
     file = tmp_path / "turns_right.toml"
     file.write_text(TURNS_RIGHT.format(net=(ODD_NETS / "cross.net.xml").as_posix()), encoding="utf-8")
     rows = pd.read_csv(run(tmp_path / "run", file) / "trajectories.csv")
     in_bend = rows[rows.lateral_accel_mps2.abs() > 1.0].groupby("vehicle_id").speed_mps.min()
-    assert (in_bend > 0.93 * in_bend["platoon.0"]).all()
+    assert (in_bend > 0.84 * in_bend["platoon.0"]).all()  # by the steering rate that it does not need to steer back
     leaves = rows[rows.edge_id == "south_out"].groupby("vehicle_id").time_s.min()
-    assert np.diff(leaves).max() < 3.0  # at 4.4 m/s with 3 m and 1 s to the predecessor: 2.8 s
+    assert np.diff(leaves).max() < 3.0  # at 4 m/s with 3 m and 1 s to the predecessor: 2.9 s
     assert rows.lateral_accel_mps2.abs().max() < 4.5
-    assert rows.cross_track_m.abs().max() < 0.3
+    assert rows.cross_track_m.abs().max() < 0.15
 
 
 def test_followers_already_on_the_target_lane_do_not_wait_for_a_lane_change(tmp_path):
