@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
-from platoontraffic.controllers import BRAKES_FOR, CLOSED_BY, Signals
+from platoontraffic.controllers import CLOSED_BY, Signals
 from platoontraffic.road.gap_acceptance import STANDING
-from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, Line
-from platoontraffic.road.later_change import with_change_beyond, with_later_change
+from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
@@ -30,20 +29,18 @@ from platoontraffic.sumo.conflicts import (
     Paths,
 )
 from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, Ego, checks_from
+from platoontraffic.sumo.later_changes import LaterChanges
 from platoontraffic.sumo.letting_in import LettingIn
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import RightOfWay
 from platoontraffic.sumo.room_to_change import OWN_GAP, QUEUE_SPEED, RoomToChange, Wanted
 from platoontraffic.world import ground
-from platoontraffic.world.fleet import WINDOW, Fleet, Member
+from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import Entry
 
-BRAKES_FOR_LINE = BRAKES_FOR.index("line")
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE = range(1, len(CLOSED_BY))
 
 OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle may still stop there [m]
-CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
-LOOKS_EVERY = 1.0  # without room for its lane change, a vehicle looks for it so much later [s]
 SETS_OUT, FREE_AHEAD = 1.0, 15.0  # a vehicle faster than that [m/s], with so much road before it [m], is in no queue
 QUEUE_GAP = 2.5  # between cars that stand in a queue [m]
 SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
@@ -75,15 +72,6 @@ class FarLine(NamedTuple):
     state: LineState | None  # but for the distance; None: a light decides
 
 
-class _Blocked(NamedTuple):
-    """A lane change that cannot begin now, or not go on."""
-
-    line: Line
-    over: float  # distance driven since its begin [m]; negative: ahead of it
-    further: bool  # there may be room further on
-    free: float  # from its begin to the next vehicle in a queue on the lane before [m]; inf: there is none
-
-
 class StopLines:
     """Judges stop lines by the vehicles that SUMO has about them."""
 
@@ -101,10 +89,7 @@ class StopLines:
         self._fleet: tuple[Member, ...] = ()  # at the last look
         self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet
         self._far: dict[str, FarLine] = {}  # of members that had one at the last look
-        self._blocked_changes: dict[str, _Blocked] = {}  # of each member that cannot begin its lane change now
-        # Other routes, by route, lane change, by how much it is later, vehicle model, and its greatest length.
-        self._later = Once(lambda key: with_later_change(*key[:3], network, *key[3:]))
-        self._beyond = Once(lambda key: with_change_beyond(*key[:2], network, key[2]))  # by route, change, model
+        self._later = LaterChanges(network, sumo, self._change)
 
     @property
     def room_wanted(self) -> Mapping[str, Wanted]:
@@ -134,7 +119,7 @@ class StopLines:
         self.renew()
         front = (progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]).tolist()
         speed, signals = fleet.motion.speed.tolist(), Signals(*(values.copy() for values in self._no_lines))
-        self._blocked_changes.clear()
+        self._later.begin_look()
         self._change.begin_look()
         rows, states = [], []
         for k, i, still in self._asking:
@@ -156,40 +141,8 @@ class StopLines:
         return signals
 
     def with_later_changes(self, fleet: Fleet) -> Fleet:
-        """The fleet with other routes for members that brake because there is no room for their lane change here.
-
-        They look for it further on, as long as their lane leads on: on this edge, but not beside a queue, or on edges
-        beyond, where the members behind them in their platoon do so too. The slower they are, the less road their lane
-        change takes.
-        """
-        for group in fleet.groups if self._blocked_changes else ():
-            limit = group.law.braking_for(group.memory) if group.memory is not None else None
-            rows = group.rows[limit.reason == BRAKES_FOR_LINE] if limit else ()
-            for row in (int(i) for i in rows if fleet.ids[i] in self._blocked_changes):
-                fleet = self._with_later_change(fleet, row)
-        return fleet
-
-    def _with_later_change(self, fleet: Fleet, row: int) -> Fleet:
-        """The fleet with another route for one of these members, and for those behind it where they change beyond."""
-        member, speed = fleet.members[row], float(fleet.motion.speed[row])
-        change, over, further, free = self._blocked_changes[member.id]
-        if change not in member.route.lines:  # put off just now, with its leader's
-            return fleet
-        width = self._sumo.lane.getWidth(change.lane)
-        longest, step = width * math.ceil(CHANGE_TIME * speed / width), CHANGE_AFTER * width
-        by = step * max(math.ceil((max(over, 0.0) + LOOKS_EVERY * speed) / step), 1)
-        moves_on = further and free > by + change.across
-        here = self._later[member.route, change, by if moves_on else 0.0, member.model, longest]
-        if here and moves_on:
-            return fleet.with_route(row, here, WINDOW)
-        if over > 0:
-            return fleet
-        if free == math.inf and self._beyond[member.route, change, member.model]:
-            for i, line in [(row, change), *_behind_before(fleet, row, change)]:
-                if beyond := self._beyond[fleet.members[i].route, line, fleet.members[i].model]:
-                    fleet = fleet.with_route(i, beyond, WINDOW)
-            return fleet
-        return fleet.with_route(row, here, WINDOW) if here else fleet
+        """`LaterChanges.given_to`."""
+        return self._later.given_to(fleet)
 
     def entries(self, fleet: Fleet, entered: Sequence[tuple[str, str, str]]) -> list[Entry]:
         """How members entered junctions; SUMO-driven ones are left out.
@@ -266,7 +219,7 @@ class StopLines:
         may_stop = passed and (ego.lane in passed.via or passed.state == CHANGING)
         if may_stop and (state := self._passed(self._at_junction[passed, ego.kind], over, ego)):
             if passed.state == CHANGING and self._change.has_hardly_begun(passed, over):
-                self._note_blocked(passed, -over, ego)
+                self._later.note(passed, -over, ego)
             return state
         if not lines:
             return NO_LINE
@@ -338,7 +291,7 @@ class StopLines:
         if line.state == CHANGING:
             is_open = not near or ego.lane == line.onto or self._change.may_change(line, distance, ego) == np.inf
             if not is_open:
-                self._note_blocked(line, distance, ego)
+                self._later.note(line, distance, ego)
             return LineState(distance, is_open, False, False, LANE_CHANGE)
         line = self._at_junction[line, ego.kind]
         state, conflicts = self._link_state(line), self._conflicts[line]
@@ -366,13 +319,6 @@ class StopLines:
             stop = min(conflicts.waits, self._midway(line, 0.0))
             return LineState(distance + stop, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
-
-    def _note_blocked(self, change: Line, distance: float, ego: Ego) -> None:
-        """Of several on its edge the first one counts."""
-        if ego.id not in self._blocked_changes:
-            further = self._change.is_better_later(change, distance, ego)
-            free = self._change.free_road(change, distance, ego)
-            self._blocked_changes[ego.id] = _Blocked(change, -distance, further, free)
 
     def _link_state(self, line: Line) -> str:
         """State of the link beyond a line now, as SUMO writes it; but equal where the network gives nobody priority."""
@@ -454,19 +400,6 @@ class StopLines:
                 if _distance(walk.points, start, end) < walk.apart:
                     return False
         return True
-
-
-def _behind_before(fleet: Fleet, row: int, change: Line) -> Iterator[tuple[int, Line]]:
-    """Rows of members behind one in its platoon that have its lane change ahead of them, and their line there."""
-    first, progress = fleet.members[row], fleet.progress
-    for k, i in enumerate(progress.rows.tolist()):
-        member = fleet.members[i]
-        if member.platoon != first.platoon or member.place <= first.place or member.single:
-            continue
-        front = progress.station[k] + progress.front[k]
-        for line in member.route.lines:
-            if (line.state, line.lane, line.onto) == (change.state, change.lane, change.onto) and line.station > front:
-                yield i, line
 
 
 def _distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:

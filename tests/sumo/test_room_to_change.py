@@ -170,6 +170,21 @@ def test_a_queue_blocks_a_lane_change_only_where_it_stands_in_its_path(lane, rea
     assert change.free_road(line, 1.0, ego) == (rear - 31.0 if lane == "road_0" else np.inf)
 
 
+@pytest.mark.parametrize(
+    ("begins", "length", "further"),
+    [(30.0, 300.0, True), (50.0, 300.0, False), (30.0, 120.0, False)],
+    ids=["at the begin of a long lane", "further on", "on a short lane"],
+)
+def test_at_the_begin_of_a_long_lane_it_does_not_wait_beside_a_queue(begins, length, further):
+    """One stood there for six minutes, and those behind it on the junction."""
+    places = {"road_0": [("m.0", begins - 1.0)], "road_1": [("queue", begins + 5.0)]}
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of(places, length)))
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, length - begins)
+    ego = Ego("m.0", "road_0", 0.0, 5.0)
+    assert change.may_change(line, 1.0, ego) < np.inf
+    assert change.is_better_later(line, 1.0, ego) == further
+
+
 def test_of_two_members_that_go_over_to_one_lane_from_both_sides_one_waits():
     """SUMO has each on its own lane until it is over, so neither was seen by the other."""
     places = {"road_0": [("m.0", 31.0)], "road_1": [], "road_2": [("m.1", 30.0)]}
@@ -196,12 +211,12 @@ def test_of_two_members_that_go_over_to_one_lane_from_both_sides_one_waits():
     assert change.may_change(left._replace(to_end=70.5), -0.5, second) == np.inf  # the other one has left
 
 
-def client_of(places: dict[str, list[tuple[str, float]]]) -> SimpleNamespace:
-    """All stand. places: vehicles of 5 m and their fronts, by lane of 100 m"""
+def client_of(places: dict[str, list[tuple[str, float]]], length: float = 100.0) -> SimpleNamespace:
+    """All stand. places: vehicles of 5 m and their fronts, by lane; length: of the lanes [m]"""
     fronts = {name: front for lane in places.values() for name, front in lane}
     return SimpleNamespace(
         lane=SimpleNamespace(
-            getLength=lambda _: 100.0, getMaxSpeed=lambda _: 13.9,
+            getLength=lambda _: length, getMaxSpeed=lambda _: 13.9,
             getLastStepVehicleIDs=lambda lane: [name for name, _ in places[lane]],
         ),
         vehicle=SimpleNamespace(
