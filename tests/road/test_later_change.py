@@ -123,6 +123,18 @@ def test_a_slow_vehicle_changes_lanes_in_less_road_and_later(name):
     assert last_one.station + last_one.across < junction.station
 
 
+@pytest.mark.parametrize("longest", [np.inf, 1.0])
+def test_a_car_that_waits_between_two_changes_stands_within_its_lane(longest):
+    """Askew on the lane between, with its rear on the one before, it was touched by those that passed there."""
+    network, route, first = given("over two lanes")
+    route = with_later_change(route, first, 0.0, network, CAR, longest) or route
+    second = next(line for line in route.lines if line.state == CHANGING and line.lane == "e1_e2_1")
+    lane = LineString(network.route_line(("e1_e2",), 1))
+    body = route.line.at(np.linspace(second.station - 1.0 - CAR.length, second.station - 1.0, 9))
+    off = max(lane.distance(point) for point in shapely.points(body))
+    assert off + CAR.width / 2 < network.lane_width("e1_e2", 1) / 2
+
+
 @pytest.mark.parametrize("edges", [("e1_e2", "e2_e_exit"), ("e0_e1", "e1_e2", "e2_e_exit")])
 def test_the_second_of_two_changes_is_made_later_on_the_lane_between(edges):
     network = network_of("highway")
