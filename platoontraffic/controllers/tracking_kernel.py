@@ -27,7 +27,7 @@ STEEPEST = 0.35  # sine of the greatest angle of the return to the trail
 NOTICED = 0.4  # time after which its braking shows in its measured speed [s]
 OPENING = 2.0  # time in which a gap that is too short for its hardest braking is opened [s]
 EMERGENCY = 0.75  # share of its hardest braking from which, if it is needed, it brakes hardest: estimates are late
-ASTRAY = 0.7  # offset from its route up to which it drives the bends of that, and beyond which those of the trail [m]
+ASTRAY = 0.7  # up to this offset from its route it plans for the bends of the route, beyond for those of the trail [m]
 
 curvature_back = compiled(steering.curvature_back)
 

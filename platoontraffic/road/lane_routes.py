@@ -34,8 +34,9 @@ EARLIEST_SHARE = 0.1  # share of a short edge that precedes a lane change, and t
 
 
 class Line(NamedTuple):
-    """A stop line: where a lane ends at a junction, and the right of way there; or where a change to the adjacent lane
-    begins.
+    """A stop line: where a lane ends at a junction, and the right of way there; or where a lane change begins.
+
+    A lane change leads to the next lane for cars. Others may lie between.
     """
 
     station: float  # on the route [m]
@@ -143,11 +144,12 @@ class LaneRoute:
         position : on the lane, before which it is not changed [m]
         longest  : greatest length of a change over one lane [m]
         """
-        points, begins, change = _crossing_over(lane, link.getFromLane(), position, longest)
-        for (here, there), before in zip(pairwise(_from_lane_to_lane(lane, link.getFromLane())), begins, strict=True):
+        points, changes = _crossing_over(lane, link.getFromLane(), position, longest)
+        lanes = pairwise(_from_lane_to_lane(lane, link.getFromLane()))
+        for (here, there), (before, across) in zip(lanes, changes, strict=True):
             sides, to_end = (here.getID(), there.getID()), _length(points) - before
             at, aside = self._length() + before, _aside(here, there)
-            self.lines.append(Line(at, CHANGING, "", 0, *sides, (), change, to_end, aside))
+            self.lines.append(Line(at, CHANGING, "", 0, *sides, (), across, to_end, aside))
         self.parts.append(points)
         self.limits.append(lane.getSpeed())
         across = inside(link, self.net)
@@ -201,46 +203,51 @@ def change_length(width: float, longest: float) -> float:
     return min(CHANGE_LENGTH * width, max(longest, SHORTEST_CHANGE * width))
 
 
-def changes_length(width: float, longest: float, count: int) -> float:
-    """Length of changes over so many lanes of a width, as `change_length` [m]."""
-    return count * change_length(width, longest) + (count - 1) * BETWEEN * width
+def changes_length(width: float, longest: float, lanes: int, changes: int) -> float:
+    """Length of so many changes over so many lanes of a width, as `change_length` [m]."""
+    return lanes * change_length(width, longest) + (changes - 1) * BETWEEN * width
 
 
 def _from_lane_to_lane(lane: Any, other: Any) -> list[Any]:
-    """The lanes of an edge from one to another, both included."""
+    """The lanes for cars of an edge from one to another, both included."""
     first, last = lane.getIndex(), other.getIndex()
     step = 1 if first < last else -1
-    return [lane.getEdge().getLane(k) for k in range(first, last + step, step)]
+    lanes = [lane.getEdge().getLane(k) for k in range(first, last + step, step)]
+    return [one for one in lanes if one in (lane, other) or one.allows(CAR)]
 
 
-def _crossing_over(lane: Any, other: Any, position: float, longest: float) -> tuple[np.ndarray, list[float], float]:
-    """A line along a lane that crosses over to another lane of the same edge, lane by lane.
+def _crossing_over(
+    lane: Any, other: Any, position: float, longest: float
+) -> tuple[np.ndarray, list[tuple[float, float]]]:
+    """A line along a lane that crosses over to another lane of the same edge, from one lane for cars to the next.
 
     position : after which it does [m]
     longest  : greatest length of that over one lane [m]
-    returns  : its points (k, 2) [m], where each change over one lane begins [m], the length of each [m]
+    returns  : its points (k, 2) [m]; where each change begins, and its length [m]
     """
     if lane is other:
-        return _line_of(lane), [], 0.0
-    lines = [LineString(one.getShape()) for one in _from_lane_to_lane(lane, other)]
-    length, count = lines[0].length, len(lines) - 1
-    shortest, wanted = (changes_length(lane.getWidth(), most, count) / length for most in (0.0, longest))
+        return _line_of(lane), []
+    lanes = _from_lane_to_lane(lane, other)
+    lines, steps = [LineString(one.getShape()) for one in lanes], np.abs(np.diff([one.getIndex() for one in lanes]))
+    width, length, count = lane.getWidth(), lines[0].length, len(steps)
+    shortest, wanted = (changes_length(width, most, int(steps.sum()), count) / length for most in (0.0, longest))
     # As early as that, or as early as its length needs; but not before the position, if that leaves room.
-    begin = min((position + CHANGE_AFTER * lane.getWidth()) / length, max(1 - wanted, EARLIEST_SHARE))
+    begin = min((position + CHANGE_AFTER * width) / length, max(1 - wanted, EARLIEST_SHARE))
     begin = max(begin, min(position / length, 1 - min(shortest, EARLIEST_SHARE)))
     whole = min(wanted, max(shortest, ROOM_SHARE * (1 - begin)), 1 - begin)
-    change = change_length(lane.getWidth(), longest) / length * whole / wanted
-    begins = np.linspace(begin, begin + whole - change, count)
+    across = steps * change_length(width, longest) / length * whole / wanted
+    between = BETWEEN * width / length * whole / wanted
+    begins = begin + np.cumsum(np.concatenate([[0.0], across[:-1] + between]))
     ends = [one.project(Point(p), normalized=True) for one in lines for p in one.coords]
-    share = np.unique([*ends, *begins, *(begins + change)])
-    crossed = np.clip((share[:, None] - begins) / change, 0.0, 1.0).sum(axis=1)
+    share = np.unique([*ends, *begins, *(begins + across)])
+    crossed = np.clip((share[:, None] - begins) / across, 0.0, 1.0).sum(axis=1)
     left = np.minimum(crossed.astype(int), count - 1)
     here, there = (
         shapely.get_coordinates(shapely.line_interpolate_point(np.array(lines)[k], share, normalized=True))
         for k in (left, left + 1)
     )
     points = here + (crossed - left)[:, None] * (there - here)
-    return points, (begins * length).tolist(), change * length
+    return points, list(zip((begins * length).tolist(), (across * length).tolist(), strict=True))
 
 
 def _aside(lane: Any, other: Any) -> float:

@@ -7,6 +7,7 @@ less road the change takes. Where its lane leads on to the next edge of its rout
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import takewhile
 
 import numpy as np
@@ -28,8 +29,8 @@ SPACING = 0.5  # of points there [m]
 def with_later_change(
     route: Route, change: Line, by: float, network: Network, model: VehicleModel, longest: float = math.inf
 ) -> Route | None:
-    """The route with one of its lane changes, and those behind it on its edge, later by a distance [m], or by less
-    where its lane ends.
+    """The route with one of its lane changes, and the next ones on its edge, later by a distance [m], or by less where
+    its lane ends.
 
     longest: greatest length of that change over one lane [m]
     returns: a route whose stations before the change are those of the given one; None on a loop, or where there is no
@@ -39,7 +40,7 @@ def with_later_change(
     width, shape = network.lane_width(edge, int(lane)), network.route_line((edge,), int(lane))
     changes = list(takewhile(lambda line: line.state == CHANGING, route.lines[route.lines.index(change) :]))
     target, across = changes[-1].onto.rpartition("_")[2], changes[-1].station + changes[-1].across - change.station
-    whole = changes_length(width, longest, len(changes))
+    whole = changes_length(width, longest, abs(int(target) - int(lane)), len(changes))
     begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
     later = min(begin + by, begin + change.to_end - whole - model.length)  # so that it comes to the line straight
     is_worth_it = later >= begin + AT_LEAST * model.length or (later >= begin and whole < SHORTER * across)
@@ -53,7 +54,7 @@ def with_later_change(
 
 
 def with_change_beyond(route: Route, change: Line, network: Network, model: VehicleModel) -> Route | None:
-    """The route without one of its lane changes, and those behind it on its edge, and with others beyond instead.
+    """The route without one of its lane changes, and the next ones on its edge, and with others beyond instead.
 
     returns: as of `with_later_change`; None also where its lane does not lead on, or there would be less room for it
     """
@@ -64,7 +65,7 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
         onward, before = _onward(route, change, Change(0, int(lane), int(lane)), network, model)
     except InputError:
         return None
-    room = next((line.to_end for line in onward.lines if line.state == CHANGING), math.inf)
+    room = min((line.to_end for line in _first_changes(onward)), default=math.inf)
     if room < min(change.to_end, ENOUGH_ROOM):
         return None
     shape = network.route_line((edge,), int(lane))
@@ -73,6 +74,13 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
     entered = onward.lines[0].station + onward.lines[0].across if before else 0.0
     ends = change.station - join, entered + begin - join
     return _spliced(route, route.lines.index(change), onward, before, *ends, join)
+
+
+def _first_changes(route: Route) -> Iterator[Line]:
+    """The first lane change on each edge."""
+    for before, line in zip((None, *route.lines), route.lines, strict=False):
+        if line.state == CHANGING and (before is None or before.state != CHANGING):
+            yield line
 
 
 def _onward(

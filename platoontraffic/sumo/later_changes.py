@@ -18,7 +18,7 @@ from platoontraffic.world.fleet import WINDOW, Fleet
 
 BRAKES_FOR_LINE = BRAKES_FOR.index("line")
 CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
-LOOKS_EVERY = 1.0  # a vehicle looks for room so much later [s]
+LOOKS_AFTER = 1.0  # a vehicle looks for room again after this time [s]
 
 
 class Blocked(NamedTuple):
@@ -56,7 +56,7 @@ class LaterChanges:
             )
             self._blocked[ego.id] = Blocked(change, -distance, further, free)
 
-    def given_to(self, fleet: Fleet) -> Fleet:
+    def put_off(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members that brake because there is no room for their lane change here.
 
         They look for it further on, as long as their lane leads on: on this edge, but not beside a queue, or on edges
@@ -67,10 +67,10 @@ class LaterChanges:
             limit = group.law.braking_for(group.memory) if group.memory is not None else None
             rows = group.rows[limit.reason == BRAKES_FOR_LINE] if limit else ()
             for row in (int(i) for i in rows if fleet.ids[i] in self._blocked):
-                fleet = self._given_to_one(fleet, row)
+                fleet = self._put_off_one(fleet, row)
         return fleet
 
-    def _given_to_one(self, fleet: Fleet, row: int) -> Fleet:
+    def _put_off_one(self, fleet: Fleet, row: int) -> Fleet:
         """The fleet with another route for one of these members, and for those behind it where they change beyond."""
         member, speed = fleet.members[row], float(fleet.motion.speed[row])
         change, over, further, free = self._blocked[member.id]
@@ -78,7 +78,7 @@ class LaterChanges:
             return fleet
         width = self._sumo.lane.getWidth(change.lane)
         longest, step = width * math.ceil(CHANGE_TIME * speed / width), CHANGE_AFTER * width
-        by = step * max(math.ceil((max(over, 0.0) + LOOKS_EVERY * speed) / step), 1)
+        by = step * max(math.ceil((max(over, 0.0) + LOOKS_AFTER * speed) / step), 1)
         moves_on = further and free > by + change.across
         here = self._later[member.route, change, by if moves_on else 0.0, member.model, longest]
         if here and moves_on:

@@ -53,6 +53,7 @@ class LettingIn:
         where       : edge and lane of each member
         unwilling   : vehicles that let nobody in
         """
+        before = dict(self.stops)
         self.stops.clear()
         if not room_wanted and not self.waiting:
             return
@@ -82,7 +83,10 @@ class LettingIn:
                 self._has_waited.add((foe, name))
                 self._end(name)
             elif foe in where:
-                self.stops[foe] = wanted.lane, self._place(foe, name, wanted, where)
+                if self._lane(name, where):
+                    self.stops[foe] = wanted.lane, self._place(foe, name, wanted, where)
+                elif foe in before:  # to SUMO the other one is off the road, as on a lane for buses
+                    self.stops[foe] = before[foe]
             else:
                 self._hold(foe, name, wanted.behind)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterator
+from itertools import chain
 from math import inf
 from typing import NamedTuple
 
@@ -16,13 +17,14 @@ from platoontraffic.sumo.reads import Reads
 
 CHANGING_PACE = 1.5, 6.0  # acceleration of a slow vehicle that changes lanes [m/s2], up to [m/s]
 COMMITTED = 0.25  # share of a lane change after which it is not interrupted
+HARDLY_BEGUN = 0.1  # share up to which it may be given up: a car's body is still within its lane
 BEHIND = 0.5  # distance behind another one on its lane from which a slow vehicle may go over, for a car [m]
 PASSES_BY = 2.0  # a vehicle that is so much faster passes, and leaves room then [m/s]
 QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
 QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
 LOOKS_AHEAD = 10.0  # a lane change is urgent where the lane ends within this time at its speed limit, as SUMO's is [s]
-ENTRY = 40.0  # length of the begin of a lane that is kept free of cars that wait for room [m]
+ENTRY = 40.0  # first part of a lane, in which no car waits for room [m]
 OWN_GAP = 4.0  # that a member of a car's length leaves in a queue [m]
 
 
@@ -113,8 +115,8 @@ class RoomToChange:
         return False
 
     def has_hardly_begun(self, line: Line, over: float) -> bool:
-        """Whether a vehicle is still within its own lane at a distance beyond the begin of its lane change [m]."""
-        return over < COMMITTED * line.across
+        """Whether a vehicle may give its lane change up so far beyond its begin [m]."""
+        return over < HARDLY_BEGUN * line.across
 
     def is_better_later(self, line: Line, distance: float, ego: Ego) -> bool:
         """Whether a vehicle without room for its lane change should look for it further on.
@@ -147,14 +149,15 @@ class RoomToChange:
         return next(self._blocking(line, distance, half, ego), None) is None
 
     def _blocking(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[str]:
-        """Vehicles on the adjacent lane that leave no room, or would have to brake hard.
+        """Vehicles on the lanes that are crossed that leave no room, or would have to brake hard.
 
         half : distance after which half of the member is over there: until then SUMO's drivers do not see it [m]
         """
         pace = Pace(ego.speed, *CHANGING_PACE)
         time = pace.time_for(half)
         later = pace.speed_after(time)
-        for name, foe_to_end in self._on_adjacent(line, distance + line.to_end):
+        foes = chain.from_iterable(self._on_adjacent(one, distance + line.to_end) for one in _crossed(line))
+        for name, foe_to_end in foes:
             if name == ego.id or self._waits_for(name, line, distance, ego):
                 continue
             ahead, foe_speed = distance + line.to_end - foe_to_end, self._now.speed[name]
@@ -215,3 +218,13 @@ class RoomToChange:
                     if name == line.onto:
                         return
                     break
+
+
+def _crossed(line: Line) -> list[Line]:
+    """A lane change by each lane that it leads onto: one that is not for cars may lie between."""
+    edge, _, first = line.lane.rpartition("_")
+    here, there = int(first), int(line.onto.rpartition("_")[2])
+    if abs(there - here) == 1:
+        return [line]
+    step = 1 if there > here else -1
+    return [line._replace(onto=f"{edge}_{k}") for k in range(here + step, there + step, step)]

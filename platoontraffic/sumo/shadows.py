@@ -162,7 +162,8 @@ class Shadows:
         return not (one.side == RIGHT and self._mirror < 0 and self._has_a_rear_on_it(one.seen.lane))
 
     def _to_be_sorted(self, casts: Sequence[_Shadow], has: Sequence[_Shadow]) -> list[_Shadow]:
-        """Shadows that are there, and hide those behind them on their lanes that are inserted now."""
+        """Shadows that are there already, further ahead on a lane than one that is inserted now: they must be inserted
+        again after it, or they hide it."""
         first: dict[str, float] = {}  # place of the hindmost one that is inserted on each lane, now or after the step
         found: list[_Shadow] = []
 

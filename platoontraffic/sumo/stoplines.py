@@ -141,8 +141,8 @@ class StopLines:
         return signals
 
     def with_later_changes(self, fleet: Fleet) -> Fleet:
-        """`LaterChanges.given_to`."""
-        return self._later.given_to(fleet)
+        """The fleet with other routes for members whose lane changes are put off: see `LaterChanges`."""
+        return self._later.put_off(fleet)
 
     def entries(self, fleet: Fleet, entered: Sequence[tuple[str, str, str]]) -> list[Entry]:
         """How members entered junctions; SUMO-driven ones are left out.

@@ -142,7 +142,7 @@ def test_followers_take_a_sharp_turn_of_their_route_nearly_as_fast_as_their_lead
     file.write_text(TURNS_RIGHT.format(net=(ODD_NETS / "cross.net.xml").as_posix()), encoding="utf-8")
     rows = pd.read_csv(run(tmp_path / "run", file) / "trajectories.csv")
     in_bend = rows[rows.lateral_accel_mps2.abs() > 1.0].groupby("vehicle_id").speed_mps.min()
-    assert (in_bend > 0.84 * in_bend["platoon.0"]).all()  # by the steering rate that it does not need to steer back
+    assert (in_bend > 0.84 * in_bend["platoon.0"]).all()  # a part of its steering rate is kept to steer back
     leaves = rows[rows.edge_id == "south_out"].groupby("vehicle_id").time_s.min()
     assert np.diff(leaves).max() < 3.0  # at 4 m/s with 3 m and 1 s to the predecessor: 2.9 s
     assert rows.lateral_accel_mps2.abs().max() < 4.5

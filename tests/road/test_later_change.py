@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import shapely
@@ -133,6 +135,23 @@ def test_a_car_that_waits_between_two_changes_stands_within_its_lane(longest):
     body = route.line.at(np.linspace(second.station - 1.0 - CAR.length, second.station - 1.0, 9))
     off = max(lane.distance(point) for point in shapely.points(body))
     assert off + CAR.width / 2 < network.lane_width("e1_e2", 1) / 2
+
+
+def test_a_lane_between_that_is_not_for_cars_is_crossed_in_one_change(tmp_path):
+    """It was a change onto that lane, and the run ended where there was no room beyond it."""
+    text = shipped.networks()["highway"].read_text(encoding="utf-8")
+    file = tmp_path / "bus.net.xml"
+    file.write_text(re.sub('(<lane id="e1_e2_1" [^>]*?)(disallow="[^"]*" )?', r'\1allow="bus" ', text, count=1))
+    network, edges = Network.read(file), ("e1_e2", "e2_e_exit")
+    route = Route.along(edges, *network.route_lanes(edges, 2)).drivable_by(CAR)
+    (change, _) = route.lines
+    assert (change.lane, change.onto) == ("e1_e2_2", "e1_e2_0")
+    *_, first = given("over two lanes")
+    assert change.across == pytest.approx(2 * first.across)
+    assert change.aside == pytest.approx(2 * first.aside)
+    later = with_later_change(route, change, 30.0, network, CAR)
+    assert later.lines[0].station == pytest.approx(change.station + 30.0, abs=0.3)
+    assert later.lines[0][4:6] == change[4:6]
 
 
 @pytest.mark.parametrize("edges", [("e1_e2", "e2_e_exit"), ("e0_e1", "e1_e2", "e2_e_exit")])

@@ -153,3 +153,26 @@ def test_a_vehicle_that_stands_does_not_follow_the_member_until_it_is_abreast(sp
     )  # fmt: skip
     LettingIn(SimpleNamespace(vehicle=vehicle), STEP)._hold("foe", "member", 1.0)
     assert (abs(speeds[0]) > 1e-9) == drives
+
+
+def test_a_member_keeps_its_stop_while_the_one_that_it_lets_in_is_off_the_road_to_sumo():
+    """As a car on a lane for buses: the run ended there."""
+    vehicle = SimpleNamespace(
+        getLanePosition={"member": 50.0, "foe": 20.0}.get, getLength=lambda _: 5.0, getSpeed=lambda _: 0.0,
+        getWaitingTime=lambda _: 10.0, getRoadID=lambda _: "wc",
+    )  # fmt: skip
+    beside = {"wc_1": ("foe",)}
+
+    def length(lane: str) -> float:
+        return {"wc_0": 100.0, "wc_1": 100.0}[lane]
+
+    client = SimpleNamespace(
+        vehicle=vehicle, simulation=SimpleNamespace(getTime=lambda: 1.0), TraCIException=KeyError,
+        lane=SimpleNamespace(getLength=length, getLastStepVehicleIDs=beside.get),
+    )  # fmt: skip
+    letting_in, wanted = LettingIn(client, STEP), {"member": Wanted("wc_1", -20.0, False, True)}
+    where = {"member": ("wc", "wc_0"), "foe": ("wc", "wc_1")}
+    letting_in.observe(wanted, where)
+    stop = letting_in.stops["foe"]
+    letting_in.observe(wanted, where | {"member": ("", "")})
+    assert letting_in.stops == {"foe": stop}

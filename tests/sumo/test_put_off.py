@@ -48,9 +48,9 @@ def changes(fleet: Fleet) -> list[str]:
 def test_the_members_behind_put_it_off_too(fleet_and_later):
     fleet, later, change = fleet_and_later
     later._blocked = {name: Blocked(change, -10.0, False, inf) for name in fleet.ids}
-    after = later._given_to_one(fleet, 1)
+    after = later._put_off_one(fleet, 1)
     assert changes(after) == ["e0_e1", "e1_e2", "e1_e2", "e1_e2"]
-    assert later._given_to_one(after, 2) is after  # it was blocked as well, and has another route now
+    assert later._put_off_one(after, 2) is after  # it was blocked as well, and has another route now
     np.testing.assert_allclose(after.progress.station, fleet.progress.station, atol=0.1)
 
 
@@ -58,7 +58,7 @@ def test_those_that_have_begun_it_keep_it(fleet_and_later):
     fleet, later, change = fleet_and_later
     later._blocked = {fleet.ids[0]: Blocked(change, -10.0, False, inf)}
     fleet.progress.station[2] = change.station  # of its rear axle
-    assert changes(later._given_to_one(fleet, 0)) == ["e1_e2", "e1_e2", "e0_e1", "e1_e2"]
+    assert changes(later._put_off_one(fleet, 0)) == ["e1_e2", "e1_e2", "e0_e1", "e1_e2"]
 
 
 @pytest.mark.parametrize(("free", "is_later"), [(200.0, True), (40.0, False)])
@@ -67,7 +67,7 @@ def test_it_moves_on_beside_vehicles_that_pass_but_not_into_a_queue(fleet_and_la
     later._blocked = {fleet.ids[0]: Blocked(change, -10.0, True, free)}
     speed = np.full(len(fleet), 12.0)
     fleet = changed(fleet, motion=replace(fleet.motion, speed=speed))
-    after = later._given_to_one(fleet, 0).members[0].route
+    after = later._put_off_one(fleet, 0).members[0].route
     (station,) = (one.station for one in after.lines if one.state == CHANGING and one.lane == change.lane)
     assert (station > change.station + 10.0) == is_later
 
@@ -76,7 +76,7 @@ def test_it_moves_on_beside_vehicles_that_pass_but_not_into_a_queue(fleet_and_la
 def test_it_is_put_off_only_where_no_queue_stands_on_the_lane(fleet_and_later, free):
     fleet, later, change = fleet_and_later
     later._blocked = {fleet.ids[0]: Blocked(change, -10.0, False, free)}
-    assert changes(later._given_to_one(fleet, 0))[0] == ("e1_e2" if free == inf else "e0_e1")
+    assert changes(later._put_off_one(fleet, 0))[0] == ("e1_e2" if free == inf else "e0_e1")
 
 
 @pytest.mark.parametrize(("further", "free", "is_later"), [(True, inf, True), (True, 30.0, False), (False, inf, False)])
@@ -87,7 +87,7 @@ def test_one_that_has_hardly_begun_drives_on_or_keeps_its_change(fleet_and_later
     fleet.progress.station[0] = change.station + over - fleet.progress.front[0]
     fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), 5.0)))
     later._blocked = {fleet.ids[0]: Blocked(change, over, further, free)}
-    after = later._given_to_one(fleet, 0)
+    after = later._put_off_one(fleet, 0)
     assert (after is not fleet) == is_later
     if is_later:
         new = next(one for one in after.members[0].route.lines if one.state == CHANGING)

@@ -170,6 +170,23 @@ def test_a_queue_blocks_a_lane_change_only_where_it_stands_in_its_path(lane, rea
     assert change.free_road(line, 1.0, ego) == (rear - 31.0 if lane == "road_0" else np.inf)
 
 
+@pytest.mark.parametrize("lane", ["road_1", "road_2"])
+def test_a_change_over_a_lane_for_buses_is_judged_on_both_lanes(lane):
+    places = {"road_0": [("m.0", 30.0)], "road_1": [], "road_2": []}
+    places[lane] = [("bus", 33.0)]
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of(places)))
+    over = Line(0.0, CHANGING, "", 0, "road_0", "road_2", (), 32.0, 69.0)  # it begins at 31 m
+    assert change.may_change(over, 1.0, Ego("m.0", "road_0", 0.0, 5.0)) < np.inf
+    assert change.wanted["m.0"].lane == "road_2"
+
+
+def test_a_lane_change_is_given_up_only_where_it_has_hardly_begun():
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of({})))
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 38.4, 160.0)
+    assert change.has_hardly_begun(line, 3.0)
+    assert not change.has_hardly_begun(line, 5.0)  # a car's front is over the border before the fourth part
+
+
 @pytest.mark.parametrize(
     ("begins", "length", "further"),
     [(30.0, 300.0, True), (50.0, 300.0, False), (30.0, 120.0, False)],
