@@ -300,6 +300,25 @@ def test_a_member_drives_on_along_its_lane_while_faster_vehicles_pass_on_the_oth
 
 
 @pytest.mark.sumo
+def test_a_member_whose_room_is_taken_as_it_begins_drives_on_and_changes_lanes_later(scene, monkeypatch):
+    """It stopped at the begin of its lane change, and those behind it did too."""
+    edges, is_room = ("west_in", "north_out"), RoomToChange._is_room
+    _, route = scene("cross", edges, [], 1.0, position=40.0, speed=9.0)
+    (change, *_) = (line for line in route.lines if line.state == CHANGING)
+
+    def taken(room, line, distance, half, ego):
+        is_first = abs(line.to_end - change.to_end) < 1.0
+        return not (is_first and distance < -0.5) and is_room(room, line, distance, half, ego)
+
+    monkeypatch.setattr(RoomToChange, "_is_room", taken)
+    seen, _ = scene("cross", edges, [], 25.0, position=40.0, speed=9.0)
+    _, x, y, speed = track(seen)
+    assert speed.min() > 6.0
+    assert np.ptp(y[x < x[0] + 30.0]) < 0.4
+    assert np.ptp(y) > 3.0
+
+
+@pytest.mark.sumo
 def test_a_member_does_not_begin_to_change_lanes_where_a_queue_would_stop_it_across_both(scene):
     edges = ("west_in", "north_out")
     _, route = scene("cross", edges, [], 1.0, position=40.0, speed=9.0)
