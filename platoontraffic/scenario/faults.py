@@ -50,6 +50,8 @@ def what_of(error: dict, model: type[BaseModel]) -> str:
         return f"{tag!r}: not known{did_you_mean(tag, KINDS)}"
     if kind == "union_tag_not_found":
         return f"missing; known: {', '.join(sorted(KINDS))}"
+    if kind == "extra_forbidden" and len(path) > 1 and path[-1] in _known_keys(model, ()):
+        return f"unknown key; did you mean {path[-1]!r}, outside all tables?"
     if kind == "extra_forbidden":
         return f"unknown key{did_you_mean(str(path[-1]), _known_keys(model, path[:-1]))}"
     if kind == "missing":

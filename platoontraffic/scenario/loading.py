@@ -28,6 +28,7 @@ from platoontraffic.scenario.scenario import Scenario, placed
 from platoontraffic.scenario.tables import Spec
 
 ROADS = ("sumo.net", "sumo.config")
+ANY_DURATION = 86400.0  # with which further faults are looked for where a duration is missing [s]
 
 
 @dataclass(frozen=True)
@@ -76,11 +77,18 @@ def load(
     set_by, stale = _change(table, changes, seed)
     if used := config or _configuration_in(table, source.parent):
         configurations.take_values(table, used)
-    if config and "duration_s" not in table["run"]:
-        raise InputError(f"{config.path}: has no <end>; give the duration of the run, for example run.duration_s=600")
     places = _Places(source, lines, set_by)
     varied = {change.key: change.value for change in changes}
-    return _Loaded(table, source, varied, places, stale, Finder(source.parent), before_code, to_branch).scenario()
+    loaded = _Loaded(table, source, varied, places, stale, Finder(source.parent), before_code, to_branch)
+    if not config or "duration_s" in table["run"]:
+        return loaded.scenario()
+    faults = [f"{config.path}: has no <end>; give the duration of the run, for example run.duration_s=600"]
+    table["run"]["duration_s"] = ANY_DURATION
+    try:
+        loaded.scenario()
+    except InputError as error:  # such as a duration whose key is misspelt
+        faults += error.faults
+    raise InputError(*faults)
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ def vehicle(*changes):
     ("old", "new", "said"),
     [
         ("laps = 2.0", "lapps = 2.0", "mine.toml:8: run.lapps: unknown key; did you mean 'laps'?"),
+        ("laps = 2.0", "seed = 2", "mine.toml:8: run.seed: unknown key; did you mean 'seed', outside all tables?"),
         ("size = 5", 'size = "5"', "mine.toml:12: platoon.0.size: '5': should be a valid integer"),
         ("gap_m = 0.45", "gap_m = -0.45", "mine.toml:14: platoon.0.gap_m: -0.45: should be greater than 0"),
         ("duration_s = 900.0", "duration_s = nan", "mine.toml:7: run.duration_s: nan: should be a finite number"),

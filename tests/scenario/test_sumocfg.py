@@ -272,6 +272,13 @@ def test_an_end_or_a_duration_must_be_given(tmp_path):
     assert "has no <end>; give the duration of the run, for example run.duration_s=600" in done.stderr
 
 
+def test_a_misspelt_duration_is_named_beside_the_missing_one(tmp_path):
+    done = call("run", configure(tmp_path / "theirs"), *PLATOON, "run.duraton_s=300")
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 2)
+    assert "has no <end>" in done.stderr
+    assert "run.duraton_s: unknown key; did you mean 'duration_s'?" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("demand", "what"),
     [
