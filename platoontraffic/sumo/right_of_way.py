@@ -43,6 +43,7 @@ SETS_OUT_AFTER = 1.5  # a vehicle whose turn it is at an all-way stop sets out w
 NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
 SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the paths of others without a margin [s] ...
 SWINGS_OUT_LONGEST = 30.0  # ... and after which it does so even if a vehicle comes [s]
+BEFORE_PATH = 0.5  # distance that a car which stops inside a junction keeps from the path of another vehicle [m]
 STOPS_BY = 4.5  # hardest braking with which a vehicle comes to a stop sign [m/s2]: that of SUMO's cars
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
 LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
@@ -140,6 +141,21 @@ class RightOfWay:
     def pace(self, line: Line, ego: Ego) -> Pace:
         limit = max(map(self._now.max_speed.__getitem__, line.via), default=ego.speed)
         return ego.pace(self._conflicts[line], limit)
+
+    def stop_before_foes(self, line: Line, over: float, ego: Ego) -> float:
+        """Distance at which a vehicle inside a junction must stop for others inside that drive and have priority [m].
+
+        over    : distance driven beyond the line [m]
+        returns : to before the path of the first of them; inf where it can pass them, or cannot stop any more
+        """
+        stop = math.inf
+        for foe in self._first_inside[line]:
+            left = foe.crossing.own[0] - over - BEFORE_PATH * ego.size
+            if foe.pace.speed < STANDING or foe.crossing.swings or ego.speed**2 / (2 * STOPS_BY) > left:
+                continue
+            if left < stop and not self._has_gap_among([foe], line, -over, ego, 0.0, -over):
+                stop = left
+        return stop
 
     # ---- gaps
 

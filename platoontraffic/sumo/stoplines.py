@@ -267,6 +267,8 @@ class StopLines:
             left = OVERRUN * ego.size - over
             if ego.speed**2 / (2 * EARLY_BRAKING) < left and not self._way.has_way(line, state, -over, ego):
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
+            if (stop := self._way.stop_before_foes(line, over, ego)) < math.inf:
+                return LineState(stop, False, False, False, RIGHT_OF_WAY)
         return None
 
     def _midway(self, line: Line, driven: float) -> float:

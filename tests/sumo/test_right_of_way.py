@@ -454,6 +454,42 @@ def test_a_vehicle_that_has_just_set_out_inside_is_expected_to_accelerate(speed,
 
 
 @pytest.mark.parametrize(
+    ("own", "over", "foe_speed", "its", "stop"),
+    [
+        (4.0, 3.0, 2.0, 1.0, 6.5),  # its path begins 10 m beyond the line; the foe is there in 2 s
+        (4.0, 3.0, 0.0, 1.0, np.inf),  # that one stands midway
+        (4.0, 3.0, 2.0, 9.0, np.inf),  # it is past already
+        (9.0, 3.0, 2.0, 1.0, np.inf),  # it cannot stop any more
+        (4.0, 9.8, 2.0, 1.0, np.inf),
+    ],
+)
+def test_a_vehicle_in_the_junction_stops_for_one_with_priority_that_sets_out_there(own, over, foe_speed, its, stop):
+    """A left-turner had stood midway, and counted as held up; it set out with the member, which struck it."""
+    line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (5.0, 12.0), False, True, np.inf, 10.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
+                     {line: conflicts})  # fmt: skip
+    way._now = SimpleNamespace(
+        on_lane={":a_1": ["c"]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0},
+        position={"c": its if its < 5.0 else 18.0}, speed={"c": foe_speed}, acceleration={"c": 2.6}, length={"c": 5.0},
+    )  # fmt: skip
+    ego = Ego("m.0", ":a_0", own, CAR.length)
+    assert way.stop_before_foes(line, over, ego) == pytest.approx(stop)
+
+
+@pytest.mark.parametrize(("state", "stop"), [("m", 4.0), ("m", np.inf), ("M", 4.0)])
+def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(state, stop):
+    line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    lines = StopLines(None, None)
+    lines._way = SimpleNamespace(has_way=lambda *_: True, stop_before_foes=lambda *_: stop)
+    lines._conflicts = {line: SimpleNamespace(unregulated=False)}
+    found = lines._passed(line, 3.0, Ego("m.0", ":a_0", 4.0, CAR.length))
+    assert (found is not None) == (state == "m" and stop < np.inf)
+    assert found is None or (found.distance, found.open) == (stop, False)
+
+
+@pytest.mark.parametrize(
     ("waits", "speed", "to_line", "may"),
     [(19.0, 2.0, 4.0, False), (21.0, 2.0, 4.0, True), (21.0, 5.0, 20.0, False), (21.0, 3.9, 2.0, False)],
 )
