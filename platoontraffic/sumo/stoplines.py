@@ -24,6 +24,7 @@ from platoontraffic.sumo.conflicts import (
     RED,
     STOP,
     YELLOW,
+    ZIPPER,
     Conflicts,
     Crossing,
     Paths,
@@ -267,7 +268,8 @@ class StopLines:
             left = OVERRUN * ego.size - over
             if ego.speed**2 / (2 * EARLY_BRAKING) < left and not self._way.has_way(line, state, -over, ego):
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
-            if (stop := self._way.stop_before_foes(line, over, ego)) < math.inf:
+            one_sided = state not in EQUAL + ZIPPER  # elsewhere either of two may have to give way to the other
+            if one_sided and (stop := self._way.stop_before_foes(line, over, ego)) < math.inf:
                 return LineState(stop, False, False, False, RIGHT_OF_WAY)
         return None
 

@@ -478,7 +478,7 @@ def test_a_vehicle_in_the_junction_stops_for_one_with_priority_that_sets_out_the
     assert way.stop_before_foes(line, over, ego) == pytest.approx(stop)
 
 
-@pytest.mark.parametrize(("state", "stop"), [("m", 4.0), ("m", np.inf), ("M", 4.0)])
+@pytest.mark.parametrize(("state", "stop"), [("m", 4.0), ("m", np.inf), ("M", 4.0), ("w", 4.0), ("Z", 4.0)])
 def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(state, stop):
     line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
     lines = StopLines(None, None)
