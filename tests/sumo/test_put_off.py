@@ -16,6 +16,7 @@ from platoontraffic.road.lane_routes import CHANGING
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.shipped import networks
+from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.later_changes import Blocked, LaterChanges
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.records import changed
@@ -83,7 +84,7 @@ def test_it_is_put_off_only_where_no_queue_stands_on_the_lane(fleet_and_later, f
 def test_one_that_has_hardly_begun_drives_on_or_keeps_its_change(fleet_and_later, further, free, is_later):
     """It stood at the begin of its lane, where the vehicles that came by were soon gone."""
     fleet, later, change = fleet_and_later
-    over = 4.0
+    over = 14.0  # farther than one step
     fleet.progress.station[0] = change.station + over - fleet.progress.front[0]
     fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), 5.0)))
     later._blocked = {fleet.ids[0]: Blocked(change, over, further, free)}
@@ -93,3 +94,11 @@ def test_one_that_has_hardly_begun_drives_on_or_keeps_its_change(fleet_and_later
         new = next(one for one in after.members[0].route.lines if one.state == CHANGING)
         assert new.lane == change.lane
         assert new.station > change.station + over + 5.0  # what it drives in a second
+
+
+def test_of_several_blocked_changes_the_first_one_counts(fleet_and_later):
+    _, later, change = fleet_and_later
+    later._room = SimpleNamespace(is_better_later=lambda *_: True, free_road=lambda *_: inf)
+    for line in (change, change._replace(lane=change.onto)):
+        later.note(line, 10.0, Ego("m.0", change.lane, 0.0, 4.74))
+    assert later._blocked["m.0"].line == change
