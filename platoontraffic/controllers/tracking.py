@@ -183,7 +183,7 @@ class TrackingFollower(Law):
        which is critically damped: e'' + 2 e' / l + e / l^2 = 0 along the trail. From a large offset the vehicle returns
        at a fixed angle. Bends ahead, their changes and the curvature that is steered now limit the speed
        (`tracker.bends_kernel`), and no curvature is steered that would exceed the lateral acceleration. Where it is
-       given its route and drives on it, the bends are the route's: those of the trail are known with errors.
+       given its route and drives on it, the bends of the route count, as those of the trail have errors.
     3. Follow. The distance from laser to rear shall be stand_off + time_headway v. With its error e and the gap's rate
        r the acceleration (r + distance_gain e) / time_headway makes the speed follow the predecessor's by a first-order
        lag of time_headway at every frequency, so no disturbance grows (Ioannou & Chien, "Autonomous intelligent cruise

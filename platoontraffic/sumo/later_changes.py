@@ -50,10 +50,8 @@ class LaterChanges:
     def note(self, change: Line, distance: float, ego: Ego) -> None:
         """A member has no room for its lane change; distance: to its begin [m]. Of several the first one counts."""
         if ego.id not in self._blocked:
-            further, free = (
-                self._room.is_better_later(change, distance, ego),
-                self._room.free_road(change, distance, ego),
-            )
+            further = self._room.is_better_later(change, distance, ego)
+            free = self._room.free_road(change, distance, ego)
             self._blocked[ego.id] = Blocked(change, -distance, further, free)
 
     def put_off(self, fleet: Fleet) -> Fleet:
