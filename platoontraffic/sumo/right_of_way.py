@@ -45,6 +45,7 @@ SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the 
 SWINGS_OUT_LONGEST = 30.0  # ... and after which it does so even if a vehicle comes [s]
 BEFORE_PATH = 0.5  # distance that a car which stops inside a junction keeps from the path of another vehicle [m]
 STOPS_BY = 4.5  # hardest braking with which a vehicle comes to a stop sign [m/s2]: that of SUMO's cars
+STOPS_HARD_BY = 7.0  # hardest braking for a vehicle inside a junction that should have given way [m/s2]
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
 LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
 JUNCTIONS = 3  # number of the next junctions at which a vehicle's path is compared with the own one
@@ -77,6 +78,7 @@ class RightOfWay:
         self._outside = Once(self._foes_outside)
         self._patiently = Once(lambda line: [*self._approaching(line)])
         self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
+        self._all_inside = Once(lambda line: [*self._inside(line, first=False)])
         self._inside_between = Once(self._between)
         # States of links without a light: by the lane before, and the first lane inside.
         self._steady = Once(lambda link: _state_of(sumo.lane.getLinks(link[0]), link[1]))
@@ -90,7 +92,7 @@ class RightOfWay:
 
     def renew(self) -> None:
         """SUMO has made a step: all vehicles are elsewhere."""
-        for foes in (self._outside, self._patiently, self._first_inside):
+        for foes in (self._outside, self._patiently, self._first_inside, self._all_inside):
             foes.clear()
 
     def has_way(self, line: Line, state: str, distance: float, ego: Ego) -> bool:
@@ -142,20 +144,42 @@ class RightOfWay:
         limit = max(map(self._now.max_speed.__getitem__, line.via), default=ego.speed)
         return ego.pace(self._conflicts[line], limit)
 
-    def stop_before_foes(self, line: Line, over: float, ego: Ego) -> float:
-        """Distance at which a vehicle inside a junction must stop for others inside that drive and have priority [m].
+    def stop_before_foes(self, line: Line, over: float, ego: Ego, *, yields: bool) -> float:
+        """Distance at which a vehicle must stop for others that drive inside the junction [m].
 
-        over    : distance driven beyond the line [m]
-        returns : to before the path of the first of them; inf where it can pass them, or cannot stop any more
+        A vehicle without priority may have set out before it saw this one: SUMO's drivers see only who is on the lane
+        from which its route goes on, and will not stop at its line.
+
+        over    : distance driven beyond the line [m]; negative: before it
+        yields  : whether also for those that have priority
+        returns : to the line if it is before that and can stop there in comfort, else to before the path of the first
+                  of them; inf where it can pass them, or cannot stop any more
         """
         stop = math.inf
-        for foe in self._first_inside[line]:
-            left = foe.crossing.own[0] - over - BEFORE_PATH * ego.size
-            if foe.pace.speed < STANDING or foe.crossing.swings or ego.speed**2 / (2 * STOPS_BY) > left:
+        for foe in self._all_inside[line]:
+            crossing = foe.crossing
+            if foe.pace.speed < STANDING or crossing.swings or (crossing.first and not yields):
                 continue
+            if not crossing.first and self._gives_way_inside(foe, line):
+                continue
+            stops_within = ego.speed**2 / (2 * (STOPS_BY if crossing.first else STOPS_HARD_BY))
+            places = (place - over - BEFORE_PATH * ego.size for place in (crossing.own[0], crossing.touches))
+            left = next((place for place in places if stops_within <= place), math.inf)
             if left < stop and not self._has_gap_among([foe], line, -over, ego, 0.0, -over):
                 stop = left
-        return stop
+        return -over if ego.stops_within < -over < stop < math.inf else stop
+
+    def _gives_way_inside(self, foe: Approach, line: Line) -> bool:
+        """Whether a vehicle without priority inside the junction will not be met: it waits midway, or looks itself.
+
+        A member looks. A vehicle from the same edge is beside, or ahead on the same lane.
+        """
+        crossing = foe.crossing
+        if crossing.before.rpartition("_")[0] == line.lane.rpartition("_")[0]:
+            return True
+        left = foe.to_line + crossing.its[0]
+        may_stop = foe.id in self.members and left > foe.pace.speed**2 / (2 * STOPS_BY)
+        return may_stop or 0 < foe.to_line + crossing.waits < math.inf
 
     # ---- gaps
 

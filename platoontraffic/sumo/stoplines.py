@@ -258,18 +258,21 @@ class StopLines:
             inside = self._now.lane_length[ego.lane]
             driven = self._now.position[ego.id]
             is_open = self._way.may_cross(line, -driven, ego, midway=True)
-            stop = min(inside, self._midway(line, driven - OVERRUN * ego.size))
-            return LineState(stop - driven, is_open, False, False, RIGHT_OF_WAY)
+            stop = min(inside, self._midway(line, driven - OVERRUN * ego.size)) - driven
+            if (before := self._way.stop_before_foes(line, driven, ego, yields=False)) < math.inf:
+                is_open, stop = False, min(stop, before)
+            return LineState(stop, is_open, False, False, RIGHT_OF_WAY)
         if line.state == CHANGING:
             before = self._change.may_change(line, -over, ego)
             if before < np.inf and ego.lane != line.onto:
                 return LineState(before, False, False, False, LANE_CHANGE)
-        elif ego.lane in line.via and (state := self._link_state(line)) not in PRIORITY:
-            left = OVERRUN * ego.size - over
-            if ego.speed**2 / (2 * EARLY_BRAKING) < left and not self._way.has_way(line, state, -over, ego):
+        elif ego.lane in line.via:
+            state, left = self._link_state(line), OVERRUN * ego.size - over
+            may_stop = state not in PRIORITY and ego.speed**2 / (2 * EARLY_BRAKING) < left
+            if may_stop and not self._way.has_way(line, state, -over, ego):
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
-            one_sided = state not in EQUAL + ZIPPER  # elsewhere either of two may have to give way to the other
-            if one_sided and (stop := self._way.stop_before_foes(line, over, ego)) < math.inf:
+            yields = state not in PRIORITY + EQUAL + ZIPPER  # at equal ones either of two may have to give way
+            if (stop := self._way.stop_before_foes(line, over, ego, yields=yields)) < math.inf:
                 return LineState(stop, False, False, False, RIGHT_OF_WAY)
         return None
 
@@ -315,6 +318,8 @@ class StopLines:
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
         if not self._is_free_of_people(line, distance, ego):
             return LineState(distance, False, minor, yellow, PEOPLE)
+        if near and (stop := self._way.stop_before_foes(line, -distance, ego, yields=False)) < math.inf:
+            return LineState(stop, False, minor, yellow, RIGHT_OF_WAY)
         if near and line.light and not self._is_cleared(line):
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
         if near and not self._has_room(line, ego):

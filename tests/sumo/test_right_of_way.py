@@ -475,17 +475,55 @@ def test_a_vehicle_in_the_junction_stops_for_one_with_priority_that_sets_out_the
         position={"c": its if its < 5.0 else 18.0}, speed={"c": foe_speed}, acceleration={"c": 2.6}, length={"c": 5.0},
     )  # fmt: skip
     ego = Ego("m.0", ":a_0", own, CAR.length)
-    assert way.stop_before_foes(line, over, ego) == pytest.approx(stop)
+    assert way.stop_before_foes(line, over, ego, yields=True) == pytest.approx(stop)
+    assert way.stop_before_foes(line, over, ego, yields=False) == np.inf
 
 
-@pytest.mark.parametrize(("state", "stop"), [("m", 4.0), ("m", np.inf), ("M", 4.0), ("w", 4.0), ("Z", 4.0)])
-def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(state, stop):
+@pytest.mark.parametrize(
+    ("own", "over", "before", "name", "waits", "stop"),
+    [
+        (6.0, -5.0, "side_0", "c", np.inf, 14.5),  # it cannot stop at the line in comfort, but before its path
+        (6.0, -11.0, "side_0", "c", np.inf, 11.0),  # it can
+        (9.0, 3.0, "side_0", "c", np.inf, 6.5),  # it brakes hard for one that should have given way
+        (9.0, 5.0, "side_0", "c", np.inf, 6.5),  # nearer to it, it stops before where its front would touch it
+        (9.0, 8.0, "side_0", "c", np.inf, np.inf),  # it cannot stop any more
+        (6.0, -5.0, "side_0", "c", 2.0, np.inf),  # it will wait midway
+        (6.0, -5.0, "side_0", "c", 0.5, 14.5),  # it is beyond that place
+        (6.0, -5.0, "road_1", "c", np.inf, np.inf),  # it is beside it
+        (6.0, -5.0, "side_0", "m.1", np.inf, np.inf),  # a member will stop itself
+    ],
+)
+def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over, before, name, waits, stop):
+    """SUMO's drivers do not see a member that comes onto the lane of its turn just before the line."""
+    line = Line(100.0, "M", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    crossing = Crossing(before, (":a_1",), (10.0, 18.0), (5.0, 12.0), False, False, waits, 10.0, touches=12.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
+                     {line: conflicts})  # fmt: skip
+    way.members = {"m.0", "m.1"}
+    way._now = SimpleNamespace(
+        on_lane={":a_1": [name]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={name: 1.0},
+        speed={name: 3.0}, acceleration={name: 2.6}, length={name: 5.0},
+    )  # fmt: skip
+    ego = Ego("m.0", "road_0" if over < 0 else ":a_0", own, CAR.length)
+    assert way.stop_before_foes(line, over, ego, yields=False) == pytest.approx(stop)
+
+
+@pytest.mark.parametrize(("state", "yields"), [("m", True), ("M", False), ("w", False), ("=", False), ("Z", False)])
+@pytest.mark.parametrize("stop", [4.0, np.inf])
+def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(state, yields, stop):
     line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
-    lines = StopLines(None, None)
-    lines._way = SimpleNamespace(has_way=lambda *_: True, stop_before_foes=lambda *_: stop)
+    lines, asked = StopLines(None, None), []
+
+    def stop_before_foes(*_: object, yields: bool) -> float:
+        asked.append(yields)
+        return stop
+
+    lines._way = SimpleNamespace(has_way=lambda *_: True, stop_before_foes=stop_before_foes)
     lines._conflicts = {line: SimpleNamespace(unregulated=False)}
     found = lines._passed(line, 3.0, Ego("m.0", ":a_0", 4.0, CAR.length))
-    assert (found is not None) == (state == "m" and stop < np.inf)
+    assert asked == [yields]
+    assert (found is not None) == (stop < np.inf)
     assert found is None or (found.distance, found.open) == (stop, False)
 
 
@@ -615,6 +653,7 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
     lines._now = SimpleNamespace(lane_length=lengths, position={"m.0": over}, links={"road_0": links})
     lines._conflicts = {line._replace(station=0.0): SimpleNamespace(crossings={})}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: np.inf)
     monkeypatch.setattr(StopLines, "_link_state", lambda *_: "M")
     member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, over, [])))
     state = lines._state(member, 100.0 + over, Ego("m.0", lane, 3.0, CAR.length))
@@ -650,8 +689,32 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
     lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, links=links, next_switch=switch)
     lines._conflicts = {line: SimpleNamespace(crossings={one.via[0]: one for one in met})}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: np.inf)
     state = lines._passed(line, over, Ego("m.0", ":a_0", 3.0, CAR.length))
     assert state.distance == pytest.approx(stops_at - over)
+
+
+@pytest.mark.parametrize("stop", [2.0, 6.0, np.inf])
+def test_a_member_that_may_wait_midway_stops_before_that_for_a_vehicle_that_has_set_out(monkeypatch, stop):
+    line = Line(0.0, "g", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
+    monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: stop)
+    state = lines._passed(line, 1.0, Ego("m.0", ":a_0", 3.0, CAR.length))
+    assert (state.open, state.distance) == (stop == np.inf, min(stop, 5.0))
+
+
+@pytest.mark.parametrize(("near", "open_"), [(True, False), (False, True)])
+def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses(monkeypatch, near, open_):
+    line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *given, yields: 12.0 if given[2] == -7.0 else np.inf)
+    monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
+    state = lines._ahead(line, 7.0, near, Ego("m.0", "road_0", 2.0, CAR.length))
+    assert (state.open, state.distance) == (open_, 7.0 if open_ else 12.0)
 
 
 def crossed(via: str, merges: bool = False) -> Crossing:
@@ -828,6 +891,7 @@ def test_the_line_of_a_member_that_is_asked_to_let_another_one_in_is_closed(monk
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
     lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
     monkeypatch.setattr(RightOfWay, "is_asked", lambda *given: asked and given[1:] == ("m.0", "road_0"))
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: np.inf)
     monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
     assert lines._ahead(line, 3.0, True, Ego("m.0", "road_0", 2.0, CAR.length)).open == (not asked)
 
