@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -408,6 +408,17 @@ class Network:
                 raise InputError(f"edge '{edge_id}' is not a road: it is {users(edge)}")
             raise InputError(f"no edge '{edge_id}' in {self.path.name}{did_you_mean(edge_id, self.edges)}")
         return edge_id
+
+    def check_roads(self, edges: Iterable[str]) -> None:
+        """Raise InputError with a fault for each that is not an edge on which platoons can drive."""
+        faults: list[str] = []
+        for edge in edges:
+            try:
+                self._check_edge(self._net.getEdge(self._known(edge)))
+            except InputError as error:
+                faults += error.faults
+        if faults:
+            raise InputError(*faults)
 
     def _check_edge(self, edge: Any) -> None:
         """Raise InputError where platoons cannot drive."""

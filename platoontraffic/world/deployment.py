@@ -60,10 +60,15 @@ def deploy(scenario: Scenario, network: Network, scene: Scene) -> tuple[Member, 
 
 def deploy_platoon(scenario: Scenario, network: Network, i: int) -> list[Member]:
     """The members of the i-th platoon. raises: InputError with the places of the faults"""
-    platoon = scenario.spec.platoon[i]
-    with _placed(scenario, ("platoon", i, "start")):
+    platoon, faults = scenario.spec.platoon[i], []
+    goal = "platoon", i, "to" if platoon.to else "route"
+    with _collected(faults), _placed(scenario, ("platoon", i, "start")):
         network.lane_pose(platoon.start.edge, platoon.start.lane, platoon.start.position_m)
-    with _placed(scenario, ("platoon", i, "to" if platoon.to else "route")):
+    with _collected(faults), _placed(scenario, goal):
+        network.check_roads([platoon.to] if platoon.to else platoon.route)
+    if faults:
+        raise InputError(*faults)
+    with _placed(scenario, goal):
         edges = network.fastest_route(platoon.start.edge, platoon.to) if platoon.to else platoon.route
         walls, models = scenario.spec.scene.walls == "outline", [platoon.model(k) for k in range(platoon.size)]
         routes = {model: _route(network, platoon, edges, walls, model) if edges else None for model in set(models)}
@@ -82,6 +87,15 @@ def _placed(scenario: Scenario, path: tuple) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(*(scenario.fault(path, fault) for fault in error.faults)) from error
+
+
+@contextmanager
+def _collected(faults: list[str]) -> Iterator[None]:
+    """Adds the faults that are raised inside to a list."""
+    try:
+        yield
+    except InputError as error:
+        faults += error.faults
 
 
 class Equipment(NamedTuple):

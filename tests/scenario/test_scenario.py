@@ -64,6 +64,18 @@ def test_a_fault_is_reported_with_line_and_key(scenario_file, old, new, said):
     assert any(said in fault for fault in faults(scenario_file((old, new))))
 
 
+def test_the_faults_of_start_and_route_are_told_at_once(scenario_file):
+    given = faults(
+        scenario_file(
+            ('edge = "sw_se"', 'edge = "sw_es"'), ("[platoon.leader]", 'route = ["sw_se", "es_ne"]\n[platoon.leader]')
+        )
+    )
+    assert [fault.partition(": ")[2] for fault in given] == [
+        "platoon.0.start: no edge 'sw_es' in lab_loop.net.xml; did you mean 'sw_se'?",
+        "platoon.0.route: no edge 'es_ne' in lab_loop.net.xml; did you mean 'se_ne'?",
+    ]
+
+
 def test_noise_of_a_lidar_is_that_of_its_preset_unless_given():
     def noise(*changes):
         changes = [f"platoon.follower.lidar.{change}" for change in changes]
