@@ -15,7 +15,8 @@ import numpy as np
 
 from platoontraffic.controllers.law import Sensed
 
-AFTER = 10.0  # time that a vehicle and what it stands for must have stood [s]
+AFTER = 10.0  # time that a vehicle and what it stands for must have stood [s] ...
+EVERY = 1.0  # ... and period after which one that could not pass tries again [s]
 SPEED = 0.25  # greatest while it creeps [vehicle lengths a second]: 1.2 m/s
 GAIN = 0.8  # by which it approaches that speed; the drive line lags behind its command by half a second [1/s]
 CLEARANCE = 0.05  # on each side of the body [vehicle widths]: 9 cm
@@ -55,7 +56,8 @@ class Creeping(NamedTuple):
 
         length, after = sensed.body.length, Creeping(*np.empty((2, len(free))))
         if wait(self, sensed.speed, length, free, before, held, AFTER, dt, after):
-            for i in np.flatnonzero((after.stood > AFTER) & ~self.active):
+            tries, tried = (np.ceil((state.stood - AFTER) / EVERY) for state in (after, self))
+            for i in np.flatnonzero((after.stood > AFTER) & (tries > tried) & ~self.active):
                 if swept(sensed, int(i), curvature[i]) >= min(free[i] + length[i], (REACH - PLACES) * length[i]):
                     after.left[i] = length[i]
         return after

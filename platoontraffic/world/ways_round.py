@@ -48,7 +48,8 @@ AFTER = 5.0  # time that a member has stood before it takes a way [s] ...
 AFTER_FOLLOWING = 120.0  # ... round the vehicle that it has followed: longer than that waits at a light ...
 LITTLE = 0.8  # greatest shift that it does not wait with [m] ...
 ROLLS = 2.5  # ... from this speed down [m/s]
-EVERY = 1.0  # period after which it looks again [s]
+EVERY = 1.0  # least period after which it looks again [s] ...
+LATER, LATER_FOLLOWING = 0.1, 0.5  # ... and the least share of its time at a stand: what has stood for long will stand
 STILL = 0.05  # by which a body that stands may seem to move between two looks [m]
 EVERY_UNDER_WAY, STILL_UNDER_WAY = 0.5, 0.3  # the same two of a member that drives [s], [m]
 NEAR = 25.0  # distance of returns that matter [m]; nothing may be so far behind where it pulls out
@@ -202,8 +203,8 @@ class WaysRound:
     def _blocked(self, fleet: Fleet, time: float) -> Iterator[tuple[int, int, int, float]]:
         """Slow members that look now at the body before them.
 
-        Row, group, row in the group, and the time at a stand before a shift of more than `LITTLE` [s]. A member behind
-        a vehicle that it has followed looks less often, the longer it stands.
+        Row, group, row in the group, and the time at a stand before a shift of more than `LITTLE` [s]. The longer it
+        stands the less often it looks.
         """
         speed = np.abs(fleet.motion.speed)
         if self._looks:
@@ -222,7 +223,8 @@ class WaysRound:
                 look = look._replace(since=time if stands else math.inf)
             self._looks[member.id] = look
             follows = one.reason == PREDECESSOR
-            every = EVERY_UNDER_WAY if not stands else max(EVERY, (time - look.since) / 2) if follows else EVERY
+            later = LATER_FOLLOWING if follows else LATER
+            every = max(EVERY, later * (time - look.since)) if stands else EVERY_UNDER_WAY
             if time - look.at > every - 1e-6:
                 yield one.row, one.group, one.k, AFTER_FOLLOWING if follows else AFTER
 

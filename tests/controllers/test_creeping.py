@@ -71,6 +71,17 @@ def test_it_stops_when_what_it_creeps_past_moves():
     assert not state.after(sensed, 2.9 * one, 3.0 * one, ~no, 0 * one, 0.1).active.any()  # a line closes
 
 
+def test_one_that_could_not_pass_tries_again_every_second(monkeypatch):
+    """Hundreds stand in a jam: each of them in each step took a twentieth of a city's time."""
+    one, tried = np.ones(1), []
+    monkeypatch.setattr(creeping, "swept", lambda _, i, curvature: tried.append(round(state.stood[0], 1)) or 0.0)
+    sensed = SimpleNamespace(speed=0 * one, body=SimpleNamespace(length=CAR.length * one))
+    state, no = creeping.Creeping.none(1), np.zeros(1, dtype=bool)
+    for _ in range(135):
+        state = state.after(sensed, 1.0 * one, 1.0 * one, no, 0 * one, 0.1)
+    assert tried == pytest.approx([creeping.AFTER + k for k in range(4)], abs=0.15)
+
+
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("length", [4.0, 12.0, 25.0])
 def test_it_creeps_on_with_a_body_close_beside_it(side, length):

@@ -14,7 +14,7 @@ from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, Mount, Noise, Scene
 from platoontraffic.road.route import Route
-from platoontraffic.road.way_round import MOST, SPEED, Body, way_round
+from platoontraffic.road.way_round import MOST, SPEED, Body, blocked_at, way_round
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world import ways_round
@@ -182,6 +182,14 @@ def test_it_stands_where_there_is_no_room(law):
     log = driven(law, body, half=CAR.width / 2 + 0.6, seconds=30.0)
     assert log.speed[-1, 0] < 0.01
     assert shapely.distance(footprints(log), body).min() > 0.5
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_longer_it_stands_the_less_often_it_looks(monkeypatch, law):
+    looks = []
+    monkeypatch.setattr(ways_round, "blocked_at", lambda *given: looks.append(0) or blocked_at(*given))
+    driven(law, box(1.0), half=CAR.width / 2 + 0.6, seconds=10.0 + 60.0)
+    assert 15 < len(looks) < 40
 
 
 @pytest.mark.parametrize("side", [1, -1])
