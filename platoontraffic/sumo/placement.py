@@ -36,8 +36,9 @@ from platoontraffic.world.fleet import Fleet, Member
 # cheaper than within the default 100 m, and finds the same lanes.
 ANY_LANE = ("", -1)
 EXACTLY = (2, 5.0)
-# On a lane as short as a vehicle: the exact pose on a lane of its route. A bend leaves a wedge between two lanes that
-# belongs to none, and SUMO may die of a vehicle that leaves the network in it while its rear is on a third lane.
+# The exact pose on a lane of its route. On a lane as short as a vehicle: a bend leaves a wedge between two lanes that
+# belongs to none, and SUMO may die of a vehicle that leaves the network in it while its rear is on a third lane. And
+# inside a junction once it has been found on a lane of another path there: who drives behind it would not see it.
 ON_ITS_ROUTE = (3, 5.0)
 SHORT = 6.0  # [m]
 
@@ -71,7 +72,7 @@ class Placement:
         self._settled_of: tuple[Member, ...] = ()  # at the last call of `settle`
         self._unsettled: set[str] = set()  # those of them of which the route may have to be set anew
         self._is_short: dict[str, bool] = {}  # by lane
-        self._on_short: set[str] = set()  # members on a short lane
+        self._bound: set[str] = set()  # members that are moved ON_ITS_ROUTE
         self._slowed: set[str] = set()  # SUMO-driven members with a failed drive
         self._movers: list[Mover] = []  # the members that SUMO does not drive ...
         self._movers_of: tuple[str, ...] = ()  # ... of these
@@ -168,10 +169,10 @@ class Placement:
         if not fill_in_poses(motion.x, motion.y, motion.heading, fleet.model.length, at):
             raise RunError("a member's pose is not finite")
         self._shadows.cast(self._moved(fleet))
-        poses, short = at.tolist(), self._on_short
+        poses, bound = at.tolist(), self._bound
         for i in fleet.moved_rows:
             name = fleet.ids[i]
-            move(name, *ANY_LANE, *poses[i], *(ON_ITS_ROUTE if name in short else EXACTLY))
+            move(name, *ANY_LANE, *poses[i], *(ON_ITS_ROUTE if name in bound else EXACTLY))
         if fleet.native_rows.size:
             strongest = fleet.model.strongest_acceleration(motion.speed)
             for i in fleet.native_rows:
@@ -215,8 +216,15 @@ class Placement:
                 self._entries.append((name, before, lane))
             where[name], self._located[row] = (self._sumo.vehicle.getRoadID(name), lane), lane
             self._unsettled.add(name)
-            (self._on_short.add if self._is_a_short_lane(lane) else self._on_short.discard)(name)
+            bound = self._is_a_short_lane(lane) or (lane[:1] == ":" and self._was_astray(fleet.members[row], lane))
+            (self._bound.add if bound else self._bound.discard)(name)
         self._shadows.observe(self._moved(fleet), where)
+
+    def _was_astray(self, member: Member, inside: str) -> bool:
+        """Whether a member inside a junction is, or has been since it entered, on a lane that is not of its route."""
+        if member.id in self._bound:
+            return True
+        return member.route is not None and not any(inside in line.via for line in member.route.lines)
 
     def _put_back(self, name: str, lane: str) -> bool:
         """Put a member that is in the wedge beyond a lane back at the end of that lane, until its next move.

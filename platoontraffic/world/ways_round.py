@@ -6,9 +6,9 @@ way round it (`road.way_round`). A vehicle that it has followed waits, as a rule
 one it stays for `AFTER_FOLLOWING`. Where a little to the side is enough, it does not wait, nor come to a stand: it
 would hold up a junction. At a closed stop line it does wait: the body may be gone when the line opens.
 
-The way keeps to the lanes of its own direction and to junctions; nothing may be there, nor behind on the side to which
-it goes, as far as a laser looks back. What drives away ahead of it, or stands behind, does not count. Until it is past,
-it follows no vehicle: it stops for whatever is in its way.
+The way keeps to the lanes of its own direction and to junctions; nothing may be there, nor come from behind on the side
+to which it goes. What drives away ahead of it, or stands behind, does not count. Until it is past, it follows no
+vehicle: it stops for whatever is in its way.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ EVERY = 1.0  # least period after which it looks again [s] ...
 LATER, LATER_FOLLOWING = 0.1, 0.5  # ... and the least share of its time at a stand: what has stood for long will stand
 STILL = 0.05  # by which a body that stands may seem to move between two looks [m]
 EVERY_UNDER_WAY, STILL_UNDER_WAY = 0.5, 0.3  # the same two of a member that drives [s], [m]
-NEAR = 25.0  # distance of returns that matter [m]; nothing may be so far behind where it pulls out
+NEAR = 25.0  # distance of returns that matter [m]; nothing that moves may be so near behind where it pulls out [m] ...
+COMES_WITHIN, LOOKS_BACK = 5.0, 80.0  # ... or come within that time [s], as far as a laser looks back [m]
 WITHIN_LANE = 1.5  # greatest shift with which the vehicle is still on its lane [m]
 STAYS = 0.6  # shift up to which it stays on its lane with its whole width [m]
 AWAY_BY, AWAY_WITHIN = 0.5, math.radians(45)  # what is ahead, faster [m/s] and headed so nearly alike [rad] drives away
@@ -231,7 +232,7 @@ class WaysRound:
     def _may_use(self, edges: Sequence[str], body: Body, behind: np.ndarray) -> Callable[[float, np.ndarray], bool]:
         """Whether a way is on the road, and nothing is behind on its side.
 
-        behind: returns of the laser that looks back, from the centre, x forward, y to the left (k, 2) [m]
+        behind: returns of what comes from behind, from the centre, x forward, y to the left (k, 2) [m]
         """
 
         def may_use(shift: float, corners: np.ndarray) -> bool:
@@ -239,7 +240,7 @@ class WaysRound:
                 ahead, aside = behind.T
                 aside = math.copysign(1.0, shift) * aside - body.width / 2
                 there = (aside > APART) & (aside < abs(shift) + BESIDE)
-                if (there & (ahead < -body.length / 2) & (ahead > -body.length / 2 - NEAR)).any():
+                if (there & (ahead < -body.length / 2)).any():
                     return False
             points = shapely.points(corners.reshape(-1, 2))
             on_road = np.zeros(len(points), bool)
@@ -265,11 +266,12 @@ class _Returns(NamedTuple):
 def _returns(
     fleet: Fleet, row: int, k: int, scan: ScanBatch, traffic: TrafficSnapshot | None, readings: Readings
 ) -> tuple[_Returns, np.ndarray]:
-    """Near returns of a member's laser, and those of the one that looks back, from the centre, x forward (k, 2) [m].
+    """Near returns of a member's laser, and those of what comes from behind, from the centre, x forward (k, 2) [m].
 
-    traffic: what drives away ahead, and what stands behind, is left out; that is taken as known, as from a further scan
+    traffic: what drives away ahead is left out, and how fast what is behind comes; that is taken as known, as from a
+             further scan
     """
-    near, hits = _near(scan, k)
+    near, hits = _near(scan, k, NEAR)
     motion = fleet.motion
     x, y, heading = (float(values[row]) for values in (motion.x, motion.y, motion.heading))
     if traffic is not None:
@@ -280,19 +282,22 @@ def _returns(
         near, hits = near[stays], hits[stays]
     behind = np.empty((0, 2))
     if AROUND in readings.scans:
-        behind, hits_behind = _near(readings.scans[AROUND], k)
+        behind, hits_behind = _near(readings.scans[AROUND], k, LOOKS_BACK)
+        reach: float | np.ndarray = NEAR
         if traffic is not None:
-            comes = np.append(np.abs(traffic.speed) > STANDS, [True, True])
-            behind = behind[comes[hits_behind]]
+            speed = np.abs(traffic.speed)
+            reach = np.append(np.where(speed > STANDS, np.maximum(NEAR, COMES_WITHIN * speed), 0.0), [NEAR, NEAR])
+            reach = reach[hits_behind]
+        behind = behind[-behind[:, 0] - fleet.model.length[row] / 2 < reach]
     cos, sin = math.cos(heading), math.sin(heading)
     there = np.array([x, y]) + near @ np.array([[cos, sin], [-sin, cos]])
     return _Returns(there, hits), behind
 
 
-def _near(scan: ScanBatch, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns of the k-th laser within `NEAR`, from the centre of its vehicle (m, 2) [m], and what they belong to."""
+def _near(scan: ScanBatch, k: int, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Returns of the k-th laser within a reach, from the centre of its vehicle (m, 2) [m], and what they belong to."""
     model, ranges = scan.model, scan.ranges[k]
-    beams = np.flatnonzero(ranges < NEAR)  # lost ones, NaN, are not
+    beams = np.flatnonzero(ranges < reach)  # lost ones, NaN, are not
     angle = model.angles[beams] + model.mount.yaw
     x, y = np.maximum(ranges[beams], model.range_min) * np.array([np.cos(angle), np.sin(angle)])
     hits = np.full(len(beams), -2) if scan.hits is None else scan.hits[k, beams]

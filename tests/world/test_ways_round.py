@@ -193,13 +193,28 @@ def test_the_longer_it_stands_the_less_often_it_looks(monkeypatch, law):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-@pytest.mark.parametrize(("beside", "behind", "waits"), [(0.5, 15.0, True), (1.0, 15.0, False), (0.5, 30.0, False)])
-def test_it_waits_for_what_comes_from_behind_and_would_pass_closely(side, beside, behind, waits):
+@pytest.mark.parametrize(("beside", "waits"), [(0.5, True), (1.0, False)])
+def test_it_waits_for_what_comes_from_behind_and_would_pass_closely(side, beside, waits):
     """A few centimetres of a car's front were in the strip, between two beams: it was touched at 10 m/s in Bologna."""
     shift, body = side * 1.2, Body(*(float(getattr(CAR, key)) for key in Body._fields))
-    comes = np.array([[-CAR.length / 2 - behind, side * (CAR.width / 2 + 1.2 + beside)]])
+    comes = np.array([[-CAR.length / 2 - 15.0, side * (CAR.width / 2 + 1.2 + beside)]])
     may_use = WaysRound(Street(6.0))._may_use(("road",), body, comes)
     assert may_use(shift, np.array([[[0.0, 0.0], [2.0, 1.0]]])) == (not waits)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("speed", "behind", "waits"), [(12.0, 50.0, True), (12.0, 75.0, False), (0.0, 10.0, False)])
+def test_it_waits_for_what_comes_soon(side, speed, behind, waits):
+    """In Bologna a car pulled out 26 m before one that came at 13 m/s. Else it sets out after 17 s."""
+    eye = replace(PRESETS["car-around"], mount=Mount(0.0), noise=Noise(), name="around")
+    (member,) = platoon(LAWS["tracking"], at=(0.0, 0.0, 0.0), leader_eye=EYE, model=CAR)
+    member = replace(member, route=ROUTE, speed=8.0, single=True, equip="equip", further_lidars=(eye,))
+    at = 50.0 - behind - 17.0 * speed, 3.0 * side, 0.0
+    (other,) = platoon(Prescribed(lambda _: Drive(0.0, 0.0)), at=at, model=CAR)
+    other = replace(other, id="comes", speed=speed, single=True)
+    log = drive([member, other], Scene.from_shapely(solids=[box(1.0, -side)]), 40.0, 0.1, map=Street(6.0))
+    goes_out = log.time[np.abs(log.y[:, 0]) > 0.2][0]
+    assert goes_out > 21.0 if waits else goes_out == pytest.approx(18.2, abs=0.5)
 
 
 def test_without_a_map_it_stands():

@@ -1,0 +1,51 @@
+"""On which lane SUMO takes a member to be, inside a junction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from platoontraffic.controllers.path import PathLeader
+from platoontraffic.road.lane_routes import Line
+from platoontraffic.road.route import Route
+from platoontraffic.sumo.placement import EXACTLY, ON_ITS_ROUTE, Placement
+from platoontraffic.vehicles.bicycle import CARS
+from platoontraffic.world.fleet import Fleet
+from tests.support.bench import platoon
+
+CAR = CARS["car"]
+LINE = Line(50.0, "M", "", 0, "road_0", "next_0", (":a_0_0", ":a_9_0"), 20.0)
+ROUTE = Route.along(("road", "next"), np.array([[0.0, 0.0], [200.0, 0.0]]), np.full(2, 10.0), [LINE])
+
+
+@pytest.mark.parametrize(
+    ("lanes", "bound"),
+    [
+        (["road_0", ":a_0_0", ":a_9_0", "next_0"], []),
+        (["road_0", ":a_3_0", ":a_9_0", "next_0"], [1, 2]),  # until it leaves the junction
+        (["road_0", ":a_0_0", ":a_4_0", ":a_9_0", "next_0"], [2, 3]),
+    ],
+)
+@pytest.mark.parametrize("has_route", [True, False])
+def test_a_member_on_a_lane_of_another_path_inside_a_junction_is_put_on_its_own(lanes, bound, has_route):
+    """In Bologna one in 26 was: the car behind did not see it, and drove into its rear."""
+    moved, here = [], SimpleNamespace(lane="")
+    client = SimpleNamespace(
+        vehicle=SimpleNamespace(
+            getLaneID=lambda _: here.lane, getRoadID=lambda _: here.lane.rpartition("_")[0],
+            moveToXY=lambda *given: moved.append(given[-2:]),
+        ),
+        lane=SimpleNamespace(getLength=lambda _: 20.0),
+    )  # fmt: skip
+    placement = Placement(client, SimpleNamespace(left_hand=False, edges={}), 0.1)
+    placement._shadows = SimpleNamespace(observe=lambda *_: None, cast=lambda _: None)
+    (member,) = platoon(PathLeader(), model=CAR)
+    fleet = Fleet.deployed([replace(member, route=ROUTE if has_route else None)], 0.1)
+    for here.lane in lanes:
+        placement.locate(fleet)
+        placement.place(fleet, None)
+    assert [k for k, how in enumerate(moved) if how == ON_ITS_ROUTE] == (bound if has_route else [])
+    assert {*moved} <= {ON_ITS_ROUTE, EXACTLY}
