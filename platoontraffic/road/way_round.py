@@ -106,15 +106,22 @@ class _Planned(NamedTuple):
     plan: Plan
 
 
-def blocked_at(route: Route, station: float, body: Body, returns: np.ndarray) -> float:
-    """Distance along a route until a return is within `KEPT_FREE` of the body [m]; inf: not within `REACH`.
+def blocked_at(route: Route, station: float, body: Body, returns: np.ndarray) -> tuple[float, float]:
+    """Where returns cover the path of the body.
 
     station : of the driven axle
     returns : (k, 2) [m]
+    returns : distance along the route until one is within `KEPT_FREE` of the body [m]; inf: not within `REACH`; and the
+              least shift of a way past those that are there [m]
     """
     section = _ahead(route, station, REACH)
-    touched = _touches(section, body, returns, _kept(section, body, returns, KEPT_FREE)).any(axis=1)
-    return float(section.distance[touched.argmax()]) if touched.any() else math.inf
+    touches = _touches(section, body, returns, _kept(section, body, returns, KEPT_FREE))
+    touched = touches.any(axis=1)
+    if not touched.any():
+        return math.inf, 0.0
+    first = touched.argmax()
+    aside = _places(section, returns[touches[first]])[1]
+    return float(section.distance[first]), body.width / 2 + min(float(aside.max()), -float(aside.min()))
 
 
 def way_round(
@@ -189,11 +196,11 @@ def is_free_without(way: Way, without: Route, station: float, body: Body, return
 
     station, body, returns : as of `blocked_return`
     """
-    if blocked_at(way.route, station, body, returns) == math.inf:
+    if blocked_at(way.route, station, body, returns)[0] == math.inf:
         return False
     ((x, y),) = way.route.line.at(np.array([station]))
     there, _ = without.line.project(x, y, station, REACH)
-    return blocked_at(without, there, body, returns) == math.inf
+    return blocked_at(without, there, body, returns)[0] == math.inf
 
 
 def with_later_return(
@@ -281,16 +288,21 @@ def _extent(section: _Section, body: Body, returns: np.ndarray) -> tuple[float, 
 
     returns: distance at which the own rear is past it; its greatest offsets to the right and to the left [m]
     """
-    cos, sin = section.facing
-    away = np.hypot(returns[:, None, 0] - section.points[:, 0], returns[:, None, 1] - section.points[:, 1])
-    k = away.argmin(axis=1)
-    x, y = (returns - section.points[k]).T
-    along, aside = section.distance[k] + cos[k] * x + sin[k] * y, cos[k] * y - sin[k] * x
+    along, aside = _places(section, returns)
     order = np.argsort(along, kind="stable")
     gaps = np.flatnonzero(np.diff(along[order]) > SAME_BODY)
     first = order[: gaps[0] + 1] if len(gaps) else order
     end = max(float(along[first].max()), float(along[first].min()) + DEPTH)
     return end + body.length / 2 + body.axle, float(aside[first].min()), float(aside[first].max())
+
+
+def _places(section: _Section, returns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of returns (k, 2): distances along a section, and offsets to the left of it, (k,) each [m]."""
+    cos, sin = section.facing
+    away = np.hypot(returns[:, None, 0] - section.points[:, 0], returns[:, None, 1] - section.points[:, 1])
+    k = away.argmin(axis=1)
+    x, y = (returns - section.points[k]).T
+    return section.distance[k] + cos[k] * x + sin[k] * y, cos[k] * y - sin[k] * x
 
 
 def _way(

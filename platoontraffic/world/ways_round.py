@@ -125,18 +125,20 @@ class WaysRound:
             name, member = fleet.ids[row], fleet.members[row]
             body = _body(member)
             last = self._looks[name]
-            distance = blocked_at(member.route, station, body, returns.points)
+            distance, least = blocked_at(member.route, station, body, returns.points)
             look = last._replace(at=time, place=station + distance)
             self._looks[name] = look
             if signals is not None and not signals.open[row] and signals.distance[row] < distance:
                 continue
             if not abs(look.place - last.place) < (STILL if look.since < math.inf else STILL_UNDER_WAY):
                 continue
-            pose = *(float(axle[row]) for axle in fleet.model.axle_position(fleet.motion)), fleet.motion.heading[row]
-            may_use = self._may_use(member.route.edges, body, behind)
             most = MOST if roads[row][0][:1] == ":" else WITHIN_LANE
             if time - last.since < after - 1e-6:
                 most = LITTLE
+            if least > most:
+                continue
+            pose = *(float(axle[row]) for axle in fleet.model.axle_position(fleet.motion)), fleet.motion.heading[row]
+            may_use = self._may_use(member.route.edges, body, behind)
             way = way_round(member.route, station, pose, body, returns.points, may_use, most)
             if way is None:
                 continue
