@@ -18,9 +18,10 @@ from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.room_to_change import Wanted
 
 AFTER = 3.0  # time that a vehicle has stood before it is let in, where that is not urgent [s]
-LONGEST = 20.0  # time that one vehicle waits for another one to begin its lane change [s]
+LONGEST = 20.0  # time that one vehicle waits for another one to begin its lane change, while it need not anyway [s]
 GOES_OVER = 30.0  # longest time from then on until that one is on its lane, where it is seen [s]
 GIVEN_UP = 1.0  # a vehicle that has not wanted room for so long does not change lanes any more [s]
+IN_QUEUE = 6.0  # distance to a vehicle ahead, beyond a length of the other one, up to which there is no room yet [m]
 BRAKING = 3.0  # of a vehicle that lets another one in [m/s2]
 LEAST, SPARE = 1.0, 1.0  # distance behind the other one's front: at least, and beyond what the lane change needs [m]
 NEAR = 50.0  # distance from there up to which a member is asked to let one of SUMO's in [m]
@@ -76,6 +77,9 @@ class LettingIn:
                 self._end(name)
                 continue
             asked, wanted = self._asked[name]
+            if self._is_in_queue(foe, name, wanted.lane):
+                until += self._step
+                self.waiting[name] = foe, until
             is_over = not self._is_on_road(name) or self._lane(name, where) == wanted.lane
             if is_over or time >= min(until, asked + GIVEN_UP):
                 if foe not in where:
@@ -89,6 +93,15 @@ class LettingIn:
                     self.stops[foe] = before[foe]
             else:
                 self._hold(foe, name, wanted.behind)
+
+    def _is_in_queue(self, foe: str, name: str, lane: str) -> bool:
+        """Whether a vehicle that waits could not drive on anyway: the next one on its lane stands close ahead."""
+        there, vehicle = self._sumo.lane.getLastStepVehicleIDs(lane), self._sumo.vehicle
+        if foe not in there[:-1]:
+            return False
+        ahead = there[there.index(foe) + 1]
+        room = vehicle.getLanePosition(ahead) - vehicle.getLength(ahead) - vehicle.getLanePosition(foe)
+        return vehicle.getSpeed(ahead) < STANDING and room < vehicle.getLength(name) + IN_QUEUE
 
     def _is_on_road(self, vehicle: str) -> bool:
         try:

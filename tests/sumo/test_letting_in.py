@@ -25,7 +25,7 @@ def column(tmp_path):
     """Cars on the lane beside a member that stands: their fronts [m] and speeds [m/s] in every step, (steps, cars)."""
     net = crossroads(tmp_path)
 
-    def run(starts, seconds, *, begins=np.inf, gives_up=np.inf, urgent=False, where=MEMBER, held=frozenset()):
+    def run(starts, seconds, *, begins=np.inf, gives_up=np.inf, urgent=False, where=MEMBER, held=frozenset(), jam=0.0):
         sumo.start(["sumo", "-n", str(net), "--step-length", str(STEP), "--no-step-log", "--no-warnings",
                     "--time-to-teleport", "-1"])  # fmt: skip
         try:
@@ -40,6 +40,8 @@ def column(tmp_path):
             sumo.vehicle.moveTo("member", "wc_0", FRONT)
             letting_in, seen = LettingIn(sumo, STEP), []
             for k in range(round(seconds / STEP)):
+                if jam:  # the first one stands until then
+                    sumo.vehicle.setSpeed("c0", 0.0 if k * STEP < jam else -1)
                 begun = k * STEP >= begins
                 wanted = {"member": Wanted("wc_1", BEHIND - SPARE, begun, urgent)} if k * STEP < gives_up else {}
                 letting_in.observe(wanted, where, held)
@@ -97,6 +99,17 @@ def test_it_waits_once_and_not_for_ever(column):
     _, speed = column([20.0], AFTER + LONGEST + 3.0)
     assert speed[round((AFTER + LONGEST - 1.0) / STEP)] < 0.1
     assert speed[-1] > 4.0
+
+
+def test_it_is_still_there_when_the_queue_before_it_moves_on(column):
+    """In Bologna each car of a queue that stood gave up after 20 s, and one kept its lane closed for minutes."""
+    jam = 3 * LONGEST
+    place, speed = column([FRONT - 1.0, 20.0], jam + LONGEST + 5.0, jam=jam)
+    moves_on, later = round((jam + 5.0) / STEP), round((jam + LONGEST - 5.0) / STEP)
+    assert place[moves_on, 0] > FRONT + 10.0  # there is room now
+    assert speed[later, 1] < 0.1
+    assert place[later, 1] < FRONT
+    assert speed[-1, 1] > 2.0  # but not for ever
 
 
 def test_obstacles_are_left_alone(column):
