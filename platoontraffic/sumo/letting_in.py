@@ -155,7 +155,16 @@ class LettingIn:
         room = ahead - max(length, behind)
         if room < speed**2 / (2 * BRAKING):
             room = ahead - behind if speed > STANDING else 0.0
-        # The speed from which it stops within the room, after the coming step.
-        fastest = BRAKING * (math.sqrt(self._step**2 + 2 * max(room, 0.0) / BRAKING) - self._step)
-        gentlest = max(speed - BRAKING * self._step, 0.0)
-        vehicle.setSpeed(foe, max(fastest, gentlest) if fastest < speed + BRAKING * self._step else OWN_DRIVER)
+        vehicle.setSpeed(foe, speed_to_stop(speed, room, BRAKING, self._step))
+
+
+def speed_to_stop(speed: float, room: float, braking: float, step: float) -> float:
+    """Argument of setSpeed for a vehicle that is to stop within some room [m/s].
+
+    That from which it stops after the coming step, as gently as it may brake; OWN_DRIVER where it is not that fast.
+
+    room: [m], braking: [m/s2], step: of SUMO's [s]
+    """
+    fastest = braking * (math.sqrt(step**2 + 2 * max(room, 0.0) / braking) - step)
+    gentlest = max(speed - braking * step, 0.0)
+    return max(fastest, gentlest) if fastest < speed + braking * step else OWN_DRIVER

@@ -46,6 +46,7 @@ SWINGS_OUT_LONGEST = 30.0  # ... and after which it does so even if a vehicle co
 BEFORE_PATH = 0.5  # distance that a car which stops inside a junction keeps from the path of another vehicle [m]
 STOPS_BY = 4.5  # hardest braking with which a vehicle comes to a stop sign [m/s2]: that of SUMO's cars
 STOPS_HARD_BY = 7.0  # hardest braking for a vehicle inside a junction that should have given way [m/s2]
+COMES_UNTIL = 5.0  # a member that has stood for longer does not come: who waits for it may go on [s]
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
 LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
 JUNCTIONS = 3  # number of the next junctions at which a vehicle's path is compared with the own one
@@ -70,6 +71,8 @@ class RightOfWay:
 
     now      : SUMO's values at this instant
     conflicts: at each line, at station 0
+    stops    : vehicles of SUMO's that would wait inside in the way of a member, and the distance after which each is to
+               stop [m]: `note_waiting`
     """
 
     def __init__(self, sumo: Client, now: Reads, conflicts: Mapping[Line, Conflicts]) -> None:
@@ -79,6 +82,8 @@ class RightOfWay:
         self._patiently = Once(lambda line: [*self._approaching(line)])
         self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
         self._all_inside = Once(lambda line: [*self._inside(line, first=False)])
+        self._waiting_in_path = Once(lambda line: [*self._waiters(line)])  # for the whole run
+        self.stops: dict[str, float] = {}
         self._inside_between = Once(self._between)
         # States of links without a light: by the lane before, and the first lane inside.
         self._steady = Once(lambda link: _state_of(sumo.lane.getLinks(link[0]), link[1]))
@@ -180,6 +185,27 @@ class RightOfWay:
         left = foe.to_line + crossing.its[0]
         may_stop = foe.id in self.members and left > foe.pace.speed**2 / (2 * STOPS_BY)
         return may_stop or 0 < foe.to_line + crossing.waits < math.inf
+
+    def note_waiting(self, line: Line, distance: float, ego: Ego) -> None:
+        """Note the vehicles that must stop before the path of a member which comes, or has just come to a stand.
+
+        distance: of its front from the line [m]; negative: beyond it
+        """
+        if self._now.waited[ego.id] > COMES_UNTIL:
+            return
+        for crossing in self._waiting_in_path[line]:
+            if distance + crossing.own[1] + ego.length < 0:
+                continue
+            for foe in self.on(crossing):
+                left = foe.to_line + crossing.its[0] - BEFORE_PATH * scale(self._now.length[foe.id])
+                if foe.id not in self.members and left >= foe.pace.speed**2 / (2 * STOPS_BY):
+                    self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
+
+    def _waiters(self, line: Line) -> Iterator[Crossing]:
+        """Paths without priority on which vehicles wait midway, where they are in the way."""
+        for crossing in self._conflicts[line].crossings.values():
+            if not crossing.first and not crossing.merges and crossing.its[0] < crossing.waits < math.inf:
+                yield crossing
 
     # ---- gaps
 

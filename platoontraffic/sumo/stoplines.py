@@ -97,6 +97,11 @@ class StopLines:
         """`RoomToChange.wanted`."""
         return self._change.wanted
 
+    @property
+    def waiting_places(self) -> Mapping[str, float]:
+        """`RightOfWay.stops`."""
+        return self._way.stops
+
     def renew(self) -> None:
         """Ask SUMO anew: it has made a step since, and all vehicles are elsewhere."""
         self._now.renew()
@@ -115,6 +120,7 @@ class StopLines:
             self._asking = [(k, i, Ego.of(members[i])) for k, i in rows if "signals" in members[i].law.needs]
             self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
             self._far = {name: self._far[name] for name in fleet.ids if name in self._far}
+        self._way.stops.clear()
         if not self._asking:
             return None
         self.renew()
@@ -254,6 +260,8 @@ class StopLines:
         line: the vehicle is on one of its lanes, or it is a lane change
         over: distance driven beyond the line [m]
         """
+        if ego.lane in line.via:
+            self._way.note_waiting(line, -over, ego)
         if len(line.via) > 1 and ego.lane == line.via[0]:
             inside = self._now.lane_length[ego.lane]
             driven = self._now.position[ego.id]
@@ -324,6 +332,8 @@ class StopLines:
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
         if near and not self._has_room(line, ego):
             return LineState(distance, False, False, False, NO_ROOM)
+        if near:
+            self._way.note_waiting(line, distance, ego)
         if near and len(line.via) > 1 and not self._way.may_cross(line, distance, ego, midway=True):
             stop = min(conflicts.waits, self._midway(line, 0.0))
             return LineState(distance + stop, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait

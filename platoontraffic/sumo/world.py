@@ -30,6 +30,7 @@ from platoontraffic.sumo.recruiting import Recruiting
 from platoontraffic.sumo.shadows import shadow_options
 from platoontraffic.sumo.stoplines import StopLines
 from platoontraffic.sumo.trips import Trips
+from platoontraffic.sumo.waiting_places import WaitingPlaces
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import Entry, departs_by, members_at, with_their_followers
 from platoontraffic.world.passages import Passage
@@ -76,6 +77,7 @@ class World:
         self._letting_go = LettingGo(self._sumo, network)
         self._letting_in, self._lane_ends = LettingIn(self._sumo, step), LaneEnds(self._sumo)
         self._lines = StopLines(network, self._sumo, self._letting_in)
+        self._waiting_places = WaitingPlaces(self._sumo, step)
         self._trips = Trips(self._sumo, self._placement, step)
         self._passages = Passages(self._sumo, network, counted, self._trips)
         self._recruiting = recruits and Recruiting(self._sumo, recruits, step)
@@ -179,6 +181,7 @@ class World:
         """
         self._letting_go.observe(fleet, self._placement.where, self._clock)
         unwilling = self._obstacles.in_sumo | fleet.followers_of_platoons
+        self._waiting_places.observe(self._lines.waiting_places)
         theirs = self._lane_ends.room_wanted(fleet.ids, self._placement.where)
         self._letting_in.observe({**self._lines.room_wanted, **theirs}, self._placement.where, unwilling)
         self._placement.place(fleet, brakes)

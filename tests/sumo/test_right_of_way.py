@@ -519,7 +519,9 @@ def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(
         asked.append(yields)
         return stop
 
-    lines._way = SimpleNamespace(has_way=lambda *_: True, stop_before_foes=stop_before_foes)
+    lines._way = SimpleNamespace(
+        has_way=lambda *_: True, stop_before_foes=stop_before_foes, note_waiting=lambda *_: None
+    )
     lines._conflicts = {line: SimpleNamespace(unregulated=False)}
     found = lines._passed(line, 3.0, Ego("m.0", ":a_0", 4.0, CAR.length))
     assert asked == [yields]
@@ -654,6 +656,7 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
     lines._conflicts = {line._replace(station=0.0): SimpleNamespace(crossings={})}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: np.inf)
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_link_state", lambda *_: "M")
     member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, over, [])))
     state = lines._state(member, 100.0 + over, Ego("m.0", lane, 3.0, CAR.length))
@@ -690,8 +693,63 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
     lines._conflicts = {line: SimpleNamespace(crossings={one.via[0]: one for one in met})}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: np.inf)
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, over, Ego("m.0", ":a_0", 3.0, CAR.length))
     assert state.distance == pytest.approx(stops_at - over)
+
+
+@pytest.mark.parametrize(
+    ("changed", "speed", "place", "name", "waited", "distance", "stop"),
+    [
+        ({}, 3.0, 2.0, "c", 0.0, 20.0, 4.5),  # 0.5 m before the path of the member, which begins 7 m on
+        ({}, 3.0, 2.0, "c", 0.0, -12.0, 4.5),
+        ({}, 3.0, 2.0, "c", 4.0, 0.5, 4.5),  # it has just come to a stand
+        ({}, 3.0, 2.0, "c", 6.0, 0.5, None),  # it does not come
+        ({}, 3.0, 2.0, "c", 0.0, -24.0, None),  # it is past
+        ({}, 7.0, 2.0, "c", 0.0, 20.0, None),  # the other one cannot stop any more
+        ({}, 3.0, 8.0, "c", 0.0, 20.0, None),  # it is there already
+        ({}, 3.0, 2.0, "m.1", 0.0, 20.0, None),  # a member knows its own places
+        ({"first": True}, 3.0, 2.0, "c", 0.0, 20.0, None),  # it does not wait for this one
+        ({"merges": True}, 3.0, 2.0, "c", 0.0, 20.0, None),
+        ({"waits": 6.0}, 3.0, 2.0, "c", 0.0, 20.0, None),  # its place midway is out of the way
+        ({"waits": np.inf}, 3.0, 2.0, "c", 0.0, 20.0, None),  # it has none
+    ],
+)
+def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
+    changed, speed, place, name, waited, distance, stop
+):
+    """In Bologna a bus and a member waited for each other there, and closed the junction for minutes."""
+    line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    crossing = Crossing("side_0", (":a_1", ":a_2"), (10.0, 18.0), (7.0, 14.0), False, False, 9.0, 10.0)
+    crossing = crossing._replace(**changed)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
+    way.members = {"m.0", "m.1"}
+    way._now = SimpleNamespace(
+        on_lane={":a_1": [name], ":a_2": []}, lane_length={":a_1": 9.0, ":a_2": 9.0}, position={name: place},
+        speed={name: speed}, acceleration={name: 2.6}, length={name: 5.0}, waited={"m.0": waited},
+    )  # fmt: skip
+    way.note_waiting(line, distance, Ego("m.0", "road_0" if distance > 0 else ":a_0", 8.0, CAR.length))
+    assert way.stops == ({} if stop is None else {name: pytest.approx(stop)})
+
+
+@pytest.mark.parametrize("lane", ["road_0", ":a_0", ":a_2", "next_0"])
+def test_they_are_looked_for_by_members_that_come_and_that_are_inside(monkeypatch, lane):
+    line, looked = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0), []
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
+    lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
+    for name, value in {"may_cross": True, "stop_before_foes": np.inf}.items():
+        monkeypatch.setattr(RightOfWay, name, lambda *_, value=value, **__: value)
+    monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *given: looked.append(given[2]))
+    ego = Ego("m.0", lane, 5.0, CAR.length)
+    if lane == "road_0":
+        lines._ahead(line, 12.0, True, ego)
+        lines._ahead(line, 40.0, False, ego)  # too far away
+    else:
+        lines._passed(line, 1.0, ego)
+    assert looked == {"road_0": [12.0], "next_0": []}.get(lane, [-1.0])
 
 
 @pytest.mark.parametrize("stop", [2.0, 6.0, np.inf])
@@ -702,6 +760,7 @@ def test_a_member_that_may_wait_midway_stops_before_that_for_a_vehicle_that_has_
     lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: stop)
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, 1.0, Ego("m.0", ":a_0", 3.0, CAR.length))
     assert (state.open, state.distance) == (stop == np.inf, min(stop, 5.0))
 
@@ -712,6 +771,7 @@ def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
     lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *given, yields: 12.0 if given[2] == -7.0 else np.inf)
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
     state = lines._ahead(line, 7.0, near, Ego("m.0", "road_0", 2.0, CAR.length))
     assert (state.open, state.distance) == (open_, 7.0 if open_ else 12.0)
@@ -892,6 +952,7 @@ def test_the_line_of_a_member_that_is_asked_to_let_another_one_in_is_closed(monk
     lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
     monkeypatch.setattr(RightOfWay, "is_asked", lambda *given: asked and given[1:] == ("m.0", "road_0"))
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: np.inf)
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
     assert lines._ahead(line, 3.0, True, Ego("m.0", "road_0", 2.0, CAR.length)).open == (not asked)
 

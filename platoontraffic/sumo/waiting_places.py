@@ -1,0 +1,36 @@
+"""Where SUMO's vehicles wait inside a junction for members that come.
+
+SUMO's place midway may lie in the path of those to whom a vehicle gives way: to SUMO they pass through each other. A
+member stops before such a body, which waits for the member: a bus and a member closed a junction of Bologna for
+minutes. So a vehicle that will wait there for a member stops before the member's path, as a driver does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+
+from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.letting_in import OWN_DRIVER, speed_to_stop
+from platoontraffic.sumo.right_of_way import STOPS_BY
+
+
+class WaitingPlaces:
+    """The vehicles that are kept from driving on.
+
+    step: of SUMO's [s]
+    """
+
+    def __init__(self, sumo: Client, step: float) -> None:
+        self._sumo, self._step = sumo, step
+        self._kept: set[str] = set()
+
+    def observe(self, stops: Mapping[str, float]) -> None:
+        """Before every step. stops: distances after which vehicles are to stop [m]; the others drive on"""
+        vehicle = self._sumo.vehicle
+        for name in sorted(self._kept - stops.keys()):
+            with contextlib.suppress(self._sumo.TraCIException):  # it has left the simulation
+                vehicle.setSpeed(name, OWN_DRIVER)
+        for name, room in stops.items():
+            vehicle.setSpeed(name, speed_to_stop(vehicle.getSpeed(name), room, STOPS_BY, self._step))
+        self._kept = {*stops}

@@ -1,0 +1,48 @@
+"""Vehicles that are kept from driving on inside a junction."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from platoontraffic.sumo.letting_in import OWN_DRIVER, speed_to_stop
+from platoontraffic.sumo.waiting_places import WaitingPlaces
+
+STEP = 0.1
+
+
+@pytest.mark.parametrize(("speed", "room"), [(8.0, 8.0), (8.0, 20.0), (3.0, 1.0), (0.0, 0.0)])
+def test_a_vehicle_stops_within_its_room_as_gently_as_it_may(speed, room):
+    place, hardest = 0.0, 0.0
+    for _ in range(300):
+        told = speed_to_stop(speed, room - place, 4.5, STEP)
+        new = min(speed + 2.6 * STEP, 8.0) if told == OWN_DRIVER else told
+        hardest = max(hardest, (speed - new) / STEP)
+        speed, place = new, place + new * STEP
+    assert place == pytest.approx(room, abs=0.05)
+    assert hardest <= 4.5 + 1e-9
+
+
+def test_they_drive_on_when_nobody_comes_any_more():
+    speeds, told = {"a": 5.0, "b": 5.0, "gone": 5.0}, []
+
+    class Gone(Exception):
+        pass
+
+    def set_speed(name: str, speed: float) -> None:
+        if name not in speeds:
+            raise Gone
+        told.append((name, speed))
+
+    vehicle = SimpleNamespace(getSpeed=speeds.__getitem__, setSpeed=set_speed)
+    places = WaitingPlaces(SimpleNamespace(vehicle=vehicle, TraCIException=Gone), STEP)
+    places.observe({"a": 2.0, "b": 1e3, "gone": 2.0})
+    assert [(name, speed == OWN_DRIVER) for name, speed in told] == [("a", False), ("b", True), ("gone", False)]
+    del speeds["gone"], told[:]
+    places.observe({"b": 2.0})
+    assert [(name, speed == OWN_DRIVER) for name, speed in told] == [("a", True), ("b", False)]
+    del told[:]
+    places.observe({})
+    places.observe({})
+    assert told == [("b", OWN_DRIVER)]
