@@ -412,7 +412,7 @@ class Network:
     def check_roads(self, edges: Iterable[str]) -> None:
         """Raise InputError with a fault for each that is not an edge on which platoons can drive."""
         faults: list[str] = []
-        for edge in edges:
+        for edge in dict.fromkeys(edges):
             try:
                 self._check_edge(self._net.getEdge(self._known(edge)))
             except InputError as error:

@@ -18,7 +18,8 @@ from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.room_to_change import Wanted
 
 AFTER = 3.0  # time that a vehicle has stood before it is let in, where that is not urgent [s]
-LONGEST = 20.0  # time that one vehicle waits for another one to begin its lane change, while it need not anyway [s]
+LONGEST = 20.0  # time that one vehicle waits for another one to begin its lane change [s], not counting that ...
+LONGEST_IN_QUEUE = 300.0  # ... for which the vehicle ahead of it stands anyway; with that time [s]
 GOES_OVER = 30.0  # longest time from then on until that one is on its lane, where it is seen [s]
 GIVEN_UP = 1.0  # a vehicle that has not wanted room for so long does not change lanes any more [s]
 IN_QUEUE = 6.0  # distance to a vehicle ahead, beyond a length of the other one, up to which there is no room yet [m]
@@ -40,6 +41,7 @@ class LettingIn:
         self.waiting: dict[str, tuple[str, float]] = {}
         self.stops: dict[str, tuple[str, float]] = {}
         self._asked: dict[str, tuple[float, Wanted]] = {}  # when each that is let in last wanted room [s], and which
+        self._latest: dict[str, float] = {}  # until when it is waited for at most, in a queue [s]
         self._has_waited: set[tuple[str, str]] = set()  # vehicles, and those for which they do not wait again
 
     def observe(
@@ -69,6 +71,7 @@ class LettingIn:
                 if found is None:
                     continue
                 self.waiting[name] = found, time + (GOES_OVER if wanted.begun else LONGEST)
+                self._latest[name] = time + LONGEST_IN_QUEUE
             elif wanted.begun and not self._asked[name][1].begun:
                 self.waiting[name] = self.waiting[name][0], time + GOES_OVER
             self._asked[name] = time, wanted
@@ -77,7 +80,7 @@ class LettingIn:
                 self._end(name)
                 continue
             asked, wanted = self._asked[name]
-            if self._is_in_queue(foe, name, wanted.lane):
+            if not wanted.begun and time < self._latest[name] and self._is_in_queue(foe, name, wanted.lane):
                 until += self._step
                 self.waiting[name] = foe, until
             is_over = not self._is_on_road(name) or self._lane(name, where) == wanted.lane
@@ -110,7 +113,7 @@ class LettingIn:
             return False
 
     def _end(self, name: str) -> None:
-        del self.waiting[name], self._asked[name]
+        del self.waiting[name], self._asked[name], self._latest[name]
 
     def _first(
         self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]], unwilling: Set[str]

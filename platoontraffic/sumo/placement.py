@@ -36,9 +36,9 @@ from platoontraffic.world.fleet import Fleet, Member
 # cheaper than within the default 100 m, and finds the same lanes.
 ANY_LANE = ("", -1)
 EXACTLY = (2, 5.0)
-# The exact pose on a lane of its route. On a lane as short as a vehicle: a bend leaves a wedge between two lanes that
-# belongs to none, and SUMO may die of a vehicle that leaves the network in it while its rear is on a third lane. And
-# inside a junction once it has been found on a lane of another path there: who drives behind it would not see it.
+# The exact pose on a lane of its route, if one is near. On a lane as short as a vehicle: a bend leaves a wedge between
+# two lanes that belongs to none, and SUMO may die of a vehicle that leaves the network in it while its rear is on a
+# third lane. And inside a junction once it is on its path: who drives behind it would not see it on another one.
 ON_ITS_ROUTE = (3, 5.0)
 SHORT = 6.0  # [m]
 
@@ -216,15 +216,15 @@ class Placement:
                 self._entries.append((name, before, lane))
             where[name], self._located[row] = (self._sumo.vehicle.getRoadID(name), lane), lane
             self._unsettled.add(name)
-            bound = self._is_a_short_lane(lane) or (lane[:1] == ":" and self._was_astray(fleet.members[row], lane))
+            bound = self._is_a_short_lane(lane) or (lane[:1] == ":" and self._keeps_its_path(fleet.members[row], lane))
             (self._bound.add if bound else self._bound.discard)(name)
         self._shadows.observe(self._moved(fleet), where)
 
-    def _was_astray(self, member: Member, inside: str) -> bool:
-        """Whether a member inside a junction is, or has been since it entered, on a lane that is not of its route."""
-        if member.id in self._bound:
-            return True
-        return member.route is not None and not any(inside in line.via for line in member.route.lines)
+    def _keeps_its_path(self, member: Member, inside: str) -> bool:
+        """Whether a member inside a junction is, or was in the last step, on a lane of its route."""
+        if member.route is None:
+            return False
+        return member.id in self._bound or any(inside in line.via for line in member.route.lines)
 
     def _put_back(self, name: str, lane: str) -> bool:
         """Put a member that is in the wedge beyond a lane back at the end of that lane, until its next move.

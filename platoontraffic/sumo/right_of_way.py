@@ -46,6 +46,7 @@ SWINGS_OUT_LONGEST = 30.0  # ... and after which it does so even if a vehicle co
 BEFORE_PATH = 0.5  # distance that a car which stops inside a junction keeps from the path of another vehicle [m]
 STOPS_BY = 4.5  # hardest braking with which a vehicle comes to a stop sign [m/s2]: that of SUMO's cars
 STOPS_HARD_BY = 7.0  # hardest braking for a vehicle inside a junction that should have given way [m/s2]
+ENTERS_WITHIN = 15.0  # distance from its line from which a vehicle is expected to wait midway [m]
 COMES_UNTIL = 5.0  # a member that has stood for longer does not come: who waits for it may go on [s]
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
 LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
@@ -77,7 +78,8 @@ class RightOfWay:
 
     def __init__(self, sumo: Client, now: Reads, conflicts: Mapping[Line, Conflicts]) -> None:
         self._sumo, self._now, self._conflicts = sumo, now, conflicts
-        # By line, at this instant: those outside the junction, the same as they come, and those inside with priority.
+        # By line, at this instant: those outside the junction, the same as they come, those inside with priority, and
+        # all inside.
         self._outside = Once(self._foes_outside)
         self._patiently = Once(lambda line: [*self._approaching(line)])
         self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
@@ -93,7 +95,8 @@ class RightOfWay:
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
         # Members that were asked to let another one in: at the end of which lane, since when, and when last [s].
         self._asked: dict[str, tuple[str, float, float]] = {}
-        self.members: frozenset[str] = frozenset()  # their ids
+        self.members: frozenset[str] = frozenset()  # their ids ...
+        self.looking: frozenset[str] = frozenset()  # ... and those of the ones whose laws heed lines
 
     def renew(self) -> None:
         """SUMO has made a step: all vehicles are elsewhere."""
@@ -149,41 +152,41 @@ class RightOfWay:
         limit = max(map(self._now.max_speed.__getitem__, line.via), default=ego.speed)
         return ego.pace(self._conflicts[line], limit)
 
-    def stop_before_foes(self, line: Line, over: float, ego: Ego, *, yields: bool) -> float:
+    def stop_before_foes(self, line: Line, over: float, ego: Ego, *, priority_too: bool) -> float:
         """Distance at which a vehicle must stop for others that drive inside the junction [m].
 
         A vehicle without priority may have set out before it saw this one: SUMO's drivers see only who is on the lane
-        from which its route goes on, and will not stop at its line.
+        from which its route goes on, and do not stop any more. One that stands does not count.
 
-        over    : distance driven beyond the line [m]; negative: before it
-        yields  : whether also for those that have priority
-        returns : to the line if it is before that and can stop there in comfort, else to before the path of the first
-                  of them; inf where it can pass them, or cannot stop any more
+        over         : distance driven beyond the line [m]; negative: before it
+        priority_too : whether for those that have priority as well
+        returns      : to the line where it can stop there by `STOPS_BY`, else to before the path of the first of them;
+                       inf where it can pass them, or cannot stop any more
         """
         stop = math.inf
         for foe in self._all_inside[line]:
             crossing = foe.crossing
-            if foe.pace.speed < STANDING or crossing.swings or (crossing.first and not yields):
+            if foe.pace.speed < STANDING or crossing.swings or (crossing.first and not priority_too):
                 continue
-            if not crossing.first and self._gives_way_inside(foe, line):
+            if not crossing.first and self._will_not_be_met(foe, line):
                 continue
             stops_within = ego.speed**2 / (2 * (STOPS_BY if crossing.first else STOPS_HARD_BY))
             places = (place - over - BEFORE_PATH * ego.size for place in (crossing.own[0], crossing.touches))
             left = next((place for place in places if stops_within <= place), math.inf)
             if left < stop and not self._has_gap_among([foe], line, -over, ego, 0.0, -over):
                 stop = left
-        return -over if ego.stops_within < -over < stop < math.inf else stop
+        return -over if ego.speed**2 / (2 * STOPS_BY) < -over < stop < math.inf else stop
 
-    def _gives_way_inside(self, foe: Approach, line: Line) -> bool:
-        """Whether a vehicle without priority inside the junction will not be met: it waits midway, or looks itself.
+    def _will_not_be_met(self, foe: Approach, line: Line) -> bool:
+        """Whether a vehicle without priority inside the junction waits midway, stops as this one would, or is beside.
 
-        A member looks. A vehicle from the same edge is beside, or ahead on the same lane.
+        One from the same edge is beside, or ahead on the same lane. A member stops whose law heeds lines.
         """
         crossing = foe.crossing
         if crossing.before.rpartition("_")[0] == line.lane.rpartition("_")[0]:
             return True
         left = foe.to_line + crossing.its[0]
-        may_stop = foe.id in self.members and left > foe.pace.speed**2 / (2 * STOPS_BY)
+        may_stop = foe.id in self.looking and left > foe.pace.speed**2 / (2 * STOPS_BY)
         return may_stop or 0 < foe.to_line + crossing.waits < math.inf
 
     def note_waiting(self, line: Line, distance: float, ego: Ego) -> None:
@@ -196,10 +199,18 @@ class RightOfWay:
         for crossing in self._waiting_in_path[line]:
             if distance + crossing.own[1] + ego.length < 0:
                 continue
-            for foe in self.on(crossing):
-                left = foe.to_line + crossing.its[0] - BEFORE_PATH * scale(self._now.length[foe.id])
+            for foe in [*self.on(crossing), *self._next_on(crossing)]:
+                left = foe.to_line + crossing.its[0] - BEFORE_PATH
                 if foe.id not in self.members and left >= foe.pace.speed**2 / (2 * STOPS_BY):
                     self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
+
+    def _next_on(self, crossing: Crossing) -> Iterator[Approach]:
+        """The vehicle that enters the junction next on a path, if it is near."""
+        now = self._now
+        for name in now.on_lane[crossing.before][-1:]:
+            to_line, links = now.lane_length[crossing.before] - now.position[name], now.next_links[name]
+            if to_line < ENTERS_WITHIN and links and links[0][LINK_VIA] == crossing.via[0]:
+                yield Approach(name, crossing, to_line, Pace(now.speed[name]))
 
     def _waiters(self, line: Line) -> Iterator[Crossing]:
         """Paths without priority on which vehicles wait midway, where they are in the way."""
@@ -456,7 +467,7 @@ class RightOfWay:
         not, the next one goes after SETS_OUT_AFTER, the one after that NEXT_IN_TURN later.
         """
         own, time, key = self._order(ego.id, line.lane), self._sumo.simulation.getTime(), (ego.id, line.lane)
-        inside = [*self._inside(line, first=False)]
+        inside = self._all_inside[line]
         earlier, departs = [], False
         for foe in self._at_lines(line):
             if foe.pace.speed >= STANDING:  # it has begun to drive

@@ -118,6 +118,7 @@ class StopLines:
             self._way.members = self._change.members = frozenset(fleet.ids)
             rows = enumerate(progress.rows.tolist())
             self._asking = [(k, i, Ego.of(members[i])) for k, i in rows if "signals" in members[i].law.needs]
+            self._way.looking = frozenset(ego.id for _, _, ego in self._asking)
             self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
             self._far = {name: self._far[name] for name in fleet.ids if name in self._far}
         self._way.stops.clear()
@@ -267,7 +268,7 @@ class StopLines:
             driven = self._now.position[ego.id]
             is_open = self._way.may_cross(line, -driven, ego, midway=True)
             stop = min(inside, self._midway(line, driven - OVERRUN * ego.size)) - driven
-            if (before := self._way.stop_before_foes(line, driven, ego, yields=False)) < math.inf:
+            if (before := self._way.stop_before_foes(line, driven, ego, priority_too=False)) < math.inf:
                 is_open, stop = False, min(stop, before)
             return LineState(stop, is_open, False, False, RIGHT_OF_WAY)
         if line.state == CHANGING:
@@ -279,8 +280,8 @@ class StopLines:
             may_stop = state not in PRIORITY and ego.speed**2 / (2 * EARLY_BRAKING) < left
             if may_stop and not self._way.has_way(line, state, -over, ego):
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
-            yields = state not in PRIORITY + EQUAL + ZIPPER  # at equal ones either of two may have to give way
-            if (stop := self._way.stop_before_foes(line, over, ego, yields=yields)) < math.inf:
+            gives_way = state not in PRIORITY + EQUAL + ZIPPER  # at equal ones either of two may have to
+            if (stop := self._way.stop_before_foes(line, over, ego, priority_too=gives_way)) < math.inf:
                 return LineState(stop, False, False, False, RIGHT_OF_WAY)
         return None
 
@@ -309,12 +310,23 @@ class StopLines:
                 self._later.note(line, distance, ego)
             return LineState(distance, is_open, False, False, LANE_CHANGE)
         line = self._at_junction[line, ego.kind]
+        found = self._at_line(line, distance, near, ego)
+        enters = found.open or found.distance > distance
+        if near and enters:
+            self._way.note_waiting(line, distance, ego)
+            stop = self._way.stop_before_foes(line, -distance, ego, priority_too=False)
+            if stop < (math.inf if found.open else found.distance):
+                return found._replace(distance=stop, open=False, reason=RIGHT_OF_WAY)
+        return found
+
+    def _at_line(self, line: Line, distance: float, near: bool, ego: Ego) -> LineState:
+        """State of a junction's line ahead, whatever drives without priority in the junction; as `_ahead`."""
         state, conflicts = self._link_state(line), self._conflicts[line]
         minor = state in STOP or (state in MINOR and bool(conflicts.entering))
         yellow = state in YELLOW
         if state in RED + YELLOW:
             return LineState(distance, False, minor, yellow, LIGHT)
-        if distance >= conflicts.reach and not (state in STOP and near):
+        if distance >= conflicts.reach and not near:
             return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
         if state in STOP and not self._way.has_stood(line, distance, ego):
             return LineState(distance, False, minor, yellow, STOP_SIGN)
@@ -326,14 +338,10 @@ class StopLines:
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
         if not self._is_free_of_people(line, distance, ego):
             return LineState(distance, False, minor, yellow, PEOPLE)
-        if near and (stop := self._way.stop_before_foes(line, -distance, ego, yields=False)) < math.inf:
-            return LineState(stop, False, minor, yellow, RIGHT_OF_WAY)
         if near and line.light and not self._is_cleared(line):
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
         if near and not self._has_room(line, ego):
             return LineState(distance, False, False, False, NO_ROOM)
-        if near:
-            self._way.note_waiting(line, distance, ego)
         if near and len(line.via) > 1 and not self._way.may_cross(line, distance, ego, midway=True):
             stop = min(conflicts.waits, self._midway(line, 0.0))
             return LineState(distance + stop, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
@@ -369,6 +377,9 @@ class StopLines:
         for it: no other vehicle stands there. To SUMO it may be there itself, a little over the line.
         """
         now, length, size = self._now, ego.length, ego.size
+        crossings = self._conflicts[line].crossings.values()
+        if not crossings:
+            return True
         inside = [[name for name in now.on_lane[via] if name != ego.id] for via in line.via]
         for name in inside[0] if len(inside) > 1 else ():
             behind = now.position[name] - now.length[name]
@@ -376,8 +387,7 @@ class StopLines:
                 return False
         onto = now.on_lane[line.onto]  # the last one first
         last = next((k for k in range(len(onto)) if self._queues(onto, k, line, size)), None)
-        crossings = self._conflicts[line].crossings.values()
-        if last is None or not crossings:
+        if last is None:
             return True
         left = now.position[onto[last]] - now.length[onto[last]]
         merging = chain.from_iterable(one.via for one in crossings if one.merges)

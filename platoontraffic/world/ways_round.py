@@ -52,8 +52,8 @@ EVERY = 1.0  # least period after which it looks again [s] ...
 LATER, LATER_FOLLOWING = 0.1, 0.5  # ... and the least share of its time at a stand: what has stood for long will stand
 STILL = 0.05  # by which a body that stands may seem to move between two looks [m]
 EVERY_UNDER_WAY, STILL_UNDER_WAY = 0.5, 0.3  # the same two of a member that drives [s], [m]
-NEAR = 25.0  # distance of returns that matter [m]; nothing that moves may be so near behind where it pulls out [m] ...
-COMES_WITHIN, LOOKS_BACK = 5.0, 80.0  # ... or come within that time [s], as far as a laser looks back [m]
+NEAR = 25.0  # distance of returns that matter [m]; so far behind where it pulls out only what stands may be [m] ...
+COMES_WITHIN, LOOKS_BACK = 5.0, 80.0  # ... and nothing that would come within that time [s], as far as that [m]
 WITHIN_LANE = 1.5  # greatest shift with which the vehicle is still on its lane [m]
 STAYS = 0.6  # shift up to which it stays on its lane with its whole width [m]
 AWAY_BY, AWAY_WITHIN = 0.5, math.radians(45)  # what is ahead, faster [m/s] and headed so nearly alike [rad] drives away
@@ -232,7 +232,7 @@ class WaysRound:
                 yield one.row, one.group, one.k, AFTER_FOLLOWING if follows else AFTER
 
     def _may_use(self, edges: Sequence[str], body: Body, behind: np.ndarray) -> Callable[[float, np.ndarray], bool]:
-        """Whether a way is on the road, and nothing is behind on its side.
+        """Whether a way is on the road, and nothing comes from behind on its side.
 
         behind: returns of what comes from behind, from the centre, x forward, y to the left (k, 2) [m]
         """
@@ -287,9 +287,9 @@ def _returns(
         behind, hits_behind = _near(readings.scans[AROUND], k, LOOKS_BACK)
         reach: float | np.ndarray = NEAR
         if traffic is not None:
-            speed = np.abs(traffic.speed)
-            reach = np.append(np.where(speed > STANDS, np.maximum(NEAR, COMES_WITHIN * speed), 0.0), [NEAR, NEAR])
-            reach = reach[hits_behind]
+            comes = COMES_WITHIN * traffic.speed * np.cos(traffic.heading - heading)
+            reach = np.where(np.abs(traffic.speed) > STANDS, np.maximum(NEAR, comes), 0.0)
+            reach = np.append(reach, [NEAR, NEAR])[hits_behind]  # the last two: of what is not known, and of walls
         behind = behind[-behind[:, 0] - fleet.model.length[row] / 2 < reach]
     cos, sin = math.cos(heading), math.sin(heading)
     there = np.array([x, y]) + near @ np.array([[cos, sin], [-sin, cos]])

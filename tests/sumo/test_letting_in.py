@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from platoontraffic.sumo import letting_in
 from platoontraffic.sumo.client import libsumo as sumo
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.letting_in import AFTER, BRAKING, GIVEN_UP, GOES_OVER, LONGEST, SPARE, LettingIn
@@ -110,6 +111,16 @@ def test_it_is_still_there_when_the_queue_before_it_moves_on(column):
     assert speed[later, 1] < 0.1
     assert place[later, 1] < FRONT
     assert speed[-1, 1] > 2.0  # but not for ever
+
+
+@pytest.mark.parametrize("begins", [np.inf, AFTER + 5.0])
+def test_it_does_not_wait_for_ever_behind_one_that_has_broken_down(column, monkeypatch, begins):
+    monkeypatch.setattr(letting_in, "LONGEST_IN_QUEUE", 50.0)
+    asked = []
+    monkeypatch.setattr(LettingIn, "_hold", lambda self, foe, *_: asked.append(self._sumo.simulation.getTime()))
+    column([FRONT - 1.0, 20.0], 120.0, jam=120.0, begins=begins)
+    longest = GOES_OVER + 5.0 if begins < np.inf else 50.0 + LONGEST
+    assert 20.0 < max(asked) - min(asked) < longest + 1.0
 
 
 def test_obstacles_are_left_alone(column):

@@ -22,23 +22,24 @@ ROUTE = Route.along(("road", "next"), np.array([[0.0, 0.0], [200.0, 0.0]]), np.f
 
 
 @pytest.mark.parametrize(
-    ("lanes", "bound"),
+    ("lanes", "bound", "bound_without_route"),
     [
-        (["road_0", ":a_0_0", ":a_9_0", "next_0"], []),
-        (["road_0", ":a_3_0", ":a_9_0", "next_0"], [1, 2]),  # until it leaves the junction
-        (["road_0", ":a_0_0", ":a_4_0", ":a_9_0", "next_0"], [2, 3]),
+        (["road_0", ":a_0_0", ":a_9_0", "next_0"], [1, 2], []),
+        (["road_0", ":a_0_0", ":a_4_0", ":a_9_0", "next_0"], [1, 2, 3], []),
+        (["road_0", ":a_3_0", ":a_9_0", "next_0"], [2], []),  # SUMO has given it a route along the other path first
+        (["short_0", ":a_3_0", ":a_0_0", "next_0"], [0, 1, 2], [0]),
     ],
 )
 @pytest.mark.parametrize("has_route", [True, False])
-def test_a_member_on_a_lane_of_another_path_inside_a_junction_is_put_on_its_own(lanes, bound, has_route):
-    """In Bologna one in 26 was: the car behind did not see it, and drove into its rear."""
+def test_a_member_on_its_path_inside_a_junction_is_kept_on_it(lanes, bound, bound_without_route, has_route):
+    """In Bologna one in 26 was on another one: the car behind did not see it, and drove into its rear."""
     moved, here = [], SimpleNamespace(lane="")
     client = SimpleNamespace(
         vehicle=SimpleNamespace(
             getLaneID=lambda _: here.lane, getRoadID=lambda _: here.lane.rpartition("_")[0],
             moveToXY=lambda *given: moved.append(given[-2:]),
         ),
-        lane=SimpleNamespace(getLength=lambda _: 20.0),
+        lane=SimpleNamespace(getLength=lambda lane: 3.0 if lane == "short_0" else 20.0),
     )  # fmt: skip
     placement = Placement(client, SimpleNamespace(left_hand=False, edges={}), 0.1)
     placement._shadows = SimpleNamespace(observe=lambda *_: None, cast=lambda _: None)
@@ -47,5 +48,5 @@ def test_a_member_on_a_lane_of_another_path_inside_a_junction_is_put_on_its_own(
     for here.lane in lanes:
         placement.locate(fleet)
         placement.place(fleet, None)
-    assert [k for k, how in enumerate(moved) if how == ON_ITS_ROUTE] == (bound if has_route else [])
+    assert [k for k, how in enumerate(moved) if how == ON_ITS_ROUTE] == (bound if has_route else bound_without_route)
     assert {*moved} <= {ON_ITS_ROUTE, EXACTLY}

@@ -475,22 +475,24 @@ def test_a_vehicle_in_the_junction_stops_for_one_with_priority_that_sets_out_the
         position={"c": its if its < 5.0 else 18.0}, speed={"c": foe_speed}, acceleration={"c": 2.6}, length={"c": 5.0},
     )  # fmt: skip
     ego = Ego("m.0", ":a_0", own, CAR.length)
-    assert way.stop_before_foes(line, over, ego, yields=True) == pytest.approx(stop)
-    assert way.stop_before_foes(line, over, ego, yields=False) == np.inf
+    assert way.stop_before_foes(line, over, ego, priority_too=True) == pytest.approx(stop)
+    assert way.stop_before_foes(line, over, ego, priority_too=False) == np.inf
 
 
 @pytest.mark.parametrize(
     ("own", "over", "before", "name", "waits", "stop"),
     [
-        (6.0, -5.0, "side_0", "c", np.inf, 14.5),  # it cannot stop at the line in comfort, but before its path
-        (6.0, -11.0, "side_0", "c", np.inf, 11.0),  # it can
+        (6.0, -3.9, "side_0", "c", np.inf, 13.4),  # it cannot stop at the line, but before its path
+        (6.0, -4.1, "side_0", "c", np.inf, 4.1),  # it can
+        (0.0, -0.5, "side_0", "c", np.inf, 0.5),  # it stands there
         (9.0, 3.0, "side_0", "c", np.inf, 6.5),  # it brakes hard for one that should have given way
         (9.0, 5.0, "side_0", "c", np.inf, 6.5),  # nearer to it, it stops before where its front would touch it
         (9.0, 8.0, "side_0", "c", np.inf, np.inf),  # it cannot stop any more
-        (6.0, -5.0, "side_0", "c", 2.0, np.inf),  # it will wait midway
-        (6.0, -5.0, "side_0", "c", 0.5, 14.5),  # it is beyond that place
-        (6.0, -5.0, "road_1", "c", np.inf, np.inf),  # it is beside it
-        (6.0, -5.0, "side_0", "m.1", np.inf, np.inf),  # a member will stop itself
+        (6.0, -3.9, "side_0", "c", 2.0, np.inf),  # it will wait midway
+        (6.0, -3.9, "side_0", "c", 0.5, 13.4),  # it is beyond that place
+        (6.0, -3.9, "road_1", "c", np.inf, np.inf),  # it is beside it
+        (6.0, -3.9, "side_0", "m.1", np.inf, np.inf),  # a member that heeds lines will stop itself
+        (6.0, -3.9, "side_0", "m.2", np.inf, 13.4),  # another one will not
     ],
 )
 def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over, before, name, waits, stop):
@@ -500,13 +502,13 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
     conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
-    way.members = {"m.0", "m.1"}
+    way.members, way.looking = {"m.0", "m.1", "m.2"}, {"m.0", "m.1"}
     way._now = SimpleNamespace(
         on_lane={":a_1": [name]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={name: 1.0},
         speed={name: 3.0}, acceleration={name: 2.6}, length={name: 5.0},
     )  # fmt: skip
     ego = Ego("m.0", "road_0" if over < 0 else ":a_0", own, CAR.length)
-    assert way.stop_before_foes(line, over, ego, yields=False) == pytest.approx(stop)
+    assert way.stop_before_foes(line, over, ego, priority_too=False) == pytest.approx(stop)
 
 
 @pytest.mark.parametrize(("state", "yields"), [("m", True), ("M", False), ("w", False), ("=", False), ("Z", False)])
@@ -515,8 +517,8 @@ def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(
     line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
     lines, asked = StopLines(None, None), []
 
-    def stop_before_foes(*_: object, yields: bool) -> float:
-        asked.append(yields)
+    def stop_before_foes(*_: object, priority_too: bool) -> float:
+        asked.append(priority_too)
         return stop
 
     lines._way = SimpleNamespace(
@@ -655,7 +657,7 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
     lines._now = SimpleNamespace(lane_length=lengths, position={"m.0": over}, links={"road_0": links})
     lines._conflicts = {line._replace(station=0.0): SimpleNamespace(crossings={})}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: np.inf)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_link_state", lambda *_: "M")
     member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, over, [])))
@@ -692,7 +694,7 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
     lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, links=links, next_switch=switch)
     lines._conflicts = {line: SimpleNamespace(crossings={one.via[0]: one for one in met})}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: np.inf)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, over, Ego("m.0", ":a_0", 3.0, CAR.length))
     assert state.distance == pytest.approx(stops_at - over)
@@ -703,6 +705,9 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
     [
         ({}, 3.0, 2.0, "c", 0.0, 20.0, 4.5),  # 0.5 m before the path of the member, which begins 7 m on
         ({}, 3.0, 2.0, "c", 0.0, -12.0, 4.5),
+        ({}, 3.0, -4.0, "c", 0.0, 20.0, 10.5),  # it is next to enter
+        ({}, 1.0, -4.0, "c", 0.0, 20.0, None),  # but goes elsewhere
+        ({}, 3.0, -16.0, "c", 0.0, 20.0, None),  # or is far away
         ({}, 3.0, 2.0, "c", 4.0, 0.5, 4.5),  # it has just come to a stand
         ({}, 3.0, 2.0, "c", 6.0, 0.5, None),  # it does not come
         ({}, 3.0, 2.0, "c", 0.0, -24.0, None),  # it is past
@@ -725,9 +730,12 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
     conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way.members = {"m.0", "m.1"}
+    inside, lengths = place > 0, {":a_1": 9.0, ":a_2": 9.0, "side_0": 50.0}
     way._now = SimpleNamespace(
-        on_lane={":a_1": [name], ":a_2": []}, lane_length={":a_1": 9.0, ":a_2": 9.0}, position={name: place},
-        speed={name: speed}, acceleration={name: 2.6}, length={name: 5.0}, waited={"m.0": waited},
+        on_lane={":a_1": [name] * inside, ":a_2": [], "side_0": ["b", name][: 2 - inside]}, lane_length=lengths,
+        position={name: place if inside else 50.0 + place, "b": 10.0}, speed={name: speed, "b": 9.0},
+        acceleration={name: 2.6}, length={name: 5.0}, waited={"m.0": waited},
+        next_links={name: [("",) * LINK_VIA + (":a_1" if speed > 1.5 else ":a_7",)], "b": []},
     )  # fmt: skip
     way.note_waiting(line, distance, Ego("m.0", "road_0" if distance > 0 else ":a_0", 8.0, CAR.length))
     assert way.stops == ({} if stop is None else {name: pytest.approx(stop)})
@@ -759,22 +767,37 @@ def test_a_member_that_may_wait_midway_stops_before_that_for_a_vehicle_that_has_
     lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
     lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: stop)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: stop)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, 1.0, Ego("m.0", ":a_0", 3.0, CAR.length))
     assert (state.open, state.distance) == (stop == np.inf, min(stop, 5.0))
 
 
-@pytest.mark.parametrize(("near", "open_"), [(True, False), (False, True)])
-def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses(monkeypatch, near, open_):
+@pytest.mark.parametrize(
+    ("near", "has_room", "stop", "is_open", "stops_at"),
+    [
+        (True, True, 12.0, False, 12.0),
+        (False, True, 12.0, True, 7.0),
+        (True, False, 12.0, False, 7.0),  # there is no room beyond: it stays at the line
+        (True, False, np.inf, False, 7.0),
+        (True, True, np.inf, True, 7.0),
+    ],
+)
+@pytest.mark.parametrize("reach", [0.0, 50.0])  # 0 where nobody has priority over the path
+def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses(
+    monkeypatch, near, has_room, stop, is_open, stops_at, reach
+):
+    """And so it is without room beyond, also where nobody has priority over the path."""
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *given, yields: 12.0 if given[2] == -7.0 else np.inf)
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, reach, 0.0)}
+    monkeypatch.setattr(
+        RightOfWay, "stop_before_foes", lambda *given, priority_too: stop if given[2] == -7.0 else np.inf
+    )
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
-    monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
+    monkeypatch.setattr(StopLines, "_has_room", lambda *_: has_room)
     state = lines._ahead(line, 7.0, near, Ego("m.0", "road_0", 2.0, CAR.length))
-    assert (state.open, state.distance) == (open_, 7.0 if open_ else 12.0)
+    assert (state.open, state.distance) == (is_open, stops_at)
 
 
 def crossed(via: str, merges: bool = False) -> Crossing:
@@ -951,7 +974,7 @@ def test_the_line_of_a_member_that_is_asked_to_let_another_one_in_is_closed(monk
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
     lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
     monkeypatch.setattr(RightOfWay, "is_asked", lambda *given: asked and given[1:] == ("m.0", "road_0"))
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, yields: np.inf)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
     assert lines._ahead(line, 3.0, True, Ego("m.0", "road_0", 2.0, CAR.length)).open == (not asked)

@@ -12,12 +12,13 @@ from shapely import affinity
 
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
-from platoontraffic.lidar import PRESETS, Mount, Noise, Scene
+from platoontraffic.lidar import PRESETS, Mount, Noise, ScanBatch, Scene
 from platoontraffic.road.route import Route
 from platoontraffic.road.way_round import MOST, SPEED, Body, blocked_at, way_round
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world import ways_round
+from platoontraffic.world.fleet import NOTHING, Fleet
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE, WaysRound
 from tests.support.bench import NO_WALLS, Prescribed, StopLine, constant, drive, platoon
@@ -215,6 +216,24 @@ def test_it_waits_for_what_comes_soon(side, speed, behind, waits):
     log = drive([member, other], Scene.from_shapely(solids=[box(1.0, -side)]), 40.0, 0.1, map=Street(6.0))
     goes_out = log.time[np.abs(log.y[:, 0]) > 0.2][0]
     assert goes_out > 21.0 if waits else goes_out == pytest.approx(18.2, abs=0.5)
+
+
+@pytest.mark.parametrize(("x", "heading", "counts"), [(-40.0, 0.0, True), (-40.0, np.pi, False), (-20.0, np.pi, True)])
+def test_what_drives_away_behind_does_not_count_from_25_m_on(x, heading, counts):
+    (member,) = platoon(LAWS["tracking"], leader_eye=EYE, model=CAR)
+    sight = replace(PRESETS["car-around"], mount=Mount(0.0), noise=Noise())
+    nothing, around = (
+        ScanBatch(one, 0.0, (member.id,), np.full((1, one.samples), np.inf), np.full((1, one.samples), -2), np.zeros(1))
+        for one in (EYE, sight)
+    )
+    around.ranges[0, 0], around.hits[0, 0] = -x, 1  # straight back
+    both = np.ones(2)
+    traffic = TrafficSnapshot(
+        0.0, (member.id, "c"), x * np.arange(2), 0 * both, heading * both, 12.0 * both, 5.0 * both, 2.0 * both
+    )
+    readings = NOTHING._replace(scans={"around": around})
+    _, behind = ways_round._returns(Fleet.deployed([member], 0.1), 0, 0, nothing, traffic, readings)
+    assert len(behind) == counts
 
 
 def test_without_a_map_it_stands():
