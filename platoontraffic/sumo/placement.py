@@ -38,9 +38,10 @@ ANY_LANE = ("", -1)
 EXACTLY = (2, 5.0)
 # The exact pose on a lane of its route, if one is near. On a lane as short as a vehicle: a bend leaves a wedge between
 # two lanes that belongs to none, and SUMO may die of a vehicle that leaves the network in it while its rear is on a
-# third lane. And inside a junction once it is on its path: who drives behind it would not see it on another one.
+# third lane. And inside a junction once it is on its path, up to ASIDE from its middle: who drives behind it would not
+# see it on another path.
 ON_ITS_ROUTE = (3, 5.0)
-SHORT = 6.0  # [m]
+SHORT, ASIDE = 6.0, 1.0  # [m]
 
 WEDGE = 2.5  # distance from the end of the lane before up to which a member off all lanes is in such a wedge [m]
 NEAR = 10.0  # distance from the begin of another lane of its route up to which it is put there instead [m]
@@ -72,7 +73,9 @@ class Placement:
         self._settled_of: tuple[Member, ...] = ()  # at the last call of `settle`
         self._unsettled: set[str] = set()  # those of them of which the route may have to be set anew
         self._is_short: dict[str, bool] = {}  # by lane
-        self._bound: set[str] = set()  # members that are moved ON_ITS_ROUTE
+        self._on_short: set[str] = set()  # members on a short lane ...
+        self._on_path: set[str] = set()  # ... inside a junction, on their path there ...
+        self._bound: set[str] = set()  # ... and those that were moved ON_ITS_ROUTE in the last step
         self._slowed: set[str] = set()  # SUMO-driven members with a failed drive
         self._movers: list[Mover] = []  # the members that SUMO does not drive ...
         self._movers_of: tuple[str, ...] = ()  # ... of these
@@ -169,10 +172,15 @@ class Placement:
         if not fill_in_poses(motion.x, motion.y, motion.heading, fleet.model.length, at):
             raise RunError("a member's pose is not finite")
         self._shadows.cast(self._moved(fleet))
-        poses, bound = at.tolist(), self._bound
+        aside = direct(self._sumo.vehicle.getLateralLanePosition)
+        poses, bound = at.tolist(), set()
         for i in fleet.moved_rows:
-            name = fleet.ids[i]
-            move(name, *ANY_LANE, *poses[i], *(ON_ITS_ROUTE if name in bound else EXACTLY))
+            name, how = fleet.ids[i], EXACTLY
+            if name in self._on_short or (name in self._on_path and abs(aside(name)) < ASIDE):
+                bound.add(name)
+                how = ON_ITS_ROUTE
+            move(name, *ANY_LANE, *poses[i], *how)
+        self._bound = bound
         if fleet.native_rows.size:
             strongest = fleet.model.strongest_acceleration(motion.speed)
             for i in fleet.native_rows:
@@ -216,8 +224,9 @@ class Placement:
                 self._entries.append((name, before, lane))
             where[name], self._located[row] = (self._sumo.vehicle.getRoadID(name), lane), lane
             self._unsettled.add(name)
-            bound = self._is_a_short_lane(lane) or (lane[:1] == ":" and self._keeps_its_path(fleet.members[row], lane))
-            (self._bound.add if bound else self._bound.discard)(name)
+            (self._on_short.add if self._is_a_short_lane(lane) else self._on_short.discard)(name)
+            on_path = lane[:1] == ":" and self._keeps_its_path(fleet.members[row], lane)
+            (self._on_path.add if on_path else self._on_path.discard)(name)
         self._shadows.observe(self._moved(fleet), where)
 
     def _keeps_its_path(self, member: Member, inside: str) -> bool:

@@ -30,14 +30,14 @@ ROUTE = Route.along(("road", "next"), np.array([[0.0, 0.0], [200.0, 0.0]]), np.f
         (["short_0", ":a_3_0", ":a_0_0", "next_0"], [0, 1, 2], [0]),
     ],
 )
-@pytest.mark.parametrize("has_route", [True, False])
-def test_a_member_on_its_path_inside_a_junction_is_kept_on_it(lanes, bound, bound_without_route, has_route):
+@pytest.mark.parametrize(("has_route", "aside"), [(True, 0.8), (False, 0.8), (True, -1.2)])
+def test_a_member_on_its_path_inside_a_junction_is_kept_on_it(lanes, bound, bound_without_route, has_route, aside):
     """In Bologna one in 26 was on another one: the car behind did not see it, and drove into its rear."""
     moved, here = [], SimpleNamespace(lane="")
     client = SimpleNamespace(
         vehicle=SimpleNamespace(
             getLaneID=lambda _: here.lane, getRoadID=lambda _: here.lane.rpartition("_")[0],
-            moveToXY=lambda *given: moved.append(given[-2:]),
+            moveToXY=lambda *given: moved.append(given[-2:]), getLateralLanePosition=lambda _: aside,
         ),
         lane=SimpleNamespace(getLength=lambda lane: 3.0 if lane == "short_0" else 20.0),
     )  # fmt: skip
@@ -48,5 +48,7 @@ def test_a_member_on_its_path_inside_a_junction_is_kept_on_it(lanes, bound, boun
     for here.lane in lanes:
         placement.locate(fleet)
         placement.place(fleet, None)
-    assert [k for k, how in enumerate(moved) if how == ON_ITS_ROUTE] == (bound if has_route else bound_without_route)
+    assert [k for k, how in enumerate(moved) if how == ON_ITS_ROUTE] == (
+        bound if has_route and abs(aside) < 1.0 else bound_without_route
+    )
     assert {*moved} <= {ON_ITS_ROUTE, EXACTLY}
