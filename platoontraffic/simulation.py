@@ -222,7 +222,7 @@ class Simulation:
         brakes = self.breakdowns.brakes(fleet)
         fleet = timed("move", fleet.moved, dt, brakes)
         self.obstacles.move(self.now.traffic, fleet.expected(dt), dt)
-        self.world.place(fleet, brakes)
+        self.world.place(fleet, brakes, self.ways_round.passed)
         self._hold_obstacles()
         return self._decide(self.now.step + 1, self.world.advance(fleet))
 

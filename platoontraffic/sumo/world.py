@@ -5,7 +5,7 @@ What the calls rely on was found by experiment with SUMO 1.28; tests/sumo checks
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from types import MappingProxyType
 
@@ -172,16 +172,17 @@ class World:
         """
         self._obstacles.hold(obstacles, routes, self._placement.where)
 
-    def place(self, fleet: Fleet, brakes: np.ndarray | None = None) -> None:
+    def place(self, fleet: Fleet, brakes: np.ndarray | None = None, passed: Set[str] = frozenset()) -> None:
         """Tell SUMO the pose of every member at the end of the coming step.
 
         brakes: deceleration of members with a failed drive, (n,), NaN: sound [m/s2]; SUMO-driven ones are slowed by it
+        passed: bodies that members drive round; vehicles of the traffic that stand there stay
 
         raises: RunError (a pose is not finite)
         """
         self._letting_go.observe(fleet, self._placement.where, self._clock)
         unwilling = self._obstacles.in_sumo | fleet.followers_of_platoons
-        self._waiting_places.observe(self._lines.waiting_places)
+        self._waiting_places.observe(self._lines.waiting_places, passed - self._placement.where.keys())
         theirs = self._lane_ends.room_wanted(fleet.ids, self._placement.where)
         self._letting_in.observe({**self._lines.room_wanted, **theirs}, self._placement.where, unwilling)
         self._placement.place(fleet, brakes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from types import TracebackType
 from typing import NamedTuple, Protocol, Self
 
@@ -67,10 +67,11 @@ class Ground(Protocol):
         routes: edges, by obstacle that background traffic shall see, that it means to drive; there may be none
         """
 
-    def place(self, fleet: Fleet, brakes: np.ndarray | None = None) -> None:
+    def place(self, fleet: Fleet, brakes: np.ndarray | None = None, passed: Set[str] = frozenset()) -> None:
         """Poses of moved members at the end of the coming step.
 
         brakes: deceleration of members with a failed drive, (n,), NaN: sound [m/s2]; SUMO-driven ones are slowed by it
+        passed: bodies that members drive round; vehicles of the traffic that stand there stay
         """
 
     def advance(self, fleet: Fleet) -> Fleet:
@@ -152,7 +153,7 @@ class BareGround:
     def hold(self, obstacles: TrafficSnapshot, routes: Mapping[str, tuple[str, ...]]) -> None:
         self._obstacles = obstacles
 
-    def place(self, fleet: Fleet, brakes: np.ndarray | None = None) -> None:
+    def place(self, fleet: Fleet, brakes: np.ndarray | None = None, passed: Set[str] = frozenset()) -> None:
         """Nothing: the fleet has its poses."""
 
     def without(self, fleet: Fleet, stuck: Mapping[str, str]) -> Fleet:

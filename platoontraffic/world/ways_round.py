@@ -76,6 +76,7 @@ class _UnderWay(NamedTuple):
     way: Way
     without: Route  # the route as it was before
     led: bool  # it was ordered to follow no vehicle anyway
+    body: str  # what it drives round; "": not known
     at: float  # time of its last look at the rest of it [s]
     blocked: float = math.inf  # station where it comes back at which something was in its way then [m]
     since: float = math.inf  # it has stood before something on it [s]; inf: it has not
@@ -91,6 +92,11 @@ class WaysRound:
         self._network = network
         self._looks: dict[str, _Look] = {}  # of slow members
         self._under_way: dict[str, _UnderWay] = {}
+
+    @property
+    def passed(self) -> frozenset[str]:
+        """The bodies that members drive round now, without those before which one has come to a stand."""
+        return frozenset(one.body for one in self._under_way.values() if one.body and one.since == math.inf)
 
     def followed(
         self,
@@ -145,9 +151,9 @@ class WaysRound:
             before = self._under_way.get(name)
             without = before.without if before and member.route is before.way.route else member.route
             led = before.led if before else bool(leads[row])
-            routes[row], self._under_way[name] = way.route, _UnderWay(way, without, led, time)
-            del self._looks[name]
             other = traffic.surfaces[returns.hits[way.met]] if traffic else ""
+            routes[row], self._under_way[name] = way.route, _UnderWay(way, without, led, other, time)
+            del self._looks[name]
             side = "left" if way.shift > 0 else "right"
             events.append(Noted(row, "goes_round", f"{abs(way.shift):.1f} m to the {side}", other=other))
             leads[row] |= "leads" in member.law.needs

@@ -46,3 +46,22 @@ def test_they_drive_on_when_nobody_comes_any_more():
     places.observe({})
     places.observe({})
     assert told == [("b", OWN_DRIVER)]
+
+
+def test_who_stands_while_a_member_drives_round_it_stays():
+    speeds, told = {"stands": 0.0, "drives": 2.0}, {}
+
+    class Unknown(Exception):
+        pass
+
+    def speed_of(name: str) -> float:
+        if name not in speeds:
+            raise Unknown
+        return speeds[name]
+
+    vehicle = SimpleNamespace(getSpeed=speed_of, setSpeed=told.__setitem__)
+    places = WaitingPlaces(SimpleNamespace(vehicle=vehicle, TraCIException=Unknown), STEP)
+    places.observe({}, {"stands", "drives", "wall"})
+    assert told == {"stands": 0.0}
+    places.observe({})
+    assert told == {"stands": OWN_DRIVER}

@@ -177,6 +177,14 @@ def test_a_way_on_which_something_stands_is_given_up_when_the_body_has_gone(law,
     assert (log.x[-1, 0] > PLACE + 20) == (not stays)
 
 
+@pytest.mark.parametrize("since", [np.inf, 3.0])
+def test_the_body_is_known_while_it_drives_round_it(since):
+    ways = WaysRound(Street(6.0))
+    for name, body in (("m.0", "bus"), ("m.1", "")):
+        ways._under_way[name] = ways_round._UnderWay(None, ROUTE, False, body, 1.0, since=since)
+    assert ways.passed == ({"bus"} if since == np.inf else set())
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_it_stands_where_there_is_no_room(law):
     body = box(1.0)
