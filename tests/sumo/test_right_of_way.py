@@ -28,7 +28,7 @@ from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
 from platoontraffic.sumo.room_to_change import RoomToChange
-from platoontraffic.sumo.stoplines import NO_LINE, StopLines
+from platoontraffic.sumo.stoplines import NO_LINE, LineState, StopLines
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
@@ -800,6 +800,31 @@ def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses
     assert (state.open, state.distance) == (is_open, stops_at)
 
 
+@pytest.mark.parametrize(
+    ("at_line", "stop", "state"),
+    [
+        ((15.0, False), 12.0, (12.0, False)),  # it would go on to its place midway, but has to stop before
+        ((15.0, False), 18.0, (15.0, False)),
+        ((7.0, True), 12.0, (12.0, False)),
+        ((7.0, False), 12.0, (7.0, False)),
+    ],
+)
+def test_of_two_places_at_which_a_member_must_stop_the_nearer_one_counts(monkeypatch, at_line, stop, state):
+    line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    monkeypatch.setattr(StopLines, "_at_line", lambda *_: LineState(*at_line, False, False, 2))
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: stop)
+    assert lines._ahead(line, 7.0, True, Ego("m.0", "road_0", 2.0, CAR.length))[:2] == state
+
+
+def test_nobody_is_kept_waiting_when_there_is_no_member_any_more():
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._way.stops["bus"] = 2.0
+    assert lines.signals(SimpleNamespace(progress=None, members=lines._fleet), {}) is None
+    assert lines.waiting_places == {}
+
+
 def crossed(via: str, merges: bool = False) -> Crossing:
     return Crossing("side_0", (via,), (3.0, 12.0), (4.0, 16.0), merges, True, np.inf, 10.0)
 
@@ -995,6 +1020,7 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     lines = StopLines(SimpleNamespace(), client, letting_in)
     monkeypatch.setattr(StopLines, "_state", lambda *_: NO_LINE)
     signals = lines.signals(fleet, {"m.0": ("road", "road_0"), "m.1": ("road", "road_0")})
+    assert lines._way.looking == {"m.0", "m.1"}
     assert signals.open.tolist() == [True, False]
     assert signals.distance[1] == pytest.approx(6.0)
 

@@ -8,6 +8,7 @@ import pytest
 
 from platoontraffic.sumo.letting_in import OWN_DRIVER, speed_to_stop
 from platoontraffic.sumo.waiting_places import WaitingPlaces
+from platoontraffic.sumo.world import World
 
 STEP = 0.1
 
@@ -65,3 +66,14 @@ def test_who_stands_while_a_member_drives_round_it_stays():
     assert told == {"stands": 0.0}
     places.observe({})
     assert told == {"stands": OWN_DRIVER}
+
+
+def test_the_world_asks_that_of_all_but_members():
+    asked, nothing = [], SimpleNamespace(observe=lambda *_: None, in_sumo=set(), room_wanted=lambda *_: {})
+    world = World.__new__(World)
+    world._letting_go = world._obstacles = world._lane_ends = world._letting_in = nothing
+    world._lines = SimpleNamespace(waiting_places={"c": 3.0}, room_wanted={})
+    world._placement = SimpleNamespace(where={"m.0": ("road", "road_0")}, place=lambda *_: None)
+    world._waiting_places, world._clock = SimpleNamespace(observe=lambda *given: asked.append(given)), 0.0
+    world.place(SimpleNamespace(ids=("m.0",), followers_of_platoons=set()), None, {"bus", "m.0"})
+    assert asked == [({"c": 3.0}, {"bus"})]
