@@ -201,7 +201,8 @@ class RightOfWay:
                 continue
             for foe in [*self.on(crossing), *self._next_on(crossing)]:
                 left = foe.to_line + crossing.its[0] - BEFORE_PATH
-                if foe.id not in self.members and left >= foe.pace.speed**2 / (2 * STOPS_BY):
+                # It is to stop by less; so one that has begun to does not drive on for a few centimetres too many.
+                if foe.id not in self.members and left >= foe.pace.speed**2 / (2 * STOPS_HARD_BY):
                     self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
 
     def _next_on(self, crossing: Crossing) -> Iterator[Approach]:
