@@ -201,8 +201,9 @@ class RightOfWay:
                 continue
             for foe in [*self.on(crossing), *self._next_on(crossing)]:
                 left = foe.to_line + crossing.its[0] - BEFORE_PATH
-                # It is to stop by less; so one that has begun to does not drive on for a few centimetres too many.
-                if foe.id not in self.members and left >= foe.pace.speed**2 / (2 * STOPS_HARD_BY):
+                # It is to stop by less, and sooner: one that does so must not drive on for a few centimetres too many.
+                can_stop = left + BEFORE_PATH >= foe.pace.speed**2 / (2 * STOPS_HARD_BY)
+                if can_stop and foe.id not in self.members:
                     self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
 
     def _next_on(self, crossing: Crossing) -> Iterator[Approach]:

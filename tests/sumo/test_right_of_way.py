@@ -713,6 +713,7 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
         ({}, 3.0, 2.0, "c", 0.0, -24.0, None),  # it is past
         ({}, 6.5, 2.0, "c", 0.0, 20.0, 4.5),  # it stops by a little more than 4.5 m/s2
         ({}, 9.0, 2.0, "c", 0.0, 20.0, None),  # it cannot stop any more
+        ({}, 0.0, 6.6, "c", 0.0, 20.0, -0.1),  # it stands there, a little farther
         ({}, 3.0, 8.0, "c", 0.0, 20.0, None),  # it is there already
         ({}, 3.0, 2.0, "m.1", 0.0, 20.0, None),  # a member knows its own places
         ({"first": True}, 3.0, 2.0, "c", 0.0, 20.0, None),  # it does not wait for this one
