@@ -111,8 +111,9 @@ def blocked_at(route: Route, station: float, body: Body, returns: np.ndarray) ->
 
     station : of the driven axle
     returns : (k, 2) [m]
-    returns : distance along the route until one is within `KEPT_FREE` of the body [m]; inf: not within `REACH`; and the
-              least shift of a way past those that are there [m]
+
+    Gives the distance along the route until one is within `KEPT_FREE` of the body [m], inf: not within `REACH`; and the
+    least shift with which a way passes what is there [m].
     """
     section = _ahead(route, station, REACH)
     touches = _touches(section, body, returns, _kept(section, body, returns, KEPT_FREE))

@@ -38,8 +38,8 @@ ANY_LANE = ("", -1)
 EXACTLY = (2, 5.0)
 # The exact pose on a lane of its route, if one is near. On a lane as short as a vehicle: a bend leaves a wedge between
 # two lanes that belongs to none, and SUMO may die of a vehicle that leaves the network in it while its rear is on a
-# third lane. And inside a junction once it is on its path, up to ASIDE from its middle: who drives behind it would not
-# see it on another path.
+# third lane. And inside a junction once it is on its path, up to ASIDE from its middle: the driver behind would not see
+# it on another path.
 ON_ITS_ROUTE = (3, 5.0)
 SHORT, ASIDE = 6.0, 1.0  # [m]
 

@@ -47,7 +47,7 @@ BEFORE_PATH = 0.5  # distance that a car which stops inside a junction keeps fro
 STOPS_BY = 4.5  # hardest braking with which a vehicle comes to a stop sign [m/s2]: that of SUMO's cars
 STOPS_HARD_BY = 7.0  # hardest braking for a vehicle inside a junction that should have given way [m/s2]
 ENTERS_WITHIN = 15.0  # distance from its line from which a vehicle is expected to wait midway [m]
-COMES_UNTIL = 5.0  # a member that has stood for longer does not come: who waits for it may go on [s]
+COMES_UNTIL = 5.0  # a member that has stood for longer does not come, and vehicles that wait for it go on [s]
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
 LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
 JUNCTIONS = 3  # number of the next junctions at which a vehicle's path is compared with the own one
@@ -96,7 +96,7 @@ class RightOfWay:
         # Members that were asked to let another one in: at the end of which lane, since when, and when last [s].
         self._asked: dict[str, tuple[str, float, float]] = {}
         self.members: frozenset[str] = frozenset()  # their ids ...
-        self.looking: frozenset[str] = frozenset()  # ... and those of the ones whose laws heed lines
+        self.looking: frozenset[str] = frozenset()  # ... and of those with a law that heeds lines
 
     def renew(self) -> None:
         """SUMO has made a step: all vehicles are elsewhere."""
@@ -155,8 +155,8 @@ class RightOfWay:
     def stop_before_foes(self, line: Line, over: float, ego: Ego, *, priority_too: bool) -> float:
         """Distance at which a vehicle must stop for others that drive inside the junction [m].
 
-        A vehicle without priority may have set out before it saw this one: SUMO's drivers see only who is on the lane
-        from which its route goes on, and do not stop any more. One that stands does not count.
+        A vehicle without priority may have set out before it saw this one: SUMO's drivers see a member only on the lane
+        from which its route goes on. Once inside they do not stop. A vehicle that stands does not count.
 
         over         : distance driven beyond the line [m]; negative: before it
         priority_too : whether for those that have priority as well
@@ -180,7 +180,7 @@ class RightOfWay:
     def _will_not_be_met(self, foe: Approach, line: Line) -> bool:
         """Whether a vehicle without priority inside the junction waits midway, stops as this one would, or is beside.
 
-        One from the same edge is beside, or ahead on the same lane. A member stops whose law heeds lines.
+        One from the same edge is beside, or ahead on the same lane. A member with a law that heeds lines stops.
         """
         crossing = foe.crossing
         if crossing.before.rpartition("_")[0] == line.lane.rpartition("_")[0]:
