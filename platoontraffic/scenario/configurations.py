@@ -36,13 +36,12 @@ def complete(table: dict[str, Any], config: Configuration, changes: Sequence[Cha
 
     raises: InputError if the table names a network of its own, or if no platoon is given
     """
-    if not all(isinstance(table.setdefault(key, {}), dict) for key in ("sumo", "scene", "run")):
+    if not all(isinstance(table.setdefault(key, {}), dict) for key in ("sumo", "run")):
         return  # reported when the table is validated
     sumo = table["sumo"]
     if taken := [key for key in ("net", "config", "traffic") if key in sumo]:
         raise InputError(f"--platoon: sumo.{taken[0]}: must not be given; the configuration {config.path} says it")
     sumo["config"] = os.path.abspath(config.path) if "platoon" in table or "equip" in table else config.path.name
-    table["scene"].setdefault("walls", "none")
     if any(change.key.startswith("equip.") for change in changes):
         table.setdefault("equip", [{}])
     if "platoon" not in table and "equip" not in table:

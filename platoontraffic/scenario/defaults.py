@@ -1,4 +1,4 @@
-"""Defaults that depend on the class of the vehicle: its driver, its laser, its start gap, the step of the run."""
+"""Defaults that depend on the class of the vehicle: its driver, laser, start gap and walls, and the step of the run."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ class Usual(NamedTuple):
 
     gap: float  # between members at the start [m]
     step: float  # of a run in which all vehicles are of this class: the scan interval of its lasers, or shorter [s]
+    walls: str  # `scene.walls` of such a run: a robot drives between walls, a car between kerbs
     lidars: Mapping[str, str]  # preset, where neither the scenario nor the law names one
     drivers: Mapping[str, Mapping[str, Any]]  # keys of a driver without a law; a role that is missing must name one
 
@@ -26,10 +27,11 @@ class Usual(NamedTuple):
 # SUMO's cars stand 2.5 m apart (minGap). The lasers of cars have errors by default, so their odometry has them too: a
 # platoon that names nothing shall not drive better than one with real sensors could.
 USUAL: dict[type, Usual] = {
-    DifferentialDrive: Usual(0.5, 0.025, {"leader": "paper-leader", "follower": "paper-follower"}, {}),
+    DifferentialDrive: Usual(0.5, 0.025, "outline", {"leader": "paper-leader", "follower": "paper-follower"}, {}),
     Car: Usual(
         2.5,
         0.1,
+        "none",
         {"leader": "car-leader", "follower": "car-follower"},
         {
             "leader": {"law": "path", "odometry": "car"},
@@ -84,6 +86,13 @@ def usual_step(platoons: Any) -> float:
             if any(not is_multiple(1 / rate, usual(model).step) for rate in named if rate):
                 steps.append(finest)
     return min(steps[1:], default=finest)
+
+
+def usual_walls(platoons: Any) -> str:
+    """`scene.walls` of a run with these platoons, tables as they are written: that of robots, if there is one."""
+    models = [_model_in(platoon) for platoon in platoons] if isinstance(platoons, list) else []
+    found = {usual(model).walls for model in models if model}
+    return found.pop() if len(found) == 1 else USUAL[DifferentialDrive].walls
 
 
 def _rate_in(driver: Any) -> float | None:

@@ -22,7 +22,7 @@ from platoontraffic.scenario.base import (
     Text,
     filled_in,
 )
-from platoontraffic.scenario.defaults import usual, usual_step, vehicles_in, with_drivers
+from platoontraffic.scenario.defaults import usual, usual_step, usual_walls, vehicles_in, with_drivers
 from platoontraffic.scenario.driver_tables import Driver
 from platoontraffic.scenario.equip_tables import Equip
 from platoontraffic.scenario.learn_table import Learn
@@ -63,8 +63,11 @@ class Sumo(Table):
 class SceneTable(Table):
     """What the lidars see besides vehicles, and how scans are computed."""
 
-    walls: Literal["outline", "none"] = "outline"
-    """Where walls stand: along the outline of the drivable area, or nowhere."""
+    model_config = filled_in("walls")
+
+    walls: Literal["outline", "none"]
+    """Where walls stand: along the outline of the drivable area, or nowhere. Default: "none" where all vehicles are
+    cars, vans or trucks, whose roads have kerbs, and otherwise "outline"."""
     lidar_engine: Literal["raster", "numpy", "pymunk", "shapely"] = "raster"
     """Engine that computes the scans: "raster" is compiled and fast, the others are slow references."""
 
@@ -336,6 +339,8 @@ class Branch(Table):
 class Spec(Table):
     """A scenario file."""
 
+    model_config = filled_in("scene")
+
     name: Identifier = "scenario"
     """Name of the scenario, and of the folder of its results. If not given: the file's name."""
     title: str = ""
@@ -344,7 +349,7 @@ class Spec(Table):
     """Seed of everything random: background traffic, and errors of lidars and odometry."""
     sumo: Sumo
     """The road network and the background traffic."""
-    scene: SceneTable = SceneTable()
+    scene: SceneTable
     """What the lidars see besides vehicles, and how scans are computed."""
     run: Run
     """The step of the simulation, and when the run ends."""
@@ -385,14 +390,16 @@ class Spec(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def step_by_vehicles(cls, table: Any) -> Any:
-        if isinstance(table, dict) and table.get("equip"):
-            # Of hundreds of members a row each step would be gigabytes; the question is what they do to all trips.
-            record = table.get("record", {})
-            table = (
-                table | {"record": {"every_s": 1.0, "sumo": ["trips"], **record}} if isinstance(record, dict) else table
-            )
-        run = table.get("run") if isinstance(table, dict) else None
-        if not isinstance(run, dict) or "step_s" in run:
+    def by_vehicles(cls, table: Any) -> Any:
+        """Fill in the defaults that depend on the vehicles."""
+        if not isinstance(table, dict):
             return table
-        return table | {"run": {"step_s": usual_step(vehicles_in(table)), **run}}
+        vehicles = vehicles_in(table)
+        usual = {"scene": {"walls": usual_walls(vehicles)}}
+        if "run" in table:
+            usual["run"] = {"step_s": usual_step(vehicles)}
+        if table.get("equip"):
+            # Of hundreds of members a row each step would be gigabytes; the question is what they do to all trips.
+            usual["record"] = {"every_s": 1.0, "sumo": ["trips"]}
+        given = {key: table.get(key, {}) for key in usual}
+        return table | {key: usual[key] | own for key, own in given.items() if isinstance(own, dict)}

@@ -14,7 +14,7 @@ from platoontraffic.observation.sight import warnings
 from platoontraffic.scenario import Scenario
 
 CARS = ("car", "van", "truck")
-ROAD = '[sumo]\nnet = "corridor"\n[scene]\nwalls = "none"\n[run]\nduration_s = 5.0\n'
+ROAD = '[sumo]\nnet = "corridor"\n[run]\nduration_s = 5.0\n'
 PLATOON = '[[platoon]]\nsize = 2\nstart = {{ edge = "light_prio", position_m = 90.0 }}\nto = "b2_east"\n{}\n'
 
 
@@ -87,6 +87,18 @@ def test_the_step_is_that_of_the_finest_laser_or_robot(tmp_path):
     for laser in ('"paper-leader"', "{ rate_hz = 40.0 }"):
         assert loaded(tmp_path, f'vehicle = "car"\nleader = {{ lidar = {laser} }}').spec.run.step_s == 0.025
     assert loaded(tmp_path, 'vehicle = "car"\nleader = { lidar = { rate_hz = 5.0 } }').spec.run.step_s == 0.1
+
+
+def test_walls_stand_where_a_robot_drives(tmp_path):
+    def walls(*platoons: str, changes: tuple[str, ...] = ()) -> str:
+        return loaded(tmp_path, *platoons, changes=changes).spec.scene.walls
+
+    robots = 'id = "r"\nleader = "path"\nfollower = "repaired"'
+    assert [walls(f'vehicle = "{car}"') for car in CARS] == ["none"] * 3
+    assert walls('vehicle = "car"', 'id = "v"\nvehicle = "van"') == "none"
+    assert walls(robots) == walls('vehicle = "car"', robots) == "outline"
+    assert walls('vehicle = "car"', changes=("scene.walls=outline",)) == "outline"
+    assert walls('vehicle = "car"', changes=("scene.lidar_engine=numpy",)) == "none"
 
 
 def test_a_run_states_the_defaults_so_that_it_can_be_repeated(tmp_path):
