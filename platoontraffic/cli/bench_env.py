@@ -1,7 +1,7 @@
 """Steps and resets a second of environments, beside highway-env with as many beams and vehicles: `bench env`.
 
-Rates are those of the wall, because an environment and its simulation are two processes; on a busy machine they fall.
-Ratios are those of CPU time, of both processes together, which is nearly that of an idle machine.
+Rates are those of the wall; on a busy machine they fall. Ratios are those of CPU time, which is nearly that of an idle
+machine: of both processes together, where an environment and its simulation in SUMO are two. The lab needs no SUMO.
 
 A step is one decision and the observation after it, on either side. In `lab_loop` it is one step of the simulation, of
 0.025 s, in which all five robots scan walls and each other with 720 beams. highway-env is set to the same: one step of
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from typing import Any, NamedTuple
 
@@ -28,7 +29,7 @@ SCENARIOS = {  # scenario, its changes, simulated time of a step [s]
     CORRIDOR: ("corridor_tracking", ("sumo.warm_up_s=300", "learn.parents=1"), 0.1),
 }
 STAGES = {  # of a step -> stages of a simulation's stopwatch
-    "SUMO: its step, members moved and read": ("step", "place", "read", "signals"),
+    "ground: bare, without SUMO": ("step", "place", "read", "signals"),
     "scans of all members": ("scan",),
     "laws of the other members": ("decide", "move"),
     "observation: gaps, events, statistics": ("observe", "measure"),
@@ -61,18 +62,23 @@ def ours(scenario: str, changes: tuple[str, ...], resets: int, steps: int) -> Ra
 
 
 def stages(scenario: str, vehicle: str, steps: int) -> dict[str, float]:
-    """CPU time of a step of the simulation alone, as it is in an environment, by part [s]; in this process.
+    """CPU time of a step of the simulation alone, as it is in an environment of a lab, by part [s]; in this process.
 
     vehicle: the member that learns
     """
     from platoontraffic.controllers.external import External
     from platoontraffic.results.provenance import Stopwatch
-    from platoontraffic.simulation import Simulation
+    from platoontraffic.scenario import load
+    from platoontraffic.simulation import Simulation, prepare, setting_of, with_laws
     from platoontraffic.vehicles.motion import Twist
+    from platoontraffic.world.ground import BareGround
 
-    command = {vehicle: Twist(AHEAD, 0.0)}
-    with Simulation.load(scenario, laws={vehicle: External()}) as simulation:
-        watch = simulation.stopwatch = Stopwatch(time.process_time)
+    command, setting = (
+        {vehicle: Twist(AHEAD, 0.0)},
+        with_laws(setting_of(prepare(load(scenario))), {vehicle: External()}),
+    )
+    watch = Stopwatch(time.process_time)
+    with Simulation(replace(setting, ground=lambda: BareGround(setting.dt)), watch) as simulation:
         simulation.reset()
         simulation.step(command)
         before = dict(watch.seconds)
@@ -174,10 +180,6 @@ def _row(name: str, rates: list[Rates], step: float) -> list[str]:
 
 def _where(parts: dict[str, float], rates: Rates) -> str:
     """parts: of `stages`"""
-    beside = rates.simulation - sum(parts.values())
-    parts = parts | {
-        "beside a simulation alone: rewards, info, sending them, caches that another process has used": beside,
-        "environment: receiving, spaces, dictionaries": rates.environment,
-    }
+    parts = parts | {"environment: spaces, dictionaries, rewards, info": rates.cpu - sum(parts.values())}
     rows = [[name, f"{1e3 * seconds:.2f}", f"{100 * seconds / rates.cpu:.0f} %"] for name, seconds in parts.items()]
     return table([["part", "CPU of a step [ms]", "share"], *rows], [True, False, False])

@@ -63,7 +63,7 @@ class Follower(gymnasium.Env):
         return self._seats.pixels() if self.render_mode == "rgb_array" else None
 
     def spent(self) -> float:
-        """CPU time of the simulation's process since the episode began [s]; `bench env` counts it."""
+        """CPU time of the process of SUMO and the episode [s], 0 where it has none; `bench env` counts it."""
         return self._seats.spent()
 
     def close(self) -> None:

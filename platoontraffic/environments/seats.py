@@ -11,15 +11,17 @@ import numpy as np
 
 from platoontraffic.environments import spaces
 from platoontraffic.episodes.episodes import FIELDS, Frame, Source, draw
+from platoontraffic.episodes.here import Here, need_sumo
 from platoontraffic.episodes.parents import Parents, Plan
 
 
 class Seats:
-    """Members that learn, in episodes that are copies of parents."""
+    """Members that learn, in episodes that are copies of parents in SUMO, or that are here and need no SUMO."""
 
     def __init__(self, scenario: str | Path, changes: Sequence[str], vehicles: tuple[str, ...], all_: bool) -> None:
-        self._parents = Parents(Source(str(scenario), tuple(changes), vehicles, all_))
-        self.facts = self._parents.facts
+        source = Source(str(scenario), tuple(changes), vehicles, all_)
+        self._episodes = Parents(source) if need_sumo(source) else Here(source)
+        self.facts = self._episodes.facts
         self._seats = {seat.id: seat for seat in self.facts.seats}
         self.names = list(self._seats)
         self.actions = {seat.id: spaces.action_space(self.facts, seat) for seat in self.facts.seats}
@@ -41,7 +43,7 @@ class Seats:
         self.frame, plan = None, self._drawn(random)
         self._prepares, self._next = self._next in (None, plan), self._drawn(deepcopy(random))
         self.waiting = self.names
-        self._receive(self._parents.begin(plan))
+        self._receive(self._episodes.begin(plan))
 
     def _drawn(self, random: np.random.Generator) -> Plan:
         """Parent, seed of the sensors' errors, and the values of `draw`, in this order."""
@@ -57,11 +59,11 @@ class Seats:
         frame, self.frame = self.frame, None
         if self._prepares:
             self._prepares = False
-            self._parents.prepare(self._next)
+            self._episodes.prepare(self._next)
         try:
-            frame = self._parents.call("step", commands)
+            frame = self._episodes.call("step", commands)
         except (ValueError, RuntimeError):
-            self._parents.end()
+            self._episodes.end()
             raise
         self._receive(frame)
 
@@ -91,20 +93,20 @@ class Seats:
         info |= {name: value for name, value in zip(FIELDS, frame.values[row], strict=True) if value == value}
         info |= zip(self._terms, frame.terms[row], strict=False)  # at the beginning there are none
         if last:
-            info["metrics"] = self._parents.call("metrics")[row]
+            info["metrics"] = self._episodes.call("metrics")[row]
         return info
 
     def pixels(self) -> np.ndarray:
         if self._picture is None:
             from platoontraffic.environments.map_picture import MapPicture
 
-            self._picture = MapPicture(self._parents.call("scene"))
-        bodies, members, learners = self._parents.call("bodies")
+            self._picture = MapPicture(self._episodes.call("scene"))
+        bodies, members, learners = self._episodes.call("bodies")
         return self._picture.pixels(bodies, members, learners)
 
     def spent(self) -> float:
-        return self._parents.call("spent")
+        return self._episodes.call("spent")
 
     def close(self) -> None:
         self.frame = None
-        self._parents.close()
+        self._episodes.close()

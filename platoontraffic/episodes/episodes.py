@@ -1,4 +1,4 @@
-"""The simulation of an environment, inside its process: a parent that warms up, and a fork of it for each episode."""
+"""The simulation of an environment: in SUMO, a parent that warms up and a fork of it an episode; or on bare ground."""
 
 from __future__ import annotations
 
@@ -134,12 +134,16 @@ class Places(NamedTuple):
 
 
 class Episodes:
-    """A parent: SUMO after its warm-up, and in a fork of it, an episode."""
+    """A parent: SUMO after its warm-up, and in a fork of it an episode. Or one episode after another, without SUMO."""
 
-    def __init__(self, source: Source, number: int, folder: Path) -> None:
-        """number: of the parent, from 0; folder: for its files. raises: InputError"""
-        self._source, self._folder = source, folder / "files"
-        self._folder.mkdir()
+    def __init__(self, source: Source, number: int = 0, folder: Path | None = None) -> None:
+        """
+        number : of the parent, from 0
+        folder : for the files of its SUMO; None: there is none
+
+        raises: InputError
+        """
+        self._source, self._folder = source, folder and folder / "files"
         base = scenarios.load(source.scenario, source.changes)
         self._learn = base.spec.learn or Learn()
         _check(self._learn, base)
@@ -153,15 +157,21 @@ class Episodes:
         drives = self._learn.command == "drive" or (not self._learn.command and seat.model.turning_radius > 0)
         self._command = Drive if drives else Twist
         self._known = _known(_with_seat(seat).law.needs) if self._learn.observation == "dict" else ()
-        self._open = ExitStack()
-        self._world = None
-        _kernels(self._setting(self._prepared))
+        self._open, self._world = ExitStack(), None
+        self._simulation: Simulation | None = None  # of the episode
+        self._undrawn = self._setting(self._prepared)  # of episodes for which nothing is drawn
+        _kernels(self._undrawn)
+        if self._folder:
+            self._warm_up()
+
+    def _warm_up(self) -> None:
+        self._folder.mkdir()
         self._world = self._open.enter_context(setting_of(self._prepared, self._folder, forkable=True).ground())
         self._world.warm_up()
         setting = self._setting(self._prepared)
         self._world.load_kernels(setting.departures[0])
         observer = setting.observer()  # a fork uses its copy of it once
-        self._of_fork = changed(setting, observer=lambda: observer, whole_traffic_every=None)
+        self._undrawn = changed(setting, observer=lambda: observer)
         gc.collect()
         gc.freeze()  # in forks, collections need not touch, and so copy, what is here
 
@@ -186,12 +196,13 @@ class Episodes:
         before, self._folder = self._folder, folder / "files"
         take_own_copies(before, self._folder)
         self._world.logs_in(self._folder)
-        setting = self._of_fork
-        if values:
-            setting = changed(self._setting(self._prepare(values)), whole_traffic_every=None)
+        self.chosen(seed, values)
+
+    def chosen(self, seed: int, values: Mapping[str, Any]) -> None:
+        """What the next episode depends on: the seed of the sensors' errors, and what is drawn. raises: InputError"""
+        setting = self._setting(self._prepare(values)) if values else self._undrawn
         self._simulation = Simulation(changed(setting, seed=seed))
-        n = len(self._learners)
-        self._ranges: list[np.ndarray | None] = [None] * n
+        self._ranges: list[np.ndarray | None] = [None] * len(self._learners)
 
     def begin(self, say: Say) -> tuple:
         """The first decision, as `Frame.plain`: when the first of the members that learn are on the road."""
@@ -253,8 +264,8 @@ class Episodes:
         )
 
     def spent(self, say: Say) -> float:
-        """CPU time of this process [s]."""
-        return time.process_time()
+        """CPU time of the process of SUMO and the episode [s]; 0: they have none of their own."""
+        return time.process_time() if self._world else 0.0
 
     def metrics(self, say: Say) -> list[dict[str, float]]:
         """Statistics of each member that learns over the episode: `gap_m_mean`, `gap_m_rms`, `gap_m_min` ..."""
@@ -270,6 +281,12 @@ class Episodes:
             }
             found.append(table)
         return found
+
+    def end(self) -> None:
+        """Close the simulation of the episode, if there is one."""
+        if self._simulation:
+            self._simulation.__exit__(None, None, None)
+            self._simulation = None
 
     def close(self) -> None:
         self._open.close()
@@ -289,7 +306,8 @@ class Episodes:
         steps = setting.steps
         if self._learn.episode_s:
             steps = min(steps, round(self._learn.episode_s / setting.dt))
-        return replace(setting, members=members, steps=steps)
+        ground = setting.ground if self._folder else lambda: BareGround(setting.dt)
+        return replace(setting, members=members, steps=steps, ground=ground, whole_traffic_every=None)
 
     def _places_in(self, now: Instant) -> Places:
         if not self._places.hold_in(now.fleet):

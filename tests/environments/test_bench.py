@@ -19,8 +19,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.sumo, pytest.mark.skipif(not hasattr
 
 def test_the_parts_of_a_step_are_all_of_it(monkeypatch):
     monkeypatch.setattr(bench_env, "BETWEEN", 2)
-    rates = bench_env.ours("paper_loop", ("platoon.size=2", "learn.parents=1"), 2, 5)
+    rates = bench_env.ours("paper_path", ("platoon.size=2", "learn.parents=1"), 2, 5)
     assert min(rates) > 0
+    rates = bench_env.ours("paper_loop", ("platoon.size=2", "learn.parents=1"), 2, 5)
+    assert rates.simulation == 0 < min(rates.environment, rates.reset, rates.seeded)
     assert rates.cpu == rates.environment + rates.simulation
     parts = bench_env.stages("paper_loop", bench_env.LEARNS, 5)
     assert min(parts.values()) > 0

@@ -21,9 +21,12 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from pettingzoo.test import parallel_api_test, parallel_seed_test  # noqa: E402
 
 from platoontraffic.controllers.printed import SPEED_GAIN  # noqa: E402
+from platoontraffic.environments import seats  # noqa: E402
 from platoontraffic.environments.follower import Follower  # noqa: E402
 from platoontraffic.environments.platoon import Platoon  # noqa: E402
-from platoontraffic.episodes.episodes import Frame  # noqa: E402
+from platoontraffic.episodes.episodes import Frame, Source  # noqa: E402
+from platoontraffic.episodes.here import Here, need_sumo  # noqa: E402
+from platoontraffic.episodes.parents import Parents  # noqa: E402
 from platoontraffic.errors import InputError, RunError  # noqa: E402
 
 pytestmark = [
@@ -37,9 +40,12 @@ ID = "platoontraffic.environments:platoontraffic/Follower-v0"
 AHEAD = np.array([0.1, 0.0], np.float32)
 
 
-@pytest.fixture(scope="module")
-def follower():
-    env = Follower("paper_loop", SHORT)
+IN_SUMO = "paper_path"  # its leader has a route, so it needs SUMO and processes of their own; `paper_loop` does not
+
+
+@pytest.fixture(scope="module", params=["paper_loop", IN_SUMO])
+def follower(request):
+    env = Follower(request.param, SHORT)
     yield env
     env.close()
 
@@ -141,7 +147,7 @@ os._exit(0)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", ["paper_loop", "corridor_tracking"])
+@pytest.mark.parametrize("scenario", [IN_SUMO, "corridor_tracking"])
 def test_an_episode_loads_no_kernel_that_its_parent_could_have_loaded(scenario):
     given = [sys.executable, "-c", LOADED_IN_A_FORK, scenario]
     assert subprocess.run(given, capture_output=True, text=True, check=True).stdout == "[]\n"
@@ -180,6 +186,54 @@ def test_a_seed_gives_the_same_episode_in_every_process():
     assert len(said) == 1
 
 
+DRAWN = 'learn.draw={"platoon.gap_m" = {from = 0.4, to = 0.6}, "platoon.leader.speed_mps" = [0.1, 0.3]}'
+LEARNS = [
+    (),
+    (DRAWN, "learn.observation=group", "learn.reward={gap_error_m=-1.0, collision=-10.0, lock_lost=-2.0}"),
+    ("platoon.follower.odometry=car", "learn.observation=scan"),
+    ('platoon.follower={law="external", needs=["messages"], lidar="paper-follower"}', "channel={latency_s=0.1}"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", LEARNS)
+def test_an_episode_without_sumo_is_the_same_as_in_sumo(monkeypatch, changes):
+    changes = [*changes, "platoon.follower.lidar.noise=utm30lx", "learn.episode_s=4"]
+    here = Platoon("paper_loop", changes)
+    monkeypatch.setattr(seats, "need_sumo", lambda source: True)
+    in_sumo = Platoon("paper_loop", changes)
+    assert (type(here._seats._episodes), type(in_sumo._seats._episodes)) == (Here, Parents)
+    random, kinds = np.random.default_rng(1), set()
+    for seed in (3, None):
+        given = [env.reset(seed=seed) for env in (here, in_sumo)]
+        while here.agents:
+            np.testing.assert_equal(*given)
+            actions = {name: random.uniform((0.0, -0.6), (0.3, 0.6)) for name in here.agents}
+            given = [env.step(actions) for env in (here, in_sumo)]
+            kinds |= {kind for info in given[0][4].values() for kind in info["events"]}
+        np.testing.assert_equal(*given)
+        assert not in_sumo.agents
+    assert "lock_lost" in kinds
+    here.close()
+    in_sumo.close()
+
+
+@pytest.mark.parametrize(
+    ("scenario", "changes", "needs"),
+    [
+        ("paper_loop", (), False),
+        ("lab_obstacles", (DRAWN,), False),
+        ("paper_loop", ("platoon.start.time_s=3",), True),  # it waits for room
+        ("paper_loop", ('learn.draw={"platoon.start.time_s" = [0, 3]}',), True),
+        ("paper_loop", ('platoon.leader={law="path"}', "platoon.to=se_ne"), True),
+        ("highway_tracking", ("sumo.traffic=false",), True),
+        ("corridor_tracking", (), True),
+    ],
+)
+def test_what_needs_sumo(scenario, changes, needs):
+    assert need_sumo(Source(scenario, changes)) is needs
+
+
 def first_steps(env, seed, steps):
     """Ranges from a reset on."""
     seen = [env.reset(seed=seed)[0]["ranges"]]
@@ -190,11 +244,11 @@ def first_steps(env, seed, steps):
 def test_an_episode_that_was_made_while_another_one_went_on_is_the_same_episode():
     draw = 'learn.draw={"platoon.gap_m" = {from = 0.4, to = 0.6}}'
     changes = [*SHORT, draw, "learn.parents=1", "platoon.follower.lidar.noise=utm30lx"]
-    env, other = Follower("paper_loop", changes), Follower("paper_loop", changes)
+    env, other = Follower(IN_SUMO, changes), Follower(IN_SUMO, changes)
     first_steps(env, 5, 3)  # at the first step the next one is begun
     other.reset(seed=5)
-    assert env._seats._parents._next
-    assert not other._seats._parents._next
+    assert env._seats._episodes._next
+    assert not other._seats._episodes._next
     first, second = first_steps(env, None, 10), first_steps(other, None, 10)
     assert np.array_equal(first, second)
     assert not np.array_equal(first[0], first_steps(env, None, 0)[0])
@@ -314,7 +368,7 @@ def test_a_drawn_value_that_the_scenario_refuses_is_an_error_and_the_next_reset_
 
 @pytest.mark.slow
 def test_two_environments_in_one_process_do_not_disturb_each_other(follower):
-    other = Follower("paper_path", SHORT)
+    other = Follower("paper_loop", SHORT)
     follower.reset(seed=3)
     other.reset(seed=3)
     alone = [follower.step(AHEAD)[0]["ranges"] for _ in range(3)]
@@ -384,7 +438,7 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="lo
 def test_a_program_that_ends_without_closing_leaves_nothing(end):
     code = (
         "import os, sys\nfrom platoontraffic.environments.follower import Follower\n"
-        f"env = Follower('paper_loop', {list(SHORT)!r} + ['learn.parents=1'])\nenv.reset(seed=1)\nenv.step([0, 0])\n"
+        f"env = Follower({IN_SUMO!r}, {list(SHORT)!r} + ['learn.parents=1'])\nenv.reset(seed=1)\nenv.step([0, 0])\n"
         f"print('ready', flush=True); sys.stdin.readline()\n{end}\n"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -402,8 +456,9 @@ def test_a_program_that_ends_without_closing_leaves_nothing(end):
 
 
 @pytest.mark.slow
-def test_an_interrupted_step_ends_the_episode_and_a_reset_begins_anew():
-    env = Follower("paper_loop", ["platoon.size=3"])
+@pytest.mark.parametrize("scenario", ["paper_loop", IN_SUMO])
+def test_an_interrupted_step_ends_the_episode_and_a_reset_begins_anew(scenario):
+    env = Follower(scenario, ["platoon.size=3"])
     main, message = threading.main_thread().ident, ""
     for _ in range(20):  # until the signal comes while a step waits, and not between two steps
         env.reset(seed=1)
@@ -422,20 +477,22 @@ def test_an_interrupted_step_ends_the_episode_and_a_reset_begins_anew():
     env.close()
 
 
-def test_an_episode_whose_process_dies_is_an_error_and_a_reset_begins_anew(follower):
-    follower.reset(seed=1)
-    os.kill(follower._seats._parents._episode.pid, signal.SIGKILL)
+def test_an_episode_whose_process_dies_is_an_error_and_a_reset_begins_anew():
+    env = Follower(IN_SUMO, SHORT)
+    env.reset(seed=1)
+    os.kill(env._seats._episodes._episode.pid, signal.SIGKILL)
     with pytest.raises(RunError, match="has died"):
-        follower.step(AHEAD)
-    follower.reset(seed=1)
-    follower.step(AHEAD)
+        env.step(AHEAD)
+    env.reset(seed=1)
+    env.step(AHEAD)
+    env.close()
 
 
 @pytest.mark.slow
 @needs_proc
 def test_vector_environments_of_gymnasium_work_in_daemons():
     before = descendants(os.getpid())  # of other tests
-    envs = gymnasium.make_vec(ID, num_envs=2, vectorization_mode="async", scenario="paper_loop", changes=SHORT)
+    envs = gymnasium.make_vec(ID, num_envs=2, vectorization_mode="async", scenario=IN_SUMO, changes=SHORT)
     below = descendants(os.getpid()) - before
     seen, _ = envs.reset(seed=1)
     assert seen["ranges"].shape == (2, 720)
@@ -446,6 +503,16 @@ def test_vector_environments_of_gymnasium_work_in_daemons():
     while below & descendants(os.getpid()) and time.monotonic() < until:
         time.sleep(0.2)
     assert not below & descendants(os.getpid())
+
+
+@needs_proc
+def test_a_lab_needs_no_process():
+    before = descendants(os.getpid())  # of other tests
+    env = Follower("paper_loop", SHORT)
+    env.reset(seed=1)
+    env.step(AHEAD)
+    assert not descendants(os.getpid()) - before
+    env.close()
 
 
 @pytest.mark.sumo
