@@ -9,8 +9,8 @@ from platoontraffic.episodes.episodes import Episodes, Source
 from platoontraffic.episodes.parents import Plan
 from platoontraffic.scenario import Learn, Scenario
 
-OF_SUMO = ("sumo", "equip")  # tables of what SUMO does, and ends of keys that can make a member need it
-MAY_NEED_SUMO = ("law", "time_s", "route", "to", "loop")
+OF_SUMO = ("sumo", "equip")  # tables of what SUMO does ...
+MAY_NEED_SUMO = ("law", "time_s", "route", "to", "loop")  # ... and ends of the keys of what can make a member need it
 
 
 def need_sumo(source: Source) -> bool:
@@ -29,7 +29,7 @@ def _uses_roads(scenario: Scenario) -> bool:
     """Whether a member has a route, waits for room at its departure, heeds stop lines, or is driven by SUMO."""
     platoons, laws = scenario.spec.platoon, scenario.laws.values()
     routes = any(platoon.route or platoon.to or platoon.loop or platoon.start.time_s for platoon in platoons)
-    return routes or any(law.native or "signals" in law.needs for law in laws) or bool(scenario.spec.record.passages)
+    return routes or any(law.native or "signals" in law.needs for law in laws)
 
 
 class Here:
