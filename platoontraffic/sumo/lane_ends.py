@@ -11,11 +11,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from platoontraffic.controllers.lane_room import room_needed
 from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.reads import PLAN_LANE, PLAN_OFFSET
 from platoontraffic.sumo.room_to_change import Wanted
 
 EVERY = 1.0  # time from one look to the next [s]
 AT_END = 25.0  # distance of a front from the end of its lane [m]: SUMO's vehicles leave room there for each other
-PLAN_LANE, PLAN_OFFSET = 0, 3  # in a row of getBestLanes: a lane, and how many lanes to the left the best one is
 
 
 class LaneEnds:

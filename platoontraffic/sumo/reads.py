@@ -8,6 +8,10 @@ from typing import Any
 
 from platoontraffic.sumo.client import Client, direct
 
+# In a row of getBestLanes: a lane, how many lanes to the left of it the best one is, and the lanes on which a vehicle
+# goes on from it.
+PLAN_LANE, PLAN_OFFSET, PLAN_ONWARD = 0, 3, 5
+
 
 class Once(dict):
     """Values of a function by its argument, which is called when a value is first looked up."""
@@ -52,10 +56,9 @@ class Reads:
         self.best_lanes = OfSumo(sumo, "vehicle", "getBestLanes")
         self.waited = OfSumo(sumo, "vehicle", "getWaitingTime")
         self.lights = OfSumo(sumo, "trafficlight", "getRedYellowGreenState")
-        self.next_switch = OfSumo(sumo, "trafficlight", "getNextSwitch")
         self._of_instant = [
             self.max_speed, self.links, self.on_lane, self.people, self.speed, self.position, self.acceleration,
-            self.next_links, self.best_lanes, self.waited, self.lights, self.next_switch,
+            self.next_links, self.best_lanes, self.waited, self.lights,
         ]  # fmt: skip
 
     def renew(self) -> None:

@@ -35,7 +35,7 @@ from platoontraffic.sumo.conflicts import (
     Crossing,
 )
 from platoontraffic.sumo.ego import Ego
-from platoontraffic.sumo.reads import Once, Reads
+from platoontraffic.sumo.reads import PLAN_LANE, PLAN_ONWARD, Once, Reads
 from platoontraffic.vehicles.motion import scale
 
 HELD_UP_AFTER = 3.0  # a vehicle that stands at an open line for longer is held up by something else [s]
@@ -51,7 +51,6 @@ COMES_UNTIL = 5.0  # a member that has stood for longer does not come, and vehic
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
 LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
 JUNCTIONS = 3  # number of the next junctions at which a vehicle's path is compared with the own one
-PLAN_LANE, PLAN_ONWARD = 0, 5  # in a row of getBestLanes: a lane, and the lanes on which a vehicle goes on there
 AT_LINE = 4.0  # distance from a line, for a car, at which a vehicle that stands stands at it [m]
 
 

@@ -13,7 +13,7 @@ from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.conflicts import GAP_HORIZON
 from platoontraffic.sumo.ego import Ego
-from platoontraffic.sumo.reads import Reads
+from platoontraffic.sumo.reads import PLAN_LANE, PLAN_OFFSET, Reads
 
 CHANGING_PACE = 1.5, 6.0  # acceleration of a slow vehicle that changes lanes [m/s2], up to [m/s]
 COMMITTED = 0.25  # share of a lane change after which it is not interrupted
@@ -25,6 +25,8 @@ QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change,
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
 LOOKS_AHEAD = 10.0  # a lane change is urgent where the lane ends within this time at its speed limit, as SUMO's is [s]
 ENTRY = 40.0  # first part of a lane, in which no car waits for room [m]
+SWAPS_WITHIN = 50.0  # distance from the end of a lane, for a car, within which two that swap lanes make room [m] ...
+SWAP_BRAKING = 3.0  # ... and the braking of the one behind [m/s2]
 OWN_GAP = 4.0  # that a member of a car's length leaves in a queue [m]
 
 
@@ -65,7 +67,8 @@ class RoomToChange:
 
         distance : to the begin of the lane change; negative: it has begun [m]
         returns  : to where it still is on the lane before, but at once where it has begun to go over, for the less it
-                   has done so, the better others pass it; inf: there is room, or it is on that lane already
+                   has done so, the better others pass it; to where it falls back behind one that swaps lanes with it;
+                   inf: there is room, or it is on that lane already
 
         A queue ahead leaves no room to begin: it would stand across both lanes. It is waited for, but not for ever, and
         not while it is let in.
@@ -75,9 +78,10 @@ class RoomToChange:
         queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
         if stop > 0 and (queue or not self._is_room(line, distance, half, ego)):
             self._want(line, distance, half, ego)
-            return min(stop, ego.stops_within) if distance < 0 else stop
+            return min(stop, ego.stops_within if distance < 0 else self._falls_back(line, distance, ego))
         if distance < 0 and ego.lane != line.onto:
             self._want(line, distance, max(half, 0.0), ego)
+            return self._falls_back(line, distance, ego)
         return inf
 
     def _want(self, line: Line, distance: float, half: float, ego: Ego) -> None:
@@ -85,9 +89,16 @@ class RoomToChange:
 
         half: distance after which half of the member is over on the lane [m]
         """
-        behind = ego.length + room_needed(ego.length, 0.0, 0.0) - half
-        urgent = distance + line.to_end < LOOKS_AHEAD * self._now.max_speed[line.lane]
+        behind = ego.length + room_needed(ego.length, 0.0, 0.0) - half + self._farther_on(line, distance, ego)
+        urgent = self._ends_soon(line, distance)
         self.wanted.setdefault(ego.id, Wanted(line.onto, behind, distance < 0, urgent))
+
+    def _farther_on(self, line: Line, distance: float, ego: Ego) -> float:
+        """How much farther on along its lane SUMO has a vehicle than its route: an askew one by a metre [m]."""
+        if ego.lane.rpartition("_")[0] != line.lane.rpartition("_")[0]:
+            return 0.0
+        to_end = self._now.lane_length[ego.lane] - self._now.position[ego.id]
+        return max(distance + line.to_end - to_end, 0.0)
 
     def is_beside(self, line: Line, ego: Ego) -> bool:
         """Whether a slow vehicle that is not yet on its lane has another one there with its rear beside the own front.
@@ -123,8 +134,7 @@ class RoomToChange:
 
         Where it would stand near the begin of a long lane, those behind it stand on the junction before.
         """
-        is_urgent = distance + line.to_end < LOOKS_AHEAD * self._now.max_speed[line.lane]
-        blocks_junction = self._begin(line) < ENTRY * ego.size and not is_urgent
+        blocks_junction = self._begin(line) < ENTRY * ego.size and not self._ends_soon(line, distance)
         return blocks_junction or self._is_passed_soon(line, distance, ego)
 
     def _is_passed_soon(self, line: Line, distance: float, ego: Ego) -> bool:
@@ -139,6 +149,10 @@ class RoomToChange:
         now, begin, slow = self._now, self._begin(line), QUEUE_SPEED * ego.size
         ahead = (name for name in now.on_lane[line.lane] if name != ego.id and now.position[name] > begin - distance)
         return min((now.position[one] - now.length[one] - begin for one in ahead if now.speed[one] < slow), default=inf)
+
+    def _ends_soon(self, line: Line, distance: float) -> bool:
+        """Whether a lane change is urgent. distance: to its begin [m]"""
+        return distance + line.to_end < LOOKS_AHEAD * self._now.max_speed[line.lane]
 
     def _begin(self, line: Line) -> float:
         """Position of the begin of a lane change on its lane [m]."""
@@ -169,6 +183,24 @@ class RoomToChange:
                 closing, rear_speed = max(foe_speed - later, 0.0), foe_speed
             if gap < room_needed(ego.length, rear_speed, closing):
                 yield name
+
+    def _falls_back(self, line: Line, distance: float, ego: Ego) -> float:
+        """Distance at which a vehicle stops, to fall back behind one on the other lane that must come to its own [m].
+
+        That one is beside it, a little ahead, near the end of the lanes. Side by side there neither could go over.
+        inf: there is none.
+        """
+        if distance + line.to_end > SWAPS_WITHIN * ego.size:
+            return inf
+        now, side = self._now, _side(line.onto, line.lane)
+        for name in now.on_lane[line.onto]:  # the last one first
+            front = distance + line.to_end - (now.lane_length[line.onto] - now.position[name])
+            if front >= 0:
+                closing = max(ego.speed - now.speed[name], 0.0)
+                has_room = front - now.length[name] >= room_needed(ego.length, ego.speed, closing)
+                to_left = next((plan[PLAN_OFFSET] for plan in now.best_lanes[name] if plan[PLAN_LANE] == line.onto), 0)
+                return inf if has_room or to_left * side <= 0 else ego.speed**2 / (2 * SWAP_BRAKING)
+        return inf
 
     def _waits_for(self, name: str, line: Line, distance: float, ego: Ego) -> bool:
         """Whether another member goes over to the same lane, from its other side, and lets this one go first."""
@@ -218,6 +250,11 @@ class RoomToChange:
                     if name == line.onto:
                         return
                     break
+
+
+def _side(lane: str, other: str) -> int:
+    """Where another lane of an edge lies: 1 to the left, -1 to the right."""
+    return 1 if int(other.rpartition("_")[2]) > int(lane.rpartition("_")[2]) else -1
 
 
 def _crossed(line: Line) -> list[Line]:

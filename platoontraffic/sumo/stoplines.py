@@ -26,7 +26,6 @@ from platoontraffic.sumo.conflicts import (
     YELLOW,
     ZIPPER,
     Conflicts,
-    Crossing,
     Paths,
 )
 from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, Ego, checks_from
@@ -45,7 +44,6 @@ OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle m
 SETS_OUT, FREE_AHEAD = 1.0, 15.0  # a vehicle faster than that [m/s], with so much road before it [m], is in no queue
 QUEUE_GAP = 2.5  # between cars that stand in a queue [m]
 SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
-CHANGES_SOON = 4.0  # a red light that changes within this time lets vehicles come to whoever waits in their path [s]
 WALKING = 0.3  # speed below which a person on a crossing stands [m/s]
 
 
@@ -228,7 +226,8 @@ class StopLines:
         if may_stop and (state := self._passed(self._at_junction[passed, ego.kind], over, ego)):
             if passed.state == CHANGING and self._change.has_hardly_begun(passed, over):
                 self._later.note(passed, -over, ego)
-            return state
+            if not lines or state.distance <= lines[0][1]:
+                return state
         if not lines:
             return NO_LINE
         if self._change.is_beside(lines[0][0], ego):
@@ -261,6 +260,10 @@ class StopLines:
         line: the vehicle is on one of its lanes, or it is a lane change
         over: distance driven beyond the line [m]
         """
+        left = OVERRUN * ego.size - over
+        may_stop = ego.speed**2 / (2 * EARLY_BRAKING) < left
+        if ego.lane in line.via and may_stop and self._link_state(line) in RED:
+            return LineState(left, False, False, False, LIGHT)
         if ego.lane in line.via:
             self._way.note_waiting(line, -over, ego)
         if len(line.via) > 1 and ego.lane == line.via[0]:
@@ -276,9 +279,8 @@ class StopLines:
             if before < np.inf and ego.lane != line.onto:
                 return LineState(before, False, False, False, LANE_CHANGE)
         elif ego.lane in line.via:
-            state, left = self._link_state(line), OVERRUN * ego.size - over
-            may_stop = state not in PRIORITY and ego.speed**2 / (2 * EARLY_BRAKING) < left
-            if may_stop and not self._way.has_way(line, state, -over, ego):
+            state = self._link_state(line)
+            if may_stop and state not in PRIORITY and not self._way.has_way(line, state, -over, ego):
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
             gives_way = state not in PRIORITY + EQUAL + ZIPPER  # at equal ones either of two may have to
             if (stop := self._way.stop_before_foes(line, over, ego, priority_too=gives_way)) < math.inf:
@@ -288,27 +290,20 @@ class StopLines:
     def _midway(self, line: Line, driven: float) -> float:
         """Where a front that is so far beyond the line comes into the way of vehicles with priority [m]; inf: nowhere.
 
-        SUMO's place midway may lie beyond that: its vehicles pass through each other there.
+        SUMO's place midway may lie beyond that: its vehicles pass through each other there. A red light may have
+        changed before this vehicle can go on.
         """
         crossings = self._conflicts[line].crossings.values()
-        ahead = [one for one in crossings if one.first and one.touches > driven]
-        if not ahead:
-            return math.inf
-        changes = line.light and self._now.next_switch[line.light] - self._sumo.simulation.getTime() < CHANGES_SOON
-        return min((one.touches for one in ahead if changes or self._may_come(one)), default=math.inf)
-
-    def _may_come(self, crossing: Crossing) -> bool:
-        """Whether no red light stops the vehicles on another path."""
-        states = (link[LINK_STATE] for link in self._now.links[crossing.before] if link[LINK_VIA] == crossing.via[0])
-        return not any(state in RED for state in states)
+        return min((one.touches for one in crossings if one.first and one.touches > driven), default=math.inf)
 
     def _ahead(self, line: Line, distance: float, near: bool, ego: Ego) -> LineState:
         """State of a line ahead; the adjacent lane and the space beyond are checked only when it is near."""
         if line.state == CHANGING:
-            is_open = not near or ego.lane == line.onto or self._change.may_change(line, distance, ego) == np.inf
-            if not is_open:
+            looks = near and ego.lane != line.onto
+            before = self._change.may_change(line, distance, ego) if looks else math.inf
+            if distance <= before < math.inf:
                 self._later.note(line, distance, ego)
-            return LineState(distance, is_open, False, False, LANE_CHANGE)
+            return LineState(min(distance, before), before == math.inf, False, False, LANE_CHANGE)
         line = self._at_junction[line, ego.kind]
         found = self._at_line(line, distance, near, ego)
         enters = found.open or found.distance > distance

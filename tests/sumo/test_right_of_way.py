@@ -28,7 +28,7 @@ from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
 from platoontraffic.sumo.room_to_change import RoomToChange
-from platoontraffic.sumo.stoplines import NO_LINE, LineState, StopLines
+from platoontraffic.sumo.stoplines import LIGHT, NO_LINE, LineState, StopLines
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
@@ -665,39 +665,78 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
     assert (not state.open and state.distance == pytest.approx(6.0 - over)) == heeds
 
 
+@pytest.mark.parametrize(("falls_back_within", "stops_after"), [(2.0, 2.0), (9.0, 5.0)])
+def test_a_member_that_falls_back_in_its_lane_change_heeds_its_line_all_the_same(
+    monkeypatch, falls_back_within, stops_after
+):
+    """One drove over its line at 6 m/s, on the wrong lane."""
+    change = Line(60.0, CHANGING, "", 0, "road_0", "road_1", (), 20.0, 40.0)
+    line = Line(100.0, "M", "", 0, "road_1", "next_0", (":a_0",), 10.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    monkeypatch.setattr(lines._change, "may_change", lambda *_: falls_back_within)
+    monkeypatch.setattr(lines._change, "is_beside", lambda *_: False)
+    monkeypatch.setattr(StopLines, "_ahead", lambda *_: LineState(5.0, False, False, False, LIGHT))
+    lines._conflicts = {change._replace(station=0.0): None}
+    member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (change, 35.0, [(line, 5.0)])))
+    state = lines._state(member, 95.0, Ego("m.0", "road_0", 6.0, CAR.length))
+    assert (state.distance, state.open) == (stops_after, False)
+
+
 @pytest.mark.parametrize(
-    ("over", "first", "light", "changes", "stops_at"),
+    ("over", "first", "stops_at"),
     [
-        (1.0, (True, True), "G", 20.0, 4.0),
-        (4.5, (True, True), "G", 20.0, 4.0),  # a little farther, and still out of the way
-        (5.5, (True, True), "G", 20.0, 7.0),  # it is in the way of the first path already, but not of the second
-        (8.5, (True, True), "G", 20.0, 9.0),
-        (1.0, (True, True), "r", 20.0, 9.0),  # nobody comes from there
-        (1.0, (True, True), "r", 3.0, 4.0),  # but will: it would not be gone by then
-        (5.5, (True, True), "r", 3.0, 7.0),
-        (1.0, (False, True), "G", 20.0, 7.0),
-        (1.0, (False, False), "G", 20.0, 9.0),
+        (1.0, (True, True), 4.0),
+        (4.5, (True, True), 4.0),  # a little farther, and still out of the way
+        (5.5, (True, True), 7.0),  # it is in the way of the first path already, but not of the second
+        (8.5, (True, True), 9.0),
+        (1.0, (False, True), 7.0),
+        (1.0, (False, False), 9.0),
     ],
 )
-def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
-    monkeypatch, over, first, light, changes, stops_at
-):
-    """SUMO's place midway, 9 m on, lies in them: in Bologna a column drove through the front of a member there."""
+def test_a_member_waits_midway_before_the_paths_of_those_with_priority(monkeypatch, over, first, stops_at):
+    """SUMO's place midway, 9 m on, lies in them: in Bologna columns drove through the fronts of members there."""
     line = Line(0.0, "g", "a", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 100.0)))
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
     met = [
         Crossing("other_0", (via,), (touches - 1, 15.0), (5.0, 10.0), False, one, np.inf, 10.0, touches)
         for via, touches, one in zip((":b_0", ":b_1"), (4.0, 7.0), first, strict=True)
     ]
-    links = {"other_0": [("",) * LINK_VIA + (one.via[0], light) for one in met]}
-    switch = {"a": 100.0 + changes}
-    lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, links=links, next_switch=switch)
-    lines._conflicts = {line: SimpleNamespace(crossings={one.via[0]: one for one in met})}
+    lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, lights={"a": "g"})
+    lines._conflicts = {line: SimpleNamespace(unregulated=False, crossings={one.via[0]: one for one in met})}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, over, Ego("m.0", ":a_0", 3.0, CAR.length))
     assert state.distance == pytest.approx(stops_at - over)
+
+
+@pytest.mark.parametrize("via", [(":a_0",), (":a_0", ":a_2")])
+@pytest.mark.parametrize(
+    ("light", "over", "speed", "stays"),
+    [
+        ("r", 0.4, 0.0, True),
+        ("u", 0.4, 0.5, True),
+        ("r", 0.4, 4.0, False),  # it cannot stop there
+        ("r", 1.1, 0.0, False),
+        ("y", 0.4, 0.0, False),
+    ],
+)
+def test_a_member_whose_front_is_a_little_over_the_line_stays_there_when_it_is_red(
+    monkeypatch, via, light, over, speed, stays
+):
+    """In Bologna one crept over its line behind a left-turner, and drove on at red: nobody else could leave."""
+    line = Line(0.0, "G", "a", 0, "road_0", "next_0", via, 20.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, lights={"a": light})
+    lines._conflicts = {line: SimpleNamespace(unregulated=False, crossings={})}
+    monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
+    monkeypatch.setattr(RightOfWay, "has_way", lambda *_: True)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
+    state = lines._passed(line, over, Ego("m.0", ":a_0", speed, CAR.length))
+    closed = state is not None and not state.open
+    assert closed == stays
+    assert not stays or (state.distance, state.reason) == (pytest.approx(1.0 - over), LIGHT)
 
 
 @pytest.mark.parametrize(

@@ -228,8 +228,8 @@ def test_of_two_members_that_go_over_to_one_lane_from_both_sides_one_waits():
     assert change.may_change(left._replace(to_end=70.5), -0.5, second) == np.inf  # the other one has left
 
 
-def client_of(places: dict[str, list[tuple[str, float]]], length: float = 100.0) -> SimpleNamespace:
-    """All stand. places: vehicles of 5 m and their fronts, by lane; length: of the lanes [m]"""
+def client_of(places: dict[str, list[tuple[str, float]]], length: float = 100.0, speed: float = 0.0) -> SimpleNamespace:
+    """places: vehicles of 5 m and their fronts, by lane; length: of the lanes [m]; speed: of all [m/s]"""
     fronts = {name: front for lane in places.values() for name, front in lane}
     return SimpleNamespace(
         lane=SimpleNamespace(
@@ -237,7 +237,44 @@ def client_of(places: dict[str, list[tuple[str, float]]], length: float = 100.0)
             getLastStepVehicleIDs=lambda lane: [name for name, _ in places[lane]],
         ),
         vehicle=SimpleNamespace(
-            getSpeed=lambda _: 0.0, getLength=lambda _: 5.0, getWaitingTime=lambda _: 8.0,
+            getSpeed=lambda _: speed, getLength=lambda _: 5.0, getWaitingTime=lambda _: 8.0,
             getLanePosition=fronts.__getitem__,
         ),
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("distance", "its_front", "to_left", "to_end", "speed", "stops_after"),
+    [
+        (1.0, 32.0, -1, 45.0, 0.0, 0.0),  # beside it, a little ahead: it comes first
+        (1.0, 32.0, -1, 45.0, 6.0, 6.0),  # the member falls back by 3 m/s2
+        (-20.0, 32.0, -1, 45.0, 6.0, 6.0),  # the own change has begun, and was not driven
+        (1.0, 32.0, 0, 45.0, 0.0, 6.0),  # it goes straight on: the member stops at the last place for its change
+        (-20.0, 32.0, 0, 45.0, 6.0, np.inf),
+        (-20.0, 29.0, -1, 45.0, 6.0, np.inf),  # a little behind: it lets the member go first
+        (-20.0, 37.6, -1, 45.0, 0.0, np.inf),  # there is room
+        (-20.0, 32.0, -1, 90.0, 6.0, np.inf),  # far from the end of the lanes
+    ],
+)
+def test_of_two_that_swap_lanes_near_their_ends_the_one_behind_falls_back(
+    distance, its_front, to_left, to_end, speed, stops_after
+):
+    """Side by side at their line a car of SUMO's and a member waited for each other's lane, with queues behind them."""
+    places = {"road_0": [("m.0", 30.0)], "road_1": [("c", its_front)]}
+    client = client_of(places, 30.0 + to_end, speed)
+    client.vehicle.getBestLanes = lambda _: [("road_0", 9.0, 0.0, 0, True, ()), ("road_1", 9.0, 0.0, to_left, True, ())]
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client))
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 20.0, to_end - distance)
+    assert change.may_change(line, distance, Ego("m.0", "road_0", speed, 5.0)) == pytest.approx(stops_after)
+
+
+def test_room_is_wanted_behind_the_front_where_sumo_has_it():
+    """An askew member's front was a metre farther on there: the car that let it in stopped 0.2 m too far, for good."""
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)  # it begins at 31 m
+    behind = []
+    for front in (32.0, 33.0):
+        places = {"road_0": [("m.0", front)], "road_1": [("c", 26.0)]}
+        change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of(places)))
+        change.may_change(line, -1.0, Ego("m.0", "road_0", 0.0, 5.0))
+        behind.append(change.wanted["m.0"].behind)
+    assert behind[1] - behind[0] == pytest.approx(1.0)
