@@ -23,6 +23,7 @@ from platoontraffic.vehicles.records import changed
 
 MOST, LEAST, STEP = 2.6, 0.2, 0.1  # shifts that are tried [m]
 CLEARANCES = 0.3, 0.14  # to all returns, on each side; the smaller one if there is no way with the larger one [m]
+JUST = tuple(one + 0.01 for one in CLEARANCES)  # beyond the least shift that is needed: also tried [m]
 ALONGSIDE = 1.5  # a return beside the body, and as far ahead of it and behind, may be within the clearance [m] ...
 BESIDE = 0.03  # ... if the way does not come nearer to it by more than this [m]
 KEPT_FREE = 0.2  # a body that is nearer to the path of the own one, on either side, stands in the way [m]
@@ -68,6 +69,14 @@ class Way(NamedTuple):
     plan: Plan
 
 
+class Blocked(NamedTuple):
+    """Where a body stands in the path."""
+
+    distance: float  # along the route [m]; inf: nowhere
+    least: float  # shift with which a way passes what is there [m]
+    met: int  # a return of it, by its number; -1: none
+
+
 @dataclass(frozen=True, eq=False)
 class _Section:
     """Places along a line, from the driven axle on."""
@@ -106,23 +115,23 @@ class _Planned(NamedTuple):
     plan: Plan
 
 
-def blocked_at(route: Route, station: float, body: Body, returns: np.ndarray) -> tuple[float, float]:
+def blocked_at(route: Route, station: float, body: Body, returns: np.ndarray) -> Blocked:
     """Where returns cover the path of the body.
 
     station : of the driven axle
-    returns : (k, 2) [m]
+    returns : of the laser, (k, 2) [m]
 
-    Gives the distance along the route until one is within `KEPT_FREE` of the body [m], inf: not within `REACH`; and the
-    least shift with which a way passes what is there [m].
+    Gives where one is within `KEPT_FREE` of the body, at most `REACH` ahead.
     """
     section = _ahead(route, station, REACH)
     touches = _touches(section, body, returns, _kept(section, body, returns, KEPT_FREE))
     touched = touches.any(axis=1)
     if not touched.any():
-        return math.inf, 0.0
+        return Blocked(math.inf, 0.0, -1)
     first = touched.argmax()
     aside = _places(section, returns[touches[first]])[1]
-    return float(section.distance[first]), body.width / 2 + min(float(aside.max()), -float(aside.min()))
+    least = body.width / 2 + min(float(aside.max()), -float(aside.min()))
+    return Blocked(float(section.distance[first]), least, int(touches[first].argmax()))
 
 
 def way_round(
@@ -157,11 +166,9 @@ def way_round(
         return None
     met = int(stands[touched.argmax()].argmax())
     passed, right, left = _extent(section, body, returns[stands.any(axis=0)])
-    shifts = [
-        side * shift
-        for shift, side in product(np.arange(LEAST, most + STEP / 2, STEP).tolist(), (1, -1))
-        if shift >= body.width / 2 + (left if side > 0 else -right)
-    ]
+    need = {1: body.width / 2 + left, -1: body.width / 2 - right}
+    sizes = {*np.arange(LEAST, most + STEP / 2, STEP).tolist(), *(need[side] + one for side in need for one in JUST)}
+    shifts = [side * one for one, side in product(sorted(sizes), need) if max(LEAST, need[side]) <= one <= most]
     if not shifts:
         return None
     bend = _sharpest(_ahead(route, station, passed + 3 * body.length))
@@ -197,7 +204,7 @@ def is_free_without(way: Way, without: Route, station: float, body: Body, return
 
     station, body, returns : as of `blocked_return`
     """
-    if blocked_at(way.route, station, body, returns)[0] == math.inf:
+    if blocked_at(way.route, station, body, returns).distance == math.inf:
         return False
     ((x, y),) = way.route.line.at(np.array([station]))
     there, _ = without.line.project(x, y, station, REACH)

@@ -50,7 +50,7 @@ LITTLE = 0.8  # greatest shift that it does not wait with [m] ...
 ROLLS = 2.5  # ... from this speed down [m/s]
 EVERY = 1.0  # least period after which it looks again [s] ...
 LATER, LATER_FOLLOWING = 0.1, 0.5  # ... and the least share of its time at a stand: what has stood for long will stand
-STILL = 0.05  # by which a body that stands may seem to move between two looks [m]
+STILL = 0.3  # by which a body that stands may seem to move between two looks [m]: its place is found to 0.25 m
 EVERY_UNDER_WAY, STILL_UNDER_WAY = 0.5, 0.3  # the same two of a member that drives [s], [m]
 NEAR = 25.0  # distance of returns that matter [m]; so far behind where it pulls out only what stands may be [m] ...
 COMES_WITHIN, LOOKS_BACK = 5.0, 80.0  # ... and nothing that would come within that time [s], as far as that [m]
@@ -131,7 +131,9 @@ class WaysRound:
             name, member = fleet.ids[row], fleet.members[row]
             body = _body(member)
             last = self._looks[name]
-            distance, least = blocked_at(member.route, station, body, returns.points)
+            distance, least, met = blocked_at(member.route, station, body, returns.points)
+            if traffic and met >= 0 and _faces(traffic, int(returns.hits[met]), float(fleet.motion.heading[row])):
+                after = AFTER
             look = last._replace(at=time, place=station + distance)
             self._looks[name] = look
             if signals is not None and not signals.open[row] and signals.distance[row] < distance:
@@ -260,6 +262,11 @@ class WaysRound:
             return bool(on_road.all())
 
         return may_use
+
+
+def _faces(traffic: TrafficSnapshot, row: int, heading: float) -> bool:
+    """Whether a body, a row of the traffic or less, is headed against a member: that does not follow it in a queue."""
+    return row >= 0 and abs(wrap(traffic.heading[row] - heading)) > np.pi / 2
 
 
 def _body(member: Member) -> Body:

@@ -126,6 +126,13 @@ def test_it_goes_through_a_gap_with_less_clearance():
     assert swept(way).distance(shapely.union(first, second)) > ways.CLEARANCES[1] - 0.02
 
 
+def test_it_goes_through_a_gap_that_just_suffices():
+    """With a shift between 0.5 and 0.6 m, which are tried anyway: with 0.6 m a corner was 3 cm beyond the kerb."""
+    overlap = 0.41  # the smaller clearance needs a shift of 0.55 m; the corner swings out by 0.68 m more
+    assert found([box(overlap)], may_use=within(BODY.width / 2 + 1.26)).shift == pytest.approx(-0.56)
+    assert found([box(overlap)], may_use=within(BODY.width / 2 + 1.22)) is None
+
+
 def test_it_goes_past_a_body_that_is_close_beside_it():
     """It does not come nearer to that one."""
     beside = shapely.box(1.0, BODY.width / 2 + 0.08, 5.0, 4.0)

@@ -120,6 +120,33 @@ def test_it_stays_for_long_behind_a_vehicle_that_it_has_followed(side):
 
 
 @pytest.mark.parametrize("side", [1, -1])
+def test_it_does_not_stay_for_long_before_one_that_faces_it(side):
+    """As a left-turner before a car that had stopped for it: to its laser that is the end of a queue."""
+    (member,) = platoon(LAWS["tracking"], leader_eye=EYE, model=CAR)
+    (faces,) = platoon(constant(0.0), at=(PLACE, side * 0.7, np.pi), model=CAR)
+    member = replace(member, route=ROUTE, speed=8.0, single=True, equip="equip")
+    faces = replace(faces, id="faces", single=True)
+    log = drive([member, faces], NO_WALLS, 40.0, 0.1, map=Street(6.0))
+    stands = log.time[(log.speed[:, 0] < 0.05) & (log.x[:, 0] > 30.0)]
+    assert AFTER - EVERY < stands[-1] - stands[0] < AFTER + 3.0
+    assert log.x[-1, 0] > PLACE + 20.0
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_body_whose_place_is_found_differently_each_time_stands_all_the_same(monkeypatch, law):
+    """Places are 0.25 m apart: a member looked every 10 s, and found the body at another one each time."""
+    looks = []
+
+    def flickers(*given):
+        looks.append(0)
+        found = blocked_at(*given)
+        return found._replace(distance=found.distance + 0.25 * (len(looks) % 2))
+
+    monkeypatch.setattr(ways_round, "blocked_at", flickers)
+    assert driven(law, box(1.0)).x[-1, 0] > PLACE + 30
+
+
+@pytest.mark.parametrize("side", [1, -1])
 def test_it_does_not_stay_where_a_little_to_the_side_is_enough(side):
     """As past a left-turner that waits midway, a little beside the path: it waits for the member in turn."""
     log = following(side * 1.4, 45.0)
