@@ -73,11 +73,8 @@ def stages(scenario: str, vehicle: str, steps: int) -> dict[str, float]:
     from platoontraffic.vehicles.motion import Twist
     from platoontraffic.world.ground import BareGround
 
-    command, setting = (
-        {vehicle: Twist(AHEAD, 0.0)},
-        with_laws(setting_of(prepare(load(scenario))), {vehicle: External()}),
-    )
-    watch = Stopwatch(time.process_time)
+    command, watch = {vehicle: Twist(AHEAD, 0.0)}, Stopwatch(time.process_time)
+    setting = with_laws(setting_of(prepare(load(scenario))), {vehicle: External()})
     with Simulation(replace(setting, ground=lambda: BareGround(setting.dt)), watch) as simulation:
         simulation.reset()
         simulation.step(command)
