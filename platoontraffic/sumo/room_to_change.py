@@ -26,7 +26,7 @@ QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to
 LOOKS_AHEAD = 10.0  # a lane change is urgent where the lane ends within this time at its speed limit, as SUMO's is [s]
 ENTRY = 40.0  # first part of a lane, in which no car waits for room [m]
 SWAPS_WITHIN = 50.0  # distance from the end of a lane, for a car, within which two that swap lanes make room [m] ...
-SWAP_BRAKING = 3.0  # ... and the braking of the one behind [m/s2]
+FALLS_BACK_FROM, SWAP_BRAKING = 2.0, 3.0  # ... the least speed of the one behind [m/s], and its braking [m/s2]
 OWN_GAP = 4.0  # that a member of a car's length leaves in a queue [m]
 
 
@@ -188,9 +188,9 @@ class RoomToChange:
         """Distance at which a vehicle stops, to fall back behind one on the other lane that must come to its own [m].
 
         That one is beside it, a little ahead, near the end of the lanes. Side by side there neither could go over.
-        inf: there is none.
+        inf: there is none, or the vehicle is too slow to get behind it.
         """
-        if distance + line.to_end > SWAPS_WITHIN * ego.size:
+        if distance + line.to_end > SWAPS_WITHIN * ego.size or ego.speed < FALLS_BACK_FROM:
             return inf
         now, side = self._now, _side(line.onto, line.lane)
         for name in now.on_lane[line.onto]:  # the last one first

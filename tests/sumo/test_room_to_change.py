@@ -246,8 +246,8 @@ def client_of(places: dict[str, list[tuple[str, float]]], length: float = 100.0,
 @pytest.mark.parametrize(
     ("distance", "its_front", "to_left", "to_end", "speed", "stops_after"),
     [
-        (1.0, 32.0, -1, 45.0, 0.0, 0.0),  # beside it, a little ahead: it comes first
-        (1.0, 32.0, -1, 45.0, 6.0, 6.0),  # the member falls back by 3 m/s2
+        (1.0, 32.0, -1, 45.0, 6.0, 6.0),  # beside it, a little ahead: the member falls back by 3 m/s2
+        (-20.0, 32.0, -1, 45.0, 1.0, np.inf),  # it would stand beside it, for good
         (-20.0, 32.0, -1, 45.0, 6.0, 6.0),  # the own change has begun, and was not driven
         (1.0, 32.0, 0, 45.0, 0.0, 6.0),  # it goes straight on: the member stops at the last place for its change
         (-20.0, 32.0, 0, 45.0, 6.0, np.inf),
