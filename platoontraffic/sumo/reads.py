@@ -56,9 +56,10 @@ class Reads:
         self.best_lanes = OfSumo(sumo, "vehicle", "getBestLanes")
         self.waited = OfSumo(sumo, "vehicle", "getWaitingTime")
         self.lights = OfSumo(sumo, "trafficlight", "getRedYellowGreenState")
+        self.next_switch = OfSumo(sumo, "trafficlight", "getNextSwitch")
         self._of_instant = [
             self.max_speed, self.links, self.on_lane, self.people, self.speed, self.position, self.acceleration,
-            self.next_links, self.best_lanes, self.waited, self.lights,
+            self.next_links, self.best_lanes, self.waited, self.lights, self.next_switch,
         ]  # fmt: skip
 
     def renew(self) -> None:

@@ -26,6 +26,7 @@ from platoontraffic.sumo.conflicts import (
     YELLOW,
     ZIPPER,
     Conflicts,
+    Crossing,
     Paths,
 )
 from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, Ego, checks_from
@@ -44,6 +45,7 @@ OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle m
 SETS_OUT, FREE_AHEAD = 1.0, 15.0  # a vehicle faster than that [m/s], with so much road before it [m], is in no queue
 QUEUE_GAP = 2.5  # between cars that stand in a queue [m]
 SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
+CHANGES_SOON = 4.0  # a red light that changes within this time lets vehicles come to whoever waits in their path [s]
 WALKING = 0.3  # speed below which a person on a crossing stands [m/s]
 
 
@@ -290,11 +292,19 @@ class StopLines:
     def _midway(self, line: Line, driven: float) -> float:
         """Where a front that is so far beyond the line comes into the way of vehicles with priority [m]; inf: nowhere.
 
-        SUMO's place midway may lie beyond that: its vehicles pass through each other there. A red light may have
-        changed before this vehicle can go on.
+        SUMO's place midway may lie beyond that: its vehicles pass through each other there.
         """
         crossings = self._conflicts[line].crossings.values()
-        return min((one.touches for one in crossings if one.first and one.touches > driven), default=math.inf)
+        ahead = [one for one in crossings if one.first and one.touches > driven]
+        if not ahead:
+            return math.inf
+        changes = line.light and self._now.next_switch[line.light] - self._sumo.simulation.getTime() < CHANGES_SOON
+        return min((one.touches for one in ahead if changes or self._may_come(one)), default=math.inf)
+
+    def _may_come(self, crossing: Crossing) -> bool:
+        """Whether no red light stops the vehicles on another path."""
+        states = (link[LINK_STATE] for link in self._now.links[crossing.before] if link[LINK_VIA] == crossing.via[0])
+        return not any(state in RED for state in states)
 
     def _ahead(self, line: Line, distance: float, near: bool, ego: Ego) -> LineState:
         """State of a line ahead; the adjacent lane and the space beyond are checked only when it is near."""

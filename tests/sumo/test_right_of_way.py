@@ -683,26 +683,33 @@ def test_a_member_that_falls_back_in_its_lane_change_heeds_its_line_all_the_same
 
 
 @pytest.mark.parametrize(
-    ("over", "first", "stops_at"),
+    ("over", "first", "light", "changes", "stops_at"),
     [
-        (1.0, (True, True), 4.0),
-        (4.5, (True, True), 4.0),  # a little farther, and still out of the way
-        (5.5, (True, True), 7.0),  # it is in the way of the first path already, but not of the second
-        (8.5, (True, True), 9.0),
-        (1.0, (False, True), 7.0),
-        (1.0, (False, False), 9.0),
+        (1.0, (True, True), "G", 20.0, 4.0),
+        (4.5, (True, True), "G", 20.0, 4.0),  # a little farther, and still out of the way
+        (5.5, (True, True), "G", 20.0, 7.0),  # it is in the way of the first path already, but not of the second
+        (8.5, (True, True), "G", 20.0, 9.0),
+        (1.0, (True, True), "r", 20.0, 9.0),  # nobody comes from there
+        (1.0, (True, True), "r", 3.0, 4.0),  # but will: it would not be gone by then
+        (5.5, (True, True), "r", 3.0, 7.0),
+        (1.0, (False, True), "G", 20.0, 7.0),
+        (1.0, (False, False), "G", 20.0, 9.0),
     ],
 )
-def test_a_member_waits_midway_before_the_paths_of_those_with_priority(monkeypatch, over, first, stops_at):
-    """SUMO's place midway, 9 m on, lies in them: in Bologna columns drove through the fronts of members there."""
+def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
+    monkeypatch, over, first, light, changes, stops_at
+):
+    """SUMO's place midway, 9 m on, lies in them: in Bologna a column drove through the front of a member there."""
     line = Line(0.0, "g", "a", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines = StopLines(SimpleNamespace(), SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 100.0)))
     met = [
         Crossing("other_0", (via,), (touches - 1, 15.0), (5.0, 10.0), False, one, np.inf, 10.0, touches)
         for via, touches, one in zip((":b_0", ":b_1"), (4.0, 7.0), first, strict=True)
     ]
-    lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, lights={"a": "g"})
-    lines._conflicts = {line: SimpleNamespace(unregulated=False, crossings={one.via[0]: one for one in met})}
+    links = {"other_0": [("",) * LINK_VIA + (one.via[0], light) for one in met]}
+    switch = {"a": 100.0 + changes}
+    lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, links=links, next_switch=switch)
+    lines._conflicts = {line: SimpleNamespace(crossings={one.via[0]: one for one in met})}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
