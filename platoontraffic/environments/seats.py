@@ -16,7 +16,7 @@ from platoontraffic.episodes.parents import Parents, Plan
 
 
 class Seats:
-    """Members that learn, in episodes that are copies of parents in SUMO, or that are here and need no SUMO."""
+    """Members that learn, in episodes that are copies of parents in SUMO, or that need no SUMO and no process."""
 
     def __init__(self, scenario: str | Path, changes: Sequence[str], vehicles: tuple[str, ...], all_: bool) -> None:
         source = Source(str(scenario), tuple(changes), vehicles, all_)

@@ -67,4 +67,4 @@ class Here:
 
 
 def _unheard(value: Any) -> None:
-    """Where a process would say how far a call has come."""
+    """A process would say here how far a call has come."""

@@ -395,11 +395,11 @@ class Spec(Table):
         if not isinstance(table, dict):
             return table
         vehicles = vehicles_in(table)
-        usual = {"scene": {"walls": usual_walls(vehicles)}}
+        defaults = {"scene": {"walls": usual_walls(vehicles)}}
         if "run" in table:
-            usual["run"] = {"step_s": usual_step(vehicles)}
+            defaults["run"] = {"step_s": usual_step(vehicles)}
         if table.get("equip"):
             # Of hundreds of members a row each step would be gigabytes; the question is what they do to all trips.
-            usual["record"] = {"every_s": 1.0, "sumo": ["trips"]}
-        given = {key: table.get(key, {}) for key in usual}
-        return table | {key: usual[key] | own for key, own in given.items() if isinstance(own, dict)}
+            defaults["record"] = {"every_s": 1.0, "sumo": ["trips"]}
+        given = {key: table.get(key, {}) for key in defaults}
+        return table | {key: defaults[key] | own for key, own in given.items() if isinstance(own, dict)}

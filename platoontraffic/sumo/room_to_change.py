@@ -185,10 +185,10 @@ class RoomToChange:
                 yield name
 
     def _falls_back(self, line: Line, distance: float, ego: Ego) -> float:
-        """Distance at which a vehicle stops, to fall back behind one on the other lane that must come to its own [m].
+        """Distance within which a vehicle brakes to fall back behind another one, which must come to its lane [m].
 
-        That one is beside it, a little ahead, near the end of the lanes. Side by side there neither could go over.
-        inf: there is none, or the vehicle is too slow to get behind it.
+        The other one is beside it, a little ahead, near the end of both lanes. Side by side there neither could change
+        lanes. inf: there is none, or the vehicle is too slow to get behind it.
         """
         if distance + line.to_end > SWAPS_WITHIN * ego.size or ego.speed < FALLS_BACK_FROM:
             return inf

@@ -3,8 +3,9 @@
 A driver who cannot go on because another vehicle reaches into the path steers past it, if there is room. A member does
 so by its own lasers, its route and the map: after `AFTER` at a stand, if the body has not moved since, its route gets a
 way round it (`road.way_round`). A vehicle that it has followed waits, as a rule, for a light or for a gap: behind that
-one it stays for `AFTER_FOLLOWING`. Where a little to the side is enough, it does not wait, nor come to a stand: it
-would hold up a junction. At a closed stop line it does wait: the body may be gone when the line opens.
+one it stays for `AFTER_FOLLOWING`, unless that one faces it. Where a little to the side is enough, it does not wait,
+nor come to a stand: it would hold up a junction. At a closed stop line it does wait: the body may be gone when the line
+opens.
 
 The way keeps to the lanes of its own direction and to junctions; nothing may be there, nor come from behind on the side
 to which it goes. What drives away ahead of it, or stands behind, does not count. Until it is past, it follows no
@@ -265,7 +266,10 @@ class WaysRound:
 
 
 def _faces(traffic: TrafficSnapshot, row: int, heading: float) -> bool:
-    """Whether a body, a row of the traffic or less, is headed against a member: that does not follow it in a queue."""
+    """Whether a body is headed against a member, which does not follow it then.
+
+    row: of the traffic; negative: it is none of the traffic
+    """
     return row >= 0 and abs(wrap(traffic.heading[row] - heading)) > np.pi / 2
 
 
