@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from platoontraffic.lidar.compiled import compiler
-from platoontraffic.road.drivable_line import spread, stations_of
+from platoontraffic.road.drivable_line import LOCK, spread, stations_of
 from platoontraffic.road.turning import tight_turns
 
 EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car, which has 0.7 m beside it in its lane
@@ -51,7 +51,7 @@ def eased(
     """
     even = spread(np.column_stack([points, stations]), spacing)
     line, stations = even[:, :2], even[:, 2]
-    least = tight_turns([given], 1 / lock).least_offset(stations)
+    least = tight_turns([given], 1 / (LOCK * lock)).least_offset(stations)  # without the reserve, as `prove` has it
     given = np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T])
     reach = math.ceil(TAIL * widest / spacing)
     onward = _onward(line, reach, closed)
