@@ -45,7 +45,7 @@ SHORT, ASIDE = 6.0, 1.0  # [m]
 
 WEDGE = 2.5  # distance from the end of the lane before up to which a member off all lanes is in such a wedge [m]
 NEAR = 10.0  # distance from the begin of another lane of its route up to which it is put there instead [m]
-BEFORE_END = 0.1  # distance from that end at which it is put back [m]
+BEFORE_END = 0.1  # distance from that end at which it is put back, as is one that is held a little over its line [m]
 
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
 
@@ -160,10 +160,12 @@ class Placement:
 
     # ---- before a step
 
-    def place(self, fleet: Fleet, brakes: np.ndarray | None) -> None:
+    def place(self, fleet: Fleet, brakes: np.ndarray | None, over_red: Mapping[str, float]) -> None:
         """Tell SUMO the pose of every moved member at the end of the coming step.
 
-        brakes: deceleration of members with a failed drive, (n,), NaN: sound [m/s2]; SUMO-driven ones are slowed by it
+        brakes  : deceleration of members with a failed drive, (n,) [m/s2], NaN: sound; SUMO-driven ones are slowed by it
+        over_red: how far members that stand at a red light are over their line [m]. SUMO has them before it: its
+                  drivers give way to all that stand inside a junction, and a left-turner would never leave it
 
         raises: RunError (a pose is not finite: SUMO would accept it)
         """
@@ -174,9 +176,14 @@ class Placement:
         self._shadows.cast(self._moved(fleet))
         aside = direct(self._sumo.vehicle.getLateralLanePosition)
         poses, bound = at.tolist(), set()
+        held = over_red.keys() & fleet.row_of.keys()
+        for name in held:
+            i = fleet.row_of[name]
+            poses[i] = _set_back(*poses[i], over_red[name] + BEFORE_END)
         for i in fleet.moved_rows:
             name, how = fleet.ids[i], EXACTLY
-            if name in self._on_short or (name in self._on_path and abs(aside(name)) < ASIDE):
+            on_path = name in self._on_path and name not in held and abs(aside(name)) < ASIDE
+            if name in self._on_short or on_path:
                 bound.add(name)
                 how = ON_ITS_ROUTE
             move(name, *ANY_LANE, *poses[i], *how)
@@ -376,3 +383,9 @@ class Placement:
             self._movers = [Mover(m.id, kind_of(m.id), m.model.width) for m, native in members if not native]
             self._movers_of = fleet.ids
         return self._movers
+
+
+def _set_back(x: float, y: float, angle: float, distance: float) -> list[float]:
+    """A pose as SUMO has it, some distance [m] farther back. angle: clockwise from north [deg]"""
+    course = math.radians(90 - angle)
+    return [x - distance * math.cos(course), y - distance * math.sin(course), angle]

@@ -276,12 +276,15 @@ class RightOfWay:
         return before == lane and time - last < LETS_IN_FOR and time - since < LETS_IN_LONGEST
 
     def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
-        """The foes that are met after, or before, the place where the vehicle may wait midway."""
-        waits = self._conflicts[line].waits
-        if midway:  # where it is already in another one's way, it cannot wait; one that passes before its front it can
-            begins = ((foe, foe.crossing.own[0], foe.crossing.touches) for foe in foes)
+        """The foes that are met after, or before, the place where the vehicle may wait midway.
+
+        Others may pass close before its front where it waits. It cannot wait for one in whose way it already is.
+        """
+        begins = ((foe, foe.crossing.own[0], foe.crossing.touches) for foe in foes)
+        if midway:
             return [foe for foe, own, touches in begins if own + distance > 0 or 0 < touches + distance < math.inf]
-        return [foe for foe in foes if foe.crossing.own[0] < waits]
+        waits = self._conflicts[line].waits
+        return [foe for foe, own, touches in begins if (touches if touches < math.inf else own) < waits]
 
     def _setting_out(self, foe: Approach) -> Approach:
         """A vehicle inside the junction, as it drives if it sets out now."""

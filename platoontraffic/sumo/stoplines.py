@@ -90,6 +90,8 @@ class StopLines:
         self._fleet: tuple[Member, ...] = ()  # at the last look
         self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet
         self._far: dict[str, FarLine] = {}  # of members that had one at the last look
+        # Members that stand with their front a little over a red line, and how far over it [m].
+        self.over_red: dict[str, float] = {}
         self._later = LaterChanges(network, sumo, self._change)
 
     @property
@@ -122,6 +124,7 @@ class StopLines:
             self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
             self._far = {name: self._far[name] for name in fleet.ids if name in self._far}
         self._way.stops.clear()
+        self.over_red.clear()
         if not self._asking:
             return None
         self.renew()
@@ -224,7 +227,8 @@ class StopLines:
         passed, over, lines = member.route.lines_about(station, checks_from)
         if passed and passed.via and passed.state != CHANGING and ego.lane[:1] == ":" and ego.lane not in passed.via:
             ego = self._on_its_route(passed, over, ego)
-        may_stop = passed and (ego.lane in passed.via or passed.state == CHANGING)
+        is_over = passed and (ego.lane in passed.via or (ego.lane == passed.lane and over < OVERRUN * ego.size))
+        may_stop = is_over or (passed and passed.state == CHANGING)
         if may_stop and (state := self._passed(self._at_junction[passed, ego.kind], over, ego)):
             if passed.state == CHANGING and self._change.has_hardly_begun(passed, over):
                 self._later.note(passed, -over, ego)
@@ -259,12 +263,14 @@ class StopLines:
 
         It can midway in the junction, with its nose over the line, and before it is on the adjacent lane.
 
-        line: the vehicle is on one of its lanes, or it is a lane change
+        line: the vehicle is on one of its lanes, or is held before it as SUMO has it, or it is a lane change
         over: distance driven beyond the line [m]
         """
         left = OVERRUN * ego.size - over
         may_stop = ego.speed**2 / (2 * EARLY_BRAKING) < left
-        if ego.lane in line.via and may_stop and self._link_state(line) in RED:
+        if line.via and may_stop and self._link_state(line) in RED:
+            if ego.speed < STANDING:
+                self.over_red[ego.id] = over
             return LineState(left, False, False, False, LIGHT)
         if ego.lane in line.via:
             self._way.note_waiting(line, -over, ego)

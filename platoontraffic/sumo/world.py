@@ -185,7 +185,7 @@ class World:
         self._waiting_places.observe(self._lines.waiting_places, passed - self._placement.where.keys())
         theirs = self._lane_ends.room_wanted(fleet.ids, self._placement.where)
         self._letting_in.observe({**self._lines.room_wanted, **theirs}, self._placement.where, unwilling)
-        self._placement.place(fleet, brakes)
+        self._placement.place(fleet, brakes, self._lines.over_red)
 
     def advance(self, fleet: Fleet) -> Fleet:
         """One step of SUMO: the fleet after it.

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from platoontraffic.sumo.lane_ends import AT_END, EVERY, LaneEnds
+from platoontraffic.sumo.lane_ends import EVERY, LaneEnds
 from platoontraffic.sumo.letting_in import AFTER, LettingIn
 
 MEMBERS = {"m": ("road", "road_1"), "inside": (":j_0", ":j_0_0"), "off the road": ("road", "")}
@@ -15,7 +15,9 @@ MEMBERS = {"m": ("road", "road_1"), "inside": (":j_0", ":j_0_0"), "off the road"
 class Road:
     """Three lanes of 100 m; a bus on the right lane, members on the middle one."""
 
-    def __init__(self, speed: float = 0.0, to_end: float = 5.0, to_left: int = 1, waited: float = 10.0) -> None:
+    def __init__(
+        self, speed: float = 0.0, to_end: float = 5.0, to_left: int = 1, waited: float = 10.0, stopped: bool = False
+    ) -> None:
         place, self.time = {"bus": 100.0 - to_end, "m": 40.0, "m2": 70.0}, 0.0
         lanes = {"road_0": ["bus"], "road_1": ["m", "m2"], "road_2": []}
         self.lane_of = {name: lane for lane, names in lanes.items() for name in names}
@@ -26,7 +28,7 @@ class Road:
             edge=SimpleNamespace(getLaneNumber=lambda _: 3),
             lane=SimpleNamespace(getLength=lambda _: 100.0, getLastStepVehicleIDs=lanes.__getitem__),
             vehicle=SimpleNamespace(
-                getSpeed=lambda name: speed if name == "bus" else 8.0,
+                getSpeed=lambda name: speed if name == "bus" else 8.0, isStopped=lambda _: stopped,
                 getLanePosition=place.__getitem__, getLength=lambda name: length.get(name, 5.0),
                 getBestLanes=lambda _: [("road_0", 100.0, 0.0, to_left, False, ())],
                 getWaitingTime=lambda _: waited, getRoadID=lambda name: "road" if name in self.lane_of else "",
@@ -40,12 +42,13 @@ class Road:
     [
         (Road(), True),
         (Road(speed=2.0), False),
-        (Road(to_end=AT_END + 1.0), False),
+        (Road(to_end=54.0), True),
+        (Road(stopped=True), False),
         (Road(to_left=0), False),
         (Road(to_left=-1), False),
     ],
 )
-def test_a_vehicle_that_stands_at_the_end_of_its_lane_wants_over(road, wants):
+def test_a_vehicle_that_stands_first_on_its_lane_and_not_at_a_stop_wants_over(road, wants):
     found = LaneEnds(road.client).room_wanted((*MEMBERS, "not there yet"), MEMBERS)
     assert list(found) == (["bus"] if wants else [])
     if wants:

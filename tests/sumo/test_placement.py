@@ -11,7 +11,7 @@ import pytest
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.route import Route
-from platoontraffic.sumo.placement import EXACTLY, ON_ITS_ROUTE, Placement
+from platoontraffic.sumo.placement import BEFORE_END, EXACTLY, ON_ITS_ROUTE, Placement
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.world.fleet import Fleet
 from tests.support.bench import platoon
@@ -47,8 +47,25 @@ def test_a_member_on_its_path_inside_a_junction_is_kept_on_it(lanes, bound, boun
     fleet = Fleet.deployed([replace(member, route=ROUTE if has_route else None)], 0.1)
     for here.lane in lanes:
         placement.locate(fleet)
-        placement.place(fleet, None)
+        placement.place(fleet, None, {})
     assert [k for k, how in enumerate(moved) if how == ON_ITS_ROUTE] == (
         bound if has_route and abs(aside) < 1.0 else bound_without_route
     )
     assert {*moved} <= {ON_ITS_ROUTE, EXACTLY}
+
+
+def test_a_member_held_a_little_over_its_line_is_before_it_for_sumo():
+    moved = []
+    client = SimpleNamespace(
+        vehicle=SimpleNamespace(moveToXY=lambda *given: moved.append(given), getLateralLanePosition=lambda _: 0.0)
+    )
+    placement = Placement(client, SimpleNamespace(left_hand=False, edges={}), 0.1)
+    placement._shadows = SimpleNamespace(cast=lambda _: None)
+    (member,) = platoon(PathLeader(), model=CAR, at=(30.0, 0.0, np.pi / 2))
+    fleet = Fleet.deployed([member], 0.1)
+    placement._on_path.add(member.id)
+    for over in ({}, {member.id: 0.4, "gone": 0.3}):
+        placement.place(fleet, None, over)
+    (_, _, _, x, y, angle, *_), (_, _, _, its_x, its_y, its_angle, *how) = moved
+    assert (its_x, its_y, its_angle) == pytest.approx((x, y - 0.4 - BEFORE_END, angle))
+    assert tuple(how) == EXACTLY

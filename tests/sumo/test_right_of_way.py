@@ -160,6 +160,26 @@ def test_a_member_a_little_over_the_line_stops_there_for_a_foe(scene):
 
 
 @pytest.mark.sumo
+def test_who_turns_left_leaves_the_junction_before_a_member_that_stands_a_little_over_its_red_line(scene):
+    """To SUMO it was inside the junction, with priority: in Bologna a left-turner waited for it in the next green."""
+    turn = ("east_in", "south_out")
+
+    def first() -> None:
+        links = libsumo.trafficlight.getControlledLinks("middle")
+        goes = [bool(link) and link[0][0][:-2] == turn[0] and link[0][1][:-2] == turn[1] for link in links]
+        libsumo.trafficlight.setRedYellowGreenState("middle", "".join("g" if one else "r" for one in goes))
+
+    ahead = ("west_in", "east_out")
+    left = [("c", turn, 470.0, 6.0, 1)]
+    seen, route = scene("lights", ahead, left, 15.0, position=492.6, speed=1.5, eye=BLIND, first=first)
+    _, x, _, speed = track(seen)
+    over = x[-1] + CAR.length / 2 - route.lines[0].station
+    assert speed[-1] == 0
+    assert 0.2 < over < 1.0
+    assert track(seen, "c")[2][-1] < -30.0
+
+
+@pytest.mark.sumo
 def test_a_member_on_the_major_road_drives_past_a_vehicle_that_waits(scene):
     seen, _ = scene("cross", MAJOR, [("f", MINOR, 270.0, 5.0)], 30.0, position=380.0)
     *_, speed = track(seen)
@@ -717,6 +737,26 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
     assert state.distance == pytest.approx(stops_at - over)
 
 
+@pytest.mark.parametrize(
+    ("own", "touches", "enters"),
+    [
+        (5.0, 7.0, False),
+        (8.7, 10.9, True),  # as in Bologna, where SUMO's drivers wait 10.7 m on
+        (12.0, 14.0, True),
+        (8.7, np.inf, False),
+        (12.0, np.inf, True),
+    ],
+)
+def test_a_member_enters_to_wait_midway_where_others_pass_close_before_its_front(own, touches, enters):
+    """In Bologna one stood at its line through the whole green, and a queue of 350 m behind it."""
+    line = Line(0.0, "g", "a", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
+    crossing = Crossing("against_0", (":b_0",), (own, 18.0), (11.0, 18.0), False, True, np.inf, 14.0, touches)
+    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: SimpleNamespace(waits=10.7)})
+    foes = [Approach("c", crossing, 20.0, Pace(14.0))]
+    assert way._met(line, foes, 1.0, midway=False) == ([] if enters else foes)
+    assert way._met(line, foes, 1.0, midway=True) == foes
+
+
 @pytest.mark.parametrize("via", [(":a_0",), (":a_0", ":a_2")])
 @pytest.mark.parametrize(
     ("light", "over", "speed", "stays"),
@@ -744,6 +784,7 @@ def test_a_member_whose_front_is_a_little_over_the_line_stays_there_when_it_is_r
     closed = state is not None and not state.open
     assert closed == stays
     assert not stays or (state.distance, state.reason) == (pytest.approx(1.0 - over), LIGHT)
+    assert lines.over_red == ({"m.0": over} if stays and speed == 0 else {})
 
 
 @pytest.mark.parametrize(

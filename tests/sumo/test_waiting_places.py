@@ -72,7 +72,7 @@ def test_the_world_asks_that_of_all_but_members():
     asked, nothing = [], SimpleNamespace(observe=lambda *_: None, in_sumo=set(), room_wanted=lambda *_: {})
     world = World.__new__(World)
     world._letting_go = world._obstacles = world._lane_ends = world._letting_in = nothing
-    world._lines = SimpleNamespace(waiting_places={"c": 3.0}, room_wanted={})
+    world._lines = SimpleNamespace(waiting_places={"c": 3.0}, room_wanted={}, over_red={})
     world._placement = SimpleNamespace(where={"m.0": ("road", "road_0")}, place=lambda *_: None)
     world._waiting_places, world._clock = SimpleNamespace(observe=lambda *given: asked.append(given)), 0.0
     world.place(SimpleNamespace(ids=("m.0",), followers_of_platoons=set()), None, {"bus", "m.0"})
