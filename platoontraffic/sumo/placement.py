@@ -163,7 +163,8 @@ class Placement:
     def place(self, fleet: Fleet, brakes: np.ndarray | None, over_red: Mapping[str, float]) -> None:
         """Tell SUMO the pose of every moved member at the end of the coming step.
 
-        brakes  : deceleration of members with a failed drive, (n,) [m/s2], NaN: sound; SUMO-driven ones are slowed by it
+        brakes  : deceleration of members with a failed drive, (n,), by which SUMO-driven ones are slowed; NaN: sound
+                  [m/s2]
         over_red: how far members that stand at a red light are over their line [m]. SUMO has them before it: its
                   drivers give way to all that stand inside a junction, and a left-turner would never leave it
 
