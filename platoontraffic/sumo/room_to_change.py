@@ -82,6 +82,8 @@ class RoomToChange:
         if distance < 0 and ego.lane != line.onto:
             self._want(line, distance, max(half, 0.0), ego)
             return self._falls_back(line, distance, ego)
+        if ego.id in self._let_in and ego.lane != line.onto:  # who waits for it stays until it is over
+            self._want(line, distance, half, ego)
         return inf
 
     def _want(self, line: Line, distance: float, half: float, ego: Ego) -> None:

@@ -150,6 +150,20 @@ def test_a_member_that_is_let_in_beside_a_queue_goes_over_at_once(let_in):
     assert (change.may_change(line, 1.0, Ego("m.0", "road_0", 0.0, 5.0)) == np.inf) == let_in
 
 
+@pytest.mark.parametrize(("distance", "lane"), [(3.0, "road_0"), (1.0, "road_0"), (-10.0, "road_1")])
+@pytest.mark.parametrize("let_in", [True, False])
+def test_a_member_that_is_let_in_wants_the_room_until_it_is_over(let_in, distance, lane):
+    """Who had stopped for one drove on while it set out, 1 s before its lane change: it stood for 70 s then."""
+    change = RoomToChange(
+        SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]),
+        Reads(client_of({"road_0": [("m.0", 30.0)], "road_1": [("polite", 20.0)]})),
+        {"m.0"} if let_in else (),
+    )
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)
+    assert change.may_change(line, distance, Ego("m.0", lane, 1.0, 5.0)) == np.inf
+    assert list(change.wanted) == (["m.0"] if let_in and lane == "road_0" else [])
+
+
 @pytest.mark.parametrize(
     ("lane", "rear", "has_room"),
     [
