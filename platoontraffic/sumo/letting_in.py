@@ -42,7 +42,7 @@ class LettingIn:
         self.stops: dict[str, tuple[str, float]] = {}
         self._asked: dict[str, tuple[float, Wanted]] = {}  # when each that is let in last wanted room [s], and which
         self._latest: dict[str, float] = {}  # until when it is waited for at most, in a queue [s]
-        self._has_waited: set[tuple[str, str]] = set()  # vehicles, and those for which they do not wait again
+        self._patience: dict[tuple[str, str], float] = {}  # time for which one still waits for another one [s]
 
     def observe(
         self,
@@ -70,7 +70,7 @@ class LettingIn:
                 found = self._first(name, wanted, where, unwilling) if asks else None
                 if found is None:
                     continue
-                self.waiting[name] = found, time + (GOES_OVER if wanted.begun else LONGEST)
+                self.waiting[name] = found, time + (GOES_OVER if wanted.begun else self._patience_of(found, name))
                 self._latest[name] = time + LONGEST_IN_QUEUE
             elif wanted.begun and not self._asked[name][1].begun:
                 self.waiting[name] = self.waiting[name][0], time + GOES_OVER
@@ -87,7 +87,7 @@ class LettingIn:
             if is_over or time >= min(until, asked + GIVEN_UP):
                 if foe not in where:
                     vehicle.setSpeed(foe, OWN_DRIVER)
-                self._has_waited.add((foe, name))
+                self._patience[foe, name] = min(until - time, LONGEST)
                 self._end(name)
             elif foe in where:
                 if self._lane(name, where):
@@ -125,9 +125,12 @@ class LettingIn:
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
             if name not in where and (foe not in where or place(foe) < before - NEAR):
                 continue  # SUMO's let each other in
-            if foe not in unwilling and self._can_stop(foe, before) and (foe, name) not in self._has_waited:
+            if foe not in unwilling and self._can_stop(foe, before) and self._patience_of(foe, name) > 0:
                 return foe
         return None
+
+    def _patience_of(self, foe: str, name: str) -> float:
+        return self._patience.get((foe, name), LONGEST)
 
     def _place(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
         """Where a member is to stop on its lane: behind the other one's rear, or nearer where it cannot [m]."""

@@ -200,3 +200,30 @@ def test_a_member_keeps_its_stop_while_the_one_that_it_lets_in_is_off_the_road_t
     stop = letting_in.stops["foe"]
     letting_in.observe(wanted, where | {"member": ("", "")})
     assert letting_in.stops == {"foe": stop}
+
+
+def test_one_that_has_waited_for_a_while_waits_again_but_not_for_longer_in_all():
+    """A member that looked for room farther on was not let in by those that had stopped for it before."""
+    now = SimpleNamespace(time=100.0)
+    place = {"member": FRONT, "polite": 20.0}
+    client = SimpleNamespace(
+        TraCIException=ValueError,
+        simulation=SimpleNamespace(getTime=lambda: now.time),
+        lane=SimpleNamespace(getLength=lambda _: 200.0, getLastStepVehicleIDs=lambda _: ["polite"]),
+        vehicle=SimpleNamespace(
+            getWaitingTime=lambda _: AFTER, getSpeed=lambda _: 0.0, getLength=lambda _: 5.0,
+            getLanePosition=place.__getitem__, getRoadID=lambda _: "wc",
+        ),
+    )  # fmt: skip
+    letting_in, where = LettingIn(client, STEP), {"member": ("wc", "wc_0"), "polite": ("wc", "wc_1")}
+    waited = 0.0
+    for k in range(round(4 * LONGEST / STEP)):
+        wanted = {"member": Wanted("wc_1", BEHIND - SPARE, False)} if k * STEP % 8.0 < 5.0 else {}
+        letting_in.observe(wanted, where)
+        waited += STEP * bool(letting_in.waiting)
+        now.time += STEP
+        if k * STEP < 16.0:
+            assert waited == pytest.approx(
+                (k * STEP // 8.0) * (5.0 + GIVEN_UP) + min(k * STEP % 8.0, 5.0 + GIVEN_UP), abs=0.4
+            )
+    assert waited == pytest.approx(LONGEST, abs=1.0)
