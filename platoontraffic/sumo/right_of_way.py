@@ -30,6 +30,7 @@ from platoontraffic.sumo.conflicts import (
     LINK_VIA,
     RED,
     STOP,
+    YELLOW,
     ZIPPER,
     Conflicts,
     Crossing,
@@ -44,7 +45,7 @@ NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go
 SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the paths of others without a margin [s] ...
 SWINGS_OUT_LONGEST = 30.0  # ... and after which it does so even if a vehicle comes [s]
 BEFORE_PATH = 0.5  # distance that a car which stops inside a junction keeps from the path of another vehicle [m]
-STOPS_BY = 4.5  # hardest braking with which a vehicle comes to a stop sign [m/s2]: that of SUMO's cars
+STOPS_BY = 4.5  # hardest braking with which a vehicle stops at a sign, or a yellow light [m/s2]: that of SUMO's cars
 STOPS_HARD_BY = 7.0  # hardest braking for a vehicle inside a junction that should have given way [m/s2]
 ENTERS_WITHIN = 15.0  # distance from its line from which a vehicle is expected to wait midway [m]
 COMES_UNTIL = 5.0  # a member that has stood for longer does not come, and vehicles that wait for it go on [s]
@@ -317,7 +318,7 @@ class RightOfWay:
     def _foes_outside(self, line: Line) -> list[tuple[Approach, Approach]]:
         """Those vehicles at their speed, and as they hurry.
 
-        One that comes to a stop sign stops there first.
+        One that comes to a stop sign stops there first. One that can stop at a yellow light does.
         """
         conflicts, now, found = self._conflicts[line], self._now, []
         for name, beyond in conflicts.entering:
@@ -329,6 +330,8 @@ class RightOfWay:
                 if crossing is None or not crossing.first or state in RED:
                     continue
                 to_line, speed = to_end - now.position[foe], now.speed[foe]
+                if state in YELLOW and speed**2 / (2 * STOPS_BY) < to_line:
+                    continue
                 hurrying = Pace(speed, now.acceleration[foe], now.max_speed[name])
                 paces = Pace(speed), hurrying
                 if state in STOP and inside[0] == via and speed >= STANDING:

@@ -160,6 +160,22 @@ def test_a_member_a_little_over_the_line_stops_there_for_a_foe(scene):
 
 
 @pytest.mark.sumo
+def test_a_member_that_waits_midway_leaves_when_its_light_turns_yellow(scene):
+    """42 s after the begin: oncoming cars stop then. It left at 49 s, behind crossing cars that had green from 45 s on;
+    in Bologna such a member stood in the junction, and crossing cars struck it."""
+    against = [(f"c{k}", ("east_in", "west_out"), 480.0 - 12 * k, 8.0, 1) for k in range(40)]
+    cross = [("n", ("north_in", "south_out"), 285.0, 5.0), ("s", ("south_in", "north_out"), 285.0, 5.0)]
+    left = ("west_in", "north_out")
+    seen, _ = scene("lights", left, [*against, *cross], 55.0, position=470.0, lane=1, speed=8.0, eye=BLIND)
+    time, _, y, speed = track(seen)
+    waits = (time > 10.0) & (time < 42.0)
+    assert speed[waits].max() == 0
+    assert 42.5 < time[(time > 42.0) & (speed > 0.1)][0] < 45.0
+    assert y[-1] > 10.0
+    assert min(clearance(seen, name) for name in ("n", "s", *(f"c{k}" for k in range(40)))) > 0.3
+
+
+@pytest.mark.sumo
 def test_who_turns_left_leaves_the_junction_before_a_member_that_stands_a_little_over_its_red_line(scene):
     """To SUMO it was inside the junction, with priority: in Bologna a left-turner waited for it in the next green."""
     turn = ("east_in", "south_out")
