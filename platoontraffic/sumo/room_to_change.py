@@ -71,8 +71,11 @@ class RoomToChange:
                    inf: there is room, or it is on that lane already
 
         A queue ahead leaves no room to begin: it would stand across both lanes. It is waited for, but not for ever, and
-        not while it is let in.
+        not while it is let in. One that has driven past its lane change on the lane before, as behind a vehicle that it
+        took for its predecessor, goes over where it is.
         """
+        if -distance > line.across and ego.lane == line.lane:
+            return self._goes_over_here(line._replace(to_end=distance + line.to_end), ego)
         stop, half = distance + COMMITTED * line.across, distance + 0.5 * line.across
         patient = self._now.waited[ego.id] < QUEUE_PATIENCE and ego.id not in self._let_in
         queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
@@ -85,6 +88,12 @@ class RoomToChange:
         if ego.id in self._let_in and ego.lane != line.onto:  # who waits for it stays until it is over
             self._want(line, distance, half, ego)
         return inf
+
+    def _goes_over_here(self, line: Line, ego: Ego) -> float:
+        """As `may_change`, for a lane change that begins at the vehicle's front; without room it stops at once."""
+        half = 0.5 * line.across
+        self._want(line, 0.0, half, ego)
+        return inf if self._is_room(line, 0.0, half, ego) else ego.stops_within
 
     def _want(self, line: Line, distance: float, half: float, ego: Ego) -> None:
         """Of several changes on its edge the first one counts.
@@ -172,9 +181,9 @@ class RoomToChange:
         pace = Pace(ego.speed, *CHANGING_PACE)
         time = pace.time_for(half)
         later = pace.speed_after(time)
-        foes = chain.from_iterable(self._on_adjacent(one, distance + line.to_end) for one in _crossed(line))
+        foes = chain.from_iterable(self._on_adjacent(one, distance + line.to_end, ego.id) for one in _crossed(line))
         for name, foe_to_end in foes:
-            if name == ego.id or self._waits_for(name, line, distance, ego):
+            if self._waits_for(name, line, distance, ego):
                 continue
             ahead, foe_speed = distance + line.to_end - foe_to_end, self._now.speed[name]
             if ahead >= 0:
@@ -227,7 +236,7 @@ class RoomToChange:
                         return True
         return False
 
-    def _on_adjacent(self, line: Line, own_to_end: float) -> Iterator[tuple[str, float]]:
+    def _on_adjacent(self, line: Line, own_to_end: float, own: str) -> Iterator[tuple[str, float]]:
         """Vehicles on the adjacent lane and lanes that lead to it, and the distance of each to its end [m].
 
         Members that go over to a lane count as being on it.
@@ -236,6 +245,7 @@ class RoomToChange:
         follow it.
 
         own_to_end: distance of the own front bumper to the end of the adjacent lane [m]
+        own       : the own id; SUMO may have that vehicle on the adjacent lane, and a little farther back
         """
         now = self._now
         if line not in self._adjacent:
@@ -246,6 +256,8 @@ class RoomToChange:
             if over := self._over.get(name):
                 there = sorted({*there, *over}, key=lambda one: (now.position[one], one))
             for vehicle in reversed(there):
+                if vehicle == own:
+                    continue
                 to_end = to_ends - now.position[vehicle]
                 yield vehicle, to_end
                 if to_end > own_to_end:

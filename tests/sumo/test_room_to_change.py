@@ -164,6 +164,29 @@ def test_a_member_that_is_let_in_wants_the_room_until_it_is_over(let_in, distanc
     assert list(change.wanted) == (["m.0"] if let_in and lane == "road_0" else [])
 
 
+@pytest.mark.parametrize(("behind", "goes"), [(28.0, False), (5.0, True)])
+def test_a_member_that_has_driven_past_its_lane_change_looks_for_room_where_it_is(behind, goes):
+    """It had followed another one on its lane, and went over before a member that came from behind at 12 m/s."""
+    places = {"road_0": [("m.0", 60.0)], "road_1": [("comes", 60.0 - behind)]}
+    client = client_of(places)
+    client.vehicle.getSpeed = lambda name: 2.0 if name == "m.0" else 12.0 if not goes else 0.0
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client))
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 90.0)  # from 10 to 26 m
+    ego = Ego("m.0", "road_0", 2.0, 5.0)
+    assert change.may_change(line, -50.0, ego) == (np.inf if goes else pytest.approx(ego.stops_within))
+    assert change.wanted["m.0"].lane == "road_1"
+    assert change.may_change(line, -50.0, ego._replace(lane="road_1")) == np.inf
+
+
+def test_a_member_that_is_going_over_is_not_the_first_vehicle_behind_itself():
+    """To SUMO it was on the other lane already, a little farther back; so nobody behind it counted."""
+    places = {"road_0": [], "road_1": [("comes", 20.0), ("m.0", 29.8)]}
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of(places)))
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)  # it begins at 31 m
+    found = change._on_adjacent(line, 70.0, "m.0")
+    assert next(found) == ("comes", 80.0)
+
+
 @pytest.mark.parametrize(
     ("lane", "rear", "has_room"),
     [
