@@ -80,7 +80,7 @@ class LettingIn:
                 self._end(name)
                 continue
             asked, wanted = self._asked[name]
-            if not wanted.begun and time < self._latest[name] and self._is_in_queue(foe, name, wanted.lane):
+            if time < self._latest[name] and self._is_in_queue(foe, name, wanted.lane):
                 until += self._step
                 self.waiting[name] = foe, until
             is_over = not self._is_on_road(name) or self._lane(name, where) == wanted.lane

@@ -102,10 +102,13 @@ def test_it_waits_once_and_not_for_ever(column):
     assert speed[-1] > 4.0
 
 
-def test_it_is_still_there_when_the_queue_before_it_moves_on(column):
-    """In Bologna each car of a queue that stood gave up after 20 s, and one kept its lane closed for minutes."""
+@pytest.mark.parametrize(("begins", "longest"), [(np.inf, LONGEST), (AFTER + 5.0, GOES_OVER)])
+def test_it_is_still_there_when_the_queue_before_it_moves_on(column, begins, longest):
+    """In Bologna each car of a queue that stood gave up after 20 s, and one kept its lane closed for minutes; and one
+    that had begun to go over stood across both lanes for ever, each after 30 s.
+    """
     jam = 3 * LONGEST
-    place, speed = column([FRONT - 1.0, 20.0], jam + LONGEST + 5.0, jam=jam)
+    place, speed = column([FRONT - 1.0, 20.0], jam + longest + 5.0, jam=jam, begins=begins)
     moves_on, later = round((jam + 5.0) / STEP), round((jam + LONGEST - 5.0) / STEP)
     assert place[moves_on, 0] > FRONT + 10.0  # there is room now
     assert speed[later, 1] < 0.1
@@ -119,8 +122,8 @@ def test_it_does_not_wait_for_ever_behind_one_that_has_broken_down(column, monke
     asked = []
     monkeypatch.setattr(LettingIn, "_hold", lambda self, foe, *_: asked.append(self._sumo.simulation.getTime()))
     column([FRONT - 1.0, 20.0], 120.0, jam=120.0, begins=begins)
-    longest = GOES_OVER + 5.0 if begins < np.inf else 50.0 + LONGEST
-    assert 20.0 < max(asked) - min(asked) < longest + 1.0
+    longest = 50.0 + (GOES_OVER if begins < np.inf else LONGEST)
+    assert 50.0 < max(asked) - min(asked) < longest + 1.0
 
 
 def test_obstacles_are_left_alone(column):
