@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import shapely
 from shapely import affinity
 
+from platoontraffic.controllers import swept_kernel
+from platoontraffic.controllers.law import Body, RouteAhead
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, Mount, Noise, Scene
@@ -79,3 +82,33 @@ def test_it_does_not_slow_down_for_one_beside_that(law, side):
     body, (free, _) = beyond(outermost(law, side) + 0.25, side), undisturbed(law, side)
     log = driven(law, side, body)
     assert abs(log.y[-1, 0]) == pytest.approx(abs(free.y[-1, 0]), abs=0.5)
+
+
+@pytest.mark.parametrize("speed", [0.0, 3.0])
+def test_what_it_would_touch_does_not_depend_on_what_is_in_memory(monkeypatch, speed):
+    """The last place looked at was mixed with one that nobody had filled in, so runs of one seed went apart."""
+    along = np.arange(0.0, 30.0, 0.5)
+    arc = np.column_stack([np.sin(along / 8), 1 - np.cos(along / 8)]) * 8
+    row = np.full((1, len(along)), 1 / 8)
+    route = RouteAhead(along[None], arc[None], 10 * row, row, 0 * row)
+    body = Body(*(np.array([getattr(CAR, name)]) for name in Body._fields))
+    now = np.array([speed]), np.array([1 / 8])
+    laser, whole = (np.array([CAR.length / 2 - CAR.axle]), 0.0), (np.full((1, 2), -1), np.array([np.inf]))
+
+    def found(fill: float) -> list[float]:
+        filled = SimpleNamespace(empty=lambda shape: np.full(shape, fill), inf=np.inf)
+        monkeypatch.setattr(swept_kernel, "np", filled)
+        frees = []
+        for bearing in np.radians(np.arange(-40, 60, 5)):
+            beams = np.array([[np.cos(bearing)], [np.sin(bearing)]])
+            for r in np.arange(1.0, 8.0, 0.1):
+                free, first = np.array([np.inf]), np.array([-1])
+                seen = np.array([[r]]), 0.1, beams
+                swept_kernel.first_touched.py_func(route, arc[None], *now, body, seen, laser, *whole, free, first)
+                frees.append(free[0])
+        return frees
+
+    clean = found(0.0)
+    assert np.isfinite(clean).any()
+    assert not np.isfinite(clean).all()
+    assert found(np.nan) == clean
