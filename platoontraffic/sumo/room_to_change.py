@@ -48,7 +48,7 @@ class RoomToChange:
 
     def __init__(self, network: Network, now: Reads, let_in: Container[str] = ()) -> None:
         self._network, self._now, self._let_in = network, now, let_in
-        self._adjacent: dict[Line, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
+        self._adjacent: dict[str, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
         self.members: frozenset[str] = frozenset()  # their ids
         self._over: dict[str, list[str]] = {}  # members that were going over to a lane at the last look
@@ -180,12 +180,12 @@ class RoomToChange:
         """
         pace = Pace(ego.speed, *CHANGING_PACE)
         time = pace.time_for(half)
-        later = pace.speed_after(time)
-        foes = chain.from_iterable(self._on_adjacent(one, distance + line.to_end, ego.id) for one in _crossed(line))
+        later, to_end = pace.speed_after(time), distance + line.to_end
+        foes = chain.from_iterable(self._on_adjacent(one.onto, to_end, ego.id) for one in _crossed(line))
         for name, foe_to_end in foes:
             if self._waits_for(name, line, distance, ego):
                 continue
-            ahead, foe_speed = distance + line.to_end - foe_to_end, self._now.speed[name]
+            ahead, foe_speed = to_end - foe_to_end, self._now.speed[name]
             if ahead >= 0:
                 gap = ahead - self._now.length[name]
                 closing, rear_speed = max(ego.speed - foe_speed, 0.0), ego.speed
@@ -236,7 +236,7 @@ class RoomToChange:
                         return True
         return False
 
-    def _on_adjacent(self, line: Line, own_to_end: float, own: str) -> Iterator[tuple[str, float]]:
+    def _on_adjacent(self, onto: str, own_to_end: float, own: str) -> Iterator[tuple[str, float]]:
         """Vehicles on the adjacent lane and lanes that lead to it, and the distance of each to its end [m].
 
         Members that go over to a lane count as being on it.
@@ -248,10 +248,10 @@ class RoomToChange:
         own       : the own id; SUMO may have that vehicle on the adjacent lane, and a little farther back
         """
         now = self._now
-        if line not in self._adjacent:
-            reach = now.lane_length[line.onto] + GAP_HORIZON * now.max_speed[line.onto]
-            self._adjacent[line] = tuple(self._network.upstream(line.onto, reach))
-        for name, beyond in self._adjacent[line]:
+        if onto not in self._adjacent:
+            reach = now.lane_length[onto] + GAP_HORIZON * now.max_speed[onto]
+            self._adjacent[onto] = tuple(self._network.upstream(onto, reach))
+        for name, beyond in self._adjacent[onto]:
             to_ends, there = beyond + now.lane_length[name], now.on_lane[name]
             if over := self._over.get(name):
                 there = sorted({*there, *over}, key=lambda one: (now.position[one], one))
@@ -261,7 +261,7 @@ class RoomToChange:
                 to_end = to_ends - now.position[vehicle]
                 yield vehicle, to_end
                 if to_end > own_to_end:
-                    if name == line.onto:
+                    if name == onto:
                         return
                     break
 

@@ -182,9 +182,7 @@ def test_a_member_that_is_going_over_is_not_the_first_vehicle_behind_itself():
     """To SUMO it was on the other lane already, a little farther back; so nobody behind it counted."""
     places = {"road_0": [], "road_1": [("comes", 20.0), ("m.0", 29.8)]}
     change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of(places)))
-    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)  # it begins at 31 m
-    found = change._on_adjacent(line, 70.0, "m.0")
-    assert next(found) == ("comes", 80.0)
+    assert next(change._on_adjacent("road_1", 70.0, "m.0")) == ("comes", 80.0)
 
 
 @pytest.mark.parametrize(
