@@ -2,7 +2,7 @@
 
 SUMO's drivers let each other in there. Members are not asked by SUMO: a column of them kept a bus in Bologna at the end
 of its lane, and all that stood behind it, for ten minutes. A driver sees the indicator of such a vehicle. It may stand
-far from the end of its lane, since SUMO's drivers leave room there for each other: in Bologna 54 m, for 80 s.
+far before the end of its lane, where SUMO's drivers leave room for each other: in Bologna 54 m before it, for 80 s.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ class LettingIn:
         self.stops: dict[str, tuple[str, float]] = {}
         self._asked: dict[str, tuple[float, Wanted]] = {}  # when each that is let in last wanted room [s], and which
         self._latest: dict[str, float] = {}  # until when it is waited for at most, in a queue [s]
-        self._patience: dict[tuple[str, str], float] = {}  # time for which one still waits for another one [s]
+        self._patience: dict[tuple[str, str], float] = {}  # how long a vehicle waits again for one that it let in [s]
 
     def observe(
         self,
@@ -130,6 +130,7 @@ class LettingIn:
         return None
 
     def _patience_of(self, foe: str, name: str) -> float:
+        """How long a vehicle waits at most for another one to begin its lane change [s]."""
         return self._patience.get((foe, name), LONGEST)
 
     def _place(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:

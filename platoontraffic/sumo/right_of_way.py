@@ -279,7 +279,7 @@ class RightOfWay:
     def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
         """The foes that are met after, or before, the place where the vehicle may wait midway.
 
-        Others may pass close before its front where it waits. It cannot wait for one in whose way it already is.
+        Others may pass close before its front where it waits. It cannot wait for a vehicle that it already blocks.
         """
         begins = ((foe, foe.crossing.own[0], foe.crossing.touches) for foe in foes)
         if midway:

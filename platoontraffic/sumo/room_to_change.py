@@ -71,8 +71,8 @@ class RoomToChange:
                    inf: there is room, or it is on that lane already
 
         A queue ahead leaves no room to begin: it would stand across both lanes. It is waited for, but not for ever, and
-        not while it is let in. One that has driven past its lane change on the lane before, as behind a vehicle that it
-        took for its predecessor, goes over where it is.
+        not while it is let in. A vehicle that has driven past its lane change without changing lanes, such as one that
+        followed another vehicle, changes lanes where it is.
         """
         if -distance > line.across and ego.lane == line.lane:
             return self._goes_over_here(line._replace(to_end=distance + line.to_end), ego)
@@ -85,7 +85,7 @@ class RoomToChange:
         if distance < 0 and ego.lane != line.onto:
             self._want(line, distance, max(half, 0.0), ego)
             return self._falls_back(line, distance, ego)
-        if ego.id in self._let_in and ego.lane != line.onto:  # who waits for it stays until it is over
+        if ego.id in self._let_in and ego.lane != line.onto:  # the vehicle that lets it in stays until then
             self._want(line, distance, half, ego)
         return inf
 

@@ -263,7 +263,7 @@ class StopLines:
 
         It can midway in the junction, with its nose over the line, and before it is on the adjacent lane.
 
-        line: the vehicle is on one of its lanes, or is held before it as SUMO has it, or it is a lane change
+        line: the vehicle is on one of its lanes inside, or SUMO has it before the line, or it is a lane change
         over: distance driven beyond the line [m]
         """
         left = OVERRUN * ego.size - over

@@ -131,24 +131,32 @@ def test_obstacles_are_left_alone(column):
     assert speed.min() > 8.0
 
 
-@pytest.mark.parametrize(("start", "stops_at"), [(20.0, FRONT - 5.0), (FRONT - 4.5, FRONT - BEHIND)])
-def test_a_member_is_given_a_line_to_stop_at(start, stops_at):
-    """Behind the other one's rear, or nearer where it is farther already; a follower of a platoon is not asked."""
-    place = {"member": FRONT, "polite": start}
-    client = SimpleNamespace(
+WHERE = {"member": ("wc", "wc_0"), "polite": ("wc", "wc_1")}
+
+
+def two_members(polite: float, now: SimpleNamespace) -> SimpleNamespace:
+    """SUMO with two members that stand. polite: place of the front of the one that lets the other in [m]; now: time [s]"""
+    place = {"member": FRONT, "polite": polite}
+    return SimpleNamespace(
         TraCIException=ValueError,
-        simulation=SimpleNamespace(getTime=lambda: 100.0),
+        simulation=SimpleNamespace(getTime=lambda: now.time),
         lane=SimpleNamespace(getLength=lambda _: 200.0, getLastStepVehicleIDs=lambda _: ["polite"]),
         vehicle=SimpleNamespace(
             getWaitingTime=lambda _: AFTER, getSpeed=lambda _: 0.0, getLength=lambda _: 5.0,
             getLanePosition=place.__getitem__, getRoadID=lambda _: "wc",
         ),
     )  # fmt: skip
-    letting_in, where = LettingIn(client, STEP), {"member": ("wc", "wc_0"), "polite": ("wc", "wc_1")}
+
+
+@pytest.mark.parametrize(("start", "stops_at"), [(20.0, FRONT - 5.0), (FRONT - 4.5, FRONT - BEHIND)])
+def test_a_member_is_given_a_line_to_stop_at(start, stops_at):
+    """Behind the other one's rear, or nearer where it is farther already; a follower of a platoon is not asked."""
+    client = two_members(start, SimpleNamespace(time=100.0))
+    letting_in = LettingIn(client, STEP)
     wanted = {"member": Wanted("wc_1", BEHIND - SPARE, False)}
-    letting_in.observe(wanted, where, {"polite"})
+    letting_in.observe(wanted, WHERE, {"polite"})
     assert not letting_in.stops
-    letting_in.observe(wanted, where)
+    letting_in.observe(wanted, WHERE)
     assert letting_in.stops == {"polite": ("wc_1", pytest.approx(stops_at))}
     lines = StopLines(None, client, letting_in)
     far, near, red = (
@@ -208,21 +216,11 @@ def test_a_member_keeps_its_stop_while_the_one_that_it_lets_in_is_off_the_road_t
 def test_one_that_has_waited_for_a_while_waits_again_but_not_for_longer_in_all():
     """A member that looked for room farther on was not let in by those that had stopped for it before."""
     now = SimpleNamespace(time=100.0)
-    place = {"member": FRONT, "polite": 20.0}
-    client = SimpleNamespace(
-        TraCIException=ValueError,
-        simulation=SimpleNamespace(getTime=lambda: now.time),
-        lane=SimpleNamespace(getLength=lambda _: 200.0, getLastStepVehicleIDs=lambda _: ["polite"]),
-        vehicle=SimpleNamespace(
-            getWaitingTime=lambda _: AFTER, getSpeed=lambda _: 0.0, getLength=lambda _: 5.0,
-            getLanePosition=place.__getitem__, getRoadID=lambda _: "wc",
-        ),
-    )  # fmt: skip
-    letting_in, where = LettingIn(client, STEP), {"member": ("wc", "wc_0"), "polite": ("wc", "wc_1")}
+    letting_in = LettingIn(two_members(20.0, now), STEP)
     waited = 0.0
     for k in range(round(4 * LONGEST / STEP)):
         wanted = {"member": Wanted("wc_1", BEHIND - SPARE, False)} if k * STEP % 8.0 < 5.0 else {}
-        letting_in.observe(wanted, where)
+        letting_in.observe(wanted, WHERE)
         waited += STEP * bool(letting_in.waiting)
         now.time += STEP
         if k * STEP < 16.0:

@@ -176,7 +176,7 @@ def test_a_member_that_waits_midway_leaves_when_its_light_turns_yellow(scene):
 
 
 @pytest.mark.sumo
-def test_who_turns_left_leaves_the_junction_before_a_member_that_stands_a_little_over_its_red_line(scene):
+def test_a_left_turning_car_leaves_the_junction_before_a_member_that_stands_a_little_over_its_red_line(scene):
     """To SUMO it was inside the junction, with priority: in Bologna a left-turner waited for it in the next green."""
     turn = ("east_in", "south_out")
 

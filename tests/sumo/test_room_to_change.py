@@ -153,7 +153,7 @@ def test_a_member_that_is_let_in_beside_a_queue_goes_over_at_once(let_in):
 @pytest.mark.parametrize(("distance", "lane"), [(3.0, "road_0"), (1.0, "road_0"), (-10.0, "road_1")])
 @pytest.mark.parametrize("let_in", [True, False])
 def test_a_member_that_is_let_in_wants_the_room_until_it_is_over(let_in, distance, lane):
-    """Who had stopped for one drove on while it set out, 1 s before its lane change: it stood for 70 s then."""
+    """A vehicle that had stopped for a member drove on 1 s before its lane change, and the member stood for 70 s."""
     change = RoomToChange(
         SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]),
         Reads(client_of({"road_0": [("m.0", 30.0)], "road_1": [("polite", 20.0)]})),
