@@ -135,7 +135,11 @@ WHERE = {"member": ("wc", "wc_0"), "polite": ("wc", "wc_1")}
 
 
 def two_members(polite: float, now: SimpleNamespace) -> SimpleNamespace:
-    """SUMO with two members that stand. polite: place of the front of the one that lets the other in [m]; now: time [s]"""
+    """SUMO with two members that stand.
+
+    polite: place of the front of the one that lets the other one in [m]
+    now   : its `time` [s]
+    """
     place = {"member": FRONT, "polite": polite}
     return SimpleNamespace(
         TraCIException=ValueError,
