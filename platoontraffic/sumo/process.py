@@ -15,6 +15,7 @@ from platoontraffic.sumo.client import Client, libsumo
 # The network that libsumo simulates now. It holds one simulation a process; a second start would replace the first
 # without a message.
 _in_this_process: list[Path] = []
+CLOSED = -1  # a descriptor of stderr where that is closed
 
 
 def start_options(network: Path, step: float, seed: int, more: Mapping[str, str]) -> list[str]:
@@ -52,6 +53,7 @@ class Process:
 
     def __init__(self, sumo: Client, network: Path, log: Path) -> None:
         self._sumo, self._network, self.log = sumo, network, log
+        self._stderr: int | None = None  # a descriptor of it, while messages go to the log
 
     def start(self, options: Sequence[str]) -> None:
         """raises: RunError (libsumo already runs in this process), RefusedError"""
@@ -73,11 +75,11 @@ class Process:
 
     def step(self, until: float = 0.0) -> None:
         """One step, or all steps to a time of SUMO's clock [s]."""
-        kept = self._log_begins()
         try:
+            self._log_begins()
             self._sumo.simulationStep(until)
         finally:
-            _log_ends(kept)
+            self._log_ends()
 
     def close(self, error: BaseException | None) -> None:
         """End SUMO.
@@ -106,30 +108,33 @@ class Process:
 
     @contextlib.contextmanager
     def _logged(self) -> Iterator[None]:
-        kept = self._log_begins()
         try:
+            self._log_begins()
             yield
         finally:
-            _log_ends(kept)
+            self._log_ends()
 
-    def _log_begins(self) -> int | None:
-        """Messages go to the log: SUMO prints them from C++ to file descriptor 2, past Python's sys.stderr.
-
-        returns: for `_log_ends`
-        """
+    def _log_begins(self) -> None:
+        """Messages go to the log: SUMO prints them from C++ to file descriptor 2, past Python's sys.stderr."""
+        # Ctrl-C may come between any two lines. What has begun is therefore known before it begins; `close`, which logs
+        # too, ends it if Ctrl-C did not let `_log_ends` run.
         if sys.stderr:  # None in a process without a console
             sys.stderr.flush()
-        try:
-            kept = os.dup(2)
-        except OSError:  # it is closed
-            kept = None
+        if self._stderr is None:
+            try:
+                self._stderr = os.dup(2)
+            except OSError:
+                self._stderr = CLOSED
         os.dup2(self._log_number, 2)
-        return kept
 
-
-def _log_ends(kept: int | None) -> None:
-    if kept is None:
-        os.close(2)
-        return
-    os.dup2(kept, 2)
-    os.close(kept)
+    def _log_ends(self) -> None:
+        stderr = self._stderr
+        if stderr is None:
+            return
+        if stderr == CLOSED:
+            self._stderr = None
+            os.close(2)
+            return
+        os.dup2(stderr, 2)
+        self._stderr = None
+        os.close(stderr)
