@@ -11,7 +11,7 @@ from functools import wraps
 import typer
 
 from platoontraffic.cli.last_resort import line_of
-from platoontraffic.cli.signals import command_begins
+from platoontraffic.cli.signals import command_begins, is_of_control_c
 from platoontraffic.errors import InputError, MissingError, RunError
 
 MOST_FAULTS = 50  # that are printed
@@ -43,6 +43,8 @@ def commands_of(app: typer.Typer) -> Callable[[Callable[..., None]], Callable[..
             except (typer.Exit, typer.Abort, BrokenPipeError):
                 raise
             except Exception as error:
+                if is_of_control_c(error):
+                    raise _ended(130, "interrupted", *getattr(error, "__notes__", ())) from None
                 _leave_full_stdout()
                 raise _ended(_code(error), line_of(error), *getattr(error, "__notes__", ())) from None
 

@@ -20,6 +20,13 @@ def command_begins() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def is_of_control_c(error: BaseException | None) -> bool:
+    """Whether it is a KeyboardInterrupt, or compiled code has made a SystemError of one."""
+    while isinstance(error, SystemError):
+        error = error.__cause__
+    return isinstance(error, KeyboardInterrupt)
+
+
 def end_as_at_control_c() -> None:
     """Raise KeyboardInterrupt at the system's signals too: what was recorded is then kept."""
     # A cluster ends jobs by SIGTERM, a terminal that is closed by SIGHUP. Windows has no SIGHUP.

@@ -56,6 +56,14 @@ def test_an_exception_is_one_line_and_a_file(error: Exception, said: str):
     rest.unlink()
 
 
+def test_ctrl_c_in_compiled_code_is_one_word():
+    inner, outer = SystemError("returned a result with an exception set"), SystemError("again")
+    inner.__cause__, outer.__cause__ = KeyboardInterrupt(), inner
+    outer.add_note("what was recorded until then is kept in x")
+    done = CliRunner().invoke(app_that_raises(outer), [])
+    assert (done.exit_code, done.stderr) == (130, "interrupted\nwhat was recorded until then is kept in x\n")
+
+
 def test_no_file_is_no_fault(monkeypatch: pytest.MonkeyPatch):
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
