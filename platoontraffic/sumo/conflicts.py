@@ -99,6 +99,7 @@ class Conflicts(NamedTuple):
     curvature: float  # greatest of the own path through the junction [1/m]
     unregulated: bool = False  # the network gives nobody priority, so everybody is yielded to
     swings: bool = False  # the own front swings out over paths to the lanes beside its own
+    narrow: tuple[Crossing, ...] = ()  # paths that do not meet the own one for SUMO, though two cars would touch there
 
     @classmethod
     def at(cls, line: Line, network: Network, sumo: Client, paths: Paths | None = None) -> Conflicts:
@@ -143,7 +144,33 @@ class Conflicts(NamedTuple):
         walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
         reach = GAP_HORIZON * max(fastest, lane.getMaxSpeed(line.lane) if walks else 0.0)
-        return cls(tuple(upstream.items()), crossings, walks, waits, reach, bend, unregulated, bool(found))
+        narrow = tuple(_narrow(line, crossings, inner, network, sumo, paths))
+        return cls(tuple(upstream.items()), crossings, walks, waits, reach, bend, unregulated, bool(found), narrow)
+
+
+def _narrow(
+    line: Line,
+    met: Mapping[str, Crossing],
+    inner: set[str],
+    network: Network,
+    sumo: Client,
+    paths: Paths,
+) -> Iterator[Crossing]:
+    """Paths from and to other edges that come close without a conflict in SUMO: left turns against each other."""
+    lane, width = sumo.lane, sumo.lane.getWidth(line.lane)
+    own, edges = paths[line.via, line.onto, SAMPLED * width], [_edge(line.lane), _edge(line.onto)]
+    for before in sorted({network.entered_from[name] for via in line.via[:1] for name in network.inside_with(via)}):
+        for link in lane.getLinks(before):
+            via, onto = _chain(link[LINK_VIA], sumo), link[LINK_ONTO]
+            if _edge(before) == edges[0] or _edge(onto) == edges[1] or via[0] in met or not inner.isdisjoint(via):
+                continue
+            if found := _met(own, paths[via, onto, SAMPLED * width], APART * width):
+                fastest = min(map(lane.getMaxSpeed, via))
+                yield Crossing(before, via, *found, False, False, math.inf, fastest)
+
+
+def _edge(lane: str) -> str:
+    return lane.rpartition("_")[0]
 
 
 def _swung_over(

@@ -164,11 +164,10 @@ class RightOfWay:
                        inf where it can pass them, or cannot stop any more
         """
         stop = math.inf
-        for foe in self._all_inside[line]:
+        others = (one for one in self._all_inside[line] if not self._needs_no_stop(one, line, priority_too))
+        for foe in chain(others, self._sooner_where_it_is_narrow(line, over)):
             crossing = foe.crossing
-            if foe.pace.speed < STANDING or crossing.swings or (crossing.first and not priority_too):
-                continue
-            if not crossing.first and self._will_not_be_met(foe, line):
+            if foe.pace.speed < STANDING:
                 continue
             stops_within = ego.speed**2 / (2 * (STOPS_BY if crossing.first else STOPS_HARD_BY))
             places = (place - over - BEFORE_PATH * ego.size for place in (crossing.own[0], crossing.touches))
@@ -177,17 +176,31 @@ class RightOfWay:
                 stop = left
         return -over if ego.speed**2 / (2 * STOPS_BY) < -over < stop < math.inf else stop
 
-    def _will_not_be_met(self, foe: Approach, line: Line) -> bool:
-        """Whether a vehicle without priority inside the junction waits midway, stops as this one would, or is beside.
+    def _needs_no_stop(self, foe: Approach, line: Line, priority_too: bool) -> bool:
+        """Whether a vehicle inside the junction with priority is looked for elsewhere, or one without will not be met.
 
-        One from the same edge is beside, or ahead on the same lane. A member with a law that heeds lines stops.
+        The latter waits midway, stops as this one would, or is beside: from the same edge, or ahead on the same lane. A
+        member with a law that heeds lines stops.
         """
         crossing = foe.crossing
+        if crossing.swings or crossing.first:
+            return crossing.swings or not priority_too
         if crossing.before.rpartition("_")[0] == line.lane.rpartition("_")[0]:
             return True
         left = foe.to_line + crossing.its[0]
         may_stop = foe.id in self.looking and left > foe.pace.speed**2 / (2 * STOPS_BY)
         return may_stop or 0 < foe.to_line + crossing.waits < math.inf
+
+    def _sooner_where_it_is_narrow(self, line: Line, over: float) -> Iterator[Approach]:
+        """Members inside the junction that come sooner to where two cars have no room beside each other.
+
+        SUMO's own cars drive through each other there.
+        """
+        for crossing in self._conflicts[line].narrow:
+            for one in self.on(crossing):
+                sooner = (one.to_line + crossing.its[0], crossing.before) < (crossing.own[0] - over, line.lane)
+                if sooner and one.id in self.members and not self.is_past(one):
+                    yield one
 
     def note_waiting(self, line: Line, distance: float, ego: Ego) -> None:
         """Note the vehicles that must stop before the path of a member which comes, or has just come to a stand.

@@ -547,6 +547,56 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
     assert way.stop_before_foes(line, over, ego, priority_too=False) == pytest.approx(stop)
 
 
+@pytest.mark.parametrize(
+    ("over", "name", "position", "speed", "stop"),
+    [
+        (-6.0, "m.1", 6.0, 3.0, 6.0),  # it has 4 m to where it is narrow, this one 11 m: it can stop at its line
+        (1.0, "m.1", 7.0, 3.0, 3.5),  # 3 m and 4 m: before that place
+        (3.0, "m.1", 7.0, 3.0, np.inf),  # 3 m and 2 m: that one stops
+        (1.0, "m.1", 6.0, 3.0, np.inf),  # 4 m each: the lane decides
+        (1.0, "m.1", 7.0, 0.0, np.inf),  # it stands
+        (1.0, "m.1", 28.0, 3.0, np.inf),  # it is past
+        (1.0, "c", 7.0, 3.0, np.inf),  # SUMO's cars drive through; the laser sees them
+    ],
+)
+def test_of_two_members_that_turn_left_against_each_other_the_one_that_comes_later_stops(
+    over, name, position, speed, stop
+):
+    line = Line(100.0, "g", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    narrow = Crossing("side_0", (":a_1",), (5.0, 12.0), (10.0, 18.0), False, False, np.inf, 10.0)
+    conflicts = Conflicts((), {}, (), np.inf, 50.0, 0.0, narrow=(narrow,))
+    way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
+                     {line: conflicts})  # fmt: skip
+    way.members = way.looking = {"m.0", "m.1"}
+    way._now = SimpleNamespace(
+        on_lane={":a_1": [name]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={name: position},
+        speed={name: speed}, acceleration={name: 2.6}, length={name: 5.0},
+    )  # fmt: skip
+    ego = Ego("m.0", "road_0" if over < 0 else ":a_0", 4.0, CAR.length)
+    assert way.stop_before_foes(line, over, ego, priority_too=False) == pytest.approx(stop)
+
+
+@pytest.mark.sumo
+def test_left_turns_against_each_other_are_narrow_where_sumo_lets_cars_drive_through_each_other(generated_nets):
+    network = Network.read(generated(generated_nets, "grid", "priority_stop"))
+    libsumo.start(["sumo", "-n", str(network.path), "--no-step-log", "--no-warnings"])
+    try:
+        narrow = {}
+        for link in libsumo.lane.getLinks("B0B1_0"):
+            via, onto = tuple(name for name in inside_lanes(link[LINK_VIA])), link[LINK_ONTO]
+            line = Line(0.0, link[LINK_STATE], "", 0, "B0B1_0", onto, via, 10.0)
+            narrow[onto] = [one.before for one in Conflicts.at(line, network, libsumo).narrow]
+    finally:
+        libsumo.close()
+    assert narrow == {"B1A1_0": ["B2B1_0"], "B1B2_0": [], "B1C1_0": []}
+
+
+def inside_lanes(via: str) -> list[str]:
+    """Lanes inside a junction, from this one on."""
+    onward = next(iter(libsumo.lane.getLinks(via)))[LINK_VIA]
+    return [via, *(inside_lanes(onward) if onward else [])]
+
+
 @pytest.mark.parametrize(("state", "yields"), [("m", True), ("M", False), ("w", False), ("=", False), ("Z", False)])
 @pytest.mark.parametrize("stop", [4.0, np.inf])
 def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(state, yields, stop):
