@@ -142,6 +142,7 @@ class Recording:
             recorder.write("run.log", "".join(f"{line}\n" for line in messages))
             if recruits := simulation.setting.recruits:
                 self._facts["not_equipped"] = dict(sorted(recruits.left.items()))
+                self._facts["undrivable_routes"] = [fault._asdict() for fault in recruits.undrivable]
             facts = provenance.finished(
                 self._facts, outcome.time, wall, simulation.stopwatch.seconds, messages[:SUMO_WORDS]
             )

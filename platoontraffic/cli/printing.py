@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from platoontraffic.errors import InputError, not_written
+from platoontraffic.errors import InputError, not_written, shortened
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -37,6 +37,7 @@ COLUMNS = (
     ("contacts", "collisions", ".0f"),
 )
 FAILURES = 10  # number of failures of a batch that are printed
+ROUTE_FAULTS, FAULT = 3, 160  # number of faults of routes that are printed, and longest one [characters]
 
 out = Console(highlight=False)
 
@@ -89,8 +90,8 @@ def print_run(folder: Path) -> None:
     if "equipped" in set(results.metrics.scope):
         out.print(_trips(results))
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
-    for why, number in facts.get("not_equipped", {}).items():
-        out.print(f"{number} of the share stay SUMO's: {why}", soft_wrap=True, markup=False)
+    for line in not_equipped(facts):
+        out.print(line, soft_wrap=True, markup=False)
     whole = results.metrics[results.metrics.scope == "run"].set_index("metric").value
     stood, stranded = whole["standstill_share_mean"], whole["stranded"]
     out.print(
@@ -102,6 +103,19 @@ def print_run(folder: Path) -> None:
     )
     for text in facts.get("sumo_options_replaced", ()):
         out.print(f"SUMO configuration: {text}", soft_wrap=True, markup=False)
+
+
+def not_equipped(facts: dict[str, Any]) -> Iterator[str]:
+    """Lines on the vehicles of the shares that stay SUMO's. facts: of provenance.json"""
+    for why, number in facts.get("not_equipped", {}).items():
+        yield f"{number} of the share stay SUMO's: {why}"
+    faults = facts.get("undrivable_routes", [])
+    for fault in faults[:ROUTE_FAULTS]:
+        example = f", such as {fault['such_as']}" if fault["vehicles"] > 1 else f", {fault['such_as']}"
+        yield f"  {fault['vehicles']}{example}: {shortened(fault['why'], FAULT)}"
+    if further := faults[ROUTE_FAULTS:]:
+        vehicles = sum(fault["vehicles"] for fault in further)
+        yield f"  {vehicles} for {len(further)} other faults: see undrivable_routes in provenance.json"
 
 
 def _members(results: Results) -> Table:

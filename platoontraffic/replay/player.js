@@ -93,6 +93,7 @@ class Player {
     element("crowd").hidden = !crowd;
     element("crowd").textContent = `one of ${platoon.length}: a click on the map chooses another`;
     if (this.follows) this.follow({ member });
+    for (const strip of this.strips) strip.place.hidden = !strip.shows(this.members);
     this.#fillMembers();
     this.#fillNumbers();
     this.#fillEvents();
@@ -412,13 +413,14 @@ class Player {
       canvas.setAttribute("aria-label", label);
       const output = make("output");
       const head = make("span", {}, `${strip.title} [${strip.unit}] `, output);
-      element("strips").append(make("div", { className: "strip" }, head, canvas));
+      const place = make("div", { className: "strip" }, head, canvas);
+      element("strips").append(place);
       const hover = (time) => {
         this.hovered = time;
         this.stale = true;
       };
       const made = new Strip(canvas, strip, this.run, this.palette, (time) => this.seek(time, false), hover);
-      return Object.assign(made, { output });
+      return Object.assign(made, { place, output });
     });
   }
 

@@ -40,6 +40,13 @@ class Strip {
     return 6 + (1 - (value - low) / (high - low)) * (this.canvas.clientHeight - 12);
   }
 
+  /** Whether one of these members ever has a value: one without a predecessor in its platoon has no gap. */
+  shows(platoon) {
+    const { members } = this.run, values = members[this.strip.name];
+    return platoon.some((v) => members.tracksOf[v].some((track) =>
+      values.subarray(members.begin[track], members.begin[track + 1]).some((value) => !Number.isNaN(value))));
+  }
+
   /** From the least to the greatest value; a platoon that has parted would press the others onto the axis. */
   #findRange(members, platoon) {
     const sorted = (values) => {
@@ -48,7 +55,6 @@ class Strip {
       return Float64Array.from(those.filter((value) => !Number.isNaN(value))).sort();
     };
     const values = sorted(members[this.strip.name]);
-    if (!values.length) return [0, 1];
     let low = values[0], high = values[values.length - 1];
     if (this.strip.ofGap) {
       const gaps = sorted(members.gap), usual = this.strip.ofGap * gaps[gaps.length >> 1];

@@ -48,15 +48,17 @@ def usual(model: VehicleModel) -> Usual:
 def with_drivers(platoon: Any) -> Any:
     """The table of a platoon, as it is written, with the drivers that it leaves out where its vehicle has a default.
 
-    Also with its size, where it lists its vehicles.
+    Also with its size, where it lists its vehicles. A platoon whose vehicle is not sound has the drivers of a car: the
+    vehicle is its fault, not a driver that is left out.
     """
-    model = _model_in(platoon)
-    if model is None:
+    if not isinstance(platoon, dict):
         return platoon
+    model = _model_in(platoon)
+    drivers = usual(model).drivers if model else USUAL[Car].drivers
     listed = platoon.get("vehicles")
-    given = {"size": len(listed)} if isinstance(listed, list) and "size" not in platoon else {}
+    given = {"size": len(listed)} if isinstance(listed, list) and listed and "size" not in platoon else {}
     platoon = {**platoon, **given}
-    for role, driver in usual(model).drivers.items():
+    for role, driver in drivers.items():
         named = platoon.get(role)
         if isinstance(named, dict) and "law" not in named:
             given[role] = {**driver, **named}

@@ -18,9 +18,9 @@ from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.room_to_change import Wanted
 
 AFTER = 3.0  # time that a vehicle has stood before it is let in, where that is not urgent [s]
-LONGEST = 20.0  # time that one vehicle waits for another one to begin its lane change [s], not counting that ...
-LONGEST_IN_QUEUE = 300.0  # ... for which the vehicle ahead of it stands anyway; with that time [s]
-GOES_OVER = 30.0  # longest time from then on until that one is on its lane, where it is seen [s]
+LONGEST = 20.0  # time that one vehicle waits for another one to begin its lane change, ... [s]
+GOES_OVER = 30.0  # ... and from then on until that one is on its lane, where it is seen [s]
+LONGEST_IN_QUEUE = 300.0  # time of waiting up to which neither counts while the vehicle ahead stands anyway [s]
 GIVEN_UP = 1.0  # a vehicle that has not wanted room for so long does not change lanes any more [s]
 IN_QUEUE = 6.0  # distance to a vehicle ahead, beyond a length of the other one, up to which there is no room yet [m]
 BRAKING = 3.0  # of a vehicle that lets another one in [m/s2]

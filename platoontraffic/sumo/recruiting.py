@@ -33,7 +33,7 @@ class Recruiting:
     def begin(self, members: int) -> None:
         """members: that the run has without those from the traffic"""
         self._number = members
-        self._recruits.left.clear()
+        self._recruits.begin()
 
     def newcomers(self, time: float, own: set[str]) -> Fleet | None:
         """Members among the vehicles that SUMO has inserted in the last step; None: there are none.

@@ -28,6 +28,14 @@ SMALLEST, LARGEST = 0.6, 1.6  # length that is driven as such a vehicle [times i
 OTHER_SIZE, HAS_STOPS, NO_ROUTE = "another size", "has stops", "a route that members cannot drive"
 
 
+class Undrivable(NamedTuple):
+    """Vehicles of the shares that stay SUMO's for one fault of their routes."""
+
+    vehicles: int  # number of them
+    such_as: str  # id of the first one
+    why: str  # the fault of its route
+
+
 class Newcomer(NamedTuple):
     """A vehicle of the traffic that SUMO has just inserted."""
 
@@ -55,9 +63,20 @@ class Recruits:
         self._places = {name: (k, i) for k, one in enumerate(platoons) for i, name in enumerate(one.ids)}
         self.waits = plan.waits if plan else {}  # of vehicles, for others of their platoons [s]
         self._first = len(scenario.spec.platoon)  # group of the first share
-        self._routes: dict[tuple, Route | None] = {}  # None: it cannot be driven
+        self._routes: dict[tuple, tuple[Route | None, str]] = {}  # as of `_route`
         self.tables = scenario.spec.equip
         self.left: Counter[str] = Counter()  # vehicles of the shares that stay SUMO's, by the reason
+        self._undrivable: dict[str, Undrivable] = {}  # by the fault, without what depends on the vehicle
+
+    def begin(self) -> None:
+        """Begin a run: no vehicle has stayed SUMO's yet."""
+        self.left.clear()
+        self._undrivable.clear()
+
+    @property
+    def undrivable(self) -> list[Undrivable]:
+        """Faults of the routes that members cannot drive, those of most vehicles first."""
+        return sorted(self._undrivable.values(), key=lambda one: (-one.vehicles, one.why))
 
     def chosen(self, name: str, kind: str, vehicle_class: str, edge: str, time: float) -> int | None:
         """The number of the table `equip` whose share a vehicle is of; None: it is of none.
@@ -82,13 +101,15 @@ class Recruits:
         time: of its departure [s]
         """
         model, why = _model(vehicle)
-        route = self._route(vehicle, model) if model else None
-        if model and route is None:
+        route, fault = self._route(vehicle, model) if model else (None, "")
+        if fault:
             why = NO_ROUTE
         if vehicle.stops:
             why = HAS_STOPS
         if why:
             self.left[why] += 1
+            if why == NO_ROUTE:
+                self._note(vehicle.id, fault)
             return None
         table = self.tables[equip]
         platoon, place = self._places.get(vehicle.id, (None, 0))
@@ -116,15 +137,22 @@ class Recruits:
             single=table.mode == "single",
         )
 
-    def _route(self, vehicle: Newcomer, model: Car) -> Route | None:
+    def _note(self, name: str, fault: str) -> None:
+        """Note a vehicle whose route cannot be driven. Faults that differ only in what is allowed count as one."""
+        what = fault.partition(";")[0]
+        vehicles, *first = self._undrivable.get(what, (0, name, fault))
+        self._undrivable[what] = Undrivable(vehicles + 1, *first)
+
+    def _route(self, vehicle: Newcomer, model: Car) -> tuple[Route | None, str]:
+        """The route of the vehicle; or None, and why members cannot drive it."""
         key = vehicle.edges, vehicle.lane, vehicle.position, model.length, model.width
         if key not in self._routes:
             try:
                 walls, rear = self._scenario.spec.scene.walls == "outline", vehicle.position - vehicle.length
                 route = route_from(self._network, vehicle.edges, vehicle.lane, vehicle.position, rear, walls, model)
-            except InputError:
-                route = None
-            self._routes[key] = route
+                self._routes[key] = route, ""
+            except InputError as error:
+                self._routes[key] = None, error.faults[0]
         return self._routes[key]
 
 

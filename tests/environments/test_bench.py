@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ pytest.importorskip("gymnasium")
 
 from platoontraffic.cli import bench_env
 from platoontraffic.environments.follower import Follower
+from platoontraffic.episodes import episodes
 from platoontraffic.results.provenance import Stopwatch
 from platoontraffic.simulation import Simulation
 
@@ -24,10 +26,31 @@ def test_the_parts_of_a_step_are_all_of_it(monkeypatch):
     rates = bench_env.ours("paper_loop", ("platoon.size=2", "learn.parents=1"), 2, 5)
     assert rates.simulation == 0 < min(rates.environment, rates.reset, rates.seeded)
     assert rates.cpu == rates.environment + rates.simulation
-    parts = bench_env.stages("paper_loop", bench_env.LEARNS, 5)
+    parts = bench_env.stages("paper_loop", ("platoon.size=2", "learn.parents=1"), 5)
+    assert list(parts) == list(bench_env.STAGES)
     assert min(parts.values()) > 0
-    shares = [int(line.split()[-2]) for line in bench_env._where(parts, rates).splitlines() if line.endswith("%")]
-    assert sum(shares) == pytest.approx(100, abs=len(shares))
+    assert episodes.Simulation is Simulation
+    *shares, whole = [int(line.split()[-2]) for line in bench_env._where(parts).splitlines() if line.endswith("%")]
+    assert sum(shares) == pytest.approx(whole, abs=len(shares))
+
+
+def test_the_time_outside_the_simulation_is_a_measurement_of_its_own(monkeypatch):
+    """On a clock of calls, the environment's part is what passes outside the simulation's step."""
+    clock = [0.0]
+
+    def takes(seconds, function):
+        def slow(*arguments):
+            clock[0] += seconds
+            return function(*arguments)
+
+        return slow
+
+    monkeypatch.setattr(time, "process_time", lambda: clock[0])
+    monkeypatch.setattr(Follower, "step", takes(2.0, Follower.step))
+    monkeypatch.setattr(Simulation, "step", takes(3.0, Simulation.step))
+    parts = bench_env.stages("paper_loop", ("platoon.size=2", "learn.parents=1"), 4)
+    ours, loop = list(bench_env.STAGES)[-1], list(bench_env.STAGES)[-2]
+    assert {part: spent for part, spent in parts.items() if spent} == {loop: 3.0, ours: 2.0}
 
 
 def test_all_stages_of_a_simulation_are_in_a_part():
@@ -36,7 +59,7 @@ def test_all_stages_of_a_simulation_are_in_a_part():
         simulation.reset()
         simulation.step()
     shown = [stage for stages in bench_env.STAGES.values() for stage in stages]
-    assert sorted(shown) == sorted({*watch.seconds, "loop"})
+    assert sorted(shown) == sorted({*watch.seconds, "loop", "environment"})
 
 
 @pytest.mark.parametrize("name", bench_env.SCENARIOS)

@@ -506,6 +506,17 @@ def test_strips_lead_and_follow(opened, made):
     assert abs(tab.evaluate("replay.time") - 5.0) < 0.1
 
 
+def test_a_strip_without_any_value_is_left_out(opened, tmp_path):
+    """A member without a predecessor has no gap, as those that come singly from the traffic."""
+    for members, shown in ((1, ["speed [m/s]"]), (21, ["gap [m]", "speed [m/s]", "spacing error [m]"])):
+        folder = made_run(tmp_path / f"{members}", members=members, seconds=2.0)
+        tab = opened(page(folder, folder / "replay.html"))
+        assert tab.locator(".strip span:visible").all_inner_texts() == shown
+    tab.evaluate("location.hash = '#t=1&member=platoon.0'")
+    until(tab, "replay.chosen === 'platoon.0'")
+    assert tab.locator(".strip span:visible").all_inner_texts() == ["speed [m/s]"]
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_on_a_phone_nothing_is_wider_than_the_screen(opened, made, scheme):
     tab = opened(

@@ -55,6 +55,23 @@ def test_robots_must_name_their_laws_and_keep_the_papers_lasers(tmp_path):
     assert checked.spec.run.step_s == 0.025
 
 
+@pytest.mark.parametrize(
+    ("keys", "fault"),
+    [
+        ('vehicle = "kar"', "vehicle.type: 'kar': not known; did you mean 'car'?"),
+        ('vehicle = { type = "kar" }', "vehicle.type: 'kar': not known; did you mean 'car'?"),
+        ('vehicle = "kar"\nleader = { odometry = "car" }', "vehicle.type: 'kar': not known; did you mean 'car'?"),
+        ("vehicle = 3", "vehicle: 3: should be a table, or a name"),
+        ('vehicles = ["kar", "car"]', "vehicles.0.type: 'kar': not known; did you mean 'car'?"),
+        ("vehicles = []", "vehicles: []: List should have at least 1 item after validation, not 0"),
+    ],
+)
+def test_a_vehicle_that_is_not_known_is_the_only_fault(tmp_path, keys, fault):
+    with pytest.raises(InputError) as error:
+        loaded(tmp_path, keys)
+    assert [one.partition(": platoon.0.")[2] for one in error.value.faults] == [fault]
+
+
 def test_a_law_that_is_named_has_its_own_gains_and_the_laser_of_its_vehicle(tmp_path):
     checked = loaded(tmp_path, 'vehicle = "car"\nleader = "path"\nfollower = "tracking"')
     follower = checked.resolved()["platoon"][0]["follower"]

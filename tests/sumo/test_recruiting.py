@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from platoontraffic import shipped
+from platoontraffic.cli.printing import not_equipped, print_run
 from platoontraffic.road.network import Network
 from platoontraffic.scenario.equip_tables import VEHICLE_OF
 from platoontraffic.simulation import Simulation
@@ -194,3 +195,26 @@ def test_vehicles_wait_for_each_other_and_are_a_platoon_until_their_routes_part(
     metrics = pd.read_csv(folder / "metrics.csv").query("scope == 'vehicle'").set_index(["vehicle_id", "metric"]).value
     assert metrics["b", "in_platoon_share"] > 0.8
     assert ("late", "in_platoon_share") not in metrics.index
+
+
+def test_a_run_says_why_members_cannot_drive_a_route(tmp_path, capsys):
+    (tmp_path / "turn.rou.xml").write_text(
+        '<routes><vType id="private" vClass="private" length="4.4"/>'
+        '<vehicle id="back" type="private" depart="1"><route edges="s_end end_s"/></vehicle></routes>'
+    )
+    file = tmp_path / "turn.toml"
+    file.write_text(
+        '[sumo]\nnet = "lab_world"\nroutes = ["turn.rou.xml"]\n[run]\nduration_s = 2\n[[equip]]\nshare = 1.0\n'
+    )
+    print_run(run(tmp_path / "run", file))
+    said = capsys.readouterr().out
+    assert "1 of the share stay SUMO's: a route that members cannot drive\n  1, back: turns back from 's_end'" in said
+
+
+def test_faults_of_many_routes_are_printed_in_few_lines():
+    faults = [{"vehicles": 5 - i, "such_as": f"v.{i}", "why": f"fault {i}"} for i in range(5)]
+    lines = list(not_equipped({"not_equipped": {"no route": 15}, "undrivable_routes": faults}))
+    assert lines[:2] == ["15 of the share stay SUMO's: no route", "  5, such as v.0: fault 0"]
+    assert lines[-1] == "  3 for 2 other faults: see undrivable_routes in provenance.json"
+    assert len(lines) == 5
+    assert list(not_equipped({"not_equipped": {"has stops": 1}})) == ["1 of the share stay SUMO's: has stops"]  # before

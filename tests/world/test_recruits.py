@@ -109,6 +109,29 @@ def test_what_cannot_become_a_member_stays(tmp_path, what, why):
     assert of.left == {why: 1}
 
 
+def test_routes_that_members_cannot_drive_have_a_fault_and_an_example(tmp_path):
+    of = recruits(tmp_path)
+    for name, edges in (("a", ("west_light", "none")), *((n, ("west_light", "west_light")) for n in ("b", "c"))):
+        of.member(0, newcomer(id=name, edges=edges), 0.0)
+    of.member(0, newcomer(id="d", edges=("west_light", "none"), stops=True), 0.0)  # stays SUMO's for its stops
+    (twice, such_as, loop), (once, other, unknown) = of.undrivable
+    assert (twice, such_as, once, other) == (2, "b", 1, "a")
+    assert loop.startswith("no connection from edge 'west_light' to 'west_light'; it leads to: ")
+    assert unknown.startswith("no edge 'none' in corridor.net.xml")
+    of.begin()
+    assert of.undrivable == []
+    assert not of.left
+
+
+def test_one_turn_is_one_fault_for_vehicles_of_any_size(tmp_path):
+    of = recruits(tmp_path, 'sumo.net="lab_world"')
+    for name, length in (("a", 4.6), ("b", 4.2)):
+        of.member(0, newcomer(id=name, edges=("s_end", "end_s"), position=0.5, length=length), 0.0)
+    (fault,) = of.undrivable
+    assert fault.vehicles == 2
+    assert fault.why.startswith("turns back from 's_end' to 'end_s' on a radius of 0.5 m; the vehicle needs ")
+
+
 def test_vehicles_on_one_route_share_its_line(tmp_path):
     of = recruits(tmp_path)
     one, other = (of.member(0, newcomer(id=str(i), speed_factor=1 + i / 10), 0.0).route for i in range(2))
