@@ -39,6 +39,11 @@ class Law:
     distance_from: Literal["laser", "bumper"] = "laser"  # the own point from which `desired_distance` counts
     drives_alone: bool = False  # it drives its route when it has no predecessor, so it can be given manoeuvres
 
+    @property
+    def heeds_lines(self) -> bool:
+        """It stops at every closed line at which it can: what others count on."""
+        return "signals" in self.needs
+
     def __call__(self, sensed: Sensed, memory: Any, dt: float) -> Decision:
         """The decision of n vehicles, one row each.
 

@@ -41,7 +41,7 @@ def first_touched(route, points, speed, driven, body, scan, laser, skipped, unti
     skipped : first and last of the beams left out, (n, 2)
     until   : distance ahead of the front bumper from which nothing counts [m], (n,)
     """
-    (ranges, least, beams), (forward, aside), room = scan, laser, np.empty((MOST, 4))
+    (ranges, least, beams), (forward, aside), all_places = scan, laser, np.empty((MOST, 4))
     for i in range(len(free)):
         front, rear = body.length[i] / 2 - body.axle[i], -body.length[i] / 2 - body.axle[i]
         swings = 2 * SWINGS / front**2
@@ -49,7 +49,7 @@ def first_touched(route, points, speed, driven, body, scan, laser, skipped, unti
         count = min(int(reach / STEP) + 1, MOST)
         if not _bends(route, i, driven[i], STEP * count, swings):
             continue
-        places = room[:count]
+        places = all_places[:count]
         drive(route, points[i], i, STEP, speed[i], driven[i], body, places)
         half, radius = body.width[i] / 2, math.hypot(max(front, -rear), body.width[i] / 2 + CLEAR)
         for beam in range(ranges.shape[1]):

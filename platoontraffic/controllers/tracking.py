@@ -255,6 +255,11 @@ class TrackingFollower(Law):
         return frozenset({"signals"} if self.policy == "obey" else ())
 
     @property
+    def heeds_lines(self) -> bool:
+        """In a convoy it follows its predecessor over a closed line."""
+        return self.policy == "obey"
+
+    @property
     def further_lidars(self) -> Mapping[str, str]:
         """To look beside, where its route tells it how the lanes lie."""
         return {AROUND: "car-around"} if self.drives_alone else {}

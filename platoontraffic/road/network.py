@@ -304,13 +304,13 @@ class Network:
 
     def inside_with(self, lane_id: str) -> Sequence[str]:
         """All lanes inside the junction in which a lane is; () if it is in none."""
-        return self._inside_of.get(_junction_of(lane_id), ())
+        return self._inside_of.get(junction_of(lane_id), ())
 
     @cached_property
     def _inside_of(self) -> Mapping[str, list[str]]:
         lanes: dict[str, list[str]] = {}
         for name in sorted(self.entered_from):
-            lanes.setdefault(_junction_of(name), []).append(name)
+            lanes.setdefault(junction_of(name), []).append(name)
         return lanes
 
     @cached_property
@@ -318,7 +318,7 @@ class Network:
         """Lanes inside junctions at which nobody has to give way, though paths cross: SUMO's type `unregulated`."""
         return frozenset(
             lane for lane in self.entered_from
-            if self._net.getNode(_junction_of(lane)).getType() == "unregulated"
+            if self._net.getNode(junction_of(lane)).getType() == "unregulated"
         )  # fmt: skip
 
     def onward(self, edge_id: str, n: int = 2) -> tuple[str, ...]:
@@ -473,7 +473,7 @@ def _leads_out(lane: Any) -> bool:
     return True
 
 
-def _junction_of(lane_id: str) -> str:
+def junction_of(lane_id: str) -> str:
     """The junction of a lane inside it; of another lane, something else."""
     return lane_id[1:].rsplit("_", 2)[0]
 

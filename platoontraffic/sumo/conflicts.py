@@ -99,7 +99,7 @@ class Conflicts(NamedTuple):
     curvature: float  # greatest of the own path through the junction [1/m]
     unregulated: bool = False  # the network gives nobody priority, so everybody is yielded to
     swings: bool = False  # the own front swings out over paths to the lanes beside its own
-    narrow: tuple[Crossing, ...] = ()  # paths that do not meet the own one for SUMO, though two cars would touch there
+    narrow: tuple[Crossing, ...] = ()  # paths apart from the own one for SUMO, but too close for two cars
 
     @classmethod
     def at(cls, line: Line, network: Network, sumo: Client, paths: Paths | None = None) -> Conflicts:
@@ -112,8 +112,7 @@ class Conflicts(NamedTuple):
         inner = {name for via in line.via for name in lane.getInternalFoes(via)} - set(line.via)
         unregulated = not network.unregulated.isdisjoint(line.via)  # SUMO knows no foes there
         if unregulated:
-            junction = line.via[0].rsplit("_", 2)[0]
-            inner |= {name for name in network.unregulated if name.rsplit("_", 2)[0] == junction} - set(line.via)
+            inner |= network.unregulated.intersection(network.inside_with(line.via[0])) - set(line.via)
         for before in sorted({network.entered_from[name] for name in inner if name in network.entered_from}):
             if unregulated and before == line.lane:
                 continue
@@ -156,7 +155,7 @@ def _narrow(
     sumo: Client,
     paths: Paths,
 ) -> Iterator[Crossing]:
-    """Paths from and to other edges that come close without a conflict in SUMO: left turns against each other."""
+    """Paths from and to other edges that come close without a conflict in SUMO, as left turns against each other do."""
     lane, width = sumo.lane, sumo.lane.getWidth(line.lane)
     own, edges = paths[line.via, line.onto, SAMPLED * width], [_edge(line.lane), _edge(line.onto)]
     for before in sorted({network.entered_from[name] for via in line.via[:1] for name in network.inside_with(via)}):

@@ -5,13 +5,14 @@ SUMO does not know that this one must change; beside a queue a member would wait
 can stop where it leaves room for the member does so: at once where the member's lane ends soon, as SUMO's drivers do,
 else once the member has stood for `AFTER`. One that SUMO drives gets speeds from which it brakes by no more than
 `BRAKING`; SUMO's driver model keeps it slower where it must, as always. A member is given a line to stop at, for one of
-SUMO's too (`lane_ends`); followers of a platoon let nobody in before them.
+SUMO's too (`first_on_lanes`); followers of a platoon let nobody in before them.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Set
+from dataclasses import dataclass, field
 
 from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.sumo.client import Client
@@ -19,8 +20,9 @@ from platoontraffic.sumo.room_to_change import Wanted
 
 AFTER = 3.0  # time that a vehicle has stood before it is let in, where that is not urgent [s]
 LONGEST = 20.0  # time that one vehicle waits for another one to begin its lane change, ... [s]
-GOES_OVER = 30.0  # ... and from then on until that one is on its lane, where it is seen [s]
-LONGEST_IN_QUEUE = 300.0  # time of waiting up to which neither counts while the vehicle ahead stands anyway [s]
+GOES_OVER = 30.0  # ... for it to be over then, on its lane, where it is seen, ... [s]
+LONGEST_IN_QUEUE = 300.0  # ... and beside that while the vehicle ahead of it stands anyway [s]
+FORGOTTEN = 60.0  # it waits anew for one that has not wanted room for so long [s]
 GIVEN_UP = 1.0  # a vehicle that has not wanted room for so long does not change lanes any more [s]
 IN_QUEUE = 6.0  # distance to a vehicle ahead, beyond a length of the other one, up to which there is no room yet [m]
 BRAKING = 3.0  # of a vehicle that lets another one in [m/s2]
@@ -29,20 +31,49 @@ NEAR = 50.0  # distance from there up to which a member is asked to let one of S
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
 
 
+@dataclass
+class Patience:
+    """How long a vehicle still waits for another one [s]; over all lane changes of that one to the same edge."""
+
+    begins: float = LONGEST
+    goes_over: float = GOES_OVER
+    in_queue: float = LONGEST_IN_QUEUE
+
+    def has_any(self, begun: bool) -> bool:
+        """begun: the lane change has"""
+        return (self.goes_over if begun else self.begins) > 0
+
+    def wait(self, step: float, begun: bool, in_queue: bool) -> None:
+        """Wait for a step. in_queue: the vehicle ahead stands, and it could not drive on anyway"""
+        if in_queue and self.in_queue > 0:
+            self.in_queue -= step
+        elif begun:
+            self.goes_over -= step
+        else:
+            self.begins -= step
+
+
+@dataclass
+class Wish:
+    """A vehicle's wish for room, and the patience that others have had with it."""
+
+    wanted: Wanted
+    last: float  # time at which it last wanted that [s]
+    patience: dict[str, Patience] = field(default_factory=dict)
+
+
 class LettingIn:
     """Which vehicle waits for which other one.
 
-    waiting : by the vehicle that is let in, the one that waits, and until when [s]
+    waiting : by the vehicle that is let in, the one that waits
     stops   : by members that wait: lane and place on it at which they are to stop [m]
     """
 
     def __init__(self, sumo: Client, step: float) -> None:
         self._sumo, self._step = sumo, step
-        self.waiting: dict[str, tuple[str, float]] = {}
+        self.waiting: dict[str, str] = {}
         self.stops: dict[str, tuple[str, float]] = {}
-        self._asked: dict[str, tuple[float, Wanted]] = {}  # when each that is let in last wanted room [s], and which
-        self._latest: dict[str, float] = {}  # until when it is waited for at most, in a queue [s]
-        self._patience: dict[tuple[str, str], float] = {}  # how long a vehicle waits again for one that it let in [s]
+        self._wishes: dict[str, Wish] = {}
 
     def observe(
         self,
@@ -52,43 +83,38 @@ class LettingIn:
     ) -> None:
         """Before every step.
 
-        room_wanted : by each that wants in: `StopLines.room_wanted`, `LaneEnds.room_wanted`
+        room_wanted : by each that wants in: `StopLines.room_wanted`, `FirstOnLanes.room_wanted`
         where       : edge and lane of each member
         unwilling   : vehicles that let nobody in
         """
         before = dict(self.stops)
         self.stops.clear()
-        if not room_wanted and not self.waiting:
+        if not room_wanted and not self._wishes:
             return
         time, vehicle = self._sumo.simulation.getTime(), self._sumo.vehicle
+        self._wishes = {name: wish for name, wish in self._wishes.items() if time < wish.last + FORGOTTEN}
         for name, wanted in room_wanted.items():
             if name not in where and not self._is_on_road(name):
                 continue
             wanted = wanted._replace(behind=max(wanted.behind + SPARE, LEAST))
-            if name not in self.waiting:
-                asks = wanted.urgent or vehicle.getWaitingTime(name) >= AFTER - 1e-6
-                found = self._first(name, wanted, where, unwilling) if asks else None
-                if found is None:
-                    continue
-                self.waiting[name] = found, time + (GOES_OVER if wanted.begun else self._patience_of(found, name))
-                self._latest[name] = time + LONGEST_IN_QUEUE
-            elif wanted.begun and not self._asked[name][1].begun:
-                self.waiting[name] = self.waiting[name][0], time + GOES_OVER
-            self._asked[name] = time, wanted
-        for name, (foe, until) in list(self.waiting.items()):
-            if not self._is_on_road(foe):
-                self._end(name)
+            wish = self._wished(name, wanted, time)
+            if name in self.waiting and wanted.lane != wish.wanted.lane:
+                self._end(name, where)
+            wish.wanted, wish.last = wanted, time
+            if name not in self.waiting and (wanted.urgent or vehicle.getWaitingTime(name) >= AFTER - 1e-6):
+                found = self._first(name, wish, where, unwilling)
+                if found is not None:
+                    self.waiting[name] = found
+        for name, foe in list(self.waiting.items()):
+            if not self._is_on_road(foe) or foe in unwilling:
+                del self.waiting[name]
                 continue
-            asked, wanted = self._asked[name]
-            if time < self._latest[name] and self._is_in_queue(foe, name, wanted.lane):
-                until += self._step
-                self.waiting[name] = foe, until
+            wish = self._wishes[name]
+            wanted, patience = wish.wanted, wish.patience.setdefault(foe, Patience())
+            patience.wait(self._step, wanted.begun, self._is_in_queue(foe, name, wanted.lane))
             is_over = not self._is_on_road(name) or self._lane(name, where) == wanted.lane
-            if is_over or time >= min(until, asked + GIVEN_UP):
-                if foe not in where:
-                    vehicle.setSpeed(foe, OWN_DRIVER)
-                self._patience[foe, name] = min(until - time, LONGEST)
-                self._end(name)
+            if is_over or time >= wish.last + GIVEN_UP or not patience.has_any(wanted.begun):
+                self._end(name, where)
             elif foe in where:
                 if self._lane(name, where):
                     self.stops[foe] = wanted.lane, self._place(foe, name, wanted, where)
@@ -112,26 +138,32 @@ class LettingIn:
         except self._sumo.TraCIException:  # it has left the simulation
             return False
 
-    def _end(self, name: str) -> None:
-        del self.waiting[name], self._asked[name], self._latest[name]
+    def _wished(self, name: str, wanted: Wanted, time: float) -> Wish:
+        """The wish of a vehicle, as it was until now; a new one where that was for another edge."""
+        wish = self._wishes.get(name)
+        if wish is None or _edge(wish.wanted.lane) != _edge(wanted.lane):
+            wish = self._wishes[name] = Wish(wish.wanted if wish else wanted, time)
+        return wish
 
-    def _first(
-        self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]], unwilling: Set[str]
-    ) -> str | None:
+    def _end(self, name: str, where: Mapping[str, tuple[str, str]]) -> None:
+        """A vehicle is let in no longer."""
+        if (foe := self.waiting.pop(name)) not in where:
+            self._sumo.vehicle.setSpeed(foe, OWN_DRIVER)
+
+    def _first(self, name: str, wish: Wish, where: Mapping[str, tuple[str, str]], unwilling: Set[str]) -> str | None:
         """The first vehicle on the wanted lane that can leave the room; for one of SUMO's only a member."""
-        if self._lane(name, where).rpartition("_")[0] != wanted.lane.rpartition("_")[0]:
+        wanted = wish.wanted
+        if _edge(self._lane(name, where)) != _edge(wanted.lane):
             return None
         before, place = self._front(name, wanted.lane, where) - wanted.behind, self._sumo.vehicle.getLanePosition
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
             if name not in where and (foe not in where or place(foe) < before - NEAR):
                 continue  # SUMO's let each other in
-            if foe not in unwilling and self._can_stop(foe, before) and self._patience_of(foe, name) > 0:
+            patience = wish.patience.get(foe)
+            is_patient = patience is None or patience.has_any(wanted.begun)
+            if foe not in unwilling and self._can_stop(foe, before) and is_patient:
                 return foe
         return None
-
-    def _patience_of(self, foe: str, name: str) -> float:
-        """How long a vehicle waits at most for another one to begin its lane change [s]."""
-        return self._patience.get((foe, name), LONGEST)
 
     def _place(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
         """Where a member is to stop on its lane: behind the other one's rear, or nearer where it cannot [m]."""
@@ -163,6 +195,10 @@ class LettingIn:
         if room < speed**2 / (2 * BRAKING):
             room = ahead - behind if speed > STANDING else 0.0
         vehicle.setSpeed(foe, speed_to_stop(speed, room, BRAKING, self._step))
+
+
+def _edge(lane: str) -> str:
+    return lane.rpartition("_")[0]
 
 
 def speed_to_stop(speed: float, room: float, braking: float, step: float) -> float:

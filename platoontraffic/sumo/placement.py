@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from platoontraffic.errors import RunError
-from platoontraffic.road.network import Network
+from platoontraffic.road.network import Network, junction_of
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.frame import centre_of, heading_of, sumo_angle
@@ -67,6 +67,7 @@ class Placement:
         self._located: list[str] = []  # lanes of the members ...
         self._located_of: tuple[str, ...] = ()  # ... with these ids, after the last step
         self._entries: list[Entry] = []  # since `entries` was last called
+        self._was_in: dict[str, str] = {}  # junctions that members were in when they were set back before a red line
         self._leg: dict[str, int] = {}  # index, among its route's edges, of the edge that each member is on
         # Of each member: route last set in SUMO, and the edge it began with.
         self._routed: dict[str, tuple[str, Route | None] | None] = defaultdict(lambda: None)
@@ -181,6 +182,8 @@ class Placement:
         for name in held:
             i = fleet.row_of[name]
             poses[i] = _set_back(*poses[i], over_red[name] + BEFORE_END)
+            if (inside := self.where[name][1])[:1] == ":":
+                self._was_in[name] = junction_of(inside)
         for i in fleet.moved_rows:
             name, how = fleet.ids[i], EXACTLY
             on_path = name in self._on_path and name not in held and abs(aside(name)) < ASIDE
@@ -228,7 +231,8 @@ class Placement:
                 continue
             if before and not lane and self._put_back(name, before):
                 continue
-            if lane[:1] == ":" and before and before[0] != ":":
+            enters = lane[:1] == ":" and before and before[0] != ":"
+            if enters and self._was_in.pop(name, None) != junction_of(lane):
                 self._entries.append((name, before, lane))
             where[name], self._located[row] = (self._sumo.vehicle.getRoadID(name), lane), lane
             self._unsettled.add(name)

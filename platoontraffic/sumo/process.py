@@ -66,6 +66,7 @@ class Process:
             with self._logged():
                 self._sumo.start(options)
         except BaseException as error:
+            self._log_ends()
             self._file.close()
             if isinstance(error, self._sumo.TraCIException):
                 raise RefusedError(self._network, self._reason(error)) from error
@@ -94,9 +95,12 @@ class Process:
         if failed:
             with contextlib.suppress(self._sumo.FatalTraCIError):  # a remote SUMO may be gone
                 when = f"{self._sumo.simulation.getTime():g} s"
-        with self._logged():
-            self._sumo.close()
-        self._file.close()
+        try:
+            with self._logged():
+                self._sumo.close()
+        finally:
+            self._log_ends()
+            self._file.close()
         if failed:
             raise RunError(f"SUMO failed at {when}: {self._reason(error)}") from error
 
@@ -116,8 +120,8 @@ class Process:
 
     def _log_begins(self) -> None:
         """Messages go to the log: SUMO prints them from C++ to file descriptor 2, past Python's sys.stderr."""
-        # Ctrl-C may come between any two lines. What has begun is therefore known before it begins; `close`, which logs
-        # too, ends it if Ctrl-C did not let `_log_ends` run.
+        # Ctrl-C may come between any two lines. `_stderr` is set before descriptor 2 is turned to the log, so that a
+        # later call of `_log_ends` restores it if Ctrl-C ended this one.
         if sys.stderr:  # None in a process without a console
             sys.stderr.flush()
         if self._stderr is None:
@@ -133,7 +137,8 @@ class Process:
             return
         if stderr == CLOSED:
             self._stderr = None
-            os.close(2)
+            with contextlib.suppress(OSError):  # Ctrl-C came before it was turned to the log
+                os.close(2)
             return
         os.dup2(stderr, 2)
         self._stderr = None

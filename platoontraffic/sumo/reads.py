@@ -44,6 +44,7 @@ class Reads:
 
     def __init__(self, sumo: Client) -> None:
         self.lane_length = OfSumo(sumo, "lane", "getLength")
+        self.lane_width = OfSumo(sumo, "lane", "getWidth")
         self.length = OfSumo(sumo, "vehicle", "getLength")
         self.max_speed = OfSumo(sumo, "lane", "getMaxSpeed")
         self.links = OfSumo(sumo, "lane", "getLinks")
@@ -51,6 +52,7 @@ class Reads:
         self.people = OfSumo(sumo, "edge", "getLastStepPersonIDs")
         self.speed = OfSumo(sumo, "vehicle", "getSpeed")
         self.position = OfSumo(sumo, "vehicle", "getLanePosition")
+        self.aside = OfSumo(sumo, "vehicle", "getLateralLanePosition")
         self.acceleration = OfSumo(sumo, "vehicle", "getAccel")
         self.next_links = OfSumo(sumo, "vehicle", "getNextLinks")
         self.best_lanes = OfSumo(sumo, "vehicle", "getBestLanes")
@@ -58,8 +60,8 @@ class Reads:
         self.lights = OfSumo(sumo, "trafficlight", "getRedYellowGreenState")
         self.next_switch = OfSumo(sumo, "trafficlight", "getNextSwitch")
         self._of_instant = [
-            self.max_speed, self.links, self.on_lane, self.people, self.speed, self.position, self.acceleration,
-            self.next_links, self.best_lanes, self.waited, self.lights, self.next_switch,
+            self.max_speed, self.links, self.on_lane, self.people, self.speed, self.position, self.aside,
+            self.acceleration, self.next_links, self.best_lanes, self.waited, self.lights, self.next_switch,
         ]  # fmt: skip
 
     def renew(self) -> None:

@@ -96,7 +96,7 @@ class RightOfWay:
         # Members that were asked to let another one in: at the end of which lane, since when, and when last [s].
         self._asked: dict[str, tuple[str, float, float]] = {}
         self.members: frozenset[str] = frozenset()  # their ids ...
-        self.looking: frozenset[str] = frozenset()  # ... and of those with a law that heeds lines
+        self.obedient: frozenset[str] = frozenset()  # ... and of those with a law that heeds lines
 
     def renew(self) -> None:
         """SUMO has made a step: all vehicles are elsewhere."""
@@ -177,10 +177,10 @@ class RightOfWay:
         return -over if ego.speed**2 / (2 * STOPS_BY) < -over < stop < math.inf else stop
 
     def _needs_no_stop(self, foe: Approach, line: Line, priority_too: bool) -> bool:
-        """Whether a vehicle inside the junction with priority is looked for elsewhere, or one without will not be met.
+        """Whether `stop_before_foes` may leave out a vehicle that is inside the junction.
 
-        The latter waits midway, stops as this one would, or is beside: from the same edge, or ahead on the same lane. A
-        member with a law that heeds lines stops.
+        One with priority: unless those count too. One without: where it waits midway, stops (as a member with a law
+        that heeds lines does), or comes from the same edge, and so is beside or ahead on the same lane.
         """
         crossing = foe.crossing
         if crossing.swings or crossing.first:
@@ -188,7 +188,7 @@ class RightOfWay:
         if crossing.before.rpartition("_")[0] == line.lane.rpartition("_")[0]:
             return True
         left = foe.to_line + crossing.its[0]
-        may_stop = foe.id in self.looking and left > foe.pace.speed**2 / (2 * STOPS_BY)
+        may_stop = foe.id in self.obedient and left > foe.pace.speed**2 / (2 * STOPS_BY)
         return may_stop or 0 < foe.to_line + crossing.waits < math.inf
 
     def _sooner_where_it_is_narrow(self, line: Line, over: float) -> Iterator[Approach]:
@@ -292,7 +292,9 @@ class RightOfWay:
     def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
         """The foes that are met after, or before, the place where the vehicle may wait midway.
 
-        Others may pass close before its front where it waits. It cannot wait for a vehicle that it already blocks.
+        Before it are those whose paths its front touches, or if it touches them nowhere, whose paths meet its own,
+        nearer than that place: others pass close before its front where it waits. It cannot wait for a vehicle that it
+        already blocks.
         """
         begins = ((foe, foe.crossing.own[0], foe.crossing.touches) for foe in foes)
         if midway:
@@ -331,7 +333,8 @@ class RightOfWay:
     def _foes_outside(self, line: Line) -> list[tuple[Approach, Approach]]:
         """Those vehicles at their speed, and as they hurry.
 
-        One that comes to a stop sign stops there first. One that can stop at a yellow light does.
+        One that comes to a stop sign stops there first. One that can stop at a yellow light does, but for a member of a
+        convoy.
         """
         conflicts, now, found = self._conflicts[line], self._now, []
         for name, beyond in conflicts.entering:
@@ -343,7 +346,8 @@ class RightOfWay:
                 if crossing is None or not crossing.first or state in RED:
                     continue
                 to_line, speed = to_end - now.position[foe], now.speed[foe]
-                if state in YELLOW and speed**2 / (2 * STOPS_BY) < to_line:
+                stops_here = inside[0] == via and (foe in self.obedient or foe not in self.members)
+                if state in YELLOW and stops_here and speed**2 / (2 * STOPS_BY) < to_line:
                     continue
                 hurrying = Pace(speed, now.acceleration[foe], now.max_speed[name])
                 paces = Pace(speed), hurrying

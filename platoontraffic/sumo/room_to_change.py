@@ -52,7 +52,7 @@ class RoomToChange:
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
         self.members: frozenset[str] = frozenset()  # their ids
         self._over: dict[str, list[str]] = {}  # members that were going over to a lane at the last look
-        self.wanted: dict[str, Wanted] = {}  # by each member that has no room for its lane change, or is going over
+        self.wanted: dict[str, Wanted] = {}  # by each member without room for its lane change, going over, or let in
 
     def begin_look(self) -> None:
         """Before the members of a step are asked about."""
@@ -80,29 +80,31 @@ class RoomToChange:
         patient = self._now.waited[ego.id] < QUEUE_PATIENCE and ego.id not in self._let_in
         queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
         if stop > 0 and (queue or not self._is_room(line, distance, half, ego)):
-            self._want(line, distance, half, ego)
+            self._want(line, distance, half, ego, distance < 0)
             return min(stop, ego.stops_within if distance < 0 else self._falls_back(line, distance, ego))
         if distance < 0 and ego.lane != line.onto:
-            self._want(line, distance, max(half, 0.0), ego)
+            self._want(line, distance, max(half, 0.0), ego, True)
             return self._falls_back(line, distance, ego)
         if ego.id in self._let_in and ego.lane != line.onto:  # the vehicle that lets it in stays until then
-            self._want(line, distance, half, ego)
+            self._want(line, distance, half, ego, distance < 0)
         return inf
 
     def _goes_over_here(self, line: Line, ego: Ego) -> float:
         """As `may_change`, for a lane change that begins at the vehicle's front; without room it stops at once."""
-        half = 0.5 * line.across
-        self._want(line, 0.0, half, ego)
+        share = min(abs(self._now.aside[ego.id]) / self._now.lane_width[ego.lane], 0.5)  # that it has done
+        half = (0.5 - share) * line.across
+        self._want(line, 0.0, half, ego, share > HARDLY_BEGUN)
         return inf if self._is_room(line, 0.0, half, ego) else ego.stops_within
 
-    def _want(self, line: Line, distance: float, half: float, ego: Ego) -> None:
+    def _want(self, line: Line, distance: float, half: float, ego: Ego, begun: bool) -> None:
         """Of several changes on its edge the first one counts.
 
-        half: distance after which half of the member is over on the lane [m]
+        half : distance after which half of the member is over on the lane [m]
+        begun: it is going over
         """
         behind = ego.length + room_needed(ego.length, 0.0, 0.0) - half + self._farther_on(line, distance, ego)
         urgent = self._ends_soon(line, distance)
-        self.wanted.setdefault(ego.id, Wanted(line.onto, behind, distance < 0, urgent))
+        self.wanted.setdefault(ego.id, Wanted(line.onto, behind, begun, urgent))
 
     def _farther_on(self, line: Line, distance: float, ego: Ego) -> float:
         """How much farther on along its lane SUMO has a vehicle than its route: an askew one by a metre [m]."""

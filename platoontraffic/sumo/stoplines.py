@@ -92,6 +92,7 @@ class StopLines:
         self._far: dict[str, FarLine] = {}  # of members that had one at the last look
         # Members that stand with their front a little over a red line, and how far over it [m].
         self.over_red: dict[str, float] = {}
+        self._were_over_red: frozenset[str] = frozenset()  # at the last look
         self._later = LaterChanges(network, sumo, self._change)
 
     @property
@@ -120,10 +121,11 @@ class StopLines:
             self._way.members = self._change.members = frozenset(fleet.ids)
             rows = enumerate(progress.rows.tolist())
             self._asking = [(k, i, Ego.of(members[i])) for k, i in rows if "signals" in members[i].law.needs]
-            self._way.looking = frozenset(ego.id for _, _, ego in self._asking)
+            self._way.obedient = frozenset(ego.id for _, i, ego in self._asking if members[i].law.heeds_lines)
             self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
             self._far = {name: self._far[name] for name in fleet.ids if name in self._far}
         self._way.stops.clear()
+        self._were_over_red = frozenset(self.over_red)
         self.over_red.clear()
         if not self._asking:
             return None
@@ -227,7 +229,9 @@ class StopLines:
         passed, over, lines = member.route.lines_about(station, checks_from)
         if passed and passed.via and passed.state != CHANGING and ego.lane[:1] == ":" and ego.lane not in passed.via:
             ego = self._on_its_route(passed, over, ego)
-        is_over = passed and (ego.lane in passed.via or (ego.lane == passed.lane and over < OVERRUN * ego.size))
+        # SUMO may have one that it was told to have before a red line on a lane beside.
+        before = ego.lane == passed.lane or ego.id in self._were_over_red if passed else False
+        is_over = passed and (ego.lane in passed.via or (before and over < OVERRUN * ego.size))
         may_stop = is_over or (passed and passed.state == CHANGING)
         if may_stop and (state := self._passed(self._at_junction[passed, ego.kind], over, ego)):
             if passed.state == CHANGING and self._change.has_hardly_begun(passed, over):

@@ -28,11 +28,12 @@ class WaitingPlaces:
         self._sumo, self._step = sumo, step
         self._kept: set[str] = set()
 
-    def observe(self, stops: Mapping[str, float], passed: Set[str] = frozenset()) -> None:
+    def observe(self, stops: Mapping[str, float], passed: Set[str] = frozenset()) -> Set[str]:
         """Before every step. The vehicles that are not named drive on.
 
         stops  : distances after which vehicles are to stop [m]
         passed : vehicles that stay where they stand
+        returns: those whose speed is given now
         """
         vehicle = self._sumo.vehicle
         stops = {**dict.fromkeys(filter(self._stands, sorted(passed)), 0.0), **stops}
@@ -42,6 +43,7 @@ class WaitingPlaces:
         for name, room in stops.items():
             vehicle.setSpeed(name, speed_to_stop(vehicle.getSpeed(name), room, STOPS_BY, self._step))
         self._kept = {*stops}
+        return self._kept
 
     def _stands(self, name: str) -> bool:
         try:

@@ -18,7 +18,7 @@ from platoontraffic.sumo.background import PERSON, Background
 from platoontraffic.sumo.client import Client, direct, libsumo
 from platoontraffic.sumo.conflicts import load as load_conflicts
 from platoontraffic.sumo.departures import in_the_way
-from platoontraffic.sumo.lane_ends import LaneEnds
+from platoontraffic.sumo.first_on_lanes import FirstOnLanes
 from platoontraffic.sumo.letting_go import LettingGo
 from platoontraffic.sumo.letting_in import LettingIn
 from platoontraffic.sumo.obstacles import HeldObstacles
@@ -75,7 +75,7 @@ class World:
         self._obstacles = HeldObstacles(self._sumo, network.drivable, self._background)
         self._placement = Placement(self._sumo, network, step)
         self._letting_go = LettingGo(self._sumo, network)
-        self._letting_in, self._lane_ends = LettingIn(self._sumo, step), LaneEnds(self._sumo)
+        self._letting_in, self._first_on_lanes = LettingIn(self._sumo, step), FirstOnLanes(self._sumo)
         self._lines = StopLines(network, self._sumo, self._letting_in)
         self._waiting_places = WaitingPlaces(self._sumo, step)
         self._trips = Trips(self._sumo, self._placement, step)
@@ -181,9 +181,10 @@ class World:
         raises: RunError (a pose is not finite)
         """
         self._letting_go.observe(fleet, self._placement.where, self._clock)
-        unwilling = self._obstacles.in_sumo | fleet.followers_of_platoons
-        self._waiting_places.observe(self._lines.waiting_places, passed - self._placement.where.keys())
-        theirs = self._lane_ends.room_wanted(fleet.ids, self._placement.where)
+        told = self._waiting_places.observe(self._lines.waiting_places, passed - self._placement.where.keys())
+        unwilling = self._obstacles.in_sumo | fleet.followers_of_platoons | told
+        theirs = self._first_on_lanes.room_wanted(fleet.ids, self._placement.where)
+        theirs = {name: wanted for name, wanted in theirs.items() if name not in self._obstacles.in_sumo}
         self._letting_in.observe({**self._lines.room_wanted, **theirs}, self._placement.where, unwilling)
         self._placement.place(fleet, brakes, self._lines.over_red)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +12,17 @@ import pytest
 from platoontraffic.sumo import letting_in
 from platoontraffic.sumo.client import libsumo as sumo
 from platoontraffic.sumo.ego import Ego
-from platoontraffic.sumo.letting_in import AFTER, BRAKING, GIVEN_UP, GOES_OVER, LONGEST, SPARE, LettingIn
+from platoontraffic.sumo.letting_in import (
+    AFTER,
+    BRAKING,
+    FORGOTTEN,
+    GIVEN_UP,
+    GOES_OVER,
+    LONGEST,
+    SPARE,
+    LettingIn,
+    Patience,
+)
 from platoontraffic.sumo.room_to_change import Wanted
 from platoontraffic.sumo.stoplines import LineState, StopLines
 from tests.support.generated import crossroads
@@ -118,11 +130,11 @@ def test_it_is_still_there_when_the_queue_before_it_moves_on(column, begins):
 
 @pytest.mark.parametrize("begins", [np.inf, AFTER + 5.0])
 def test_it_does_not_wait_for_ever_behind_one_that_has_broken_down(column, monkeypatch, begins):
-    monkeypatch.setattr(letting_in, "LONGEST_IN_QUEUE", 50.0)
+    monkeypatch.setattr(letting_in, "Patience", partial(Patience, in_queue=50.0))
     asked = []
     monkeypatch.setattr(LettingIn, "_hold", lambda self, foe, *_: asked.append(self._sumo.simulation.getTime()))
     column([FRONT - 1.0, 20.0], 120.0, jam=120.0, begins=begins)
-    longest = 50.0 + (GOES_OVER if begins < np.inf else LONGEST)
+    longest = 50.0 + (begins - AFTER + GOES_OVER if begins < np.inf else LONGEST)  # it drives up to the queue at first
     assert 50.0 < max(asked) - min(asked) < longest + 1.0
 
 
@@ -219,16 +231,63 @@ def test_a_member_keeps_its_stop_while_the_one_that_it_lets_in_is_off_the_road_t
 
 def test_one_that_has_waited_for_a_while_waits_again_but_not_for_longer_in_all():
     """A member that looked for room farther on was not let in by those that had stopped for it before."""
+    wishes = repeated(Wanted("wc_1", BEHIND - SPARE, False), 8.0, 5.0)
+    waited = waited_for(wishes, 4 * LONGEST)
+    time = np.arange(len(waited)) * STEP
+    expected = (time // 8.0) * (5.0 + GIVEN_UP) + np.minimum(time % 8.0, 5.0 + GIVEN_UP)
+    assert waited[time < 16.0] == pytest.approx(expected[time < 16.0], abs=0.4)
+    assert waited[-1] == pytest.approx(LONGEST, abs=1.0)
+
+
+def test_it_does_not_wait_for_longer_in_all_for_one_that_begins_again_and_again():
+    """Each new wish after the lane change had begun was waited for anew, for 538 of 600 s."""
+    begins = repeated(Wanted("wc_1", BEHIND - SPARE, False), 20.0, 12.0)
+    goes_over = repeated(Wanted("wc_1", BEHIND - SPARE, True), 20.0, 17.0)
+    waited = waited_for(lambda time: begins(time) or goes_over(time), 600.0)
+    assert waited[-1] == pytest.approx(LONGEST + GOES_OVER, abs=2.0)
+
+
+def test_it_waits_anew_for_one_that_has_long_wanted_nothing():
+    wishes = repeated(Wanted("wc_1", BEHIND - SPARE, False), FORGOTTEN + 40.0, 30.0)
+    assert waited_for(wishes, 2 * FORGOTTEN + 80.0)[-1] == pytest.approx(2 * LONGEST, abs=1.0)
+
+
+def test_one_that_then_wants_another_lane_is_let_in_there():
+    """The vehicle behind it was held on."""
     now = SimpleNamespace(time=100.0)
-    letting_in = LettingIn(two_members(20.0, now), STEP)
-    waited = 0.0
-    for k in range(round(4 * LONGEST / STEP)):
-        wanted = {"member": Wanted("wc_1", BEHIND - SPARE, False)} if k * STEP % 8.0 < 5.0 else {}
-        letting_in.observe(wanted, WHERE)
-        waited += STEP * bool(letting_in.waiting)
+    client = two_members(20.0, now)
+    client.lane.getLastStepVehicleIDs = {"wc_1": ("polite",), "wc_2": ("third",)}.get
+    place = client.vehicle.getLanePosition
+    client.vehicle.getLanePosition = lambda name: 10.0 if name == "third" else place(name)
+    letting_in, where = LettingIn(client, STEP), WHERE | {"third": ("wc", "wc_2")}
+    letting_in.observe({"member": Wanted("wc_1", 2.0, True)}, where)
+    assert letting_in.waiting == {"member": "polite"}
+    for _ in range(2):
+        letting_in.observe({"member": Wanted("wc_2", 2.0, False)}, where | {"member": ("wc", "wc_1")})
+        assert letting_in.waiting == {"member": "third"}
+        assert letting_in.stops.keys() == {"third"}
+
+
+def test_a_vehicle_that_is_told_its_speed_elsewhere_lets_nobody_in_any_more():
+    letting_in = LettingIn(two_members(20.0, SimpleNamespace(time=100.0)), STEP)
+    wanted = {"member": Wanted("wc_1", BEHIND - SPARE, False)}
+    letting_in.observe(wanted, WHERE)
+    assert letting_in.waiting
+    letting_in.observe(wanted, WHERE, {"polite"})
+    assert not letting_in.waiting
+
+
+def repeated(wanted: Wanted, period: float, lasts: float) -> Callable[[float], dict[str, Wanted]]:
+    """A member's wish at a time since the begin [s]: for `lasts` at the begin of each period [s]."""
+    return lambda time: {"member": wanted} if time % period < lasts else {}
+
+
+def waited_for(wishes: Callable[[float], dict[str, Wanted]], seconds: float) -> np.ndarray:
+    """How long the other member has waited, after each step [s]."""
+    now = SimpleNamespace(time=100.0)
+    letting_in, waits = LettingIn(two_members(20.0, now), STEP), []
+    for k in range(round(seconds / STEP)):
+        letting_in.observe(wishes(k * STEP), WHERE)
+        waits.append(STEP * bool(letting_in.waiting))
         now.time += STEP
-        if k * STEP < 16.0:
-            assert waited == pytest.approx(
-                (k * STEP // 8.0) * (5.0 + GIVEN_UP) + min(k * STEP % 8.0, 5.0 + GIVEN_UP), abs=0.4
-            )
-    assert waited == pytest.approx(LONGEST, abs=1.0)
+    return np.cumsum(waits)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 
 from platoontraffic import scenario, simulation
 from platoontraffic.errors import InputError
+from platoontraffic.sumo.passages import Passages
 from tests.support.runs import run
 
 pytestmark = pytest.mark.sumo
@@ -51,6 +53,24 @@ def test_every_member_passes_once(tmp_path):
     assert rows.member.tolist() == [member[vehicle] for vehicle in rows.vehicle_id]
     assert rows.member.mean() > 0.9
     assert set(rows.type) == {"car"}
+
+
+def test_a_member_that_is_put_back_before_its_red_line_passes_once():
+    """Its front was a little over the line; it passed again at green, half a minute later."""
+    here = SimpleNamespace(road="road")
+    client = SimpleNamespace(
+        TraCIException=KeyError,
+        vehicle=SimpleNamespace(getRoadID=lambda _: here.road, getTypeID=lambda _: "car", getSpeed=lambda _: 0.0),
+        lane=SimpleNamespace(getLastStepVehicleIDs=lambda _: ("m",) if here.road == "road" else ()),
+    )
+    network = SimpleNamespace(
+        edges={"road": [None]}, beyond=lambda _: lambda road: road in (":a_0", "next", ":b_0", "far"),
+    )  # fmt: skip
+    counter = Passages(client, network, ["road"], SimpleNamespace(knows=lambda _: False))
+    roads = [(0.0, "road"), (1.0, ":a_0"), (2.0, "road"), (30.0, "road"), (31.0, ":a_0"), (33.0, "next"),
+             (40.0, ":b_0"), (60.0, "road"), (61.0, ":a_0")]  # fmt: skip
+    times = [time for time, here.road in roads if counter.observe((), time)]
+    assert times == [1.0, 61.0]
 
 
 def test_an_edge_that_is_not_there_is_named():

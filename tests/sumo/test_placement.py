@@ -64,8 +64,30 @@ def test_a_member_held_a_little_over_its_line_is_before_it_for_sumo():
     (member,) = platoon(PathLeader(), model=CAR, at=(30.0, 0.0, np.pi / 2))
     fleet = Fleet.deployed([member], 0.1)
     placement._on_path.add(member.id)
+    placement.where[member.id] = ":a_0", ":a_0_0"
     for over in ({}, {member.id: 0.4, "gone": 0.3}):
         placement.place(fleet, None, over)
     (_, _, _, x, y, angle, *_), (_, _, _, its_x, its_y, its_angle, *how) = moved
     assert (its_x, its_y, its_angle) == pytest.approx((x, y - 0.4 - BEFORE_END, angle))
     assert tuple(how) == EXACTLY
+
+
+def test_a_member_that_was_set_back_before_its_line_enters_the_junction_once():
+    """At yellow, and again at green: it counted as two, the second as one that failed to yield."""
+    here = SimpleNamespace(lane="")
+    vehicle = SimpleNamespace(
+        getLaneID=lambda _: here.lane, getRoadID=lambda _: here.lane.rpartition("_")[0],
+        moveToXY=lambda *_: None, getLateralLanePosition=lambda _: 0.0,
+    )  # fmt: skip
+    client = SimpleNamespace(vehicle=vehicle, lane=SimpleNamespace(getLength=lambda _: 50.0))
+    placement = Placement(client, SimpleNamespace(left_hand=False, edges={}), 0.1)
+    placement._shadows = SimpleNamespace(cast=lambda _: None, observe=lambda *_: None)
+    (member,) = platoon(PathLeader(), model=CAR)
+    fleet, held = Fleet.deployed([member], 0.1), {member.id: 0.4}
+    for here.lane, over_red in (
+        ("road_0", {}), (":a_0_0", held), ("road_0", held), (":a_1_0", {}), ("next_0", {}),
+        (":b_0_0", {}), ("road_0", {}), (":a_0_0", {}),
+    ):  # fmt: skip
+        placement.locate(fleet)
+        placement.place(fleet, None, over_red)
+    assert [entry[2] for entry in placement.entries()] == [":a_0_0", ":b_0_0", ":a_0_0"]

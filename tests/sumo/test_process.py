@@ -61,25 +61,41 @@ def _stderr_is(path):
             os.close(before)
 
 
+def _started(sumo):
+    sumo.start([])
+
+
+def _stepped(sumo):
+    sumo.step()
+
+
+def _closed(sumo):
+    sumo.close(None)
+
+
 @pytest.mark.skipif(sys.gettrace() is not None, reason="the tests are traced")
-def test_ctrl_c_at_any_line_of_a_step_leaves_stderr_to_the_program(tmp_path):
-    interrupted = True
+@pytest.mark.parametrize("interrupted", [_started, _stepped, _closed])
+def test_ctrl_c_at_any_line_leaves_stderr_to_the_program(tmp_path, interrupted):
+    calls = [_started, _stepped, _closed]
+    before, after = calls[: calls.index(interrupted)], calls[calls.index(interrupted) + 1 :]
     for line in itertools.count():
-        terminal = tmp_path / f"terminal {line}"
+        terminal, is_interrupted = tmp_path / f"terminal {line}", False
         sumo = Process(_Silent(), tmp_path / "net.xml", tmp_path / "log")
         with _stderr_is(terminal):
-            sumo.start([])
+            for call in before:
+                call(sumo)
             _interrupt_at_line(line)
             try:
-                sumo.step()
-                interrupted = False
+                interrupted(sumo)
             except KeyboardInterrupt:
-                pass
+                is_interrupted = True
             finally:
                 sys.settrace(None)
-            sumo.close(None)
+            if not (is_interrupted and interrupted is _started):
+                for call in after:
+                    call(sumo)
             os.write(2, b"of the program\n")
         assert terminal.read_bytes() == b"of the program\n", f"interrupted at line {line} of those that ran"
-        if not interrupted:
+        if not is_interrupted:
             break
     assert line > 10

@@ -16,6 +16,7 @@ import shapely
 from platoontraffic import shipped
 from platoontraffic.controllers import CLOSED_BY
 from platoontraffic.controllers.path import PathLeader
+from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, Mount
 from platoontraffic.observation.observer import Observer
 from platoontraffic.road.gap_acceptance import Pace
@@ -538,7 +539,7 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
     conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
-    way.members, way.looking = {"m.0", "m.1", "m.2"}, {"m.0", "m.1"}
+    way.members, way.obedient = {"m.0", "m.1", "m.2"}, {"m.0", "m.1"}
     way._now = SimpleNamespace(
         on_lane={":a_1": [name]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={name: 1.0},
         speed={name: 3.0}, acceleration={name: 2.6}, length={name: 5.0},
@@ -567,7 +568,7 @@ def test_of_two_members_that_turn_left_against_each_other_the_one_that_comes_lat
     conflicts = Conflicts((), {}, (), np.inf, 50.0, 0.0, narrow=(narrow,))
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
-    way.members = way.looking = {"m.0", "m.1"}
+    way.members = way.obedient = {"m.0", "m.1"}
     way._now = SimpleNamespace(
         on_lane={":a_1": [name]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={name: position},
         speed={name: speed}, acceleration={name: 2.6}, length={name: 5.0},
@@ -722,6 +723,35 @@ def test_a_foe_that_comes_to_a_stop_sign_stops_there_first(state, has_gap):
     assert way._has_gap_among(way._patiently[line], line, 1.0, ego, 1.0, 1.0) == has_gap
 
 
+@pytest.mark.parametrize(
+    ("name", "inside", "counts"),
+    [
+        ("c", (":a_1", ":b_0"), False),  # it stops at the yellow light of this junction
+        ("c", (":b_0", ":a_1"), True),  # that light is at the junction before
+        ("m.1", (":a_1", ":b_0"), False),  # a member that heeds lines
+        ("m.2", (":a_1", ":b_0"), True),  # one that follows its predecessor over them
+    ],
+)
+def test_a_vehicle_that_stops_at_its_yellow_light_does_not_come(monkeypatch, name, inside, counts):
+    line = Line(100.0, "m", "", 0, "side_0", "main_0", (":a_0",), 15.0)
+    crossing = Crossing("before_0", (":a_1",), (10.0, 16.0), (7.0, 12.0), False, True, np.inf, 10.0)
+    now = SimpleNamespace(
+        on_lane={"before_0": [name]}, lane_length={"before_0": 100.0}, position={name: 60.0}, speed={name: 10.0},
+        acceleration={name: 2.6}, max_speed={"before_0": 13.9},
+    )  # fmt: skip
+    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    way = RightOfWay(SimpleNamespace(), now, {line: conflicts})
+    way.members, way.obedient = {"m.1", "m.2"}, {"m.1"}
+    monkeypatch.setattr(RightOfWay, "_links_ahead", lambda *_: (inside, "y"))
+    assert bool(way._foes_outside(line)) == counts
+
+
+@pytest.mark.parametrize(("policy", "heeds"), [("convoy", False), ("obey", True)])
+def test_a_member_of_a_convoy_is_not_expected_to_stop_at_lines(policy, heeds):
+    assert TrackingFollower(policy=policy, on_loss="drive").heeds_lines == heeds
+    assert PathLeader().heeds_lines
+
+
 @pytest.mark.parametrize(("own", "its", "has_gap"), [(1.6, 0.3, True), (0.8, 1.5, False), (1.6, 0.0, True)])
 def test_at_an_all_way_stop_who_sets_out_later_has_waived_the_right_of_way(monkeypatch, own, its, has_gap):
     """The other one had stood for longer, but did not drive when its turn came."""
@@ -820,7 +850,20 @@ def test_a_member_enters_to_wait_midway_where_others_pass_close_before_its_front
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: SimpleNamespace(waits=10.7)})
     foes = [Approach("c", crossing, 20.0, Pace(14.0))]
     assert way._met(line, foes, 1.0, midway=False) == ([] if enters else foes)
-    assert way._met(line, foes, 1.0, midway=True) == foes
+    assert way._met(line, foes, -9.5, midway=True) == (foes if enters else [])  # it has come so far
+
+
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("lane", ["road_1", ""])
+def test_a_member_that_was_set_back_onto_a_lane_beside_is_still_held(monkeypatch, lane, held):
+    """The look after that found no closed line, and it would have driven on at red."""
+    line = Line(0.0, "G", "a", 0, "road_0", "next_0", (":a_0",), 20.0)
+    lines, red = StopLines(None, None), LineState(0.6, False, False, False, LIGHT)
+    lines._were_over_red = frozenset({"m.0"} if held else ())
+    monkeypatch.setattr(StopLines, "_passed", lambda *_: red)
+    member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, 0.4, ())))
+    state = lines._state(member, 100.4, Ego("m.0", lane, 0.0, CAR.length))
+    assert state == (red if held else NO_LINE)
 
 
 @pytest.mark.parametrize("via", [(":a_0",), (":a_0", ":a_2")])
@@ -1164,7 +1207,7 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     class Two(SimpleNamespace):
         __len__ = lambda self: 2  # noqa: E731
 
-    law, model = SimpleNamespace(needs={"signals"}), SimpleNamespace(length=5.0)
+    law, model = SimpleNamespace(needs={"signals"}, heeds_lines=True), SimpleNamespace(length=5.0)
     members = tuple(SimpleNamespace(id=f"m.{k}", law=law, model=model, route=None) for k in (0, 1))
     fleet = Two(
         members=members, ids=("m.0", "m.1"), progress=SimpleNamespace(rows=np.arange(2), station=np.zeros(2)),
@@ -1175,7 +1218,7 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     lines = StopLines(SimpleNamespace(), client, letting_in)
     monkeypatch.setattr(StopLines, "_state", lambda *_: NO_LINE)
     signals = lines.signals(fleet, {"m.0": ("road", "road_0"), "m.1": ("road", "road_0")})
-    assert lines._way.looking == {"m.0", "m.1"}
+    assert lines._way.obedient == {"m.0", "m.1"}
     assert signals.open.tolist() == [True, False]
     assert signals.distance[1] == pytest.approx(6.0)
 

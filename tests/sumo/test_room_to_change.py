@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from platoontraffic.controllers.lane_room import room_needed
 from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Reads
@@ -164,18 +165,32 @@ def test_a_member_that_is_let_in_wants_the_room_until_it_is_over(let_in, distanc
     assert list(change.wanted) == (["m.0"] if let_in and lane == "road_0" else [])
 
 
-@pytest.mark.parametrize(("behind", "goes"), [(28.0, False), (5.0, True)])
-def test_a_member_that_has_driven_past_its_lane_change_looks_for_room_where_it_is(behind, goes):
+@pytest.mark.parametrize(
+    ("aside", "begun", "left"),
+    [
+        (0.1, False, 0.469),  # share of the lane change that is left until half of it is over
+        (-0.8, True, 0.25),
+        (1.6, True, 0.0),
+    ],
+)
+@pytest.mark.parametrize(("behind", "goes"), [(28.0, False), (8.0, True)])
+def test_a_member_that_has_driven_past_its_lane_change_looks_for_room_where_it_is(behind, goes, aside, begun, left):
     """It had followed another one on its lane, and went over before a member that came from behind at 12 m/s."""
     places = {"road_0": [("m.0", 60.0)], "road_1": [("comes", 60.0 - behind)]}
     client = client_of(places)
     client.vehicle.getSpeed = lambda name: 2.0 if name == "m.0" else 12.0 if not goes else 0.0
+    client.vehicle.getLateralLanePosition, client.lane.getWidth = lambda _: aside, lambda _: 3.2
     change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client))
     line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 90.0)  # from 10 to 26 m
     ego = Ego("m.0", "road_0", 2.0, 5.0)
     assert change.may_change(line, -50.0, ego) == (np.inf if goes else pytest.approx(ego.stops_within))
     assert change.wanted["m.0"].lane == "road_1"
+    assert change.wanted["m.0"].begun == begun
+    assert change.wanted["m.0"].behind == pytest.approx(5.0 + room_needed(5.0, 0.0, 0.0) - left * 16.0, abs=0.01)
     assert change.may_change(line, -50.0, ego._replace(lane="road_1")) == np.inf
+    change.members = frozenset({"m.0"})
+    change.begin_look()  # others know of it on the lane that it goes over to
+    assert ("m.0" in change._over.get("road_1", [])) == begun
 
 
 def test_a_member_that_is_going_over_is_not_the_first_vehicle_behind_itself():

@@ -1,4 +1,4 @@
-"""Vehicles of SUMO's at ends of lanes, which must go over to a lane of members."""
+"""Vehicles of SUMO's that stand first on their lanes, and must go over to a lane of members."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from platoontraffic.sumo.lane_ends import EVERY, LaneEnds
+from platoontraffic.sumo.first_on_lanes import EVERY, FirstOnLanes
 from platoontraffic.sumo.letting_in import AFTER, LettingIn
 
 MEMBERS = {"m": ("road", "road_1"), "inside": (":j_0", ":j_0_0"), "off the road": ("road", "")}
@@ -49,7 +49,7 @@ class Road:
     ],
 )
 def test_a_vehicle_that_stands_first_on_its_lane_and_not_at_a_stop_wants_over(road, wants):
-    found = LaneEnds(road.client).room_wanted((*MEMBERS, "not there yet"), MEMBERS)
+    found = FirstOnLanes(road.client).room_wanted((*MEMBERS, "not there yet"), MEMBERS)
     assert list(found) == (["bus"] if wants else [])
     if wants:
         assert found["bus"].lane == "road_1"
@@ -59,18 +59,18 @@ def test_a_vehicle_that_stands_first_on_its_lane_and_not_at_a_stop_wants_over(ro
 
 def test_a_member_at_the_end_of_its_lane_asks_by_itself():
     """By `StopLines.room_wanted`."""
-    assert not LaneEnds(Road().client).room_wanted(MEMBERS, {**MEMBERS, "bus": ("road", "road_0")})
+    assert not FirstOnLanes(Road().client).room_wanted(MEMBERS, {**MEMBERS, "bus": ("road", "road_0")})
 
 
 def test_ends_of_lanes_are_looked_at_once_a_second():
     road = Road()
-    ends = LaneEnds(road.client)
-    assert ends.room_wanted(MEMBERS, MEMBERS)
+    first = FirstOnLanes(road.client)
+    assert first.room_wanted(MEMBERS, MEMBERS)
     road.client.vehicle.getSpeed = lambda _: 3.0
     road.time = EVERY / 2
-    assert ends.room_wanted(MEMBERS, MEMBERS)
+    assert first.room_wanted(MEMBERS, MEMBERS)
     road.time = EVERY
-    assert not ends.room_wanted(MEMBERS, MEMBERS)
+    assert not first.room_wanted(MEMBERS, MEMBERS)
 
 
 @pytest.mark.parametrize("waited", [AFTER - 1.0, AFTER])
@@ -78,22 +78,22 @@ def test_the_first_member_that_can_stop_behind_it_lets_it_in(waited):
     """The one before it, 25 m from the front at 8 m/s, cannot. SUMO's own are left to SUMO."""
     road = Road(waited=waited)
     where = {"m": ("road", "road_1"), "m2": ("road", "road_1")}
-    letting_in, ends = LettingIn(road.client, 0.1), LaneEnds(road.client)
-    wanted = ends.room_wanted(where, where)
+    letting_in, first = LettingIn(road.client, 0.1), FirstOnLanes(road.client)
+    wanted = first.room_wanted(where, where)
     letting_in.observe(wanted, where)
     rear = 95.0 - (wanted["bus"].behind + 1.0)
     assert letting_in.stops == ({"m": ("road_1", pytest.approx(rear))} if waited >= AFTER else {})
     only = {"m2": where["m2"]}  # the other one is SUMO's
     letting_in = LettingIn(road.client, 0.1)
-    letting_in.observe(ends.room_wanted(only, only), only)
+    letting_in.observe(first.room_wanted(only, only), only)
     assert not letting_in.waiting
 
 
 @pytest.mark.parametrize("gone", [True, False])
 def test_a_member_drives_on_once_the_vehicle_is_on_its_lane_or_gone(gone):
     road, where = Road(), {"m": ("road", "road_1")}
-    letting_in, ends = LettingIn(road.client, 0.1), LaneEnds(road.client)
-    letting_in.observe(ends.room_wanted(where, where), where)
+    letting_in, first = LettingIn(road.client, 0.1), FirstOnLanes(road.client)
+    letting_in.observe(first.room_wanted(where, where), where)
     assert letting_in.stops
     if gone:
         del road.lane_of["bus"]

@@ -18,7 +18,7 @@ from platoontraffic.sumo.room_to_change import Wanted
 EVERY = 1.0  # time from one look to the next [s]
 
 
-class LaneEnds:
+class FirstOnLanes:
     """What these vehicles want; it stays the same until the next look."""
 
     def __init__(self, sumo: Client) -> None:
