@@ -64,7 +64,8 @@ class DrivenPaths:
     def project(self, number: np.ndarray, x, y, near, window) -> tuple[np.ndarray, np.ndarray]:
         """Stations of the nearest points within `window` of stations `near`, and offsets to the left [m]; arrays (m,).
 
-        Both are NaN where the nearest point has been forgotten.
+        Both are NaN where the nearest point has been forgotten. Behind its first point a path goes straight on, and
+        stations are negative.
         """
         station, offset = np.empty(len(number)), np.empty(len(number))
         _project_all(self._points, self._size, number, x, y, near, window, station, offset)
@@ -140,9 +141,21 @@ def located(points, size, k, x, y, near, window):
     first = points[k, 0, 2]  # above 0 if something has been forgotten
     if first == 0.0 or near + window > first:
         station, aside = _project(points[k], size[k], x, y, near, window)
+        if first == 0.0 and station == 0.0 and size[k] > 1:
+            return _behind(points[k], x, y, aside)
         if first == 0.0 or station > first:
             return station, aside
     return math.nan, math.nan
+
+
+@compiled
+def _behind(path, x, y, aside):
+    """Station and offset of a position on the first piece of a path, prolonged backwards; 0 and `aside` if it is not
+    behind the first point."""
+    ahead_x, ahead_y, dx, dy = path[1, 0] - path[0, 0], path[1, 1] - path[0, 1], x - path[0, 0], y - path[0, 1]
+    piece = math.hypot(ahead_x, ahead_y)
+    along = (dx * ahead_x + dy * ahead_y) / piece
+    return (along, (ahead_x * dy - ahead_y * dx) / piece) if along < 0.0 else (0.0, aside)
 
 
 @compiled

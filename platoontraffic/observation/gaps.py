@@ -19,8 +19,9 @@ POINTS_PER_LENGTH = 24  # most points of a driven path within one vehicle length
 class Gaps:
     """Gap and cross-track error of every follower, from the paths of all members' driven axles.
 
-    Arrays (N,) of all members of the run, by their number; NaN without a predecessor, and for a follower that SUMO
-    drives while it is not behind its predecessor on that path.
+    Before its first point a path is prolonged backwards. Arrays (N,) of all members of the run, by their number; NaN
+    without a predecessor, for a follower far aside of the prolonged part, and for one that SUMO drives while it is not
+    behind its predecessor on that path.
     """
 
     def __init__(self, members: Sequence[Member]) -> None:

@@ -12,6 +12,7 @@ from platoontraffic.geometry.driven_paths import end_of, extend, located
 from platoontraffic.lidar.compiled import compiler
 
 DETOUR = 2.0  # longest path to a new predecessor, over the straight distance to it [1]
+SIDEWAYS = 0.5  # greatest offset from a path that is prolonged backwards, over the distance from its begin [1]
 
 compiled = compiler(__file__, driven_paths.__file__, polyline.__file__)
 
@@ -53,8 +54,10 @@ def locate(paths, state, number, predecessor, x, y, reversing, body, native):
             near, reach = end_front - away, DETOUR * (away + length[i])
         station, offset = located(points, size, k_front, x[i], y[i], near, reach)
         gap = (end_front - length[front] / 2 - axle[front]) - (station + length[i] / 2 - axle[i])
-        # SUMO's cars change lanes as they like, and pass each other.
-        if not (native[i] and (abs(offset) > (width[i] + width[front]) / 2 or gap < 0)):
+        # Behind the begin of its predecessor's path it may come round a corner. SUMO's cars change lanes as they like,
+        # and pass each other.
+        elsewhere = station < 0.0 and abs(offset) > width[i] + width[front] - SIDEWAYS * station
+        if not elsewhere and not (native[i] and (abs(offset) > (width[i] + width[front]) / 2 or gap < 0)):
             state.gap[k], state.cross_track[k] = gap, offset
         state.station[k] = state.station[k] + driven if math.isnan(station) else station
         state.ahead[k], state.end[k] = k_front, end

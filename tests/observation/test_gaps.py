@@ -42,6 +42,28 @@ def test_gaps_are_those_of_whole_arrays(seed):
     assert apart > 300
 
 
+@pytest.mark.parametrize(("aside", "is_known"), [(0.0, True), (3.2, True), (90.0, False)])
+@pytest.mark.parametrize("speed", [0.0, 4.0])
+def test_the_gap_to_a_new_predecessor_is_that_to_where_it_is_also_from_behind_its_start(speed, aside, is_known):
+    """A member that was told to join another one 96 m ahead had a gap of 0.1 m, and a near miss."""
+    gaps, n, x, y = Gaps(cars(N - 1)), np.arange(N), -200.0 * np.arange(N), np.zeros(N)
+    x[1], y[1], speeds = x[0] - 115.0, aside, np.where(n == 1, 10.0, speed * (n == 0))
+    alone, joined = np.full(N, -1), np.where(n == 1, 0, -1)
+    for k in range(60):
+        step = _step(n, alone if k < 2 else joined, x, y, np.zeros(N), speeds, np.zeros(N, bool))
+        if k == 0:
+            gaps.begin(step, n)
+        gaps.observe(step)
+        if k >= 2:
+            model = step.fleet.model
+            gap = x[0] - x[1] - model.length[0] / 2 - model.axle[0] - model.length[1] / 2 + model.axle[1]
+            assert gaps.gap[1] == (pytest.approx(gap) if is_known else pytest.approx(np.nan, nan_ok=True))
+            assert np.isnan(gaps.cross_track[1]) != is_known
+            assert not is_known or gaps.cross_track[1] == pytest.approx(aside)
+        x = x + 0.1 * speeds
+    assert np.isnan(gaps.gap[[0, *range(2, N)]]).all()
+
+
 def _step(number, predecessor, x, y, heading, speed, native):
     model = SimpleNamespace(length=np.linspace(3.0, 9.0, N), width=np.linspace(1.6, 2.4, N), axle=np.full(N, -1.3))
     motion = SimpleNamespace(heading=heading, speed=speed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from platoontraffic.observation.gaps import Gaps
-from platoontraffic.observation.gaps_kernel import DETOUR
+from platoontraffic.observation.gaps_kernel import DETOUR, SIDEWAYS
 from platoontraffic.observation.step import Step
 
 
@@ -29,7 +29,8 @@ class GapsByArrays(Gaps):
         rear = self._paths.end(number_ahead) - length[ahead] / 2 - axle[ahead]
         self.gap[members] = self.cross_track[members] = np.nan
         gap, width = rear - front, fleet.model.width
-        elsewhere = fleet.native[rows] & ((np.abs(offset) > (width[rows] + width[ahead]) / 2) | (gap < 0))
+        around = (station < 0) & (np.abs(offset) > width[rows] + width[ahead] - SIDEWAYS * station)
+        elsewhere = around | fleet.native[rows] & ((np.abs(offset) > (width[rows] + width[ahead]) / 2) | (gap < 0))
         self.gap[number] = np.where(elsewhere, np.nan, gap)
         self.cross_track[number] = np.where(elsewhere, np.nan, offset)
         forgotten = np.isnan(station)

@@ -30,12 +30,16 @@ class GrownLine:
         """Shorten the line to its point nearest to x, y, searched as far back as x, y is from its end."""
         away = np.hypot(*(self._points[-1] - (x, y)))
         station, _ = self.project(x, y, self.end - away, window=away + 1e-9)
+        station = max(station, 0.0)
         point = self.at(station)
         del self._points[max(int(np.searchsorted(self._stations, station)), 1) :]
         self.append(*point)
 
     def project(self, x: float, y: float, near: float, window: float) -> tuple[float, float]:
-        """Station of the nearest point, and the offset to the left, among pieces within `window` of `near`."""
+        """Station of the nearest point, and the offset to the left, among pieces within `window` of `near`.
+
+        Before its first point the line goes straight on.
+        """
         stations, starts, step = self._stations, np.array(self._points[:-1]), np.diff(self._points, axis=0)
         length = np.diff(stations)
         away = (x, y) - starts
@@ -45,6 +49,8 @@ class GrownLine:
         reached |= ~reached.any() & (np.arange(len(step)) == (0 if near + window <= 0 else len(step) - 1))
         k = int(np.argmin(np.where(reached, distance, np.inf)))
         side = step[k, 0] * away[k, 1] - step[k, 1] * away[k, 0]
+        if k == 0 and (behind := float((away[0] * step[0]).sum() / length[0])) < 0:
+            return behind, float(side / length[0])
         return float(stations[k] + along[k]), float(np.copysign(distance[k], side))
 
     def at(self, station: float) -> np.ndarray:
