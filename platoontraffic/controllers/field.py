@@ -83,6 +83,10 @@ class FieldLaw(Law):
         return self.steering.drives_alone
 
     @property
+    def heeds_lines(self) -> bool:
+        return self.steering.heeds_lines
+
+    @property
     def hardest_braking(self) -> float:
         return self.steering.hardest_braking
 
@@ -102,8 +106,12 @@ class FieldLaw(Law):
         limit = remembered.braking_for
         stops = (limit.reason == LINE) | limit.creeps
         demand = np.where(stops, np.minimum(demand, drives.acceleration), demand)
+        # Behind a gap that is too short for it, `tracking` brakes for the predecessor, by more than for a line.
+        by_line = ~stops & (remembered.for_lines < demand)
+        demand = np.where(by_line, remembered.for_lines, demand)
         demand = np.clip(demand, -self.steering.hardest_braking, self.steering.acceleration)
-        remembered = remembered._replace(acceleration=demand)
+        limit = limit._replace(reason=np.where(by_line, LINE, limit.reason))
+        remembered = remembered._replace(acceleration=demand, braking_for=limit)
         return Decision(Drive(demand, drives.curvature), Memory(remembered, demand), steered.target)
 
     def _fed(self, sensed: Sensed, own: Own, scanned: Known, last: np.ndarray, dt: float) -> np.ndarray:
@@ -124,7 +132,7 @@ class FieldLaw(Law):
         instead = {
             "laser": lambda: self.demand(own, scanned, last, dt),
             "headway": lambda: constant_headway(own, scanned.predecessor, *FALLBACK),
-            "hold": lambda: np.zeros_like(demand),
+            "hold": lambda: np.where(received.place > 0, 0.0, np.nan),  # the first one holds nothing
         }[self.on_radio_loss]()
         return np.where(lost, instead, demand)
 

@@ -87,6 +87,7 @@ class Memory(NamedTuple):
     never_lost: np.ndarray  # it has had the same predecessor from the start, and drives in its trail, bool
     creeping: Creeping
     braking_for: BrakingFor
+    for_lines: np.ndarray  # acceleration for a closed line [m/s2]; inf: none
     beside: Beside
     predecessor: Predecessor
 
@@ -97,7 +98,7 @@ class Memory(NamedTuple):
         driven = *np.zeros((3, n)), DriveLine.at_rest(n), Past.begin(sensed, dt)
         none = Obstacle.none(n), sensed.speed, np.full(n, by_trail)
         unseen = Predecessor(*np.full((3, n), np.nan))
-        return cls(*records, *driven, *none, Creeping.none(n), nothing(n), Beside.none(n), unseen)
+        return cls(*records, *driven, *none, Creeping.none(n), nothing(n), np.full(n, np.inf), Beside.none(n), unseen)
 
 
 class Now(NamedTuple):
@@ -312,7 +313,7 @@ class TrackingFollower(Law):
         distance = np.where(known, ahead.length - OVERHANG - now.laser, np.nan)
         predecessor = Predecessor(distance, estimate.now.mean[:, SPEED], estimate.now.mean[:, ACCELERATION])
         memory = Memory(now.odometry, bias, estimate.track, trail, *command, now.driven_curvature, drive_line, past,
-                        scanned, now.scanned.speed, never_lost, creeps, limit,
+                        scanned, now.scanned.speed, never_lost, creeps, limit, stop,
                         self._look_beside(now, estimate, past), predecessor)  # fmt: skip
         return Decision(command, memory, Target(*estimate.sighting.rear.T))
 

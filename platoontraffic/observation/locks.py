@@ -53,6 +53,8 @@ class Locks:
         number_ahead = np.where(ahead < 0, -1, fleet.number[ahead])
         if every(self._ahead[number] == number_ahead) and targets.tolist() == before.tolist():
             return
+        other = number[(self._ahead[number] != number_ahead) & (number_ahead >= 0)]
+        self.locked[other], self._lost_since[other] = False, np.nan  # on the new one it has never been locked
         self._ahead[number] = number_ahead
         ids, self.target[number] = np.array(ids[: len(fleet)], dtype=object), targets
         leaders, follows = number[ahead < 0], ahead >= 0

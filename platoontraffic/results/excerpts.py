@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.results.following import Stretch, lengths, split_off, stretches, within
+from platoontraffic.results.following import NOBODY, Stretch, lengths, split_off, stretches, within
 from platoontraffic.results.statistics import NOTHING, Row, by_vehicle, of_values
 from platoontraffic.results.strings import Gains, Motion, gains_behind, head_to_tail, overlaps, together, without
 from platoontraffic.world.events import GONE
@@ -89,16 +89,22 @@ class Own:
     @cached_property
     def lock_losses(self) -> tuple[list[float], float]:
         """Durations of its lock losses, the last one up to the end, and the time of the final one; NaN: none [s]."""
-        lost, ends = self._times("lock_lost").tolist(), self._times("lock_regained", "locked", "told").tolist()
-        regained = [min((t for t in ends if t > a), default=math.nan) for a in lost]
-        losses = [(self.until if math.isnan(b) else b) - a for a, b in zip(lost, regained, strict=True)]
-        return losses, lost[-1] if lost and math.isnan(regained[-1]) else math.nan
+        final = self._lost[-1] if self._lost else (math.nan, 0.0)
+        return [min(b, self.until) - a for a, b in self._lost], final[0] if math.isinf(final[1]) else math.nan
+
+    @cached_property
+    def _lost(self) -> list[tuple[float, float]]:
+        """Periods without a lock; the last one may have no end [s]."""
+        ends = self._times("lock_regained", "locked", "told").tolist()
+        return [(a, min((t for t in ends if t > a), default=math.inf)) for a in self._times("lock_lost").tolist()]
 
     @property
     def lock_on_ratio(self) -> float:
-        first = self._times("locked")
-        since = self.until - first[0] if len(first) else 0.0
-        return 1 - sum(self.lock_losses[0]) / since if since else 0.0
+        """Share of the time since its first lock, as far as it has a predecessor, in which it is locked on."""
+        first = min(self._times("locked"), default=math.inf)
+        behind = [(max(one.begin, first), min(one.end, self.until)) for one in self.follows if one.ahead != NOBODY]
+        whole, lost = lengths([(begin, end) for begin, end in behind if begin < end], self._lost)
+        return 1 - lost / whole if whole else 0.0
 
     @cached_property
     def rejoin_times(self) -> np.ndarray:

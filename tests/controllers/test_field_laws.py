@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -13,12 +14,17 @@ from platoontraffic import scenario
 from platoontraffic.controllers import Decision, Law, Sensed
 from platoontraffic.controllers.field import FieldLaw, Own
 from platoontraffic.controllers.law import Known, Neighbour
+from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.registry import find_law, law_names
+from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import PRESETS, Mount, Noise
+from platoontraffic.road.route import Route
+from platoontraffic.scenario import Channel
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
-from tests.support.bench import BLIND, NO_WALLS, Log, Prescribed, drive, platoon
+from platoontraffic.world.manoeuvres import Order
+from tests.support.bench import BLIND, NO_WALLS, Log, Prescribed, StopLine, drive, platoon
 
 CAR = VEHICLES["car"]
 EYE = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03), noise=Noise())
@@ -195,3 +201,38 @@ def test_the_declared_linearisation_is_the_slope_of_the_law(name):
 def test_a_law_that_needs_the_leader_cannot_be_fed_by_scan():
     with pytest.raises(InputError, match='feed = "scan": the laser does not measure the leader; must be "messages" or'):
         scenario.load("highway_tracking", ["platoon.follower.law=cacc_path", "platoon.follower.feed=scan"])
+
+
+ALONE = TrackingFollower(policy="obey", on_loss="drive")
+ROAD = Route.along(("road",), np.array([[-200.0, 0.0], [150.0, 0.0], [900.0, 0.0]]), np.array([30.0, 5.0, 5.0]))
+
+
+@pytest.mark.parametrize("spacing", [5.0, 10.0])
+def test_an_obedient_follower_stops_at_a_closed_line_whatever_its_gap(spacing):
+    """`tracking` braked for the predecessor, since the gap was shorter than its own, and the line counted no more."""
+    law, line, closes = FIELD["cacc_path"](feed="truth", spacing=spacing, steering=ALONE), 121.87, 10.0
+    members = platoon(PathLeader(speed=12.0), law, 4, model=CAR, eye=EYE, distance=spacing + 0.03, speed=12.0)
+    members = [replace(member, route=ROAD) for member in members]
+    log = drive(members, NO_WALLS, 30.0, 0.1, ground=partial(StopLine, 0.1, line, lambda time: time < closes))
+    front, could_stop = log.x + CAR.length / 2, log.speed[round(closes / 0.1)] ** 2 / 2 / 4.0
+    stops = line - front[round(closes / 0.1)] > could_stop
+    assert stops.sum() >= 3
+    assert front[-1, stops].max() < line
+    assert front[-1, 0] > line + 100.0
+
+
+def test_one_that_leads_now_does_not_hold_its_speed_for_want_of_messages():
+    """After a split it drove on at 10 m/s, into a street of 5 m/s."""
+    law = FIELD["acc"](feed="messages", on_radio_loss="hold", steering=ALONE)
+    members = platoon(PathLeader(speed=10.0), law, 1, model=CAR, eye=EYE, distance=17.0, speed=10.0)
+    split = Order(3.0, "split", "robot.1", "", None)
+    members = [replace(member, route=ROAD) for member in members]
+    log = drive(members, NO_WALLS, 25.0, 0.1, orders=[split], channel=Channel(), ground=partial(StopLine, 0.1))
+    assert log.speed[round(10.0 / 0.1), 1] == pytest.approx(10.0, abs=0.3)
+    assert log.speed[-1, 1] == pytest.approx(5.0, abs=0.2)
+
+
+@pytest.mark.parametrize("policy", ["convoy", "obey"])
+def test_lines_are_heeded_as_by_the_law_that_steers(policy):
+    steering = TrackingFollower(policy=policy, on_loss="drive")
+    assert FIELD["acc"](steering=steering).heeds_lines == steering.heeds_lines == (policy == "obey")
