@@ -237,9 +237,10 @@ def _looked(before: Side, scene: Scene, base: np.ndarray, away: np.ndarray, reac
     first_returns(
         points, route.distance, route.aside, route.curvature, strip, laser, scan.ranges, directions, ahead, behind
     )
-    speed = scene.scanned.speed
+    speed, decisions = scene.scanned.speed, round(1 / (scan.model.rate * scene.dt))  # from its last scan to this one
+    interval = max(decisions, 1) * scene.dt
     closings = [
-        closing_speed(now, last, closing, speed, scene.dt, same=SAME, time_constant=FILTER)
+        closing_speed(now, last, closing, speed, interval, same=SAME, time_constant=FILTER)
         for now, last, closing in (
             (ahead, before.ahead, before.ahead_closing),
             (behind, before.behind, before.behind_closing),

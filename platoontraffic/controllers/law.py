@@ -262,6 +262,9 @@ def per_vehicle(law: Callable) -> Callable:
         memories = memory or [None] * len(rows)
         decisions = [law(self, sensed.row(i), memories[i], dt) for i in rows]
         commands = [d.command for d in decisions]
+        if len(kinds := {type(command) for command in commands}) > 1:
+            names = " and ".join(sorted(kind.__name__ for kind in kinds))
+            raise TypeError(f"gives {names} to vehicles at once; must be one kind of command")
         return Decision(
             type(commands[0])(*np.array(commands, dtype=float).T),
             [d.memory for d in decisions],

@@ -24,9 +24,10 @@ def read(errors, once, keys, reading, speed, yaw_rate, measured):
     scale, bias = once
     for i in range(len(speed)):
         measured[0, i] = measured[1, i] = 0.0
-        if speed[i] == 0:  # it stands
+        if speed[i] == 0 and yaw_rate[i] == 0:  # it stands
             continue
         now = _mixed(keys[i] + reading)
         noise, turning = _gauss(_mixed(now)), _gauss(_mixed(now + GOLDEN))
-        measured[0, i] = max(speed[i] * (1 + speed_scale[i] * scale[i]) + speed_noise[i] * noise, 0.0)
+        found = speed[i] * (1 + speed_scale[i] * scale[i]) + speed_noise[i] * noise
+        measured[0, i] = found if speed[i] < 0 else max(found, 0.0)  # it is not taken for one that reverses
         measured[1, i] = yaw_rate[i] + yaw_rate_bias[i] * bias[i] + yaw_rate_noise[i] * turning

@@ -109,8 +109,19 @@ EVENT_KINDS = {
             f"is split off from its platoon: for {SPLIT_AFTER:g} s its law has not taken the predecessor (other_id) as "
             f"target, or its gap has been more than {SPLIT_GAP_FACTOR:g} times the gap that the law wants and also "
             f"more than {SPLIT_GAP_MARGIN:g} m ({_SCALED}) longer than that. Causes: a closed stop line held it, "
-            "another body in its way blocked it, vehicles came between, it fell behind, or a cause of lock_lost",
-            ("held", "blocked", "between", "fell_behind", "taken", "not_recognised", "out_of_sight", "broken"),
+            "another body in its way blocked it, it had no room beside it to go over to the lane of its predecessor, "
+            "vehicles came between, it fell behind, or a cause of lock_lost",
+            (
+                "held",
+                "blocked",
+                "beside",
+                "between",
+                "fell_behind",
+                "taken",
+                "not_recognised",
+                "out_of_sight",
+                "broken",
+            ),
         ),
         Kind("parted", "has no predecessor from now on: the route of the one that it had (other_id) leaves its own"),
         Kind("rejoined", "is in its platoon again, duration_s after it was split off"),

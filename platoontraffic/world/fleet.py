@@ -262,6 +262,7 @@ class MemberState:
 
     number: np.ndarray  # of each among all members that the run ever has
     leads: np.ndarray  # ordered to follow no vehicle, bool
+    goes_round: np.ndarray  # it drives round a body, and follows no vehicle until it is past, bool
     native: np.ndarray  # driven by SUMO's own driver model, bool
     motion: Motion
     command: Command  # the last one
@@ -291,6 +292,7 @@ class Fleet(MemberState):
         state = MemberState(
             number=np.arange(n) if number is None else number,
             leads=np.array([m.leads for m in members], dtype=bool),
+            goes_round=np.zeros(n, dtype=bool),
             native=np.array([m.law.native for m in members], dtype=bool),
             motion=replace(motion, speed=np.array([m.speed for m in members], dtype=float)),
             command=Command.of(Twist(np.array([m.speed for m in members], dtype=float), still)),  # until a law decides
@@ -609,7 +611,7 @@ class Fleet(MemberState):
         if "signals" in needs:
             given["signals"] = take(signals, rows)
         if "leads" in needs:
-            given["leads"] = self.leads[rows]
+            given["leads"] = (self.leads | self.goes_round)[rows]
         if "truth" in needs:
             given["truth"] = known_by(self, rows, needs)
         if "messages" in needs:

@@ -15,7 +15,7 @@ vehicle: it stops for whatever is in its way.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +38,7 @@ from platoontraffic.road.way_round import (
     with_later_return,
 )
 from platoontraffic.vehicles.motion import FULL_SIZE
-from platoontraffic.vehicles.records import some
+from platoontraffic.vehicles.records import changed, some
 from platoontraffic.world.events import Noted
 from platoontraffic.world.fleet import NOTHING, WINDOW, Fleet, Member, Readings
 from platoontraffic.world.sensing import Measurements
@@ -76,7 +76,6 @@ class _UnderWay(NamedTuple):
 
     way: Way
     without: Route  # the route as it was before
-    led: bool  # it was ordered to follow no vehicle anyway
     body: str  # what it drives round; "": not known
     at: float  # time of its last look at the rest of it [s]
     blocked: float = math.inf  # station where it comes back at which something was in its way then [m]
@@ -99,6 +98,11 @@ class WaysRound:
         """The bodies that members drive round now, without those before which one has come to a stand."""
         return frozenset(one.body for one in self._under_way.values() if one.body and one.since == math.inf)
 
+    def forget(self, names: Iterable[str]) -> None:
+        """These members have other routes now."""
+        for name in names:
+            self._under_way.pop(name, None)
+
     def followed(
         self,
         fleet: Fleet,
@@ -116,18 +120,19 @@ class WaysRound:
         if self._network is None or fleet.progress.routes is None:
             return [], fleet
         scans, readings, seen = sensed.scans, sensed.readings, sensed.seen
-        leads = fleet.leads.copy()
         for row in list(self._past(fleet)):
-            leads[row] = self._under_way.pop(fleet.ids[row]).led
-        routes = self._going_on(fleet, sensed, leads, time)
+            del self._under_way[fleet.ids[row]]
+        routes = self._going_on(fleet, sensed, time)
         events: list[Noted] = []
         for row, group, k, after in self._blocked(fleet, time):
             if row in routes:
                 continue
-            if scans[group] is None:
+            more = readings[group] if readings else NOTHING
+            looks_around = any(one.sensor.name == AROUND for one in fleet.groups[group].further_lidars)
+            if scans[group] is None or (looks_around and AROUND not in more.scans):
                 continue
             traffic = seen[group].traffic if seen[group] else None
-            returns, behind = _returns(fleet, row, k, scans[group], traffic, readings[group] if readings else NOTHING)
+            returns, behind = _returns(fleet, row, k, scans[group], traffic, more)
             station = float(fleet.progress.station[np.searchsorted(fleet.progress.rows, row)])
             name, member = fleet.ids[row], fleet.members[row]
             body = _body(member)
@@ -153,21 +158,19 @@ class WaysRound:
                 continue
             before = self._under_way.get(name)
             without = before.without if before and member.route is before.way.route else member.route
-            led = before.led if before else bool(leads[row])
             other = traffic.surfaces[returns.hits[way.met]] if traffic else ""
-            routes[row], self._under_way[name] = way.route, _UnderWay(way, without, led, other, time)
+            routes[row], self._under_way[name] = way.route, _UnderWay(way, without, other, time)
             del self._looks[name]
             side = "left" if way.shift > 0 else "right"
             events.append(Noted(row, "goes_round", f"{abs(way.shift):.1f} m to the {side}", other=other))
-            leads[row] |= "leads" in member.law.needs
         for row, route in routes.items():
             fleet = fleet.with_route(row, route, WINDOW)
-        if some(leads != fleet.leads):
-            fleet = fleet.with_orders(fleet.predecessor, leads)
+        if self._under_way or some(fleet.goes_round):
+            fleet = changed(fleet, goes_round=np.array([name in self._under_way for name in fleet.ids], dtype=bool))
         return events, fleet
 
-    def _going_on(self, fleet: Fleet, sensed: Measurements, leads: np.ndarray, time: float) -> dict[int, Route]:
-        """Other routes of members under way, by row; `leads` of those that give their way up is set back.
+    def _going_on(self, fleet: Fleet, sensed: Measurements, time: float) -> dict[int, Route]:
+        """Other routes of members under way, by row.
 
         They come back later where something stands in their way back that was hidden by the body when they set out. A
         way on which they have stood for `AFTER` is given up when nothing is in the way without it any more.
@@ -191,7 +194,7 @@ class WaysRound:
             self._under_way[name] = one._replace(at=time, blocked=blocked, since=since)
             stands_long = time - since > AFTER and fleet.members[row].route is one.way.route
             if stands_long and is_free_without(one.way, one.without, station, body, returns.points):
-                routes[row], leads[row] = one.without, one.led
+                routes[row] = one.without
                 del self._under_way[name]
                 continue
             if not abs(blocked - one.blocked) < STILL_UNDER_WAY:
@@ -302,6 +305,8 @@ def _returns(
     behind = np.empty((0, 2))
     if AROUND in readings.scans:
         behind, hits_behind = _near(readings.scans[AROUND], k, LOOKS_BACK)
+        if AROUND in readings.seen:  # that laser may have measured at another instant
+            traffic = readings.seen[AROUND].traffic
         reach: float | np.ndarray = NEAR
         if traffic is not None:
             comes = COMES_WITHIN * traffic.speed * np.cos(traffic.heading - heading)

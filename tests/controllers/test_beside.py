@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -220,3 +221,20 @@ def test_room_needed_is_that_of_the_braking_of_the_one_behind():
         gap, rate = gap - rate * dt, rate - braking * dt
     assert gap == pytest.approx(HEADWAY * speed, abs=1e-2)
     assert room_needed(4.7, 2.0, -3.0) == 4.7 / 2
+
+
+@pytest.mark.parametrize("rate", [10.0, 5.0, 2.0])
+def test_a_rate_is_taken_over_the_time_between_two_scans_of_the_laser_that_looks_beside(monkeypatch, rate):
+    """It was taken over that between two decisions: a slow laser saw what comes come five times as fast."""
+    monkeypatch.setattr(sys.modules[__name__], "SIGHT", replace(SIGHT, rate=rate))
+    seen, look, faster = [], beside.look, 6.0
+
+    def noted(before, now):
+        after = look(before, now)
+        seen.append((after.side.side[0], after.side.behind_closing[0]))
+        return after
+
+    monkeypatch.setattr(beside, "look", noted)
+    scene(1.0, (-faster * (BEGINS + 4.0), faster), leaves=14.0)
+    rates = [closing for side, closing in seen if side and np.isfinite(closing)]
+    assert np.median(rates) == pytest.approx(faster, abs=0.3)

@@ -56,11 +56,24 @@ def test_odometry_without_errors_is_the_truth():
 def test_the_kernel_draws_as_the_formula_for_arrays():
     rng = np.random.default_rng(3)
     errors = OdometryErrors(0.01, 0.05, 0.002, 0.004)
-    speed, yaw_rate = rng.uniform(0, 0.2, N) * rng.integers(0, 2, N), rng.normal(0, 0.1, N)
+    speed, yaw_rate = rng.uniform(0, 0.2, N) * rng.integers(0, 2, N), rng.normal(0, 0.1, N) * rng.integers(0, 2, N)
     own = measured(stack([errors] * N), IDS, speed, yaw_rate, 7, 30)
     keys = sensor_keys(7, tuple(f"{name} odometry" for name in IDS))
     now = scan_keys(keys, 30)
     driven = speed * (1 + 0.01 * gauss(mixed(keys))) + 0.05 * gauss(mixed(now))
     turned = yaw_rate + 0.002 * gauss(mixed(keys + GOLDEN)) + 0.004 * gauss(mixed(now + GOLDEN))
-    assert (own.speed == np.where(speed == 0, 0.0, np.maximum(driven, 0.0))).all()
-    assert (own.yaw_rate == np.where(speed == 0, 0.0, turned)).all()
+    stands = (speed == 0) & (yaw_rate == 0)
+    assert 20 < stands.sum() < 80
+    assert (own.speed == np.where(stands, 0.0, np.maximum(driven, 0.0))).all()
+    assert (own.yaw_rate == np.where(stands, 0.0, turned)).all()
+
+
+def test_a_robot_that_turns_on_the_spot_or_reverses_is_measured():
+    """It counted as standing, as the paper's leader does at every corner; and one that reversed as slow."""
+    errors = stack([OdometryErrors(yaw_rate_noise=0.01), OdometryErrors(), OdometryErrors(speed_noise=0.001)])
+    own = measured(errors, ("a", "b", "c"), np.array([0.0, 0.0, -0.2]), np.array([0.1, 0.1, 0.0]), 0, 3)
+    assert own.yaw_rate[0] == pytest.approx(0.1, abs=0.05)
+    assert own.yaw_rate[0] != 0.1
+    assert own.yaw_rate[1] == 0.1
+    assert own.speed[:2].tolist() == [0.0, 0.0]
+    assert own.speed[2] == pytest.approx(-0.2, abs=0.01)

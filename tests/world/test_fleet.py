@@ -203,6 +203,21 @@ def test_a_law_for_one_vehicle_may_remember_what_it_likes():
 
 
 @dataclass(frozen=True)
+class Mixed(Law):
+    """Commands the first one by its speed, and the others by their acceleration."""
+
+    @per_vehicle
+    def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
+        return Decision(Twist(1.0, 0.0) if sensed.scan.frame_id.startswith("p1") else Drive(-3.0, 0.0))
+
+
+def test_one_kind_of_command_is_given_to_all_vehicles_of_a_law():
+    """The deceleration of a `Drive` was taken for a speed, or the other way round, by the order of the members."""
+    with pytest.raises(InputError, match=r"law Mixed failed .*gives Drive and Twist to vehicles at once; must be one"):
+        decided(three(Mixed()), 0)
+
+
+@dataclass(frozen=True)
 class Remembering(Law):
     what: str
 

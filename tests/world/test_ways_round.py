@@ -13,15 +13,20 @@ from shapely import affinity
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, Mount, Noise, ScanBatch, Scene
+from platoontraffic.observation.observer import Observer
 from platoontraffic.road.route import Route
 from platoontraffic.road.way_round import MOST, SPEED, Body, blocked_at, way_round
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world import ways_round
+from platoontraffic.world.contact import Contacts
 from platoontraffic.world.fleet import NOTHING, Fleet
+from platoontraffic.world.manoeuvres import Order
 from platoontraffic.world.traffic import TrafficSnapshot
-from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE, WaysRound
+from platoontraffic.world.under_way import Seen
+from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE, WaysRound, _returns
 from tests.support.bench import NO_WALLS, Prescribed, StopLine, constant, drive, platoon
+from tests.support.observed import ROAD
 
 CAR = CARS["car"]
 EYE = replace(PRESETS["car-tracker"], mount=Mount(CAR.length / 2 - 0.03), noise=Noise())
@@ -208,7 +213,7 @@ def test_a_way_on_which_something_stands_is_given_up_when_the_body_has_gone(law,
 def test_the_body_is_known_while_it_drives_round_it(since):
     ways = WaysRound(Street(6.0))
     for name, body in (("m.0", "bus"), ("m.1", "")):
-        ways._under_way[name] = ways_round._UnderWay(None, ROUTE, False, body, 1.0, since=since)
+        ways._under_way[name] = ways_round._UnderWay(None, ROUTE, body, 1.0, since=since)
     assert ways.passed == ({"bus"} if since == np.inf else set())
 
 
@@ -239,10 +244,18 @@ def test_it_waits_for_what_comes_from_behind_and_would_pass_closely(side, beside
 
 
 @pytest.mark.parametrize("side", [1, -1])
-@pytest.mark.parametrize(("speed", "behind", "waits"), [(12.0, 50.0, True), (12.0, 75.0, False), (0.0, 10.0, False)])
-def test_it_waits_for_what_comes_soon(side, speed, behind, waits):
+@pytest.mark.parametrize(
+    ("speed", "behind", "rate", "waits"),
+    [
+        (12.0, 50.0, 10.0, True),
+        (12.0, 50.0, 5.0, True),  # that laser measures in every second step only
+        (12.0, 75.0, 10.0, False),
+        (0.0, 10.0, 10.0, False),
+    ],
+)
+def test_it_waits_for_what_comes_soon(side, speed, behind, rate, waits):
     """In Bologna a car pulled out 26 m before one that came at 13 m/s. Else it sets out after 17 s."""
-    eye = replace(PRESETS["car-around"], mount=Mount(0.0), noise=Noise(), name="around")
+    eye = replace(PRESETS["car-around"], mount=Mount(0.0), noise=Noise(), name="around", rate=rate)
     (member,) = platoon(LAWS["tracking"], at=(0.0, 0.0, 0.0), leader_eye=EYE, model=CAR)
     member = replace(member, route=ROUTE, speed=8.0, single=True, equip="equip", further_lidars=(eye,))
     at = 50.0 - behind - 17.0 * speed, 3.0 * side, 0.0
@@ -251,6 +264,57 @@ def test_it_waits_for_what_comes_soon(side, speed, behind, waits):
     log = drive([member, other], Scene.from_shapely(solids=[box(1.0, -side)]), 40.0, 0.1, map=Street(6.0))
     goes_out = log.time[np.abs(log.y[:, 0]) > 0.2][0]
     assert goes_out > 21.0 if waits else goes_out == pytest.approx(18.2, abs=0.5)
+
+
+ON_ITS_WAY = 22.0  # round the body, from 17 to 28 s [s]
+
+
+@pytest.mark.parametrize("kind", ["split", "join"])
+def test_an_order_on_the_way_round_a_body_holds(kind):
+    """The order to split off was rejected, since it led already; that to join was undone at the end of the way."""
+    ahead, member = platoon(constant(0.0), LAWS["tracking"], 1, at=(20.0, 0.0, 0.0), model=CAR, eye=EYE)
+    ahead = replace(ahead, law=Prescribed(lambda _: Drive(0.0, 0.0)), pose=(110.0, 0.0, 0.0), speed=2.0)
+    member = replace(member, pose=(0.0, 0.0, 0.0), route=ROUTE, speed=8.0)
+    if kind == "join":
+        member = replace(member, id="late.0", platoon="late", place=0)
+    order = Order(ON_ITS_WAY, kind, member.id, ahead.id if kind == "join" else "", None)
+    seen = []
+
+    def look(now):
+        told = [event.done for event in now.events if event.kind == "told"]
+        seen.append((now.time, told, now.fleet.predecessor[1], now.fleet.leads[1], now.fleet.goes_round[1]))
+
+    observer = partial(Observer, [ahead, member], ROAD, Contacts(NO_WALLS, {ahead.id, member.id}))
+    solids = Scene.from_shapely(solids=[box(1.0, 1)])
+    drive([ahead, member], solids, 45.0, 0.1, observe=look, map=Street(6.0), orders=[order], observer=observer)
+    time, told, predecessor, leads, goes_round = map(list, zip(*seen, strict=True))
+    k = np.searchsorted(time, ON_ITS_WAY - 1e-6)
+    assert goes_round[k]
+    assert not goes_round[-1]
+    assert told[k] == [1]
+    assert set(leads[k:]) == {kind == "split"}
+    assert set(predecessor[k:]) == {-1 if kind == "split" else 0}
+
+
+@pytest.mark.parametrize("more", [0, 1, -1])
+def test_what_a_laser_sees_behind_is_read_with_what_was_there_when_it_measured(more):
+    """The main laser is late, and had seen one more or one less: another row was taken for the one that comes, or a run
+    ended with an IndexError."""
+    (member,) = platoon(LAWS["tracking"], leader_eye=EYE, model=CAR)
+    sight = replace(PRESETS["car-around"], mount=Mount(0.0), noise=Noise())
+    main, around = (
+        ScanBatch(one, 0.0, (member.id,), np.full((1, one.samples), np.inf), np.full((1, one.samples), -2), np.zeros(1))
+        for one in (EYE, sight)
+    )
+    around.ranges[0, 0], around.hits[0, 0] = 60.0, 2  # straight back
+    now, then = (
+        TrafficSnapshot(0.0, tuple("abcd"[:n]), *np.zeros((3, n)), np.array([0.0, *[0.0] * (n - 2), 15.0]),
+                        *np.ones((2, n)))
+        for n in (3, 3 + more)
+    )  # fmt: skip
+    readings = NOTHING._replace(scans={"around": around}, seen={"around": Seen(now, np.array([0]))})
+    _, behind = _returns(Fleet.deployed([member], 0.1), 0, 0, main, then, readings)
+    assert len(behind) == 1
 
 
 @pytest.mark.parametrize(("x", "heading", "counts"), [(-40.0, 0.0, True), (-40.0, np.pi, False), (-20.0, np.pi, True)])
