@@ -1,4 +1,4 @@
-"""What a scenario asks for beyond what holds: sensors of `tracking`, speed profiles of leaders."""
+"""What a scenario asks for beyond what holds: sensors of `tracking`, speed profiles of leaders, its network."""
 
 from __future__ import annotations
 
@@ -19,14 +19,25 @@ LONGEST_DELAY = 0.3  # of scans and odometry [s]
 
 
 def warnings(prepared: Prepared) -> list[str]:
-    """One line for every leader whose vehicle cannot drive its profile, and every limit of `tracking` passed."""
-    texts: list[str] = []
+    """One line for every leader whose vehicle cannot drive its profile, and every limit of `tracking` passed.
+
+    And one for a network where members do not know to whom they must give way.
+    """
+    texts = list(_network(prepared))
     number = {platoon.id: i for i, platoon in enumerate(prepared.scenario.spec.platoon)}
     for member in prepared.members:
         role, beyond = ("leader", _profile) if member.place == 0 else ("follower", _sensors)
         lines = (prepared.scenario.fault(("platoon", number[member.platoon], role), text) for text in beyond(member))
         texts += [line for line in lines if line not in texts]
     return texts
+
+
+def _network(prepared: Prepared) -> Iterator[str]:
+    network = prepared.network
+    heeds_lines = any(member.law.heeds_lines for member in prepared.members) or prepared.scenario.spec.equip
+    if heeds_lines and network.has_junctions and not network.entered_from:
+        name = prepared.scenario.spec.sumo.net or prepared.scenario.configuration or network.path
+        yield f"{name}: no lanes inside junctions: members give way to nobody there; build it without no-internal-links"
 
 
 def _sensors(member: Member) -> Iterator[str]:

@@ -236,11 +236,14 @@ class Network:
     def beyond(self, edge: str) -> Callable[[str], bool]:
         """Whether an edge lies beyond the end of this one: in the junction there, or among the edges that leave it.
 
-        The edge that leads back does not, so that a vehicle that is put onto it has not passed the end.
+        An edge that is reached only by turning back does not, so that a vehicle that is put onto it has not passed the
+        end.
         """
-        node, start = self._net.getEdge(edge).getToNode(), self._net.getEdge(edge).getFromNode()
-        inside = f":{node.getID()}_"
-        onward = {out.getID() for out in node.getOutgoing() if out.getToNode() is not start}
+        inside, reached = f":{self._net.getEdge(edge).getToNode().getID()}_", self._net.getEdge(edge).getOutgoing()
+        onward = {
+            out.getID() for out, links in reached.items()
+            if any(link.getDirection() not in TURNS_BACK for link in links)
+        }  # fmt: skip
         return lambda other: other.startswith(inside) or other in onward
 
     def leads_on(self, edge: str) -> bool:
@@ -301,6 +304,15 @@ class Network:
         """The lane from which vehicles enter each lane inside junctions, by id."""
         links = (link for edge in self._roads for links in edge.getOutgoing().values() for link in links)
         return {lane.getID(): link.getFromLane().getID() for link in links for lane in inside(link, self._net)}
+
+    @cached_property
+    def has_junctions(self) -> bool:
+        """Whether some road leads to two others, or is reached from two, other than by turning back."""
+        onward = [
+            (edge, out) for edge in self._roads for out, links in edge.getOutgoing().items()
+            if any(link.getDirection() not in TURNS_BACK for link in links)
+        ]  # fmt: skip
+        return any(len({pair[k] for pair in onward}) < len(onward) for k in (0, 1))
 
     def inside_with(self, lane_id: str) -> Sequence[str]:
         """All lanes inside the junction in which a lane is; () if it is in none."""

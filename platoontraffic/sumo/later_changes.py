@@ -20,6 +20,8 @@ BRAKES_FOR_LINE = BRAKES_FOR.index("line")
 CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
 LOOKS_AFTER = 1.0  # a vehicle looks for room again after this time [s]
 
+KEPT = 200  # routes that are kept for members which ask again; beyond, those that no member drives are forgotten
+
 
 class Blocked(NamedTuple):
     """A lane change that cannot begin now, or not go on."""
@@ -61,12 +63,20 @@ class LaterChanges:
         beyond, where the members behind them in their platoon do so too. The slower they are, the less road their lane
         change takes.
         """
+        if len(self._later) + len(self._beyond) > KEPT:
+            self._forget_routes_but_those_of(fleet)
         for group in fleet.groups if self._blocked else ():
             limit = group.law.braking_for(group.memory) if group.memory is not None else None
             rows = group.rows[limit.reason == BRAKES_FOR_LINE] if limit else ()
             for row in (int(i) for i in rows if fleet.ids[i] in self._blocked):
                 fleet = self._put_off_one(fleet, row)
         return fleet
+
+    def _forget_routes_but_those_of(self, fleet: Fleet) -> None:
+        routes = {member.route for member in fleet.members}
+        for kept in (self._later, self._beyond):
+            for key in [key for key in kept if key[0] not in routes]:
+                del kept[key]
 
     def _put_off_one(self, fleet: Fleet, row: int) -> Fleet:
         """The fleet with another route for one of these members, and for those behind it where they change beyond."""

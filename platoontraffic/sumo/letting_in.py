@@ -109,10 +109,13 @@ class LettingIn:
             if not self._is_on_road(foe) or foe in unwilling:
                 del self.waiting[name]
                 continue
+            if not self._is_on_road(name):
+                self._end(name, where)
+                continue
             wish = self._wishes[name]
             wanted, patience = wish.wanted, wish.patience.setdefault(foe, Patience())
             patience.wait(self._step, wanted.begun, self._is_in_queue(foe, name, wanted.lane))
-            is_over = not self._is_on_road(name) or self._lane(name, where) == wanted.lane
+            is_over = self._lane(name, where) == wanted.lane
             if is_over or time >= wish.last + GIVEN_UP or not patience.has_any(wanted.begun):
                 self._end(name, where)
             elif foe in where:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
+import shapely
 
 from platoontraffic.errors import RunError
 from platoontraffic.road.network import Network, junction_of
@@ -146,18 +147,47 @@ class Placement:
                 vehicle.setSpeedFactor(member.id, ANY_SPEED)
         return self.take_over(vehicles)
 
-    def hand_back(self, name: str, kind: str, speed_factor: float) -> None:
+    def hand_back(self, member: Member, kind: str, speed_factor: float) -> None:
         """From now on SUMO drives a member from the traffic, where it is, as the driver that it was.
+
+        Where it is on no lane SUMO would lose it: it is put onto the nearest one of its route.
 
         kind: the type that it had
         """
-        vehicle = self._sumo.vehicle
-        del self.where[name]
+        vehicle, name = self._sumo.vehicle, member.id
+        edge, lane = self.where.pop(name)
+        if not lane:
+            edge = self._put_on_its_route(member)
+        if edge in member.route.edges:
+            self._set_route(name, self._edges_ahead(member, edge))
         vehicle.setType(name, kind)
         vehicle.setSpeedFactor(name, speed_factor)
         vehicle.setSpeedMode(name, ALL_CHECKS_ON)
         vehicle.setLaneChangeMode(name, USUAL_LANE_CHANGES)
         vehicle.setSpeed(name, OWN_DRIVER)
+
+    def _put_on_its_route(self, member: Member) -> str:
+        """Put a member onto the nearest lane of the edge of its route that it was on, or of the next one; that edge."""
+        vehicle, lanes, found = self._sumo.vehicle, self._sumo.lane, []
+        here, own = shapely.Point(vehicle.getPosition(member.id)), vehicle.getVehicleClass(member.id)
+        for edge in member.route.edges[self._leg.get(member.id, 0) :][:2]:
+            for name in (f"{edge}_{k}" for k in range(len(self._network.edges[edge]))):
+                allowed = lanes.getAllowed(name)
+                if (not allowed or own in allowed) and own not in lanes.getDisallowed(name):
+                    line = shapely.LineString(lanes.getShape(name))
+                    found.append((line.distance(here), edge, name, line.project(here, normalized=True)))
+        _, edge, name, share = min(found)
+        place = min(share * lanes.getLength(name), lanes.getLength(name) - BEFORE_END)
+        self._move_to(member.id, name, place)
+        return edge
+
+    def _move_to(self, name: str, lane: str, place: float) -> None:
+        """Move a vehicle that may be off the road. SUMO does nothing where it has just left that lane."""
+        vehicle = self._sumo.vehicle
+        vehicle.moveTo(name, lane, place)
+        if not vehicle.getLaneID(name):
+            vehicle.moveTo(name, self._another_lane(name, lane), 0.0)
+            vehicle.moveTo(name, lane, place)
 
     # ---- before a step
 
@@ -259,10 +289,7 @@ class Placement:
             return False
         end, begins = max(lanes.getLength(lane) - BEFORE_END, 0.0), [f"{edge}_0" for edge in vehicle.getRoute(name)]
         with contextlib.suppress(self._sumo.TraCIException):
-            vehicle.moveTo(name, lane, end)
-            if not vehicle.getLaneID(name):  # SUMO does nothing where this is the lane that it has just left
-                vehicle.moveTo(name, self._another_lane(name, lane), 0.0)
-                vehicle.moveTo(name, lane, end)
+            self._move_to(name, lane, end)
             return True
         # The lane is not on its route: another edge was nearer, and SUMO has given it a route that leads there.
         if near := [begin for begin in begins if math.dist(front, lanes.getShape(begin)[0]) < NEAR]:
@@ -333,7 +360,7 @@ class Placement:
         if member.route and edge not in member.route.edges:  # beside its route: SUMO knows what it is on
             self._routed.pop(member.id, None)
             return False
-        if routed and routed[1] is not member.route:
+        if routed and _edges(routed[1]) != _edges(member.route):
             self._leg.pop(member.id, None)
         self._set_route(member.id, self._edges_ahead(member, edge))
         self._routed[member.id] = edge, member.route
@@ -388,6 +415,10 @@ class Placement:
             self._movers = [Mover(m.id, kind_of(m.id), m.model.width) for m, native in members if not native]
             self._movers_of = fleet.ids
         return self._movers
+
+
+def _edges(route: Route | None) -> tuple[str, ...]:
+    return route.edges if route else ()
 
 
 def _set_back(x: float, y: float, angle: float, distance: float) -> list[float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -30,10 +30,18 @@ class Recruiting:
         """Of vehicles, for others of their platoons [s]."""
         return self._recruits.waits
 
-    def begin(self, members: int) -> None:
-        """members: that the run has without those from the traffic"""
+    def begin(self, members: int, departed: Iterable[str]) -> None:
+        """
+        members  : that the run has without those from the traffic
+        departed : vehicles that departed while these were placed; they stay SUMO's
+        """
         self._number = members
         self._recruits.begin()
+        vehicle = self._sumo.vehicle
+        here = set(vehicle.getIDList())
+        for name in (one for one in departed if one in here):
+            edge = vehicle.getRoute(name)[vehicle.getRouteIndex(name)]
+            self._recruits.missed(name, vehicle.getTypeID(name), vehicle.getVehicleClass(name), edge)
 
     def newcomers(self, time: float, own: set[str]) -> Fleet | None:
         """Members among the vehicles that SUMO has inserted in the last step; None: there are none.

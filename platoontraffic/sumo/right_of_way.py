@@ -447,9 +447,13 @@ class RightOfWay:
     def _stood_since(self, name: str, lane: str, to_line: float, length: float) -> float | None:
         """Time since which a vehicle has been standing at its line, or has stood there [s]; None: it has not."""
         before, since = self._stood.get(name, ("", 0.0))
-        if before == lane:
+        is_far = to_line > AT_LINE * scale(length)
+        if before == lane and is_far:  # it has come to this line again
+            del self._stood[name]
+            self._still.pop((name, lane), None)
+        elif before == lane:
             return since
-        if self._now.speed[name] >= STANDING or to_line > AT_LINE * scale(length):
+        if self._now.speed[name] >= STANDING or is_far:
             return None
         since = self._sumo.simulation.getTime() - self._now.waited[name]
         self._stood[name] = lane, since

@@ -88,6 +88,7 @@ class StopLines:
         self._way = RightOfWay(sumo, self._now, self._conflicts)
         self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else ())
         self._fleet: tuple[Member, ...] = ()  # at the last look
+        self.heedless: frozenset[str] = frozenset()  # members whose law is given no lines
         self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet
         self._far: dict[str, FarLine] = {}  # of members that had one at the last look
         # Members that stand with their front a little over a red line, and how far over it [m].
@@ -121,19 +122,20 @@ class StopLines:
             self._way.members = self._change.members = frozenset(fleet.ids)
             rows = enumerate(progress.rows.tolist())
             self._asking = [(k, i, Ego.of(members[i])) for k, i in rows if "signals" in members[i].law.needs]
+            self.heedless = frozenset(fleet.ids).difference(ego.id for _, _, ego in self._asking)
             self._way.obedient = frozenset(ego.id for _, i, ego in self._asking if members[i].law.heeds_lines)
             self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
             self._far = {name: self._far[name] for name in fleet.ids if name in self._far}
         self._way.stops.clear()
         self._were_over_red = frozenset(self.over_red)
         self.over_red.clear()
+        self._later.begin_look()
+        self._change.begin_look()
         if not self._asking:
             return None
         self.renew()
         front = (progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]).tolist()
         speed, signals = fleet.motion.speed.tolist(), Signals(*(values.copy() for values in self._no_lines))
-        self._later.begin_look()
-        self._change.begin_look()
         rows, states = [], []
         for k, i, still in self._asking:
             name = still.id

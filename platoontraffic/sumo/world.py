@@ -109,7 +109,8 @@ class World:
     @property
     def expects_more(self) -> bool:
         """There may be further members: vehicles of the traffic are still to arrive or to depart."""
-        return bool(self._recruiting) and self._sumo.simulation.getMinExpectedNumber() > 0
+        held = len(self._obstacles.in_sumo)  # vehicles of SUMO's, too
+        return bool(self._recruiting) and self._sumo.simulation.getMinExpectedNumber() > held
 
     @property
     def trips(self) -> list[Trip]:
@@ -127,14 +128,17 @@ class World:
             self.warm_up()
         self._placement.insert(fleet)
         self._simulate()
+        departed = list(self._sumo.simulation.getDepartedIDList())
         for name in in_the_way(fleet, self.snapshot(fleet), self._sumo):
             if not name.startswith(PERSON):
                 self._sumo.vehicle.remove(name)
         self.place(fleet)
         self._simulate()
+        departed += self._sumo.simulation.getDepartedIDList()
         self._start = self._clock
         if self._recruiting:
-            self._recruiting.begin(len(fleet) + sum(map(len, later)))
+            own = len(fleet) + sum(map(len, later))
+            self._recruiting.begin(own, (name for name in departed if name not in fleet.row_of))
         return self._taken_over(fleet)
 
     def warm_up(self) -> None:
@@ -182,7 +186,7 @@ class World:
         """
         self._letting_go.observe(fleet, self._placement.where, self._clock)
         told = self._waiting_places.observe(self._lines.waiting_places, passed - self._placement.where.keys())
-        unwilling = self._obstacles.in_sumo | fleet.followers_of_platoons | told
+        unwilling = self._obstacles.in_sumo | fleet.followers_of_platoons | told | self._lines.heedless
         theirs = self._first_on_lanes.room_wanted(fleet.ids, self._placement.where)
         theirs = {name: wanted for name, wanted in theirs.items() if name not in self._obstacles.in_sumo}
         self._letting_in.observe({**self._lines.room_wanted, **theirs}, self._placement.where, unwilling)
@@ -263,7 +267,7 @@ class World:
             if remedy == "remove":
                 self._sumo.vehicle.remove(name)
             else:
-                self._placement.hand_back(name, *self._trips.driver(name))
+                self._placement.hand_back(fleet.members[fleet.row_of[name]], *self._trips.driver(name))
         return fleet.without(set(stuck))
 
     def _time(self) -> float:

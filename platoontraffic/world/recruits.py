@@ -26,6 +26,7 @@ SMALLEST, LARGEST = 0.6, 1.6  # length that is driven as such a vehicle [times i
 
 # Why a vehicle of the share stays SUMO's.
 OTHER_SIZE, HAS_STOPS, NO_ROUTE = "another size", "has stops", "a route that members cannot drive"
+TOO_EARLY = "departed in the first two steps, in which the members are placed"
 
 
 class Undrivable(NamedTuple):
@@ -95,6 +96,11 @@ class Recruits:
                     return i
         return None
 
+    def missed(self, name: str, kind: str, vehicle_class: str, edge: str) -> None:
+        """A vehicle has departed before the time 0 of the run, after the warm-up; arguments as of `chosen`."""
+        if self.chosen(name, kind, vehicle_class, edge, 0.0) is not None:
+            self.left[TOO_EARLY] += 1
+
     def member(self, equip: int, vehicle: Newcomer, time: float) -> Member | None:
         """The vehicle as a member of a table `equip`; None if it stays SUMO's: see `left`.
 
@@ -150,6 +156,7 @@ class Recruits:
             try:
                 walls, rear = self._scenario.spec.scene.walls == "outline", vehicle.position - vehicle.length
                 route = route_from(self._network, vehicle.edges, vehicle.lane, vehicle.position, rear, walls, model)
+                route.curvature(model.length)  # computed now, it is shared by all that drive the route
                 self._routes[key] = route, ""
             except InputError as error:
                 self._routes[key] = None, error.faults[0]

@@ -6,6 +6,7 @@ import pytest
 
 from platoontraffic import scenario, simulation
 from platoontraffic.observation.tested import warnings
+from tests.support import ODD_NETS
 
 pytestmark = pytest.mark.sumo
 
@@ -37,6 +38,19 @@ def test_what_does_not_hold_is_said_once(change, said):
     texts = warnings(simulation.prepare(scenario.load("corridor_tracking", [change])))
     assert len(texts) == 1
     assert said in texts[0]
+
+
+def test_a_network_without_lanes_inside_junctions_is_said():
+    """There members give way to nobody; only `nets check` said so."""
+    where = (
+        f"sumo.net={ODD_NETS / 'bare.net.xml'}",
+        'platoon.0.start={edge="wm", lane=1, position_m=60.0}',
+        "platoon.0.to=me",
+    )
+    (text,) = warnings(simulation.prepare(scenario.load("corridor_tracking", where)))
+    assert text.endswith(
+        "no lanes inside junctions: members give way to nobody there; build it without no-internal-links"
+    )
 
 
 def test_shipped_scenarios_ask_for_nothing_that_does_not_hold():

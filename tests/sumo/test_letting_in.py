@@ -268,6 +268,24 @@ def test_one_that_then_wants_another_lane_is_let_in_there():
         assert letting_in.stops.keys() == {"third"}
 
 
+def test_a_member_that_is_gone_is_let_in_no_longer():
+    """A run with `stuck = "remove"` ended there, since it was asked how long it is."""
+    client = two_members(20.0, SimpleNamespace(time=100.0))
+    letting_in = LettingIn(client, STEP)
+    letting_in.observe({"member": Wanted("wc_1", BEHIND - SPARE, False)}, WHERE)
+    assert letting_in.waiting
+
+    def asked(name: str) -> str:
+        if name == "member":
+            raise ValueError("not known")
+        return "wc"
+
+    client.vehicle.getRoadID = client.vehicle.getLength = asked
+    client.lane.getLastStepVehicleIDs = lambda _: ["polite", "stands"]
+    letting_in.observe({}, {"polite": WHERE["polite"]})
+    assert not letting_in.waiting
+
+
 def test_a_vehicle_that_is_told_its_speed_elsewhere_lets_nobody_in_any_more():
     letting_in = LettingIn(two_members(20.0, SimpleNamespace(time=100.0)), STEP)
     wanted = {"member": Wanted("wc_1", BEHIND - SPARE, False)}

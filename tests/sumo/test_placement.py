@@ -91,3 +91,18 @@ def test_a_member_that_was_set_back_before_its_line_enters_the_junction_once():
         placement.locate(fleet)
         placement.place(fleet, None, over_red)
     assert [entry[2] for entry in placement.entries()] == [":a_0_0", ":b_0_0", ":a_0_0"]
+
+
+def test_a_route_that_comes_to_an_edge_twice_is_not_driven_from_its_first_visit_after_a_change_of_lanes():
+    """Another route over the same edges began anew: other drivers then expected the member to turn."""
+    told, here = [], SimpleNamespace(edge="A")
+    vehicle = SimpleNamespace(
+        getRoute=lambda _: (here.edge,), getRouteIndex=lambda _: 0, setRoute=lambda _, route: told.append(route)
+    )
+    client = SimpleNamespace(vehicle=vehicle, vehicletype=None, TraCIException=KeyError)
+    placement = Placement(client, SimpleNamespace(left_hand=False, edges=dict.fromkeys("ABCD", (3.2,))), 0.1)
+    route, other = (type("Route", (), {"edges": ("A", "B", "C", "A", "D"), "closed": False}) for _ in range(2))
+    for here.edge, driven in [*((edge, route) for edge in "ABCA"), ("A", other)]:
+        placement.where["m"] = here.edge, f"{here.edge}_0"
+        placement._is_settled(SimpleNamespace(id="m", route=driven))
+    assert told[-2:] == [["A", "D"], ["A", "D"]]

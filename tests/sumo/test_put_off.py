@@ -16,6 +16,7 @@ from platoontraffic.road.lane_routes import CHANGING
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.shipped import networks
+from platoontraffic.sumo import later_changes
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.later_changes import Blocked, LaterChanges
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -102,3 +103,13 @@ def test_of_several_blocked_changes_the_first_one_counts(fleet_and_later):
     for line in (change, change._replace(lane=change.onto)):
         later.note(line, 10.0, Ego("m.0", change.lane, 0.0, 4.74))
     assert later._blocked["m.0"].line == change
+
+
+def test_routes_that_no_member_drives_any_more_are_forgotten(fleet_and_later, monkeypatch):
+    fleet, later, change = fleet_and_later
+    monkeypatch.setattr(later_changes, "KEPT", 3)
+    route = fleet.members[0].route
+    for key in [(route, change, 0.0), *((changed(route), change, float(k)) for k in range(5))]:
+        dict.__setitem__(later._later, key, None)
+    later.put_off(fleet)
+    assert [key[0] for key in later._later] == [route]

@@ -218,3 +218,24 @@ def test_faults_of_many_routes_are_printed_in_few_lines():
     assert lines[-1] == "  3 for 2 other faults: see undrivable_routes in provenance.json"
     assert len(lines) == 5
     assert list(not_equipped({"not_equipped": {"has stops": 1}})) == ["1 of the share stay SUMO's: has stops"]  # before
+
+
+def test_an_obstacle_does_not_keep_a_run_going(demand, tmp_path):
+    """To SUMO it is a vehicle that never arrives."""
+    box = "kind = 'box'\nx_m = 150.0\ny_m = 1.6\nheading_deg = 180.0\nlength_m = 4.0\nwidth_m = 1.8\n"
+    tables = "[run]\nstep_s = 0.1\nduration_s = 200\n[[equip]]\nshare = 1.0\n[[obstacle]]\n"
+    file = tmp_path / "held.toml"
+    file.write_text(f"[sumo]\nconfig = '{demand}'\n{tables}{box}")
+    folder = run(tmp_path / "run", file)
+    events = pd.read_csv(folder / "events.csv")
+    assert events.loc[events.kind == "end", "what"].item() == "arrived"
+
+
+def test_members_of_the_share_that_depart_while_platoons_are_placed_are_counted(demand, tmp_path):
+    """They stay SUMO's, and nothing said so."""
+    text = (tmp_path / "demand.rou.xml").read_text()
+    assert text.count('depart="1"') == 1
+    (tmp_path / "demand.rou.xml").write_text(text.replace('depart="1"', 'depart="0.1"'))
+    folder = run(tmp_path / "run", demand, "equip.share=1.0", "run.duration_s=5")
+    left = json.loads((folder / "provenance.json").read_text())["not_equipped"]
+    assert left["departed in the first two steps, in which the members are placed"] == 1

@@ -28,7 +28,7 @@ from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Confl
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
-from platoontraffic.sumo.room_to_change import RoomToChange
+from platoontraffic.sumo.room_to_change import RoomToChange, Wanted
 from platoontraffic.sumo.stoplines import LIGHT, NO_LINE, LineState, StopLines
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -752,6 +752,24 @@ def test_a_member_of_a_convoy_is_not_expected_to_stop_at_lines(policy, heeds):
     assert PathLeader().heeds_lines
 
 
+def test_a_member_that_comes_to_a_line_again_stands_there_again():
+    """On its second lap it drove over the stop sign at 2 m/s."""
+    line = Line(100.0, "s", "", 0, "side_0", "main_0", (":a_0",), 15.0)
+    way, at = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: at.time)), Reads(None), {}), None
+    stood = []
+    for at in (
+        SimpleNamespace(time=10.0, to_line=0.5, speed=0.0), SimpleNamespace(time=12.0, to_line=0.4, speed=1.0),
+        SimpleNamespace(time=13.0, to_line=-1.0, speed=3.0), SimpleNamespace(time=90.0, to_line=30.0, speed=9.0),
+        SimpleNamespace(time=94.0, to_line=1.0, speed=2.0), SimpleNamespace(time=96.0, to_line=0.5, speed=0.0),
+    ):  # fmt: skip
+        way._now = SimpleNamespace(speed={"m.0": at.speed}, waited={"m.0": 0.0})
+        way._still["m.0", "side_0"] = 12.0
+        stood.append(way.has_stood(line, at.to_line, Ego("m.0", "side_0", at.speed, CAR.length)))
+        if at.time == 90.0:
+            assert ("m.0", "side_0") not in way._still
+    assert stood == [True, True, True, False, False, True]
+
+
 @pytest.mark.parametrize(("own", "its", "has_gap"), [(1.6, 0.3, True), (0.8, 1.5, False), (1.6, 0.0, True)])
 def test_at_an_all_way_stop_who_sets_out_later_has_waived_the_right_of_way(monkeypatch, own, its, has_gap):
     """The other one had stood for longer, but did not drive when its turn came."""
@@ -1210,7 +1228,7 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     law, model = SimpleNamespace(needs={"signals"}, heeds_lines=True), SimpleNamespace(length=5.0)
     members = tuple(SimpleNamespace(id=f"m.{k}", law=law, model=model, route=None) for k in (0, 1))
     fleet = Two(
-        members=members, ids=("m.0", "m.1"), progress=SimpleNamespace(rows=np.arange(2), station=np.zeros(2)),
+        members=members, ids=("m.0", "m.1", "native"), progress=SimpleNamespace(rows=np.arange(2), station=np.zeros(2)),
         model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)), motion=SimpleNamespace(speed=np.ones(2)),
     )  # fmt: skip
     client = SimpleNamespace(vehicle=SimpleNamespace(getLanePosition=lambda _: 30.0))
@@ -1219,8 +1237,22 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     monkeypatch.setattr(StopLines, "_state", lambda *_: NO_LINE)
     signals = lines.signals(fleet, {"m.0": ("road", "road_0"), "m.1": ("road", "road_0")})
     assert lines._way.obedient == {"m.0", "m.1"}
+    assert lines.heedless == {"native"}
     assert signals.open.tolist() == [True, False]
     assert signals.distance[1] == pytest.approx(6.0)
+
+
+def test_wishes_for_room_end_with_the_last_member_that_heeds_lines():
+    """The wish of a member that was removed stayed, and vehicles waited for it."""
+
+    class NoMembers(SimpleNamespace):
+        __len__ = lambda self: 0  # noqa: E731
+
+    lines = StopLines(None, SimpleNamespace())
+    lines._change.wanted["gone"] = Wanted("road_1", 5.0, False)
+    progress = SimpleNamespace(rows=np.arange(0), station=np.zeros(0))
+    assert lines.signals(NoMembers(members=(), ids=(), progress=progress), {}) is None
+    assert not lines.room_wanted
 
 
 @pytest.mark.sumo

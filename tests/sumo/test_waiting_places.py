@@ -76,10 +76,10 @@ def test_the_world_asks_that_of_all_but_members():
     world._obstacles = SimpleNamespace(in_sumo={"cone"})
     world._first_on_lanes = SimpleNamespace(room_wanted=lambda *_: {"bus": "room", "cone": "room"})
     world._letting_in = SimpleNamespace(observe=lambda *given: let_in.append(given))
-    world._lines = SimpleNamespace(waiting_places={"c": 3.0}, room_wanted={}, over_red={})
+    world._lines = SimpleNamespace(waiting_places={"c": 3.0}, room_wanted={}, over_red={}, heedless={"native"})
     world._placement = SimpleNamespace(where={"m.0": ("road", "road_0")}, place=lambda *_: None)
     world._waiting_places = SimpleNamespace(observe=lambda *given: asked.append(given) or {"c"})
     world._clock = 0.0
     world.place(SimpleNamespace(ids=("m.0",), followers_of_platoons={"m.1"}), None, {"bus", "m.0"})
     assert asked == [({"c": 3.0}, {"bus"})]
-    assert let_in == [({"bus": "room"}, {"m.0": ("road", "road_0")}, {"cone", "m.1", "c"})]
+    assert let_in == [({"bus": "room"}, {"m.0": ("road", "road_0")}, {"cone", "m.1", "c", "native"})]

@@ -136,4 +136,5 @@ def test_vehicles_on_one_route_share_its_line(tmp_path):
     of = recruits(tmp_path)
     one, other = (of.member(0, newcomer(id=str(i), speed_factor=1 + i / 10), 0.0).route for i in range(2))
     assert one.line is other.line
+    assert one.curvature(4.6)[0] is other.curvature(4.6)[0]  # 0.2 MB for each member that ever was
     assert (one.speed_factor, other.speed_factor) == (1.0, 1.1)
