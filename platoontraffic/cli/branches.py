@@ -13,7 +13,7 @@ from rich.table import Table
 from platoontraffic.branches.process import can_fork
 from platoontraffic.branches.runs import Branch, Ended, Source, check_has_no_branch, run_branches
 from platoontraffic.cli.alone import alone
-from platoontraffic.cli.printing import out, print_json, print_remarks, result_faults, summary
+from platoontraffic.cli.printing import document, out, print_json, print_remarks, print_wide, replay_of, result_faults
 from platoontraffic.cli.progress import RunBar, err, run_progress, say
 from platoontraffic.errors import InputError, RunError
 from platoontraffic.recording import is_done, result_folder, run
@@ -33,6 +33,7 @@ def run_with_branches(
     force: bool,
     quiet: bool,
     json: bool,
+    replay: bool,
 ) -> list[Path]:
     """The command `run` with branches; arguments as there. The folders of all results, that without a branch first."""
     made = branches_of(prepared, at, then, results)
@@ -48,7 +49,8 @@ def run_with_branches(
         return []
     run_all(source, prepared, folder, made, force, quiet or json)
     if json:
-        print_json({"folders": [{"folder": str(one), "summary": summary(one)} for one in folders]})
+        made_here = {one: replay_of(one) for one in folders if replay}
+        print_json({"folders": [document(one, made_here.get(one)) for one in folders]})
         return []
     if not quiet:
         print_differences(folders, then)
@@ -164,7 +166,7 @@ def print_differences(folders: Sequence[Path], names: Sequence[str]) -> None:
         unit = f" [{row.unit}]" if isinstance(row.unit, str) and row.unit else ""
         cells = ["" if pd.isna(one) or not one else f"{one:+.4g}" for one in differences]
         table.add_row(f"{row.metric}{unit}", *cells, f"{row.value:.4g}")
-    out.print(table)
+    print_wide(table)
 
 
 def _sum_on(bars: Sequence[RunBar]) -> Callable[[float], None]:

@@ -19,6 +19,7 @@ from platoontraffic.cli.commands import commands_of
 from platoontraffic.cli.last_resort import one_line_at_death
 from platoontraffic.cli.nets import nets_app
 from platoontraffic.cli.printing import (
+    document,
     equal_runs,
     first_line,
     out,
@@ -27,8 +28,8 @@ from platoontraffic.cli.printing import (
     print_report,
     print_run,
     print_runs,
+    replay_of,
     result_faults,
-    summary,
     title,
 )
 from platoontraffic.cli.progress import batch_progress, err, run_progress, say, say_when_compiling, show_stage
@@ -125,7 +126,7 @@ def run(
         if gui:
             raise InputError("--gui: not with --branch-at, because a SUMO with a window cannot be copied")
         source = Source(scenario, tuple(changes or ()), seed, platoons, replay)
-        options = {"dry_run": dry_run, "force": force, "quiet": quiet, "json": json}
+        options = {"dry_run": dry_run, "force": force, "quiet": quiet, "json": json, "replay": replay}
         for folder in run_with_branches(source, prepared, branch_at, then or (), results, **options):
             _finish_run(folder, replay, quiet)
         return
@@ -141,7 +142,7 @@ def run(
         return
     if runs.is_done(folder) and not force:
         if not quiet and not json:
-            err.print(f"results of an equal run exist; it is not repeated without --force: {folder}")
+            err.print(f"results of an equal run exist; it is not repeated without --force: {folder}", soft_wrap=True)
     else:
         from platoontraffic.cli.alone import alone
 
@@ -154,7 +155,8 @@ def run(
             if force or not runs.is_done(folder):
                 runs.run(prepared, folder, watchers, replace=force, window=window, say=say)
     if json:
-        print_json({"folder": str(folder), "summary": summary(folder), "sumo_options_replaced": checked.replaced()})
+        made = replay_of(folder) if replay else None
+        print_json(document(folder, made) | {"sumo_options_replaced": checked.replaced()})
         return
     if not quiet:
         print_run(folder)
@@ -164,10 +166,7 @@ def run(
 def _finish_run(folder: Path, replay: bool, quiet: bool) -> None:
     """Make the replay, if it is wanted, and print the folder."""
     if replay:
-        from platoontraffic.replay import page
-
-        with result_faults():
-            made = page(folder, folder / "replay.html")
+        made = replay_of(folder)
         if not quiet:
             out.print(f"replay, for any browser: {made}", soft_wrap=True)
     print(folder)

@@ -36,10 +36,17 @@ COLUMNS = (
     ("lock\nlosses", "lock_losses", ".0f"),
     ("contacts", "collisions", ".0f"),
 )
+WIDEST = 10_000  # longest line of a table [characters]
 FAILURES = 10  # number of failures of a batch that are printed
 ROUTE_FAULTS, FAULT = 3, 160  # number of faults of routes that are printed, and longest one [characters]
 
-out = Console(highlight=False)
+out = Console(highlight=False, markup=False)  # names may have brackets
+
+
+def print_wide(table: Table) -> None:
+    """Print a table in lines as long as it needs, even where the terminal's, or a file's, are shorter: cut numbers are
+    wrong ones."""
+    Console(highlight=False, markup=False, width=WIDEST).print(table, crop=False)
 
 
 def print_json(document: Any) -> None:
@@ -49,6 +56,19 @@ def print_json(document: Any) -> None:
     except UnicodeEncodeError:
         text = json.dumps(document, indent=2)
     print(text)
+
+
+def replay_of(folder: Path) -> Path:
+    """The page of a run, made now."""
+    from platoontraffic.replay import page
+
+    with result_faults():
+        return page(folder, folder / "replay.html")
+
+
+def document(folder: Path, replay: Path | None) -> dict[str, Any]:
+    """What `--json` prints of a run. replay: its page, if there is one"""
+    return {"folder": str(folder), "summary": summary(folder)} | ({"replay": str(replay)} if replay else {})
 
 
 @contextmanager
@@ -86,9 +106,9 @@ def print_run(folder: Path) -> None:
         table = _members(results)
     out.print(said if table.row_count else "There were no members.", soft_wrap=True, markup=False)
     if 0 < table.row_count <= MOST_MEMBERS:
-        out.print(table)
+        print_wide(table)
     if "equipped" in set(results.metrics.scope):
-        out.print(_trips(results))
+        print_wide(_trips(results))
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     for line in not_equipped(facts):
         out.print(line, soft_wrap=True, markup=False)

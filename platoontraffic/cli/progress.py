@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 REFRESH = 0.1  # shortest time between two updates of a bar [s]
 
-err = Console(stderr=True, highlight=False)
+err = Console(stderr=True, highlight=False, markup=False)
 
 
 class RunBar:

@@ -8,14 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from platoontraffic import shipped
 from platoontraffic.cli.nets import file_of
-from platoontraffic.cli.printing import out, print_json
+from platoontraffic.cli.printing import out, print_json, print_wide
 from platoontraffic.cli.progress import err
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.prove.plans import Road
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
     from platoontraffic.prove.traffic import Pair, Verdict
 
 INCIDENTS = 10  # that are printed
-WIDTH = 120  # of the tables [characters]
 CONFIGURATIONS = (".sumocfg", ".netecfg")
 
 
@@ -208,10 +205,10 @@ def _print_drives(driven: Sequence[Drive], road: Road, wanted: int) -> None:
     for one in driven:
         fault = "" if one.holds else "fails" if one.arrived else "does not arrive"
         table.add_row(
-            *(escape(one.start), escape(one.end), f"{one.length:.0f}", f"{one.off:.2f}", f"{one.beyond:.2f}"),
+            *(one.start, one.end, f"{one.length:.0f}", f"{one.off:.2f}", f"{one.beyond:.2f}"),
             *(
                 f"{one.x:.1f}, {one.y:.1f}",
-                escape(one.lane),
+                one.lane,
                 f"{one.lateral:.1f}",
                 f"{one.time:.0f}",
                 f"{one.free_time:.0f}",
@@ -231,11 +228,6 @@ def _print_drives(driven: Sequence[Drive], road: Road, wanted: int) -> None:
         markup=False,
     )
     out.print(f"{failing} of {len(driven)} routes fail" if failing else "holds")
-
-
-def print_wide(table: Table) -> None:
-    """Print a table in lines of up to 120 characters even where the terminal's, or a file's, are 80."""
-    Console(highlight=False, width=max(out.width, WIDTH)).print(table, crop=False)
 
 
 @contextmanager

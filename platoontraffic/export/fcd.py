@@ -45,7 +45,9 @@ def _rows(results: Results) -> pd.DataFrame:
     """A row a vehicle and instant: time_s, and its line of XML."""
     if results.vehicles is None:
         raise ResultsError(f"{results.folder}: vehicles.csv is missing; it is needed for the lengths of the vehicles")
-    tables = [results.trajectories, *([] if results.traffic is None else [results.traffic])]
+    tables = [one for one in (results.trajectories, results.traffic) if one is not None and len(one)]
+    if not tables:
+        return pd.DataFrame({"time_s": [], "line": []})
     rows = pd.concat(tables, ignore_index=True)
     known = results.vehicles.drop_duplicates("vehicle_id").set_index("vehicle_id")
     length = known.length_m.reindex(rows.vehicle_id).to_numpy()

@@ -172,7 +172,8 @@ def _odometry(results: Results, number: dict[str, int], starts: pd.DataFrame) ->
 
 def _seen(results: Results, number: dict[str, int]) -> Iterator[Stamped]:
     """Bodies of members and of other vehicles, and the targets of the members' laws."""
-    sizes = results.vehicles.set_index("vehicle_id") if results.vehicles is not None else pd.DataFrame()
+    known = None if results.vehicles is None else results.vehicles.drop_duplicates("vehicle_id")
+    sizes = pd.DataFrame() if known is None else known.set_index("vehicle_id")
     usual = (4.74, 1.80)
 
     def size(vehicle: str) -> tuple[float, float]:

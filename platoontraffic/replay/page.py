@@ -7,7 +7,7 @@ import html
 import re
 from pathlib import Path
 
-from platoontraffic.analysis.results import Results, load
+from platoontraffic.analysis.results import Results, load_run
 from platoontraffic.analysis.writing import write
 from platoontraffic.replay.content import packed
 
@@ -22,12 +22,12 @@ def page(folder: Path, to: Path, vehicle: str | None = None) -> Path:
 
     raises: ResultsError, OSError (it cannot be written), InputError if there is no such member
     """
-    return write(to, _page(load(folder), vehicle).encode())
+    return write(to, _page(load_run(folder), vehicle).encode())
 
 
 def page_of_two(folder: Path, other: Path, to: Path, vehicle: str | None = None) -> Path:
     """Make a page of two finished runs side by side, which play together. Parameters and errors as of `page`."""
-    runs = [load(one) for one in (folder, other)]
+    runs = [load_run(Path(one)) for one in (folder, other)]
     names = [_name(run) for run in runs]
     first, second = (html.escape(_page(run, vehicle)) for run in runs)
     parts = {

@@ -134,6 +134,9 @@ def _pictures(batch: Batch, drawn: list[str], to: Path) -> Iterable[str]:
     keys = sorted(_keys(batch), key=lambda key: -batch.runs[key].astype(str).nunique())
     pooled = f"; all values of {', '.join(keys[2:])} together" if len(keys) > 2 else ""
     for metric in drawn if keys else ():
+        if batch.summary[metric].isna().all():
+            yield f"<p>{text(metric)}: no run has a value of it.</p>"
+            continue
         unit = batch.summary.attrs["units"].get(metric, "")
         dots = "each run, and " if len(keys) == 1 else f"a line for each {keys[1]}, "
         caption = f"{metric} over {keys[0]}: {dots}means with their 95 % intervals{pooled}"

@@ -75,6 +75,8 @@ class Equip(Table):
     @field_validator("types", "classes", "edges", mode="before")
     @classmethod
     def listed(cls, names: Any) -> Any:
+        if type(names) is int:  # an edge of OpenStreetMap
+            return [str(names)]
         return names.split(",") if isinstance(names, str) else names
 
     @model_validator(mode="before")

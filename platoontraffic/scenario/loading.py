@@ -70,6 +70,8 @@ def load(
     if config is None and platoons is not None:
         raise InputError(f"--platoon: goes with a SUMO configuration (.sumocfg, .netecfg); {source} is a scenario")
     table, lines = ({}, {}) if config and platoons is None else toml_lines.read_toml(platoons or source)
+    if "base" in table and not config:
+        raise InputError(f"{source}: is a study; `platoontraffic batch {source}` runs it")
     table.setdefault("name", _name(source))
     if config:
         configurations.complete(table, config, changes)
@@ -159,6 +161,8 @@ def _find(name_or_file: str | Path) -> Path:
         raise InputError(f"{file}: is the folder of a run; its scenario is {file / 'config.toml'}")
     if os.path.isdir(file):
         raise InputError(f"{file}: is a folder; must be a scenario file, or one of: {', '.join(known)}")
+    if str(name_or_file) in shipped.studies():
+        raise InputError(f"{name_or_file}: is a shipped study; `platoontraffic batch {name_or_file}` runs it")
     hint = did_you_mean(str(name_or_file), known)
     if absent != "no such file":
         raise InputError(f"{name_or_file}: {absent}")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from platoontraffic.plug_ins import plug_in_file
-from platoontraffic.scenario.drivers import drivers_of
+from platoontraffic.scenario.drivers import drivers_of, key_of
 from platoontraffic.scenario.faults import KeyPath
 from platoontraffic.scenario.tables import Spec
 
@@ -34,8 +34,8 @@ def named_code(spec: Spec, folder: Path) -> list[NamedCode]:
 
 def _names(spec: Spec) -> Iterator[tuple[KeyPath, str]]:
     for role, driver in drivers_of(spec):
-        yield ("platoon", *role, "law"), driver.law
+        yield (*key_of(spec, role), "law"), driver.law
         for name, sensor in driver.sensors.items():
-            yield ("platoon", *role, "sensors", name), sensor.sensor
+            yield (*key_of(spec, role), "sensors", name), sensor.sensor
     for i, name in enumerate(spec.record.metrics):
         yield ("record", "metrics", i), name

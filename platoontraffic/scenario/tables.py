@@ -120,6 +120,8 @@ class Record(Table):
     @field_validator("sumo", "passages", "metrics", mode="before")
     @classmethod
     def listed(cls, names: Any) -> Any:
+        if type(names) is int:  # an edge of OpenStreetMap
+            return [str(names)]
         return names.split(",") if isinstance(names, str) else names
 
 

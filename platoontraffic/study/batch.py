@@ -269,12 +269,12 @@ def _outcome(future: Future[Outcome]) -> Outcome:
 
 def _now_and_then(study: Study, folder: Path, lock: Lock) -> Callable[[], None]:
     """A function that writes the tables if the last time was long enough ago."""
-    due = time.monotonic() + TABLES_PERIOD
+    due = time.monotonic()  # the first ones at once, for a report of a batch that goes on
 
     def write() -> None:
         nonlocal due
         began = time.monotonic()
-        if began > due:
+        if began >= due:
             write_tables(study, folder, lock, patience=0)
             due = time.monotonic() + max(TABLES_PERIOD, (time.monotonic() - began) / TABLES_SHARE)
 

@@ -70,11 +70,13 @@ class Workers:
             if self._closed.is_set():
                 raise RunError("stopped")
             self._warm_ups = self._warm_ups or WarmUps(self._census)
-        pulse = Pulse(job["id"], say)
+        pulse, began = Pulse(job["id"], say), time.monotonic()
         try:
             outcome = self._warm_ups.run(job, pulse)
         except Stopped as stopped:
-            return None if stopped.again else {"error": stopped.why, "traceback": "", "stop": False}
+            wall = round(time.monotonic() - began, 3)
+            failed = {"error": stopped.why, "traceback": stopped.words, "stop": False, "wall_s": wall}
+            return None if stopped.again else failed
         except InputError:
             return None
         finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import time
 from collections.abc import Sequence
@@ -52,7 +53,7 @@ def _write_runs(study: Study, folder: Path, states: dict[str, str]) -> None:
                 wall = read_json(folder / run.id / "provenance.json").get("wall_s", "")
             elif states[run.id] == FAILED:
                 failed = failure(folder, run.id)
-                error, wall = failed["error"], failed["wall_s"]
+                error, wall = failed["error"], failed.get("wall_s", "")
             rows.writerow([run.id, states[run.id], run.seed, *map(_cell, run.values.values()), error, wall])
 
 
@@ -70,12 +71,12 @@ def _metrics(run_folder: Path) -> dict[str, str]:
     """Column -> value of a run's summary.csv, without the columns of the scenario. raises: InputError"""
     file = run_folder / "summary.csv"
     try:
-        names, values = csv.reader(file.read_text(encoding="utf-8").splitlines())
+        names, values = csv.reader(io.StringIO(file.read_text(encoding="utf-8"), newline=""))
         row = zip(names, values, strict=True)
     except (OSError, ValueError):
         raise InputError(f"{file}: is missing or damaged; remove {run_folder} to repeat the run") from None
     own = {"scenario", *Spec.model_fields}
-    return {name: value for name, value in row if "." not in name and name not in own}
+    return {name: value for name, value in row if name.partition(".")[0] not in own}  # edges may have dots
 
 
 def _units(run_folder: Path) -> dict[str, str]:

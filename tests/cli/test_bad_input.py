@@ -248,3 +248,30 @@ def test_a_full_stdout():
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1
     assert done.stderr.startswith("No space left on device")
+
+
+@pytest.mark.parametrize("where", ["shipped", "file"])
+def test_a_study_is_run_by_another_command(tmp_path: Path, where: str):
+    name, what = "paper_follower", "shipped study"
+    if where == "file":
+        name, what = str(tmp_path / "mine.toml"), "study"
+        Path(name).write_text('base = "paper_loop"\n[grid]\nplatoon.size = [2, 3]\n')
+    done = CliRunner().invoke(app, ["run", name])
+    assert (done.exit_code, done.stderr) == (2, f"{name}: is a {what}; `platoontraffic batch {name}` runs it\n")
+
+
+@pytest.mark.parametrize("key", ["record.passages", "equip.edges"])
+def test_an_edge_may_be_a_number(key: str):
+    """As those of OpenStreetMap are."""
+    done = CliRunner().invoke(app, ["run", "capacity", f"{key}=123456", "--dry-run"])
+    assert done.exit_code == 2
+    assert "'123456': no such edge" in done.stderr
+
+
+def test_a_folder_with_brackets_is_no_markup(tmp_path: Path):
+    """It ended in a MarkupError, or was printed without them."""
+    folder = tmp_path / "a [b] [" / "c]"
+    folder.mkdir(parents=True)
+    (folder / "s.toml").write_text((shipped.scenarios()["paper_loop"]).read_text())
+    done = CliRunner().invoke(app, ["check", str(folder / "s.toml")])
+    assert (done.exit_code, done.stdout) == (0, f"{folder / 's.toml'}: fine\n")

@@ -171,3 +171,18 @@ def test_in_a_browser_names_are_text_and_the_page_fits_a_phone(scheme, batch):
             assert said == []
     except NoBrowser as error:
         pytest.skip(str(error))
+
+
+def test_a_metric_of_which_no_run_has_a_value_is_said(batch):
+    """There was no page, and it said that no run is done."""
+    summary = pd.read_csv(batch / "summary.csv")
+    summary["gap_mean_m"] = float("nan")
+    summary.to_csv(batch / "summary.csv", index=False)
+    assert "gap_mean_m: no run has a value of it." in report(batch, "--metric", "collisions,gap_mean_m")
+
+
+def test_the_replay_of_a_batch_is_refused_in_a_line(batch):
+    done = CliRunner().invoke(app, ["replay", str(batch)])
+    assert done.exit_code == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "unexpected" not in done.stderr
