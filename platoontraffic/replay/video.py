@@ -86,7 +86,7 @@ def _drawing(results: Results) -> tuple[Figure, Callable[[float], None]]:
     below.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, fontsize=8)
     cursor = below.axvline(main.time_s.min(), color="black", linewidth=1)
     sizes = _sizes(results)
-    of_members = _Bodies(road, table, sizes, [figures.COLOURS[p % len(figures.COLOURS)] for p in range(99)])
+    of_members = _Bodies(road, table, sizes, figures.COLOURS)
     came = set(results.events[results.events.kind == "obstacle"].vehicle_id)
     of_traffic = (
         _Bodies(road, results.traffic, sizes, [], came)
@@ -136,7 +136,9 @@ class _Bodies:
         grey = figures.OTHERS, figures.OBSTACLE
         self._drawn.set_facecolor(
             [
-                self._colours[row.place] if self._colours else grey[row.vehicle_id in self._obstacles]
+                self._colours[row.place % len(self._colours)]
+                if self._colours
+                else grey[row.vehicle_id in self._obstacles]
                 for row in rows.itertuples()
             ]
         )

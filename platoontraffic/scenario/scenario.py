@@ -238,4 +238,12 @@ def placed(fault: Fault, place: Callable[[KeyPath], str]) -> str:
 
 
 def _relative(file: Path, folder: Path | None) -> str:
-    return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix() if folder else ""
+    return relative_to(file, folder) if folder else ""
+
+
+def relative_to(file: Path, folder: Path) -> str:
+    """The path of a file as seen from a folder; the whole path where they are on two drives of Windows."""
+    try:
+        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return file.resolve().as_posix()

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import itertools
 import math
-import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.scenario import Change, Identifier, Scenario, Table, dotted, fault_of, toml_lines
 from platoontraffic.scenario.named_code import BeforeCode
 from platoontraffic.scenario.overrides import leaves
+from platoontraffic.scenario.scenario import relative_to
 from platoontraffic.study.conditions import condition
 from platoontraffic.study.folder_lock import SHARES
 
@@ -100,7 +100,7 @@ class Study:
         """The study as a file in `folder`."""
         base = self.base
         if base not in shipped.scenarios():
-            base = Path(os.path.relpath(base, folder.resolve())).as_posix()
+            base = relative_to(Path(base), folder)
         return tomli_w.dumps(self.table | {"base": base})
 
     def block(self, shard: int, shards: int) -> range:

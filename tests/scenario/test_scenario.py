@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
+from pathlib import Path
 
 import pytest
 import tomli_w
@@ -11,6 +12,7 @@ import tomli_w
 from platoontraffic import scenario, shipped, simulation
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import PRESETS, Noise
+from platoontraffic.scenario.scenario import relative_to
 from platoontraffic.scenario.toml_lines import key_lines
 from platoontraffic.scenario.vehicle_tables import Vehicle
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -271,3 +273,14 @@ def test_a_law_that_needs_an_unknown_input_is_a_fault(scenario_file, tmp_path):
     (tmp_path / "law.py").write_text("from dataclasses import dataclass\n" + law)
     (fault,) = faults(scenario_file(('law = "repaired"', 'law = "law:Law"')))
     assert fault.endswith("Law needs v2v; there is: leader, leads, members, messages, route, signals, truth")
+
+
+def test_a_file_on_another_drive_has_its_whole_path(monkeypatch):
+    """On Windows no path leads from one drive to another: runs with results there failed."""
+
+    def other_drive(*_):
+        raise ValueError("path is on mount 'C:', start on mount 'D:'")
+
+    assert relative_to(Path("/a/b/net.xml"), Path("/a/c")) == "../b/net.xml"
+    monkeypatch.setattr("os.path.relpath", other_drive)
+    assert relative_to(Path("/a/b/net.xml"), Path("/a/c")) == "/a/b/net.xml"
