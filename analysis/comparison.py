@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,10 +19,11 @@ DRAWN = {"gap_m": "gap [m]", "speed_mps": "speed [m/s]"}
 
 
 def compared(folders: Sequence[Path], scope: str | None = None) -> pd.DataFrame:
-    """Metrics of runs, one a row: the columns of metrics.csv, `value` of the first run, `difference_1` and so on.
+    """Metrics of runs, one a row: the columns of metrics.csv, with `value` of the first run, and `difference_1`,
+    `value_1` and so on.
 
-    A difference is the other run's value minus the first one's; NaN where one of them has none. Metrics that are equal
-    in all runs are left out.
+    A difference is the other run's value, `value_1`, minus the first one's; NaN where one of them has none. Metrics
+    that are equal in all runs are left out.
 
     scope : of the metrics, such as "run" or "vehicle"; None: all
     raises: ResultsError
@@ -35,7 +37,23 @@ def compared(folders: Sequence[Path], scope: str | None = None) -> pd.DataFrame:
     equal = table.eq(table[0], axis=0) | (table.isna() & table[0].isna().to_numpy()[:, None])
     table = table[~equal.all(axis=1)]
     columns = {f"difference_{i}": table[i] - table[0] for i in range(1, len(values))}
+    columns |= {f"value_{i}": table[i] for i in range(1, len(values))}
     return table[[0]].rename(columns={0: "value"}).assign(**columns).reset_index()
+
+
+def cells(row: Any) -> list[str]:
+    """The cells of a row of `compared`: differences, and the value of the first run.
+
+    Where there is no difference, since one of both has no value, the cell has the other run's value, or "none".
+    """
+    texts, others = [], (name for name in row._fields if name.startswith("difference_"))
+    for one, value in ((getattr(row, name), getattr(row, name.replace("difference", "value"))) for name in others):
+        if pd.isna(one):
+            gone = "" if pd.isna(row.value) else "none"
+            texts.append(gone if pd.isna(value) else f"= {value:.4g}")
+        else:
+            texts.append(f"{one:+.4g}" if one else "")
+    return [*texts, "none" if pd.isna(row.value) else f"{row.value:.4g}"]
 
 
 def difference(first: pd.DataFrame, other: pd.DataFrame, column: str) -> pd.DataFrame:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-import pandas as pd
 from rich.table import Table
 
 from platoontraffic.branches.process import can_fork
@@ -148,10 +147,10 @@ def print_differences(folders: Sequence[Path], names: Sequence[str]) -> None:
 
     names: of the branches
     """
-    from platoontraffic.analysis.comparison import compared
+    from platoontraffic.analysis.comparison import cells, compared
 
     with result_faults("; --force repeats the runs"):
-        metrics = compared(folders, "run").dropna(subset=["value"])
+        metrics = compared(folders, "run")
     if metrics.empty:
         out.print("No metric of the whole run differs.")
         return
@@ -162,10 +161,8 @@ def print_differences(folders: Sequence[Path], names: Sequence[str]) -> None:
     for heading in (*(f"in {number}" for number in range(1, len(folders))), "without branch"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in metrics.itertuples():
-        differences = [getattr(row, f"difference_{i}") for i in range(1, len(folders))]
         unit = f" [{row.unit}]" if isinstance(row.unit, str) and row.unit else ""
-        cells = ["" if pd.isna(one) or not one else f"{one:+.4g}" for one in differences]
-        table.add_row(f"{row.metric}{unit}", *cells, f"{row.value:.4g}")
+        table.add_row(f"{row.metric}{unit}", *cells(row))
     print_wide(table)
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
-from platoontraffic.analysis.comparison import compared, difference_figure
+from platoontraffic.analysis.comparison import cells, compared, difference_figure
 from platoontraffic.analysis.outcome import headline
 from platoontraffic.analysis.reading import inside, read_table
 from platoontraffic.analysis.results import Results, ResultsError, load_run
@@ -27,7 +26,7 @@ def page(folders: Sequence[Path], to: Path) -> Path:
         if run.trajectories.empty:
             raise ResultsError(f"{run.folder}: no member was ever on the road")
     names = _names(runs)
-    metrics = compared(folders).dropna(subset=["value"])
+    metrics = compared(folders)
     title = read_json(runs[0].folder, "datapackage.json").get("title") or runs[0].folder.resolve().parent.name
     drawn = difference_figure(runs[0], runs[1:], names[1:])
     body = f"""{table("The runs", ("run", "folder", "did it hold?"), _answers(runs, names))}
@@ -63,15 +62,7 @@ def _answers(runs: Sequence[Results], names: Sequence[str]) -> Iterator[tuple[st
 
 def _differences(caption: str, metrics: pd.DataFrame, names: Sequence[str]) -> str:
     headings = ("metric", "unit", *(f"{name}: difference" for name in names[1:]), names[0])
-    lines = [
-        (
-            row.metric,
-            row.unit if isinstance(row.unit, str) else "",
-            *(_signed(getattr(row, f"difference_{i}")) for i in range(1, len(names))),
-            f"{row.value:.4g}",
-        )
-        for row in metrics.itertuples()
-    ]
+    lines = [(row.metric, row.unit if isinstance(row.unit, str) else "", *cells(row)) for row in metrics.itertuples()]
     return table(caption, headings, lines)
 
 
@@ -79,7 +70,3 @@ def _of_members(metrics: pd.DataFrame, names: Sequence[str]) -> str:
     members = metrics[metrics.scope == "vehicle"]
     tables = (_differences(vehicle, rows, names) for vehicle, rows in members.groupby("vehicle_id", sort=False))
     return details("Each member", "".join(tables))
-
-
-def _signed(value: Any) -> str:
-    return "" if pd.isna(value) or not value else f"{value:+.4g}"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from platoontraffic.analysis.comparison import compared, difference
+from platoontraffic.analysis.comparison import cells, compared, difference
 from platoontraffic.analysis.results import load_run
 from platoontraffic.cli.main import app
 from tests.support.runs import run
@@ -41,6 +42,21 @@ def test_differences_are_those_of_the_metrics(folders: list[Path]) -> None:
     assert compared([folders[0], folders[2]]).empty
     equal = [key for key in alone.index if alone[key] == branch[key]]
     assert not set(equal) & set(zip(table.scope, table.vehicle_id, table.metric, strict=True))
+
+
+def test_a_metric_that_one_run_has_alone_is_shown(folders: list[Path], tmp_path: Path) -> None:
+    """It was left out, though the page says that only equal ones are; and a value that is gone looked equal."""
+    changed = tmp_path / "changed"
+    shutil.copytree(folders[2], changed)
+    table = pd.read_csv(changed / "metrics.csv")
+    first = table.index[table.scope == "run"]
+    empty, full = (first[table.value[first].isna() == one][0] for one in (True, False))
+    table.loc[empty, "value"], table.loc[full, "value"] = 6.5, float("nan")
+    table.to_csv(changed / "metrics.csv", index=False)
+    rows = {row.metric: cells(row) for row in compared([folders[0], changed], "run").itertuples()}
+    assert rows[table.metric[empty]] == ["= 6.5", "none"]
+    assert rows[table.metric[full]][0] == "none"
+    assert len(rows) == 2
 
 
 def test_nothing_differs_before_the_branch(folders: list[Path]) -> None:
