@@ -21,7 +21,7 @@ LONGEST_DELAY = 0.3  # of scans and odometry [s]
 def warnings(prepared: Prepared) -> list[str]:
     """One line for every leader whose vehicle cannot drive its profile, and every limit of `tracking` passed.
 
-    And one for a network where members do not know to whom they must give way.
+    And one for a network where members do not know which vehicles they must give way to.
     """
     texts = list(_network(prepared))
     number = {platoon.id: i for i, platoon in enumerate(prepared.scenario.spec.platoon)}

@@ -161,7 +161,9 @@ def _narrow(
     for before in sorted({network.entered_from[name] for via in line.via[:1] for name in network.inside_with(via)}):
         for link in lane.getLinks(before):
             via, onto = _chain(link[LINK_VIA], sumo), link[LINK_ONTO]
-            if _edge(before) == edges[0] or _edge(onto) == edges[1] or via[0] in met or not inner.isdisjoint(via):
+            if not via or via[0] in met or not inner.isdisjoint(via):
+                continue
+            if _edge(before) == edges[0] or _edge(onto) == edges[1]:
                 continue
             if found := _met(own, paths[via, onto, SAMPLED * width], APART * width):
                 fastest = min(map(lane.getMaxSpeed, via))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -24,6 +25,7 @@ from platoontraffic.road.lane_routes import CHANGING, SHORTEST_CHANGE, Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
+from platoontraffic.sumo import conflicts
 from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Reads
@@ -590,6 +592,18 @@ def test_left_turns_against_each_other_are_narrow_where_sumo_lets_cars_drive_thr
     finally:
         libsumo.close()
     assert narrow == {"B1A1_0": ["B2B1_0"], "B1B2_0": [], "B1C1_0": []}
+
+
+def test_a_link_without_lanes_inside_is_not_narrow():
+    """Some networks have a few of them; the run would end there."""
+    line = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    links = {"side_0": [("far_0", True, True, False, "", "M", "s", 5.0)]}
+    client = SimpleNamespace(
+        lane=SimpleNamespace(getWidth=lambda _: 3.2, getLinks=links.__getitem__, getMaxSpeed=lambda _: 10.0)
+    )
+    network = SimpleNamespace(entered_from={":a_1": "side_0"}, inside_with=lambda _: [":a_1"])
+    paths = defaultdict(lambda: None)
+    assert list(conflicts._narrow(line, {}, set(), network, client, paths)) == []
 
 
 def inside_lanes(via: str) -> list[str]:
