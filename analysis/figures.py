@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.patches import PathPatch, Polygon
 from matplotlib.path import Path as Outline
+from pandas.api.types import is_numeric_dtype
 
 from platoontraffic.analysis.results import ResultsError
 from platoontraffic.analysis.tables import columns_of, summarise
@@ -351,20 +352,27 @@ def growth(
 def estimates(table: pd.DataFrame, x: str, axes: Axes, by: str | None = None) -> Axes:
     """Means with their intervals over a column, from a table of `tables.summarise` or `tables.paired`.
 
-    by: another column; a line for each of its values
+    x : a column of numbers, or of texts, which stand side by side in the order of the table
+    by: another column; a line, or for texts a row of points, for each of its values
     """
     columns_of(table, [x, *([by] if by else []), "metric", "mean", "low", "high"])
     metrics = table.metric.unique()
     if len(metrics) != 1:
         raise ResultsError(f"estimates: must be of one metric; there are {', '.join(metrics)}")
     groups = list(table.groupby(by, sort=False)) if by else [(None, table)]
+    texts = None if is_numeric_dtype(table[x]) else list(table[x].unique())
     for i, (value, rows) in enumerate(groups):
-        at, mean, low, high = rows.sort_values(x)[[x, "mean", "low", "high"]].to_numpy(dtype=float).T
+        places = rows[x] if texts is None else rows[x].map(texts.index)
+        values = rows.assign(**{x: places}).sort_values(x)[[x, "mean", "low", "high"]]
+        at, mean, low, high = values.to_numpy(dtype=float).T
         colour, marker = COLOURS[1:][i % 7] if by else COLOURS[1], MARKERS[i % len(MARKERS)]
         axes.errorbar(
             at, mean, np.nan_to_num([mean - low, high - mean]), color=colour, marker=marker, markersize=5,
-            linewidth=1.2, capsize=3, label=None if value is None else str(value),
+            linewidth=1.2, linestyle="-" if texts is None else "", capsize=3,
+            label=None if value is None else str(value),
         )  # fmt: skip
+    if texts is not None:
+        axes.set_xticks(range(len(texts)), texts)
     if by:
         axes.legend(title=label(table, by), frameon=False)
     axes.set_xlabel(label(table, x))

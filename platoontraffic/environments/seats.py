@@ -33,13 +33,17 @@ class Seats:
         self.waiting: list[str] = []  # members that learn and have not yet departed
         self.departed: list[str] = []  # those that have departed since the last decision
         self._next: Plan | None = None  # episode of a reset without a seed
-        self._prepares = False
+        self._prepares = self._closed = False
 
     def begin(self, random: np.random.Generator) -> None:
         """A new episode.
 
         At its first step the next one is made, in the background, unless the last reset was not the one expected.
+
+        raises: RuntimeError (it is closed)
         """
+        if self._closed:
+            raise RuntimeError("the environment is closed; make a new one")
         self.frame, plan = None, self._drawn(random)
         self._prepares, self._next = self._next in (None, plan), self._drawn(deepcopy(random))
         self.waiting = self.names
@@ -108,5 +112,5 @@ class Seats:
         return self._episodes.call("spent")
 
     def close(self) -> None:
-        self.frame = None
+        self.frame, self._closed = None, True
         self._episodes.close()

@@ -31,7 +31,7 @@ from platoontraffic.simulation import Prepared, Setting, Simulation, prepare, se
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.records import changed
 from platoontraffic.world.events import EVENT_KINDS
-from platoontraffic.world.fleet import Fleet, Member
+from platoontraffic.world.fleet import NO_NOISE, Fleet, Member
 from platoontraffic.world.ground import BareGround
 
 FIELDS = {one.name: one.field for one in QUANTITIES}
@@ -157,6 +157,8 @@ class Episodes:
         drives = self._learn.command == "drive" or (not self._learn.command and seat.model.turning_radius > 0)
         self._command = Drive if drives else Twist
         self._known = _known(_with_seat(seat).law.needs) if self._learn.observation == "dict" else ()
+        if number == 0:
+            self._check_episodes(base)
         self._open, self._world = ExitStack(), None
         self._simulation: Simulation | None = None  # of the episode
         self._undrawn = self._setting(self._prepared)  # of episodes for which nothing is drawn
@@ -175,8 +177,36 @@ class Episodes:
         gc.collect()
         gc.freeze()  # in forks, collections need not touch, and so copy, what is here
 
+    def _check_episodes(self, base: Scenario) -> None:
+        """raises: InputError where episodes are shorter than a decision, or where what is drawn changes the spaces"""
+        facts, learn = self.facts(unheard), self._learn
+        if learn.episode_s and learn.episode_s < facts.interval:
+            what = f"{learn.episode_s:g}: must be no less than the time between two decisions, {facts.interval:g} s"
+            raise InputError(base.fault(("learn", "episode_s"), what))
+        for key, values in facts.learn.draw.items():
+            faults: list[InputError] = []
+            values = values if isinstance(values, list) else list(values.values())
+            for value in values:
+                try:
+                    prepared = self._prepare({key: value})
+                    differs = not self._has_learners(prepared) or _spaces(self._facts_of(prepared)) != _spaces(facts)
+                except InputError as error:  # with what else is drawn it may be sound; else `chosen` raises it
+                    faults.append(error)
+                    continue
+                if differs:
+                    what = f"{value}: changes which members learn, what they observe or what they command; must not"
+                    raise InputError(base.fault(("learn", "draw", key), what))
+            if len(faults) == len(values):
+                raise faults[0]
+
+    def _has_learners(self, prepared: Prepared) -> bool:
+        return set(self._learners) <= {m.id for m in prepared.members}
+
     def facts(self, say: Say) -> Facts:
-        members = {m.id: m for m in self._prepared.members}
+        return self._facts_of(self._prepared)
+
+    def _facts_of(self, prepared: Prepared) -> Facts:
+        members = {m.id: m for m in prepared.members}
         seats = [members[name] for name in self._learners]
         if len({(m.lidar, _with_seat(m).law.needs) for m in seats}) > 1:
             names = ", ".join(self._learners)
@@ -189,7 +219,7 @@ class Episodes:
             command,
             1 / seats[0].lidar.rate,
             self._known,
-            self._prepared.scenario.seed,
+            prepared.scenario.seed,
         )
 
     def forked(self, seed: int, values: Mapping[str, Any], folder: Path) -> None:
@@ -373,6 +403,16 @@ class Episodes:
         return inputs_of(kind, shift, Sensed(batch, own[:, 0], own[:, 1])).values
 
 
+def _spaces(facts: Facts) -> tuple:
+    """What the spaces of observations and actions are made of. Errors of the lasers are not."""
+    seats = [seat._replace(lidar=replace(seat.lidar, noise=NO_NOISE)) for seat in facts.seats]
+    return seats, facts.command, facts.interval, facts.known
+
+
+def unheard(value: Any) -> None:
+    """Nobody asks how far a call has come."""
+
+
 def draw(random: np.random.Generator, values: Any) -> Any:
     """A value of a range or a list, as of the table `learn.draw`."""
     if isinstance(values, list):
@@ -407,6 +447,8 @@ def _learners(prepared: Prepared, source: Source, learn: Learn) -> tuple[str, ..
     """Ids of the members that learn. raises: InputError"""
     members = {m.id: m for m in prepared.members}
     named = source.vehicles or ((learn.vehicle,) if learn.vehicle and not source.all else ())
+    if twice := sorted({name for name in named if named.count(name) > 1}):
+        raise InputError(*(f"vehicle: {name!r}: is named twice; must be named once" for name in twice))
     if unknown := [name for name in named if name not in members]:
         raise InputError(*(f"vehicle: {name!r}: no member{did_you_mean(name, members)}" for name in unknown))
     found = tuple(named)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from platoontraffic import scenario as scenarios
-from platoontraffic.episodes.episodes import Episodes, Source
+from platoontraffic.episodes.episodes import Episodes, Source, unheard
 from platoontraffic.episodes.parents import Plan
 from platoontraffic.scenario import Learn, Scenario
 
@@ -39,14 +39,14 @@ class Here:
         """raises: InputError"""
         self._episodes = Episodes(source)
         self._goes_on = False
-        self.facts = self._episodes.facts(_unheard)
+        self.facts = self._episodes.facts(unheard)
 
     def begin(self, plan: Plan) -> tuple:
         """The first frame of a new episode, as `Frame.plain`; it ends the last one. raises: InputError, RunError"""
         self.end()
         self._episodes.chosen(plan.seed, plan.values)
         self._goes_on = True
-        return self._episodes.begin(_unheard)
+        return self._episodes.begin(unheard)
 
     def prepare(self, plan: Plan) -> None:
         """Nothing: an episode is made when it begins."""
@@ -55,7 +55,7 @@ class Here:
         """The result of a method of the episode. raises: RuntimeError (there is none), what the method raises"""
         if not self._goes_on:
             raise RuntimeError("there is no episode: reset() begins one")
-        return getattr(self._episodes, name)(_unheard, *arguments)
+        return getattr(self._episodes, name)(unheard, *arguments)
 
     def end(self) -> None:
         """End the episode."""
@@ -64,7 +64,3 @@ class Here:
 
     def close(self) -> None:
         self.end()
-
-
-def _unheard(value: Any) -> None:
-    """A process would say here how far a call has come."""

@@ -81,16 +81,11 @@ class Selection(NamedTuple):
 
     seed: int
     share: float  # 0..1
-    types: frozenset[str] = frozenset()  # also distributions of types, if `of` replaced them by their types
+    types: frozenset[str] = frozenset()
     classes: frozenset[str] = frozenset()
     edges: frozenset[str] = frozenset()  # of departure
     begin: float = 0.0  # of the departures [s]
     end: float = math.inf  # [s]
-
-    def of(self, demand: Demand) -> Selection:
-        """The selection with the types of distributions in the place of the distributions."""
-        drawn = (kind.type for name in self.types for kind in demand.types.get(name, ()))
-        return self._replace(types=self.types.union(drawn))
 
     def takes(self, vehicle_id: str, kind: Kind, edge: str, depart: float) -> bool:
         """Whether a vehicle belongs to the share.

@@ -74,7 +74,7 @@ def plan(demand: Demand, selection: Selection, size: int, window: float, network
     size   : vehicles of a platoon, at most
     window : longest wait [s]
     """
-    selection, fit, single = selection.of(demand), [], {}
+    fit, single = [], {}
     for vehicle in demand.vehicles:
         edge, depart = (*vehicle.edges, "")[0], selection.begin if vehicle.depart is None else vehicle.depart
         taken = [selection.takes(vehicle.id, kind, edge, depart) for kind in demand.kinds(vehicle)]

@@ -53,7 +53,10 @@ def complete(table: dict[str, Any], config: Configuration, changes: Sequence[Cha
 
 
 def take_values(table: dict[str, Any], config: Configuration) -> None:
-    """Add the configuration's seed, step and end to the table of a scenario, where that says nothing and they fit."""
+    """Add the configuration's seed, step and end to the table of a scenario, where that says nothing and they fit.
+
+    raises: InputError where the configuration ends before the warm-up does
+    """
     if config.seed is not None and config.seed in SEEDS:
         table.setdefault("seed", config.seed)
     run, sumo = table.get("run"), table.get("sumo")
@@ -63,7 +66,12 @@ def take_values(table: dict[str, Any], config: Configuration) -> None:
         run.setdefault("step_s", config.step)
     if config.end is not None:
         warm_up = sumo.get("warm_up_s", 0.0)
-        lasts = config.end - config.begin - (warm_up if isinstance(warm_up, int | float) else 0)
+        warm_up = warm_up if isinstance(warm_up, int | float) else 0.0
+        lasts = config.end - config.begin - warm_up
+        if lasts <= 0 and "duration_s" not in run:
+            before = f"its <begin>, {config.begin:g}, and sumo.warm_up_s = {warm_up:g}"
+            what = f"<end> {config.end:g}: leaves no time after {before}; give run.duration_s"
+            raise InputError(f"{config.path}: {what}")
         run.setdefault("duration_s", round(lasts, 3))
     elif "equip" in table:
         run.setdefault("duration_s", A_DAY)  # it ends when its demand has arrived

@@ -54,6 +54,7 @@ def prepare(scenario: Scenario, network: Network | None = None) -> Prepared:
     plans = obstacles.plans_of(scenario, network, members)
     orders = manoeuvres.orders(scenario, network, members)
     _check_edges(scenario, network)
+    _check_types(scenario)
     prepared = Prepared(scenario, network, scene, members, plans, orders, _platooning(scenario, network))
     return branched(prepared, scenario) if scenario.then else prepared
 
@@ -72,14 +73,39 @@ def _check_edges(scenario: Scenario, network: Network) -> None:
         raise InputError(*faults)
 
 
+def _check_types(scenario: Scenario) -> None:
+    """raises: InputError where a share is to be of a vehicle type that the demand does not have"""
+    named = [(i, k, name) for i, equip in enumerate(scenario.spec.equip) for k, name in enumerate(equip.types)]
+    if not named:
+        return
+    types = _demand(scenario).types
+    known = {kind.type for kinds in types.values() for kind in kinds}
+    faults = []
+    for i, k, name in named:
+        if name not in known:
+            drawn = ", ".join(kind.type for kind in types.get(name, ()))
+            what = (
+                f"a distribution; must be types: {drawn}"
+                if drawn
+                else f"no such vehicle type{did_you_mean(name, known)}"
+            )
+            faults.append(scenario.fault(("equip", i, "types", k), f"{name!r}: {what}"))
+    if faults:
+        raise InputError(*faults)
+
+
+def _demand(scenario: Scenario) -> Demand:
+    """raises: InputError"""
+    end = scenario.configuration.end if scenario.configuration else None
+    return read_demand(scenario.route_files, scenario.additional_of_sumo, scenario.begin, end)
+
+
 def _platooning(scenario: Scenario, network: Network) -> Platooning | None:
     """The platoons of the traffic's share. raises: InputError"""
     equip = next((one for one in scenario.spec.equip if one.mode == "platoons"), None)
     if equip is None:
         return None
-    config, start = scenario.configuration, scenario.start
-    last = config.end if config else None
-    demand = read_demand(scenario.route_files, scenario.additional_of_sumo, scenario.begin, last)
+    demand, start = _demand(scenario), scenario.start
     end = math.inf if equip.end_s is None else start + equip.end_s
     chosen = Selection(
         scenario.seed,

@@ -138,6 +138,14 @@ def test_estimates_are_points_with_bars(summary, axes):
     np.testing.assert_allclose([ends[:, 1] for ends in bars.get_segments()], own[["low", "high"]].to_numpy())
 
 
+def test_estimates_over_texts_stand_side_by_side(axes):
+    runs = pd.DataFrame({"law": ["tracking", "tracking", "acc", "acc"], "gap_m_mean": [1.0, 2.0, 3.0, 5.0]})
+    estimates(summarise(runs, "gap_m_mean", "law"), "law", axes)
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["acc", "tracking"]
+    (points,) = axes.containers
+    assert points[0].get_xydata().tolist() == [[0.0, 4.0], [1.0, 1.5]]
+
+
 def test_estimates_of_differences_are_drawn_alike(summary, axes):
     table = paired(summary, "traffic_delay_mean_finished_s", "platoon.size", (1, 5), "sumo.demand")
     assert estimates(table, "sumo.demand", axes) is axes

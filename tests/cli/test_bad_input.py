@@ -268,6 +268,22 @@ def test_an_edge_may_be_a_number(key: str):
     assert "'123456': no such edge" in done.stderr
 
 
+def test_a_type_of_a_share_must_be_in_the_demand(tmp_path: Path):
+    """A misspelt one meant a share of nothing."""
+    (tmp_path / "mine.rou.xml").write_text(
+        '<routes><vTypeDistribution id="mix"><vType id="sedan"/><vType id="van"/></vTypeDistribution></routes>'
+    )
+    (tmp_path / "mine.toml").write_text(
+        'sumo = { net = "grid", routes = ["mine.rou.xml"] }\nrun.duration_s = 10\n[[equip]]\nshare = 0.5\ntypes = ["sedann", "mix", "van"]\n'
+    )
+    done = CliRunner().invoke(app, ["check", str(tmp_path / "mine.toml")])
+    assert done.exit_code == 2
+    assert done.stderr.splitlines() == [
+        f"{tmp_path / 'mine.toml'}:5: equip.0.types.0: 'sedann': no such vehicle type; did you mean 'sedan'?",
+        f"{tmp_path / 'mine.toml'}:5: equip.0.types.1: 'mix': a distribution; must be types: sedan, van",
+    ]
+
+
 def test_a_folder_with_brackets_is_no_markup(tmp_path: Path):
     """It ended in a MarkupError, or was printed without them."""
     folder = tmp_path / "a [b] [" / "c]"

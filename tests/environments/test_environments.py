@@ -343,11 +343,37 @@ def test_a_wrong_action_is_an_error_and_moves_nothing(follower, action, what):
         (("paper_loop", [], "robot.7"), "'robot.7': no member"),
         (("paper_loop", ["platoon.size=1"]), "no follower that could learn"),
         (("paper_loop", ["learn.draw={a={from=2,to=1}}"]), "`from` up to `to`"),
+        (("paper_loop", ['learn.draw={"platoon.gap" = {from=1,to=2}}']), "learn.draw.platoon.gap: .*did you mean"),
+        (
+            ("paper_loop", ['learn.draw={"platoon.follower.lidar.range_max_m" = [2,3]}']),
+            "range_max_m: 2: changes .* observe",
+        ),
+        (("paper_loop", ['learn.draw={"platoon.size" = [1,5]}']), "platoon.size: 1: changes which members learn"),
+        (("paper_loop", ["learn.episode_s=0.01"]), "0.01: must be no less than .* two decisions, 0.025 s"),
     ],
 )
 def test_faults_of_the_scenario_are_said_before_anything_starts(arguments, what):
     with pytest.raises(InputError, match=what):
         Follower(*arguments)
+
+
+def test_a_member_learns_once():
+    with pytest.raises(InputError, match=r"'robot\.1': is named twice"):
+        Platoon("paper_loop", SHORT, vehicles=("robot.1", "robot.2", "robot.1"))
+
+
+def test_errors_of_a_laser_may_be_drawn():
+    Follower("paper_loop", [*SHORT, 'learn.draw={"platoon.follower.lidar.noise" = ["none","utm30lx"]}']).close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", [(), ("platoon.start.time_s=0.1",)], ids=["here", "in SUMO"])
+def test_a_closed_environment_stays_closed(changes):
+    env = Follower("paper_loop", [*SHORT, *changes])
+    env.close()
+    with pytest.raises(RuntimeError, match="is closed; make a new one"):
+        env.reset(seed=0)
+    env.close()
 
 
 @pytest.mark.slow

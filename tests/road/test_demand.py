@@ -276,10 +276,3 @@ def test_a_selection_has_types_classes_edges_and_a_time():
         assert not everything._replace(**more).takes("v", car, "a", 5.0)
     for more in ({"types": {"car"}}, {"classes": {"passenger"}}, {"edges": {"a"}}, {"begin": 5.0}, {"end": 5.1}):
         assert everything._replace(**more).takes("v", car, "a", 5.0)
-
-
-def test_a_distribution_of_types_stands_for_its_types(tmp_path):
-    types = '<vTypeDistribution id="m"><vType id="car"/><vType id="van"/></vTypeDistribution>'
-    selection = Selection(1, 1.0, types=frozenset(["m"])).of(read(tmp_path, types))
-    assert selection.takes("v", Kind("van", "passenger"), "a", 0.0)
-    assert not selection.takes("v", Kind("bus", "bus"), "a", 0.0)
