@@ -298,6 +298,8 @@ def check(
     """Report the faults of scenario and study files; simulate nothing, but run the code of their plug-ins."""
     faults: dict[str, tuple[str, ...]] = {}  # by file
     changes = [argument for argument in files if "=" in argument and not os.path.exists(argument)]
+    if len(changes) == len(files):
+        raise InputError(f"{changes[0]}: a key to change; must stand behind the file or the shipped name that it is of")
     before_code = _before_code(no_plugins)
     for name in (file for file in files if file not in changes):
         faults[name] = ()

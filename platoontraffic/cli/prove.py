@@ -81,7 +81,7 @@ def _check_times(times: dict[str, float]) -> None:
     from platoontraffic.prove.plans import STEP
 
     faults = [f"{name}: {time:g}: must be a multiple of {STEP:g} s" for name, time in times.items()
-              if abs(round(time / STEP) - time / STEP) > 1e-6]  # fmt: skip
+              if math.isinf(time) or abs(round(time / STEP) - time / STEP) > 1e-6]  # fmt: skip
     if faults:
         raise InputError(*faults)
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import tomli_w
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, field_validator
 
 from platoontraffic import scenario, shipped
 from platoontraffic.errors import InputError, did_you_mean, no_file
@@ -48,7 +48,7 @@ class StudyFile(Table):
     """One line that says what is varied."""
     base: Annotated[str, Field(min_length=1)]
     """The scenario: name of a shipped one, or a file, relative to this one."""
-    seeds: list[int] | dict[str, int] | None = None
+    seeds: list[Any] | dict[str, Any] | None = None
     """Seeds of every point, a list or a range. Default: the seed of the scenario."""
     replications: Annotated[int, Field(ge=1, le=MOST)] | None = None
     """Number of seeds 1, 2 and so on, in place of `seeds`."""
@@ -61,6 +61,13 @@ class StudyFile(Table):
     A list of such tables combines them as the grid does."""
     leave_out: list[str] = Field(default_factory=list)
     """Conditions such as "platoon.size > 5 and platoon.gap_m < 0.4": points at which one of them holds are left out."""
+
+    @field_validator("seeds", mode="before")
+    @classmethod
+    def list_or_range(cls, seeds: Any) -> Any:
+        if not isinstance(seeds, list | dict):
+            raise ValueError("must be a list of whole numbers, or a range { from = 1, to = 5 }")
+        return seeds
 
 
 @dataclass(frozen=True)

@@ -274,7 +274,8 @@ def test_a_type_of_a_share_must_be_in_the_demand(tmp_path: Path):
         '<routes><vTypeDistribution id="mix"><vType id="sedan"/><vType id="van"/></vTypeDistribution></routes>'
     )
     (tmp_path / "mine.toml").write_text(
-        'sumo = { net = "grid", routes = ["mine.rou.xml"] }\nrun.duration_s = 10\n[[equip]]\nshare = 0.5\ntypes = ["sedann", "mix", "van"]\n'
+        'sumo = { net = "grid", routes = ["mine.rou.xml"] }\nrun.duration_s = 10\n'
+        '[[equip]]\nshare = 0.5\ntypes = ["sedann", "mix", "van"]\n'
     )
     done = CliRunner().invoke(app, ["check", str(tmp_path / "mine.toml")])
     assert done.exit_code == 2
@@ -282,6 +283,30 @@ def test_a_type_of_a_share_must_be_in_the_demand(tmp_path: Path):
         f"{tmp_path / 'mine.toml'}:5: equip.0.types.0: 'sedann': no such vehicle type; did you mean 'sedan'?",
         f"{tmp_path / 'mine.toml'}:5: equip.0.types.1: 'mix': a distribution; must be types: sedan, van",
     ]
+
+
+@pytest.mark.parametrize("seeds", ["[1.5]", '["a"]', "true", "[true]"])
+def test_seeds_of_another_kind(tmp_path: Path, seeds: str):
+    """One line, without words of pydantic."""
+    study = tmp_path / "mine.toml"
+    study.write_text(f'base = "paper_loop"\nseeds = {seeds}\n[grid]\nplatoon.size = [2, 3]\n')
+    done = CliRunner().invoke(app, ["check", str(study)])
+    assert done.exit_code == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"{study}:2: seeds: ")
+    assert "whole numbers" in line
+
+
+def test_keys_to_change_need_a_file():
+    done = CliRunner().invoke(app, ["check", "platoon.size=3"])
+    assert done.exit_code == 2
+    assert done.stderr.startswith("platoon.size=3: a key to change; must stand behind")
+
+
+@pytest.mark.parametrize("key", ["--warm-up", "--duration"])
+def test_endless_proofs(key: str):
+    done = CliRunner().invoke(app, ["prove", "grid", "--traffic", key, "inf"])
+    assert (done.exit_code, done.stderr) == (2, f"{key}: inf: must be a multiple of 0.1 s\n")
 
 
 def test_a_folder_with_brackets_is_no_markup(tmp_path: Path):
