@@ -39,10 +39,13 @@ def page(folders: Sequence[Path], to: Path) -> Path:
 
 
 def _names(runs: Sequence[Results]) -> list[str]:
-    """What changes in each run: its branch, or else the name of its folder."""
-    branches = list(map(_branch, runs))
+    """What changes in each run: its branch, or else the name of its folder, which also tells equal ones apart."""
+    branches, folders = list(map(_branch, runs)), [run.folder.resolve().name for run in runs]
     alone = "without a branch" if branches.count("") == 1 else ""
-    return [branch or alone or run.folder.resolve().name for run, branch in zip(runs, branches, strict=True)]
+    names = [branch or alone or folder for branch, folder in zip(branches, folders, strict=True)]
+    return [
+        name if names.count(name) == 1 else f"{name}, {folder}" for name, folder in zip(names, folders, strict=True)
+    ]
 
 
 def _branch(run: Results) -> str:

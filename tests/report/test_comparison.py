@@ -76,3 +76,13 @@ def test_report_of_several_runs(folders: list[Path], tmp_path: Path) -> None:
     assert (tmp_path / "page-differences.png").is_file()
     done = CliRunner().invoke(app, ["report", *map(str, folders[:2]), "--metric", "gap_mean"])
     assert done.exit_code == 2
+
+
+def test_runs_with_one_branch_are_told_apart_by_their_folders(folders: list[Path], tmp_path: Path) -> None:
+    """As those of a scenario whose file has a branch."""
+    copies = [Path(shutil.copytree(folders[1], tmp_path / name)) for name in ("a", "b")]
+    done = CliRunner().invoke(app, ["report", *map(str, copies), "--to", str(tmp_path / "page.html")])
+    assert done.exit_code == 0, done.stderr
+    page = (tmp_path / "page.html").read_text()
+    for name in ("a", "b"):
+        assert f"from 3 s platoon.follower.time_headway_s = 2, {name}<" in page
