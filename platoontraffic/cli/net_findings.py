@@ -13,6 +13,7 @@ import shapely
 
 from platoontraffic.cli.net_content import Content, Edge, Lane, Link, Points, read
 from platoontraffic.errors import InputError
+from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.road.permissions import NO_ROAD
 from platoontraffic.vehicles.bicycle import CARS
 
@@ -136,7 +137,7 @@ def _incomplete(content: Content) -> str:
         for name in inside:
             if name not in shapes:
                 return f"junction '{junction}' names lane '{name}', which is missing"
-            if content.edges[name.rpartition("_")[0]].function == "internal" and name not in reached:
+            if content.edges[edge_of(name)].function == "internal" and name not in reached:
                 return f"no connection leads over lane '{name}' in junction '{junction}'"
     return ""
 

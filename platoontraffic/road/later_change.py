@@ -13,6 +13,7 @@ from itertools import takewhile
 import numpy as np
 
 from platoontraffic.errors import InputError
+from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, ENOUGH_ROOM, Change, Line, changes_length
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
@@ -36,17 +37,17 @@ def with_later_change(
     returns: a route whose stations before the change are those of the given one; None on a loop, or where there is no
              room for it
     """
-    edge, _, lane = change.lane.rpartition("_")
-    width, shape = network.lane_width(edge, int(lane)), network.route_line((edge,), int(lane))
+    edge, lane = edge_of(change.lane), index_of(change.lane)
+    width, shape = network.lane_width(edge, lane), network.route_line((edge,), lane)
     changes = list(takewhile(lambda line: line.state == CHANGING, route.lines[route.lines.index(change) :]))
-    target, across = changes[-1].onto.rpartition("_")[2], changes[-1].station + changes[-1].across - change.station
-    whole = changes_length(width, longest, abs(int(target) - int(lane)), len(changes))
+    target, across = index_of(changes[-1].onto), changes[-1].station + changes[-1].across - change.station
+    whole = changes_length(width, longest, abs(target - lane), len(changes))
     begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
     later = min(begin + by, begin + change.to_end - whole - model.length)  # so that it comes to the line straight
     is_worth_it = later >= begin + AT_LEAST * model.length or (later >= begin and whole < SHORTER * across)
     if route.closed or not is_worth_it:
         return None
-    first = Change(0, int(lane), int(target))
+    first = Change(0, lane, target)
     onward, before = _onward(route, change, first, network, model, later - CHANGE_AFTER * width, longest)
     join = min(JOIN * model.length, begin / 2)
     ends = change.station - join, onward.lines[before].station - (later - begin) - join
@@ -60,15 +61,15 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
     """
     if route.closed:
         return None
-    edge, _, lane = change.lane.rpartition("_")
+    edge, lane = edge_of(change.lane), index_of(change.lane)
     try:
-        onward, before = _onward(route, change, Change(0, int(lane), int(lane)), network, model)
+        onward, before = _onward(route, change, Change(0, lane, lane), network, model)
     except InputError:
         return None
     room = min((line.to_end for line in _first_changes(onward)), default=math.inf)
     if room < min(change.to_end, ENOUGH_ROOM):
         return None
-    shape = network.route_line((edge,), int(lane))
+    shape = network.route_line((edge,), lane)
     begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
     join = min(JOIN * model.length, begin / 2)
     entered = onward.lines[0].station + onward.lines[0].across if before else 0.0
@@ -103,7 +104,7 @@ def _onward(
     junctions = [line for line in lines if line.state != CHANGING]
     before, start = 0, first.lane
     if lines and lines[-1].state != CHANGING:
-        before, start = 1, int(lines[-1].lane.rpartition("_")[2])
+        before, start = 1, index_of(lines[-1].lane)
     edges, first = route.edges[len(junctions) - before :], first._replace(edge=before)
     onward = Route.along(edges, *network.route_lanes(edges, start, False, position, first, longest))
     return onward.drivable_by(model), before

@@ -19,6 +19,7 @@ from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import kerbs
 from platoontraffic.road import levels
 from platoontraffic.road.fastest_routes import TURNS_BACK, FastestRoutes
+from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.road.lane_routes import CHANGING, Change, LaneRoute, Line, inside, least_changes, links_between
 from platoontraffic.road.middle_lines import MiddleLines
 from platoontraffic.road.netconvert import build_net
@@ -465,7 +466,7 @@ def _incomplete(net: sumolib.net.Net) -> str:
                 return f"lane '{lane.getID()}' has no shape of two or more points"
     for node in net.getNodes():
         for name in filter(None, node.getInternal() if node.getType() != "internal" else ()):
-            if not net.hasEdge(name.rpartition("_")[0]):
+            if not net.hasEdge(edge_of(name)):
                 return f"junction '{node.getID()}' names lane '{name}', which is missing"
             if net.getLane(name).getEdge().getFunction() == "internal" and name not in reached:
                 return f"no connection leads over lane '{name}' in junction '{node.getID()}'"

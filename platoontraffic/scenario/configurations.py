@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from platoontraffic.errors import InputError
+from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.network import Network
 from platoontraffic.road.sumo_configuration import Configuration
 from platoontraffic.scenario.base import is_multiple
@@ -85,9 +86,9 @@ def step_fits(step: float, usual: float) -> bool:
 def _example(config: Configuration) -> str:
     """A command that runs the configuration with a platoon that fits on one of its roads."""
     lane, position, to = Network.read(config.net).sample_trip()
-    edge, _, index = lane.rpartition("_")
+    edge, index = edge_of(lane), index_of(lane)
     words = ["platoontraffic", "run", str(config.path), *([] if config.end else ["run.duration_s=600"])]
-    words += [f"platoon.start.edge={edge}", *([f"platoon.start.lane={index}"] if index != "0" else [])]
+    words += [f"platoon.start.edge={edge}", *([f"platoon.start.lane={index}"] if index else [])]
     size = 5 if position >= ROOM_FOR_FIVE else 1
     words += [f"platoon.start.position_m={position:g}", f"platoon.to={to}", f"platoon.size={size}"]
     return shlex.join(words)

@@ -10,6 +10,7 @@ import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.road.gap_acceptance import FIRST_MARGIN, Pace
+from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
@@ -157,21 +158,17 @@ def _narrow(
 ) -> Iterator[Crossing]:
     """Paths from and to other edges that come close without a conflict in SUMO, as left turns against each other do."""
     lane, width = sumo.lane, sumo.lane.getWidth(line.lane)
-    own, edges = paths[line.via, line.onto, SAMPLED * width], [_edge(line.lane), _edge(line.onto)]
+    own, edges = paths[line.via, line.onto, SAMPLED * width], [edge_of(line.lane), edge_of(line.onto)]
     for before in sorted({network.entered_from[name] for via in line.via[:1] for name in network.inside_with(via)}):
         for link in lane.getLinks(before):
             via, onto = _chain(link[LINK_VIA], sumo), link[LINK_ONTO]
             if not via or via[0] in met or not inner.isdisjoint(via):
                 continue
-            if _edge(before) == edges[0] or _edge(onto) == edges[1]:
+            if edge_of(before) == edges[0] or edge_of(onto) == edges[1]:
                 continue
             if found := _met(own, paths[via, onto, SAMPLED * width], APART * width):
                 fastest = min(map(lane.getMaxSpeed, via))
                 yield Crossing(before, via, *found, False, False, math.inf, fastest)
-
-
-def _edge(lane: str) -> str:
-    return lane.rpartition("_")[0]
 
 
 def _swung_over(
@@ -184,8 +181,8 @@ def _swung_over(
     paths: Paths,
 ) -> dict[str, Crossing]:
     """The crossings of paths to other lanes of the edge beyond, over which the vehicle's front swings out."""
-    edge, _, index = line.onto.rpartition("_")
-    others = [f"{edge}_{k}" for k in range(sumo.edge.getLaneNumber(edge)) if k != int(index)]
+    edge, own = edge_of(line.onto), index_of(line.onto)
+    others = [f"{edge}_{k}" for k in range(sumo.edge.getLaneNumber(edge)) if k != own]
     corners = _front(line, model, sumo) if others else ()
     found: dict[str, Crossing] = {}
     for onto in others:
@@ -232,7 +229,7 @@ def _front(line: Line, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
 
 def _walks(own: Sampled, inner: set[str], width: float, sumo: Client) -> Iterator[Walk]:
     for name in sorted(inner):
-        edge = name.rpartition("_")[0]
+        edge = edge_of(name)
         if "_c" not in edge or "pedestrian" not in sumo.lane.getAllowed(name):
             continue
         walk = _sampled(np.array(sumo.lane.getShape(name)), SAMPLED * width)

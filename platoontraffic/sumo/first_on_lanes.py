@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from platoontraffic.controllers.lane_room import room_needed
 from platoontraffic.road.gap_acceptance import STANDING
+from platoontraffic.road.lane_ids import index_of
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.reads import PLAN_LANE, PLAN_OFFSET
 from platoontraffic.sumo.room_to_change import Wanted
@@ -41,7 +42,7 @@ class FirstOnLanes:
 
     def _first(self, edge: str, onto: str) -> Iterator[tuple[str, Wanted]]:
         """The first vehicles on the lanes beside a lane, where they stand and must go over to it."""
-        vehicle, index = self._sumo.vehicle, int(onto.rpartition("_")[2])
+        vehicle, index = self._sumo.vehicle, index_of(onto)
         for side in (-1, 1):
             lane = f"{edge}_{index - side}"
             there = self._sumo.lane.getLastStepVehicleIDs(lane) if 0 <= index - side < self._number(edge) else ()

@@ -15,6 +15,7 @@ from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 
 from platoontraffic.road.gap_acceptance import STANDING
+from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.room_to_change import Wanted
 
@@ -144,7 +145,7 @@ class LettingIn:
     def _wished(self, name: str, wanted: Wanted, time: float) -> Wish:
         """The wish of a vehicle, as it was until now; a new one where that was for another edge."""
         wish = self._wishes.get(name)
-        if wish is None or _edge(wish.wanted.lane) != _edge(wanted.lane):
+        if wish is None or edge_of(wish.wanted.lane) != edge_of(wanted.lane):
             wish = self._wishes[name] = Wish(wish.wanted if wish else wanted, time)
         return wish
 
@@ -156,7 +157,7 @@ class LettingIn:
     def _first(self, name: str, wish: Wish, where: Mapping[str, tuple[str, str]], unwilling: Set[str]) -> str | None:
         """The first vehicle on the wanted lane that can leave the room; for one of SUMO's only a member."""
         wanted = wish.wanted
-        if _edge(self._lane(name, where)) != _edge(wanted.lane):
+        if edge_of(self._lane(name, where)) != edge_of(wanted.lane):
             return None
         before, place = self._front(name, wanted.lane, where) - wanted.behind, self._sumo.vehicle.getLanePosition
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
@@ -198,10 +199,6 @@ class LettingIn:
         if room < speed**2 / (2 * BRAKING):
             room = ahead - behind if speed > STANDING else 0.0
         vehicle.setSpeed(foe, speed_to_stop(speed, room, BRAKING, self._step))
-
-
-def _edge(lane: str) -> str:
-    return lane.rpartition("_")[0]
 
 
 def speed_to_stop(speed: float, room: float, braking: float, step: float) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 
 from platoontraffic.errors import RunError
+from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.network import Network, junction_of
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client, direct
@@ -324,9 +325,9 @@ class Placement:
 
     def _another_lane(self, name: str, lane: str) -> str:
         """Another lane of a vehicle's edge, or of the next or previous edge of its route; "" if there is none."""
-        edge, _, index = lane.rpartition("_")
+        edge = edge_of(lane)
         if self._sumo.edge.getLaneNumber(edge) > 1:
-            return f"{edge}_{int(index == '0')}"
+            return f"{edge}_{int(index_of(lane) == 0)}"
         route, here = self._sumo.vehicle.getRoute(name), self._sumo.vehicle.getRouteIndex(name)
         return next((f"{other}_0" for other in (*route[here + 1 : here + 2], *route[max(here - 1, 0) : here])), "")
 

@@ -19,6 +19,7 @@ from platoontraffic.road.gap_acceptance import (
     margin_after,
     may_cross,
 )
+from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.conflicts import (
@@ -185,7 +186,7 @@ class RightOfWay:
         crossing = foe.crossing
         if crossing.swings or crossing.first:
             return crossing.swings or not priority_too
-        if crossing.before.rpartition("_")[0] == line.lane.rpartition("_")[0]:
+        if edge_of(crossing.before) == edge_of(line.lane):
             return True
         left = foe.to_line + crossing.its[0]
         may_stop = foe.id in self.obedient and left > foe.pace.speed**2 / (2 * STOPS_BY)

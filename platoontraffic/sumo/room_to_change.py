@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from platoontraffic.controllers.lane_room import room_needed
 from platoontraffic.road.gap_acceptance import Pace
+from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.conflicts import GAP_HORIZON
@@ -108,7 +109,7 @@ class RoomToChange:
 
     def _farther_on(self, line: Line, distance: float, ego: Ego) -> float:
         """How much farther on along its lane SUMO has a vehicle than its route: an askew one by a metre [m]."""
-        if ego.lane.rpartition("_")[0] != line.lane.rpartition("_")[0]:
+        if edge_of(ego.lane) != edge_of(line.lane):
             return 0.0
         to_end = self._now.lane_length[ego.lane] - self._now.position[ego.id]
         return max(distance + line.to_end - to_end, 0.0)
@@ -125,7 +126,7 @@ class RoomToChange:
             self._beside.discard(ego.id)
         if ego.lane == line.lane or ego.speed >= QUEUE_SPEED * ego.size:
             return False
-        if ego.lane.rpartition("_")[0] != line.lane.rpartition("_")[0]:
+        if edge_of(ego.lane) != edge_of(line.lane):
             return False
         now, here = self._now, self._now.position[ego.id]
         for place, before in ((line.lane, 0.0), *((via, now.lane_length[line.lane]) for via in line.via[:1])):
@@ -270,14 +271,13 @@ class RoomToChange:
 
 def _side(lane: str, other: str) -> int:
     """Where another lane of an edge lies: 1 to the left, -1 to the right."""
-    return 1 if int(other.rpartition("_")[2]) > int(lane.rpartition("_")[2]) else -1
+    return 1 if index_of(other) > index_of(lane) else -1
 
 
 def _crossed(line: Line) -> list[Line]:
     """A lane change by each lane that it leads onto: one that is not for cars may lie between."""
-    edge, _, first = line.lane.rpartition("_")
-    here, there = int(first), int(line.onto.rpartition("_")[2])
+    here, there = index_of(line.lane), index_of(line.onto)
     if abs(there - here) == 1:
         return [line]
     step = 1 if there > here else -1
-    return [line._replace(onto=f"{edge}_{k}") for k in range(here + step, there + step, step)]
+    return [line._replace(onto=f"{edge_of(line.lane)}_{k}") for k in range(here + step, there + step, step)]

@@ -35,6 +35,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client, direct
 
@@ -181,8 +182,7 @@ class Shadows:
         return found
 
     def _lane_beside(self, seen: _Seen, left: int) -> str:
-        edge, _, index = seen.lane.rpartition("_")
-        return f"{edge}_{int(index) + left}"
+        return f"{edge_of(seen.lane)}_{index_of(seen.lane) + left}"
 
     def _wanted(self, mover: Mover, seen: _Seen) -> int:
         """The side of the lane that its body overlaps, or will soon overlap as it moves away from the middle.
@@ -200,8 +200,7 @@ class Shadows:
             rear = vehicle.getLanePosition(mover.id) - vehicle.getLength(mover.id)
             if rear > place or vehicle.getSpeed(mover.id) > SLOW:
                 return NONE
-        edge, _, index = seen.lane.rpartition("_")
-        return side if 0 <= int(index) + side < self._lane_number(edge) else NONE
+        return side if 0 <= index_of(seen.lane) + side < self._lane_number(edge_of(seen.lane)) else NONE
 
     def _is_before_a_front(self, mover: Mover, seen: _Seen, side: int) -> bool:
         """Whether the front of a vehicle on the lane on that side is beside it."""
@@ -223,8 +222,7 @@ class Shadows:
 
     def _on_lane(self, seen: _Seen, left: int) -> Sequence[str]:
         """Vehicles on the lane that is so many lanes to the left of its own."""
-        edge, _, index = seen.lane.rpartition("_")
-        is_there = 0 <= int(index) + left < self._lane_number(edge)
+        is_there = 0 <= index_of(seen.lane) + left < self._lane_number(edge_of(seen.lane))
         return self._sumo.lane.getLastStepVehicleIDs(self._lane_beside(seen, left)) if is_there else ()
 
     def _has_a_rear_on_it(self, lane: str) -> bool:
@@ -240,8 +238,8 @@ class Shadows:
     def _insert(self, mover: Mover, seen: _Seen, side: int) -> None:
         """Insert a vehicle anew, so that its shadow is on this side."""
         vehicle, types = self._sumo.vehicle, self._sumo.vehicletype
-        edge, _, index = seen.lane.rpartition("_")
-        position, own = vehicle.getLanePosition(mover.id), int(index)
+        edge, own = edge_of(seen.lane), index_of(seen.lane)
+        position = vehicle.getLanePosition(mover.id)
         if side:
             types.setWidth(mover.kind, WIDER * self._width(seen.lane))
         if side == RIGHT:
