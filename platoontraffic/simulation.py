@@ -52,6 +52,8 @@ from platoontraffic.world.stuck import Stuck
 from platoontraffic.world.trips import Trip
 from platoontraffic.world.ways_round import WaysRound
 
+CLOSED = "the simulation is closed"
+
 __all__ = ["Instant", "Outcome", "Prepared", "Setting", "Simulation", "prepare", "setting_of"]
 
 
@@ -145,6 +147,7 @@ class Simulation:
         self.setting = setting
         self.stopwatch = stopwatch or Untimed()
         self.now: Instant | None = None
+        self._stopped = ""  # why it cannot go on; "": it can
         self._open = ExitStack()
         self._of_parents: list[ExitStack] = []
 
@@ -167,6 +170,7 @@ class Simulation:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._stopped = CLOSED
         self._open.__exit__(kind, error, trace)
 
     def __iter__(self) -> Iterator[Instant]:
@@ -196,8 +200,10 @@ class Simulation:
         self.encounters = Encounters(self.obstacles, setting.members)
         self._hold_obstacles()
         # What is here lasts. A collection that looks through the network takes as long as some steps.
-        gc.freeze()
-        self._open.callback(gc.unfreeze)
+        if isinstance(world, World) and not gc.get_freeze_count():
+            gc.freeze()
+            self._open.callback(gc.unfreeze)
+        self._stopped = ""
         return self._decide(0, fleet)
 
     def step(self, override: Mapping[str, Twist | Drive] | None = None) -> Instant:
@@ -206,8 +212,11 @@ class Simulation:
         override: commands, by member id, in place of those of the members' laws, until these decide again
 
         raises: ValueError (a command for no member, for one that SUMO drives, or not finite), RunError (SUMO failed),
-                InputError (a plug-in failed), RuntimeError (there was no reset, or the simulation has ended)
+                InputError (a plug-in failed), RuntimeError (there was no reset, the simulation has ended or is closed,
+                or the last step has failed)
         """
+        if self._stopped:
+            raise RuntimeError(f"{self._stopped}; reset() begins anew")
         if self.now is None:
             raise RuntimeError("reset() gives the first instant, step() those after it")
         if self.now.ended:
@@ -217,6 +226,7 @@ class Simulation:
         fleet, dt, timed = self.now.fleet, self.setting.dt, self.stopwatch.call
         if override:
             fleet = fleet.commanded(override)
+        self._stopped = "the last step has failed"  # until it has not: some may have moved when others have not
         if self._remedies:
             fleet = self.world.without(fleet, self._remedies)
         brakes = self.breakdowns.brakes(fleet)
@@ -224,7 +234,9 @@ class Simulation:
         self.obstacles.move(self.now.traffic, fleet.expected(dt), dt)
         self.world.place(fleet, brakes, self.ways_round.passed)
         self._hold_obstacles()
-        return self._decide(self.now.step + 1, self.world.advance(fleet))
+        self._decide(self.now.step + 1, self.world.advance(fleet))
+        self._stopped = ""
+        return self.now
 
     def _refit(self, then: Then) -> None:
         """Every member has the law and the sensors of `then` from now on."""
@@ -261,11 +273,12 @@ class Simulation:
             sensed.scans,
             roads,
             events,
-            self._measured,
+            self.observer.measure,
             ended=self._ended(step, fleet, events),
             passages=self.world.passages(fleet),
             readings=sensed.readings,
             seen=sensed.seen,
+            odometry=sensed.odometry,
         )
         return self.now
 
@@ -306,6 +319,8 @@ class Simulation:
 
         raises: RuntimeError (there was no reset, or there is no SUMO)
         """
+        if self._stopped == CLOSED:
+            raise RuntimeError(f"there is no SUMO: {CLOSED}")
         if self.now is None or not isinstance(world := self.world, World):
             raise RuntimeError("there is no SUMO: reset() starts it, where the simulation has a road network")
         return world.client
@@ -352,11 +367,6 @@ class Simulation:
         if self.setting.ends_at_contact and any(event.kind == "collision" for event in events):
             return "contact"
         return "duration" if step == self.setting.steps else ""
-
-    def _measured(self, fleet: Fleet) -> Measures:
-        if fleet is not self.now.fleet:
-            raise RuntimeError("the measures of an instant must be looked at before the next step")
-        return self.observer.measure(fleet)
 
 
 def with_laws(setting: Setting, laws: Mapping[str, Law]) -> Setting:

@@ -20,7 +20,7 @@ class Follower(gymnasium.Env):
     byte for byte, in any process. Background traffic is that of one of the parents.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 10}
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"]}
 
     def __init__(
         self,
@@ -40,6 +40,7 @@ class Follower(gymnasium.Env):
             raise ValueError(f"render_mode = {render_mode!r}; must be None or 'rgb_array'")
         self.render_mode = render_mode
         self._seats = Seats(scenario, changes, (vehicle,) if vehicle else (), False)
+        self.metadata = {**self.metadata, "render_fps": round(1 / self._seats.facts.interval)}
         (name,) = self._seats.names
         self.vehicle = name
         self.action_space, self.observation_space = self._seats.actions[name], self._seats.observations[name]

@@ -27,7 +27,7 @@ class Platoon(ParallelEnv):
     """
 
     metadata: ClassVar[dict[str, Any]] = {
-        "name": "platoontraffic_platoon_v0", "render_modes": ["rgb_array"], "render_fps": 10
+        "name": "platoontraffic_platoon_v0", "render_modes": ["rgb_array"]
     }  # fmt: skip
 
     def __init__(
@@ -41,7 +41,8 @@ class Platoon(ParallelEnv):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode = {render_mode!r}; must be None or 'rgb_array'")
         self.render_mode = render_mode
-        self._seats = Seats(scenario, changes, tuple(vehicles), True)
+        self._seats = Seats(scenario, changes, vehicles, True)
+        self.metadata = {**self.metadata, "render_fps": round(1 / self._seats.facts.interval)}
         self._random: np.random.Generator | None = None
         self.possible_agents = list(self._seats.names)
         self._row = {name: row for row, name in enumerate(self.possible_agents)}
@@ -65,7 +66,9 @@ class Platoon(ParallelEnv):
 
     def step(self, actions: dict[str, Any]) -> tuple[dict, dict, dict, dict, dict]:
         """raises: ValueError (actions of other agents than those that are left, or an action is wrong), RuntimeError"""
-        if self.agents and set(actions) != set(self.agents):
+        if not self.agents:
+            raise RuntimeError("no agent is left: reset() begins an episode")
+        if set(actions) != set(self.agents):
             raise ValueError(f"actions for {sorted(actions)}; must be for {self.agents}")
         seats = self._seats
         seats.step(actions)

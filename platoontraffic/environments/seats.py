@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
@@ -18,8 +19,13 @@ from platoontraffic.episodes.parents import Parents, Plan
 class Seats:
     """Members that learn, in episodes that are copies of parents in SUMO, or that need no SUMO and no process."""
 
-    def __init__(self, scenario: str | Path, changes: Sequence[str], vehicles: tuple[str, ...], all_: bool) -> None:
-        source = Source(str(scenario), tuple(changes), vehicles, all_)
+    def __init__(self, scenario: str | Path, changes: Sequence[str], vehicles: Sequence[str], all_: bool) -> None:
+        for name, given in (("changes", changes), ("vehicles", vehicles)):
+            if isinstance(given, str):
+                raise ValueError(f"{name} = {given!r}; must be a list of texts")
+        # It is read for each episode for which something is drawn, wherever the process is then.
+        scenario = os.path.abspath(scenario) if os.path.exists(scenario) else str(scenario)
+        source = Source(scenario, tuple(changes), tuple(vehicles), all_)
         self._episodes = Parents(source) if need_sumo(source) else Here(source)
         self.facts = self._episodes.facts
         self._seats = {seat.id: seat for seat in self.facts.seats}

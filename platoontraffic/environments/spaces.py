@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box, Dict, Space
 
-from platoontraffic.episodes.episodes import Facts, Frame, Seat
-from platoontraffic.vehicles.motion import Drive, Twist
+from platoontraffic.episodes.episodes import COMMANDS, Facts, Frame, Seat
 
 # Least and greatest values of another member: gap [m], relative speed, speed [m/s], acceleration and its demand [m/s2],
 # age [s], and whether it is lost.
 OTHER = (-1e4, -200, -200, -100, -100, 0, 0), (1e4, 200, 200, 100, 100, 1e4, 1)
-COMMANDS = {"twist": Twist, "drive": Drive}
 
 
 def action_space(facts: Facts, seat: Seat) -> Box:

@@ -30,13 +30,14 @@ from platoontraffic.scenario import Change, Learn, Scenario
 from platoontraffic.simulation import Prepared, Setting, Simulation, prepare, setting_of
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.records import changed
-from platoontraffic.world.events import EVENT_KINDS
+from platoontraffic.world.events import EVENT_KINDS, Event
 from platoontraffic.world.fleet import NO_NOISE, Fleet, Member
 from platoontraffic.world.ground import BareGround
 
 FIELDS = {one.name: one.field for one in QUANTITIES}
 GROUP_SHIFT = np.zeros(10)  # inputs of a group where nothing is seen
 FIXED = ("seed", "equip", "branch", "learn")  # keys and tables that are the same in all episodes
+COMMANDS = {"twist": Twist, "drive": Drive}
 OF_BOTH = ("collision",)  # events that concern their `other` as well
 
 
@@ -153,10 +154,7 @@ class Episodes:
         self._drawn = {key: draw(random, one) for key, one in drawn.items()}
         self._prepared = self._prepare({}) if drawn or number else prepare(base)
         self._learners = _learners(self._prepared, source, self._learn)
-        seat = next(m for m in self._prepared.members if m.id == self._learners[0])
-        drives = self._learn.command == "drive" or (not self._learn.command and seat.model.turning_radius > 0)
-        self._command = Drive if drives else Twist
-        self._known = _known(_with_seat(seat).law.needs) if self._learn.observation == "dict" else ()
+        self._facts = self._facts_of(self._prepared)
         if number == 0:
             self._check_episodes(base)
         self._open, self._world = ExitStack(), None
@@ -179,7 +177,7 @@ class Episodes:
 
     def _check_episodes(self, base: Scenario) -> None:
         """raises: InputError where episodes are shorter than a decision, or where what is drawn changes the spaces"""
-        facts, learn = self.facts(unheard), self._learn
+        facts, learn = self._facts, self._learn
         if learn.episode_s and learn.episode_s < facts.interval:
             what = f"{learn.episode_s:g}: must be no less than the time between two decisions, {facts.interval:g} s"
             raise InputError(base.fault(("learn", "episode_s"), what))
@@ -189,36 +187,34 @@ class Episodes:
             for value in values:
                 try:
                     prepared = self._prepare({key: value})
-                    differs = not self._has_learners(prepared) or _spaces(self._facts_of(prepared)) != _spaces(facts)
                 except InputError as error:  # with what else is drawn it may be sound; else `chosen` raises it
                     faults.append(error)
                     continue
-                if differs:
+                same = _learners(prepared, self._source, learn) == self._learners
+                if not same or _spaces(self._facts_of(prepared)) != _spaces(facts):
                     what = f"{value}: changes which members learn, what they observe or what they command; must not"
                     raise InputError(base.fault(("learn", "draw", key), what))
             if len(faults) == len(values):
                 raise faults[0]
 
-    def _has_learners(self, prepared: Prepared) -> bool:
-        return set(self._learners) <= {m.id for m in prepared.members}
-
     def facts(self, say: Say) -> Facts:
-        return self._facts_of(self._prepared)
+        return self._facts
 
     def _facts_of(self, prepared: Prepared) -> Facts:
+        """raises: InputError where the seats of the members that learn differ"""
         members = {m.id: m for m in prepared.members}
         seats = [members[name] for name in self._learners]
         if len({(m.lidar, _with_seat(m).law.needs) for m in seats}) > 1:
             names = ", ".join(self._learners)
             raise InputError(f"{names}: members that learn in one environment must have equal lasers and needs")
         drawn = {key: one for key, one in self._learn.draw.items() if not key.startswith("sumo.")}
-        command = self._command.__name__.lower()
+        command = self._learn.command or ("drive" if seats[0].model.turning_radius > 0 else "twist")
         return Facts(
             self._learn.model_copy(update={"draw": drawn}),
             tuple(Seat(m.id, m.lidar, float(m.model.top_speed), *_limits(m, command)) for m in seats),
             command,
             1 / seats[0].lidar.rate,
-            self._known,
+            _known(_with_seat(seats[0]).law.needs) if self._learn.observation == "dict" else (),
             prepared.scenario.seed,
         )
 
@@ -235,12 +231,13 @@ class Episodes:
         self._ranges: list[np.ndarray | None] = [None] * len(self._learners)
 
     def begin(self, say: Say) -> tuple:
-        """The first decision, as `Frame.plain`: when the first of the members that learn are on the road."""
-        simulation = self._simulation
+        """The first decision, as `Frame.plain`: when the first scan of a member that learns has arrived."""
+        simulation, events = self._simulation, []
         now = simulation.reset()
-        while not now.ended and set(self._learners).isdisjoint(now.fleet.ids):
-            now = simulation.step()
         self._places = Places.of(self._learners, now.fleet)
+        while not (now.ended or self._keep(now)):
+            events += now.events
+            now = simulation.step()
         if not self._places.in_groups:
             raise RunError(f"{', '.join(self._learners)}: did not depart before the end of the episode ({now.ended})")
         columns = simulation.observer.statistics.values.dtype.names
@@ -248,16 +245,18 @@ class Episodes:
         names, reward = list(FIELDS), enumerate(self._learn.reward.items())
         self._paid = [(i, weight, names.index(name)) for i, (name, weight) in reward if name in FIELDS]
         self._every = now.fleet.groups[self._places.in_groups[0][1]].every
-        places = self._places_in(now)
-        self._keep(now, places)
-        return self._frame(now, places, self._values(places), [[] for _ in self._learners], []).plain()
+        if self._learn.episode_s:
+            last = now.step + round(self._learn.episode_s / simulation.setting.dt)
+            simulation.setting = changed(simulation.setting, steps=min(simulation.setting.steps, last))
+        kinds = self._kinds([*events, *now.events])
+        return self._frame(now, self._values(self._places), [[] for _ in self._learners], kinds).plain()
 
     def step(self, say: Say, commands: dict[str, tuple[float, float]]) -> tuple:
         """The next decision, as `Frame.plain`.
 
         commands: the two values of a `Twist` or a `Drive`, by member
         """
-        simulation, learn, kind = self._simulation, self._learn, self._command
+        simulation, learn, kind = self._simulation, self._learn, COMMANDS[self._facts.command]
         here = simulation.now.fleet.ids
         given: dict[str, Twist | Drive] | None = {name: kind(*one) for name, one in commands.items() if name in here}
         dt, terms, events = simulation.setting.dt, [[0.0] * len(learn.reward) for _ in self._learners], []
@@ -265,16 +264,20 @@ class Episodes:
             now = simulation.step(given)
             given = None  # it holds until the next decision
             events += now.events
-            places = self._places_in(now)
-            values = self._values(places)
+            arrived = self._keep(now)
+            values = self._values(self._places)
             for own, paid in zip(values, terms, strict=True):
                 for i, weight, column in self._paid:
                     if not math.isnan(own[column]):
                         paid[i] += weight * abs(own[column]) * dt
-            self._keep(now, places)
-            if now.ended:
+            if now.ended or arrived:
                 break
-        return self._frame(now, places, values, terms, events).plain()
+        kinds = self._kinds(events)
+        for i, (name, weight) in enumerate(learn.reward.items()):
+            for own, paid in zip(kinds, terms, strict=True) if name not in FIELDS else ():
+                if name in own:
+                    paid[i] += weight * own.count(name)
+        return self._frame(now, values, terms, kinds).plain()
 
     def scene(self, say: Say) -> dict[str, Any]:
         """GeoJSON, as scene.geojson of a run."""
@@ -285,12 +288,11 @@ class Episodes:
 
         returns also: how many are members, and the rows of those that learn
         """
-        now = self._simulation.now
-        t = now.traffic
+        now, t = self._simulation.now, self._simulation.now.traffic
         return (
             np.stack([t.x, t.y, t.heading, t.length, t.width], axis=1),
             len(now.fleet),
-            [row for row in self._places_in(now).rows if row is not None],
+            [row for row in self._places.rows if row is not None],
         )
 
     def spent(self, say: Say) -> float:
@@ -333,43 +335,38 @@ class Episodes:
         """With the seats of the members that learn."""
         setting = setting_of(prepared, self._folder, warm=self._world)
         members = tuple(_with_seat(m) if m.id in self._learners else m for m in setting.members)
-        steps = setting.steps
-        if self._learn.episode_s:
-            steps = min(steps, round(self._learn.episode_s / setting.dt))
         ground = setting.ground if self._folder else lambda: BareGround(setting.dt)
-        return replace(setting, members=members, steps=steps, ground=ground, whole_traffic_every=None)
-
-    def _places_in(self, now: Instant) -> Places:
-        if not self._places.hold_in(now.fleet):
-            self._places = Places.of(self._learners, now.fleet)
-        return self._places
+        return replace(setting, members=members, ground=ground, whole_traffic_every=None)
 
     def _values(self, places: Places) -> list[tuple[float, ...]]:
         """Of quantities, as in a frame."""
         numbers, none = self._simulation.observer.statistics.numbers, (math.nan,) * len(FIELDS)
         return [none if row is None else self._fields(numbers[row].tolist()) for row in places.rows]
 
-    def _keep(self, now: Instant, places: Places) -> None:
-        """Keep the last scans of the members that learn."""
-        for seat, group, k in places.in_groups:
+    def _keep(self, now: Instant) -> bool:
+        """Keep where the members that learn are, and their scans, if any has arrived; whether it has."""
+        if not self._places.hold_in(now.fleet):
+            self._places = Places.of(self._learners, now.fleet)
+        arrived = False
+        for seat, group, k in self._places.in_groups:
             if (batch := now.scans[group]) is not None:
-                self._ranges[seat] = batch.ranges[k]
+                self._ranges[seat], arrived = batch.ranges[k], True
+        return arrived
 
-    def _frame(
-        self, now: Instant, places: Places, values: list[tuple[float, ...]], terms: list[list[float]], events: list[Any]
-    ) -> Frame:
-        """terms: those of quantities, at the beginning none; events: since the last decision"""
-        kinds = [
+    def _kinds(self, events: Sequence[Event]) -> list[tuple[str, ...]]:
+        """Kinds of the events of each member that learns."""
+        return [
             tuple(e.kind for e in events if e.vehicle == name or (e.kind in OF_BOTH and e.other == name))
             for name in self._learners
         ]
-        for i, (name, weight) in enumerate(self._learn.reward.items()):
-            for own, paid in zip(kinds, terms, strict=True) if name not in FIELDS else ():
-                if name in own:
-                    paid[i] += weight * own.count(name)
+
+    def _frame(
+        self, now: Instant, values: list[tuple[float, ...]], terms: list[list[float]], kinds: list[tuple[str, ...]]
+    ) -> Frame:
+        """terms, kinds: of the reward, at the beginning none, and of events, since the last decision"""
+        places = self._places
         fleet, observes = now.fleet, self._learn.observation
-        odometry = self._simulation.sensors.odometry(fleet, now.step)
-        speed, yaw_rate = (fleet.motion.speed, fleet.motion.yaw_rate) if odometry is None else odometry
+        speed, yaw_rate = now.odometry or (fleet.motion.speed, fleet.motion.yaw_rate)
         moves = [(0.0, 0.0) if row is None else (float(speed[row]), float(yaw_rate[row])) for row in places.rows]
         samples = next((len(one) for one in self._ranges if one is not None), 1)
         ranges = np.array([np.full(samples, np.inf) if one is None else one for one in self._ranges])
@@ -382,7 +379,7 @@ class Episodes:
 
     def _others(self, fleet: Fleet) -> dict[str, np.ndarray]:
         """Other members as the members that learn know them, as in a frame."""
-        found = {name: np.full((len(self._learners), len(Neighbour._fields)), np.nan) for name in self._known}
+        found = {name: np.full((len(self._learners), len(Neighbour._fields)), np.nan) for name in self._facts.known}
         for group in fleet.groups if found else ():
             for k, row in enumerate(group.rows):
                 if (name := fleet.members[row].id) in self._learners and group.memory is not None:
@@ -447,6 +444,9 @@ def _learners(prepared: Prepared, source: Source, learn: Learn) -> tuple[str, ..
     """Ids of the members that learn. raises: InputError"""
     members = {m.id: m for m in prepared.members}
     named = source.vehicles or ((learn.vehicle,) if learn.vehicle and not source.all else ())
+    if learn.vehicle and learn.vehicle not in members:
+        what = f"{learn.vehicle!r}: no member{did_you_mean(learn.vehicle, members)}"
+        raise InputError(prepared.scenario.fault(("learn", "vehicle"), what))
     if twice := sorted({name for name in named if named.count(name) > 1}):
         raise InputError(*(f"vehicle: {name!r}: is named twice; must be named once" for name in twice))
     if unknown := [name for name in named if name not in members]:

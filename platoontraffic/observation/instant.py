@@ -9,6 +9,7 @@ from typing import Any
 
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.observation.observer import Measures
+from platoontraffic.vehicles.motion import Twist
 from platoontraffic.world.events import Event
 from platoontraffic.world.fleet import Fleet, Readings
 from platoontraffic.world.passages import Passage
@@ -35,6 +36,7 @@ class Instant:
     passages: Sequence[Passage] = ()  # of vehicles at the ends of counted edges, in the last step
     readings: Sequence[Readings] = ()  # of further lasers and own sensors, for each group; (): there are none
     seen: Sequence[Seen | None] = ()  # the world at the instant of each scan, to whose traffic its hits belong
+    odometry: Twist | None = None  # own speed and yaw rate that the laws used, (n,); None: those of `fleet.motion`
 
     @property
     def time(self) -> float:

@@ -85,6 +85,7 @@ class Observer:
         self._encroachments = Encroachments(members)
         self._off_road = OffRoad(network.drivable, size)
         self.statistics = Statistics(len(members))
+        self._fleet: Fleet | None = None  # that was observed last
 
     def extend(self, newcomers: Sequence[Member]) -> None:
         """Further members of the run, with the numbers that come next."""
@@ -119,6 +120,7 @@ class Observer:
         signals: state of the next stop lines, (n,); None if no law is given it
         seen   : the world at the instant of each scan; by default this one
         """
+        self._fleet = fleet
         seen = seen or [Seen(traffic, group.rows) for group in fleet.groups]
         step = Step(traffic, fleet, roads, signals, *fleet.model.axle_position(fleet.motion), seen)
         events = [*self._presence.observe(step, self._splits.left_behind, noted), *map(step.noted, noted)]
@@ -158,7 +160,12 @@ class Observer:
         return events
 
     def measure(self, fleet: Fleet) -> Measures:
-        """Measured values at the step that was observed last; fleet: as then."""
+        """Measured values at the step that was observed last.
+
+        fleet: as then; raises RuntimeError if it is another
+        """
+        if fleet is not self._fleet:
+            raise RuntimeError("the measures of an instant must be looked at before the next step")
         number, motion, values = fleet.number, fleet.motion, self.statistics.values
         return Measures(
             gap=values["gap"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
@@ -45,8 +46,8 @@ class Learn(Table):
             range_ = isinstance(values, dict) and set(values) == {"from", "to"}
             if range_:
                 ends = values["from"], values["to"]
-                if not all(type(end) in (int, float) for end in ends) or not ends[0] <= ends[1]:
-                    raise ValueError(f"{key}: {values}: must have numbers, `from` up to `to`")
+                if not all(type(end) in (int, float) and math.isfinite(end) for end in ends) or not ends[0] <= ends[1]:
+                    raise ValueError(f"{key}: {values}: must have finite numbers, `from` up to `to`")
             elif not (isinstance(values, list) and values):
                 raise ValueError(f"{key}: {values!r}: must be a range {{ from = 1, to = 2 }} or a list of values")
         return draw

@@ -64,6 +64,8 @@ def load(
 
     raises: InputError with one line for every fault found
     """
+    if not all(isinstance(a, str | Change) for a in arguments):
+        raise InputError(f"changes: {arguments}: must be texts such as 'platoon.size=3'")
     changes = [a if isinstance(a, Change) else Change.parse(a, number) for number, a in enumerate(arguments, start=1)]
     source = _find(name_or_file)
     config = read_configuration(source) if configurations.is_configuration(source) else None

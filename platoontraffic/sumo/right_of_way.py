@@ -79,10 +79,11 @@ class RightOfWay:
 
     def __init__(self, sumo: Client, now: Reads, conflicts: Mapping[Line, Conflicts]) -> None:
         self._sumo, self._now, self._conflicts = sumo, now, conflicts
-        # By line, at this instant: those outside the junction, the same as they come, those inside with priority, and
-        # all inside.
+        # By line, at this instant: those outside the junction, the same as they come, paths on which there is somebody
+        # inside, those inside with priority, and all inside.
         self._outside = Once(self._foes_outside)
         self._patiently = Once(lambda line: [*self._approaching(line)])
+        self._occupied = Once(self._occupied_paths)
         self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
         self._all_inside = Once(lambda line: [*self._inside(line, first=False)])
         self._waiting_in_path = Once(lambda line: [*self._waiters(line)])  # for the whole run
@@ -101,8 +102,8 @@ class RightOfWay:
 
     def renew(self) -> None:
         """SUMO has made a step: all vehicles are elsewhere."""
-        for foes in (self._outside, self._patiently, self._first_inside, self._all_inside):
-            foes.clear()
+        for found in (self._outside, self._patiently, self._occupied, self._first_inside, self._all_inside):
+            found.clear()
 
     def has_way(self, line: Line, state: str, distance: float, ego: Ego) -> bool:
         """Whether a vehicle may pass a line at which it has to give way."""
@@ -224,8 +225,8 @@ class RightOfWay:
         """The vehicle that enters the junction next on a path, if it is near."""
         now = self._now
         for name in now.on_lane[crossing.before][-1:]:
-            to_line, links = now.lane_length[crossing.before] - now.position[name], now.next_links[name]
-            if to_line < ENTERS_WITHIN and links and links[0][LINK_VIA] == crossing.via[0]:
+            to_line = now.lane_length[crossing.before] - now.position[name]
+            if to_line < ENTERS_WITHIN and self._links_ahead(name, crossing.before)[0][:1] == crossing.via[:1]:
                 yield Approach(name, crossing, to_line, Pace(now.speed[name]))
 
     def _waiters(self, line: Line) -> Iterator[Crossing]:
@@ -358,7 +359,7 @@ class RightOfWay:
                 found.append(tuple(Approach(foe, crossing, to_line, pace) for pace in paces))
         return found
 
-    def _links_ahead(self, name: str, lane: str) -> tuple[Sequence[str], str]:
+    def _links_ahead(self, name: str, lane: str) -> tuple[tuple[str, ...], str]:
         """First lanes inside the next junctions on a vehicle's path, at most `JUNCTIONS`; state of the next link.
 
         As `getNextLinks` has them; but that judges whether each link is open, and takes five times as long. SUMO's plan
@@ -368,7 +369,7 @@ class RightOfWay:
         lanes = next((plan[PLAN_ONWARD] for plan in now.best_lanes[name] if plan[PLAN_LANE] == lane), ())
         if len(lanes) <= JUNCTIONS:
             links = now.next_links[name][:JUNCTIONS]
-            return [link[LINK_VIA] for link in links], links[0][LINK_STATE] if links else ""
+            return tuple(link[LINK_VIA] for link in links), links[0][LINK_STATE] if links else ""
         inside = self._inside_between[tuple(lanes[: JUNCTIONS + 1])]
         if lane in self._controlled:
             return inside, _state_of(now.links[lane], inside[0])
@@ -387,12 +388,16 @@ class RightOfWay:
             found += [link[LINK_VIA] for link in self._sumo.lane.getLinks(here) if link[LINK_ONTO] == onto]
         return tuple(found)
 
+    def _occupied_paths(self, line: Line) -> list[Crossing]:
+        on_lane = self._now.on_lane.__getitem__
+        return [one for one in self._conflicts[line].crossings.values() if any(map(on_lane, one.via))]
+
     def _inside(self, line: Line, *, first: bool) -> Iterator[Approach]:
         """Vehicles inside the junction whose paths cross the own one.
 
         first: only those with priority
         """
-        for crossing in self._conflicts[line].crossings.values():
+        for crossing in self._occupied[line]:
             if crossing.first or not first:
                 for one in self.on(crossing):
                     if not self.is_past(one) and not self.held_up(one.id, "in"):
@@ -479,8 +484,8 @@ class RightOfWay:
                 continue
             foe = names[-1]
             to_line = now.lane_length[before] - now.position[foe]
-            links = now.next_links[foe][:1]
-            crossing = conflicts.crossings.get(links[0][LINK_VIA]) if links else None
+            inside, _ = self._links_ahead(foe, before)
+            crossing = conflicts.crossings.get(inside[0]) if inside else None
             if crossing and self._stood_since(foe, before, to_line, now.length[foe]) is not None:
                 yield Approach(foe, crossing, to_line, Pace(now.speed[foe], now.acceleration[foe], crossing.fastest))
 

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
+from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -550,8 +551,8 @@ class Fleet(MemberState):
                 raise ValueError(f"{name!r}: SUMO drives it; it takes no command")
             if not isinstance(command, Twist | Drive):
                 raise ValueError(f"{name!r}: {command!r}; must be a Twist or a Drive")
-            if not (np.isfinite(command[0]) and np.isfinite(command[1])):
-                raise ValueError(f"{name!r}: {command}; must be finite")
+            if not all(isinstance(part, Real) and math.isfinite(part) for part in command):
+                raise ValueError(f"{name!r}: {command}; must be two finite numbers")
         rows = [row_of[name] for name in override]
         return changed(self, command=self.command.replaced(rows, list(override.values())))
 
