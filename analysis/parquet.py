@@ -31,7 +31,8 @@ def export(folder: Path | str) -> list[Path]:
     try:
         files = [_write(folder / f"{name}.parquet", [_table(folder, name)]) for name in resources(folder)]
         if (folder / "study.toml").is_file() and len(results.summary):
-            names = resources(inside(folder, results.summary.id.iloc[0]))
+            # Not every run has every table: what is counted or recorded may be varied.
+            names = dict.fromkeys(name for run in results.summary.id for name in resources(inside(folder, run)))
             files += [_write(folder / f"{n}.parquet", _of_all_runs(folder, n)) for n in names if n != "summary"]
     except pa.ArrowException as error:
         raise ResultsError(f"{folder}: {' '.join(str(error).split())}") from error
@@ -39,12 +40,13 @@ def export(folder: Path | str) -> list[Path]:
 
 
 def _of_all_runs(folder: Path, name: str) -> Iterator[pa.Table]:
-    """The table of each run, with id, seed and varied values before its own columns."""
+    """The table of each run that has it, with id, seed and varied values before its own columns."""
     runs = _table(folder, "runs")
     points = runs.drop_columns(["status", "error", "wall_s"])
     for i in range(runs.num_rows):
-        if runs["status"][i].as_py() == "done":
-            table = _table(inside(folder, points["id"][i].as_py()), name)
+        run = inside(folder, points["id"][i].as_py())
+        if runs["status"][i].as_py() == "done" and name in resources(run):
+            table = _table(run, name)
             same = [pa.repeat(column[i], table.num_rows) for column in points.columns]
             yield pa.table([*same, *table.columns], schema=pa.schema([*points.schema, *table.schema]))
 

@@ -141,17 +141,21 @@ class Batch:
     def table(self, name: str) -> pd.DataFrame:
         """A table of all runs that are done, such as "trajectories", with id, seed and varied values as first columns.
 
+        Runs that do not have it, such as one that counts no passages, are left out.
+
         raises: ResultsError
         """
         if not len(self.summary):
             raise ResultsError(f"{self.folder}: no run is done")
-        table, rows = _read_all([self._file(run_id, name) for run_id in self.summary.id])
+        have = [name in resources(inside(self.folder, run)) for run in self.summary.id]
+        summary = self.summary[have] if any(have) else self.summary
+        table, rows = _read_all([self._file(run_id, name) for run_id in summary.id])
         if missing := set(NEEDED.get(name, ())) - set(table.columns):
             raise ResultsError(f"{self.folder}: {name}.csv: columns are missing: {', '.join(sorted(missing))}")
-        points = self.summary[["id", "seed", *self.varied]]
+        points = summary[["id", "seed", *self.varied]]
         points = points.loc[points.index.repeat(rows)].reset_index(drop=True)
         joined = pd.concat([points, table], axis=1)
-        joined.attrs["units"] = _units(resources(inside(self.folder, self.summary.id.iloc[0]))).get(name, {})
+        joined.attrs["units"] = _units(resources(inside(self.folder, summary.id.iloc[0]))).get(name, {})
         return joined
 
     def _file(self, run_id: str, name: str) -> Path:

@@ -77,6 +77,8 @@ class Unobserved:
 
     def refit(self, members: Sequence[Member]) -> None: ...
 
+    def close(self) -> None: ...
+
     def extend(self, newcomers: Sequence[Member]) -> None: ...
 
     @property
@@ -189,6 +191,7 @@ class Simulation:
         self.world = watch.wrap(world, snapshot="read", signals="signals", place="place", advance="step")
         self.sensors = watch.wrap(Sensing(setting.scene, setting.lidar_engine, setting.seed), sense="scan")
         self.observer = watch.wrap(setting.observer(), observe="observe", measure="measure")
+        self._open.callback(self.observer.close)
         self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
         self.messages = _no_messages(setting)
         self.stuck, self._remedies = Stuck(setting.recruits.tables if setting.recruits else ()), {}

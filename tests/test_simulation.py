@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from platoontraffic import scenario
+from platoontraffic.controllers.law import Decision, Law
 from platoontraffic.controllers.repaired import RepairedFollower
+from platoontraffic.errors import InputError
 from platoontraffic.lidar import Noise
 from platoontraffic.observation.instant import Instant
 from platoontraffic.observation.observer import Observer
@@ -138,8 +140,8 @@ def test_an_override_lasts_for_one_step():
     ("override", "said"),
     [
         ({"robot.7": Twist(0.1, 0.0)}, "'robot.7': no member on the road; did you mean"),
-        ({"robot.1": Twist(np.nan, 0.0)}, "'robot.1': .*; must be finite"),
-        ({"robot.1": Drive(np.inf, 0.0)}, "'robot.1': .*; must be finite"),
+        ({"robot.1": Twist(np.nan, 0.0)}, "'robot.1': .*; must be two finite numbers"),
+        ({"robot.1": Drive(np.inf, 0.0)}, "'robot.1': .*; must be two finite numbers"),
     ],
 )
 def test_an_override_that_cannot_be_driven_is_refused_and_changes_nothing(override, said):
@@ -157,6 +159,47 @@ def test_a_member_that_sumo_drives_takes_no_command():
         simulation.reset()
         with pytest.raises(ValueError, match=r"'platoon\.0': SUMO drives it"):
             simulation.step({"platoon.0": Drive(0.0, 0.0)})
+
+
+# ---- what goes wrong
+
+
+@dataclass(frozen=True)
+class FailsOnce(Law):
+    at: float  # [s]
+
+    def __call__(self, sensed, memory, dt):
+        if abs(sensed.scan.stamp - self.at) < DT / 2:
+            raise ValueError("for once")
+        return Decision(Twist(0 * sensed.speed, 0 * sensed.speed))
+
+
+def test_after_a_step_that_has_failed_there_is_none():
+    """Some have moved, others have not: it went on with the wrong time."""
+    with of_robots(platoon(FailsOnce(2 * DT))) as simulation:
+        simulation.reset()
+        simulation.step()
+        with pytest.raises(InputError, match="for once"):
+            simulation.step()
+        with pytest.raises(RuntimeError, match=r"the last step has failed; reset\(\) begins anew"):
+            simulation.step()
+        assert simulation.reset().step == 0
+        assert simulation.step().step == 1
+
+
+@pytest.mark.sumo
+def test_a_closed_simulation_says_so():
+    with Simulation.load("highway_platoon", "sumo.warm_up_s=0") as simulation:
+        simulation.reset()
+    with pytest.raises(RuntimeError, match="the simulation is closed"):
+        simulation.step()
+    with pytest.raises(RuntimeError, match="the simulation is closed"):
+        _ = simulation.sumo
+
+
+def test_changes_are_texts():
+    with pytest.raises(InputError, match=r"changes: .*: must be texts such as 'platoon.size=3'"):
+        Simulation.load("paper_loop", ["platoon.size=3"])
 
 
 # ---- measures

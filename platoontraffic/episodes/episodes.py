@@ -190,12 +190,17 @@ class Episodes:
                 except InputError as error:  # with what else is drawn it may be sound; else `chosen` raises it
                     faults.append(error)
                     continue
-                same = _learners(prepared, self._source, learn) == self._learners
-                if not same or _spaces(self._facts_of(prepared)) != _spaces(facts):
+                if not self._still_learn(prepared) or _spaces(self._facts_of(prepared)) != _spaces(facts):
                     what = f"{value}: changes which members learn, what they observe or what they command; must not"
                     raise InputError(base.fault(("learn", "draw", key), what))
             if len(faults) == len(values):
                 raise faults[0]
+
+    def _still_learn(self, prepared: Prepared) -> bool:
+        try:
+            return _learners(prepared, self._source, self._learn) == self._learners
+        except InputError:
+            return False
 
     def facts(self, say: Say) -> Facts:
         return self._facts

@@ -87,6 +87,10 @@ class Observer:
         self.statistics = Statistics(len(members))
         self._fleet: Fleet | None = None  # that was observed last
 
+    def close(self) -> None:
+        """It observes no more."""
+        self._contacts.close()
+
     def extend(self, newcomers: Sequence[Member]) -> None:
         """Further members of the run, with the numbers that come next."""
         before = len(self._members)

@@ -102,14 +102,27 @@ class Own:
     def lock_on_ratio(self) -> float:
         """Share of the time since its first lock, as far as it has a predecessor, in which it is locked on."""
         first = min(self._times("locked"), default=math.inf)
-        behind = [(max(one.begin, first), min(one.end, self.until)) for one in self.follows if one.ahead != NOBODY]
-        whole, lost = lengths([(begin, end) for begin, end in behind if begin < end], self._lost)
+        follows = [one for one in self.follows if one.ahead != NOBODY]
+        behind = [(max(one.begin, first), min(one.end, self.until)) for one in follows]
+        not_yet = [(one.begin, self._first_lock(one)) for one in follows]
+        whole, lost = lengths([(begin, end) for begin, end in behind if begin < end], [*self._lost, *not_yet])
         return 1 - lost / whole if whole else 0.0
 
+    def _first_lock(self, stretch: Stretch) -> float:
+        """Time at which it is first locked on its predecessor of a stretch [s]; inf: it is not in that stretch."""
+        others = zip(self._kind, self.events.other_id.tolist(), self.events.time_s.tolist(), strict=True)
+        locks = (time for kind, other, time in others if kind in ("locked", "lock_regained") and other == stretch.ahead)
+        return next((time for time in locks if stretch.begin <= time < stretch.end), math.inf)
+
     @cached_property
-    def rejoin_times(self) -> np.ndarray:
-        """Durations of the splits that ended [s]."""
-        return self._durations("rejoined")
+    def rejoin_times(self) -> list[float]:
+        """Durations of the splits that ended [s]. A join by an order ends none, unless there was one."""
+        found, is_split = [], False
+        for kind, duration in zip(self._kind, self.events.duration_s.tolist(), strict=True):
+            if kind == "rejoined" and is_split:
+                found.append(duration)
+            is_split = kind == "split" or (is_split and kind != "rejoined")
+        return found
 
     def _times(self, *kinds: str) -> np.ndarray:
         """Times of its events of some kinds, in the order of the table [s]."""
@@ -129,12 +142,15 @@ class Own:
         counted = [(one.begin, one.end) for one in self.follows]
         off = self.split_off
         whole, lost = lengths(counted, off)
-        rows = self.rows[within(self.rows.time_s, counted)]
+        here = within(self.rows.time_s, counted)
+        driven = np.hypot(self.rows.x_m.diff(), self.rows.y_m.diff()).to_numpy()[1:]
+        distance = driven[(here & ~within(self.rows.time_s, off))[:-1]].sum()  # each step is of where it begins
+        rows = self.rows[here]
         time = rows.time_s.to_numpy()
         ahead = np.full(len(rows), "", dtype=object)
         for one in self.follows:
             ahead[within(time, [(one.begin, one.end)])] = one.ahead
-        return Following(rows, within(time, off), ahead, 1 - share(lost, whole))
+        return Following(rows, within(time, off), ahead, 1 - share(lost, whole), float(distance))
 
     @cached_property
     def together(self) -> list[Stretch]:
@@ -163,17 +179,12 @@ class Following(NamedTuple):
     split: np.ndarray  # whether it was split off, by row
     ahead: np.ndarray  # its predecessor, by row
     share: float  # of that time in which it was not split off
+    distance: float  # driven in that time while it was not split off [m]
 
     @property
     def in_platoon(self) -> pd.DataFrame:
         """Those of its rows at which it was not split off."""
         return self.rows[~self.split]
-
-    @property
-    def distance(self) -> float:
-        """Distance driven while it was not split off [m]."""
-        steps = np.hypot(self.rows.x_m.diff(), self.rows.y_m.diff())
-        return float(steps[~self.split].sum())
 
 
 @dataclass(frozen=True, eq=False)

@@ -200,14 +200,14 @@ OF_FOLLOWERS = (
         "rejoin_time_mean",
         "s",
         "mean time from the begin of a split to its end, of the splits that ended",
-        lambda m: m.rejoin_times.mean() if len(m.rejoin_times) else math.nan,
+        lambda m: float(np.mean(m.rejoin_times)) if m.rejoin_times else math.nan,
         "mean",
     ),
     Metric(
         "rejoin_time_longest",
         "s",
         "longest time from the begin of a split to its end, of the splits that ended",
-        lambda m: m.rejoin_times.max() if len(m.rejoin_times) else math.nan,
+        lambda m: max(m.rejoin_times, default=math.nan),
         "max",
     ),
     Metric(
@@ -221,7 +221,7 @@ OF_FOLLOWERS = (
     Metric(
         "in_platoon_distance",
         "m",
-        "distance driven in that time, over the recorded instants",
+        "distance driven in that time, from one recorded instant to the next",
         lambda m: m.following.distance,
         "mean",
     ),
@@ -722,6 +722,6 @@ def _steal_share(member: Own) -> float:
 
 
 def _lock_on_seen(member: Own) -> float:
-    rows, split, ahead, _ = member.following
+    rows, split, ahead, *_ = member.following
     seen = (rows.beams_on_predecessor >= ENOUGH_BEAMS) & ~split
     return (rows.target_id[seen] == ahead[seen.to_numpy()]).mean() if seen.any() else math.nan

@@ -117,8 +117,9 @@ def _equip(spec: Spec) -> Iterator[Fault]:
         if equip.id in ids:
             yield Fault(("equip", i, "id"), f"{equip.id!r}: another table has the same id; must be another")
         ids.append(equip.id)
-    if len(spec.equip) > 1 and (i := next((i for i, one in enumerate(spec.equip) if one.mode == "platoons"), None)):
-        yield Fault(("equip", i, "mode"), "'platoons': there is another [[equip]] table; must be the only one")
+    for i, equip in enumerate(spec.equip if len(spec.equip) > 1 else ()):
+        if equip.mode == "platoons":
+            yield Fault(("equip", i, "mode"), "'platoons': there is another [[equip]] table; must be the only one")
     if spec.equip and spec.branch:
         yield Fault(("branch",), "changes members of [[platoon]] tables only; must be left out beside [[equip]]")
 

@@ -50,6 +50,13 @@ class Contacts:
             self._space.add(wall)
         self._space.on_collision(None, None, pre_solve=self._note)
 
+    def close(self) -> None:
+        """Take everything out of the space.
+
+        With nothing in it pymunk frees it without calls of Python, in which Ctrl-C would leave it half freed.
+        """
+        self._space.remove(*self._space.shapes, *self._space.bodies)
+
     def release(self, name: str) -> None:
         """A vehicle that stays on the road is a member no more."""
         self.members.discard(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import signal
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ pytest.importorskip("pettingzoo")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from pettingzoo.test import parallel_api_test, parallel_seed_test  # noqa: E402
 
+from platoontraffic import shipped  # noqa: E402
 from platoontraffic.controllers.printed import SPEED_GAIN  # noqa: E402
 from platoontraffic.environments import seats  # noqa: E402
 from platoontraffic.environments.follower import Follower  # noqa: E402
@@ -349,6 +352,7 @@ def test_a_wrong_action_is_an_error_and_moves_nothing(follower, action, what):
             "range_max_m: 2: changes .* observe",
         ),
         (("paper_loop", ['learn.draw={"platoon.size" = [1,5]}']), "platoon.size: 1: changes which members learn"),
+        (("paper_loop", ["learn.vehicle=robot.9"]), "learn.vehicle: 'robot.9': no member"),
         (("paper_loop", ["learn.episode_s=0.01"]), "0.01: must be no less than .* two decisions, 0.025 s"),
     ],
 )
@@ -364,6 +368,80 @@ def test_a_member_learns_once():
 
 def test_errors_of_a_laser_may_be_drawn():
     Follower("paper_loop", [*SHORT, 'learn.draw={"platoon.follower.lidar.noise" = ["none","utm30lx"]}']).close()
+
+
+def test_lists_are_no_texts():
+    with pytest.raises(ValueError, match="changes = .*; must be a list"):
+        Follower("paper_loop", "platoon.size=3")
+    with pytest.raises(ValueError, match="vehicles = .*; must be a list"):
+        Platoon("paper_loop", SHORT, "robot.1")
+
+
+@pytest.mark.parametrize(
+    "changes", [(), ("platoon.start.time_s=1.025",), ("platoon.follower.lidar.delay_s=0.05",)],
+    ids=["at once", "out of step with the laser", "a late laser"],
+)  # fmt: skip
+def test_a_command_holds_from_one_decision_to_the_next(changes):
+    """A law's own command, a stand-still, came between where decisions were not those of the laser."""
+    env = Follower("paper_loop", ["platoon.size=2", "platoon.follower.lidar.rate_hz=10", *changes])
+    env.reset(seed=1)
+    speeds = [env.step([0.2, 0.0])[0]["speed"][0] for _ in range(5)]
+    env.close()
+    assert speeds == pytest.approx([0.2] * 5)
+
+
+def test_odometry_is_as_late_as_that_of_a_law():
+    env = Follower("paper_loop", ["platoon.size=2", "platoon.follower.odometry.delay_s=0.1"])
+    env.reset(seed=1)
+    speeds = [env.step([0.2, 0.0])[0]["speed"][0] for _ in range(6)]
+    env.close()
+    assert speeds == pytest.approx([0, 0, 0, 0, 0.2, 0.2])
+
+
+def test_an_episode_lasts_from_its_first_decision():
+    env = Follower("paper_loop", ["platoon.size=2", "platoon.start.time_s=0.5", "learn.episode_s=0.25"])
+    _, info = env.reset(seed=1)
+    assert "departed" in info["events"]
+    steps = 1
+    while not env.step([0.1, 0.0])[3]:
+        steps += 1
+    env.close()
+    assert steps == 10
+
+
+def test_episodes_leave_nothing_behind():
+    """Each one of a lab left a megabyte."""
+    env, before = Follower("paper_loop", SHORT), None
+    for seed in range(4):
+        env.reset(seed=seed)
+        env.step(AHEAD)
+        if before:
+            gc.collect()
+            assert before() is None
+        before = weakref.ref(env._seats._episodes._episodes._simulation)
+    assert gc.get_freeze_count() == 0
+    env.close()
+
+
+def test_without_agents_there_is_no_step():
+    env = Platoon("paper_loop", SHORT)
+    env.reset(seed=1)
+    while env.agents:
+        env.step(dict.fromkeys(env.agents, AHEAD))
+    with pytest.raises(RuntimeError, match="no agent is left"):
+        env.step({})
+    env.close()
+
+
+@pytest.mark.slow
+def test_a_file_is_found_from_any_folder(tmp_path, monkeypatch):
+    (tmp_path / "mine.toml").write_text(shipped.scenarios()["paper_loop"].read_text())
+    monkeypatch.chdir(tmp_path)
+    env = Follower("mine.toml", [*SHORT, DRAWN])
+    monkeypatch.chdir("/")
+    env.reset(seed=1)
+    assert env.metadata["render_fps"] == 40
+    env.close()
 
 
 @pytest.mark.slow

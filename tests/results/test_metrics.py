@@ -88,7 +88,7 @@ def test_counts_are_integers_in_a_summary_and_shares_are_not():
 
 def test_lock_on_counts_from_the_first_lock_to_the_end():
     still = trajectories(gap_m=[1.0])
-    lost_twice = [(2.0, "locked", "p.1"), (4.0, "lock_lost", "p.1"), (5.0, "lock_regained", "p.1"),
+    lost_twice = [(2.0, "locked", "p.1", "p.0"), (4.0, "lock_lost", "p.1"), (5.0, "lock_regained", "p.1", "p.0"),
                   (8.0, "lock_lost", "p.1")]  # fmt: skip
     of = values(still, *lost_twice)
     assert of["lock_on_ratio"] == pytest.approx(1 - (1 + 2) / 8)
@@ -96,6 +96,30 @@ def test_lock_on_counts_from_the_first_lock_to_the_end():
     assert values(still, *lost_twice[:3])["lock_on_ratio"] == pytest.approx(1 - 1 / 8)
     assert math.isnan(values(still, *lost_twice[:3])["lost_for_good"])
     assert values(still)["lock_on_ratio"] == 0
+
+
+def test_the_target_is_not_the_new_predecessor_until_it_is_locked_on_it():
+    """It was locked on one that left at 4 s; nothing was lost, and it counted as locked all the time."""
+    rows = [(0.0, "locked", "p.2", "p.1"), (4.0, "told", "p.1", "", 0.0, "leave", 1)]
+    table = trajectories(gap_m=[1.0])
+    table = pd.concat([table, table[table.vehicle_id == "p.1"].assign(vehicle_id="p.2", place=2)])
+    assert values(table, *rows, (7.0, "locked", "p.2", "p.0"), vehicle="p.2")["lock_on_ratio"] == pytest.approx(0.7)
+    assert values(table, *rows, vehicle="p.2")["lock_on_ratio"] == pytest.approx(0.4)
+
+
+def test_a_join_by_an_order_ends_no_split():
+    rows = [(1.0, "split", "p.1"), (3.0, "rejoined", "p.1", "p.0", 4.0), (6.0, "rejoined", "p.1", "p.0", 0.0)]
+    of = values(trajectories(gap_m=[1.0]), *rows)
+    assert of["rejoin_time_mean"] == 4
+    assert math.isnan(values(trajectories(gap_m=[1.0]), rows[2])["rejoin_time_mean"])
+
+
+def test_the_distance_in_a_platoon_is_driven_between_recorded_instants():
+    """Up to the last one, and not across a time in which it was elsewhere."""
+    table = trajectories(x_m=[0.0, 10.0, 20.0, 500.0, 510.0, 520.0])
+    assert values(table, end=5.0)["in_platoon_distance"] == 520
+    told = [(2.0, "told", "p.1", "", 0.0, "leave", 1), (3.0, "told", "p.1", "p.0", 0.0, "join", 1)]
+    assert values(table, *told, (3.0, "rejoined", "p.1", "p.0", 0.0), end=5.0)["in_platoon_distance"] == 40
 
 
 def test_a_standstill_that_lasts_to_the_end_counts_in_full():
@@ -121,7 +145,7 @@ def test_a_contact_between_two_members_counts_once_in_the_run():
 
 
 def test_shares_are_over_the_time_between_departure_and_arrival():
-    rows = [(20.0, "departed", "p.1"), (40.0, "standstill", "p.1"), (42.0, "locked", "p.1"), (52.0, "lock_lost", "p.1"),
+    rows = [(20.0, "departed", "p.1"), (40.0, "standstill", "p.1"), (42.0, "locked", "p.1", "p.0"), (52.0, "lock_lost", "p.1"),
             (62.0, "arrived", "p.1")]  # fmt: skip
     of = values(trajectories(time_s=[20.0, 61.0]), *rows, end=100.0)
     assert of["standstill_share"] == pytest.approx((62 - 40 + 10) / 42)
