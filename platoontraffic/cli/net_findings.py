@@ -126,7 +126,8 @@ def _incomplete(content: Content) -> str:
                 if junction not in content.junctions:
                     return f"edge '{name}' goes {end} junction '{junction}', which is missing"
     for name, shape in shapes.items():
-        if len(shape) < 2 or not all(map(math.isfinite, (value for point in shape for value in point))):
+        points = set(shape) if name[0] != ":" else shape  # inside a junction a lane may have no extent
+        if len(points) < 2 or not all(map(math.isfinite, (value for point in shape for value in point))):
             return f"lane '{name}' has no shape of two or more points"
     for link in content.links:
         for name, index in (link.source, link.target):
@@ -243,18 +244,18 @@ def _narrow(content: Content) -> Kind:
 
 def _overlaps(content: Content) -> Kind:
     """Lanes of different edges on which cars side by side would touch."""
-    edge_of, lanes = [], []
+    names, lanes = [], []
     for name, edge in content.roads().items():
         for lane in edge.lanes:
             if lane.for_cars:
-                edge_of.append(name)
+                names.append(name)
                 lanes.append(lane)
     shapes = shapely.linestrings(
         np.concatenate([lane.shape for lane in lanes]),
         indices=np.repeat(np.arange(len(lanes)), [len(lane.shape) for lane in lanes]),
     )
     pairs = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=CAR.width)
-    number = np.unique(edge_of, return_inverse=True)[1]
+    number = np.unique(names, return_inverse=True)[1]
     a, b = pairs[:, (pairs[0] < pairs[1]) & (number[pairs[0]] != number[pairs[1]])]
     near = np.isin(a, a)
     if len(
@@ -277,7 +278,7 @@ def _overlaps(content: Content) -> Kind:
 def _unconnected(content: Content) -> Kind:
     """Lanes without a connection beside others that have one."""
     leading = {link.source for link in content.links}
-    going_on = {link.source[0] for link, _ in _from_cars(content) if link.rules[0] not in TURNAROUND}
+    going_on = {link.source[0] for link in _onward(content)}
 
     def places() -> Iterator[Place]:
         for name, edge in _for_cars(content).items():
@@ -291,7 +292,8 @@ def _unconnected(content: Content) -> Kind:
 
 def _dead_ends(content: Content) -> Kind:
     """Edges that lead nowhere, at junctions from which other roads lead on."""
-    left, roads = {link.source[0] for link in content.links}, _for_cars(content)
+    left = {link.source[0] for link in _onward(content)}
+    roads = _for_cars(content)
     onward: dict[str, set[str]] = {}  # junctions to which roads lead from each junction
     for edge in roads.values():
         onward.setdefault(edge.start, set()).add(edge.end)
@@ -305,7 +307,8 @@ def _dead_ends(content: Content) -> Kind:
 
 
 def _unreached(content: Content) -> Kind:
-    reached, roads = {link.target[0] for link in content.links}, _for_cars(content)
+    reached = {link.target[0] for link in _onward(content)}
+    roads = _for_cars(content)
     origins: dict[str, set[str]] = {}  # junctions from which roads lead to each
     for edge in roads.values():
         origins.setdefault(edge.end, set()).add(edge.start)
@@ -376,6 +379,11 @@ def _from_cars(content: Content) -> Iterator[tuple[Link, Lane]]:
             lane = roads[link.source[0]].lanes[link.source[1]]
             if lane.for_cars and roads[link.target[0]].lanes[link.target[1]].for_cars:
                 yield link, lane
+
+
+def _onward(content: Content) -> Iterator[Link]:
+    """Those of them that do not turn back on the same road, for which few roads are wide enough."""
+    return (link for link, _ in _from_cars(content) if link.rules[0] not in TURNAROUND)
 
 
 def _room(lane: Lane) -> float:

@@ -17,6 +17,7 @@ from platoontraffic.cli.printing import out, print_json, print_wide
 from platoontraffic.cli.progress import err
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.prove.plans import Road
+from platoontraffic.road.demand import read_demand
 from platoontraffic.road.network import Network, read_configuration
 from platoontraffic.vehicles.bicycle import CARS
 
@@ -34,7 +35,8 @@ def road_of(name: str) -> Road:
     file = file_of(name)
     if file.suffix in CONFIGURATIONS:
         config = read_configuration(file)
-        return Road(name, config.net, {"config": str(file.resolve())}, bool(config.routes))
+        has_traffic = bool(config.routes or read_demand((), config.additional).vehicles)
+        return Road(name, config.net, {"config": str(file.resolve())}, has_traffic, config.begin)
     if name in shipped.networks():
         return Road(name, file, {"net": name}, file.with_name(f"{name}.rou.xml").is_file())
     return Road(name, file, {"net": str(file.resolve())}, False)
@@ -68,7 +70,7 @@ def prove_traffic(
                 "net": str(road.net),
                 "vehicle": vehicle,
                 "holds": verdict.holds,
-                "compared": verdict.compared,
+                "compared": not verdict.not_compared,
                 **jsonable(verdict),
             }
         )
@@ -125,7 +127,8 @@ def _print_verdict(verdict: Verdict, road: Road) -> None:
     for fault in verdict.faults:
         out.print(f"fails: {fault}", soft_wrap=True, markup=False)
     if verdict.holds:
-        out.print("holds" if verdict.compared else "holds, but SUMO's own do not all arrive: times are not compared")
+        why = verdict.not_compared
+        out.print(f"holds, but {why}: times are not compared" if why else "holds", soft_wrap=True)
 
 
 def _cells(ride: Ride | None, ratio: str, own: bool) -> Iterator[str]:

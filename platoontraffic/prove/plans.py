@@ -48,6 +48,7 @@ class Road(NamedTuple):
     net: Path
     sumo: Mapping[str, str]  # the table `sumo` of a scenario on this road
     has_traffic: bool  # of a configuration or a shipped network; otherwise a random demand is made
+    begin: float = 0.0  # of SUMO's clock [s]
 
 
 class Plan(NamedTuple):
@@ -77,7 +78,7 @@ def planned(
     sumo: dict[str, Any] = dict(road.sumo)
     if not road.has_traffic:
         demand = folder / "demand.rou.xml"
-        write_demand(network, demand, seed, warm_up + duration)
+        write_demand(network, demand, seed, road.begin, warm_up + duration)
         sumo["routes"] = [str(demand.resolve())]
     common = {
         "seed": seed,

@@ -103,9 +103,13 @@ class Verdict(NamedTuple):
         return not self.faults
 
     @property
-    def compared(self) -> bool:
-        """Whether there is a seed in which all of SUMO's own cars arrive, so that times of arrival can be compared."""
-        return not all(math.isnan(pair.ratio) for pair in self.pairs)
+    def not_compared(self) -> str:
+        """Why times of arrival are not compared with those of SUMO's own cars in any seed; "" if they are."""
+        if not math.isnan(self.ratio):
+            return ""
+        if math.isnan(self.ratio_overlapping):
+            return "SUMO's own cars do not all arrive"
+        return "SUMO's own cars drive through others"
 
     @classmethod
     def of(cls, made: Sequence[Pair]) -> Verdict:

@@ -165,7 +165,8 @@ def _widen(line, step, wakes):
             i += 1
             continue
         first, moved, weight = i, 0.0, 0.0
-        while i < len(line) - 1 and line[i, 3] * line[first, 3] > 0.0:
+        sign = math.copysign(1.0, line[first, 3])  # the product of two weights may be too small to be above 0
+        while i < len(line) - 1 and sign * line[i, 3] > 0.0:
             moved += math.sqrt(step[i, 0] ** 2 + step[i, 1] ** 2)
             weight += abs(line[i, 3])
             i += 1

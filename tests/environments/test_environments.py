@@ -371,9 +371,9 @@ def test_errors_of_a_laser_may_be_drawn():
 
 
 def test_lists_are_no_texts():
-    with pytest.raises(ValueError, match="changes = .*; must be a list"):
+    with pytest.raises(ValueError, match=r"changes = .*; must be a list"):
         Follower("paper_loop", "platoon.size=3")
-    with pytest.raises(ValueError, match="vehicles = .*; must be a list"):
+    with pytest.raises(ValueError, match=r"vehicles = .*; must be a list"):
         Platoon("paper_loop", SHORT, "robot.1")
 
 

@@ -145,8 +145,8 @@ def test_a_contact_between_two_members_counts_once_in_the_run():
 
 
 def test_shares_are_over_the_time_between_departure_and_arrival():
-    rows = [(20.0, "departed", "p.1"), (40.0, "standstill", "p.1"), (42.0, "locked", "p.1", "p.0"), (52.0, "lock_lost", "p.1"),
-            (62.0, "arrived", "p.1")]  # fmt: skip
+    rows = [(20.0, "departed", "p.1"), (40.0, "standstill", "p.1"), (42.0, "locked", "p.1", "p.0"),
+            (52.0, "lock_lost", "p.1"), (62.0, "arrived", "p.1")]  # fmt: skip
     of = values(trajectories(time_s=[20.0, 61.0]), *rows, end=100.0)
     assert of["standstill_share"] == pytest.approx((62 - 40 + 10) / 42)
     assert of["lock_on_ratio"] == 0.5

@@ -129,3 +129,13 @@ def test_stop_lines_and_limits_of_a_route_move_with_its_line():
     assert curvature(route.line.points[:-1]).max() <= 1.03 / radius  # easing may add 2 %
     drop = route.line.points[np.flatnonzero(np.diff(route.limit) < 0) + 1][0]
     assert np.hypot(*(drop - (60.0, 0.0))) < radius
+
+
+def test_half_turns_on_the_spot_between_long_legs_come_to_an_end():
+    """The product of two weights of a half turn fell below the least number, and the flow went on for ever."""
+    points = [(0, -1.6), (250, -1.6), (150, -1.6), (398.4, -1.6), (400, -1.6), (400.7, -1.5), (401.2, -1.2),
+              (401.5, -0.7), (401.6, 0), (401.6, 6), (401.5, 6.7), (401.2, 7.2), (400.7, 7.5), (400, 7.6),
+              (0, 7.6)]  # fmt: skip
+    line, _ = drivable(np.array(points), 0.21484929063123775, 0.474)
+    assert np.isfinite(line).all()
+    assert shapely.LineString(line).length < shapely.LineString(points).length
