@@ -1,7 +1,7 @@
 """A run as SUMO's floating car data, for SUMO's own tools: traceExporter.py, plotXMLAttributes.py.
 
-All members, and the vehicles of traffic.csv at their recorded instants. Angles are degrees clockwise from north;
-positions are those of the middle of the front bumper.
+The instants at which all traffic is recorded, where it is: members, and the vehicles, pedestrians and obstacles of
+traffic.csv. Angles are degrees clockwise from north; positions are those of the middle of the front bumper.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import pandas as pd
 
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import replacing
+from platoontraffic.sumo.background import PERSON
 from platoontraffic.sumo.frame import front_of, sumo_angle
 
 NAME = "fcd.xml"
@@ -49,15 +50,24 @@ def _rows(results: Results) -> pd.DataFrame:
     if not tables:
         return pd.DataFrame({"time_s": [], "line": []})
     rows = pd.concat(tables, ignore_index=True)
+    if len(tables) > 1:
+        rows = rows[rows.time_s.isin(tables[1].time_s)].reset_index(drop=True)
     known = results.vehicles.drop_duplicates("vehicle_id").set_index("vehicle_id")
     length = known.length_m.reindex(rows.vehicle_id).to_numpy()
     if np.isnan(length).any():
         raise ResultsError(f"{results.folder}: vehicles.csv: has no {rows.vehicle_id[np.isnan(length)].iloc[0]}")
     x, y = front_of(rows.x_m, rows.y_m, rows.heading_rad, length)
-    names = {vehicle: quoteattr(vehicle) for vehicle in rows.vehicle_id.unique()}
+    names = {name: _element(name) for name in rows.vehicle_id.unique()}
     lanes = rows.lane_id.fillna("") if "lane_id" in rows else pd.Series("", index=rows.index)
     on = {lane: f" lane={quoteattr(lane)}" if lane else "" for lane in lanes.unique()}
     columns = zip(rows.vehicle_id, x, y, sumo_angle(rows.heading_rad), rows.speed_mps.abs(), lanes, strict=True)
-    vehicle = '        <vehicle id=%s x="%.6f" y="%.6f" angle="%.6f" speed="%.6f"%s/>\n'
-    lines = [vehicle % (names[name], *motion, on[lane]) for name, *motion, lane in columns]
+    one = '        <%s x="%.6f" y="%.6f" angle="%.6f" speed="%.6f"%s/>\n'
+    lines = [one % (names[name], *motion, on[lane]) for name, *motion, lane in columns]
     return pd.DataFrame({"time_s": rows.time_s, "line": lines})
+
+
+def _element(name: str) -> str:
+    """Begin of the element of a vehicle, or of one of SUMO's pedestrians."""
+    if name.startswith(PERSON):
+        return f"person id={quoteattr(name.removeprefix(PERSON))}"
+    return f"vehicle id={quoteattr(name)}"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from platoontraffic.analysis.limits import ENOUGH
 from platoontraffic.analysis.results import Batch, load_batch
 from platoontraffic.analysis.tables import are_identical
 from platoontraffic.analysis.writing import write
@@ -132,14 +133,16 @@ def _varied(batch: Batch) -> str:
 
 def _pictures(batch: Batch, drawn: list[str], to: Path) -> Iterable[str]:
     keys = sorted(_keys(batch), key=lambda key: -batch.runs[key].astype(str).nunique())
-    pooled = f"; all values of {', '.join(keys[2:])} together" if len(keys) > 2 else ""
+    pooled = f"; mean over all values of {', '.join(keys[2:])}" if len(keys) > 2 else ""
     for metric in drawn if keys else ():
         if batch.summary[metric].isna().all():
             yield f"<p>{text(metric)}: no run has a value of it.</p>"
             continue
         unit = batch.summary.attrs["units"].get(metric, "")
         dots = "each run, and " if len(keys) == 1 else f"a line for each {keys[1]}, "
-        caption = f"{metric} over {keys[0]}: {dots}means with their 95 % intervals{pooled}"
+        fewest = batch.summary.dropna(subset=[metric]).groupby(keys[:2])["seed"].nunique().min()
+        few = f", too narrow with fewer than {ENOUGH} seeds" if fewest < ENOUGH else ""
+        caption = f"{metric} over {keys[0]}: {dots}means with their 95 % intervals{few}{pooled}"
         many = len(keys) > 1 and batch.runs[keys[1]].astype(str).nunique() > MOST_LINES
         if not many:
             yield figure_files(lines(batch, keys, metric, unit), to, metric, caption)

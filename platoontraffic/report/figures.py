@@ -21,8 +21,10 @@ AT = "place on the axis"  # column
 
 def lines(batch: Batch, keys: Sequence[str], metric: str, unit: str) -> Figure:
     """Mean with its interval over the first key, a line for each value of the second; each run as a dot if there is
-    none."""
-    summary = batch.summary.dropna(subset=[metric])
+    none. Over the values of further keys each seed has its mean."""
+    summary = batch.summary[[*keys, "seed", metric]].dropna(subset=[metric])
+    if len(keys) > 2:
+        summary = summary.groupby([*keys[:2], "seed"], sort=False)[metric].mean().reset_index()
     x, labels = _places(summary[keys[0]], batch.runs[keys[0]])
     summary = summary.assign(**{AT: x})
     made = _figure(7.5, 4)

@@ -33,7 +33,8 @@ class Equip(Table):
     without others is a platoon of one.
 
     Each keeps its id, its route, its size, its lane and its speed. It is chosen by a hash of the seed and its id, so
-    that a larger share contains a smaller one. Vehicles that are on the road at the end of the warm-up stay SUMO's, and
+    that a larger share contains a smaller one. Where several tables fit a vehicle, their shares add up, in their order:
+    what is above 1 is left out. Vehicles that are on the road at the end of the warm-up stay SUMO's, and
     so do vehicles of other classes than cars, vans and trucks, those with stops, and those on a route that the members
     cannot drive.
     """
@@ -52,7 +53,8 @@ class Equip(Table):
     edges: list[Text] = Field([])
     """Only vehicles that depart on these edges. Default: on all."""
     begin_s: NotNegative = 0.0
-    """Departures from this time on [s]."""
+    """Departures from this time on, by the clock of the run [s]: its time 0 is two steps after SUMO's begin and the
+    warm-up."""
     end_s: Positive | None = None
     """Departures before this time [s]. Default: all until the end."""
     mode: Literal["single", "platoons"] = "single"

@@ -25,7 +25,7 @@ class Learn(Table):
     """Action: "twist" is forward speed and yaw rate, "drive" acceleration and curvature. Default: "twist" for robots,
     "drive" for cars, vans and trucks."""
     episode_s: Positive | None = None
-    """Time after which an episode is truncated [s]. Default: when the run would end."""
+    """Time from its first decision after which an episode is truncated [s]. Default: when the run would end."""
     ends: list[str] = Field(["collision", "off_road"])
     """Kinds of events of the member that terminate an episode. It also ends when the member leaves the road."""
     reward: dict[str, Finite] = Field(

@@ -22,6 +22,15 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float)
 
 
+def _is_condition(node: ast.expr) -> bool:
+    """It holds or does not, other than a number or a text."""
+    if isinstance(node, ast.BoolOp):
+        return all(map(_is_condition, node.values))
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        return _is_condition(node.operand)
+    return isinstance(node, ast.Compare)
+
+
 def condition(text: str, keys: Sequence[str], place: str) -> Callable[[Sequence[Any]], bool]:
     """A condition as a function of the values of a point.
 
@@ -57,6 +66,8 @@ def condition(text: str, keys: Sequence[str], place: str) -> Callable[[Sequence[
     for node in ast.walk(tree):
         if isinstance(node, ast.Name) and node.id not in names.values():  # letters beyond ASCII
             raise InputError(f"{where}: {node.id}: not a varied key of the study{did_you_mean(node.id, keys)}")
+    if not _is_condition(tree.body):
+        raise InputError(f"{where}: must be a comparison, such as 'platoon.size > 5'")
     calculated = [side for node in ast.walk(tree) if isinstance(node, ast.BinOp) for side in (node.left, node.right)]
     if not all(isinstance(side, _NUMERIC) and _is_number(getattr(side, "value", 0)) for side in calculated):
         raise InputError(f"{where}: + - * / are for numbers")  # Python also multiplies texts, without a limit

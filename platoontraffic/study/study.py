@@ -284,7 +284,7 @@ def _range(table: dict[str, Any], key: str) -> list[float]:
 
 
 def _check_keys(varied: Sequence[Change], fixed: Sequence[Change]) -> None:
-    given = {change.key: change for change in fixed if change.place.startswith("argument")}
+    given = {change.key: change for change in fixed}
     seen: set[str] = set()
     for change in varied:
         if change.key == "seed":
