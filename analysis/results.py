@@ -147,7 +147,8 @@ class Batch:
         """
         if not len(self.summary):
             raise ResultsError(f"{self.folder}: no run is done")
-        have = [name in resources(inside(self.folder, run)) for run in self.summary.id]
+        folders = [inside(self.folder, run) for run in self.summary.id]
+        have = [not folder.is_dir() or name in resources(folder) for folder in folders]
         summary = self.summary[have] if any(have) else self.summary
         table, rows = _read_all([self._file(run_id, name) for run_id in summary.id])
         if missing := set(NEEDED.get(name, ())) - set(table.columns):

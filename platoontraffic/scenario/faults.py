@@ -56,6 +56,8 @@ def what_of(error: dict, model: type[BaseModel]) -> str:
         return f"unknown key{did_you_mean(str(path[-1]), _known_keys(model, path[:-1]))}"
     if kind == "missing":
         return "missing"
+    if kind == "list_type" and isinstance(value, dict):
+        return f"must be a list of tables: there is none here to change, or [[{path[-1]}]] was meant"
     what = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
     if kind == "model_type":
         what = "should be a table, or a name" if path[-1] in SHORT else "should be a table"

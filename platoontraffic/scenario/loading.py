@@ -43,8 +43,10 @@ class _Places:
         for n in range(len(path), 0, -1):
             if path[:n] in self.arguments:
                 return self.arguments[path[:n]]
-        line = toml_lines.line_of(self.lines, path)
-        return f"{self.source}:{line}" if line else str(self.source)
+        if line := toml_lines.line_of(self.lines, path):
+            return f"{self.source}:{line}"
+        inside = (place for key, place in self.arguments.items() if key[: len(path)] == path)
+        return next(inside, str(self.source))
 
 
 def load(

@@ -60,3 +60,10 @@ def test_flow_is_density_times_speed():
     assert table.flow_1ph.tolist() == [1800.0] * 10
     assert table.density_1pkm.to_numpy() == pytest.approx(900 / 36 + 900 / 72)
     assert table.speed_mps.to_numpy() == pytest.approx(1800 / 3.6 / (900 / 36 + 900 / 72))
+
+
+def test_an_interval_that_the_end_of_the_run_cuts_off_is_left_out():
+    """It had the passages of half a minute as those of a minute."""
+    rows = passing(np.arange(0, 90, 2.0), 20.0)
+    assert by_interval(rows, "e", until=90.0).flow_1ph.tolist() == [1800.0]
+    assert by_interval(rows, "e", until=120.0).flow_1ph.tolist() == [1800.0, 900.0]

@@ -297,6 +297,26 @@ def test_seeds_of_another_kind(tmp_path: Path, seeds: str):
     assert "whole numbers" in line
 
 
+def test_a_key_of_a_table_that_there_is_not():
+    """The file was blamed, without a line."""
+    done = CliRunner().invoke(app, ["check", "corridor_tracking", "equip.share=0.5"])
+    assert done.exit_code == 2
+    assert done.stderr == (
+        "argument 1: equip: must be a list of tables: there is none here to change, or [[equip]] was meant\n"
+    )
+
+
+@pytest.mark.parametrize("modes", [("platoons", "single"), ("single", "platoons")])
+def test_a_share_in_platoons_is_the_only_one(tmp_path: Path, modes: tuple[str, str]):
+    """Where it was the first table, it was taken for none."""
+    tables = (f'[[equip]]\nid = "e{i}"\nshare = 0.2\nmode = "{mode}"\n' for i, mode in enumerate(modes))
+    file = tmp_path / "mine.toml"
+    file.write_text('sumo.net = "grid"\nrun.duration_s = 10\n' + "".join(tables))
+    done = CliRunner().invoke(app, ["check", str(file)])
+    assert done.exit_code == 2
+    assert f"equip.{modes.index('platoons')}.mode: 'platoons': there is another [[equip]] table" in done.stderr
+
+
 def test_keys_to_change_need_a_file():
     done = CliRunner().invoke(app, ["check", "platoon.size=3"])
     assert done.exit_code == 2

@@ -34,6 +34,7 @@ ROADS = """<edges>
 NOWHERE = "note: road that leads nowhere, though others lead on from its junction:"
 ENDS = "note: lane that ends, though other lanes of its road go on:"
 NARROW = "note: lane narrower than a car (1.76 m):"
+BUS_LANE = '<lane index="1" allow="bus"/>'
 OTHERS = "note: 1 lane is for others:"
 
 
@@ -183,6 +184,12 @@ def test_build_writes_to_the_given_file(made, tmp_path):
             '<connection from="in" to="out" fromLane="0" toLane="0"/><connection from="side"/>',
             {},
             "note: road that cannot be reached, though others lead to its junction: 'far' behind junction 'c' at",
+        ),
+        (  # only its bus lane goes on
+            [('"s" to="c" numLanes="1" speed="13.89"/>', f'"s" to="c" numLanes="2" speed="13.89">{BUS_LANE}</edge>')],
+            '<connection from="side" to="out" fromLane="1" toLane="1"/>',
+            {},
+            f"{NOWHERE} 'side' before junction 'c' at",
         ),
         ([('id="side"', 'id="side" width="1.7"')], "", {}, f"{NARROW} 'side_0', 1.7 m at"),
         ([('id="side"', 'id="side" allow="tram"')], "", {}, f"{OTHERS} rails 1, no part"),
@@ -342,6 +349,16 @@ def test_a_broken_file_is_one_line_and_exit_code_2(netconvert, tmp_path, command
     assert "broken.net.xml" in done.stderr
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "sources").exists()
+
+
+def test_a_lane_without_extent_is_a_fault(tmp_path):
+    net = tmp_path / "broken.net.xml"
+    net.write_text(re.sub(r'(<lane id="east_north_0".*?shape=")[^"]*', r"\g<1>1.00,2.00 1.00,2.00", RING.read_text()))
+    done = call("check", net)
+    assert done.exit_code == 2
+    assert "lane 'east_north_0' has no shape of two or more points" in done.stderr
+    with pytest.raises(InputError, match="'east_north_0' has no shape"):
+        Network.read(net)
 
 
 def test_a_truncated_gzip_is_one_line_and_exit_code_2(tmp_path):

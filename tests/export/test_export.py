@@ -240,7 +240,8 @@ def vehicles(file: Path) -> pd.DataFrame:
 def test_floating_car_data_and_tables_have_the_same_poses(run):
     (file,) = export(run, "fcd")
     results = load(run)
-    rows = pd.concat([results.trajectories, results.traffic]).sort_values(["time_s", "vehicle_id"])
+    own = results.trajectories[results.trajectories.time_s.isin(results.traffic.time_s)]
+    rows = pd.concat([own, results.traffic]).sort_values(["time_s", "vehicle_id"])
     read = vehicles(file)
     assert EVIL in set(read.vehicle_id)
     assert read[["time_s", "vehicle_id"]].to_numpy().tolist() == rows[["time_s", "vehicle_id"]].to_numpy().tolist()
@@ -261,7 +262,7 @@ def test_sumos_own_reader_takes_floating_car_data(run):
 
     (file,) = export(run, "fcd")
     steps = list(sumolib.xml.parse(str(file), "timestep"))
-    assert len(steps) == load(run).trajectories.time_s.nunique()
+    assert len(steps) == load(run).traffic.time_s.nunique()
     assert all(float(a.time) < float(b.time) for a, b in pairwise(steps))
     assert len(steps[0].vehicle) == MEMBERS + 20
 

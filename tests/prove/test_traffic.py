@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pandas as pd
@@ -13,12 +15,16 @@ from typer.testing import CliRunner
 from platoontraffic import scenario as scenarios
 from platoontraffic import shipped
 from platoontraffic.cli.main import app
+from platoontraffic.cli.prove import road_of
+from platoontraffic.errors import InputError
 from platoontraffic.lidar import Scene
+from platoontraffic.prove import demand
 from platoontraffic.prove.demand import write_demand
 from platoontraffic.prove.plans import LASER, SUMO, Road, planned
 from platoontraffic.prove.rides import NO_REASON, Ride, Stand, _incidents, _stands
 from platoontraffic.prove.traffic import Pair, Verdict
 from platoontraffic.road.network import Network
+from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.world.deployment import deploy
 from tests.support.generated import generated
 
@@ -58,7 +64,7 @@ def test_both_runs_have_the_same_traffic_and_lane_changes(plan):
 
 def test_a_random_demand_follows_its_seed_and_drives_on_roads(network, tmp_path):
     files = [tmp_path / f"{i}.rou.xml" for i in range(3)]
-    counts = [write_demand(network, file, seed, 600.0) for file, seed in zip(files, (1, 1, 2), strict=True)]
+    counts = [write_demand(network, file, seed, 0.0, 600.0) for file, seed in zip(files, (1, 1, 2), strict=True)]
     texts = [file.read_text() for file in files]
     assert texts[0] == texts[1] != texts[2]
     assert counts[0] == texts[0].count("<vehicle ") > 20
@@ -67,6 +73,37 @@ def test_a_random_demand_follows_its_seed_and_drives_on_roads(network, tmp_path)
 def events(*rows: tuple) -> pd.DataFrame:
     columns = ["time_s", "kind", "vehicle_id", "other_id", "edge_id", "what", "detail", "duration_s"]
     return pd.DataFrame(rows, columns=columns)
+
+
+def test_a_random_demand_begins_with_sumo(network, tmp_path):
+    write_demand(network, tmp_path / "demand.rou.xml", 1, begin=3600.0, duration=60.0)
+    vehicles = ET.parse(tmp_path / "demand.rou.xml").getroot().iter("vehicle")
+    departures = [float(vehicle.get("depart")) for vehicle in vehicles]
+    assert 3600 <= min(departures) < max(departures) <= 3660
+
+
+def test_a_random_demand_turns_back_only_where_there_is_no_other_route(network, tmp_path, monkeypatch):
+    radii = []
+
+    def none(*_: object, radius: float, **__: object) -> None:
+        radii.append(radius)
+        raise InputError("no route")
+
+    monkeypatch.setattr(demand, "draw", none)
+    assert write_demand(network, tmp_path / "demand.rou.xml", 1, 0.0, 60.0) == 0
+    assert radii == [CARS["car"].turning_radius, 0.0]
+
+
+def test_a_configuration_has_traffic_in_its_additional_files_too(tmp_path):
+    shutil.copy(CORRIDOR, tmp_path / "c.net.xml")
+    text = "<additional>{}</additional>"
+    config = """<configuration><input><net-file value="c.net.xml"/><additional-files value="more.add.xml"/></input>
+        <time><begin value="100"/></time></configuration>"""
+    (tmp_path / "c.sumocfg").write_text(config)
+    for inside, has in (("", False), ('<flow id="f" begin="0" end="9" period="3" from="e0_e1" to="e1_e2"/>', True)):
+        (tmp_path / "more.add.xml").write_text(text.format(inside))
+        road = road_of(str(tmp_path / "c.sumocfg"))
+        assert (road.has_traffic, road.begin) == (has, 100.0)
 
 
 def test_standstills_last_to_their_end_or_that_of_the_run_or_of_the_trip():
@@ -135,10 +172,10 @@ def test_arrivals_are_compared_where_sumos_own_arrive_and_apart_where_they_overl
 
 
 def test_where_sumos_own_do_not_all_arrive_times_are_not_compared_but_numbers_are():
-    assert verdict(ride()).compared
+    assert not verdict(ride()).not_compared
     one = ride(arrivals=(100.0,))
     assert verdict(one, one).holds
-    assert not verdict(one, one).compared
+    assert verdict(one, one).not_compared == "SUMO's own cars do not all arrive"
     assert verdict(ride(arrivals=()), one).faults == ("seed 1: 0 members arrive, 1 of SUMO's own do",)
 
 

@@ -60,7 +60,7 @@ def test_failed_runs_are_listed_with_their_errors_and_others_as_missing(batch):
         ({KEY: [2, 3]}, "over platoon.size"),
         ({OTHER: ["printed", EVIL, "tracking"]}, "over platoon.follower.law"),
         ({KEY: [2, 3], OTHER: ["printed", "tracking"]}, "over platoon.size and platoon.follower.law"),
-        ({KEY: [2, 3], OTHER: ["a", "b"], "seedling": [True, False]}, "all values of seedling together"),
+        ({KEY: [2, 3], OTHER: ["a", "b"], "seedling": [True, False]}, "mean over all values of seedling"),
     ],
 )
 def test_pictures_suit_the_number_of_keys_and_are_files(varied, drawn, tmp_path):
