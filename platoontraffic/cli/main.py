@@ -405,6 +405,8 @@ def prove(
     end_as_at_control_c()
     check_vehicle(vehicle)
     road = road_of(net)
+    if results and not traffic:
+        raise InputError("--results: goes with --traffic; must be left out")
     if traffic:
         with TemporaryDirectory(prefix="platoontraffic-") as temporary:
             folder, numbers = results or Path(temporary), range(seed, seed + seeds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -46,11 +47,14 @@ def prove_traffic(
     road: Road, seeds: range, vehicle: str, warm_up: float, duration: float, folder: Path, as_json: bool
 ) -> bool:
     """Drive platoons in traffic on random routes, and SUMO's own cars in their places; whether all bars hold."""
+    from platoontraffic.observation.tested import of_network
     from platoontraffic.prove.plans import planned
     from platoontraffic.prove.traffic import Verdict, pairs
 
     _check_times({"--warm-up": warm_up, "--duration": duration})
     network = Network.read(road.net)
+    for warning in of_network(road.name, network):
+        print(f"warning: {warning}", file=sys.stderr)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from platoontraffic.controllers.path import SMOOTH, PathLeader
 from platoontraffic.controllers.tracking import HEADWAY_PER_DELAY, LEAST_HEADWAY, TrackingFollower
+from platoontraffic.road.network import Network
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.world.fleet import Member
 from platoontraffic.world.prepared import Prepared
@@ -32,12 +33,17 @@ def warnings(prepared: Prepared) -> list[str]:
     return texts
 
 
-def _network(prepared: Prepared) -> Iterator[str]:
-    network = prepared.network
-    heeds_lines = any(member.law.heeds_lines for member in prepared.members) or prepared.scenario.spec.equip
-    if heeds_lines and network.has_junctions and not network.entered_from:
-        name = prepared.scenario.spec.sumo.net or prepared.scenario.configuration or network.path
+def of_network(name: str, network: Network) -> Iterator[str]:
+    """For members that heed stop lines. name: of the network, as the user gave it"""
+    if network.has_junctions and not network.entered_from:
         yield f"{name}: no lanes inside junctions: members give way to nobody there; build it without no-internal-links"
+
+
+def _network(prepared: Prepared) -> Iterator[str]:
+    spec = prepared.scenario.spec
+    if any(member.law.heeds_lines for member in prepared.members) or spec.equip:
+        name = spec.sumo.net or prepared.scenario.configuration or prepared.network.path
+        yield from of_network(name, prepared.network)
 
 
 def _sensors(member: Member) -> Iterator[str]:

@@ -42,6 +42,7 @@ def test_it_ends_with_1_where_a_bar_does_not_hold(monkeypatch):
         (("corridor", "--vehicle", "cra"), "did you mean 'car'?"),
         (("corridor", "--traffic", "--duration", 10.05), "--duration: 10.05: must be a multiple of 0.1 s"),
         (("corridor", "--traffic", "--results", __file__), "File exists; must be a folder"),
+        (("corridor", "--results", "anywhere"), "--results: goes with --traffic; must be left out"),
     ],
 )
 def test_bad_input_is_one_line(arguments, said):
