@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from pathlib import Path
 
 import pyarrow as pa
@@ -32,21 +32,23 @@ def export(folder: Path | str) -> list[Path]:
         files = [_write(folder / f"{name}.parquet", [_table(folder, name)]) for name in resources(folder)]
         if (folder / "study.toml").is_file() and len(results.summary):
             # Not every run has every table: what is counted or recorded may be varied.
-            names = dict.fromkeys(name for run in results.summary.id for name in resources(inside(folder, run)))
-            files += [_write(folder / f"{n}.parquet", _of_all_runs(folder, n)) for n in names if n != "summary"]
+            tables = {run: resources(inside(folder, run)) for run in results.summary.id}
+            names = dict.fromkeys(name for of_run in tables.values() for name in of_run if name != "summary")
+            for name in names:
+                runs = {run for run, of_run in tables.items() if name in of_run}
+                files.append(_write(folder / f"{name}.parquet", _of_runs(folder, name, runs)))
     except pa.ArrowException as error:
         raise ResultsError(f"{folder}: {' '.join(str(error).split())}") from error
     return files
 
 
-def _of_all_runs(folder: Path, name: str) -> Iterator[pa.Table]:
-    """The table of each run that has it, with id, seed and varied values before its own columns."""
+def _of_runs(folder: Path, name: str, ids: Set[str]) -> Iterator[pa.Table]:
+    """The table of each of some runs that are done, with id, seed and varied values before its own columns."""
     runs = _table(folder, "runs")
     points = runs.drop_columns(["status", "error", "wall_s"])
     for i in range(runs.num_rows):
-        run = inside(folder, points["id"][i].as_py())
-        if runs["status"][i].as_py() == "done" and name in resources(run):
-            table = _table(run, name)
+        if (run := points["id"][i].as_py()) in ids:
+            table = _table(inside(folder, run), name)
             same = [pa.repeat(column[i], table.num_rows) for column in points.columns]
             yield pa.table([*same, *table.columns], schema=pa.schema([*points.schema, *table.schema]))
 

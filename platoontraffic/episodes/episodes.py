@@ -8,7 +8,7 @@ import time
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ from platoontraffic.simulation import Prepared, Setting, Simulation, prepare, se
 from platoontraffic.vehicles.motion import Drive, Twist
 from platoontraffic.vehicles.records import changed
 from platoontraffic.world.events import EVENT_KINDS, Event
-from platoontraffic.world.fleet import NO_NOISE, Fleet, Member
+from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import BareGround
 
 FIELDS = {one.name: one.field for one in QUANTITIES}
@@ -406,9 +406,12 @@ class Episodes:
 
 
 def _spaces(facts: Facts) -> tuple:
-    """What the spaces of observations and actions are made of. Errors of the lasers are not."""
-    seats = [seat._replace(lidar=replace(seat.lidar, noise=NO_NOISE)) for seat in facts.seats]
+    """What the spaces of observations and actions are made of. Errors and mounts of the lasers are not."""
+    seats = [(seat._replace(lidar=None), *_of_space(seat.lidar)) for seat in facts.seats]
     return seats, facts.command, facts.interval, facts.known
+
+
+_of_space = attrgetter("samples", "angle_min", "angle_max", "range_min", "range_max")
 
 
 def unheard(value: Any) -> None:

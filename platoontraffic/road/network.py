@@ -462,9 +462,8 @@ def _incomplete(net: sumolib.net.Net) -> str:
                 return f"edge '{edge.getID()}' goes {end} junction '{node.getID()}', which is missing"
         for lane in edge.getLanes():
             shape = np.array(lane.getShape() or [], dtype=float)
-            inside = edge.getFunction() == "internal"  # where it may have no extent
-            points = shape if inside else np.unique(shape, axis=0)
-            if len(points) < 2 or not (np.abs(shape) <= MOST).all():
+            no_extent = len(shape) < 2 or (edge.getFunction() != "internal" and (shape == shape[0]).all())
+            if no_extent or not (np.abs(shape) <= MOST).all():
                 return f"lane '{lane.getID()}' has no shape of two or more points"
     for node in net.getNodes():
         for name in filter(None, node.getInternal() if node.getType() != "internal" else ()):

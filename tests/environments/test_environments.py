@@ -366,8 +366,9 @@ def test_a_member_learns_once():
         Platoon("paper_loop", SHORT, vehicles=("robot.1", "robot.2", "robot.1"))
 
 
-def test_errors_of_a_laser_may_be_drawn():
-    Follower("paper_loop", [*SHORT, 'learn.draw={"platoon.follower.lidar.noise" = ["none","utm30lx"]}']).close()
+@pytest.mark.parametrize("drawn", ['noise" = ["none","utm30lx"]', 'mount_yaw_deg" = {from=-2.0, to=2.0}'])
+def test_errors_of_a_laser_may_be_drawn(drawn):
+    Follower("paper_loop", [*SHORT, f'learn.draw={{"platoon.follower.lidar.{drawn}}}']).close()
 
 
 def test_lists_are_no_texts():
