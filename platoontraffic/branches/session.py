@@ -31,7 +31,7 @@ class SimulationProcess:
                 print(simulation.run().measures.gap, wider.run().measures.gap)
 
     The copy has the same traffic, members, memories and random numbers. It goes on by itself, and ends with the process
-    that was loaded. Each has a process of its own, so several may run at a time, each called by a thread of its own. On
+    that it was copied from. Each has a process of its own, so several may run at a time, each called by a thread of its own. On
     Linux a process ends with the thread that loaded it.
     """
 
@@ -80,8 +80,10 @@ class SimulationProcess:
     def branch(self, *changes: str) -> SimulationProcess:
         """An exact copy at this instant, in a process of its own, with keys changed as in the scenario's `branch.then`.
 
-        raises: InputError with one line for every fault of the changes, RunError
+        raises: InputError with one line for every fault of the changes, RunError, RuntimeError (it is closed)
         """
+        if self._process.closed:
+            raise RuntimeError("the simulation is closed")
         scenario, parsed = self._scenario, [Change.parse(text, number) for number, text in enumerate(changes, start=1)]
         if parsed:
             check_has_no_branch(scenario)

@@ -296,6 +296,8 @@ def test_ctrl_c_ends_a_run_from_outside() -> None:
             long.run()
         with pytest.raises(RuntimeError, match="closed"):  # not the answer to the call before
             long.step()
+        with pytest.raises(RuntimeError, match="closed"):
+            long.branch()
 
 
 @pytest.mark.parametrize("at", [2.0, 3000.0], ids=["after the branch", "before it"])
