@@ -31,8 +31,8 @@ class SimulationProcess:
                 print(simulation.run().measures.gap, wider.run().measures.gap)
 
     The copy has the same traffic, members, memories and random numbers. It goes on by itself, and ends with the process
-    that it was copied from. Each has a process of its own, so several may run at a time, each called by a thread of its own. On
-    Linux a process ends with the thread that loaded it.
+    that it was copied from. Each has a process of its own, so several may run at a time, each called by a thread of its
+    own. On Linux a process ends with the thread that loaded it.
     """
 
     def __init__(self, scenario: Scenario, process: Process, folder: TemporaryDirectory, now: Instant) -> None:
