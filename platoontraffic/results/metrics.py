@@ -610,9 +610,10 @@ def of_trips(scope: str, trips: pd.DataFrame) -> list[Value]:
 
 
 def aggregate(values: Sequence[Value], name: str, over: str) -> float:
-    """A metric over those that have a value of it; NaN if none has."""
+    """A metric over those that have a value of it; NaN if none has, but 0 for the number of events of no members."""
     there = [one.value for one in values if one.name == name and not math.isnan(one.value)]
-    return float(AGGREGATES[over][0](there)) if there else math.nan
+    nothing = 0.0 if over == "sum" and not values else math.nan
+    return float(AGGREGATES[over][0](there)) if there else nothing
 
 
 def name_over(name: str, over: str) -> str:

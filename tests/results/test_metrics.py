@@ -228,6 +228,14 @@ def test_collisions_with_obstacles_are_counted_by_the_kind_of_obstacle():
     assert (of["collisions_robot"], of["collisions_car"], of["collisions_person"]) == (2, 0, 1)
 
 
+def test_a_run_without_members_has_no_events_of_members():
+    """As one of a study at share 0; gaps it has none."""
+    found = compute(trajectories(gap_m=[1.0])[:0], events((10.0, "end")))
+    of = {m.name: m.value for m in found if m.scope == "run"}
+    assert [of[name] for name in ("collisions", "collisions_caused", "splits", "red_lights", "arrived")] == [0] * 5
+    assert math.isnan(of["gap_mean"])
+
+
 def test_every_metric_has_a_meaning_and_an_order_names_metrics_that_exist():
     meanings = metrics.meanings()
     assert all(all(of_scope.values()) for of_scope in meanings.values())
