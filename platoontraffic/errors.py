@@ -1,4 +1,4 @@
-"""Errors that the command line tells apart by exit code, and hints for unknown names."""
+"""Errors that the command line tells apart by exit code, and words of messages: hints for unknown names, plurals."""
 
 import difflib
 import errno
@@ -60,6 +60,11 @@ def no_file(path: str | Path) -> str:
         return f"cannot be read: {error.strerror}"
     except ValueError:  # a name with a null character
         return "no such file"
+
+
+def counted(number: int, noun: str) -> str:
+    """`1 route`, `2,000 routes`"""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

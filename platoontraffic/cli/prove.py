@@ -16,7 +16,7 @@ from platoontraffic import shipped
 from platoontraffic.cli.nets import file_of
 from platoontraffic.cli.printing import out, print_json, print_wide
 from platoontraffic.cli.progress import err
-from platoontraffic.errors import InputError, did_you_mean
+from platoontraffic.errors import InputError, counted, did_you_mean
 from platoontraffic.prove.plans import Road
 from platoontraffic.road.demand import read_demand
 from platoontraffic.road.network import Network, read_configuration
@@ -117,11 +117,16 @@ def _print_verdict(verdict: Verdict, road: Road) -> None:
     if alone := sum(len(pair.routes) == 1 for pair in verdict.pairs):
         small += f"; one platoon only with {alone} of {len(verdict.pairs)} seeds, for want of another start"
     own = "" if road.has_traffic else "; random traffic of this command"
+    where = (verdict.ratio, ""), (verdict.ratio_overlapping, " where SUMO's own cars drive through others")
+    last = [
+        f"last arrival {ratio:.2f} times that of SUMO's own cars{seeds} (median of the seeds), "
+        for ratio, seeds in where
+        if math.isfinite(ratio)
+    ]
     out.print(
-        f"{road.name}{small}{own}: last arrival {_number(verdict.ratio, '.2f')} times SUMO's "
-        f"(median of the seeds; {_number(verdict.ratio_overlapping, '.2f')} where SUMO's own overlap), "
-        f"{verdict.hours:.2f} vehicle hours, {verdict.caused} contacts caused, {verdict.red_lights} red lights, "
-        f"{verdict.failures_to_yield} failures to yield (95 % limits {low:.2f} to {high:.2f} an hour)",
+        f"{road.name}{small}{own}: {''.join(last)}{verdict.hours:.2f} vehicle hours, "
+        f"{counted(verdict.caused, 'contact')} caused, {counted(verdict.red_lights, 'red light')}, "
+        f"{counted(verdict.failures_to_yield, 'failure')} to yield (95 % limits {low:.2f} to {high:.2f} an hour)",
         soft_wrap=True,
         markup=False,
     )
@@ -152,13 +157,14 @@ def _print_stands(pair: Pair) -> None:
 
     for side, ride in (("members", pair.platoons), ("SUMO's own", pair.sumo)):
         if ride and ride.stands:
-            longest, counts = ride.longest_stand, sorted(reasons(ride.stands).items())
-            out.print(
-                f"seed {pair.seed}, {side}: {longest.vehicle} stood for {longest.lasts:.0f} s ({longest.why}); "
-                f"standstills over 10 s: {', '.join(f'{count} {word}' for word, count in counts)}",
-                soft_wrap=True,
-                markup=False,
-            )
+            longest = ride.longest_stand
+            stood = f"seed {pair.seed}, {side}: {longest.vehicle} stood for {longest.lasts:.0f} s"
+            if ride is pair.platoons:  # why SUMO's own cars stand is not known
+                counts = (f"{count} {word}" for word, count in sorted(reasons(ride.stands).items()))
+                why = longest.why.partition(": ")[2] or longest.why
+                out.print(f"{stood} ({why}); standstills over 10 s: {', '.join(counts)}", soft_wrap=True, markup=False)
+            else:
+                out.print(f"{stood}; {counted(len(ride.stands), 'standstill')} over 10 s", soft_wrap=True)
 
 
 def _print_incidents(verdict: Verdict) -> None:
@@ -225,9 +231,9 @@ def _print_drives(driven: Sequence[Drive], road: Road, wanted: int) -> None:
     print_wide(table)
     arrived, failing = sum(one.arrived for one in driven), sum(not one.holds for one in driven)
     some = f"only {len(driven)} of {wanted} routes were found; " if len(driven) < wanted else ""
-    short = min(one.length for one in driven)
+    short, longest = min(one.length for one in driven), max(one.length for one in driven)
     out.print(
-        f"{road.name}: {some}{len(driven)} routes of {short:.0f} to {max(one.length for one in driven):.0f} m, "
+        f"{road.name}: {some}{counted(len(driven), 'route')} of {short:.0f} to {longest:.0f} m, "
         f"{arrived} arrive; at most {max(one.beyond for one in driven):.2f} m (bar {MOST_BEYOND:g}) beyond the least "
         f"distance from the line, lateral acceleration at most {max(one.lateral for one in driven):.1f} m/s2 "
         f"(bar {MOST_LATERAL:g})",

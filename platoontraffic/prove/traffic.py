@@ -12,6 +12,7 @@ import numpy as np
 
 from platoontraffic import scenario as scenarios
 from platoontraffic.analysis.limits import poisson_limits
+from platoontraffic.errors import counted
 from platoontraffic.prove.plans import LASER, SUMO, Plan
 from platoontraffic.prove.rides import NO_REASON, Ride, ride
 from platoontraffic.results.provenance import run_id
@@ -120,9 +121,9 @@ class Verdict(NamedTuple):
         caused, red = sum(one.caused for one in own), sum(one.red_lights for one in own)
         faults = [pair.error for pair in made if pair.error]
         faults += [f"last arrival {ratio:.2f} times SUMO's"] if LATEST < ratio < math.inf else []
-        faults += [f"{caused} contacts caused"] if caused else []
-        faults += [f"{red} red lights"] if red else []
-        faults += [f"{yields} failures to yield"] if hours and yields / hours > YIELD_RATE else []
+        faults += [f"{counted(caused, 'contact')} caused"] if caused else []
+        faults += [counted(red, "red light")] if red else []
+        faults += [f"{counted(yields, 'failure')} to yield"] if hours and yields / hours > YIELD_RATE else []
         faults += [*_fewer(made), *_stuck(made)]
         return cls(tuple(made), ratio, apart, hours, caused, red, yields, limits, tuple(faults))
 

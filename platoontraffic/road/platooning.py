@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 from typing import NamedTuple
 
+from platoontraffic.errors import counted
 from platoontraffic.road.demand import Demand, Selection, Vehicle, common_beginning
 from platoontraffic.road.fastest_routes import FastestRoutes
 from platoontraffic.road.network import Network
@@ -49,16 +50,16 @@ class Plan(NamedTuple):
         lines = [f"no two vehicles can form a platoon within {self.window:g} s"]
         if waits:
             lines = [
-                f"{_counted(len(self.platoons), 'platoon')} found, of {len(waits):,} vehicles: "
+                f"{counted(len(self.platoons), 'platoon')} found, of {len(waits):,} vehicles: "
                 + ", ".join(f"{number:,} of {size}" for size, number in sizes)
                 + f"; a vehicle waits {sum(waits) / len(waits):.1f} s on average, {max(waits):.1f} s at most"
             ]
         if self.single:
             reasons = ", ".join(f"{number:,}: {why}" for why, number in Counter(self.single.values()).most_common())
-            lines.append(f"{_counted(len(self.single), 'vehicle')} left over, each a platoon of one ({reasons})")
+            lines.append(f"{counted(len(self.single), 'vehicle')} left over, each a platoon of one ({reasons})")
         if self.random_flows:
             lines.append(
-                f"{_counted(len(self.random_flows), 'flow')} with random departures (some "
+                f"{counted(len(self.random_flows), 'flow')} with random departures (some "
                 f"{sum(self.random_flows.values()):,.0f} vehicles before the share is taken): platoons of one"
             )
         if scale > 1:
@@ -204,7 +205,3 @@ def _in_order(one: Vehicle, next_one: Vehicle, rank: Mapping[str, int]) -> bool:
 def _ms(vehicle: Vehicle) -> int:
     """Departure [ms]."""
     return round((vehicle.depart or 0.0) * 1000)
-
-
-def _counted(number: int, noun: str) -> str:
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
