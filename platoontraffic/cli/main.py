@@ -245,7 +245,7 @@ def export(
         "fcd": ("platoontraffic.export.fcd", "", ""),
     }
     if to not in kinds:
-        raise InputError(f"--to: {to!r}: must be parquet, mcap or fcd{did_you_mean(to, kinds)}")
+        raise InputError(f"--to: {to!r}: no such format{did_you_mean(to, kinds)}")
     module, package, extra = kinds[to]
     try:
         written = import_module(module).export

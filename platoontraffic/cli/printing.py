@@ -220,11 +220,10 @@ def equal_runs(study: Study) -> str:
     """How many runs are equal to others, because nothing in them depends on their seed; "": none is."""
     points = Counter(run.point for run in study.runs if not run.random)
     more = sum(points.values()) - len(points)
-    return (
-        f"{more} of these runs are equal to others, because nothing in them is random: one seed is simulated"
-        if more
-        else ""
-    )
+    if not more:
+        return ""
+    are = "is equal to another" if more == 1 else "are equal to others"
+    return f"{more} of these runs {are}, because nothing in them is random: one seed is simulated"
 
 
 def print_report(report: Report, folder: Path) -> None:

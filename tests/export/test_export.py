@@ -312,4 +312,4 @@ def test_scans_of_another_run_are_one_line(run, tmp_path):
 
 def test_an_unknown_format_is_one_line(run):
     done = CliRunner().invoke(app, ["export", str(run), "--to", "mcpa"])
-    assert (done.exit_code, done.stderr) == (2, "--to: 'mcpa': must be parquet, mcap or fcd; did you mean 'mcap'?\n")
+    assert (done.exit_code, done.stderr) == (2, "--to: 'mcpa': no such format; did you mean 'mcap'?\n")
