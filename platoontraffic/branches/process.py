@@ -60,8 +60,8 @@ class Process:
         return process
 
     def _open(self, connection: Connection, pid: int) -> None:
-        self._connection, self.pid = connection, pid
-        self.close = weakref.finalize(self, _close, connection, pid, getattr(self, "_popen", None))
+        self._connection, self.pid, self._owner = connection, pid, os.getpid()
+        self.close = weakref.finalize(self, _close, self._owner, connection, pid, getattr(self, "_popen", None))
 
     def call(self, name: str, *arguments: Any, heard: Callable[[Any], None] = lambda value: None) -> Any:
         """The result of a method of the object.
@@ -151,7 +151,14 @@ class Process:
         except OSError:  # it was closed by another thread
             return True
 
+    @property
+    def is_own(self) -> bool:
+        """This program made it, and is no fork of the one that did."""
+        return os.getpid() == self._owner
+
     def kill(self) -> None:
+        if not self.is_own:
+            return
         with contextlib.suppress(ProcessLookupError):
             os.kill(self.pid, signal.SIGKILL)
 
@@ -173,8 +180,14 @@ class Process:
         return RunError(f"the process of the simulation ({self.pid}) has died")
 
 
-def _close(connection: Connection, pid: int, popen: subprocess.Popen | None) -> None:
-    """Let the process close what it holds, and kill it if that takes too long. When it ends, its connection does."""
+def _close(owner: int, connection: Connection, pid: int, popen: subprocess.Popen | None) -> None:
+    """Let the process close what it holds, and kill it if that takes too long. When it ends, its connection does.
+
+    owner: id of the process that made it; in a fork of that one only the copy of the connection is closed
+    """
+    if os.getpid() != owner:
+        connection.close()
+        return
     with contextlib.suppress(OSError), socket.socket(fileno=os.dup(connection.fileno())) as ours:
         ours.shutdown(socket.SHUT_WR)
     until = time.monotonic() + GRACE

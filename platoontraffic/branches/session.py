@@ -101,9 +101,10 @@ class SimulationProcess:
         return self._process.call("outcome")
 
     def close(self) -> None:
-        """End the process, and with it the copies that were made of it."""
+        """End the process, and with it the copies that were made of it; not in a fork of the program."""
         self._process.close()
-        self._folder.cleanup()
+        if self._process.is_own:
+            self._folder.cleanup()
 
 
 class _Held:

@@ -86,6 +86,8 @@ class Parents:
         self._episode = self._of_episode = None
 
     def close(self) -> None:
+        if not all(parent.is_own for parent in self._processes.values()):  # in a fork of the program
+            return
         self.end()
         _end(*self._last)
         if self._next:

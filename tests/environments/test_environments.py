@@ -371,6 +371,20 @@ def test_errors_of_a_laser_may_be_drawn(drawn):
     Follower("paper_loop", [*SHORT, f'learn.draw={{"platoon.follower.lidar.{drawn}}}']).close()
 
 
+@pytest.mark.slow
+def test_a_fork_of_the_program_that_closes_an_environment_leaves_it_alone():
+    """It ended the simulation of its parent."""
+    env = Follower(IN_SUMO, SHORT)
+    env.reset(seed=1)
+    if (pid := os.fork()) == 0:
+        env.close()
+        os._exit(0)
+    os.waitpid(pid, 0)
+    env.step(AHEAD)
+    env.reset(seed=2)
+    env.close()
+
+
 def test_lists_are_no_texts():
     with pytest.raises(ValueError, match=r"changes = .*; must be a list"):
         Follower("paper_loop", "platoon.size=3")
