@@ -213,6 +213,7 @@ def test_a_platoon_file_of_another_form_is_a_fault(tmp_path, content):
     assert done.exit_code == 2
     assert (
         "must be a table" in done.stderr
+        or "[[platoon]] was meant" in done.stderr
         or "should be" in done.stderr
         or "TOML" in done.stderr
         or "not a table" in done.stderr

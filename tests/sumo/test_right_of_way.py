@@ -965,7 +965,8 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
         on_lane={":a_1": [name] * inside, ":a_2": [], "side_0": ["b", name][: 2 - inside]}, lane_length=lengths,
         position={name: place if inside else 50.0 + place, "b": 10.0}, speed={name: speed, "b": 9.0},
         acceleration={name: 2.6}, length={name: 5.0}, waited={"m.0": waited},
-        next_links={name: [("",) * LINK_VIA + (":a_1" if speed > 1.5 else ":a_7",)], "b": []},
+        next_links={name: [("",) * LINK_VIA + (":a_1" if speed > 1.5 else ":a_7", "", "")], "b": []},
+        best_lanes={name: [], "b": []},
     )  # fmt: skip
     way.note_waiting(line, distance, Ego("m.0", "road_0" if distance > 0 else ":a_0", 8.0, CAR.length))
     assert way.stops == ({} if stop is None else {name: pytest.approx(stop)})
