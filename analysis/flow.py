@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -61,19 +60,17 @@ def harmonic(share: Sequence[float] | np.ndarray, of_others: float, of_members: 
     return share * of_members + (1 - share) * of_others
 
 
-def by_interval(passages: pd.DataFrame, edge: str, every: float = 60.0, until: float | None = None) -> pd.DataFrame:
+def by_interval(passages: pd.DataFrame, edge: str, every: float = 60.0, until: float = np.inf) -> pd.DataFrame:
     """Flow, density and speed at the end of an edge by interval, as a detector gives them: a fundamental diagram.
 
     The speed is the harmonic mean, which is the mean over space (Wardrop, 1952), so that flow = density x speed.
 
     every : length of the intervals [s]
-    until : end of the run [s]; an interval that goes on after it is left out. None: that of the last passage
+    until : end of the run [s]; an interval that goes on after it is left out. Default: none is
 
     returns: columns time_s (begin), flow_1ph, density_1pkm, speed_mps; an interval without a passage has none
     """
     rows = passages[(passages.edge_id == edge) & (passages.speed_mps > 0)]
-    if until is None:
-        until = math.ceil(passages.time_s.max() / every) * every if len(passages) else 0.0
     rows = rows[(np.floor(rows.time_s / every) + 1) * every <= until * (1 + 1e-9)]
     grouped = rows.groupby(np.floor(rows.time_s / every) * every)
     flow = grouped.size() * 3600 / every

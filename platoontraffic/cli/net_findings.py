@@ -382,7 +382,7 @@ def _from_cars(content: Content) -> Iterator[tuple[Link, Lane]]:
 
 
 def _onward(content: Content) -> Iterator[Link]:
-    """Those of them that do not turn back on the same road, for which few roads are wide enough."""
+    """The connections of `_from_cars` without turnarounds on the same road: few roads are wide enough for a car's."""
     return (link for link, _ in _from_cars(content) if link.rules[0] not in TURNAROUND)
 
 
