@@ -4,9 +4,10 @@ Rates are those of the wall; on a busy machine they fall. Ratios are those of CP
 machine: of both processes together, where an environment and its simulation in SUMO are two. The lab needs no SUMO.
 
 A step is one decision and the observation after it, on either side. In `lab_loop` it is one step of the simulation, of
-0.025 s, in which all five robots scan walls and each other with 720 beams. highway-env is set to the same: one step of
-its simulation for each decision, both at 40 Hz (by default it simulates at 15 Hz and decides at 1 Hz), five vehicles,
-and 720 beams, which meet vehicles only. One of these scans, or all five do, as agents that learn.
+0.025 s, in which all five robots scan walls and each other with 720 beams. highway-env has five vehicles and 720 beams,
+which meet vehicles only. Its rates are once its own: a decision a second, and 15 steps of its simulation for each. Then
+they are those of the lab: 40 decisions a second, and one step for each, where one of its vehicles scans, or all five
+do, as agents that learn.
 """
 
 from __future__ import annotations
@@ -95,21 +96,21 @@ def stages(scenario: str, changes: tuple[str, ...], steps: int) -> dict[str, flo
     return {part: sum(spent[stage] for stage in found) for part, found in STAGES.items()}
 
 
-def highway(scanning: int) -> tuple[Any, Any]:
-    """An environment of highway-env, and an action. scanning: 1, or all of the vehicles. raises: ImportError"""
+def highway(scanning: int, own_rates: bool = False) -> tuple[Any, Any]:
+    """An environment of highway-env, and an action.
+
+    scanning : 1, or all of the vehicles
+    own_rates: it simulates and decides as often as it does by default; else once in each STEP
+    raises   : ImportError
+    """
     import gymnasium
     import highway_env
 
     gymnasium.register_envs(highway_env)
     scan: dict[str, Any] = {"type": "LidarObservation", "cells": BEAMS}
-    frequency = round(1 / STEP)
-    config = {
-        "observation": scan,
-        "vehicles_count": VEHICLES - scanning,
-        "simulation_frequency": frequency,
-        "policy_frequency": frequency,
-        "duration": 10**6,
-    }
+    config = {"observation": scan, "vehicles_count": VEHICLES - scanning, "duration": 10**6}
+    if not own_rates:
+        config |= dict.fromkeys(("simulation_frequency", "policy_frequency"), round(1 / STEP))
     action: Any = 1
     if scanning > 1:
         config |= {
@@ -122,7 +123,7 @@ def highway(scanning: int) -> tuple[Any, Any]:
 
 
 def _rates(env: Any, action: Any, resets: int, steps: int, spent: Any) -> Rates:
-    """spent: gives the CPU time of the process of the environment's simulation [s]"""
+    """spent: gives the CPU time of the process of the environment's simulation [s]; float: it has none"""
     env.reset(seed=0)
     times: dict[bool, list[float]] = {False: [], True: []}
     for again in (False, True):
@@ -133,12 +134,15 @@ def _rates(env: Any, action: Any, resets: int, steps: int, spent: Any) -> Rates:
             for _ in range(0 if again else BETWEEN):
                 env.step(action)
     env.step(action)
-    before, own, began = spent(), time.process_time(), time.perf_counter()
+    before, own, taken = spent(), 0.0, 0.0
     for _ in range(steps):
+        own, taken = own - time.process_time(), taken - time.perf_counter()
         _, _, terminated, truncated, _ = env.step(action)
+        own, taken = own + time.process_time(), taken + time.perf_counter()
         if np.any(terminated) or truncated:
-            raise RuntimeError("an episode of the benchmark has ended")
-    taken, own = time.perf_counter() - began, time.process_time() - own
+            if spent is not float:
+                raise RuntimeError("an episode of the benchmark has ended")
+            env.reset()  # two cars of highway-env have met
     reset, seeded = (float(np.median(times[again])) for again in (False, True))
     return Rates(steps / taken, own / steps, (spent() - before) / steps, reset, seeded)
 
@@ -154,14 +158,15 @@ def text(quick: bool) -> str:
         rows += [_row(name, [rates], step), _row(name, both, step)]
     ratios = []
     try:
-        for scanning in (1, VEHICLES):
-            other = _rates(*highway(scanning), resets, steps, float)
-            rows.append(_row(f"highway-env, {scanning} of {VEHICLES} vehicles with {BEAMS} beams", [other], STEP))
-            times = other.cpu / alone[LAB].cpu
-            ratios.append(f"{LAB}, where {VEHICLES} robots scan, has {times:.1f} times the steps in a CPU second of "
-                          f"highway-env, where {scanning} of {VEHICLES} vehicles scans (bar: 10)")  # fmt: skip
+        for scanning, own_rates in ((1, True), (1, False), (VEHICLES, False)):
+            env, action = highway(scanning, own_rates)
+            lasts = 1 / env.config["policy_frequency"]
+            other = _rates(env, action, resets, steps, float)
+            name = f"highway-env, {scanning} of {VEHICLES} vehicles with {BEAMS} beams, {lasts:g} s a step"
+            rows.append(_row(name, [other], lasts))
+            ratios.append(f"{other.cpu / alone[LAB].cpu:.1f} times the steps of {name}")
     except ImportError:
-        ratios.append("highway-env is not installed: pip install highway-env")
+        ratios.append("... highway-env is not installed: pip install highway-env")
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         parts = pool.submit(stages, *SCENARIOS[LAB][:2], steps).result()
     heads = [
@@ -171,9 +176,9 @@ def text(quick: bool) -> str:
     return "\n\n".join([
         table([heads, *rows], [True, *[False] * 6]),
         f"reset: after {BETWEEN} steps; with a seed: at once after another reset",
-        f"step: one decision and one observation; simulated time: {STEP} s in {LAB} and in highway-env (by default it "
-        f"simulates at 15 Hz and decides at 1 Hz), {SCENARIOS[CORRIDOR][2]} s in the corridor",
-        *ratios,
+        f"step: one decision and one observation, of {STEP} s in {LAB}, where {VEHICLES} robots scan with {BEAMS} "
+        f"beams, and of {SCENARIOS[CORRIDOR][2]} s in the corridor; 1 s a step are highway-env's own rates",
+        "\n".join([f"{LAB} has in a CPU second, where the bar is 10,", *ratios]),
         f"where the CPU time of a step goes, in {LAB}, timed in one more process:\n\n{_where(parts)}",
     ])  # fmt: skip
 

@@ -72,14 +72,17 @@ def test_a_step_is_as_long_as_is_said(name):
     assert info["time_s"] - before["time_s"] == pytest.approx(step)
 
 
-@pytest.mark.parametrize("scanning", [1, bench_env.VEHICLES])
-def test_highway_env_has_as_many_beams_and_vehicles(scanning):
+@pytest.mark.parametrize(
+    ("scanning", "own_rates", "lasts"),
+    [(1, True, 1.0), (1, False, bench_env.STEP), (bench_env.VEHICLES, False, bench_env.STEP)],
+)
+def test_highway_env_has_as_many_beams_and_vehicles(scanning, own_rates, lasts):
     pytest.importorskip("highway_env")
-    env, action = bench_env.highway(scanning)
+    env, action = bench_env.highway(scanning, own_rates)
     seen, _ = env.reset(seed=0)
     scans = [seen] if scanning == 1 else seen
     assert [one.shape for one in scans] == [(bench_env.BEAMS, 2)] * scanning
     assert len(env.road.vehicles) == bench_env.VEHICLES
     before = env.time
     env.step(action)
-    assert env.time - before == pytest.approx(bench_env.STEP)
+    assert env.time - before == pytest.approx(lasts)
