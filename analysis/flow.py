@@ -63,18 +63,19 @@ def harmonic(share: Sequence[float] | np.ndarray, of_others: float, of_members: 
 def by_interval(passages: pd.DataFrame, edge: str, every: float = 60.0, until: float = np.inf) -> pd.DataFrame:
     """Flow, density and speed at the end of an edge by interval, as a detector gives them: a fundamental diagram.
 
-    The speed is the harmonic mean, which is the mean over space (Wardrop, 1952), so that flow = density x speed.
+    The speed is the harmonic mean, which is the mean over space (Wardrop, 1952), so that flow = density x speed. A
+    vehicle that passes at rest, to the digits of the table, counts in the flow only.
 
     every : length of the intervals [s]
     until : end of the run [s]; an interval that goes on after it is left out. Default: none is
 
     returns: columns time_s (begin), flow_1ph, density_1pkm, speed_mps; an interval without a passage has none
     """
-    rows = passages[(passages.edge_id == edge) & (passages.speed_mps > 0)]
+    rows = passages[passages.edge_id == edge]
     rows = rows[(np.floor(rows.time_s / every) + 1) * every <= until * (1 + 1e-9)]
     grouped = rows.groupby(np.floor(rows.time_s / every) * every)
     flow = grouped.size() * 3600 / every
-    speed = grouped.speed_mps.apply(lambda v: len(v) / (1 / v).sum())
+    speed = grouped.speed_mps.apply(lambda v: 1 / (1 / v[v > 0]).mean())
     table = pd.DataFrame({"flow_1ph": flow, "density_1pkm": flow / speed / 3.6, "speed_mps": speed})
     return table.rename_axis("time_s").reset_index()
 

@@ -54,6 +54,7 @@ class Scans:
     mount_yaw_rad: np.ndarray
     laser: np.ndarray | None = None  # names; None in files of version 0.1, where each vehicle has one
     delay_s: np.ndarray | None = None  # None in files of version 0.1, where none has one
+    sweep_time_s: np.ndarray | None = None  # None in files of version 0.1
     path_offset: np.ndarray | None = None  # None where no law remembers a path
     path_m: np.ndarray | None = None
 

@@ -29,7 +29,11 @@ def drivable(
     widths    : of each lane
     junctions : their polygons
     cache     : folder where the area is kept under a hash of its input; a faulty folder or file does no harm
+
+    raises: ValueError (there are no lanes)
     """
+    if not len(lanes):
+        raise ValueError("there are no lanes; must be one or more")
     centres = [shapely.LineString(lane) for lane in lanes]
     widths = np.array(widths, dtype=float)
     closing = min(CLOSING, widths.min() / 20)  # narrow lanes have narrow slits

@@ -45,6 +45,7 @@ class Scene:
         if self.solids is not None:
             if not isinstance(self.solids, shapely.Geometry):
                 raise ValueError(f"solids = {self.solids!r:.60}; must be one shapely geometry: see Scene.from_shapely")
+            _check("solids", self.solids, area=True, valid=False)
             shapely.prepare(self.solids)
 
     def __reduce__(self):  # copies and pickles are made anew from the fields, so they are read-only as well
@@ -342,16 +343,16 @@ def _straightened(segments, tolerance):
     return fewer if len(fewer) < len(segments) else segments  # in their own order
 
 
-def _check(name, geometry, area):
-    """Raise ValueError unless the geometry is of a kind that a scene is made of."""
+def _check(name, geometry, area, valid=True):
+    """Raise ValueError unless the geometry is of a kind that a scene is made of, and valid where that is asked for."""
     allowed = ("Polygon", "MultiPolygon") if area else _WALLS
     kind = getattr(geometry, "geom_type", type(geometry).__name__)
     if kind == "GeometryCollection":
         for part in geometry.geoms:
-            _check(name, part, area)
+            _check(name, part, area, valid)
     elif kind not in allowed:
         raise ValueError(f"{name} is a {kind}; must be one of {', '.join(allowed)}")
-    elif area and not geometry.is_valid:
+    elif area and valid and not geometry.is_valid:
         raise ValueError(f"{name}: {shapely.is_valid_reason(geometry)}; must be valid, shapely.make_valid may help")
 
 

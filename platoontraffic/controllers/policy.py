@@ -114,6 +114,8 @@ class Network:
                 raise ValueError(f"{name} has {len(getattr(self, name))} values; must have {n}")
         if not (self.low < self.high).all() or (self.scale <= 0).any() or (self.memory_time <= 0).any():
             raise ValueError("must have low < high, and positive scale and memory_time")
+        if (self.distance < 0).any():
+            raise ValueError(f"distance = {self.distance.tolist()}; must not be negative")
 
     def write(self, file: Path) -> None:
         layers = {f"w{i}": weights for i, (weights, _) in enumerate(self.layers)}

@@ -39,7 +39,7 @@ def errors_of(results: Results) -> tuple[dict[tuple[str, bool], OdometryErrors],
 
 
 def covariances(rows: pd.DataFrame, errors: OdometryErrors, dt: float) -> np.ndarray:
-    """Covariance of x [m], y [m] and heading [rad] in the frame of the first row's pose, (k, 3, 3).
+    """Covariance of x [m], y [m] and heading [rad] in the frame of the first row's pose, (k, 3, 3), of the driven axle.
 
     Errors are propagated to first order along the true path. The scale of the speed and the bias of the yaw rate are
     constant; noise is independent from reading to reading.
@@ -56,8 +56,9 @@ def covariances(rows: pd.DataFrame, errors: OdometryErrors, dt: float) -> np.nda
         span, v, c, s = time[k] - time[k - 1], speed[k - 1], math.cos(heading[k - 1]), math.sin(heading[k - 1])
         moved = np.array([[1.0, 0.0, -v * s * span], [0.0, 1.0, v * c * span], [0.0, 0.0, 1.0]])
         reads = float(v != 0)  # a standing vehicle measures 0
-        by_errors = np.array([[c * v, 0.0], [s * v, 0.0], [0.0, reads]]) * span
-        by_noise = np.array([[c, 0.0], [s, 0.0], [0.0, 1.0]]) * reads
+        # In the middle of the span the errors of the yaw rate have turned the heading by half of what they do.
+        by_errors = np.array([[c * v, -s * v * span / 2], [s * v, c * v * span / 2], [0.0, reads]]) * span
+        by_noise = np.array([[c, -s * v * span / 2], [s, c * v * span / 2], [0.0, 1.0]]) * reads
         of_noise = np.diag([errors.speed_noise**2, errors.yaw_rate_noise**2]) * dt * span
         sensitivity = moved @ sensitivity + by_errors
         noise = moved @ noise @ moved.T + by_noise @ of_noise @ by_noise.T

@@ -240,15 +240,16 @@ def _map(cells: np.ndarray, size: float, corner: tuple[float, float]) -> Any:
 
 def _scans(scans: Scans, number: dict[str, int]) -> Iterator[Stamped]:
     increment = (scans.angle_max_rad - scans.angle_min_rad) / np.maximum(scans.samples - 1, 1)
+    sweep = np.zeros(len(increment)) if scans.sweep_time_s is None else scans.sweep_time_s
     for i, (time_s, v) in enumerate(zip(scans.time_s.tolist(), scans.vehicle.tolist(), strict=True)):
         time, vehicle, (frame, topic) = _nanoseconds(time_s), str(scans.vehicle_id[v]), _names(scans, v)
         scan = _new(
             "sensor_msgs/msg/LaserScan",
-            header=_header(time, frame),
+            header=_header(_nanoseconds(time_s - float(sweep[v])), frame),  # of the first beam
             angle_min=float(scans.angle_min_rad[v]),
             angle_max=float(scans.angle_max_rad[v]),
             angle_increment=float(increment[v]),
-            time_increment=0.0,
+            time_increment=float(sweep[v]) / max(int(scans.samples[v]) - 1, 1),
             scan_time=1 / float(scans.rate_hz[v]),
             range_min=float(scans.range_min_m[v]),
             range_max=float(scans.range_max_m[v]),

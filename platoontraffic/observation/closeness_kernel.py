@@ -75,9 +75,10 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
                 if away < near[i] and closing > moving and (k >= n or i < k) and count < len(pairs):
                     pairs[count] = i, k
                     count += 1
-            if apart < closing * soonest and dx * wx + dy * wy < 0:
+            if apart < closing * soonest:
+                # Long bodies may touch although their middles move apart; those that overlap and part do not anew.
                 time = _touches_in(bodies, i, k, wx, wy)
-                if time < soonest:
+                if time < soonest and (time > 0.0 or dx * wx + dy * wy < 0.0):
                     soonest, contact_in[i] = time, time
     return count
 

@@ -2,7 +2,7 @@
 
 A contact is caused by one of the two, whichever of them is a member. The one that entered the other's lane less than
 LANE_CHANGE_BLAME before is the cause (`lane_entries`), whichever struck the other. If neither did, the one behind is
-the cause; and if neither is behind, side by side or head on, the one that has swung its rear into the other (`swings`).
+the cause; and if neither is behind, abreast or head on, the one that has swung its rear into the other (`swings`).
 If neither has, the contact counts as caused by the member, unless the other was not there APPEARANCE_BLAME before: SUMO
 has inserted it before a member that is about to leave the junction there.
 """
@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from platoontraffic.observation.lane_entries import SAME_DIRECTION, LaneEntries
+from platoontraffic.observation.lane_entries import SAME_DIRECTION, LaneEntries, Together
 from platoontraffic.observation.step import Step
 from platoontraffic.observation.swings import Course, swung
 from platoontraffic.observation.thresholds_kernel import comes_near
@@ -53,10 +53,10 @@ class Collisions:
         before, self.touching = self.touching, self._contacts.of(traffic) if asked else set()
         for vehicle, other in sorted(self.touching - before) if self.touching else ():
             i = traffic.ids.index(vehicle)
-            entry = self._entries.of(vehicle, other)
-            what = _impact(traffic, i, other)
+            entry, both = self._entries.of(vehicle, other), self._entries.together(vehicle, other)
+            what = "beside" if _were_abreast(both) else _impact(traffic, i, other)
             if what == "beside" and not entry:
-                what = self._swing(vehicle, other)
+                what = self._swing(both)
             detail = DETAILS[what]
             if not entry and self._entries.appeared(other):
                 what, detail = "other_appeared", f"SUMO had just inserted {other}"
@@ -66,9 +66,8 @@ class Collisions:
                 detail = f"{entry.vehicle} changed lanes into the path of the other {before}"
             yield step.event("collision", i, other, what=what, detail=detail)
 
-    def _swing(self, vehicle: str, other: str) -> str:
+    def _swing(self, both: Together) -> str:
         """The kind of a contact side by side or head on, by which of the two has swung into the other."""
-        both = self._entries.together(vehicle, other)
         if len(both.time) < 2:
             return "beside"
         courses = [Course.of(*both.poses[n], both.length[n], both.width[n]) for n in (0, 1)]
@@ -102,6 +101,16 @@ class NearMisses:
             vehicle, ahead = ids[i], ids[step.fleet.predecessor[i]]
             if not touching & {(vehicle, ahead), (ahead, vehicle)}:
                 yield step.event("near_miss", i, ahead, detail=f"gap {gap[i]:.3f} m")
+
+
+def _were_abreast(both: Together) -> bool:
+    """Whether two vehicles that touch now were beside each other, by any part of their lengths, one step before."""
+    if len(both.time) < 2:
+        return False
+    (x, y, heading), (other_x, other_y, other_heading) = ([float(part[-2]) for part in one] for one in both.poses)
+    mean = math.atan2(math.sin(heading) + math.sin(other_heading), math.cos(heading) + math.cos(other_heading))
+    along = (other_x - x) * math.cos(mean) + (other_y - y) * math.sin(mean)
+    return abs(along) < both.length.mean() and math.cos(other_heading - heading) >= SAME_DIRECTION
 
 
 def _impact(traffic: TrafficSnapshot, row: int, other: str) -> str:

@@ -149,7 +149,7 @@ class Encounters:
             vehicle=member.id,
             behind=behind,
             gap=gap,
-            time_gap=gap / speed if speed > CLOSING else math.nan,
+            time_gap=gap / speed if gap >= 0 and speed > CLOSING else math.nan,
             speed=speed,
             obstacle_speed=float(traffic.speed[now.rows[plan.id]]),
             braking=_finite(needed),

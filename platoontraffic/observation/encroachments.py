@@ -6,8 +6,9 @@ bodies of both come: a place of it is left with the last part of the one, and en
 The least time over its places counts.
 
 Where paths merge there is no end to the area: places count until the second has driven on by its own width from where
-it entered the path of the first. One that comes from behind, over the end of the trail of TRAIL that the first draws,
-follows it: it does not encroach, as long as it stays on that trail. Nor does one that enters the road on the trail.
+it entered the path of the first. One that comes from behind, over the end of the trail of TRAIL that the first draws
+and in its direction, follows it: it does not encroach, as long as it stays on that trail. Nor does one that enters the
+road on the trail.
 """
 
 from __future__ import annotations

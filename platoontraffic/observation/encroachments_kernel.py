@@ -169,8 +169,9 @@ def _met(trails, head, dt, second, first, was_in, entered, least):
         return _finished(least), False, entered, CLOSED
     if not was_in:
         entered = trails.arc[head, second]
-        # From behind, over the trail's end: it follows, or where the first comes from is not known.
-        behind = _overlap(body, _pose(trails, _oldest(trails, head, first), first))
+        # From behind, over the trail's end: it follows. One that is long or slow also ends there for those that cross.
+        oldest = _pose(trails, _oldest(trails, head, first), first)
+        behind = _overlap(body, oldest) and _head_alike(body, oldest)
         least = CLOSED if behind or trails.count[second] < 2 else math.inf
     if age == 0:  # a contact is no encroachment
         least = CLOSED
@@ -264,6 +265,12 @@ def _between(old, new, share):
     size = math.hypot(cos, sin)
     x, y = old[0] + share * (new[0] - old[0]), old[1] + share * (new[1] - old[1])
     return x, y, cos / size, sin / size, old[4], old[5]
+
+
+@compiled
+def _head_alike(a, b):
+    """Whether two poses head in one direction, to 60 degrees."""
+    return a[2] * b[2] + a[3] * b[3] > 0.5
 
 
 @compiled

@@ -17,7 +17,7 @@ A row a laser that has scanned, in the order of the first scans:
 
 vehicle_id           (v,)      the member that carries it
 laser                (v,)      its name on that member; "lidar" is the one by which the member follows
-angle_min_rad, angle_max_rad, samples, range_min_m, range_max_m, rate_hz, delay_s   (v,)  of its laser
+angle_min_rad, angle_max_rad, samples, range_min_m, range_max_m, rate_hz, sweep_time_s, delay_s   (v,)  of its laser
 mount_x_m, mount_y_m, mount_yaw_rad                                       (v,)  position of the laser, from the centre
 """
 
@@ -58,6 +58,7 @@ FIELDS = {  # array: unit, meaning
     "range_min_m": ("m", "least distance that the laser can measure"),
     "range_max_m": ("m", "greatest distance that the laser can measure"),
     "rate_hz": ("1/s", "scans made per second; not all of them are recorded"),
+    "sweep_time_s": ("s", "from the first beam to the last, which is at time_s; 0: all are measured at once"),
     "delay_s": ("s", "time from the end of a scan to its use by the law, at the first step after it"),
     "mount_x_m": ("m", "position of the laser, ahead of the centre"),
     "mount_y_m": ("m", "position of the laser, to the left of the centre"),
@@ -196,6 +197,7 @@ class ScanRecorder:
             "range_min_m": np.array([m.range_min for m in lasers]),
             "range_max_m": np.array([m.range_max for m in lasers]),
             "rate_hz": np.array([m.rate for m in lasers]),
+            "sweep_time_s": np.array([m.sweep_time for m in lasers]),
             "delay_s": np.array([m.delay for m in lasers]),
             "mount_x_m": np.array([m.mount.x for m in lasers]),
             "mount_y_m": np.array([m.mount.y for m in lasers]),

@@ -33,7 +33,7 @@ class Place(Table):
     edge: str
     """Edge."""
     lane: LaneIndex = 0
-    """Index of the lane, 0 rightmost."""
+    """Index of the lane, 0 outermost."""
     position_m: Finite
     """Position of the obstacle's front along the lane [m]."""
     lateral_m: Finite = 0.0
@@ -111,7 +111,7 @@ class CutIn(_Vehicle):
     """Its speed relative to the gap when the lane change begins [m/s]."""
     side: Side = "left"
     """Side from which it comes."""
-    from_m: Positive | None = None
+    from_m: Annotated[float, Field(gt=0, le=50)] | None = None
     """Lateral distance from which it comes [m]. Default: the width of the lane on which the platoon starts."""
     takes_s: Positive = 3.0
     """Duration of a lane change [s]."""
@@ -119,6 +119,15 @@ class CutIn(_Vehicle):
     """Time after time_s at which it begins to brake [s]. Default: it does not brake by itself."""
     leaves_after_s: Positive | None = None
     """Time after time_s at which it begins to change back to where it came from [s]. Default: it stays."""
+
+    @model_validator(mode="after")
+    def changes_lanes_wholly(self) -> CutIn:
+        if self.leaves_after_s is not None and self.leaves_after_s < self.takes_s:
+            raise ValueError(
+                f"leaves {self.leaves_after_s:g} s after it began a lane change that takes {self.takes_s:g} s; "
+                "must be no sooner than its end"
+            )
+        return self
 
 
 class When(Table):
@@ -139,7 +148,7 @@ class Pedestrian(_Obstacle):
     edge: str
     """Edge that it crosses."""
     lane: LaneIndex = 0
-    """Index of the lane that `position_m` is measured along, 0 rightmost."""
+    """Index of the lane that `position_m` is measured along, 0 outermost."""
     position_m: Finite
     """Where it crosses, along the lane [m]."""
     side: Side = "right"

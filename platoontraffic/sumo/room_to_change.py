@@ -7,7 +7,7 @@ from itertools import chain
 from math import inf
 from typing import NamedTuple
 
-from platoontraffic.controllers.lane_room import room_needed
+from platoontraffic.controllers.lane_room import COMFORTABLE_BRAKING, room_needed
 from platoontraffic.road.gap_acceptance import Pace
 from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.lane_routes import Line
@@ -68,8 +68,8 @@ class RoomToChange:
 
         distance : to the begin of the lane change; negative: it has begun [m]
         returns  : to where it still is on the lane before, but at once where it has begun to go over, for the less it
-                   has done so, the better others pass it; to where it falls back behind one that swaps lanes with it;
-                   inf: there is room, or it is on that lane already
+                   has done so, the better others pass it, and harder where one would touch it; to where it falls back
+                   behind one that swaps lanes with it; inf: there is room, or it is on that lane already
 
         A queue ahead leaves no room to begin: it would stand across both lanes. It is waited for, but not for ever, and
         not while it is let in. A vehicle that has driven past its lane change without changing lanes, such as one that
@@ -78,6 +78,9 @@ class RoomToChange:
         if -distance > line.across and ego.lane == line.lane:
             return self._goes_over_here(line._replace(to_end=distance + line.to_end), ego)
         stop, half = distance + COMMITTED * line.across, distance + 0.5 * line.across
+        if distance < 0 < half and ego.lane != line.onto and self._is_cut_off(line, distance, half, ego):
+            self._want(line, distance, half, ego, True)
+            return ego.speed**2 / (2 * COMFORTABLE_BRAKING)
         patient = self._now.waited[ego.id] < QUEUE_PATIENCE and ego.id not in self._let_in
         queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
         if stop > 0 and (queue or not self._is_room(line, distance, half, ego)):
@@ -176,8 +179,23 @@ class RoomToChange:
         """Whether there will be room, and no vehicle will have to brake hard; as `_blocking`."""
         return next(self._blocking(line, distance, half, ego), None) is None
 
+    def _is_cut_off(self, line: Line, distance: float, half: float, ego: Ego) -> bool:
+        """Whether a vehicle on the lanes that are crossed cannot help touching a member that goes on with its change.
+
+        It has come since the change began: SUMO has inserted it, or it has come over from the other side.
+        """
+        gaps = self._gaps(line, distance, half, ego)
+        return any(gap < closing**2 / (2 * COMFORTABLE_BRAKING) for _, gap, _, closing in gaps)
+
     def _blocking(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[str]:
-        """Vehicles on the lanes that are crossed that leave no room, or would have to brake hard.
+        """Vehicles on the lanes that are crossed that leave no room, or would have to brake hard; as `_gaps`."""
+        for name, gap, rear_speed, closing in self._gaps(line, distance, half, ego):
+            if gap < room_needed(ego.length, rear_speed, closing):
+                yield name
+
+    def _gaps(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[tuple[str, float, float, float]]:
+        """Vehicles on the lanes that are crossed, the gap to each when the member is over there, bumper to bumper [m],
+        the speed of the one in the rear, and the rate at which the gap shrinks [m/s].
 
         half : distance after which half of the member is over there: until then SUMO's drivers do not see it [m]
         """
@@ -195,8 +213,7 @@ class RoomToChange:
             else:
                 gap = -ahead - ego.length - foe_speed * time + half
                 closing, rear_speed = max(foe_speed - later, 0.0), foe_speed
-            if gap < room_needed(ego.length, rear_speed, closing):
-                yield name
+            yield name, gap, rear_speed, closing
 
     def _falls_back(self, line: Line, distance: float, ego: Ego) -> float:
         """Distance within which a vehicle brakes to fall back behind another one, which must come to its lane [m].

@@ -11,9 +11,11 @@ delta and wheelbase L:
     delta' = (demanded angle - delta) / steering_lag       |delta'| <= max_steering_rate
 
 The tyres hold no more than `grip` [Wong]: where the steering asks for more lateral acceleration the curvature driven is
-grip / v^2, so that the vehicle leaves the bend outwards, and the brakes hold what the bend leaves of the friction
-circle, brake^2 + (v psi')^2 <= grip^2. Within that the wheels do not slip: see `lateral_acceleration`. Road, load and
-wind are not modelled: an acceleration of 0 keeps the speed, as a car's own lower controller would.
+grip / v^2, so that the vehicle leaves the bend outwards, and what the brakes are asked for is what the bend leaves of
+the friction circle, demand^2 + (v psi')^2 <= grip^2. The brakes follow that with their lag, so that in a swerve the sum
+exceeds the circle for a moment, by a third at most; the drive, of 3 m/s2 at most, is not limited by it. Within that the
+wheels do not slip: see `lateral_acceleration`. Road, load and wind are not modelled: an acceleration of 0 keeps the
+speed, as a car's own lower controller would.
 
 The formulas of a demand are in `bicycle_formulas`, their integration in `bicycle_kernel`.
 
@@ -68,7 +70,7 @@ class Car:
     lag: NotNegative  # first order, of the drive [s]; 0: none
     brake_lag: NotNegative  # same, of the brakes
     response: Positive  # to the speed of a Twist, first order [s]
-    grip: Annotated[float, Field(gt=0)]  # greatest acceleration that the tyres hold, in any direction [m/s2]; inf: any
+    grip: Annotated[float, Field(gt=0)]  # greatest acceleration that the tyres hold, across and by braking [m/s2]
 
     strongest_acceleration = bicycle_formulas.strongest_acceleration
     drive_for = bicycle_formulas.drive_for
@@ -106,12 +108,15 @@ class Car:
         return self.max_braking
 
     def braking_delay(self, scan: float, braking: float) -> float:
-        """T = T_scan + T_brake + b / 2 j [s].
+        """T = T_scan + T_b [s]: a vehicle that is to brake by b from a speed v stops within v T + v^2 / 2 b.
 
-        The scan, until it is used; the lag of the brakes; and half of the time in which their jerk j builds up the
-        deceleration b.
+        T_b is that of the brakes, the integral of the deceleration that is missing, over b. They follow the demand
+        with a lag of first order T_brake, and no faster than by their jerk j: T_b = b / 2 j + j T_brake^2 / 2 b where
+        the jerk limits them at first, b > j T_brake; else T_brake.
         """
-        return scan + self.brake_lag + braking / (2 * self.max_jerk)
+        lag, jerk = self.brake_lag, self.max_jerk
+        limited = braking > jerk * lag
+        return scan + (braking / (2 * jerk) + jerk * lag**2 / (2 * braking) if limited else lag)
 
     def axle_position(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """The middle of the rear axle, the point that the curvature refers to, x and y [m]. Arrays (n,)."""

@@ -28,8 +28,8 @@ def move(motion, command, axle, wheels, left_over, mean_left_over, dt, after):
     x, y, heading, turned, speed, yaw_rate = motion
     for i in range(len(x)):
         wanted, turning = command[0][i], command[1][i]
-        if not math.isnan(command[2][i]):  # a drive's acceleration lasts one step, at its curvature
-            wanted = speed[i] + command[2][i] * dt
+        if not math.isnan(command[2][i]):  # a drive's acceleration lasts one step, at its curvature, whatever the lag
+            wanted = speed[i] + command[2][i] * dt / (1.0 - left_over[i])
             turning = wanted * command[3][i]
         wanted, turning = _turned_by_wheels(wanted, turning, wheels[0][i], wheels[1][i], wheels[2][i])
         now, mean = wanted + (speed[i] - wanted) * left_over[i], wanted + (speed[i] - wanted) * mean_left_over[i]

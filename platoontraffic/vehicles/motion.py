@@ -167,9 +167,10 @@ class VehicleModel(Protocol):
         """Greatest acceleration at a speed [m/s2]; inf: any."""
 
     def braking_delay(self, scan: float, braking: float) -> float:
-        """Time from what the laser could see to full braking, `scan` [s] after which the brakes are applied [s].
+        """T [s]: the vehicle stops within v T + v^2 / 2 b of what the laser could see at a speed v.
 
-        braking : the full one [m/s2]
+        scan    : from then until the brakes are applied [s]
+        braking : b, the full one [m/s2]
         """
 
     def moved(self, motion: Motion, command: Command | Drive | Twist, dt: float) -> Motion:

@@ -66,5 +66,7 @@ def test_an_interval_that_the_end_of_the_run_cuts_off_is_left_out():
     """It had the passages of half a minute as those of a minute."""
     rows = passing(np.arange(0, 90, 2.0), 20.0)
     assert by_interval(rows, "e", until=90.0).flow_1ph.tolist() == [1800.0]
+    at_rest = by_interval(pd.concat([passing(np.arange(0, 60, 3.0), 20.0), passing(np.arange(1, 60, 6.0), 0.0)]), "e")
+    assert (at_rest.flow_1ph[0], at_rest.speed_mps[0]) == (1800.0, pytest.approx(20.0))  # all pass, few have a speed
     assert by_interval(passing(np.arange(0, 61, 2.0), 20.0), "e").flow_1ph.tolist() == [1800.0, 60.0]
     assert by_interval(rows, "e", until=120.0).flow_1ph.tolist() == [1800.0, 900.0]

@@ -90,6 +90,23 @@ def test_lost_near_and_absent_returns_are_those_of_rep_117(tmp_path):
     assert np.isnan(again[2])
 
 
+def test_a_scan_of_a_turning_mirror_has_the_time_of_its_first_beam(tmp_path):
+    """A consumer that corrects it for its own motion was wrong by the way of a whole sweep, 3 m at 30 m/s."""
+    pytest.importorskip("rosbags")
+    from platoontraffic.export import rosbag
+
+    folder = made_run(tmp_path / "run", seconds=1.0)
+    with np.load(folder / "scans.npz") as archive:
+        columns = dict(archive)
+    columns["sweep_time_s"] = np.full(len(columns["vehicle_id"]), 0.02)
+    np.savez(folder / "scans.npz", **columns)
+    scans = [one for one in rosbag._messages(load(folder)) if one.topic.startswith("/scan")]
+    assert [seconds(one.message) for one in scans] == pytest.approx(columns["time_s"] - 0.02)
+    assert [one.time * 1e-9 for one in scans] == pytest.approx(columns["time_s"])
+    samples = columns["samples"][columns["vehicle"]]
+    assert [one.message.time_increment for one in scans] == pytest.approx(0.02 / (samples - 1))
+
+
 def test_poses_and_twists_are_those_of_the_table(run, bag):
     rows = load(run).trajectories
     for number, (vehicle, own) in enumerate(rows.groupby("vehicle_id")):
@@ -197,6 +214,8 @@ def test_covariances_of_dead_reckoning_have_their_closed_forms():
     assert last[2, 2] == pytest.approx((0.002 * 20) ** 2 + 0.003**2 * 0.1 * 20)
     across = (10 * 0.002 * 20**2 / 2) ** 2 + 10**2 * 0.003**2 * 0.1 * 20**3 / 3
     assert last[1, 1] == pytest.approx(across, rel=2e-3)
+    coarse = covariances(rows.iloc[::100], OdometryErrors(0.005, 0.02, 0.002, 0.003), 0.1)[-1]  # a row a second
+    np.testing.assert_allclose(coarse, last, rtol=5e-3)
     standing = rows.assign(speed_mps=0.0)
     assert (covariances(standing, OdometryErrors(0.005, 0.02, 0.002, 0.003), 0.1) == 0).all()
 

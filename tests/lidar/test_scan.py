@@ -205,6 +205,14 @@ def test_bad_pose_is_refused_by_id():
         Carriers([0, math.nan], [0, 0], [0, 0], [0, 1], ids=["veh.1", "veh.7"])
 
 
+@pytest.mark.parametrize(
+    "solid", [shapely.Point(0, 0), shapely.GeometryCollection([shapely.box(0, 0, 1, 1), shapely.Point(3, 3)])]
+)
+def test_solids_without_an_inside_are_refused(solid):
+    with pytest.raises(ValueError, match="solids is a Point; must be one of Polygon, MultiPolygon"):
+        Scene((), solid)
+
+
 def test_misspelt_engine_is_corrected():
     with pytest.raises(ValueError, match=r"did you mean 'numpy'\? must be one of raster, numpy, pymunk, shapely"):
         scan(THREE, *world(), ORIGIN, engine="nunpy")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import shapely
@@ -123,6 +125,18 @@ def test_a_car_that_is_passed_within_arms_length_leaves_an_event(apart, kinds):
     assert [kind for seen in found for kind, _ in seen.kinds] == kinds
     assert min(seen.measures.clearance[0] for seen in found) == pytest.approx(apart)
     assert {seen.measures.closest[0] for seen in found[1:]} == {"other.0"}
+
+
+@pytest.mark.parametrize(("ahead", "expected"), [(1.5, 0.145), (-1.5, 0.145)])
+def test_contact_from_the_side_is_foreseen_also_where_the_middles_move_apart(ahead, expected):
+    """A car beside a truck of 9.2 m comes nearer sideways by 1 m/s, and is faster by 2 m/s."""
+    aside = math.atan(1.0 / 22.0)
+    width, length = 1.76 / 2 * math.cos(aside) + 4.74 / 2 * math.sin(aside), np.array([9.2, 4.74])
+    traffic = TrafficSnapshot(
+        0.0, ("truck", "car"), np.array([0.0, ahead]), np.array([0.0, 1.2 + width + expected]),
+        np.array([0.0, -aside]), np.array([20.0, math.hypot(22.0, 1.0)]), length, np.array([2.4, 1.76]),
+    )  # fmt: skip
+    assert look_around(traffic, 1, np.full(1, 0.5))[2][0] == pytest.approx(expected, abs=1e-9)
 
 
 def test_contact_is_foreseen_by_closing_speed():

@@ -60,6 +60,16 @@ def crossing(first_speed, second_speed, late):
     return line(-6.0 * first_speed, 0.0, 0.0, first_speed), line(0.0, south, math.pi / 2, second_speed)
 
 
+@pytest.mark.parametrize("late", [1.0, 2.0, 4.0])
+def test_who_crosses_behind_a_long_slow_vehicle_encroaches(late):
+    """At 2.5 m/s a body of 12 m overlaps for 6 s with where it was: the other one was taken for a follower."""
+    length, speed = 12.0, 2.5
+    bus = line(WIDTH / 2 + length / 2 - 12.0 * speed, 0.0, 0.0, speed)  # its rear leaves the other's strip at 12 s
+    other = line(0.0, -WIDTH / 2 - LENGTH / 2 - 10.0 * (12.0 + late), math.pi / 2, 10.0)
+    (found,) = met(other, bus, 20.0, lengths=(LENGTH, length))
+    assert found == ("second", pytest.approx(late, abs=1e-2))
+
+
 @pytest.mark.parametrize(("v", "w", "late"), [(10.0, 8.0, 2.0), (5.0, 12.0, 3.1), (13.0, 13.0, 1.03)])
 def test_two_that_cross_at_right_angles(v, w, late):
     """The rear of the first leaves the other's strip half of a length and of a width behind the origin, and the front

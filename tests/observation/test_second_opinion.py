@@ -127,12 +127,18 @@ def trail_ages(bodies, members) -> dict[tuple[str, str], dict[int, list[int]]]:
 
 
 def post_encroachment(
-    ages: dict[int, list[int]], arc: dict[int, float], width: float, came: int, there: tuple[int, int]
+    ages: dict[int, list[int]],
+    arc: dict[int, float],
+    headings: tuple[dict[int, float], dict[int, float]],
+    width: float,
+    came: int,
+    there: tuple[int, int],
 ) -> list[float]:
     """Post-encroachment times of one pair, in whole steps [s]; each is up to two steps too long.
 
     ages  : as from `trail_ages`
     arc   : length of the second's path, by step [m]
+    headings : of the second and the first, by step [rad]
     came  : first step of the second
     there : first step of the first's trail, and last step with both of them
     """
@@ -141,7 +147,9 @@ def post_encroachment(
         within = step in ages
         if within and step - 1 not in ages:
             oldest = min(round(TRAIL * 10), step - there[0])
-            entered = None if oldest in ages[step] or step == came else arc[step]
+            second, first = headings[0][step], headings[1][step - oldest]
+            follows = oldest in ages[step] and math.cos(second - first) > 0.5
+            entered = None if follows or step == came else arc[step]
         elif entered is not None and not (within and arc[step] - entered <= width):
             times.append(least)
             least, entered = math.inf, None
@@ -155,15 +163,17 @@ def post_encroachment(
 def agree(members, bodies, events) -> int:
     """Number of events encroachment, which are those of the outlines; each table has a row for every step of 0.1 s."""
     width = dict(zip(bodies.vehicle_id, bodies.width_m, strict=True))
-    arc, there = {}, {}
+    arc, heading, there = {}, {}, {}
     for vehicle, rows in bodies.groupby("vehicle_id"):
         steps = (rows.time_s * 10).round().astype(int)
         way = np.hypot(rows.x_m.diff(), rows.y_m.diff()).fillna(0.0).cumsum()
+        heading[vehicle] = dict(zip(steps, rows.heading_rad, strict=True))
         arc[vehicle], there[vehicle] = dict(zip(steps, way, strict=True)), (max(steps.min(), 1), steps.max())
     again: dict[tuple[str, str], list[float]] = {}
     for (second, first), ages in trail_ages(bodies, members).items():
         both = there[first][0], min(there[first][1], there[second][1])
-        again[second, first] = post_encroachment(ages, arc[second], width[second], there[second][0], both)
+        turned = heading[second], heading[first]
+        again[second, first] = post_encroachment(ages, arc[second], turned, width[second], there[second][0], both)
     noted: dict[tuple[str, str], list[float]] = {}
     for event in events[events.kind == "encroachment"].itertuples():
         pair = event.vehicle_id, event.other_id

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import shapely
 
+from platoontraffic.observation.collisions import _were_abreast
+from platoontraffic.observation.lane_entries import Poses, Together
 from platoontraffic.observation.swings import AXLE, Course, sideways, swung, trailing
 from platoontraffic.vehicles.bicycle import CARS
 from tests.support.bench import constant, platoon
@@ -128,3 +130,19 @@ def test_the_observer_names_the_one_that_has_swung():
 )
 def test_the_one_that_is_swung_into_must_be_on_its_own_side(right, left_hand, what):
     assert contact(right, left_hand) == what
+
+
+@pytest.mark.parametrize(
+    ("ahead", "aside", "abreast"),
+    [(7.0, 2.0, True), (-7.0, 2.0, True), (8.5, 0.0, False), (-8.5, 0.0, False)],  # lengths 12 m and 4.74 m
+)
+def test_a_vehicle_beside_any_part_of_another_one_is_not_behind_it(ahead, aside, abreast):
+    """A bus swung its rear into a car beside it, 7 m behind its middle: the car had struck it from behind."""
+    x, y, nothing = np.array([0.0, 0.0]), np.array([0.0, 0.0]), np.zeros(2)
+    both = Together(
+        np.array([0.0, STEP]),
+        [Poses(x, y, nothing), Poses(x + ahead, y + aside, nothing)],
+        np.array([4.74, 12.0]),
+        np.array([1.76, 2.5]),
+    )
+    assert _were_abreast(both) == abreast

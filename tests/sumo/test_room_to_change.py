@@ -38,7 +38,7 @@ def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
     ego = Ego("m.0", "road_0", 10.0, 5.0)
     assert change.may_change(first, 10.0, ego) == pytest.approx(10.0 + 0.25 * 40.0)
     slow = ego._replace(speed=1.0)
-    assert change.may_change(first, -1.0, slow) == pytest.approx(slow.stops_within)  # it has begun: at once
+    assert change.may_change(first, -1.0, slow) == pytest.approx(1.0 / 9)  # it has begun, and one is beside it: at once
     places["road_1"], places["road_2"] = [], [("c", 31.0)]
     now.renew()
     change.wanted.clear()
@@ -328,3 +328,25 @@ def test_room_is_wanted_behind_the_front_where_sumo_has_it():
         change.may_change(line, -1.0, Ego("m.0", "road_0", 0.0, 5.0))
         behind.append(change.wanted["m.0"].behind)
     assert behind[1] - behind[0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("distance", "its_front", "its_speed", "stops"),
+    [
+        (-6.0, 27.0, 6.0, True),  # it is abreast
+        (-6.0, 34.0, 6.0, True),
+        (-6.0, 20.0, 12.0, True),  # it could not brake in time
+        (-6.0, 10.0, 12.0, False),
+        (-6.0, 60.0, 0.0, False),
+        (-10.5, 27.0, 6.0, False),  # half over: SUMO's drivers see it by now
+    ],
+)
+def test_a_lane_change_is_broken_off_where_another_vehicle_has_come_beside(distance, its_front, its_speed, stops):
+    """SUMO inserted a car at 11 m/s beside a member that had done a quarter of its change: they touched."""
+    places = {"road_0": [("m.0", 30.0)], "road_1": [("c", its_front)]}
+    client = client_of(places)
+    client.vehicle.getSpeed = lambda name: its_speed if name == "c" else 6.0
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client))
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 20.0, 70.0 - distance)
+    assert change.may_change(line, distance, Ego("m.0", "road_0", 6.0, 5.0)) == (4.0 if stops else np.inf)
+    assert change.wanted["m.0"].begun

@@ -11,9 +11,9 @@ from platoontraffic.vehicles.records import changed
 
 
 def moved(model: DifferentialDrive, motion: Motion, command: Command, dt: float) -> Motion:
-    wanted = model.saturated(_twist_for(command, motion, dt))
     lag = np.maximum(model.lag, 1e-12)
     left_over = np.exp(-dt / lag)  # share of the difference that is still there after dt
+    wanted = model.saturated(_twist_for(command, motion, dt, left_over))
     mean_left_over = -np.expm1(-dt / lag) * lag / dt
     speed, mean_speed = _relax(motion.speed, wanted.speed, left_over, mean_left_over)
     yaw_rate, mean_yaw_rate = _relax(motion.yaw_rate, wanted.yaw_rate, left_over, mean_left_over)
@@ -32,9 +32,9 @@ def moved(model: DifferentialDrive, motion: Motion, command: Command, dt: float)
     )  # fmt: skip
 
 
-def _twist_for(command: Command, motion: Motion, dt: float) -> Twist:
+def _twist_for(command: Command, motion: Motion, dt: float, left_over: np.ndarray) -> Twist:
     twist, drive = command
-    speed = motion.speed + drive.acceleration * dt
+    speed = motion.speed + drive.acceleration * dt / (1.0 - left_over)
     driven = ~np.isnan(drive.acceleration)
     return Twist(np.where(driven, speed, twist.speed), np.where(driven, speed * drive.curvature, twist.yaw_rate))
 

@@ -34,6 +34,19 @@ def state(motion):
     return np.array([getattr(motion, f.name) for f in fields(Motion)])
 
 
+@pytest.mark.parametrize("kind", CARS)
+@pytest.mark.parametrize("braking", [1.0, 4.0, 8.0])
+def test_a_car_stops_within_the_distance_of_its_braking_delay(kind, braking):
+    """And not much sooner: v T is too long by the speed that is lost meanwhile, b T^2 / 2 at most."""
+    car, speed, braking = CARS[kind], 20.0, min(braking, CARS[kind].max_braking)
+    motion, delay = rolling(speed, start=(0.0, 0.0, 0.0), model=car), car.braking_delay(0.0, braking)
+    for _ in range(3000):
+        motion = car.moved(motion, Drive(np.float64(-braking), np.float64(0.0)), 0.01)
+    assert motion.speed == 0
+    longest = speed * delay + speed**2 / (2 * braking)
+    assert longest - braking * delay**2 / 2 - 1e-3 <= motion.x <= longest + 1e-3
+
+
 @pytest.mark.parametrize("dt", [0.003, 0.025, 0.1, 1.0])
 @pytest.mark.parametrize("steering", [0.3, -0.5])
 def test_constant_steering_draws_a_circle_of_radius_wheelbase_over_tan_whatever_the_speed_does(steering, dt):

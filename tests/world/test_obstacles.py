@@ -239,9 +239,16 @@ def test_before_a_standing_obstacle_the_stopping_distance_is_just_enough():
             assert least_braking(enough, speed, member, SpeedProfile(0.0)) == pytest.approx(hardest(member), rel=1e-6)
 
 
-def test_reaction_time_is_a_scan_the_brake_lag_and_half_the_brake_rise():
-    assert reaction(followers(10.0)[1]) == pytest.approx(0.1 + 0.2 + 9.0 / 40)
-    assert reaction(leader(10.0)[0]) == pytest.approx(0.1 + 0.2 + 8.0 / 40)  # its law brakes at 8 m/s2 at most
+def test_reaction_time_is_a_scan_and_the_rise_of_the_brakes():
+    assert reaction(followers(10.0)[1]) == pytest.approx(0.1 + 9.0 / 40 + 20 * 0.2**2 / 18)
+    assert reaction(leader(10.0)[0]) == pytest.approx(0.1 + 8.0 / 40 + 20 * 0.2**2 / 16)  # its law brakes at 8 m/s2
+
+
+def test_a_pedestrian_steps_out_before_a_member_that_passes_the_place_between_two_steps():
+    """At 30 m/s a member drives 3 m in a step; with `within_m` below that the pedestrian stood for ever."""
+    steps_out = walk(151.0, 1.4, None, -1, MemberNear("robot.0", 0.1, PATH, 651.0))
+    walked = of(play(leader(30.0), steps_out, 8.0).seen, "ped")
+    assert walked[:, 4].max() == pytest.approx(1.4)
 
 
 # ---- avoidable contact is avoided

@@ -210,6 +210,8 @@ start = { edge = "light_prio", position_m = 98.0 }
         ('kind = "cut_in"\ntime_s = 3.0\nahead_of = "platoon.0"', 4, "'platoon.0': leads, there is no gap before it; "
          "must be a follower: platoon.1, platoon.2"),
         ('kind = "cut_in"\ntime_s = 3.0\nahead_of = "platon.1"', 4, "'platon.1': no such member; did you mean 'plat"),
+        ('kind = "cut_in"\ntime_s = 3.0\nahead_of = "platoon.1"\nleaves_after_s = 1.5', 1, "leaves 1.5 s after "
+         "it began a lane change that takes 3 s; must be no sooner than its end"),
         ('kind = "cut_in"\ntime_s = 30.0\nahead_of = "platoon.1"', 3, "30: must be before the end, run.duration"),
         ('kind = "cut_in"\ntime_s = 3.0\nid = "platoon.1"\nahead_of = "platoon.1"', 4, "is a member of a platoon"),
         ('kind = "car"\nstart = { edge = "light_pro", position_m = 9.0 }', 3, "0.start: no edge 'light_pro' in"),

@@ -211,7 +211,8 @@ def _box(table: obstacle_tables.Box, name: str, site: _Site) -> Plan:
     with _in(_place_key(table)):
         if place := table.start:
             x, y, heading = site.network.lane_pose(place.edge, place.lane, place.position_m)
-            back, aside = table.length_m / 2, place.lateral_m
+            turned, aside = math.radians(table.heading_deg), place.lateral_m
+            back = abs(table.length_m * math.cos(turned)) / 2 + abs(table.width_m * math.sin(turned)) / 2
             x, y = (
                 x - back * math.cos(heading) - aside * math.sin(heading),
                 y - back * math.sin(heading) + aside * math.cos(heading),

@@ -116,12 +116,13 @@ class MemberNear:
     path: PathLine
     station: float  # [m]
 
-    def occurs(self, fleet: Fleet) -> bool:
-        """Whether the member is within the distance before the station."""
+    def occurs(self, fleet: Fleet, dt: float) -> bool:
+        """Whether the member is within the distance before the station, or has passed it in the last dt [s]."""
         if (row := row_of(fleet, self.member)) is None:
             return False
         here, _ = self.path.project(fleet.motion.x[row], fleet.motion.y[row])
-        return 0 <= self.path.ahead(here, self.station) - fleet.model.length[row] / 2 <= self.within
+        left = self.path.ahead(here, self.station) - fleet.model.length[row] / 2
+        return -fleet.motion.speed[row] * dt <= left <= self.within
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -137,7 +138,7 @@ class Crossing(Plan):
     def moved(self, state: Any, time: float, before: TrafficSnapshot | None, fleet: Fleet, dt: float) -> float:
         if state is None:
             state = math.inf if self.sets_out is None else self.sets_out
-        if state == math.inf and self.at_event and self.at_event.occurs(fleet):
+        if state == math.inf and self.at_event and self.at_event.occurs(fleet, dt):
             return time
         return state
 
