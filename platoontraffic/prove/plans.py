@@ -58,6 +58,7 @@ class Plan(NamedTuple):
     size: int
     trips: tuple[Trip, ...]
     files: Mapping[str, Path]  # by LASER and SUMO
+    cars: int = 0  # of the random demand, where the road has no traffic of its own
 
     @property
     def free_times(self) -> dict[str, float]:
@@ -76,9 +77,10 @@ def planned(
     """
     folder.mkdir(parents=True, exist_ok=True)
     sumo: dict[str, Any] = dict(road.sumo)
+    cars = 0
     if not road.has_traffic:
         demand = folder / "demand.rou.xml"
-        write_demand(network, demand, seed, road.begin, warm_up + duration)
+        cars = write_demand(network, demand, seed, road.begin, warm_up + duration)
         sumo["routes"] = [str(demand.resolve())]
     common = {
         "seed": seed,
@@ -102,7 +104,7 @@ def planned(
         more = {"lane_change_s": 0.0} if which == SUMO and not _sets_lane_changes(sumo) else {}
         table = common | {"sumo": common["sumo"] | more, "platoon": platoons}
         files[which].write_text(tomli_w.dumps(table), encoding="utf-8")
-    return Plan(seed, size, tuple(trips), files)
+    return Plan(seed, size, tuple(trips), files, cars)
 
 
 def _sets_lane_changes(sumo: Mapping[str, Any]) -> bool:

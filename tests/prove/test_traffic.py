@@ -94,6 +94,20 @@ def test_a_random_demand_turns_back_only_where_there_is_no_other_route(network, 
     assert radii == [CARS["car"].turning_radius, 0.0]
 
 
+@pytest.mark.sumo
+def test_a_random_demand_is_so_thin_that_sumos_own_cars_flow(tmp_path):
+    """On random networks with six cars a kilometre of lane they stood for minutes, and who arrived was chance."""
+    network = Network.read(generated(tmp_path, "grid", "priority", 1))
+    dense, thin = tmp_path / "dense.rou.xml", tmp_path / "thin.rou.xml"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demand, "DENSITY", 40.0)
+        count = write_demand(network, thin, 1, 0.0, 400.0)
+        assert demand._flows(network, thin, 1, 0.0, 400.0)
+        patch.setattr(demand, "THINNER", 0.0)
+        assert write_demand(network, dense, 1, 0.0, 400.0) > count > 20
+    assert not demand._flows(network, dense, 1, 0.0, 400.0)
+
+
 def test_a_configuration_has_traffic_in_its_additional_files_too(tmp_path):
     shutil.copy(CORRIDOR, tmp_path / "c.net.xml")
     text = "<additional>{}</additional>"
