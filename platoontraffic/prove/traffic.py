@@ -105,7 +105,9 @@ class Verdict(NamedTuple):
 
     @property
     def not_compared(self) -> str:
-        """Why times of arrival are not compared with those of SUMO's own cars in any seed; "" if they are."""
+        """Why no median tells how times of arrival compare with those of SUMO's own cars; "" if one does."""
+        if math.isinf(self.ratio):
+            return "most runs end before all members arrive"
         if not math.isnan(self.ratio):
             return ""
         if math.isnan(self.ratio_overlapping):
@@ -136,12 +138,16 @@ def _ratio(made: Sequence[Pair], overlapping: bool) -> float:
 
 
 def _fewer(made: Sequence[Pair]) -> Iterator[str]:
-    """Seeds where fewer members arrive than of SUMO's own cars."""
+    """Seeds where fewer members arrive until the end of the run than of SUMO's own cars by a time LATEST times less."""
     for pair in made:
         if pair.platoons and pair.sumo:
-            arrived, wanted = len(pair.platoons.arrivals), len(pair.sumo.arrivals)
+            lasts, arrived = pair.platoons.lasts, len(pair.platoons.arrivals)
+            wanted = sum(LATEST * time <= lasts for time in pair.sumo.arrivals)
             if arrived < wanted:
-                yield f"seed {pair.seed}: {arrived} members arrive, {wanted} of SUMO's own do"
+                yield (
+                    f"seed {pair.seed}: {arrived} members arrive within {lasts:.0f} s, "
+                    f"{wanted} of SUMO's own within {lasts / LATEST:.0f} s"
+                )
 
 
 def _stuck(made: Sequence[Pair]) -> Iterator[str]:

@@ -149,7 +149,7 @@ def test_a_contact_is_an_incident_unless_another_vehicle_made_it():
 
 def ride(**changes) -> Ride:
     stand = Stand("p0.0", 20.0, "held: held by light")
-    return Ride(2, (100.0, 110.0), 20.0, 0.1, 0, 0, 0, 0, 0, (stand,), ())._replace(**changes)
+    return Ride(2, (100.0, 110.0), 20.0, 0.1, 0, 0, 0, 0, 0, (stand,), (), 300.0)._replace(**changes)
 
 
 def verdict(platoons: Ride | None, sumo: Ride | None = None, error: str = "") -> Verdict:
@@ -190,7 +190,16 @@ def test_where_sumos_own_do_not_all_arrive_times_are_not_compared_but_numbers_ar
     one = ride(arrivals=(100.0,))
     assert verdict(one, one).holds
     assert verdict(one, one).not_compared == "SUMO's own cars do not all arrive"
-    assert verdict(ride(arrivals=()), one).faults == ("seed 1: 0 members arrive, 1 of SUMO's own do",)
+    fault = "seed 1: 0 members arrive within 300 s, 1 of SUMO's own within 240 s"
+    assert verdict(ride(arrivals=()), one).faults == (fault,)
+
+
+def test_a_member_that_may_still_arrive_in_time_is_no_fault():
+    """SUMO's own arrive at 110 s: by 130 s a member is not yet late, at 138 s it is."""
+    late = ride(arrivals=(100.0,), lasts=130.0)
+    assert verdict(late).holds
+    assert verdict(late).not_compared == "most runs end before all members arrive"
+    assert not verdict(late._replace(lasts=138.0)).holds
 
 
 def test_medians_are_over_the_seeds():
@@ -203,7 +212,7 @@ def test_medians_are_over_the_seeds():
 def test_a_seed_in_which_only_sumos_own_arrive_is_a_fault_whatever_the_median_is():
     made = [Pair(i, 2, (), ride(arrivals=one), ride()) for i, one in enumerate([(100.0, 110.0)] * 2 + [(100.0,)])]
     assert Verdict.of(made).ratio == 1.0
-    assert Verdict.of(made).faults == ("seed 2: 1 members arrive, 2 of SUMO's own do",)
+    assert Verdict.of(made).faults == ("seed 2: 1 members arrive within 300 s, 2 of SUMO's own within 240 s",)
 
 
 @pytest.mark.sumo
