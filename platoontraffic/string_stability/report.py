@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -62,6 +62,18 @@ def deviation(swept: Swept) -> float | None:
         return None
     counts = np.abs(swept.theory) > 0.1
     return float(np.abs(np.abs(swept.gain[counts]) / np.abs(swept.theory[counts]) - 1).max(initial=0.0))
+
+
+def touched(swept: Swept, found: Sequence[Norms]) -> dict[str, list[int]]:
+    """Places whose vehicle drove into or past its predecessor, by manoeuvre; those without any are left out."""
+    gaps = {"multi-sine": swept.least_gap} | {one.profile: one.least_gap for one in found}
+    return {name: (np.flatnonzero(gap <= 0) + 1).tolist() for name, gap in gaps.items() if (gap <= 0).any()}
+
+
+def touch_line(places: Mapping[str, Sequence[int]]) -> str:
+    """What `touched` says, for people."""
+    each = "; ".join(f"{name}: {', '.join(map(str, of_one))}" for name, of_one in places.items())
+    return f"members drive into their predecessors, so their gains there do not count. Places by manoeuvre: {each}"
 
 
 def write_report(folder: Path, title: str, swept: Swept, found: Sequence[Norms]) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Frequency response of a string of equal vehicles by the linearisation that their law declares.
+"""Frequency response of a string of vehicles with one law, by the linearisation that it declares.
 
 Laws decide at instants of a fixed interval, and a command holds until the next one. So everything is a sequence, and
 at the frequency w each is multiplied by z = exp(i w dt) from one instant to the next. A vehicle answers a command U by
@@ -11,13 +11,13 @@ of x' = A x + B u, where
     a car under an acceleration     p' = v, v' = d + b, d' = (u / 2 - d) / T_drive, b' = (u / 2 - b) / T_brake
     a car under a speed             the same with (u - v - T_drive d - T_brake b) / T_response for u
     a robot under a speed           p' = v, v' = (u - v) / T
-    a robot under an acceleration   as under the speed v + u dt, which is set once an interval
+    a robot under an acceleration   as under the speed v + u dt / (1 - exp(-dt / T)), which is set once an interval
 
 A car drives with the one lag and brakes with the other. Each of them gets half a sinusoid, of which the fundamental is
 half of the whole: so the car above is the describing function about 0, and exact where the lags are equal.
 
 With the filter F(z), the law's sum of gains times what it knows is U_i = F (own P_i + ahead D P_{i-1} + leader D P_0),
-and D P_j for each member j between, if the law hears all.
+and D P_j for each member j between, if the law hears all. Each vehicle has a response P_i of its own.
 The feed is D = z^-n for messages n intervals old; positions in them are carried on at the speed sent, and the command
 that they have is one interval older. The gains follow one after another from the leader on.
 """
@@ -45,10 +45,11 @@ class Response(NamedTuple):
 
 
 def gains(
-    law: Law, vehicle: VehicleModel, speed: float, followers: int, frequencies: np.ndarray, dt: float, delay: int = 0
+    law: Law, vehicles: Sequence[VehicleModel], speed: float, frequencies: np.ndarray, dt: float, delay: int = 0
 ) -> np.ndarray | None:
     """G_i = V_i / V_{i-1} of each follower's speed over its predecessor's, (k, followers) complex.
 
+    vehicles    : the leader's first, (followers + 1,)
     speed       : about which all drive [m/s]
     frequencies : [Hz], (k,)
     dt          : interval of the law's decisions [s]
@@ -56,38 +57,48 @@ def gains(
 
     returns: None if the law declares no linearisation
     """
-    declared = [law.linear(speed, place) for place in range(1, followers + 1)]
+    declared = [law.linear(speed, place) for place in range(1, len(vehicles))]
     if None in declared:
         return None
     z = np.exp(2j * np.pi * np.asarray(frequencies) * dt)
-    vehicle_response = response(vehicle, declared[0].commands, z, dt)
-    return chain(declared, vehicle_response, z, dt, delay, getattr(law, "feed", "") == "radar")
+    of_each = {vehicle: response(vehicle, declared[0].commands, z, dt) for vehicle in set(vehicles)}
+    return chain(declared, [of_each[one] for one in vehicles], z, dt, delay, getattr(law, "feed", "") == "radar")
 
 
 def chain(
-    declared: Sequence[Linear], vehicle: Response, z: np.ndarray, dt: float, delay: int = 0, radar: bool = False
+    declared: Sequence[Linear],
+    vehicles: Sequence[Response],
+    z: np.ndarray,
+    dt: float,
+    delay: int = 0,
+    radar: bool = False,
 ) -> np.ndarray:
     """G_i of each follower, (k, n) complex, from the linearisation of each.
 
-    z     : (k,)
-    radar : gap and speed of the predecessor are not late
+    vehicles : responses, the leader's first, (n + 1,)
+    z        : (k,)
+    radar    : gap and speed of the predecessor are not late
     """
-    p, v, a = vehicle
     late = z**-delay
-    known = late * (p + delay * dt * v)  # position, carried on at the speed sent
-    gap, speed = (p, v) if radar else (known, late * v)
+    known = [late * (one.position + delay * dt * one.speed) for one in vehicles]  # carried on at the speed sent
+    p_0, v_0, a_0 = known[0], vehicles[0].speed, vehicles[0].acceleration
     over_leader, found, between = np.ones_like(z), [], []  # U_i / U_0; of members that are neither of the two
     for place, one in enumerate(declared, 1):
+        (p, v, a), predecessor = vehicles[place], vehicles[place - 1]
+        gap, speed = predecessor[:2] if radar else (known[place - 1], late * predecessor.speed)
         share = 1.0 if one.lag == 0 else -np.expm1(-dt / one.lag)
         filtered = share / (1 - (1 - share) / z)
         own = -(one.gap + one.leader_gap + one.member_gap * len(between)) * p + one.speed * v + one.acceleration * a
-        ahead = one.gap * gap + one.ahead_speed * speed + late * (one.ahead_acceleration * a + one.ahead_demand / z)
-        leader = one.leader_gap * known + late * (one.leader_speed * v + one.leader_acceleration * a)
-        members = one.member_gap * known * sum(between)
+        ahead = one.gap * gap + one.ahead_speed * speed
+        ahead = ahead + late * (one.ahead_acceleration * predecessor.acceleration + one.ahead_demand / z)
+        leader = one.leader_gap * p_0 + late * (one.leader_speed * v_0 + one.leader_acceleration * a_0)
+        members = one.member_gap * sum(between)
         follower = filtered * (ahead * over_leader + leader + members) / (1 - filtered * own)
         if place > 1:
-            between.append(over_leader)
-        found.append(follower / over_leader)
+            between.append(known[place - 1] * over_leader)
+        by_command = follower / over_leader
+        # Equal vehicles answer equally, without a division that would round.
+        found.append(by_command if vehicles[place] is predecessor else by_command * (v / predecessor.speed))
         over_leader = follower
     return np.stack(found, axis=1)
 
@@ -105,7 +116,7 @@ def response(vehicle: VehicleModel, commands: str, z: np.ndarray, dt: float) -> 
 def greatest(law: Law, vehicle: VehicleModel, speed: float, dt: float, delay: int = 0, followers: int = 1) -> float:
     """The greatest |G| of the last of `followers` over its predecessor, over 0.002 Hz to half the rate of decisions."""
     frequencies = np.geomspace(0.002, 0.499 / dt, 4000)
-    found = gains(law, vehicle, speed, followers, frequencies, dt, delay)
+    found = gains(law, [vehicle] * (followers + 1), speed, frequencies, dt, delay)
     return float(np.abs(found[:, -1]).max())
 
 
@@ -125,9 +136,9 @@ def _sampled(vehicle: VehicleModel, commands: str, dt: float) -> tuple[np.ndarra
     if commands == "speed":
         phi, gamma = _held(np.array([[0.0, 1.0], [0.0, -1 / lag]]), np.array([[0.0], [1 / lag]]), dt)
     else:
-        left = np.exp(-dt / lag)
+        reached = -np.expm1(-dt / lag)  # of a change of the speed that is set, within dt
         phi = np.array([[1.0, dt], [0.0, 1.0]])
-        gamma = np.array([[dt * (dt - lag * (1 - left))], [dt * (1 - left)]])
+        gamma = np.array([[dt * (dt / reached - lag)], [dt]])
     return phi, gamma, np.array([[1.0, 0], [0, 1], [0, 0]])
 
 

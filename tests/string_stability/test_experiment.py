@@ -53,7 +53,7 @@ def test_consensus_among_all_is_its_theory_within_two_percent(feed, channel):
     z = np.exp(2j * np.pi * found.frequency * 0.1)
     vehicle = replace(VEHICLES["car"], lag=0.5, brake_lag=0.5)
     delay = 2 if channel else 0
-    alone = theory.chain(declared, theory.response(vehicle, "acceleration", z, 0.1), z, 0.1, delay)
+    alone = theory.chain(declared, [theory.response(vehicle, "acceleration", z, 0.1)] * 5, z, 0.1, delay)
     assert report.deviation(found) < 0.02 < report.deviation(found._replace(theory=alone))
 
 
@@ -171,6 +171,209 @@ def test_the_command_prints_tables_and_writes_files(tmp_path):
     assert len(found["frequency"]) == 10
     assert {row["profile"] for row in found["norms"]} == set(experiment.PROFILES)
     assert {file.name for file in (tmp_path / "acc").iterdir()} == {"frequency.csv", "norms.csv", "string.png"}
+
+
+TRUCK = ("platoon.vehicle=truck", "platoon.follower.law=acc", "platoon.size=2")
+
+
+def test_a_leader_that_cannot_drive_its_manoeuvres_is_a_fault_that_says_how_slow_it_must_be():
+    with pytest.raises(InputError, match=r"24\.9: the leader cannot drive the multi-sine.*must be at most 17") as fault:
+        experiment.check(scenario.load("string", [*TRUCK, "platoon.start.speed_mps=24.9"]))
+    allowed = str(fault.value).split()[-1]
+    experiment.check(scenario.load("string", [*TRUCK, f"platoon.start.speed_mps={allowed}"]))
+    with pytest.raises(InputError, match=r"24\.9: the leader cannot drive"):
+        experiment.norms(scenario.load("string", [*TRUCK, "platoon.start.speed_mps=24.9"]), "chirp")
+    with pytest.raises(InputError, match=r"speed_mps: 0: .*must be above 0"):
+        experiment.check(scenario.load("paper_loop"))
+
+
+def test_the_leaders_manoeuvres_shrink_with_the_speed_and_no_gain_changes():
+    """Of a linear law, whose leader would stand after 1 s at 2 m/s."""
+    changes = ("platoon.follower.law=acc", "platoon.follower.feed=truth", "platoon.size=3", EXACT, *EQUAL)
+    slow, usual = (
+        experiment.norms(scenario.load("string", [*changes, f"platoon.start.speed_mps={speed}"]), "step")
+        for speed in (2.0, 20.0)
+    )
+    assert slow.l2 == pytest.approx(usual.l2, rel=1e-3)
+    assert slow.linf == pytest.approx(usual.linf, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_robots_at_half_a_metre_per_second_are_their_theory():
+    found = scenario.load("paper_loop", ["platoon.size=3", "platoon.start.speed_mps=0.5"])
+    assert report.deviation(experiment.sweep(found)) < 0.005
+
+
+UNDECLARED = """
+from dataclasses import dataclass
+
+import numpy as np
+
+from platoontraffic import Decision, Law
+from platoontraffic.vehicles.motion import Drive
+
+
+@dataclass(frozen=True)
+class Declared(Law):
+    needs = frozenset({"truth"})
+    distance_from = "bumper"
+
+    def desired_distance(self, speed):
+        return 5.0 + 0.5 * speed
+
+    def __call__(self, sensed, memory, dt):
+        ahead = sensed.truth.predecessor
+        u = 0.45 * (ahead.gap - 5.0 - 0.5 * sensed.speed) + 0.6 * ahead.relative_speed
+        return Decision(Drive(u, np.zeros_like(u)))
+
+
+class Silent(Declared):
+    def desired_distance(self, speed):
+        return np.full(np.shape(speed), np.nan)
+
+
+class Slows(Silent):
+    def __call__(self, sensed, memory, dt):
+        return Decision(Drive(0 * sensed.speed - 0.1, 0 * sensed.speed))
+"""
+
+
+def undeclared(folder, law: str):
+    (folder / "undeclared.py").write_text(UNDECLARED)
+    (folder / "here.toml").write_text(shipped.scenarios()["string"].read_text(encoding="utf-8"))
+    return scenario.load(folder / "here.toml", [f"platoon.follower.law='undeclared:{law}'", "platoon.size=3"])
+
+
+def test_a_law_that_declares_no_distance_settles_before_it_is_measured(tmp_path):
+    silent, declared = (experiment.norms(undeclared(tmp_path, law), "step") for law in ("Silent", "Declared"))
+    assert silent.l2 == pytest.approx(declared.l2, rel=1e-3)
+    assert silent.linf == pytest.approx(declared.linf, rel=1e-3)
+    assert silent.least_gap == pytest.approx(declared.least_gap, abs=1e-3)
+
+
+def test_a_follower_that_does_not_settle_behind_its_leader_is_a_fault(tmp_path):
+    with pytest.raises(InputError, match=r"declares no desired_distance, .* platoon\.1 drives 10\.\d m/s; must follow"):
+        experiment.norms(undeclared(tmp_path, "Slows"), "step")
+
+
+def test_a_place_that_drives_into_its_predecessor_is_named():
+    near = ("platoon.follower.law=constant_spacing", "platoon.follower.feed=truth", "platoon.follower.spacing_m=0.5")
+    far = ("platoon.follower.law=acc", "platoon.follower.feed=truth")
+    hit, safe = (
+        experiment.norms(scenario.load("string", [*one, "platoon.size=3", EXACT]), "brake") for one in (near, far)
+    )
+    swept = SWEPT._replace(least_gap=np.array([1.0, -0.1]))
+    assert report.touched(swept, [hit]) == {"multi-sine": [2], "brake": [1, 2]}
+    assert report.touched(SWEPT, [safe]) == {}
+
+
+# Of two followers, the second of which has no predecessor that swings.
+SWEPT = experiment.Swept(
+    np.array([0.02]), np.array([[1.0, np.nan]], complex), np.array([[0.0, np.nan]]), None, "none is known",
+    np.array([1.0, 2.0]), np.array([0.54]), 1.0,
+)  # fmt: skip
+
+
+@pytest.fixture
+def never_driven(monkeypatch):
+    """The leader swings alone: enough for what a sweep says beside its gains."""
+
+    def driven(found, at, seconds):
+        time = np.arange(round(seconds / found.spec.run.step_s) + 1) * found.spec.run.step_s
+        speed = np.array([[20 + at(t), 20 + at(t) / 2] for t in time])
+        return experiment.Run(time, speed, speed, np.ones((len(time), 1)))
+
+    monkeypatch.setattr(experiment, "drive", driven)
+
+
+@pytest.mark.parametrize(
+    ("channel", "why"),
+    [
+        ("latency_s=0.1", ""),
+        ("latency_s=0.25", ""),  # used at the next decision
+        ("rate_hz=2", "rate_hz = 2"),
+        ("jitter_s=0.1", "jitter_s"),
+        ("loss=0.1", "loss"),
+        ("burst_loss=0.1", "burst_loss"),
+        ("range_m=100", "range_m"),
+        ("blackout=[{time_s=1.0, lasts_s=1.0}]", "blackout"),
+    ],
+)
+def test_messages_that_are_not_always_as_old_leave_no_theory(never_driven, channel, why):
+    found = swept("cacc_ploeg", "platoon.follower.feed=messages", "platoon.size=2", f"channel.{channel}")
+    assert (found.theory is None) == bool(why)
+    assert why in found.no_theory
+    assert bool(found.no_theory) == bool(why)
+
+
+def test_messages_between_decisions_leave_no_theory(never_driven):
+    """Sent every 0.05 s and used every 0.1 s, they are 0.05 s old."""
+    channel = ("run.step_s=0.05", "channel.rate_hz=20", "channel.latency_s=0.05")
+    found = swept("cacc_ploeg", "platoon.follower.feed=messages", "platoon.size=2", *channel)
+    assert found.theory is None
+    assert "messages are 0.05 s old" in found.no_theory
+
+
+def test_frequencies_above_half_the_rate_of_decisions_are_left_out(never_driven):
+    found = swept("acc", "platoon.follower.feed=truth", "platoon.size=2", "platoon.follower.lidar.rate_hz=0.5")
+    assert found.frequency.max() == 0.22
+    assert found.left_out == pytest.approx([0.3, 0.4, 0.54])
+    assert np.abs(found.gain) == pytest.approx(0.5)  # without their aliases
+    assert len(found.theory) == len(found.frequency)
+
+
+@pytest.fixture
+def measured_before(monkeypatch):
+    """What was measured is given: the command only prints it."""
+    row = experiment.Norms("brake", np.array([1.0, np.inf]), np.array([1.0, np.nan]), np.array([3.0, -0.5]))
+    monkeypatch.setattr(experiment, "sweep", lambda found: SWEPT)
+    monkeypatch.setattr(experiment, "norms", lambda found, profile: row._replace(profile=profile))
+
+
+def command(tmp_path, *arguments: str) -> str:
+    result = CliRunner().invoke(app, ["string", "acc", "platoon.size=3", "--out", str(tmp_path), *arguments])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_json_has_null_for_numbers_that_are_none(tmp_path, measured_before):
+    found = json.loads(command(tmp_path, "--json"), parse_constant=pytest.fail)
+    assert found["frequency"][1]["gain"] is None
+    assert found["norms"][1]["accel_gain_l2"] is None
+    assert (found["deviation"], found["no_theory"]) == (None, "none is known")
+    assert (found["scale"], found["left_out_hz"]) == (1.0, [0.54])
+    assert found["touched"] == {profile: [2] for profile in experiment.PROFILES}
+
+
+def test_the_text_says_what_does_not_count_and_what_is_not_as_usual(tmp_path, measured_before):
+    said = command(tmp_path, "platoon.start.speed_mps=10")
+    assert "members drive into their predecessors" in said
+    assert "brake: 2" in said
+    assert "there is no theory: none is known" in said
+    assert "left out: 0.54 Hz, at or above half the rate of decisions, 1 Hz" in said
+    assert "the leader's accelerations are 0.5 of those" in said
+
+
+def mixed(folder, vehicles: str):
+    file = folder / "mixed.toml"
+    text = shipped.scenarios()["string"].read_text(encoding="utf-8")
+    file.write_text(text.replace('vehicle = "car"', f"vehicles = [{vehicles}]"))
+    return file
+
+
+def test_the_title_has_the_vehicle_of_each_place(tmp_path, measured_before):
+    file = mixed(tmp_path, "{type='car', lag_s=0.3}, {type='car', lag_s=0.3}, {type='van', lag_s=1.2}")
+    said = command(tmp_path, "--scenario", str(file))
+    assert "2 x car, lag of drive 0.3 s, brakes 0.2 s; 1 x van, lag of drive 1.2 s, brakes 0.2 s, 20 m/s" in said
+
+
+@pytest.mark.slow
+def test_a_string_of_different_cars_is_its_theory(tmp_path):
+    lags = (0.3, 0.3, 1.2)
+    vehicles = ", ".join(f"{{type = 'car', lag_s = {lag}, brake_lag_s = {lag}}}" for lag in lags)
+    keys = ("follower.law=acc", "follower.feed=truth", "follower.lidar.noise=none", "size=3")
+    found = scenario.load(mixed(tmp_path, vehicles), [f"platoon.{key}" for key in keys])
+    assert report.deviation(experiment.sweep(found)) < 0.005
 
 
 def test_a_law_that_cannot_be_measured_is_a_fault():

@@ -39,10 +39,24 @@ def turn(peak, low: float, high: float) -> float:
 
 def test_acc_is_that_of_the_continuous_law():
     h, gain, lag = 1.2, 0.3, 0.4
-    found = theory.gains(ConstantTimeHeadway(time_headway=h, distance_gain=gain), lagged(lag), 20, 1, FREQUENCIES, DT)
+    found = theory.gains(
+        ConstantTimeHeadway(time_headway=h, distance_gain=gain), [lagged(lag)] * 2, 20, FREQUENCIES, DT
+    )
     s = 2j * np.pi * FREQUENCIES
     closed = (s + gain) / (h * lag * s**3 + h * s**2 + (1 + gain * h) * s + gain)
     assert found[:, 0] == pytest.approx(closed, rel=5e-3)
+
+
+def test_each_place_has_the_theory_of_its_own_vehicle():
+    """The swing of a predecessor's position beside that of its speed is nearly the same for every car."""
+    light, heavy = lagged(0.3), lagged(1.2)
+    mixed, alone = (
+        theory.gains(ConstantTimeHeadway(), vehicles, 20, FREQUENCIES, DT)
+        for vehicles in ([light, light, heavy, light], [heavy, heavy])
+    )
+    assert mixed[:, 1] == pytest.approx(alone[:, 0], rel=1e-3)
+    assert mixed[:, 2] == pytest.approx(mixed[:, 0], rel=1e-3)
+    assert np.abs(mixed[:, 0] / alone[:, 0] - 1).max() > 0.3
 
 
 @pytest.mark.parametrize("lag", [0.2, 0.5])
@@ -78,12 +92,12 @@ def test_ploeg_turns_at_the_published_time_gaps():
 def test_ploeg_without_delay_follows_by_its_time_gap_alone_whatever_the_lag():
     s = 2j * np.pi * FREQUENCIES
     for lag in (0.1, 0.5):
-        found = theory.gains(PloegFollower(time_headway=0.7), lagged(lag), 20, 1, FREQUENCIES, DT)[:, 0]
+        found = theory.gains(PloegFollower(time_headway=0.7), [lagged(lag)] * 2, 20, FREQUENCIES, DT)[:, 0]
         assert found == pytest.approx(1 / (1 + 0.7 * s), rel=0.01)
 
 
 def test_constant_spacing_has_the_published_peak():
-    found = theory.gains(ConstantSpacing(), lagged(0.1), 20, 1, f := np.geomspace(0.01, 2, 4000), DT)[:, 0]
+    found = theory.gains(ConstantSpacing(), [lagged(0.1)] * 2, 20, f := np.geomspace(0.01, 2, 4000), DT)[:, 0]
     assert np.abs(found).max() == pytest.approx(1.21, abs=0.005)
     assert 2 * np.pi * f[np.abs(found).argmax()] == pytest.approx(0.93, abs=0.01)
 
@@ -94,7 +108,7 @@ def test_constant_spacing_keeps_the_sensitivity_integral(gain, speed_gain):
     """Seiler, Pant, Hedrick: with two integrators in the loop the integral of log|T| / w^2 is 0."""
     law = ConstantSpacing(distance_gain=gain, speed_gain=speed_gain)
     w = np.geomspace(1e-3, 3e4, 200_000)
-    found = np.abs(theory.gains(law, lagged(0.1), 20, 1, w / (2 * np.pi), 1e-4)[:, 0])
+    found = np.abs(theory.gains(law, [lagged(0.1)] * 2, 20, w / (2 * np.pi), 1e-4)[:, 0])
     whole = np.trapezoid(np.log(found) / w**2, w)
     assert found.max() > 1
     assert abs(whole) < 0.02 * np.trapezoid(np.abs(np.log(found)) / w**2, w)
@@ -107,7 +121,7 @@ def test_idm_amplifies_slow_waves_exactly_where_its_criterion_says():
             one = law.linear(speed, 1)
             by_speed = one.speed + one.ahead_speed  # at a constant rate of the gap
             unstable = one.gap > by_speed**2 / 2 - by_speed * one.ahead_speed
-            slow = np.abs(theory.gains(law, lagged(0.0), speed, 1, np.geomspace(0.001, 0.5, 500), DT))
+            slow = np.abs(theory.gains(law, [lagged(0.0)] * 2, speed, np.geomspace(0.001, 0.5, 500), DT))
             assert (slow.max() > 1 + 1e-5) == unstable, (speed, acceleration)
 
 
