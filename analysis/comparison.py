@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -16,6 +15,7 @@ from platoontraffic.analysis.results import Results, load
 
 KEYS = ["scope", "platoon_id", "vehicle_id", "metric", "unit"]
 DRAWN = {"gap_m": "gap [m]", "speed_mps": "speed [m/s]"}
+LEAST_AXIS = 1e-3  # half the height of an axis of differences, at least [m, m/s]
 
 
 def compared(folders: Sequence[Path], scope: str | None = None) -> pd.DataFrame:
@@ -62,18 +62,26 @@ def difference(first: pd.DataFrame, other: pd.DataFrame, column: str) -> pd.Data
     return both.assign(**{column: both[column] - both[f"{column}_first"]})
 
 
+def shared_platoon(first: Results, other: Results) -> str | None:
+    """The platoon of the first run with the most members that the other run has at the same instants; None: none."""
+    rows = first.trajectories
+    both = rows.merge(other.trajectories[["time_s", "vehicle_id", "platoon_id"]])
+    return None if both.empty else figures.main_platoon(both)
+
+
 def difference_figure(first: Results, others: Sequence[Results], names: Sequence[str]) -> Figure:
     """Gap and speed of each other run minus those of the first, over time: a row a run.
 
-    names: of the other runs
+    others: each with a `shared_platoon`, whose members are drawn
+    names : of the other runs
     """
     made = Figure(figsize=(9, 0.8 + 2.2 * len(others)), layout="constrained")
     FigureCanvasAgg(made)
     table = first.trajectories
     columns = [column for column in DRAWN if table[column].notna().any()]
     axes = made.subplots(len(others), len(columns), sharex=True, sharey="col", squeeze=False)
-    platoon = figures.main_platoon(table)
     for row, other, name in zip(axes, others, names, strict=True):
+        platoon = shared_platoon(first, other)
         for one, column in zip(row, columns, strict=True):
             for place, vehicle, rows in figures.rows_of_members(difference(table, other.trajectories, column), platoon):
                 one.plot(rows.time_s, rows[column], **figures.line_style(place, rows), label=vehicle)
@@ -81,10 +89,14 @@ def difference_figure(first: Results, others: Sequence[Results], names: Sequence
             one.set_ylabel(f"Δ {DRAWN[column]}")
             one.spines[["top", "right"]].set_visible(False)
         row[0].set_title(name, loc="left", fontsize=10)
+    for one in axes[0]:
+        low, high = one.get_ylim()
+        one.set_ylim(min(low, -LEAST_AXIS), max(high, LEAST_AXIS))
     for one in axes[-1]:
         one.set_xlabel("time [s]")
-    if np.size(axes):
-        made.legend(
-            *axes[0, -1].get_legend_handles_labels(), loc="outside lower center", ncols=6, frameon=False, fontsize=9
-        )
+    handles = {
+        label: handle for row in axes for handle, label in zip(*row[-1].get_legend_handles_labels(), strict=True)
+    }
+    if handles:
+        made.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=6, frameon=False, fontsize=9)
     return made

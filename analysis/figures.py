@@ -19,6 +19,7 @@ from matplotlib.patches import PathPatch, Polygon
 from matplotlib.path import Path as Outline
 from pandas.api.types import is_numeric_dtype
 
+from platoontraffic.analysis.following import split_off, stretches
 from platoontraffic.analysis.results import ResultsError
 from platoontraffic.analysis.tables import columns_of, summarise
 
@@ -37,14 +38,13 @@ MARKS = {  # events that are marked in figures over time: name, marker, colour
     "split": ("split off", "d", "#555555"),
     "collision": ("contact", "X", "#B00020"),
 }
-STATES = {  # events that begin and end them, colour and height of the bar
+STATES = {  # events that begin and end them, colour and height of the bar; splits also begin and end by orders
     "split off": ("split", "rejoined", "#c9c9c9", 0.8),
     "held": ("held", "released", "#555555", 0.5),
     "broken": ("breaks_down", "repaired", "#D55E00", 0.3),
 }
 TOWN = 100.0  # a larger road is for cars: lines are drawn thinner on it, and vehicles enlarged [m]
 BESIDE = 6.0  # greatest distance from a line at which a vehicle is on its road [m]
-SPLIT_NOTED = 2.0  # time after its begin at which a split is an event [s]
 TTC_SHOWN = 15.0  # longer times to collision are no danger, and off the axis [s]
 CUT_GAP = 8.0  # axis limit, in median gaps: the gap of a split platoon would flatten all others [1]
 
@@ -171,12 +171,11 @@ def gap_distribution(
 
     events: of the run, to leave out the time in which a follower was split off
     """
-    names, values = [], []
+    names, values, split = [], [], splits(events, trajectories) if events is not None else {}
     for _, vehicle, rows in rows_of_members(trajectories, platoon):
-        split = _spans(events, vehicle, "split", "rejoined", rows.time_s.max()) if events is not None else []
         out = np.zeros(len(rows), bool)
-        for begin, length in split:
-            out |= ((rows.time_s >= begin - SPLIT_NOTED) & (rows.time_s <= begin + length)).to_numpy()
+        for begin, end in split.get(vehicle, []):
+            out |= ((rows.time_s >= begin) & (rows.time_s <= end)).to_numpy()
         if len(there := rows.gap_m[~out].dropna()):
             names, values = [*names, vehicle], [*values, there]
     if not names:
@@ -193,7 +192,8 @@ def gap_distribution(
 
 
 def lanes(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) -> Axes:
-    """Index of each member's lane over time, 0 the rightmost; nothing inside junctions."""
+    """Index of each member's lane over time, 0 the outermost: the rightmost, on left-hand roads the leftmost; nothing
+    inside junctions."""
     columns_of(trajectories, ["time_s", "lane_id"])
     members = list(rows_of_members(trajectories, platoon))
     most = 0
@@ -206,7 +206,7 @@ def lanes(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) ->
     axes.set_yticks(range(int(most) + 1))
     axes.set_ylim(-0.6, most + 0.6)
     axes.set_xlabel(label(trajectories, "time_s"))
-    axes.set_ylabel("lane, 0 the rightmost")
+    axes.set_ylabel("lane, 0 the outermost")
     return plain(axes)
 
 
@@ -225,7 +225,7 @@ def losses(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon
         never = never and not spans
     if never:
         axes.text(0.5, 0.5, "never", transform=axes.transAxes, ha="center", va="center", color=WALL)
-    axes.set_xlim(min(times.min() for *_, times in followers), max(times.max() for *_, times in followers))
+    from_to(axes, min(times.min() for *_, times in followers), max(times.max() for *_, times in followers))
     axes.set_ylim(-followers[-1][0] - 0.6, -0.4)
     axes.set_yticks([])
     axes.set_ylabel("lock lost", rotation=0, ha="right", va="center")
@@ -238,19 +238,36 @@ def states(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon
     """Periods in which members were held at a stop line, split off or broken down: a row each, the leader on top."""
     columns_of(events, ["time_s", "kind", "vehicle_id"])
     members = [(place, vehicle, rows.time_s) for place, vehicle, rows in rows_of_members(trajectories, platoon)]
+    split = splits(events, trajectories)
     for name, (begin, end, colour, height) in STATES.items():
         for place, vehicle, times in members:
+            spans = _spans(events, vehicle, begin, end, times.max())
+            if begin == "split":
+                spans = [(since, until - since) for since, until in split[vehicle]]
             axes.broken_barh(
-                _spans(events, vehicle, begin, end, times.max()), (-place - height / 2, height), facecolor=colour,
-                label=name if place == members[0][0] else None,
-            )  # fmt: skip
-    axes.set_xlim(min(times.min() for *_, times in members), max(times.max() for *_, times in members))
+                spans, (-place - height / 2, height), facecolor=colour, label=name if place == members[0][0] else None
+            )
+    from_to(axes, min(times.min() for *_, times in members), max(times.max() for *_, times in members))
     axes.set_ylim(-members[-1][0] - 0.6, -members[0][0] + 0.6)
     axes.set_yticks([])
     axes.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False, fontsize=8)
     axes.set_xlabel(label(events, "time_s"))
     axes.spines[["top", "right", "left"]].set_visible(False)
     return axes
+
+
+def splits(events: pd.DataFrame, trajectories: pd.DataFrame) -> dict[str, list[tuple[float, float]]]:
+    """Periods in which each member was split off, by an event or an order, within those of its rows [s]."""
+    rows = trajectories.groupby("vehicle_id", sort=False)
+    places = {m.vehicle_id: (m.platoon_id, m.place) for m in rows.head(1).itertuples()}
+    first, last = rows.time_s.min(), rows.time_s.max()
+    follows, own = stretches(places, events, last.max()), dict(tuple(events.groupby("vehicle_id")))
+    found = {}
+    for vehicle in places:
+        periods = split_off(own.get(vehicle, events[:0]), follows[vehicle])
+        within = [(max(begin, first[vehicle]), min(end, last[vehicle])) for begin, end in periods]
+        found[vehicle] = [(begin, end) for begin, end in within if end > begin]
+    return found
 
 
 def _spans(events: pd.DataFrame, vehicle: str, begin: str, end: str, last: float) -> list[tuple[float, float]]:
@@ -349,11 +366,12 @@ def growth(
     return axes
 
 
-def estimates(table: pd.DataFrame, x: str, axes: Axes, by: str | None = None) -> Axes:
+def estimates(table: pd.DataFrame, x: str, axes: Axes, by: str | None = None, joined: bool = True) -> Axes:
     """Means with their intervals over a column, from a table of `tables.summarise` or `tables.paired`.
 
-    x : a column of numbers, or of texts, which stand side by side in the order of the table
-    by: another column; a line, or for texts a row of points, for each of its values
+    x      : a column of numbers, or of texts, which stand side by side in the order of the table
+    by     : another column; a line, or for texts a row of points, for each of its values
+    joined : whether a line joins the points of numbers
     """
     columns_of(table, [x, *([by] if by else []), "metric", "mean", "low", "high"])
     metrics = table.metric.unique()
@@ -368,7 +386,7 @@ def estimates(table: pd.DataFrame, x: str, axes: Axes, by: str | None = None) ->
         colour, marker = COLOURS[1:][i % 7] if by else COLOURS[1], MARKERS[i % len(MARKERS)]
         axes.errorbar(
             at, mean, np.nan_to_num([mean - low, high - mean]), color=colour, marker=marker, markersize=5,
-            linewidth=1.2, linestyle="-" if texts is None else "", capsize=3,
+            linewidth=1.2, linestyle="-" if texts is None and joined else "", capsize=3,
             label=None if value is None else str(value),
         )  # fmt: skip
     if texts is not None:
@@ -612,7 +630,18 @@ def line_style(place: int, rows: pd.DataFrame) -> dict[str, object]:
 
 
 def _short(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return number(value) if isinstance(value, float) else str(value)
+
+
+def number(value: float) -> str:
+    """Three digits, and of large numbers all before the point."""
+    return f"{value:.0f}" if 1000 <= abs(value) < 1e7 else f"{value:.3g}"
+
+
+def from_to(axes: Axes, first: float, last: float) -> None:
+    """Limit the horizontal axis to a period; of one instant, to half a second around it [s]."""
+    around = 0.0 if last > first else 0.5
+    axes.set_xlim(first - around, last + around)
 
 
 def plain(axes: Axes) -> Axes:

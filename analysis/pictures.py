@@ -89,7 +89,9 @@ def strips_figure(results: Results) -> Figure:
     drawn = [name for name, column in columns.items() if main[column].notna().any()]
     strips = [*drawn, "locks"] if (main.place > 0).any() else drawn
     events = results.events[results.events.vehicle_id.isin(main.vehicle_id)]
-    if events.kind.isin([begin for begin, *_ in figures.STATES.values()]).any():
+    if events.kind.isin([begin for begin, *_ in figures.STATES.values()]).any() or any(
+        figures.splits(events, main).values()
+    ):
         strips = [*strips, "states"]
     heights = [4 if name in drawn else 1.5 for name in strips]
     made = _figure(9, 0.8 + 0.53 * sum(heights))
@@ -175,7 +177,7 @@ def _time_space(axes: Axes, results: Results) -> None:
     if line is not None and results.traffic is not None:
         figures.time_space(results.traffic, axes, line)
     figures.time_space(main, axes, line, events=results.events)
-    axes.set_xlim(main.time_s.min(), main.time_s.max())
+    figures.from_to(axes, main.time_s.min(), main.time_s.max())
 
 
 OVER_TIME = {  # title and column

@@ -165,10 +165,9 @@ def run(
 
 def _finish_run(folder: Path, replay: bool, quiet: bool) -> None:
     """Make the replay, if it is wanted, and print the folder."""
-    if replay:
-        made = replay_of(folder)
-        if not quiet:
-            out.print(f"replay, for any browser: {made}", soft_wrap=True)
+    made = replay_of(folder) if replay else None
+    if made and not quiet:
+        out.print(f"replay, for any browser: {made}", soft_wrap=True)
     print(folder)
 
 
@@ -453,10 +452,10 @@ def plot(
 
     names = [name.strip() for name in (what or "").split(",") if name.strip()]
     known = [*NAMES, "all"]
-    faults = [
-        f"--what: {name!r}: no such picture; there are {', '.join(known)}{did_you_mean(name, known)}"
-        for name in names
-        if name not in known
+    hints = {name: did_you_mean(name, known) for name in names if name not in known}
+    faults = [  # a hint that lists what is known says nothing more
+        f"--what: {name!r}: no such picture; there are {', '.join(known)}{hint if 'did you mean' in hint else ''}"
+        for name, hint in hints.items()
     ]
     if format and format not in FORMATS:
         faults.append(f"--format: {format!r}: must be png, svg or pdf")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from platoontraffic.cli.progress import err
 from platoontraffic.errors import InputError, not_written, shortened
 
 if TYPE_CHECKING:
@@ -58,12 +59,16 @@ def print_json(document: Any) -> None:
     print(text)
 
 
-def replay_of(folder: Path) -> Path:
-    """The page of a run, made now."""
-    from platoontraffic.replay import page
+def replay_of(folder: Path) -> Path | None:
+    """The page of a run, made now; None, and a note, if no member was ever on the road."""
+    from platoontraffic.replay import NoMembersError, page
 
     with result_faults():
-        return page(folder, folder / "replay.html")
+        try:
+            return page(folder, folder / "replay.html")
+        except NoMembersError as error:
+            err.print(f"there is no replay: {error}", soft_wrap=True)
+            return None
 
 
 def document(folder: Path, replay: Path | None) -> dict[str, Any]:

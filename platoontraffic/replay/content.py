@@ -7,19 +7,20 @@ Lengths are in steps of 1 mm for robots and 1 cm for cars, from the lower left c
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from platoontraffic.analysis.following import stretches
 from platoontraffic.analysis.reading import ResultsError, inside, read_table
 from platoontraffic.analysis.results import Results, Scans
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import LidarModel, ScanBatch
 from platoontraffic.lidar.segments import find_segments
 from platoontraffic.replay.columns import Columns
+from platoontraffic.replay.instants import config_of, end_of, instants
 
 SMALL = 2.0  # shorter vehicles are robots [m]
 ANGLE, TIME, SPEED = 1e-3, 1e-3, 1e-3  # steps [rad, s, m/s]
@@ -55,17 +56,21 @@ KEY_METRICS = {
 }
 
 
+class NoMembersError(ResultsError):
+    """The run has no member to show."""
+
+
 def packed(results: Results, chosen: str | None = None) -> bytes:
     """All data of the page, compressed.
 
     chosen: the member that is selected at first; default: the first follower
 
-    raises: ResultsError, InputError if there is no such member
+    raises: ResultsError, NoMembersError, InputError if there is no such member
     """
     columns = Columns()
     members = results.trajectories.drop_duplicates("vehicle_id").sort_values(["platoon_id", "place"], kind="stable")
     if members.empty:
-        raise ResultsError(f"{results.folder}: no member was ever on the road")
+        raise NoMembersError(f"{results.folder}: no member was ever on the road")
     ids = members.vehicle_id.tolist()
     if chosen is not None and chosen not in ids:
         raise InputError(f"--vehicle: no member {chosen!r} in this run{did_you_mean(chosen, ids)}")
@@ -75,6 +80,7 @@ def packed(results: Results, chosen: str | None = None) -> bytes:
     step = 0.01 if town else 0.001
     header = {
         **_facts(results),
+        "until": end_of(results),
         "origin": low.tolist(),
         "town": bool(town),
         "scene": {kind: _shape(columns, lines, low, step) for kind, lines in results.scene.items()},
@@ -94,14 +100,11 @@ def _facts(results: Results) -> dict[str, Any]:
     """Title and origin of the run; the page does without them if their files cannot be read."""
     package, provenance = (_json(results, name) for name in ("datapackage.json", "provenance.json"))
     resources = {r.get("name"): r for r in package.get("resources", [])}
-    end = results.events.loc[results.events.kind == "end", "time_s"]
-    until = float(end.iloc[0]) if len(end) else float(results.trajectories.time_s.max())
     return {
         "title": package.get("title") or results.folder.parent.name,
         "run": f"{results.folder.resolve().parent.name}/{results.folder.resolve().name}",
         "seed": provenance.get("seed"),
         "version": provenance.get("version"),
-        "until": until,
         "kinds": resources.get("events", {}).get("kinds", {}),
         "replayRecordsScans": _replay_records_scans(results),
     }
@@ -109,10 +112,7 @@ def _facts(results: Results) -> dict[str, Any]:
 
 def _replay_records_scans(results: Results) -> bool:
     """Whether `run --replay` records scans of this scenario; it does not where all members are from the traffic."""
-    try:
-        config = tomllib.loads(inside(results.folder, "config.toml").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return True
+    config = config_of(results)
     return "platoon" in config or "equip" not in config
 
 
@@ -142,12 +142,12 @@ def _sizes(results: Results, ids: Sequence[str]) -> tuple[np.ndarray, np.ndarray
     return known.length_m.fillna(SIZES[True][0]).to_numpy(), known.width_m.fillna(SIZES[True][1]).to_numpy()
 
 
-def _tracks(columns: Columns, rows: pd.DataFrame, ids: Sequence[str], low: np.ndarray, step: float):
+def _tracks(columns: Columns, rows: pd.DataFrame, ids: Sequence[str], low: np.ndarray, step: float, times: np.ndarray):
     """The rows sorted by vehicle and time, and the columns of their poses.
 
+    times  : the instants of the rows, and some without rows [s]
     returns: rows, columns by name
     """
-    times = np.unique(rows.time_s)
     rows = rows.assign(
         vehicle=pd.Index(ids).get_indexer(rows.vehicle_id), instant=np.searchsorted(times, rows.time_s)
     ).sort_values(["vehicle", "instant"], kind="stable")
@@ -173,7 +173,8 @@ def _tracks(columns: Columns, rows: pd.DataFrame, ids: Sequence[str], low: np.nd
 
 def _members(columns: Columns, results: Results, members: pd.DataFrame, low: np.ndarray, step: float) -> dict:
     ids = members.vehicle_id.tolist()
-    rows, written = _tracks(columns, results.trajectories, ids, low, step)
+    times = instants(results, results.trajectories, "every_s")
+    rows, written = _tracks(columns, results.trajectories, ids, low, step, times)
     length, width = _sizes(results, ids)
     laser_x, laser_y, laser_yaw = _lasers(results, ids, length)
     target = rows.target_id.fillna("") if "target_id" in rows else pd.Series("", index=rows.index)
@@ -182,6 +183,7 @@ def _members(columns: Columns, results: Results, members: pd.DataFrame, low: np.
         "ids": ids,
         "platoons": members.platoon_id.tolist(),
         "places": members.place.tolist(),
+        "predecessors": _predecessors(results, members),
         "length": columns.add(length, 0.001),
         "width": columns.add(width, 0.001),
         "laserX": columns.add(laser_x, 1e-4),
@@ -192,6 +194,20 @@ def _members(columns: Columns, results: Results, members: pd.DataFrame, low: np.
         "targets": targets,
         "target": columns.add(pd.Index(targets).get_indexer(target) if targets else np.full(len(rows), -1.0)),
     }
+
+
+def _predecessors(results: Results, members: pd.DataFrame) -> list[list[tuple[float, float | None, int]]]:
+    """Begin, end and number of each predecessor of each member, by time; an end of None is that of the run [s]."""
+    places = {m.vehicle_id: (m.platoon_id, m.place) for m in members.itertuples()}
+    number, start, end = {v: i for i, v in enumerate(places)}, results.trajectories.time_s.min(), end_of(results)
+    return [
+        [
+            (max(one.begin, start), None if one.end >= end else one.end, number[one.ahead])
+            for one in own
+            if one.ahead in number
+        ]
+        for own in stretches(places, results.events, end).values()
+    ]
 
 
 def _lasers(results: Results, ids: Sequence[str], length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -208,7 +224,8 @@ def _traffic(columns: Columns, results: Results, low: np.ndarray, step: float) -
     if results.traffic is None:
         return None
     ids = results.traffic.vehicle_id.drop_duplicates().tolist()
-    rows, written = _tracks(columns, results.traffic, ids, low, step)
+    times = instants(results, results.traffic, "traffic_every_s")
+    rows, written = _tracks(columns, results.traffic, ids, low, step, times)
     length, width = _sizes(results, ids)
     return {
         "ids": ids,

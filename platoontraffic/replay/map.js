@@ -66,10 +66,10 @@ class RoadMap {
     const when = run.members.instant(time);
     const chosen = run.members.pose(view.chosen, when);
     if (view.layers.paths) this.#trails(camera, time, when, view);
-    if (view.layers.scan && run.scans) drawn.scan = this.#scan(camera, time, view);
+    if (chosen && view.layers.scan && run.scans) drawn.scan = this.#scan(camera, time, view);
     if (view.layers.signals && run.signals) drawn.signals = this.#signals(camera, time);
     if (run.traffic && view.layers.traffic) drawn.traffic = this.#traffic(camera, time, view);
-    if (view.layers.remembered && run.scans) drawn.remembered = this.#remembered(camera, time, view);
+    if (chosen && view.layers.remembered && run.scans) drawn.remembered = this.#remembered(camera, time, view);
     this.taken = []; // boxes of the labels of this frame, which give way to each other
     if (run.traffic && view.layers.obstacles) drawn.obstacles = this.#obstacles(camera, time, view);
     this.#members(camera, when, view, drawn);
@@ -397,16 +397,15 @@ class RoadMap {
     return path.length;
   }
 
-  /** What the law takes for its predecessor: a ring if it is that, else a cross. */
+  /** What the law takes for its predecessor: a ring if it is that, else a cross; a square if there is no predecessor. */
   #target(camera, pose, when, view) {
     const { context, palette, run: { members } } = this;
     const target = members.targetPoint(view.chosen, pose, when.share);
     if (!target) return null;
-    const id = members.targetId(pose.row), ahead = members.ahead[view.chosen];
-    const right = ahead >= 0 && id === members.ids[ahead];
+    const id = members.targetId(pose.row), right = members.isRight(view.chosen, pose.row, when);
     const [sx, sy] = camera.screen(target.sensor.x, target.sensor.y);
     const [px, py] = camera.screen(target.x, target.y);
-    const colour = right ? palette.right : palette.wrong;
+    const colour = right === null ? palette.ink : right ? palette.right : palette.wrong;
     const size = Math.min(Math.max(0.5 * members.width[view.chosen] * camera.scale, 4), 7);
     for (const [width, style] of [[5, palette.ground], [2.4, colour]]) {
       context.strokeStyle = style;
@@ -420,6 +419,8 @@ class RoadMap {
       context.beginPath();
       if (right) {
         context.arc(px, py, size, 0, 2 * Math.PI);
+      } else if (right === null) {
+        context.rect(px - size, py - size, 2 * size, 2 * size);
       } else {
         for (const s of [-1, 1]) {
           context.moveTo(px - size, py - size * s);

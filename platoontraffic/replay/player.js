@@ -35,7 +35,7 @@ const SIGNS = {
 const MEANINGS = {
   scan: "The last scan of the chosen member: the area that it swept, some of its beams, and all returns; it fades until the next",
   segments: "Groups of neighbouring returns",
-  target: "What the law of the chosen member takes for its predecessor: a ring if it is that, a cross if it is something else",
+  target: "What the law of the chosen member takes for its predecessor: a ring if it is that, a cross if it is something else, a square if there is no predecessor at that time",
   remembered: "The path that the law of the chosen member remembers",
   paths: "Where the platoon's members were in the last 30 s",
   traffic: "Vehicles that SUMO drives",
@@ -160,12 +160,19 @@ class Player {
     this.speed = speed;
     element("speed").value = speed;
     this.seek(time, false);
-    if (playing !== this.playing) this.play(playing);
+    this.time = Math.min(time, this.run.until); // also before the begin of this run: it then begins when the other is there
+    const goesOn = playing && time < this.run.until - SOON; // at its end it waits for the other
+    if (goesOn !== this.playing) this.#set(goesOn);
     this.told = false;
   }
 
+  /** Play or pause; at the end it plays from the begin. */
   play(playing) {
     if (playing && this.time >= this.run.until - SOON) this.time = this.run.from;
+    this.#set(playing);
+  }
+
+  #set(playing) {
     this.playing = playing;
     this.stale = true;
     const button = element("play");
@@ -213,7 +220,7 @@ class Player {
       this.stale = true;
       if (this.time >= this.run.until) {
         this.told = true; // a longer run beside it goes on
-        this.play(false);
+        this.#set(false);
         this.told = false;
       }
     }
@@ -287,11 +294,9 @@ class Player {
       show(speed, there ? digits(members.speed[row], 2) : "");
       show(gap, there ? digits(members.gap[row], 2) : "");
       show(error, there ? digits(members.error[row], 2) : "");
-      const id = there ? members.targetId(row) : "", ahead = members.ahead[v];
-      const right = ahead >= 0 && id === members.ids[ahead];
+      const id = there ? members.targetId(row) : "", right = there ? members.isRight(v, row, when) : null;
       if (!there) show(sees, "not on the road", "info");
-      else if (ahead < 0 && !id) show(sees, "");
-      else if (ahead < 0) show(sees, id);
+      else if (right === null) show(sees, id);
       else show(sees, id ? `${right ? "✓" : "✗"} ${id}` : "✗ nothing", right ? "sees-right" : "sees-wrong");
     });
   }
@@ -359,14 +364,14 @@ class Player {
   /** Text for screen readers. */
   #announce() {
     const { members } = this.run;
-    const row = members.row(this.chosen, members.instant(this.time));
+    const when = members.instant(this.time), row = members.row(this.chosen, when);
     const id = members.ids[this.chosen];
     const parts = [seconds(this.time)];
     if (row < 0) parts.push(`${id} is not on the road`);
     else {
       parts.push(`${id}: speed ${digits(members.speed[row], 1)} metres per second`);
       if (!Number.isNaN(members.gap[row])) parts.push(`gap ${digits(members.gap[row], 1)} metres`);
-      if (members.ahead[this.chosen] >= 0) parts.push(`target of its law: ${members.targetId(row) || "none"}`);
+      if (members.ahead(this.chosen, when) >= 0) parts.push(`target of its law: ${members.targetId(row) || "none"}`);
     }
     element("now").textContent = parts.join(", ");
   }

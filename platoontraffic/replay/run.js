@@ -62,10 +62,10 @@ class Tracks {
     this.vehicle.forEach((v, track) => this.tracksOf[v].push(track));
   }
 
-  /** Instant before a time, and how far it is to the next one, 0 to 1; the last instant of all at and after it. */
+  /** Instant before a time (-1: there is none), and how far it is to the next one, 0 to 1; the last one at and after it. */
   instant(time) {
-    const i = Math.max(lastUpTo(this.times, time + SOON), 0);
-    const share = i + 1 < this.times.length ? (time - this.times[i]) / (this.times[i + 1] - this.times[i]) : 0;
+    const i = lastUpTo(this.times, time + SOON);
+    const share = i >= 0 && i + 1 < this.times.length ? (time - this.times[i]) / (this.times[i + 1] - this.times[i]) : 0;
     return { i, share: Math.min(Math.max(share, 0), 1) };
   }
 
@@ -126,8 +126,20 @@ class Members extends Tracks {
     }
     this.speed ??= new Float32Array(this.x.length).fill(NaN);
     this.target = column(given.target, Int32Array);
-    this.ahead = this.ids.map((_, v) =>
-      this.ids.findIndex((_, w) => this.platoon[w] === this.platoon[v] && this.place[w] === this.place[v] - 1));
+    this.predecessors = given.predecessors; // of each member: begin, end (null: that of the run) and number of each
+  }
+
+  /** Number of a vehicle's predecessor at an instant; -1: it follows nobody, or that has left the road. */
+  ahead(vehicle, { i }) {
+    const time = this.times[i];
+    const stretch = this.predecessors[vehicle].find(([begin, end]) => begin <= time + SOON && time + SOON < (end ?? Infinity));
+    return stretch ? stretch[2] : -1;
+  }
+
+  /** Whether the law's target, by row, is the predecessor: true or false; null if there is no predecessor. */
+  isRight(vehicle, row, when) {
+    const ahead = this.ahead(vehicle, when);
+    return ahead < 0 ? null : this.targetId(row) === this.ids[ahead];
   }
 
   /** Object that the law's target lies on, by row: an id, "wall", or "". */
@@ -166,7 +178,8 @@ class Scans {
     this.path = path && { offset: column(path.offset, Int32Array), x: column(path.x), y: column(path.y) };
     this.offset = new Float64Array(this.time.length + 1);
     this.laserOf = new Map();
-    column(given.member, Int32Array).forEach((member, laser) => this.laserOf.set(member, laser));
+    const recorded = new Set(this.laser); // a member has several lasers, of which that of its law is here
+    column(given.member, Int32Array).forEach((member, laser) => recorded.has(laser) && this.laserOf.set(member, laser));
     this.rows = this.angleMin.map(() => [this.time.length, 0]); // first scan of each laser, and behind the last
     for (let i = 0; i < this.time.length; i++) {
       const rows = this.rows[this.laser[i]];

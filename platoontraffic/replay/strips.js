@@ -32,7 +32,7 @@ class Strip {
   }
 
   px(time) {
-    return LEFT + ((time - this.run.from) / (this.run.until - this.run.from || 1)) * (this.canvas.clientWidth - LEFT - RIGHT);
+    return LEFT + ((Math.max(time, this.run.from) - this.run.from) / (this.run.until - this.run.from || 1)) * (this.canvas.clientWidth - LEFT - RIGHT);
   }
 
   py(value) {

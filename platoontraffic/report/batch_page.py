@@ -13,7 +13,7 @@ from platoontraffic.analysis.results import Batch, load_batch
 from platoontraffic.analysis.tables import are_identical
 from platoontraffic.analysis.writing import write
 from platoontraffic.errors import InputError, did_you_mean
-from platoontraffic.report.figures import heat_map, lines
+from platoontraffic.report.figures import heat_map, lines, values_of
 from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text
 
 MOST_ROWS = 500  # rows of a table in the page; runs.csv and summary.csv have all
@@ -50,15 +50,16 @@ def page(folder: Path, to: Path, metric: str | None = None) -> Path:
     if unknown := [name for name in asked if name not in metrics]:
         raise InputError(*(f"--metric: {n!r}: no metric in summary.csv{did_you_mean(n, metrics)}" for n in unknown))
     drawn = asked or _drawn(batch, metrics)
-    chosen = "" if asked else "<p>The first metrics that differ between runs; --metric NAME,NAME draws others.</p>"
+    pictures = "".join(_pictures(batch, drawn, to))
+    chosen = "<p>The first metrics that differ between runs; --metric NAME,NAME draws others.</p>"
     listed = list(dict.fromkeys([*drawn, *(m for m in FIRST if m in metrics)]))
     points = batch.runs.drop_duplicates(batch.varied) if batch.varied else batch.runs.head(1)
     body = f"""{_facts(batch, name, len(points))}
 <h2>Varied keys</h2>
 {_varied(batch)}
 <h2>Pictures</h2>
-{chosen}
-{"".join(_pictures(batch, drawn, to)) or "<p>None, because no run is done.</p>"}
+{chosen if pictures and not asked else ""}
+{pictures or f"<p>None, because {_no_picture(batch)}.</p>"}
 <h2>Metrics by point</h2>
 {"".join(_by_point(batch, points, listed)) or "<p>No run is done.</p>"}
 <h2>Failed runs</h2>
@@ -131,23 +132,36 @@ def _varied(batch: Batch) -> str:
     )
 
 
+def _no_picture(batch: Batch) -> str:
+    if batch.summary.empty:
+        return "no run is done"
+    if not _metrics(batch):
+        return "there are no metrics"
+    return "only the seed varies" if batch.runs.seed.nunique() > 1 else "no key of the scenario varies"
+
+
 def _pictures(batch: Batch, drawn: list[str], to: Path) -> Iterable[str]:
     keys = sorted(_keys(batch), key=lambda key: -batch.runs[key].astype(str).nunique())
     pooled = f"; mean over all values of {', '.join(keys[2:])}" if len(keys) > 2 else ""
+    numbered = "".join(f". {meaning}" for key in keys[:2] if (meaning := values_of(batch, key).meaning))
     for metric in drawn if keys else ():
         if batch.summary[metric].isna().all():
             yield f"<p>{text(metric)}: no run has a value of it.</p>"
             continue
         unit = batch.summary.attrs["units"].get(metric, "")
-        dots = "each run, and " if len(keys) == 1 else f"a line for each {keys[1]}, "
+        joined = "a line" if values_of(batch, keys[0]).numeric else "a colour"
+        dots = "each run, and " if len(keys) == 1 else f"{joined} for each {keys[1]}, "
         fewest = batch.summary.dropna(subset=[metric]).groupby(keys[:2])["seed"].nunique().min()
         few = f", too narrow with fewer than {ENOUGH} seeds" if fewest < ENOUGH else ""
-        caption = f"{metric} over {keys[0]}: {dots}means with their 95 % intervals{few}{pooled}"
+        means = f"means with their 95 % intervals{few}"
+        if batch.summary.seed.nunique() == 1:
+            dots, means = dots.replace("each run, and ", ""), "one seed, so without intervals"
+        caption = f"{metric} over {keys[0]}: {dots}{means}{pooled}{numbered}"
         many = len(keys) > 1 and batch.runs[keys[1]].astype(str).nunique() > MOST_LINES
         if not many:
             yield figure_files(lines(batch, keys, metric, unit), to, metric, caption)
         if len(keys) > 1:
-            caption = f"Mean of {metric} over {keys[0]} and {keys[1]}{pooled}; empty: no value"
+            caption = f"Mean of {metric} over {keys[0]} and {keys[1]}{pooled}; empty: no value{numbered}"
             name = metric if many else f"{metric}-map"
             yield figure_files(heat_map(batch, keys[0], keys[1], metric, unit), to, name, caption)
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from platoontraffic.analysis.comparison import cells, compared, difference_figure
+from platoontraffic.analysis.comparison import cells, compared, difference, difference_figure, shared_platoon
 from platoontraffic.analysis.outcome import headline
 from platoontraffic.analysis.reading import inside, read_table
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import write
-from platoontraffic.report.markup import details, document, figure_files, read_json, table
+from platoontraffic.report.markup import details, document, figure_files, read_json, table, text
 
 
 def page(folders: Sequence[Path], to: Path) -> Path:
@@ -28,23 +28,61 @@ def page(folders: Sequence[Path], to: Path) -> Path:
     names = _names(runs)
     metrics = compared(folders)
     title = read_json(runs[0].folder, "datapackage.json").get("title") or runs[0].folder.resolve().parent.name
-    drawn = difference_figure(runs[0], runs[1:], names[1:])
     body = f"""{table("The runs", ("run", "folder", "did it hold?"), _answers(runs, names))}
 <h2>What differs</h2>
-{figure_files(drawn, Path(to), "differences", f"Gap and speed minus those of {names[0]}, over time")}
-{_differences("The whole run", metrics[metrics.scope == "run"], names)}
-{_of_members(metrics, names)}
-<p>Metrics that are equal in all runs are left out; what they mean is in each run's own report.</p>"""
+{_picture(runs, names, Path(to))}
+{_metrics(metrics, names)}"""
     return write(Path(to), document(f"{title}: {len(runs)} runs", title, body).encode())
 
 
+def _picture(runs: Sequence[Results], names: Sequence[str], to: Path) -> str:
+    """Differences over time to the runs that share a platoon with the first one; the others are named."""
+    first, *others = runs
+    shares = [shared_platoon(first, other) is not None for other in others]
+    alone = [name for name, shared in zip(names[1:], shares, strict=True) if not shared]
+    drawn = [(other, name) for other, name, shared in zip(others, names[1:], shares, strict=True) if shared]
+    parts = []
+    if drawn and all(_are_equal(first, other) for other, _ in drawn):
+        parts.append("<p>No picture: at the instants that they share, the runs have equal gaps and speeds.</p>")
+    elif drawn:
+        figure = difference_figure(first, *zip(*drawn, strict=True))
+        parts.append(figure_files(figure, to, "differences", f"Gap and speed minus those of {names[0]}, over time"))
+    if alone:
+        parts.append(f"<p>Not drawn, without a member that {text(names[0])} has too: {text(', '.join(alone))}.</p>")
+    return "".join(parts)
+
+
+def _are_equal(first: Results, other: Results) -> bool:
+    """Whether gaps and speeds are equal wherever both runs have them."""
+    tables = first.trajectories, other.trajectories
+    return all(not difference(*tables, column)[column].any() for column in ("gap_m", "speed_mps"))
+
+
+def _metrics(metrics: pd.DataFrame, names: Sequence[str]) -> str:
+    """Tables of the metrics that differ."""
+    of_run, of_members = (metrics[metrics.scope == scope] for scope in ("run", "vehicle"))
+    if of_run.empty and of_members.empty:
+        return "<p>No metric differs.</p>"
+    whole = "" if of_run.empty else _differences("The whole run", of_run, names)
+    return f"""{whole or "<p>No metric of the whole run differs.</p>"}
+{_of_members(metrics, names)}
+<p>Metrics that are equal in all runs are left out; what they mean is in each run's own report.</p>"""
+
+
 def _names(runs: Sequence[Results]) -> list[str]:
-    """What changes in each run: its branch, or else the name of its folder, which also tells equal ones apart."""
+    """What changes in each run: its branch, or else the name of its folder, which also tells equal ones apart.
+
+    Runs with the same name are numbered.
+    """
     branches, folders = list(map(_branch, runs)), [run.folder.resolve().name for run in runs]
     alone = "without a branch" if branches.count("") == 1 else ""
     names = [branch or alone or folder for branch, folder in zip(branches, folders, strict=True)]
+    names = [
+        name if names.count(name) == 1 or name == folder else f"{name}, {folder}"
+        for name, folder in zip(names, folders, strict=True)
+    ]
     return [
-        name if names.count(name) == 1 else f"{name}, {folder}" for name, folder in zip(names, folders, strict=True)
+        name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})" for i, name in enumerate(names)
     ]
 
 
@@ -71,5 +109,7 @@ def _differences(caption: str, metrics: pd.DataFrame, names: Sequence[str]) -> s
 
 def _of_members(metrics: pd.DataFrame, names: Sequence[str]) -> str:
     members = metrics[metrics.scope == "vehicle"]
+    if members.empty:
+        return ""
     tables = (_differences(vehicle, rows, names) for vehicle, rows in members.groupby("vehicle_id", sort=False))
     return details("Each member", "".join(tables))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -19,27 +21,90 @@ POINTS = "#56B4E9"
 AT = "place on the axis"  # column
 
 
+class Values(NamedTuple):
+    """The values of a varied key, and their labels in pictures."""
+
+    known: list  # in the order of the axis
+    labels: list[str]
+    meaning: str  # of labels that are only numbers; "" if all say what they are of
+    numeric: bool
+
+    def places(self, values: pd.Series) -> np.ndarray:
+        """Index of each value."""
+        return pd.Index(self.known).get_indexer(values)
+
+
+def values_of(batch: Batch, key: str) -> Values:
+    """Numbers in ascending order; others in that of the study.
+
+    Tables are called by the keys in which they differ. If labels are too long or equal, the values are numbered.
+    """
+    column = batch.runs[key]
+    if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column):
+        known = sorted(column.unique())
+        labels = [f"{value:g}" for value in known]
+        return Values(known, labels if len(set(labels)) == len(known) else list(map(str, known)), "", True)
+    known = column.unique().tolist()
+    texts = _differences([str(value).lower() if isinstance(value, bool) else str(value) for value in known])
+    if max(map(len, texts)) <= LONGEST and len(set(texts)) == len(texts):
+        return Values(known, [_plain(text) for text in texts], "", False)
+    numbers = [str(number) for number in range(1, len(known) + 1)]
+    listed = "; ".join(f"{number}: {text}" for number, text in zip(numbers, texts, strict=True))
+    return Values(known, numbers, f"{key}: {listed}", False)
+
+
+def _differences(texts: list[str]) -> list[str]:
+    """Texts that are tables as JSON, by the keys whose values differ; others as they are."""
+    try:
+        tables = [dict(_leaves(json.loads(text))) for text in texts]
+    except ValueError:
+        return texts
+    keys = dict.fromkeys(key for table in tables for key in table)
+    differ = [key for key in keys if len({repr(table.get(key)) for table in tables}) > 1]
+    if not all(differ and key for key in keys):  # plain values
+        return texts
+    return [", ".join(f"{key} = {table[key]}" for key in differ if key in table) or "none of these" for table in tables]
+
+
+def _leaves(value: Any, path: str = "") -> list[tuple[str, Any]]:
+    """The values in a table with their dotted keys; in a list, keys are numbers."""
+    if isinstance(value, list):
+        value = {str(i): one for i, one in enumerate(value)}
+    if not isinstance(value, dict):
+        return [(path, value)]
+    return [leaf for key, one in value.items() for leaf in _leaves(one, f"{path}.{key}" if path else key)]
+
+
 def lines(batch: Batch, keys: Sequence[str], metric: str, unit: str) -> Figure:
     """Mean with its interval over the first key, a line for each value of the second; each run as a dot if there is
-    none. Over the values of further keys each seed has its mean."""
+    none. Over the values of further keys each seed has its mean. Values that are no numbers are not joined."""
     summary = batch.summary[[*keys, "seed", metric]].dropna(subset=[metric])
     if len(keys) > 2:
         summary = summary.groupby([*keys[:2], "seed"], sort=False)[metric].mean().reset_index()
-    x, labels = _places(summary[keys[0]], batch.runs[keys[0]])
+    across = values_of(batch, keys[0])
+    x = summary[keys[0]].to_numpy(dtype=float) if across.numeric else across.places(summary[keys[0]])
     summary = summary.assign(**{AT: x})
+    if len(keys) > 1:
+        by = values_of(batch, keys[1])
+        order = pd.CategoricalDtype(by.labels, ordered=True)
+        places = by.places(summary[keys[1]])
+        names = pd.Series(np.array(by.labels, dtype=object)[places], index=summary.index)
+        beside = 0.0 if across.numeric else 0.5 * ((places + 0.5) / len(by.known) - 0.5)  # equal ones would hide others
+        summary = summary.assign(**{keys[1]: names.astype(order), AT: x + beside})
     made = _figure(7.5, 4)
     axes = made.subplots()
     with warnings.catch_warnings(action="ignore", category=UserWarning):  # of points with too few runs
         points = summarise(summary, metric, [*keys[1:2], AT])
     if len(keys) > 1:
-        figures.estimates(points, AT, axes, keys[1])
+        figures.estimates(points, AT, axes, keys[1], joined=across.numeric)
         axes.get_legend().remove()
         made.legend(title=_plain(keys[1]), loc="outside right upper", frameon=False, fontsize=8)
     else:
         axes.plot(x, summary[metric], "o", color=POINTS, markersize=4, alpha=0.7)
-        figures.estimates(points, AT, axes)
-    if labels is not None:
-        axes.set_xticks(range(len(labels)), labels, rotation=20, ha="right")
+        figures.estimates(points, AT, axes, joined=across.numeric)
+    if not across.numeric:
+        axes.set_xticks(range(len(across.labels)), across.labels, rotation=20, ha="right")
+        axes.set_xlim(-0.5, len(across.labels) - 0.5)
     axes.set_xlabel(_plain(keys[0]))
     axes.set_ylabel(_named(metric, unit))
     return made
@@ -48,9 +113,11 @@ def lines(batch: Batch, keys: Sequence[str], metric: str, unit: str) -> Figure:
 def heat_map(batch: Batch, key: str, other: str, metric: str, unit: str) -> Figure:
     """Mean at every pair of values in the study; the first key is on the horizontal axis."""
     summary = batch.summary
-    (x, across), (y, up) = (_order(summary[name], batch.runs[name]) for name in (key, other))
-    means = summary[metric].groupby([y, x]).mean().unstack().reindex(index=range(len(up)), columns=range(len(across)))
-    made = _figure(max(5.0, min(2.5 + 0.8 * len(across), 14)), max(3.0, min(1.8 + 0.5 * len(up), 12)))
+    across, up = (values_of(batch, name) for name in (key, other))
+    x, y = across.places(summary[key]), up.places(summary[other])
+    means = summary[metric].groupby([y, x]).mean().unstack()
+    means = means.reindex(index=range(len(up.known)), columns=range(len(across.known)))
+    made = _figure(max(5.0, min(2.5 + 0.8 * len(across.known), 14)), max(3.0, min(1.8 + 0.5 * len(up.known), 12)))
     axes = made.subplots()
     drawn = axes.imshow(
         np.ma.masked_invalid(means.to_numpy(dtype=float)), origin="lower", aspect="auto", cmap="cividis"
@@ -60,29 +127,13 @@ def heat_map(batch: Batch, key: str, other: str, metric: str, unit: str) -> Figu
         for (row, column), value in np.ndenumerate(means.to_numpy(dtype=float)):
             if not np.isnan(value):
                 colour = "black" if value > middle else "white"
-                axes.text(column, row, f"{value:.3g}", ha="center", va="center", fontsize=8, color=colour)
-    axes.set_xticks(range(len(across)), across, rotation=30, ha="right")
-    axes.set_yticks(range(len(up)), up)
-    axes.set_xlabel(key)
-    axes.set_ylabel(other)
+                axes.text(column, row, figures.number(value), ha="center", va="center", fontsize=8, color=colour)
+    axes.set_xticks(range(len(across.labels)), across.labels, rotation=30, ha="right")
+    axes.set_yticks(range(len(up.labels)), up.labels)
+    axes.set_xlabel(_plain(key))
+    axes.set_ylabel(_plain(other))
     made.colorbar(drawn, ax=axes, label=_named(metric, unit))
     return made
-
-
-def _places(values: pd.Series, there: pd.Series) -> tuple[np.ndarray, list[str] | None]:
-    """Positions of values on an axis, and their labels; None for numbers."""
-    if pd.api.types.is_numeric_dtype(values) and not pd.api.types.is_bool_dtype(values):
-        return values.to_numpy(dtype=float), None
-    return _order(values, there)
-
-
-def _order(values: pd.Series, there: pd.Series) -> tuple[np.ndarray, list[str]]:
-    """Index of each value among the known ones, numbers in ascending order; and the labels of the latter."""
-    numeric = pd.api.types.is_numeric_dtype(there)
-    known = sorted(there.unique()) if numeric else there.unique().tolist()
-    labels = [f"{value:g}" if numeric else str(value) for value in known]
-    short = [label if len(label) <= LONGEST else f"{label[: LONGEST - 1]}…" for label in labels]
-    return pd.Index(known).get_indexer(values), [_plain(label) for label in short]
 
 
 def _plain(text: str) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 
 from platoontraffic.analysis import crowd
+from platoontraffic.analysis.figures import main_platoon
 from platoontraffic.analysis.outcome import headline
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import write
@@ -114,11 +115,19 @@ def _pictures(results: Results, to: Path) -> Iterable[str]:
     many = crowd.is_crowd(results.trajectories)
     captions = CAPTIONS_OF_CROWDS if many else CAPTIONS
     drawn = pictures.there(results, captions)
-    yield figure_files(drawn.pop("map"), to, "road", captions["map"])
+    which = "" if many else _which(results)
+    yield figure_files(drawn.pop("map"), to, "road", f"{captions['map']}{which and '; the other platoons in grey'}")
     if not many:
-        yield figure_files(pictures.strips_figure(results), to, "strips", STRIPS)
+        yield figure_files(pictures.strips_figure(results), to, "strips", STRIPS + which)
     for name, figure in drawn.items():
-        yield figure_files(figure, to, name, captions[name])
+        yield figure_files(figure, to, name, captions[name] + which)
+
+
+def _which(results: Results) -> str:
+    """The platoon that pictures show, as words for captions; "" if there is only one."""
+    table = results.trajectories
+    n = table.platoon_id.nunique()
+    return f"; shows {main_platoon(table)}, the largest of {n} platoons" if n > 1 else ""
 
 
 def _metrics(results: Results, meanings: dict[str, dict[str, str]]) -> str:

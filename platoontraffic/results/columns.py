@@ -282,7 +282,7 @@ TRIPS = (
 PASSAGES = (
     time(),
     text("edge_id", "edge whose end was passed by the front bumper"),
-    integer("lane_index", "lane of it, 0 rightmost"),
+    integer("lane_index", "lane of it, 0 the outermost: the rightmost, on left-hand roads the leftmost"),
     text("vehicle_id", "vehicle"),
     text("type", "vehicle type that it has in the demand"),
     integer("member", "1: a member; 0: a vehicle of the traffic"),

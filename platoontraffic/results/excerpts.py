@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.results.following import NOBODY, Stretch, lengths, split_off, stretches, within
+from platoontraffic.analysis.following import NOBODY, Stretch, lengths, split_off, stretches, within
 from platoontraffic.results.statistics import NOTHING, Row, by_vehicle, of_values
 from platoontraffic.results.strings import Gains, Motion, gains_behind, head_to_tail, overlaps, together, without
 from platoontraffic.world.events import GONE

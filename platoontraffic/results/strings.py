@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.results.following import NOBODY, Stretch
+from platoontraffic.analysis.following import NOBODY, Stretch
 
 FILTER = 1.0  # accelerations are means over this time [s]: a laser's noise has most of its power above its inverse
 EXCITED = 0.05  # mean acceleration from which a predecessor disturbs: ten times a follower's own by noise [m/s2]

@@ -135,7 +135,7 @@ class Start(Table):
     edge: str
     """Edge on which the leader starts."""
     lane: LaneIndex = 0
-    """Index of the lane, 0 rightmost."""
+    """Index of the lane, 0 the outermost: the rightmost, on left-hand roads the leftmost."""
     position_m: Finite
     """Position of the leader's front bumper along the lane [m]."""
     lateral_m: Finite = 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,9 @@ from platoontraffic.analysis import (
     summarise,
     time_space,
 )
+from platoontraffic.analysis.figures import gap_distribution
+from platoontraffic.analysis.following import SPLIT_AFTER
+from platoontraffic.analysis.pictures import strips_figure
 from tests.support.made_runs import RADIUS, SPEED, made_run
 
 HERE = Path(__file__).parent
@@ -84,6 +88,37 @@ def test_losses_are_bars_from_the_loss_to_the_lock(ring, axes):
     assert bar.get_extents().intervalx.tolist() == [10, 12]
 
 
+def orders(ring) -> pd.DataFrame:
+    """The events of the run, and orders by which the last member is split off from 5 to 9 s."""
+    columns = ["time_s", "kind", "vehicle_id", "other_id", "what", "done"]
+    told = [
+        (5.0, "told", "platoon.2", "", "split", 1),
+        (9.0, "told", "platoon.2", "platoon.1", "join", 1),
+        (9.0, "rejoined", "platoon.2", "platoon.1", "", None),
+        (15.0, "told", "platoon.1", "", "split", 0),
+    ]
+    return pd.concat([ring.events, pd.DataFrame(told, columns=columns)]).sort_values("time_s", kind="stable")
+
+
+def test_a_member_that_an_order_splits_off_has_a_bar(ring, axes):
+    states(orders(ring), axes, ring.trajectories)
+    (bar,) = [path for bars in axes.collections for path in bars.get_paths()]
+    assert bar.get_extents().intervalx.tolist() == [5, 9]
+    assert bar.get_extents().intervaly.mean() == -2
+
+
+def test_strips_show_splits_by_order(ring):
+    by_order = replace(ring, events=orders(ring))
+    plain, split = (strips_figure(one) for one in (ring, by_order))
+    assert len(split.axes) == len(plain.axes) + 1
+
+
+def test_gaps_while_an_order_has_split_a_member_off_are_no_gaps_of_the_platoon(ring, axes):
+    far = ring.trajectories.assign(gap_m=lambda t: t.gap_m.where((t.place < 2) | ~t.time_s.between(5, 9), 900.0))
+    gap_distribution(far, axes, orders(ring))
+    assert max(line.get_xdata().max() for line in axes.lines) < 20
+
+
 def test_without_a_loss_it_says_never(ring, axes):
     losses(ring.events[ring.events.kind != "lock_lost"], axes, ring.trajectories)
     assert [text.get_text() for text in axes.texts] == ["never"]
@@ -95,7 +130,7 @@ def test_states_are_bars_from_begin_to_end_or_to_the_last_instant(ring, axes):
     states(events, axes, ring.trajectories)
     last = ring.trajectories.time_s.max()
     bars = [path.get_extents().intervalx.tolist() for bars in axes.collections for path in bars.get_paths()]
-    assert bars == [[4, last], [3, 5], [9.5, last], [8, 9]]
+    assert bars == [[4 - SPLIT_AFTER, last], [3, 5], [9.5, last], [8, 9]]  # a split is an event when it has lasted
     assert legend(axes) == ["split off", "held", "broken"]
 
 

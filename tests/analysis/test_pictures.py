@@ -109,6 +109,7 @@ def test_plot_writes_what_it_is_asked_for(tmp_path):
     ("arguments", "said"),
     [
         (["--what", "sped"], r"--what: 'sped': no such picture; there are map, .*, all; did you mean 'speed'\?"),
+        (["--what", "nope"], r"--what: 'nope': no such picture; there are map, [^;]*, all\n$"),
         (["--format", "gif"], "--format: 'gif': must be png, svg or pdf"),
         (["--what", "gap,speed", "--to", "a.png"], "--to: is for a single picture"),
         (["--what", "lanes"], "'lane_id': not a column"),

@@ -14,9 +14,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from platoontraffic.analysis import ResultsError, load
-from platoontraffic.cli.main import app
+from platoontraffic.cli.main import _finish_run, app
 from platoontraffic.errors import InputError
-from platoontraffic.replay import page
+from platoontraffic.replay import page, page_of_two
 from platoontraffic.replay.columns import Columns
 from platoontraffic.replay.content import packed
 from tests.support.browser import NoBrowser, chromium, nameless, until
@@ -328,6 +328,47 @@ def test_two_runs_play_together(browser, made, tmp_path):
     assert failed == []
 
 
+@pytest.fixture
+def pair(browser, tmp_path):
+    """Pages side by side: the frame of each of two runs, of 4 and of 12 s."""
+    first, second = (made_run(tmp_path / name, seconds=seconds) for name, seconds in (("short", 4.0), ("long", 12.0)))
+    rows = pd.read_csv(second / "trajectories.csv")
+    rows[rows.time_s >= 1.0].to_csv(second / "trajectories.csv", index=False)
+    tab = browser.new_page(viewport={"width": 1600, "height": 800})
+    tab.goto(page_of_two(first, second, tmp_path / "two.html").as_uri())
+    for frame in tab.frames[1:]:
+        until(frame, "window.replay?.drawn")
+    yield tab.frames[1:]
+    tab.close()
+
+
+def times(pair) -> list[float]:
+    return [frame.evaluate("replay.time") for frame in pair]
+
+
+def test_the_shorter_of_two_runs_waits_at_its_end(pair):
+    short, long = pair
+    long.locator("#slider").evaluate("s => { s.value = 8; s.dispatchEvent(new Event('input')); }")
+    until(short, "replay.time === 4")
+    long.locator("#play").click()
+    until(long, "replay.time > 8.3")
+    assert times(pair)[0] == 4.0  # it had begun again
+    assert not short.evaluate("replay.playing")
+    long.locator("#slider").evaluate("s => { s.value = 2; s.dispatchEvent(new Event('input')); }")
+    until(short, "replay.playing && replay.time > 2.2 && replay.time < 4")
+    assert times(pair)[1] == pytest.approx(times(pair)[0], abs=0.3)
+
+
+def test_a_run_that_begins_later_waits_for_the_other(pair):
+    short, long = pair
+    seek(short, 0.0)
+    until(long, "replay.time === 0 && replay.drawn.time === 0")
+    assert long.evaluate("replay.drawn.members") == []
+    short.locator("#play").click()
+    until(short, "replay.time > 0.4")
+    assert times(pair)[1] == pytest.approx(times(pair)[0], abs=0.3)
+
+
 @pytest.mark.parametrize("name", ["run.gif", "frames"])
 def test_a_video_has_a_frame_for_each_tenth_of_its_seconds(name, tmp_path):
     folder = made_run(tmp_path / "run", seconds=2.0)
@@ -345,6 +386,7 @@ def test_a_video_has_a_frame_for_each_tenth_of_its_seconds(name, tmp_path):
     [
         (["--video", "run.avi"], "--video: 'run.avi': must end in .gif, .mp4 or .webm, or be a folder for frames"),
         (["--video", "run.gif", "--speed", "0"], "--speed: 0: must be positive"),
+        (["--video", "run.gif", "--speed", "inf"], "--speed: inf: must be positive and finite"),
         (["--video", "run.gif", "--to", "run.html"], "--video: cannot be with --to, --vehicle or --beside"),
     ],
 )
@@ -434,6 +476,18 @@ def test_the_scan_is_that_of_the_archive(opened, made):
     assert (scan["time"], scan["beams"], scan["returns"]) == (5.0, 720, returns)
     assert returns > 100
     assert scan["segments"] >= 1
+
+
+def test_a_member_with_two_lasers_shows_the_scan_of_its_law(opened, tmp_path):
+    folder = made_run(tmp_path / "run", seconds=6.0)
+    with np.load(folder / "scans.npz") as archive:
+        parts = dict(archive)
+    n = len(parts["vehicle_id"])
+    of_lasers = {name: np.concatenate([parts[name]] * 2) for name in parts if len(parts[name]) == n}
+    of_lasers["laser"] = np.repeat(["lidar", "around"], n)
+    np.savez(folder / "scans.npz", **parts | of_lasers)
+    scan = seek(opened(page(folder, folder / "replay.html")), 5.2)["drawn"]
+    assert (scan["scan"]["time"], scan["scan"]["beams"], scan["remembered"]) == (5.0, 720, REMEMBERED)
 
 
 def test_what_is_seen_with_a_layer_is_gone_without_it(opened, made):
@@ -608,6 +662,90 @@ def test_members_that_come_and_go_are_drawn_only_while_they_are_there(opened, tm
         assert any(m["id"] == "platoon.2" for m in seek(tab, time)["drawn"]["members"]) == there, time
 
 
+def test_a_scan_is_not_drawn_of_a_member_that_has_left(opened, tmp_path):
+    folder = made_run(tmp_path / "run", seconds=4.0)
+    rows = pd.read_csv(folder / "trajectories.csv")
+    rows[(rows.vehicle_id != "platoon.1") | (rows.time_s < 2.2)].to_csv(folder / "trajectories.csv", index=False)
+    tab = opened(page(folder, folder / "replay.html"))
+    assert seek(tab, 2.1)["drawn"]["scan"]["time"] == 2.0
+    assert seek(tab, 2.3)["drawn"]["scan"] is None
+
+
+def with_gaps(folder: Path) -> Path:
+    """Its members are there but from 3 to 6 s, and car.7, the only other vehicle, from 2 to 4 s."""
+    rows, others = (pd.read_csv(folder / name) for name in ("trajectories.csv", "traffic.csv"))
+    rows[(rows.time_s < 3.05) | (rows.time_s > 5.95)].to_csv(folder / "trajectories.csv", index=False)
+    there = (others.vehicle_id == "car.7") & others.time_s.between(2.0, 4.0)
+    others[there].to_csv(folder / "traffic.csv", index=False)
+    return folder
+
+
+WITH_GAPS = [(1.0, 3, 0), (2.0, 3, 1), (3.05, 3, 1), (4.4, 0, 1), (4.5, 0, 0), (5.9, 0, 0), (6.0, 3, 0), (9.9, 3, 0)]
+
+
+def test_nobody_is_on_the_road_where_a_table_has_no_rows(opened, tmp_path):
+    folder = with_gaps(made_run(tmp_path / "run", seconds=10.0))
+    tab = opened(page(folder, folder / "replay.html"))
+    tab.keyboard.press("Home")
+    for time, members, others in WITH_GAPS:
+        drawn = seek(tab, time)["drawn"]
+        assert (len(drawn["members"]), drawn["traffic"]) == (members, others), time
+    seek(tab, 4.6)
+    assert tab.locator("#members tbody").inner_text().count("not on the road") == 3
+
+
+def test_a_recording_that_is_sparse_has_no_gaps(opened, tmp_path):
+    folder = made_run(tmp_path / "run", seconds=5.0, every=1.0)
+    tab = opened(page(folder, folder / "replay.html"))
+    assert [len(seek(tab, time)["drawn"]["members"]) for time in (0.5, 3.9, 5.0)] == [3, 3, 3]
+
+
+def ordered(folder: Path, *orders: tuple, targets: dict[tuple[str, float], str]) -> Path:
+    """With orders that were carried out: time, vehicle, other, what; and targets of vehicles from times on."""
+    events = pd.read_csv(folder / "events.csv")
+    told = [(time, vehicle, other, what) for time, vehicle, other, what in orders]
+    more = pd.DataFrame(told, columns=["time_s", "vehicle_id", "other_id", "what"]).assign(kind="told", done=1)
+    more.loc[more.what == "arrived", "kind"] = "arrived"
+    pd.concat([events, more]).sort_values("time_s").to_csv(folder / "events.csv", index=False)
+    rows = pd.read_csv(folder / "trajectories.csv")
+    for (vehicle, since), target in targets.items():
+        rows.loc[(rows.vehicle_id == vehicle) & (rows.time_s >= since), "target_id"] = target
+    gone = {vehicle: time for time, vehicle, _, what in orders if what == "arrived"}
+    rows[~(rows.time_s >= rows.vehicle_id.map(gone))].to_csv(folder / "trajectories.csv", index=False)
+    return folder
+
+
+def test_after_an_order_the_target_is_compared_with_the_new_predecessor(opened, tmp_path):
+    folder = ordered(
+        made_run(tmp_path / "run", members=5, seconds=8.0),
+        (2.0, "platoon.1", "", "leave"), (4.0, "platoon.3", "", "split"), (6.0, "platoon.3", "platoon.2", "join"),
+        targets={("platoon.2", 2.0): "platoon.0", ("platoon.3", 4.0): "", ("platoon.3", 6.0): "platoon.2"},
+    )  # fmt: skip
+    tab = opened(page(folder, folder / "replay.html"))
+
+    def targets(time: float) -> list[str]:
+        seek(tab, time)
+        return tab.locator("#members tbody tr td:last-child").all_inner_texts()
+
+    assert targets(1.9) == ["", "✓ platoon.0", "✓ platoon.1", "✓ platoon.2", "✓ platoon.3"]
+    assert targets(2.0) == ["", "platoon.0", "✓ platoon.0", "✓ platoon.2", "✓ platoon.3"]  # 1 follows nobody
+    assert targets(5.0) == ["", "platoon.0", "✓ platoon.0", "", "✓ platoon.3"]
+    assert targets(8.0) == ["", "platoon.0", "✓ platoon.0", "✓ platoon.2", "✓ platoon.3"]
+    tab.get_by_role("button", name="platoon.2").first.click()
+    assert seek(tab, 4.9)["drawn"]["target"]["right"] is True
+    tab.get_by_role("button", name="platoon.1").first.click()
+    assert seek(tab, 5.1)["drawn"]["target"]["right"] is None
+
+
+def test_a_follower_whose_predecessor_has_arrived_misses_nothing(opened, tmp_path):
+    folder = made_run(tmp_path / "run", seconds=8.0)
+    folder = ordered(folder, (4.0, "platoon.0", "", "arrived"), targets={("platoon.1", 4.0): ""})
+    tab = opened(page(folder, folder / "replay.html"))
+    seek(tab, 6.0)
+    assert tab.locator("#members tbody tr td:last-child").all_inner_texts() == ["not on the road", "", "✓ platoon.1"]
+    assert tab.locator(".sees-wrong").count() == 0
+
+
 # ---- bad input
 
 
@@ -675,6 +813,17 @@ def test_a_run_without_any_member_on_the_road_is_a_fault(made, tmp_path):
         done = call(command, folder)
         assert done.exit_code == 2
         assert "no member was ever on the road" in done.stderr
+
+
+def test_a_run_without_members_has_a_note_in_place_of_its_replay(tmp_path, capsys):
+    """`run --replay` ended with exit code 2 behind a run that is done, and did not name its folder."""
+    folder = made_run(tmp_path / "run", seconds=1.0)
+    head = (folder / "trajectories.csv").read_text().splitlines()[0]
+    (folder / "trajectories.csv").write_text(head + "\n")
+    _finish_run(folder, replay=True, quiet=False)
+    said = capsys.readouterr()
+    assert said.out == f"{folder}\n"
+    assert "there is no replay: " in said.err
 
 
 def test_vehicles_may_be_called_like_numbers_or_nothing(tmp_path):

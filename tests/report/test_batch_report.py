@@ -9,7 +9,9 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from platoontraffic.analysis import load
 from platoontraffic.cli.main import app
+from platoontraffic.report.figures import heat_map, lines, values_of
 from tests.report.test_report import Reader
 from tests.support.browser import NoBrowser, chromium, nameless
 from tests.support.made_runs import EVIL, made_batch, made_run
@@ -186,3 +188,74 @@ def test_the_replay_of_a_batch_is_refused_in_a_line(batch):
     assert done.exit_code == 2
     assert len(done.stderr.splitlines()) == 1
     assert "unexpected" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("varied", "seeds", "said"),
+    [
+        ({}, 3, "None, because only the seed varies."),
+        ({KEY: [2]}, 1, "None, because no key of the scenario varies."),
+        ({KEY: [2, 3]}, 3, ""),
+    ],
+)
+def test_why_there_is_no_picture_is_said(varied, seeds, said, tmp_path):
+    """It was "no run is done", where all were."""
+    folder = made_batch(tmp_path / "study", varied, seeds=seeds, failed=0, waiting=0)
+    pictures = report(folder).partition("<h2>Pictures</h2>")[2].partition("<h2>")[0]
+    assert re.findall("None, because [^<]*", pictures) == ([said] if said else [])
+    assert ("--metric NAME,NAME" in pictures) == (not said)
+
+
+def test_one_seed_has_no_intervals(tmp_path):
+    folder = made_batch(tmp_path / "study", {KEY: [2, 3]}, seeds=1, failed=0, waiting=0)
+    assert f"gap_mean_m over {KEY}: one seed, so without intervals" in report(folder)
+
+
+def leaders(*tables: str) -> list[str]:
+    return [f'{{"law": "path", "speed_mps": 8.0, {table}}}' for table in tables]
+
+
+@pytest.mark.parametrize(
+    ("values", "labels", "meaning"),
+    [
+        (leaders('"amplitude_mps": 1.0', '"amplitude_mps": 2.0'), ["amplitude_mps = 1.0", "amplitude_mps = 2.0"], ""),
+        (leaders('"a": {"b": [1, 2]}', '"a": {"b": [1, 3]}'), ["a.b.1 = 2", "a.b.1 = 3"], ""),
+        (leaders('"a": 1', '"c": 1'), ["a = 1", "c = 1"], ""),
+        (
+            leaders('"amplitude_mps": 1.0, "rate_mps2": 4.0', '"amplitude_mps": 2.0, "rate_mps2": 5.0'),
+            ["1", "2"],
+            f"{OTHER}: 1: amplitude_mps = 1.0, rate_mps2 = 4.0; 2: amplitude_mps = 2.0, rate_mps2 = 5.0",
+        ),
+        (["x" * 40, "x" * 40 + "y"], ["1", "2"], f"{OTHER}: 1: {'x' * 40}; 2: {'x' * 40}y"),
+        (["tracking", "printed"], ["tracking", "printed"], ""),
+        ([True, False], ["true", "false"], ""),
+        ([3, 1], ["1", "3"], ""),
+    ],
+)
+def test_values_that_differ_have_labels_that_differ(values, labels, meaning, tmp_path):
+    folder = made_batch(tmp_path / "study", {OTHER: values}, failed=0, waiting=0)
+    found = values_of(load(folder), OTHER)
+    assert (found.labels, found.meaning) == (labels, meaning)
+    if meaning:
+        assert meaning.replace('"', "&quot;") in report(folder)
+
+
+@pytest.mark.parametrize(
+    ("values", "style"), [(["tracking", "printed", "path"], "None"), ([True, False], "None"), ([1, 2, 3], "-")]
+)
+def test_only_numbers_are_joined(values, style, tmp_path):
+    folder = made_batch(tmp_path / "study", {OTHER: values, KEY: ["a", "b"]}, failed=0, waiting=0)
+    axes = lines(load(folder), [OTHER, KEY], "gap_mean_m", "m").axes[0]
+    assert {container[0].get_linestyle() for container in axes.containers} == {style}
+    first, second = (container[0].get_xdata() for container in axes.containers)
+    assert (first != second).all() == (style == "None")  # otherwise equal values hide each other
+    assert len(axes.get_xticklabels()) == len(values) or style == "-"
+
+
+def test_a_heat_map_names_booleans_and_writes_numbers_out(tmp_path):
+    folder = made_batch(tmp_path / "study", {"on": [True, False], KEY: [1, 2]}, failed=0, waiting=0)
+    table = pd.read_csv(folder / "summary.csv").assign(gap_mean_m=6216.0)
+    table.to_csv(folder / "summary.csv", index=False)
+    axes = heat_map(load(folder), "on", KEY, "gap_mean_m", "m").axes[0]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["true", "false"]
+    assert {text.get_text() for text in axes.texts} == {"6216"}

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import html.parser
 import re
+import warnings
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -148,3 +150,20 @@ def test_metrics_over_members_name_the_metric_of_the_members():
     assert meanings["run"]["laps_min"].startswith(
         "least value over the members of laps: |turned_rad| / 2 pi at the end"
     )
+
+
+def test_it_says_which_of_several_platoons_its_pictures_show(tmp_path):
+    folder = made_run(tmp_path / "run", seconds=2.0)
+    rows = pd.read_csv(folder / "trajectories.csv")
+    small = rows[rows.place < 2]
+    small = small.assign(platoon_id="late", vehicle_id="late." + small.place.astype(str))
+    pd.concat([rows, small]).to_csv(folder / "trajectories.csv", index=False)
+    said = re.findall("<figcaption>(.*?)</figcaption>", page(folder, folder / "report.html").read_text())
+    assert "the other platoons in grey" in said[0]
+    assert all("; shows platoon, the largest of 2 platoons" in caption for caption in said[1:])
+
+
+def test_a_run_of_one_instant_has_a_report_without_warnings(tmp_path):
+    folder = made_run(tmp_path / "run", seconds=0.0)
+    with warnings.catch_warnings(action="error"):
+        page(folder, folder / "report.html")

@@ -5,7 +5,9 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from platoontraffic.results.following import Stretch, lengths, split_off, stretches, within
+from platoontraffic.analysis import following
+from platoontraffic.analysis.following import Stretch, lengths, split_off, stretches, within
+from platoontraffic.world import events as kinds
 from tests.results.test_metrics import events
 
 PLACES = {f"p.{i}": ("p", i) for i in range(4)} | {"q.0": ("q", 0)}
@@ -60,3 +62,12 @@ def test_a_member_is_split_off_by_events_and_from_its_orders_until_it_has_rejoin
     assert sorted(off) == [(10, 15), (20, 50), (50, 58)]
     assert lengths([(one.begin, one.end) for one in follows], off) == pytest.approx((100, 5 + 30 + 8))
     assert within(pd.Series([9.0, 10.0, 15.0, 57.0, 58.0]), off).tolist() == [False, True, False, True, False]
+
+
+def test_constants_are_those_of_the_events():
+    assert (following.SPLIT_AFTER, following.GONE) == (kinds.SPLIT_AFTER, kinds.GONE)
+
+
+def test_events_of_version_0_1_tell_no_orders():
+    departed = events(*((0.0, "departed", name) for name in PLACES)).drop(columns=["what", "done"])
+    assert stretches(PLACES, departed, END)["p.2"] == [(0.0, END, "p.1")]

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from platoontraffic.world.events import GONE, SPLIT_AFTER
-
+SPLIT_AFTER = 2.0  # time after its begin at which a split is an event [s]
+GONE = ("arrived", "stranded", "given_up")  # kinds of events by which a member leaves the road
 NOBODY = ""  # predecessor of a follower after an order to split off
 
 Predecessor = str | None  # NOBODY after a split; None for a leader, and after an order to leave
@@ -36,6 +36,8 @@ def stretches(places: Mapping[str, tuple[str, int]], events: pd.DataFrame, end: 
     found: dict[str, list[Stretch]] = {v: [] for v in places}
     ends = [(end, vehicle, None) for vehicle in places]
     for time, vehicle, predecessor in (*_changes(dict(ahead), events), *ends):
+        if vehicle not in places:
+            continue
         if ahead[vehicle] is not None:
             found[vehicle].append(Stretch(since[vehicle], time, ahead[vehicle]))
         ahead[vehicle], since[vehicle] = predecessor, time
@@ -98,6 +100,8 @@ def lengths(counted: Sequence[tuple[float, float]], off: Sequence[tuple[float, f
 
 
 def _carried_out(events: pd.DataFrame) -> pd.DataFrame:
-    """Events of the orders that were carried out, by time."""
+    """Events of the orders that were carried out, by time; none in files of version 0.1, which do not tell them."""
+    if not {"what", "done"} <= set(events.columns):
+        return events[:0].assign(what="")
     orders = events[(events.kind == "told") & (events.done == 1)]
     return orders.sort_values("time_s", kind="stable")
