@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from platoontraffic.cli.progress import err
 from platoontraffic.errors import InputError, not_written, shortened
 
 if TYPE_CHECKING:
@@ -67,7 +66,7 @@ def replay_of(folder: Path) -> Path | None:
         try:
             return page(folder, folder / "replay.html")
         except NoMembersError as error:
-            err.print(f"there is no replay: {error}", soft_wrap=True)
+            print(f"there is no replay: {error}", file=sys.stderr)
             return None
 
 
