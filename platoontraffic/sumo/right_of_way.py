@@ -167,7 +167,7 @@ class RightOfWay:
         """
         stop = math.inf
         others = (one for one in self._all_inside[line] if not self._needs_no_stop(one, line, priority_too))
-        for foe in chain(others, self._sooner_where_it_is_narrow(line, over)):
+        for foe in chain(others, self._first_where_it_is_narrow(line, over)):
             crossing = foe.crossing
             if foe.pace.speed < STANDING:
                 continue
@@ -193,15 +193,19 @@ class RightOfWay:
         may_stop = foe.id in self.obedient and left > foe.pace.speed**2 / (2 * STOPS_BY)
         return may_stop or 0 < foe.to_line + crossing.waits < math.inf
 
-    def _sooner_where_it_is_narrow(self, line: Line, over: float) -> Iterator[Approach]:
-        """Members inside the junction that come sooner to where two cars have no room beside each other.
+    def _first_where_it_is_narrow(self, line: Line, over: float) -> Iterator[Approach]:
+        """Vehicles that go first where two cars inside the junction have no room beside each other.
 
-        SUMO's own cars drive through each other there.
+        Of two members that is the one that comes there sooner. Cars of SUMO's drive through each other there, so they
+        go first once they are inside, or enter next, without a red light.
         """
         for crossing in self._conflicts[line].narrow:
             for one in self.on(crossing):
                 sooner = (one.to_line + crossing.its[0], crossing.before) < (crossing.own[0] - over, line.lane)
-                if sooner and one.id in self.members and not self.is_past(one):
+                if (sooner or one.id not in self.members) and not self.is_past(one):
+                    yield one
+            for one in self._next_on(crossing):
+                if one.id not in self.members and self._links_ahead(one.id, crossing.before)[1] not in RED:
                     yield one
 
     def note_waiting(self, line: Line, distance: float, ego: Ego) -> None:

@@ -559,12 +559,16 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
         (1.0, "m.1", 6.0, 3.0, np.inf),  # 4 m each: the lane decides
         (1.0, "m.1", 7.0, 0.0, np.inf),  # it stands
         (1.0, "m.1", 28.0, 3.0, np.inf),  # it is past
-        (1.0, "c", 7.0, 3.0, np.inf),  # SUMO's cars drive through; the laser sees them
+        (1.0, "c", 5.0, 3.0, 3.5),  # SUMO's cars drive through: they go first, though this one comes later
+        (1.0, "c", 28.0, 3.0, np.inf),
+        (-6.0, "c", -5.0, 8.0, 6.0),  # it enters next
+        (-6.0, "c", -20.0, 8.0, np.inf),
+        (-6.0, "m.1", -5.0, 8.0, np.inf),
+        (-6.0, "red", -5.0, 8.0, np.inf),
     ],
 )
-def test_of_two_members_that_turn_left_against_each_other_the_one_that_comes_later_stops(
-    over, name, position, speed, stop
-):
+def test_of_two_that_turn_left_against_each_other_one_stops(over, name, position, speed, stop):
+    """Of two members the one that comes later. position: beyond the other one's line [m]"""
     line = Line(100.0, "g", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     narrow = Crossing("side_0", (":a_1",), (5.0, 12.0), (10.0, 18.0), False, False, np.inf, 10.0)
     conflicts = Conflicts((), {}, (), np.inf, 50.0, 0.0, narrow=(narrow,))
@@ -572,9 +576,12 @@ def test_of_two_members_that_turn_left_against_each_other_the_one_that_comes_lat
                      {line: conflicts})  # fmt: skip
     way.members = way.obedient = {"m.0", "m.1"}
     way._now = SimpleNamespace(
-        on_lane={":a_1": [name]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={name: position},
-        speed={name: speed}, acceleration={name: 2.6}, length={name: 5.0},
+        on_lane={":a_1": [name] if position > 0 else [], "side_0": [] if position > 0 else [name]},
+        lane_length={":a_1": 20.0, "side_0": 100.0}, max_speed={":a_0": 10.0},
+        position={name: position if position > 0 else 100.0 + position}, speed={name: speed},
+        acceleration={name: 2.6}, length={name: 5.0},
     )  # fmt: skip
+    way._links_ahead = lambda *_: ((":a_1",), "r" if name == "red" else "g")
     ego = Ego("m.0", "road_0" if over < 0 else ":a_0", 4.0, CAR.length)
     assert way.stop_before_foes(line, over, ego, priority_too=False) == pytest.approx(stop)
 
