@@ -26,8 +26,12 @@ def poisson_limits(events: int, runs: int = 1, level: float = LEVEL) -> Limits:
     """Exact limits of the mean count a run (Garwood, Biometrika 28, 1936): they cover in `level` of all cases or more.
 
     events : total over all runs. Independent events, at one rate; if they come in clusters, the limits are too narrow
+
+    raises: ValueError (events below 0, or no run)
     """
     _check(level)
+    if events < 0 or runs <= 0:
+        raise ValueError(f"{events} events in {runs} runs; must be 0 or more in some runs")
     tail = (1 - level) / 2
     logs = _log_factorials(events)
     count = np.arange(events + 1)
@@ -44,8 +48,13 @@ def poisson_limits(events: int, runs: int = 1, level: float = LEVEL) -> Limits:
 
 @lru_cache(maxsize=1000)
 def binomial_limits(hits: int, runs: int, level: float = LEVEL) -> Limits:
-    """Exact limits of the share of runs in which something happens (Clopper & Pearson, Biometrika 26, 1934)."""
+    """Exact limits of the share of runs in which something happens (Clopper & Pearson, Biometrika 26, 1934).
+
+    raises: ValueError (hits below 0, or more than runs)
+    """
     _check(level)
+    if not 0 <= hits <= runs:
+        raise ValueError(f"{hits} hits in {runs} runs; must be 0 to the number of runs")
     tail = (1 - level) / 2
     logs = _log_factorials(runs)
     count = np.arange(runs + 1)
@@ -119,11 +128,13 @@ def holm(p: Sequence[float]) -> np.ndarray:
     """p values corrected for their number (Holm, Scandinavian Journal of Statistics 6, 1979), in the given order.
 
     If those that are below 0.05 after it are called effects, any of these is a false one in at most 5 % of studies.
+    NaN is no p value: it stays, and does not count in their number.
     """
     p = np.asarray(p, dtype=float)
-    order = np.argsort(p)
-    corrected = np.empty(len(p))
-    corrected[order] = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)), 1)
+    order, n = np.argsort(p), np.count_nonzero(~np.isnan(p))  # NaN last
+    corrected = np.full(len(p), np.nan)
+    order = order[:n]
+    corrected[order] = np.minimum(np.maximum.accumulate(p[order] * np.arange(n, 0, -1)), 1)
     return corrected
 
 
@@ -134,8 +145,12 @@ def runs_needed(sd: float, difference: float, power: float = 0.8, level: float =
     verdicts : comparisons that the study makes; the level is corrected for them
 
     From the normal distribution, corrected for Student's t (Guenther, The American Statistician 35, 1981).
+
+    raises: ValueError (the difference is 0: no number of runs finds it)
     """
     wanted, allowance = _quantiles(power, level, verdicts)
+    if difference == 0:
+        raise ValueError("difference = 0; must be another number: no number of runs finds it")
     return max(2, math.ceil((wanted * sd / difference) ** 2 + allowance))
 
 

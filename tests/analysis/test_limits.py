@@ -190,3 +190,18 @@ def test_detectable_is_the_inverse_of_runs_needed():
     assert detectable(2.0, 1) == math.inf
     with pytest.raises(ValueError, match="power = 80: must be between 0 and 1"):
         runs_needed(1, 1, power=80)
+
+
+def test_what_has_no_limits_is_said():
+    with pytest.raises(ValueError, match="-1 events in 1 runs"):
+        poisson_limits(-1)
+    with pytest.raises(ValueError, match="3 events in 0 runs"):
+        poisson_limits(3, 0)
+    with pytest.raises(ValueError, match="5 hits in 3 runs"):
+        binomial_limits(5, 3)
+    with pytest.raises(ValueError, match="difference = 0"):
+        runs_needed(1.0, 0.0)
+
+
+def test_holm_leaves_out_what_is_no_p_value():
+    np.testing.assert_allclose(holm([np.nan, 0.01, 0.04]), [np.nan, 0.02, 0.04])
