@@ -63,7 +63,7 @@ def _changes(ahead: dict[str, Predecessor], events: pd.DataFrame) -> Iterator[tu
         changed: dict[str, Predecessor] = {}
         if order.what == "leave":  # its followers close up to its own predecessor
             behind = [v for v, predecessor in ahead.items() if predecessor == order.vehicle_id]
-            changed = dict.fromkeys(behind, ahead[order.vehicle_id] or None)
+            changed = dict.fromkeys(behind, ahead.get(order.vehicle_id) or None)
         changed[order.vehicle_id] = {"join": order.other_id, "split": NOBODY, "leave": None}[order.what]
         for vehicle, predecessor in changed.items():
             yield order.time_s, vehicle, predecessor

@@ -79,7 +79,7 @@ def prove_traffic(
             }
         )
     else:
-        _print_verdict(verdict, road, sorted({plan.cars for plan in plans}))
+        _print_verdict(verdict, road)
     return verdict.holds
 
 
@@ -101,8 +101,8 @@ def jsonable(value: Any) -> Any:
     return [jsonable(one) for one in value] if isinstance(value, tuple | list) else value
 
 
-def _print_verdict(verdict: Verdict, road: Road, cars: Sequence[int]) -> None:
-    """A line for each run, then a line on all. cars: of the random traffic, with the seeds"""
+def _print_verdict(verdict: Verdict, road: Road) -> None:
+    """A line for each run, then a line on all."""
     columns = ("seed", "", "arrive", "last", "ratio", "delay", "contacts", "caused", "red", "yield", "splits", "stood")
     table = Table(box=None, header_style="bold", pad_edge=False)
     for column in columns:
@@ -116,9 +116,9 @@ def _print_verdict(verdict: Verdict, road: Road, cars: Sequence[int]) -> None:
     small = f"; platoons of {' and '.join(map(str, sizes))}, for want of longer lanes" if sizes != [5] else ""
     if alone := sum(len(pair.routes) == 1 for pair in verdict.pairs):
         small += f"; one platoon only with {alone} of {len(verdict.pairs)} seeds, for want of another start"
-    own = (
-        "" if road.has_traffic else f"; random traffic of {' to '.join(map(str, cars[:: max(len(cars) - 1, 1)]))} cars"
-    )
+    fewest, most = (of(pair.cars for pair in verdict.pairs) for of in (min, max))
+    many = counted(most, "car") if fewest == most else f"{fewest} to {most} cars"
+    own = "" if road.has_traffic else f"; random traffic of this command, {many}"
     where = (verdict.ratio, ""), (verdict.ratio_overlapping, " where SUMO's own cars drive through others")
     last = [
         f"last arrival {ratio:.2f} times that of SUMO's own cars{seeds} (median of the seeds), "

@@ -53,7 +53,8 @@ def covariances(rows: pd.DataFrame, errors: OdometryErrors, dt: float) -> np.nda
     sensitivity, noise = np.zeros((3, 2)), np.zeros((3, 3))
     found = np.zeros((len(rows), 3, 3))
     for k in range(1, len(rows)):
-        span, v, c, s = time[k] - time[k - 1], speed[k - 1], math.cos(heading[k - 1]), math.sin(heading[k - 1])
+        middle = heading[k - 1] + math.remainder(heading[k] - heading[k - 1], math.tau) / 2  # of the span
+        span, v, c, s = time[k] - time[k - 1], speed[k - 1], math.cos(middle), math.sin(middle)
         moved = np.array([[1.0, 0.0, -v * s * span], [0.0, 1.0, v * c * span], [0.0, 0.0, 1.0]])
         reads = float(v != 0)  # a standing vehicle measures 0
         # In the middle of the span the errors of the yaw rate have turned the heading by half of what they do.

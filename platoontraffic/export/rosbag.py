@@ -243,9 +243,12 @@ def _scans(scans: Scans, number: dict[str, int]) -> Iterator[Stamped]:
     sweep = np.zeros(len(increment)) if scans.sweep_time_s is None else scans.sweep_time_s
     for i, (time_s, v) in enumerate(zip(scans.time_s.tolist(), scans.vehicle.tolist(), strict=True)):
         time, vehicle, (frame, topic) = _nanoseconds(time_s), str(scans.vehicle_id[v]), _names(scans, v)
+        begins = _nanoseconds(time_s - float(sweep[v]))
+        if begins < 0:  # ROS has no such times, and the vehicle was nowhere then
+            continue
         scan = _new(
             "sensor_msgs/msg/LaserScan",
-            header=_header(_nanoseconds(time_s - float(sweep[v])), frame),  # of the first beam
+            header=_header(begins, frame),
             angle_min=float(scans.angle_min_rad[v]),
             angle_max=float(scans.angle_max_rad[v]),
             angle_increment=float(increment[v]),

@@ -75,10 +75,11 @@ def look_around(bodies, n, reach, horizon, near, moving, clearance, closest, con
                 if away < near[i] and closing > moving and (k >= n or i < k) and count < len(pairs):
                     pairs[count] = i, k
                     count += 1
-            if apart < closing * soonest:
+            nearing = dx * wx + dy * wy < 0.0
+            if apart < closing * soonest and (nearing or apart < 0.0):
                 # Long bodies may touch although their middles move apart; those that overlap and part do not anew.
                 time = _touches_in(bodies, i, k, wx, wy)
-                if time < soonest and (time > 0.0 or dx * wx + dy * wy < 0.0):
+                if time < soonest and (time > 0.0 or nearing):
                     soonest, contact_in[i] = time, time
     return count
 

@@ -58,7 +58,8 @@ class Plan(NamedTuple):
     size: int
     trips: tuple[Trip, ...]
     files: Mapping[str, Path]  # by LASER and SUMO
-    cars: int = 0  # of the random demand, where the road has no traffic of its own
+    duration: float  # of the runs after their warm-up [s]
+    cars: int  # of the random demand; 0 where the road has traffic of its own
 
     @property
     def free_times(self) -> dict[str, float]:
@@ -104,7 +105,7 @@ def planned(
         more = {"lane_change_s": 0.0} if which == SUMO and not _sets_lane_changes(sumo) else {}
         table = common | {"sumo": common["sumo"] | more, "platoon": platoons}
         files[which].write_text(tomli_w.dumps(table), encoding="utf-8")
-    return Plan(seed, size, tuple(trips), files, cars)
+    return Plan(seed, size, tuple(trips), files, duration, cars)
 
 
 def _sets_lane_changes(sumo: Mapping[str, Any]) -> bool:

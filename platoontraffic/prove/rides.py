@@ -52,7 +52,6 @@ class Ride(NamedTuple):
     splits: int
     stands: tuple[Stand, ...]
     incidents: tuple[Incident, ...]
-    lasts: float  # the run [s]
 
     @property
     def last_arrival(self) -> float:
@@ -89,7 +88,6 @@ def ride(folder: Path, free: Mapping[str, float]) -> Ride:
         splits=int((events.kind == "split").sum()),
         stands=tuple(_stands(events, end, arrived)),
         incidents=tuple(_incidents(events, set(departed.index))),
-        lasts=end,
     )
 
 

@@ -34,6 +34,8 @@ class Pair(NamedTuple):
     routes: tuple[tuple[str, str, float], ...]  # first edge, last edge, length [m] of each platoon's
     platoons: Ride | None  # None: the run failed
     sumo: Ride | None
+    lasts: float  # of both, at most [s]
+    cars: int  # of the random demand
     error: str = ""
 
     @property
@@ -83,7 +85,7 @@ def _pair(plan: Plan, platoons: Ride | str, sumo: Ride | str) -> Pair:
     errors = "; ".join(one for one in (platoons, sumo) if isinstance(one, str))
     routes = tuple((trip.edges[0], trip.edges[-1], trip.length) for trip in plan.trips)
     rides = (None if isinstance(one, str) else one for one in (platoons, sumo))
-    return Pair(plan.seed, plan.size, routes, *rides, errors)
+    return Pair(plan.seed, plan.size, routes, *rides, plan.duration, plan.cars, errors)
 
 
 class Verdict(NamedTuple):
@@ -106,8 +108,6 @@ class Verdict(NamedTuple):
     @property
     def not_compared(self) -> str:
         """Why no median tells how times of arrival compare with those of SUMO's own cars; "" if one does."""
-        if math.isinf(self.ratio):
-            return "most runs end before all members arrive"
         if not math.isnan(self.ratio):
             return ""
         if math.isnan(self.ratio_overlapping):
@@ -126,7 +126,10 @@ class Verdict(NamedTuple):
         faults += [f"{counted(caused, 'contact')} caused"] if caused else []
         faults += [counted(red, "red light")] if red else []
         faults += [f"{counted(yields, 'failure')} to yield"] if hours and yields / hours > YIELD_RATE else []
-        faults += [*_fewer(made), *_stuck(made)]
+        fewer = [*_fewer(made)]
+        if math.isinf(ratio) and not fewer:
+            faults.append("most runs end before all members arrive; a longer --duration may tell")
+        faults += [*fewer, *_stuck(made)]
         return cls(tuple(made), ratio, apart, hours, caused, red, yields, limits, tuple(faults))
 
 
@@ -141,12 +144,11 @@ def _fewer(made: Sequence[Pair]) -> Iterator[str]:
     """Seeds where fewer members arrive until the end of the run than of SUMO's own cars by a time LATEST times less."""
     for pair in made:
         if pair.platoons and pair.sumo:
-            lasts, arrived = pair.platoons.lasts, len(pair.platoons.arrivals)
-            wanted = sum(LATEST * time <= lasts for time in pair.sumo.arrivals)
+            arrived, wanted = len(pair.platoons.arrivals), sum(LATEST * t <= pair.lasts for t in pair.sumo.arrivals)
             if arrived < wanted:
                 yield (
-                    f"seed {pair.seed}: {arrived} members arrive within {lasts:.0f} s, "
-                    f"{wanted} of SUMO's own within {lasts / LATEST:.0f} s"
+                    f"seed {pair.seed}: {arrived} members arrive within {pair.lasts:.0f} s, "
+                    f"{wanted} of SUMO's own within {pair.lasts / LATEST:.0f} s"
                 )
 
 

@@ -197,7 +197,7 @@ class RightOfWay:
         """Vehicles that go first where two cars inside the junction have no room beside each other.
 
         Of two members that is the one that comes there sooner. Cars of SUMO's drive through each other there, so they
-        go first once they are inside, or enter next, without a red light.
+        go first once they are inside, or enter next, unless they have to stop at their line.
         """
         for crossing in self._conflicts[line].narrow:
             for one in self.on(crossing):
@@ -205,7 +205,9 @@ class RightOfWay:
                 if (sooner or one.id not in self.members) and not self.is_past(one):
                     yield one
             for one in self._next_on(crossing):
-                if one.id not in self.members and self._links_ahead(one.id, crossing.before)[1] not in RED:
+                state = self._links_ahead(one.id, crossing.before)[1]
+                may_stop = state in YELLOW and one.pace.speed**2 / (2 * STOPS_BY) < one.to_line
+                if one.id not in self.members and state not in RED + STOP and not may_stop:
                     yield one
 
     def note_waiting(self, line: Line, distance: float, ego: Ego) -> None:

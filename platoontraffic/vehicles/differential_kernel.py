@@ -29,8 +29,12 @@ def move(motion, command, axle, wheels, left_over, mean_left_over, dt, after):
     for i in range(len(x)):
         wanted, turning = command[0][i], command[1][i]
         if not math.isnan(command[2][i]):  # a drive's acceleration lasts one step, at its curvature, whatever the lag
-            wanted = speed[i] + command[2][i] * dt / (1.0 - left_over[i])
+            gained = command[2][i] * dt
+            reached, wanted = speed[i] + gained, speed[i] + gained / (1.0 - left_over[i])
             turning = wanted * command[3][i]
+            if gained < 0.0 < reached:  # `wanted` may be below 0; the curvature has the lag, and keeps its sign
+                kept = yaw_rate[i] * (reached / speed[i] - 1.0)
+                turning = reached * command[3][i] + kept * left_over[i] / (1.0 - left_over[i])
         wanted, turning = _turned_by_wheels(wanted, turning, wheels[0][i], wheels[1][i], wheels[2][i])
         now, mean = wanted + (speed[i] - wanted) * left_over[i], wanted + (speed[i] - wanted) * mean_left_over[i]
         turns, mean_turns = (

@@ -71,3 +71,9 @@ def test_constants_are_those_of_the_events():
 def test_events_of_version_0_1_tell_no_orders():
     departed = events(*((0.0, "departed", name) for name in PLACES)).drop(columns=["what", "done"])
     assert stretches(PLACES, departed, END)["p.2"] == [(0.0, END, "p.1")]
+
+
+def test_orders_to_members_that_are_not_asked_for_change_nothing():
+    departed = ((0.0, "departed", name) for name in PLACES)
+    told = events(*departed, order(20.0, "r.1", "leave"))
+    assert stretches(PLACES, told, END) == stretches_after()

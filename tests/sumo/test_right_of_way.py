@@ -564,7 +564,10 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
         (-6.0, "c", -5.0, 8.0, 6.0),  # it enters next
         (-6.0, "c", -20.0, 8.0, np.inf),
         (-6.0, "m.1", -5.0, 8.0, np.inf),
-        (-6.0, "red", -5.0, 8.0, np.inf),
+        (-6.0, "r", -5.0, 8.0, np.inf),
+        (-6.0, "s", -5.0, 8.0, np.inf),
+        (-6.0, "y", -5.0, 8.0, 6.0),  # it cannot stop at yellow any more
+        (-6.0, "y", -5.0, 6.0, np.inf),
     ],
 )
 def test_of_two_that_turn_left_against_each_other_one_stops(over, name, position, speed, stop):
@@ -581,7 +584,7 @@ def test_of_two_that_turn_left_against_each_other_one_stops(over, name, position
         position={name: position if position > 0 else 100.0 + position}, speed={name: speed},
         acceleration={name: 2.6}, length={name: 5.0},
     )  # fmt: skip
-    way._links_ahead = lambda *_: ((":a_1",), "r" if name == "red" else "g")
+    way._links_ahead = lambda *_: ((":a_1",), name if name in "rsy" else "g")
     ego = Ego("m.0", "road_0" if over < 0 else ":a_0", 4.0, CAR.length)
     assert way.stop_before_foes(line, over, ego, priority_too=False) == pytest.approx(stop)
 

@@ -34,9 +34,14 @@ def moved(model: DifferentialDrive, motion: Motion, command: Command, dt: float)
 
 def _twist_for(command: Command, motion: Motion, dt: float, left_over: np.ndarray) -> Twist:
     twist, drive = command
-    speed = motion.speed + drive.acceleration * dt / (1.0 - left_over)
+    gained = drive.acceleration * dt
+    reached, speed = motion.speed + gained, motion.speed + gained / (1.0 - left_over)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        kept = motion.yaw_rate * (reached / motion.speed - 1.0)
+        slower = reached * drive.curvature + kept * left_over / (1.0 - left_over)
+    turning = np.where((gained < 0) & (reached > 0), slower, speed * drive.curvature)
     driven = ~np.isnan(drive.acceleration)
-    return Twist(np.where(driven, speed, twist.speed), np.where(driven, speed * drive.curvature, twist.yaw_rate))
+    return Twist(np.where(driven, speed, twist.speed), np.where(driven, turning, twist.yaw_rate))
 
 
 def _relax(value, target, left_over, mean_left_over):

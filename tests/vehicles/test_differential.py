@@ -120,6 +120,29 @@ def test_a_drive_is_obeyed_whatever_the_lag_and_the_step(lag, steps):
     assert motion.acceleration == pytest.approx(0.2)
 
 
+@pytest.mark.parametrize("lag", [0.0, 0.1, 0.3])
+def test_a_robot_that_brakes_turns_to_the_side_that_it_is_told(lag):
+    """From 0.5 m/s by 1.2 m/s2: with a lag of 0.3 s the speed that is set is below 0; it turned to the other side."""
+    robot, motion = replace(ROBOT, lag=lag), replace(Motion.at_rest(0.0, 0.0, 0.0), speed=0.5)
+    headings = [0.0]
+    for _ in range(16):
+        motion = robot.moved(motion, Drive(np.float64(-1.2), np.float64(1.0)), 0.025)
+        headings.append(float(motion.heading))
+    assert np.diff(headings).min() >= 0
+    assert headings[-1] > 0.02
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.3])
+def test_a_robot_that_brakes_stays_on_its_arc(lag):
+    robot = replace(CENTRED, lag=lag)
+    motion = replace(Motion.at_rest(0.0, 0.0, 0.0), speed=0.5, yaw_rate=0.5)
+    for _ in range(20):
+        motion = robot.moved(motion, Drive(np.float64(-0.9), np.float64(1.0)), 0.025)
+    assert motion.speed == pytest.approx(0.05)
+    assert np.hypot(motion.x, motion.y - 1.0) == pytest.approx(1.0, abs=2e-4)
+    assert motion.yaw_rate == pytest.approx(motion.speed)
+
+
 def test_lag_from_rest_stays_on_the_circle():
     motion = driven(replace(CENTRED, lag=0.6), (0.5, 0.5), 2.5, 11, (0.0, 0.0, 0.0))
     assert np.hypot(motion.x, motion.y - 1.0) == pytest.approx(1.0, abs=1e-12)
