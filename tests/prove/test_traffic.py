@@ -97,7 +97,7 @@ def test_a_random_demand_turns_back_only_where_there_is_no_other_route(network, 
 @pytest.mark.sumo
 def test_a_random_demand_is_so_thin_that_sumos_own_cars_flow(tmp_path):
     """On random networks with six cars a kilometre of lane they stood for minutes, and who arrived was chance."""
-    network = Network.read(generated(tmp_path, "grid", "priority", 1))
+    network = Network.read(shipped.networks()["grid"])
     dense, thin = tmp_path / "dense.rou.xml", tmp_path / "thin.rou.xml"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demand, "DENSITY", 40.0)
