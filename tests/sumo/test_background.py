@@ -14,8 +14,8 @@ def test_the_list_of_near_vehicles_is_that_of_sumo_as_they_come_and_go():
     with Simulation.load("grid_platoons") as simulation:
         simulation.reset()
         sumo, background = simulation.sumo, simulation.world._background
-        for step in range(300):
-            if step == 150:  # by somebody else: SUMO counts no arrival
+        for step in range(200):
+            if step == 100:  # by somebody else: SUMO counts no arrival
                 sumo.vehicle.remove(background._near[7])
             simulation.step()
             came += sumo.simulation.getDepartedNumber()

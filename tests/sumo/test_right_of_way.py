@@ -1284,7 +1284,7 @@ def test_wishes_for_room_end_with_the_last_member_that_heeds_lines():
 def test_links_ahead_of_foes_are_those_that_sumo_judges():
     seen = []
     with Simulation.load("grid_platoons") as simulation:
-        for _ in islice(simulation, 0, 300, 10):
+        for _ in islice(simulation, 0, 150, 10):
             reads = Reads(simulation.sumo)
             way = RightOfWay(simulation.sumo, reads, {})
             for name in simulation.sumo.vehicle.getIDList():
@@ -1293,4 +1293,4 @@ def test_links_ahead_of_foes_are_those_that_sumo_judges():
                 inside, state = way._links_ahead(name, simulation.sumo.vehicle.getLaneID(name))
                 assert ([*inside], state) == expected
                 seen.append(name not in reads.next_links)
-    assert sum(seen) > 100  # for so many it did not need to be judged
+    assert sum(seen) > 50  # for so many it did not need to be judged

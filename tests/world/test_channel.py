@@ -49,7 +49,7 @@ def deaf(channel: Channel, steps: int, some=None, seed: int = 1, solids=None) ->
 
 
 def test_independent_loss_is_binomial():
-    p, n = 0.3, 20_000
+    p, n = 0.3, 8_000
     lost = deaf(Channel(loss=p), n)
     assert lost.mean(axis=0) == pytest.approx(p, abs=4 * math.sqrt(p * (1 - p) / n))
     both = lost[1:] & lost[:-1]  # and one loss says nothing of the next, or of another link
