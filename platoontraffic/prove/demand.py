@@ -32,7 +32,7 @@ def write_demand(network: Network, file: Path, seed: int, begin: float, duration
     """Write a route file of vehicles that depart evenly at random in `duration` from `begin` on [s].
 
     Each begins at rest, as from a parking place: nobody can see it come. Where SUMO's own cars jam, all would stand for
-    minutes, and who arrives when would be chance: there are fewer vehicles then, but no less than the share LEAST.
+    minutes, and times of arrival would be chance: there are fewer vehicles then, but no less than the share LEAST.
 
     returns: their number
     raises : RunError, InputError (SUMO fails, or refuses the network)

@@ -96,7 +96,7 @@ def test_a_random_demand_turns_back_only_where_there_is_no_other_route(network, 
 
 @pytest.mark.sumo
 def test_a_random_demand_is_so_thin_that_sumos_own_cars_flow(tmp_path):
-    """On random networks with six cars a kilometre of lane they stood for minutes, and who arrived was chance."""
+    """On random networks with six cars a kilometre of lane they stood for minutes, and times of arrival were chance."""
     network = Network.read(shipped.networks()["grid"])
     dense, thin = tmp_path / "dense.rou.xml", tmp_path / "thin.rou.xml"
     with pytest.MonkeyPatch.context() as patch:
