@@ -152,9 +152,10 @@ def _pictures(batch: Batch, drawn: list[str], to: Path) -> Iterable[str]:
         joined = "a line" if values_of(batch, keys[0]).numeric else "a colour"
         dots = "each run, and " if len(keys) == 1 else f"{joined} for each {keys[1]}, "
         fewest = batch.summary.dropna(subset=[metric]).groupby(keys[:2])["seed"].nunique().min()
-        few = f", too narrow with fewer than {ENOUGH} seeds" if fewest < ENOUGH else ""
+        counts = metric in batch.summary.attrs.get("counts", ())  # their limits are exact, also with one seed
+        few = f", too narrow with fewer than {ENOUGH} seeds" if fewest < ENOUGH and not counts else ""
         means = f"means with their 95 % intervals{few}"
-        if batch.summary.seed.nunique() == 1:
+        if batch.summary.seed.nunique() == 1 and not counts:
             dots, means = dots.replace("each run, and ", ""), "one seed, so without intervals"
         caption = f"{metric} over {keys[0]}: {dots}{means}{pooled}{numbered}"
         many = len(keys) > 1 and batch.runs[keys[1]].astype(str).nunique() > MOST_LINES

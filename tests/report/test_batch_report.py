@@ -211,6 +211,18 @@ def test_one_seed_has_no_intervals(tmp_path):
     assert f"gap_mean_m over {KEY}: one seed, so without intervals" in report(folder)
 
 
+def test_counts_have_exact_intervals_with_one_seed_too(tmp_path):
+    """The picture had bars, and its caption said that there are none."""
+    folder = made_batch(tmp_path / "study", {KEY: [2, 3]}, seeds=1, failed=0, waiting=0)
+    package = folder / "datapackage.json"
+    text = package.read_text(encoding="utf-8")
+    package.write_text(
+        text.replace('"name": "collisions"', '"name": "collisions", "statistic": "count"'), encoding="utf-8"
+    )
+    caption = f"collisions over {KEY}: each run, and means with their 95 % intervals"
+    assert f"{caption}. Also as" in report(folder, "--metric", "collisions")
+
+
 def leaders(*tables: str) -> list[str]:
     return [f'{{"law": "path", "speed_mps": 8.0, {table}}}' for table in tables]
 
