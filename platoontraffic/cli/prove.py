@@ -63,7 +63,7 @@ def prove_traffic(
     plans = [planned(road, network, seed, folder / f"seed-{seed}", **given) for seed in seeds]
     made = []
     with _bar("seeds", len(plans)) as show:
-        for pair in pairs(plans, folder):
+        for pair in pairs(plans, network, folder):
             made.append(pair)
             show(len(made))
     verdict = Verdict.of(sorted(made))

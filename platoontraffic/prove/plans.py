@@ -24,6 +24,7 @@ from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.world.deployment import deploy
 
 STEP = 0.1  # [s]
+LOOKED_EVERY = 1.0  # interval at which it is recorded where SUMO's own cars stand [s]
 GAP = 2.5  # between members at the start [m]
 PLATOONS = 2
 SIZES = (5, 3, 1)  # of the platoons: the first for which lanes are long enough
@@ -102,8 +103,10 @@ def planned(
     for which, drivers in DRIVERS.items():
         platoons = [_platoon(f"{NAME}{k}", trip, size, vehicle) | drivers for k, trip in enumerate(trips)]
         files[which] = folder / f"{which}.toml"
-        more = {"lane_change_s": 0.0} if which == SUMO and not _sets_lane_changes(sumo) else {}
-        table = common | {"sumo": common["sumo"] | more, "platoon": platoons}
+        table = common | {"platoon": platoons}
+        if which == SUMO:
+            table["record"] = common["record"] | {"traffic_every_s": LOOKED_EVERY}
+            table["sumo"] = common["sumo"] | ({} if _sets_lane_changes(sumo) else {"lane_change_s": 0.0})
         files[which].write_text(tomli_w.dumps(table), encoding="utf-8")
     return Plan(seed, size, tuple(trips), files, duration, cars)
 

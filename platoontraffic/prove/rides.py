@@ -14,9 +14,12 @@ import pandas as pd
 
 from platoontraffic.analysis.results import load
 from platoontraffic.results.metrics import CAUSED_BY_OTHER
+from platoontraffic.road.gap_acceptance import STANDING
+from platoontraffic.road.network import Network
 from platoontraffic.world.events import STANDSTILL_AFTER
 
 NO_REASON = "no reason"
+LONG = 60.0  # a longer standstill needs to be explained [s]
 
 
 class Stand(NamedTuple):
@@ -25,6 +28,7 @@ class Stand(NamedTuple):
     vehicle: str
     lasts: float  # [s]
     why: str  # NO_REASON, or a word of the event `standstill` and its text
+    lane: str
 
 
 class Incident(NamedTuple):
@@ -52,6 +56,7 @@ class Ride(NamedTuple):
     splits: int
     stands: tuple[Stand, ...]
     incidents: tuple[Incident, ...]
+    long_on: tuple[str, ...] = ()  # lanes on which vehicles of the traffic stood longer than LONG, if it was recorded
 
     @property
     def last_arrival(self) -> float:
@@ -60,10 +65,10 @@ class Ride(NamedTuple):
 
     @property
     def longest_stand(self) -> Stand:
-        return max(self.stands, key=lambda stand: stand.lasts, default=Stand("", 0.0, ""))
+        return max(self.stands, key=lambda stand: stand.lasts, default=Stand("", 0.0, "", ""))
 
 
-def ride(folder: Path, free: Mapping[str, float]) -> Ride:
+def ride(folder: Path, free: Mapping[str, float], network: Network) -> Ride:
     """What the tables of a finished run say.
 
     free: time that each vehicle's route takes at the speed limits [s], by id
@@ -86,8 +91,9 @@ def ride(folder: Path, free: Mapping[str, float]) -> Ride:
         red_lights=int(run["red_lights"]),
         failures_to_yield=int(run["failures_to_yield"]),
         splits=int((events.kind == "split").sum()),
-        stands=tuple(_stands(events, end, arrived)),
+        stands=tuple(_stands(events, end, arrived, network)),
         incidents=tuple(_incidents(events, set(departed.index))),
+        long_on=() if found.traffic is None else _long_on(found.traffic, network),
     )
 
 
@@ -102,7 +108,17 @@ def _incidents(events: pd.DataFrame, members: set[str]) -> Iterator[Incident]:
             yield Incident(float(row.time_s), row.kind, row.vehicle_id, row.other_id, row.edge_id, detail)
 
 
-def _stands(events: pd.DataFrame, end: float, arrived: pd.Series) -> Iterator[Stand]:
+def _long_on(traffic: pd.DataFrame, network: Network) -> tuple[str, ...]:
+    """Lanes on which a vehicle stands for longer than LONG from one row to another."""
+    rows = traffic.sort_values(["vehicle_id", "time_s"], kind="stable")
+    stands = rows.speed_mps < STANDING
+    begins = (stands != stands.shift()) | (rows.vehicle_id != rows.vehicle_id.shift())
+    each = rows[stands].groupby(begins.cumsum()[stands])
+    first = each.first()[each.time_s.max() - each.time_s.min() > LONG]
+    return tuple(sorted(set(network.lanes_at(first.x_m, first.y_m))))
+
+
+def _stands(events: pd.DataFrame, end: float, arrived: pd.Series, network: Network) -> Iterator[Stand]:
     """Standstills with their length; one that does not end lasts to the end of the run, or of the vehicle's trip."""
     for vehicle, own in events[events.kind.isin(["standstill", "standstill_end"])].groupby("vehicle_id", sort=False):
         rows = list(own.itertuples())
@@ -111,7 +127,8 @@ def _stands(events: pd.DataFrame, end: float, arrived: pd.Series) -> Iterator[St
                 continue
             until = float(arrived.get(vehicle, end))
             lasts = until - row.time_s + STANDSTILL_AFTER if after is None else after.duration_s
-            yield Stand(str(vehicle), float(lasts), _reason(row))
+            (lane,) = network.lanes_at([row.x_m], [row.y_m])
+            yield Stand(str(vehicle), float(lasts), _reason(row), lane)
 
 
 def _reason(row: Any) -> str:

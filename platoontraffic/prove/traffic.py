@@ -14,15 +14,15 @@ from platoontraffic import scenario as scenarios
 from platoontraffic.analysis.limits import poisson_limits
 from platoontraffic.errors import counted
 from platoontraffic.prove.plans import LASER, SUMO, Plan
-from platoontraffic.prove.rides import NO_REASON, Ride, ride
+from platoontraffic.prove.rides import LONG, NO_REASON, Ride, ride
 from platoontraffic.results.provenance import run_id
+from platoontraffic.road.network import Network
 from platoontraffic.study.executors import executor_of
 
 AT_A_TIME = 2  # runs
 
 # The bars.
 LATEST = 1.25  # last arrival over that of SUMO's own cars, median over the seeds
-LONGEST_STAND = 60.0  # [s], where SUMO's own cars do not stand as long
 YIELD_RATE = 0.1  # failures to yield [1 / vehicle hour]
 
 
@@ -46,7 +46,7 @@ class Pair(NamedTuple):
         return self.platoons.last_arrival / self.sumo.last_arrival
 
 
-def pairs(plans: Sequence[Plan], folder: Path) -> Iterator[Pair]:
+def pairs(plans: Sequence[Plan], network: Network, folder: Path) -> Iterator[Pair]:
     """Run all scenarios, two at a time, and yield each seed's pair as soon as both of its runs have ended.
 
     Runs whose results are in the folder already are not repeated.
@@ -76,7 +76,7 @@ def pairs(plans: Sequence[Plan], folder: Path) -> Iterator[Pair]:
         for future in as_completed(futures):
             plan, which, runs = futures[future]
             outcome = future.result()
-            outcomes[plan.seed, which] = outcome.get("error") or ride(runs, plan.free_times)
+            outcomes[plan.seed, which] = outcome.get("error") or ride(runs, plan.free_times, network)
             if len([key for key in outcomes if key[0] == plan.seed]) == len(plan.files):
                 yield _pair(plan, outcomes[plan.seed, LASER], outcomes[plan.seed, SUMO])
 
@@ -153,12 +153,15 @@ def _fewer(made: Sequence[Pair]) -> Iterator[str]:
 
 
 def _stuck(made: Sequence[Pair]) -> Iterator[str]:
-    """Standstills that SUMO's own cars do not have, or without a reason."""
+    """Standstills longer than LONG on lanes on which none of SUMO's cars stands for so long; those without a reason."""
     for pair in made:
         if pair.platoons is None or pair.sumo is None:
             continue
-        longest = pair.platoons.longest_stand
-        if longest.lasts > LONGEST_STAND and pair.sumo.longest_stand.lasts <= LONGEST_STAND:
-            yield f"seed {pair.seed}: {longest.vehicle} stands for {longest.lasts:.0f} s ({longest.why})"
+        long_on = {*pair.sumo.long_on, *(stand.lane for stand in pair.sumo.stands if stand.lasts > LONG)}
+        own = [stand for stand in pair.platoons.stands if stand.lasts > LONG and stand.lane not in long_on]
+        if own:
+            longest = max(own, key=lambda stand: stand.lasts)
+            where = f"for {longest.lasts:.0f} s on {longest.lane} ({longest.why})"
+            yield f"seed {pair.seed}: {longest.vehicle} stands {where}, where none of SUMO's cars stands for {LONG:g} s"
         if unknown := sum(stand.why == NO_REASON for stand in pair.platoons.stands):
             yield f"seed {pair.seed}: {unknown} standstills without a reason"

@@ -282,6 +282,16 @@ class Network:
             if lane.allows(CAR)
         ]
 
+    def lanes_at(self, x: Sequence[float], y: Sequence[float]) -> list[str]:
+        """The lane whose centre line is nearest to each point, inside junctions too."""
+        names, lines = self._centre_lines
+        return [names[k] for k in lines.nearest(shapely.points(x, y)).tolist()]
+
+    @cached_property
+    def _centre_lines(self) -> tuple[list[str], shapely.STRtree]:
+        lanes = [lane for edge in self._net.getEdges(withInternal=True) for lane in edge.getLanes() if is_road(lane)]
+        return [lane.getID() for lane in lanes], shapely.STRtree([LineString(lane.getShape()) for lane in lanes])
+
     def upstream(self, lane_id: str, reach: float) -> list[tuple[str, float]]:
         """A lane and the lanes that lead to it within `reach` [m] of its end, those inside junctions too.
 

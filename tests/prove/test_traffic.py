@@ -21,7 +21,7 @@ from platoontraffic.lidar import Scene
 from platoontraffic.prove import demand
 from platoontraffic.prove.demand import write_demand
 from platoontraffic.prove.plans import LASER, SUMO, Road, planned
-from platoontraffic.prove.rides import NO_REASON, Ride, Stand, _incidents, _stands
+from platoontraffic.prove.rides import NO_REASON, Ride, Stand, _incidents, _long_on, _stands
 from platoontraffic.prove.traffic import Pair, Verdict
 from platoontraffic.road.network import Network
 from platoontraffic.vehicles.bicycle import CARS
@@ -127,12 +127,47 @@ def test_standstills_last_to_their_end_or_that_of_the_run_or_of_the_trip():
         (60.0, "standstill", "p0.0", "", "", "", "since 50.000 s", np.nan),
         (70.0, "standstill", "p0.1", "", "", "behind", "since 60.000 s, behind x", np.nan),
     )
-    stands = list(_stands(found, 100.0, pd.Series({"p0.1": 90.0})))
+    found = found.assign(x_m=0.0, y_m=0.0)
+    stands = list(_stands(found, 100.0, pd.Series({"p0.1": 90.0}), Lanes()))
     assert stands == [
-        Stand("p0.0", 25.0, "held: held by light"),
-        Stand("p0.0", 50.0, NO_REASON),
-        Stand("p0.1", 30.0, "behind: behind x"),
+        Stand("p0.0", 25.0, "held: held by light", "lane 0"),
+        Stand("p0.0", 50.0, NO_REASON, "lane 0"),
+        Stand("p0.1", 30.0, "behind: behind x", "lane 0"),
     ]
+
+
+class Lanes:
+    """Parallel lanes, one for each metre of y."""
+
+    def lanes_at(self, x, y):
+        return [f"lane {round(one)}" for one in y]
+
+
+def test_lanes_on_which_traffic_stands_for_long():
+    """Times of one car do not add up with those of the next one, nor over a short drive."""
+    seconds = np.arange(0.0, 200.0)
+    speed = {
+        "a": np.where((seconds >= 10) & (seconds <= 71), 0.0, 5.0),  # for 61 s
+        "b": np.where((seconds >= 100) & (seconds <= 160), 0.0, 5.0),  # for 60 s
+        "c": np.where(seconds == 160, 1.0, 0.0),  # for 159 s, and for 38 s
+        "d": np.where(seconds < 40, 0.0, 5.0),
+    }
+    rows = [
+        pd.DataFrame({"time_s": seconds, "vehicle_id": name, "x_m": 0.0, "y_m": float(k), "speed_mps": one})
+        for k, (name, one) in enumerate(speed.items())
+    ]
+    traffic = pd.concat(rows).sort_values("time_s", kind="stable")
+    assert _long_on(traffic, Lanes()) == ("lane 0", "lane 2")
+    assert _long_on(traffic.iloc[:0], Lanes()) == ()
+
+
+def test_a_point_is_on_the_lane_whose_centre_line_is_nearest():
+    network = Network.read(CORRIDOR)
+    edge, lane, length = network.lanes_for_cars()[0]
+    x, y, heading = network.lane_pose(edge, lane, length / 2)
+    aside = 0.4 * network.lane_width(edge, lane)
+    points = [(x + k * aside * math.sin(heading), y - k * aside * math.cos(heading)) for k in (-1, 0, 1)]
+    assert network.lanes_at(*zip(*points, strict=True)) == [f"{edge}_{lane}"] * 3
 
 
 def test_a_contact_is_an_incident_unless_another_vehicle_made_it():
@@ -148,7 +183,7 @@ def test_a_contact_is_an_incident_unless_another_vehicle_made_it():
 
 
 def ride(**changes) -> Ride:
-    stand = Stand("p0.0", 20.0, "held: held by light")
+    stand = Stand("p0.0", 20.0, "held: held by light", "a_0")
     return Ride(2, (100.0, 110.0), 20.0, 0.1, 0, 0, 0, 0, 0, (stand,), ())._replace(**changes)
 
 
@@ -164,13 +199,24 @@ def verdict(platoons: Ride | None, sumo: Ride | None = None, error: str = "", la
         {"caused": 1},
         {"red_lights": 1},
         {"failures_to_yield": 1},
-        {"stands": (Stand("p0.0", 61.0, "held: held by light"),)},
-        {"stands": (Stand("p0.0", 20.0, NO_REASON),)},
+        {"stands": (Stand("p0.0", 61.0, "held: held by light", "a_0"),)},
+        {"stands": (Stand("p0.0", 20.0, NO_REASON, "a_0"),)},
     ],
 )
 def test_each_bar_can_fail(changes):
     assert verdict(ride()).holds
     assert len(verdict(ride(**changes)).faults) == 1
+
+
+@pytest.mark.parametrize(
+    "sumo",
+    [{"long_on": ("a_0",)}, {"stands": (Stand("p0.1", 61.0, NO_REASON, "a_0"),)}],
+)
+def test_a_member_may_stand_for_long_where_sumos_cars_do(sumo):
+    long = ride(stands=(Stand("p0.0", 61.0, "held: held by light", "a_0"),))
+    elsewhere = ride(stands=(Stand("p0.0", 61.0, "held: held by light", "b_0"),))
+    assert verdict(long, ride(**sumo)).holds
+    assert len(verdict(elsewhere, ride(**sumo)).faults) == 1
 
 
 def test_a_run_that_failed_is_a_fault():
