@@ -185,29 +185,39 @@ class Simulation:
 
         raises: InputError (SUMO refuses a file), RunError (a member cannot be inserted, or SUMO already runs here)
         """
+        self.deploy()
+        return self.begin()
+
+    def deploy(self) -> None:
+        """The part of a reset that no seed of the setting changes: a new world, with the members at their places."""
         self._open.close()
         setting, watch = self.setting, self.stopwatch
         world = self._open.enter_context(setting.ground() if setting.ground else BareGround(setting.dt))
         self.world = watch.wrap(world, snapshot="read", signals="signals", place="place", advance="step")
-        self.sensors = watch.wrap(Sensing(setting.scene, setting.lidar_engine, setting.seed), sense="scan")
         self.observer = watch.wrap(setting.observer(), observe="observe", measure="measure")
         self._open.callback(self.observer.close)
         self.manoeuvres, self.breakdowns = Manoeuvres(setting.orders), Breakdowns(setting.breakdowns)
-        self.messages = _no_messages(setting)
         self.stuck, self._remedies = Stuck(setting.recruits.tables if setting.recruits else ()), {}
         self.convoys, self.ways_round = Convoys(), WaysRound(setting.map)
         self.violations = Violations()
         self.members = list(setting.members)  # all that it has had, by their number
-        fleet = self.world.deploy(*setting.departures)
-        self.obstacles = Obstacles(setting.obstacles, fleet)
+        self._deployed = self.world.deploy(*setting.departures)
+        self.obstacles = Obstacles(setting.obstacles, self._deployed)
         self.encounters = Encounters(self.obstacles, setting.members)
         self._hold_obstacles()
         # What is here lasts. A collection that looks through the network takes as long as some steps.
         if isinstance(world, World) and not gc.get_freeze_count():
             gc.freeze()
             self._open.callback(gc.unfreeze)
+
+    def begin(self) -> Instant:
+        """The rest of a reset, after `deploy`: the first instant. Until then another seed may be set."""
+        setting = self.setting
+        sensing = Sensing(setting.scene, setting.lidar_engine, setting.seed)
+        self.sensors = self.stopwatch.wrap(sensing, sense="scan")
+        self.messages = _no_messages(setting)
         self._stopped = ""
-        return self._decide(0, fleet)
+        return self._decide(0, self._deployed)
 
     def step(self, override: Mapping[str, Twist | Drive] | None = None) -> Instant:
         """Every member moves by its command; then the next instant.

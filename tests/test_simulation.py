@@ -55,6 +55,14 @@ def facts(now: Instant) -> list[Any]:
     return [now.step, now.time, *state, scans, list(now.roads), list(now.events), now.ended]
 
 
+def test_the_seed_of_a_deployed_simulation_may_still_be_chosen():
+    simulation, other = of_robots(), of_robots()
+    simulation.deploy()
+    simulation.setting = replace(simulation.setting, seed=4)
+    np.testing.assert_equal(facts(simulation.begin()), facts(Simulation(simulation.setting).reset()))
+    assert not np.array_equal(simulation.now.scans[1].ranges, other.reset().scans[1].ranges)
+
+
 # ---- as a run
 
 

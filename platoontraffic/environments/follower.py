@@ -34,7 +34,8 @@ class Follower(gymnasium.Env):
         changes  : of its keys: `key=value`
         vehicle  : the member that learns, in place of that of the scenario
 
-        raises: InputError with one line for every fault found, MissingError (this system has no fork), ValueError
+        raises: InputError with one line for every fault found, MissingError (this system has no fork), ValueError,
+                RunError (a member cannot be inserted)
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode = {render_mode!r}; must be None or 'rgb_array'")

@@ -158,7 +158,7 @@ class Episodes:
         if number == 0:
             self._check_episodes(base)
         self._open, self._world = ExitStack(), None
-        self._simulation: Simulation | None = None  # of the episode
+        self._simulation: Simulation | None = None  # of the episode; or of a parent, deployed: see `_warm_up`
         self._undrawn = self._setting(self._prepared)  # of episodes for which nothing is drawn
         _kernels(self._undrawn)
         if self._folder:
@@ -173,6 +173,10 @@ class Episodes:
         observer = setting.observer()  # a fork uses its copy of it once
         self._undrawn = changed(setting, observer=lambda: observer)
         gc.collect()
+        if not self._facts.learn.draw:  # episodes differ by their seeds only, and may begin with the same deployment
+            self._simulation = Simulation(self._undrawn)
+            self._simulation.deploy()
+            self._simulation.world.look_ahead(self._undrawn.members)
         gc.freeze()  # in forks, collections need not touch, and so copy, what is here
 
     def _check_episodes(self, base: Scenario) -> None:
@@ -231,14 +235,16 @@ class Episodes:
 
     def chosen(self, seed: int, values: Mapping[str, Any]) -> None:
         """What the next episode depends on: the seed of the sensors' errors, and what is drawn. raises: InputError"""
-        setting = self._setting(self._prepare(values)) if values else self._undrawn
-        self._simulation = Simulation(changed(setting, seed=seed))
+        if self._simulation is None:
+            self._simulation = Simulation(self._setting(self._prepare(values)) if values else self._undrawn)
+            self._simulation.deploy()
+        self._simulation.setting = changed(self._simulation.setting, seed=seed)
         self._ranges: list[np.ndarray | None] = [None] * len(self._learners)
 
     def begin(self, say: Say) -> tuple:
         """The first decision, as `Frame.plain`: when the first scan of a member that learns has arrived."""
         simulation, events = self._simulation, []
-        now = simulation.reset()
+        now = simulation.begin()
         self._places = Places.of(self._learners, now.fleet)
         while not (now.ended or self._keep(now)):
             events += now.events

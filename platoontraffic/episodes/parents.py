@@ -35,7 +35,7 @@ class Parents:
     """They are made when they are needed first, and end with this object, or with the thread that made them."""
 
     def __init__(self, source: Source) -> None:
-        """raises: InputError, MissingError (this system has no fork)"""
+        """raises: InputError, MissingError (this system has no fork), RunError (a member cannot be inserted)"""
         self._source = source
         self._folder = TemporaryDirectory(prefix="platoontraffic-", ignore_cleanup_errors=True)
         self._processes: dict[int, Process] = {}
@@ -53,8 +53,6 @@ class Parents:
         _end(*self._last)
         self._last = self._episode, self._of_episode
         self._episode = self._of_episode = None
-        if self._last[0] and not self._last[0].closed:
-            self._last[0].kill()  # which takes a while
         try:
             if self._next and self._next.plan != plan:
                 with contextlib.suppress(InputError, RunError):  # of an episode that nobody asked for
@@ -63,6 +61,8 @@ class Parents:
             if self._next is None:
                 self._send(plan)
             self._answer()
+            if self._last[0] and not self._last[0].closed:
+                self._last[0].kill()  # not before: while its memory is freed, a fork takes twice as long
             return self._episode.answer()
         except KeyboardInterrupt:
             self.end()

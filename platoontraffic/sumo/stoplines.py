@@ -111,6 +111,15 @@ class StopLines:
         self._now.renew()
         self._way.renew()
 
+    def look_ahead(self, members: Sequence[Member]) -> None:
+        """Find what the lines on members' routes are judged by, which lasts, before a member comes to one."""
+        for member in members:
+            if member.route and "signals" in member.law.needs:
+                kind = Ego.of(member).kind
+                for line in member.route.lines:
+                    if line.state != CHANGING:
+                        self._conflicts[self._at_junction[line, kind]]
+
     def signals(self, fleet: Fleet, roads: Mapping[str, tuple[str, str]]) -> Signals | None:
         """The next stop line of each member with a law that needs it; None if no law does.
 

@@ -152,6 +152,10 @@ class World:
         load_poses()
         load_conflicts()
 
+    def look_ahead(self, members: Sequence[Member]) -> None:
+        """Find out about the junctions on members' routes, so that forks of the process need not. Nothing moves."""
+        self._lines.look_ahead(members)
+
     def snapshot(self, fleet: Fleet, reach: float = np.inf) -> TrafficSnapshot:
         """Vehicles and people at this instant: members as the fleet has them, background traffic as SUMO does.
 

@@ -190,6 +190,7 @@ def test_a_seed_gives_the_same_episode_in_every_process():
 
 
 DRAWN = 'learn.draw={"platoon.gap_m" = {from = 0.4, to = 0.6}, "platoon.leader.speed_mps" = [0.1, 0.3]}'
+WITHOUT_CHOICE = 'learn.draw={"platoon.gap_m" = [4.0]}'
 LEARNS = [
     (),
     (DRAWN, "learn.observation=group", "learn.reward={gap_error_m=-1.0, collision=-10.0, lock_lost=-2.0}"),
@@ -258,6 +259,20 @@ def test_an_episode_that_was_made_while_another_one_went_on_is_the_same_episode(
     assert np.array_equal(first_steps(env, 7, 5), first_steps(other, 7, 5))  # in place of the one that was made
     env.close()
     other.close()
+
+
+@pytest.mark.slow
+def test_an_episode_is_the_same_where_its_parent_has_deployed_the_members():
+    """It has where nothing is drawn. The platoon comes to lines before a light and a junction."""
+    noise = "platoon.follower.lidar.noise=utm30lx"
+    changes = ["learn.parents=1", "platoon.size=2", "platoon.start.position_m=100", noise]
+    env, drawing = (Follower("corridor_tracking", [*changes, *draw]) for draw in ((), (WITHOUT_CHOICE,)))
+    seen = [env.reset(seed=5), drawing.reset(seed=5)]
+    for _ in range(100):
+        np.testing.assert_equal(*seen)
+        seen = [one.step(np.array([1.0, 0.0])) for one in (env, drawing)]
+    env.close()
+    drawing.close()
 
 
 @pytest.mark.slow
