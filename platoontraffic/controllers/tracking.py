@@ -302,8 +302,8 @@ class TrackingFollower(Law):
         if self.policy == "convoy":
             stop = np.where(known & ~now.wrong_lane, np.inf, stop)
         command = Drive(*np.empty((2, len(known))))
-        decide(now.speed, memory.acceleration, known, memory.never_lost, pursuit, obstacle, stop, held,
-               along is not None, road, limit, self._gains, dt, command)  # fmt: skip
+        decide(now.speed, memory.acceleration, sensed.body.drive_lag, known, memory.never_lost, pursuit, obstacle,
+               stop, held, along is not None, road, limit, self._gains, dt, command)  # fmt: skip
 
         lost = memory.track.known & ~estimate.predicted.known
         replaced = estimate.predicted.known & estimate.track.seen & np.isnan(estimate.track.nis)

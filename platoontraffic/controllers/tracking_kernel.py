@@ -145,9 +145,12 @@ def _open_gap(v, distance, their_speed, reaction, gains):
 
 
 @compiled
-def decide(speed, last, known, never_lost, pursuit, obstacle, stop, held, routed, road, limit, gains, dt, command):
+def decide(
+    speed, last, drive_lag, known, never_lost, pursuit, obstacle, stop, held, routed, road, limit, gains, dt, command
+):
     """Fill in acceleration and curvature of the command; `limit`, a `BrakingFor` of `alone`, becomes that of the law.
 
+    drive_lag  : of the drive's acceleration [s], (n,)
     known      : there is a predecessor, bool (n,)
     never_lost : it has had the same one from the start, bool (n,)
     stop       : acceleration for closed lines [m/s2], (n,); inf: none
@@ -182,21 +185,25 @@ def decide(speed, last, known, never_lost, pursuit, obstacle, stop, held, routed
         limit.bearing[i] = obstacle.bearing[i] if reason == OBSTACLE else math.nan
         limit.reason[i] = BESIDE if reason == PREDECESSOR and held[i] else reason
 
-        command.acceleration[i] = _comfort(
-            speed[i], last[i], np.minimum(wanted, stop[i]), np.minimum(needed, stop[i]), gains, dt
-        )
+        wanted, needed = np.minimum(wanted, stop[i]), np.minimum(needed, stop[i])
+        command.acceleration[i] = _comfort(speed[i], last[i], wanted, needed, drive_lag[i], gains, dt)
         most = gains.lateral_acceleration / np.maximum(speed[i], 1e-3) ** 2
         command.curvature[i] = np.minimum(np.maximum(pursuit.curvature[i], -most), most)
 
 
 @compiled
-def _comfort(v, last, wanted, needed, gains, dt):
-    """The wanted acceleration within comfort; the needed one where it is harder braking [m/s2]."""
-    if v < STANDING:
-        last = np.maximum(last, -FIRM)
-    wanted, last = np.minimum(np.maximum(wanted, -gains.braking), gains.acceleration), np.maximum(last, -gains.braking)
-    change = gains.jerk * dt
-    wanted = np.minimum(np.maximum(wanted, last - change), last + change)
+def _comfort(v, last, wanted, needed, drive_lag, gains, dt):
+    """The wanted acceleration within comfort; the needed one where it is harder braking [m/s2].
+
+    A vehicle that stands does not accelerate, however hard its brakes hold it. It may set out by any command from which
+    the lag of its drive makes no more than the comfortable jerk.
+    """
+    wanted, change = np.minimum(np.maximum(wanted, -gains.braking), gains.acceleration), gains.jerk * dt
+    if v < STANDING and wanted > 0:
+        wanted = np.minimum(wanted, np.maximum(gains.jerk * drive_lag, change))
+    else:
+        last = np.maximum(last, -FIRM if v < STANDING else -gains.braking)
+        wanted = np.minimum(np.maximum(wanted, last - change), last + change)
     if needed < -EMERGENCY * gains.hardest_braking:
         return -gains.hardest_braking
     acceleration = np.minimum(wanted, needed) if needed < -gains.braking else wanted

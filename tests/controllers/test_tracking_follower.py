@@ -11,7 +11,7 @@ import shapely
 
 from platoontraffic.controllers import Law
 from platoontraffic.controllers.tracking import TrackingFollower
-from platoontraffic.controllers.tracking_kernel import APPROACH
+from platoontraffic.controllers.tracking_kernel import APPROACH, FIRM, _comfort
 from platoontraffic.lidar import PRESETS, LidarModel, Mount, Noise, Scene
 from platoontraffic.lidar.pose import wrap
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -287,6 +287,33 @@ def test_lasting_blindness_makes_it_stop():
     assert at[19.0] == 0
     assert log.acceleration[:, 1].min() > -FOLLOWER.braking  # not an emergency
     assert np.abs(log.y[:, 1]).max() < 1.5  # after 150 m, the direction last seen is known to 0.01 rad
+
+
+def test_it_sets_out_with_the_comfortable_jerk_at_once():
+    """By the lag T of its drive a command a that is given at once is v = a (t - T (1 - exp(-t / T)))."""
+    members = platoon(
+        Prescribed(lambda _: Drive(0.0, 0.0)), FOLLOWER, 1, distance=40.0, model=CAR, eye=EXACT, speed=0.0,
+        leader_eye=replace(BLIND, rate=10.0),
+    )  # fmt: skip
+    log = drive(members, NO_WALLS, 2.0, DT)
+    since = DT * (np.arange(len(log.speed)) - (log.acceleration[:, 1] > 0).argmax() + 1)
+    driven = FOLLOWER.acceleration * (since - CAR.lag * (1 - np.exp(-since / CAR.lag)))
+    assert log.speed[since > 0.5, 1] == pytest.approx(driven[since > 0.5], abs=0.1)
+    assert np.diff(log.acceleration[:, 1]).max() / DT < FOLLOWER.jerk
+
+
+@pytest.mark.parametrize(
+    ("lag", "last", "wanted", "command"),
+    [
+        (0.5, -FIRM, 2.5, 2.5),  # 2.5 m/s2 by a lag of 0.5 s is 5 m/s3
+        (0.2, -FIRM, 2.5, 1.0),
+        (0.0, -FIRM, 2.5, 0.5),  # 5 m/s3 over one step
+        (0.5, -FIRM, 0.3, 0.3),
+        (0.5, 0.0, -FIRM, -0.5),  # it is held, as gently as before
+    ],
+)
+def test_a_standing_vehicle_sets_out_without_having_released_its_brakes_first(lag, last, wanted, command):
+    assert _comfort(0.0, last, wanted, math.inf, lag, FOLLOWER._gains, DT) == pytest.approx(command)
 
 
 def test_without_a_predecessor_it_does_not_start():
