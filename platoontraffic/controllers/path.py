@@ -51,7 +51,7 @@ class AlongRoute(NamedTuple):
     """What a vehicle may drive along its route, arrays (n,); inf where nothing limits it."""
 
     offset: np.ndarray  # of the driven axle from the route, to the left [m]
-    bends: np.ndarray  # acceleration for bends and lower limits ahead [m/s2]
+    bends: np.ndarray  # acceleration for bends and limits, here and ahead [m/s2]
     obstacle: np.ndarray  # for the first obstacle [m/s2]
     acceleration: np.ndarray  # for speed, bends and obstacle [m/s2]
     curvature: np.ndarray  # of the route, and back to it where the vehicle is beside it [1/m]

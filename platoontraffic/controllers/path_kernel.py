@@ -51,7 +51,7 @@ def drive_along(route, speed, drive, body, ranges, laser, free, closing, profile
         along.offset[i] = offset
         reached = v + _run_out(drive[i], body.drive_lag[i])
         here, bends = _bends(route, i, (v, reached), body.curvature_rate[i], slow, gains)
-        along.bends[i] = bends
+        along.bends[i] = np.minimum(bends, np.maximum((here - v) / SETTLING, -gains.braking))
 
         catch_up = np.maximum(length if math.isnan(gains.catch_up) else gains.catch_up, gains.catch_up_time * v)
         lock, bend = 1 / np.maximum(body.turning_radius[i], SHARPEST * length), lateral / np.maximum(v, 1e-3) ** 2

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import shapely
 
 from platoontraffic.controllers import path_kernel
+from platoontraffic.controllers.law import Body, RouteAhead
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.lidar import PRESETS, Mount, Scene
 from platoontraffic.road.route import Route
@@ -89,6 +91,21 @@ def test_it_slows_down_before_a_bend_rather_than_in_it():
     assert speed[x < 120].min() > 14
     assert np.diff(speed).min() / 0.1 > -3.0
     assert speed[-1] > 12
+
+
+def test_where_a_turn_begins_the_steering_rate_limits_the_acceleration_for_bends():
+    """Followers drive by that acceleration: without it they took the begin of a turn too fast, and left their route."""
+    distance, curvature = np.arange(6.0)[None], np.array([[0.0, 0.1, 0.1, 0.1, 0.1, 0.1]])
+    points = np.stack([distance, np.zeros((1, 6))], axis=-1)
+    route = RouteAhead(distance, points, np.full((1, 6), 100.0), curvature, np.zeros((1, 6)))
+    body = Body(*(np.array([getattr(CAR, name)]) for name in Body._fields))
+    scan = SimpleNamespace(model=EYE, ranges=np.full((1, 3), np.inf))
+    none, law = np.zeros(1), PathLeader()
+    for speed in (1.0, 2.0):
+        sensed = SimpleNamespace(route=route, body=body, scan=scan, speed=np.array([speed]))
+        bends = law.along_route(sensed, none, none, np.array([np.inf]), none, 0.1).bends[0]
+        steered = path_kernel.STEERED * CAR.curvature_rate / 0.1
+        assert bends == pytest.approx((steered - speed) / path_kernel.SETTLING)
 
 
 def test_it_drives_at_the_speed_limit_and_brakes_before_a_lower_one():
