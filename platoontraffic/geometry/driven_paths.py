@@ -14,6 +14,7 @@ from platoontraffic.geometry import polyline
 from platoontraffic.geometry.polyline import project
 from platoontraffic.lidar.compiled import compiler
 
+END = 1e-9  # within that distance of its last point a place is at the end of a path [m]
 CORNER = 0.1  # tangent of the change of direction above which a point is a corner, and kept
 
 compiled = compiler(__file__, polyline.__file__)
@@ -64,8 +65,8 @@ class DrivenPaths:
     def project(self, number: np.ndarray, x, y, near, window) -> tuple[np.ndarray, np.ndarray]:
         """Stations of the nearest points within `window` of stations `near`, and offsets to the left [m]; arrays (m,).
 
-        Both are NaN where the nearest point has been forgotten. Behind its first point a path goes straight on, and
-        stations are negative.
+        Both are NaN where the nearest point has been forgotten. Behind its first point and beyond its last a path goes
+        straight on; stations are negative there, or greater than `end`.
         """
         station, offset = np.empty(len(number)), np.empty(len(number))
         _project_all(self._points, self._size, number, x, y, near, window, station, offset)
@@ -143,6 +144,8 @@ def located(points, size, k, x, y, near, window):
         station, aside = _project(points[k], size[k], x, y, near, window)
         if first == 0.0 and station == 0.0 and size[k] > 1:
             return _behind(points[k], x, y, aside)
+        if size[k] > 1 and station >= end_of(points, size, k) - END:
+            return _beyond(points[k], size[k], x, y, aside)
         if first == 0.0 or station > first:
             return station, aside
     return math.nan, math.nan
@@ -156,6 +159,17 @@ def _behind(path, x, y, aside):
     piece = math.hypot(ahead_x, ahead_y)
     along = (dx * ahead_x + dy * ahead_y) / piece
     return (along, (ahead_x * dy - ahead_y * dx) / piece) if along < 0.0 else (0.0, aside)
+
+
+@compiled
+def _beyond(path, size, x, y, aside):
+    """Station and offset of a position on the last piece of a path, prolonged; its end and `aside` if it is not beyond
+    the last point."""
+    before, last = path[size - 2], path[size - 1]
+    ahead_x, ahead_y, dx, dy = last[0] - before[0], last[1] - before[1], x - last[0], y - last[1]
+    piece = math.hypot(ahead_x, ahead_y)
+    along = (dx * ahead_x + dy * ahead_y) / piece
+    return (last[2] + along, (ahead_x * dy - ahead_y * dx) / piece) if along > 0.0 else (last[2], aside)
 
 
 @compiled

@@ -25,6 +25,7 @@ class Followers(NamedTuple):
     end: np.ndarray
     station: np.ndarray
     ahead: np.ndarray
+    beside: np.ndarray
 
 
 @compiled
@@ -41,7 +42,7 @@ def locate(paths, state, number, predecessor, x, y, reversing, body, native):
     length, width, axle = body
     for i in range(len(number)):
         k, front = number[i], predecessor[i]
-        state.gap[k] = state.cross_track[k] = math.nan
+        state.gap[k], state.cross_track[k], state.beside[k] = math.nan, math.nan, False
         if front < 0:
             state.ahead[k], state.end[k] = -1, end_of(points, size, k)
             continue
@@ -54,10 +55,12 @@ def locate(paths, state, number, predecessor, x, y, reversing, body, native):
             near, reach = end_front - away, DETOUR * (away + length[i])
         station, offset = located(points, size, k_front, x[i], y[i], near, reach)
         gap = (end_front - length[front] / 2 - axle[front]) - (station + length[i] / 2 - axle[i])
-        # Behind the begin of its predecessor's path it may come round a corner. SUMO's cars change lanes as they like,
-        # and pass each other.
+        state.beside[k] = beside = abs(offset) > (width[i] + width[front]) / 2
+        # Behind the begin of its predecessor's path it may come round a corner.
         elsewhere = station < 0.0 and abs(offset) > width[i] + width[front] - SIDEWAYS * station
-        if not elsewhere and not (native[i] and (abs(offset) > (width[i] + width[front]) / 2 or gap < 0)):
+        passes = gap < 0.0 and (beside or station > end_front)
+        # SUMO's cars change lanes as they like.
+        if not (elsewhere or passes or (native[i] and (beside or gap < 0.0))):
             state.gap[k], state.cross_track[k] = gap, offset
         state.station[k] = state.station[k] + driven if math.isnan(station) else station
         state.ahead[k], state.end[k] = k_front, end

@@ -146,7 +146,8 @@ class Observer:
         events += self._braking.observe(step)
         self._closeness.look(step)
         events += self._collisions.observe(step, self._closeness.any_close)
-        events += self._near_misses.observe(step, gap, self._collisions.touching)
+        behind = np.where(self._gaps.beside[fleet.number], np.nan, gap)
+        events += self._near_misses.observe(step, behind, self._collisions.touching)
         events += self._closeness.observe(step, self._collisions.touching)
         events += self._encroachments.observe(step)
         events += self._off_road.observe(step)
@@ -156,6 +157,7 @@ class Observer:
             desired_gap=desired_gap,
             jerk=self._braking.jerk,
             cross_track=self._gaps.cross_track,
+            beside=self._gaps.beside,
             beams=self._locks.beams,
             occluded=self._locks.occluded,
             clearance=self._closeness.clearance,

@@ -45,6 +45,7 @@ class Seen(NamedTuple):
     desired_gap: np.ndarray  # [m], (n,)
     jerk: np.ndarray  # [m/s3], (N,)
     cross_track: np.ndarray  # [m], (N,)
+    beside: np.ndarray  # as of `gaps.Gaps`, (N,)
     beams: np.ndarray  # on the predecessor, (N,)
     occluded: np.ndarray  # share of them, (N,)
     clearance: np.ndarray  # [m], (N,)
@@ -87,7 +88,7 @@ def evaluate(seen, before, dt, values):
             if not math.isnan(seen.beams[k]):
                 value.beams_enough = 1.0 if seen.beams[k] >= ENOUGH_BEAMS else 0.0
             value.needed_braking = 0.0
-        if value.closing > LEAST_SPEED:
+        if value.closing > LEAST_SPEED and not seen.beside[k]:
             left = seen.gap[i] if seen.gap[i] > 0 else math.nan
             value.time_to_collision = left / value.closing
             value.needed_braking = value.closing * value.closing / (2 * left)

@@ -96,7 +96,8 @@ TRAJECTORIES = (
         "that path is a straight line from the follower's axle (for the last member: one length long). In bends "
         "the bumpers lie beside the path: from bumper to bumper, measured straight, it was up to 0.47 m more or less "
         "in the junctions of corridor_tracking, and up to 0.36 m less, of 0.48 m, at the corners of paper_loop. "
-        "Of a follower that SUMO drives: while it is behind its predecessor on that path",
+        "A path keeps some 24 points a vehicle length. Empty while a follower passes its predecessor, beside it or "
+        "ahead of it; of a follower that SUMO drives, while it is not behind its predecessor on that path",
         lambda now: now.measures.gap,
     ),
     number(
@@ -105,18 +106,20 @@ TRAJECTORIES = (
         "gap minus the gap that the law aims for at this speed; empty if the law states none",
         lambda now: now.measures.gap_error,
     ),
-    number("time_gap_s", "s", "gap divided by own speed; empty at a standstill", lambda now: now.measures.time_gap),
+    number("time_gap_s", "s", "gap divided by own speed; empty up to 1 mm/s", lambda now: now.measures.time_gap),
     number("closing_mps", "m/s", "own speed minus the predecessor's speed", lambda now: now.measures.closing),
     number(
         "ttc_s",
         "s",
-        "time to collision: gap divided by closing speed; empty unless the closing speed is above 1 mm/s",
+        "time to collision: gap divided by closing speed; empty unless the closing speed is above 1 mm/s, where the gap "
+        "is 0 or less, and where cross_track_m is more than the mean width of the two",
         lambda now: now.measures.time_to_collision,
     ),
     number(
         "drac_mps2",
         "m/s2",
-        "deceleration rate to avoid a collision: closing^2 / (2 gap); 0 when not closing",
+        "deceleration rate to avoid a collision: closing^2 / (2 gap); empty where the gap is 0 or less; 0 when not "
+        "closing, and where cross_track_m is more than the mean width of the two",
         lambda now: now.measures.needed_braking,
     ),
     integer(

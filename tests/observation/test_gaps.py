@@ -12,7 +12,7 @@ from tests.support.gaps_by_arrays import GapsByArrays
 from tests.support.observed import cars
 
 N = 7
-STATE = "gap", "cross_track", "_end", "_station", "_ahead"
+STATE = "gap", "cross_track", "_end", "_station", "_ahead", "beside"
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -62,6 +62,42 @@ def test_the_gap_to_a_new_predecessor_is_that_to_where_it_is_also_from_behind_it
             assert not is_known or gaps.cross_track[1] == pytest.approx(aside)
         x = x + 0.1 * speeds
     assert np.isnan(gaps.gap[[0, *range(2, N)]]).all()
+
+
+def test_a_follower_that_passes_its_predecessor_has_no_gap_and_is_beside_its_path():
+    """Its gap was stuck at one length, and its offset grew to 148 m: the distance to the end of the path."""
+    gaps, n, x, y = Gaps(cars(N - 1)), np.arange(N), -30.0 * np.arange(N), np.zeros(N)
+    speeds = np.where(n == 1, 20.0, 10.0)
+    only = np.where(n == 1, 0, -1)
+    known = []
+    for k in range(100):
+        y[1] = 3.2 * min(k / 20, 1.0)
+        step = _step(n, only, x, y, np.zeros(N), speeds, np.zeros(N, bool))
+        if k == 0:
+            gaps.begin(step, n)
+        gaps.observe(step)
+        model = step.fleet.model
+        gap = x[0] - x[1] - model.length[0] / 2 - model.axle[0] - model.length[1] / 2 + model.axle[1]
+        assert gaps.gap[1] == pytest.approx(gap if gap >= 0 else np.nan, nan_ok=True)
+        assert gaps.cross_track[1] == pytest.approx(y[1] if gap >= 0 else np.nan, nan_ok=True)
+        assert gaps.beside[1] == (y[1] > model.width[:2].mean())
+        known.append(gap >= 0)
+        x = x + 0.1 * speeds
+    assert x[1] > x[0] + 10 and any(known[20:])
+
+
+def test_a_follower_that_drives_into_its_predecessor_has_a_gap_until_it_has_driven_through_it():
+    gaps, n, x, zero = Gaps(cars(N - 1)), np.arange(N), -10.0 * np.arange(N), np.zeros(N)
+    only, found = np.where(n == 1, 0, -1), []
+    for k in range(60):
+        step = _step(n, only, x, zero, zero, np.where(n == 1, 5.0, 1.0), np.zeros(N, bool))
+        if k == 0:
+            gaps.begin(step, n)
+        gaps.observe(step)
+        found.append((x[0] - x[1], gaps.gap[1]))
+        x = x + 0.1 * np.where(n == 1, 5.0, 1.0)
+    assert min(gap for _, gap in found) < -3.0
+    assert all(np.isnan(gap) == (apart < 0) for apart, gap in found)
 
 
 def _step(number, predecessor, x, y, heading, speed, native):

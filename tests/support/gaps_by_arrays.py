@@ -30,7 +30,11 @@ class GapsByArrays(Gaps):
         self.gap[members] = self.cross_track[members] = np.nan
         gap, width = rear - front, fleet.model.width
         around = (station < 0) & (np.abs(offset) > width[rows] + width[ahead] - SIDEWAYS * station)
-        elsewhere = around | fleet.native[rows] & ((np.abs(offset) > (width[rows] + width[ahead]) / 2) | (gap < 0))
+        beside = np.abs(offset) > (width[rows] + width[ahead]) / 2
+        passes = (gap < 0) & (beside | (station > self._paths.end(number_ahead)))
+        elsewhere = around | passes | fleet.native[rows] & (beside | (gap < 0))
+        self.beside[members] = False
+        self.beside[number] = beside
         self.gap[number] = np.where(elsewhere, np.nan, gap)
         self.cross_track[number] = np.where(elsewhere, np.nan, offset)
         forgotten = np.isnan(station)

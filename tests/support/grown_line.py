@@ -30,7 +30,7 @@ class GrownLine:
         """Shorten the line to its point nearest to x, y, searched as far back as x, y is from its end."""
         away = np.hypot(*(self._points[-1] - (x, y)))
         station, _ = self.project(x, y, self.end - away, window=away + 1e-9)
-        station = max(station, 0.0)
+        station = min(max(station, 0.0), self.end)
         point = self.at(station)
         del self._points[max(int(np.searchsorted(self._stations, station)), 1) :]
         self.append(*point)
@@ -38,7 +38,7 @@ class GrownLine:
     def project(self, x: float, y: float, near: float, window: float) -> tuple[float, float]:
         """Station of the nearest point, and the offset to the left, among pieces within `window` of `near`.
 
-        Before its first point the line goes straight on.
+        Before its first point and beyond its last the line goes straight on.
         """
         stations, starts, step = self._stations, np.array(self._points[:-1]), np.diff(self._points, axis=0)
         length = np.diff(stations)
@@ -51,6 +51,9 @@ class GrownLine:
         side = step[k, 0] * away[k, 1] - step[k, 1] * away[k, 0]
         if k == 0 and (behind := float((away[0] * step[0]).sum() / length[0])) < 0:
             return behind, float(side / length[0])
+        beyond = float((away[-1] * step[-1]).sum() / length[-1]) - length[-1]
+        if k == len(step) - 1 and beyond > 0:
+            return self.end + beyond, float(side / length[-1])
         return float(stations[k] + along[k]), float(np.copysign(distance[k], side))
 
     def at(self, station: float) -> np.ndarray:
