@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 SPLIT_AFTER = 2.0  # time after its begin at which a split is an event [s]
+TIMES = 6  # places of times in seconds
 GONE = ("arrived", "stranded", "given_up")  # kinds of events by which a member leaves the road
 NOBODY = ""  # predecessor of a follower after an order to split off
 
@@ -74,7 +75,7 @@ def split_off(own: pd.DataFrame, stretches: Sequence[Stretch]) -> list[tuple[flo
     """Periods in which a member is split off from its predecessor, by an event or by an order; own: its events."""
     kind, time = own.kind.to_numpy(object), own.time_s.to_numpy()
     rejoined = time[kind == "rejoined"]
-    begun = [*(time[kind == "split"] - SPLIT_AFTER)]
+    begun = [round(t - SPLIT_AFTER, TIMES) for t in time[kind == "split"]]  # 16.1 - 2.0 is no instant
     if (kind == "told").any():
         orders = _carried_out(own)
         begun += [*orders.time_s[orders.what == "join"]]

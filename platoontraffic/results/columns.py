@@ -111,8 +111,8 @@ TRAJECTORIES = (
     number(
         "ttc_s",
         "s",
-        "time to collision: gap divided by closing speed; empty unless the closing speed is above 1 mm/s, where the gap "
-        "is 0 or less, and where cross_track_m is more than the mean width of the two",
+        "time to collision: gap divided by closing speed; empty unless the closing speed is above 1 mm/s, where the "
+        "gap is 0 or less, and where cross_track_m is more than the mean width of the two",
         lambda now: now.measures.time_to_collision,
     ),
     number(
@@ -269,15 +269,24 @@ ENCOUNTERS = (
 TRIPS = (
     text("vehicle_id", "vehicle of the traffic"),
     text("type", "vehicle type that it has in the demand"),
-    integer("member", "1: it was a member, and the row is measured by the tool; 0: SUMO drove it, and measured it"),
-    text("status", "'arrived', at the end 'running' or 'waiting' to depart, 'removed', or 'sumo_drives': see stuck"),
+    integer(
+        "member",
+        "1: it was a member, and the row is measured by the tool, also while SUMO drives it on: see stuck; 0: SUMO "
+        "drove it, and measured it",
+    ),
+    text("status", "'arrived', at the end 'running' or 'waiting' to depart, or 'removed': see stuck"),
     number("depart_s", "s", "departure, since the platoons were placed; negative if before that", format="%.3f"),
     number("arrival_s", "s", "arrival, since the platoons were placed; empty for unfinished trips", format="%.3f"),
     number("duration_s", "s", "time on the road, for unfinished trips until the end", format="%.3f"),
     number("route_length_m", "m", "distance driven", format="%.9g"),
     number("waiting_s", "s", "time slower than 0.1 m/s, without planned stops", format="%.3f"),
     number("time_loss_s", "s", "time lost by driving slower than the driver would on a free road", format="%.3f"),
-    number("depart_delay_s", "s", "delay of departure for want of room", format="%.3f"),
+    number(
+        "depart_delay_s",
+        "s",
+        "delay of departure, for want of room or by waiting for others of its platoon",
+        format="%.3f",
+    ),
     number("co2_kg", "kg", "CO2 emitted", format="%.9g"),
     number("fuel_kg", "kg", "fuel used", format="%.9g"),
 )

@@ -142,15 +142,19 @@ class Own:
         counted = [(one.begin, one.end) for one in self.follows]
         off = self.split_off
         whole, lost = lengths(counted, off)
-        here = within(self.rows.time_s, counted)
+        here = self._within(self.rows.time_s, counted)
         driven = np.hypot(self.rows.x_m.diff(), self.rows.y_m.diff()).to_numpy()[1:]
-        distance = driven[(here & ~within(self.rows.time_s, off))[:-1]].sum()  # each step is of where it begins
+        distance = driven[(here & ~self._within(self.rows.time_s, off))[:-1]].sum()  # each step is of where it begins
         rows = self.rows[here]
         time = rows.time_s.to_numpy()
         ahead = np.full(len(rows), "", dtype=object)
         for one in self.follows:
-            ahead[within(time, [(one.begin, one.end)])] = one.ahead
-        return Following(rows, within(time, off), ahead, 1 - share(lost, whole), float(distance))
+            ahead[self._within(time, [(one.begin, one.end)])] = one.ahead
+        return Following(rows, self._within(time, off), ahead, 1 - share(lost, whole), float(distance))
+
+    def _within(self, times: pd.Series | np.ndarray, periods: Sequence[tuple[float, float]]) -> np.ndarray:
+        """As `within`; a period that lasts to the end has the last instant too."""
+        return within(times, [(begin, math.inf if end >= self.until else end) for begin, end in periods])
 
     @cached_property
     def together(self) -> list[Stretch]:

@@ -39,6 +39,7 @@ class Trips:
         self._rows = np.empty(0, dtype=np.intp)  # of the members in the fleet that are from the traffic ...
         self._of_rows = np.empty(0, dtype=np.intp)  # ... and their rows in the sums
         self._for: tuple[str, ...] = ()
+        self._handed_over: set[str] = set()  # members that SUMO has taken over, until they arrive
 
     def begin(self, newcomers: Fleet, kinds: Iterable[str], waits: Mapping[str, float]) -> None:
         """
@@ -63,24 +64,39 @@ class Trips:
         """The type that a member had in the traffic, and its speed factor."""
         return self._trips[name].type, float(self._drivers[self._row[name], 0])
 
-    def observe(self, fleet: Fleet) -> None:
-        """After every step."""
+    def hand_over(self, name: str) -> None:
+        """SUMO drives a member from now on."""
+        self._handed_over.add(name)
+
+    def observe(self, fleet: Fleet, time: float) -> None:
+        """After every step. time: now [s]"""
         if fleet.ids is not self._for:
             self._for = fleet.ids
             self._rows = np.array([i for i, name in enumerate(fleet.ids) if name in self._row], dtype=np.intp)
             self._of_rows = np.array([self._row[fleet.ids[i]] for i in self._rows], dtype=np.intp)
-        if not len(self._rows):
-            return
-        names, speed = [fleet.ids[i] for i in self._rows], np.abs(fleet.motion.speed[self._rows])
-        where, limits, lane_of = self._placement.where, self._limits, self._sumo.vehicle.getLaneID
-        limit = np.array([limits[where[name][1] or lane_of(name)] for name in names])
-        factor, top_speed = self._drivers[self._of_rows].T
-        desired = np.minimum(factor * limit, top_speed)
         vehicle = self._sumo.vehicle
+        if len(self._rows):
+            names, speed = [fleet.ids[i] for i in self._rows], np.abs(fleet.motion.speed[self._rows])
+            where, lane_of = self._placement.where, vehicle.getLaneID
+            self._add(self._of_rows, names, speed, [where[name][1] or lane_of(name) for name in names])
+        if self._handed_over:
+            arrived = self._handed_over.intersection(self._sumo.simulation.getArrivedIDList())
+            self.end(arrived, round(time - self._step, 6), "arrived")
+            self._handed_over -= arrived
+            names = sorted(self._handed_over)
+            rows = np.array([self._row[name] for name in names], dtype=np.intp)
+            self._add(rows, names, np.array([*map(vehicle.getSpeed, names)]), [*map(vehicle.getLaneID, names)])
+
+    def _add(self, rows: np.ndarray, names: list[str], speed: np.ndarray, lanes: list[str]) -> None:
+        """Count a step of vehicles in. rows: of the sums; all (m,)"""
+        limits, vehicle = self._limits, self._sumo.vehicle
+        limit = np.array([limits[lane] for lane in lanes])
+        factor, top_speed = self._drivers[rows].T
+        desired = np.minimum(factor * limit, top_speed)
         emissions = map(direct, (vehicle.getCO2Emission, vehicle.getFuelConsumption))
         co2, fuel = (MG * np.array([*map(get, names)]) for get in emissions)
         rates = speed, speed < WAITING, 1 - speed / desired, co2, fuel
-        self._sums[self._of_rows] += self._step * np.column_stack(rates)
+        self._sums[rows] += self._step * np.column_stack(rates)
 
     def end(self, names: Iterable[str], time: float, status: str) -> None:
         """Members that have left: status "arrived" or "removed". time: of the begin of the step in which they do [s]"""

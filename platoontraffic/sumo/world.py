@@ -256,7 +256,7 @@ class World:
         """The fleet with the vehicles of the traffic that have become members in the last step."""
         if not self._recruiting:
             return fleet
-        self._trips.observe(fleet)
+        self._trips.observe(fleet, self._time())
         found = self._recruiting.newcomers(self._time(), {*fleet.ids, *self._obstacles.in_sumo})
         if not found:
             return fleet
@@ -267,10 +267,11 @@ class World:
     def without(self, fleet: Fleet, stuck: Mapping[str, str]) -> Fleet:
         """The fleet without members that are stuck: each is removed ("remove"), or SUMO drives it ("sumo_drives")."""
         for name, remedy in stuck.items():
-            self._trips.end([name], self._time(), "removed" if remedy == "remove" else remedy)
             if remedy == "remove":
+                self._trips.end([name], self._time(), "removed")
                 self._sumo.vehicle.remove(name)
             else:
+                self._trips.hand_over(name)
                 self._placement.hand_back(fleet.members[fleet.row_of[name]], *self._trips.driver(name))
         return fleet.without(set(stuck))
 

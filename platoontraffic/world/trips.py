@@ -14,7 +14,7 @@ class Trip(NamedTuple):
     departed: float  # [s]
     depart_delay: float  # [s]
     ended: float = math.nan  # [s]; NaN: it is on the road
-    status: str = "running"  # or "arrived", "removed"; "sumo_drives": SUMO has driven it since `ended`
+    status: str = "running"  # or "arrived", "removed"
     distance: float = 0.0  # [m]
     waiting: float = 0.0  # time slower than 0.1 m/s [s]
     time_loss: float = 0.0  # by driving slower than the limit times its speed factor [s]

@@ -52,6 +52,11 @@ def test_a_leader_that_joins_is_a_follower_from_then_on():
     assert stretches_after(order(40.0, "q.0", "join", "p.3"))["q.0"] == [Stretch(40, 100, "p.3")]
 
 
+def test_a_split_begins_at_an_instant():
+    ((begin, _),) = split_off(events((16.1, "split", "p.2")), [Stretch(0, 100, "p.1")])
+    assert begin == 14.1 != 16.1 - following.SPLIT_AFTER
+
+
 def test_a_member_is_split_off_by_events_and_from_its_orders_until_it_has_rejoined():
     own = events(
         (12.0, "split", "p.2"), (15.0, "rejoined", "p.2"), order(20.0, "p.2", "split"),

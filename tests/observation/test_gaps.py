@@ -83,7 +83,8 @@ def test_a_follower_that_passes_its_predecessor_has_no_gap_and_is_beside_its_pat
         assert gaps.beside[1] == (y[1] > model.width[:2].mean())
         known.append(gap >= 0)
         x = x + 0.1 * speeds
-    assert x[1] > x[0] + 10 and any(known[20:])
+    assert x[1] > x[0] + 10
+    assert any(known[20:])
 
 
 def test_a_follower_that_drives_into_its_predecessor_has_a_gap_until_it_has_driven_through_it():

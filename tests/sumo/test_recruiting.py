@@ -161,9 +161,18 @@ def test_a_member_that_is_stuck_is_removed_or_driven_by_sumo(file, tmp_path, rem
     assert set(given_up.what) == {remedy}
     assert (given_up.time_s.to_numpy() - stuck.time_s.to_numpy()) == pytest.approx(0.1)
     trips = pd.read_csv(folder / "trips.csv", index_col="vehicle_id")
-    assert set(trips.status[given_up.vehicle_id]) == {"removed" if remedy == "remove" else remedy}
     sumo = pd.read_csv(folder / "sumo_trips.csv", index_col="vehicle_id").loc[given_up.vehicle_id]
     assert set(sumo.status) <= ({"removed"} if remedy == "remove" else {"arrived", "running"})
+    own = trips.loc[given_up.vehicle_id]
+    assert (own.member == 1).all()
+    assert own.status.tolist() == sumo.status.tolist()
+    if remedy == "sumo_drives":  # its way and its waits go on
+        assert own.route_length_m.to_numpy() == pytest.approx(sumo.route_length_m.to_numpy(), rel=0.02)
+        assert own.waiting_s.to_numpy() == pytest.approx(sumo.waiting_s.to_numpy(), abs=1.0)
+        assert own.arrival_s.to_numpy() == pytest.approx(sumo.arrival_s.to_numpy(), abs=1e-6, nan_ok=True)
+    metrics = pd.read_csv(folder / "metrics.csv").query("scope == 'equipped'").set_index("metric").value
+    assert metrics.trips_removed == (len(given_up) if remedy == "remove" else 0)
+    assert metrics[["trips_finished", "trips_running", "trips_removed"]].sum() == trips.member.sum()
     assert np.isfinite(sumo.depart_s).all()
 
 
