@@ -237,18 +237,16 @@ def losses(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon
 def states(events: pd.DataFrame, axes: Axes, trajectories: pd.DataFrame, platoon: str | None = None) -> Axes:
     """Periods in which members were held at a stop line, split off or broken down: a row each, the leader on top."""
     columns_of(events, ["time_s", "kind", "vehicle_id"])
-    members = [(place, vehicle, rows.time_s) for place, vehicle, rows in rows_of_members(trajectories, platoon)]
+    members = [(vehicle, rows.time_s) for _, vehicle, rows in rows_of_members(trajectories, platoon)]
     split = splits(events, trajectories)
     for name, (begin, end, colour, height) in STATES.items():
-        for place, vehicle, times in members:
+        for row, (vehicle, times) in enumerate(members):
             spans = _spans(events, vehicle, begin, end, times.max())
             if begin == "split":
                 spans = [(since, until - since) for since, until in split[vehicle]]
-            axes.broken_barh(
-                spans, (-place - height / 2, height), facecolor=colour, label=name if place == members[0][0] else None
-            )
-    from_to(axes, min(times.min() for *_, times in members), max(times.max() for *_, times in members))
-    axes.set_ylim(-members[-1][0] - 0.6, -members[0][0] + 0.6)
+            axes.broken_barh(spans, (-row - height / 2, height), facecolor=colour, label=name if row == 0 else None)
+    from_to(axes, min(times.min() for _, times in members), max(times.max() for _, times in members))
+    axes.set_ylim(0.4 - len(members), 0.6)
     axes.set_yticks([])
     axes.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False, fontsize=8)
     axes.set_xlabel(label(events, "time_s"))

@@ -22,6 +22,7 @@ from platoontraffic.results.own_copies import take_own_copies
 from platoontraffic.results.recorder import Clocks, Recorder, is_done
 from platoontraffic.results.sumo_refusal import loaded
 from platoontraffic.scenario import Scenario
+from platoontraffic.scenario.drivers import key_of
 from platoontraffic.simulation import Outcome, Prepared, Simulation, prepare, setting_of
 from platoontraffic.sumo.window import Window
 from platoontraffic.sumo.world import World
@@ -78,10 +79,11 @@ class Recording:
         forkable : the process may be forked; see `goes_on_as`
         warm     : what it begins with, in place of a SUMO of its own
         """
-        spec = prepared.scenario.spec
-        if outside := [m.id for m in prepared.members if isinstance(m.law, External)]:
-            what = "law 'external' has its commands from a program that steps the simulation; a run needs another law"
-            raise InputError(f"{', '.join(outside[:3])}: {what}")
+        scenario, spec = prepared.scenario, prepared.scenario.spec
+        if any(isinstance(m.law, External) for m in prepared.members):
+            outside = [role for role, law in scenario.laws.items() if isinstance(law, External)]
+            what = "'external' has its commands from a program that steps the simulation; a run needs another law"
+            raise InputError(*(scenario.fault((*key_of(spec, role), "law"), what) for role in outside))
         self._window, self._wall, self._closed = window, 0.0, False
         self._recorder = Recorder(folder, Clocks.of(spec.record, spec.run.step_s))
         world = warm and warm.world

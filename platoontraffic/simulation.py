@@ -278,7 +278,7 @@ class Simulation:
         entered = list(self.violations.observe(self.world.entries(fleet), fleet))
         noted = [*parted, *ordered, *failed, *stuck, *round_it, *radio, *entered]
         events = self.observer.observe(traffic, fleet, sensed.scans, roads, signals, noted, sensed.seen)
-        events = [*events, *self.encounters.observe(traffic, fleet, events)]
+        events = [*events, *self.encounters.observe(traffic, fleet, roads, events)]
         self.now = Instant(
             step,
             traffic,

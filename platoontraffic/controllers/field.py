@@ -79,6 +79,10 @@ class FieldLaw(Law):
         return self.steering.further_lidars
 
     @property
+    def coarsest(self) -> float:
+        return self.steering.coarsest
+
+    @property
     def drives_alone(self) -> bool:
         return self.steering.drives_alone
 

@@ -30,6 +30,7 @@ class Law:
     needs: frozenset[str] = frozenset()  # of NEEDS or sensors: what it is given beside scan, own motion and body
     lidar: str | None = None  # the lidar preset, where a scenario names none; None: the paper's
     further_lidars: Mapping[str, str] = MappingProxyType({})  # presets of more lasers, by their names, as `lidar`
+    coarsest: float = math.inf  # its lidar must have beams that are nearer to each other than that [rad]
     native: bool = False  # SUMO's own driver model drives, by the law's gains max_speed [m/s] and speed_factor alone
     imperfection: float = 0.5  # of that driver: SUMO's sigma, 0 to 1
     vehicle_type: Mapping[str, str] = MappingProxyType({})  # of that driver: attributes of SUMO's vehicle type

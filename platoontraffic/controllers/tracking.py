@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -40,6 +41,8 @@ RECOVERY = 2.5  # lateral acceleration of the return to the trail [m/s2]
 PAST_PREDECESSOR = 0.5  # distance before the predecessor's rear at which the search for obstacles ends [m]
 KEPT_FREE = 0.22  # on each side of the vehicle, on its path [m]
 SWINGS_CLEAR = 0.1  # on each side, where its front swings out in a bend [m]
+# Returns of one surface: it is met at no flatter angle [rad], and so many beams between them may be lost.
+GRAZING, BRIDGED = math.radians(10), 5
 SHOWN = 32  # points of the trail that are recorded
 AROUND = "around"  # name of the laser that looks beside and behind
 
@@ -224,6 +227,7 @@ class TrackingFollower(Law):
     """
 
     lidar: ClassVar[str] = "car-tracker"  # the preset, where a scenario names none
+    coarsest: ClassVar[float] = GRAZING / (BRIDGED + 1)
 
     stand_off: Annotated[Positive, Field(alias="stand_off_m")] = 3.0  # laser to rear at rest
     time_headway: Annotated[Positive, Field(alias="time_headway_s")] = 1.0  # beyond the stand-off
@@ -366,7 +370,7 @@ class TrackingFollower(Law):
         points = np.empty((len(scanned.x), 0, 2)) if route is None else route.points
         if sensed.age and route is not None:
             points = seen_from(points, now.odometry, scanned)
-        segments, obstacle = find_segments(sensed.scan, jump=0.3, bridge=5), now.memory.obstacle
+        segments, obstacle = find_segments(sensed.scan, jump=0.3, grazing=GRAZING, bridge=BRIDGED), now.memory.obstacle
         distance = obstacle.free + sensed.body.length / 2 - sensed.scan.model.mount.x
         hiding = Hiding(distance, obstacle.speed, obstacle.acceleration)
         track, sighting = predicted.corrected(sensed.scan, segments, scanned, now.laser, points, hiding, now.dt)

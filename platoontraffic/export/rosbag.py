@@ -75,6 +75,8 @@ def export(folder: Path) -> list[Path]:
     results = load_run(Path(folder))
     if results.scans is None:
         raise ResultsError(f"{folder}: has no scans; record them with: platoontraffic run … record.scans_every_s=0.1")
+    if results.trajectories.empty:
+        raise ResultsError(f"{folder}: no member was ever on the road")
     bag, new = results.folder / NAME, results.folder / f".{secrets.token_hex(8)}"
     try:
         messages = sorted(_messages(results), key=lambda one: one[:2])

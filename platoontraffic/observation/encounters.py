@@ -44,6 +44,7 @@ class _Instant(NamedTuple):
     traffic: TrafficSnapshot
     fleet: Fleet
     rows: dict[str, int]  # of each vehicle in `traffic`
+    roads: Sequence[tuple[str, str]]  # edge and lane of each member, first in `traffic`
 
 
 class Encounters:
@@ -65,11 +66,17 @@ class Encounters:
         if self._obstacles.plans:
             self._paths |= {m.id: PathLine(m.route) for m in newcomers if m.route}
 
-    def observe(self, traffic: TrafficSnapshot, fleet: Fleet, events: Iterable[Event]) -> list[Event]:
-        """The events of obstacles in this step; events: those of the members in it, for their collisions."""
+    def observe(
+        self, traffic: TrafficSnapshot, fleet: Fleet, roads: Sequence[tuple[str, str]], events: Iterable[Event]
+    ) -> list[Event]:
+        """The events of obstacles in this step.
+
+        roads  : edge and lane of each member, (n,)
+        events : of the members in it, for their collisions
+        """
         if not self._obstacles.plans:
             return []
-        now = _Instant(traffic, fleet, {name: i for i, name in enumerate(traffic.ids)})
+        now = _Instant(traffic, fleet, {name: i for i, name in enumerate(traffic.ids)}, roads)
         found = [*self._presence.observe(traffic)]
         for plan in self._presence.present:
             if encounter := self._begins(plan, now):
@@ -247,7 +254,7 @@ def _event(met: Encounter, now: _Instant) -> Event:
     time_gap = "" if math.isnan(met.time_gap) else f", {met.time_gap:.2f} s"
     detail = f"{behind}gap {met.gap:.2f} m{time_gap}, own speed {met.speed:.2f} m/s, its {met.obstacle_speed:.2f} m/s; "
     kind, row = "cut_in" if met.kind == "cut_in" else "steps_out", now.rows[met.vehicle]
-    where = now.traffic.x[row], now.traffic.y[row], "", np.nan
+    where = now.traffic.x[row], now.traffic.y[row], now.roads[row][0], np.nan
     return Event(now.traffic.time, kind, met.vehicle, met.obstacle, *where, detail + what + needed, what)
 
 

@@ -184,7 +184,7 @@ TRAJECTORIES = (
         "contact_in_s",
         "s",
         "time to collision with any body, in two dimensions: until the outlines touch if both keep speed and heading; "
-        f"empty if none does within {CONTACT_HORIZON:g} s",
+        f"empty if none does within {CONTACT_HORIZON:g} s; bodies that overlap and move apart do not count",
         lambda now: now.measures.contact_in,
     ),
 )

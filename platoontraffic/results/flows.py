@@ -18,7 +18,9 @@ def of_passages(passages: pd.DataFrame, edges: Sequence[str], duration: float) -
 
 def meanings(edges: Sequence[str]) -> dict[str, str]:
     """Metric -> meaning."""
-    return {_name(edge): f"vehicles that passed the end of edge {edge}, over the duration of the run" for edge in edges}
+    return {
+        _name(edge): f"vehicles that passed the end of edge {edge}, over the time from 0 to the end" for edge in edges
+    }
 
 
 def _name(edge: str) -> str:

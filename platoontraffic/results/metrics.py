@@ -70,7 +70,7 @@ OF_MEMBERS = (
     Metric(
         "corners",
         "",
-        f"quarter turns, the last one counted from {90 - LAST_CORNER:g} deg; empty where laps is",
+        f"quarter turns, the last one counted from {90 - LAST_CORNER:g} deg; empty where laps is empty",
         lambda m: float(np.floor(4 * _laps(m) + LAST_CORNER / 90)),
         "min",
     ),
@@ -199,7 +199,8 @@ OF_FOLLOWERS = (
     Metric(
         "rejoin_time_mean",
         "s",
-        "mean time from the begin of a split to its end, of the splits that ended",
+        "mean time from the begin of a split, 2 s before its event, to its end, of the splits that ended; orders are "
+        "none",
         lambda m: float(np.mean(m.rejoin_times)) if m.rejoin_times else math.nan,
         "mean",
     ),
@@ -228,7 +229,8 @@ OF_FOLLOWERS = (
     Metric(
         "steal_share",
         "",
-        "share of the recorded instants at which the law's target was a vehicle of no platoon",
+        "share of the recorded instants at which it follows and its predecessor is on the road, at which the law's "
+        "target was a vehicle that is no member",
         lambda m: _steal_share(m),
         "mean",
     ),
@@ -254,7 +256,8 @@ OF_FOLLOWERS = (
     Metric(
         "time_gap_mean",
         "s",
-        f"mean of time_gap_s over those of these instants at which its speed is above {MOVING:g} of its mean speed",
+        f"mean of time_gap_s over those of these instants at which its speed is above {MOVING:g} of the mean "
+        "of speed_mps over all its recorded instants",
         lambda m: m.moving_time_gaps(m.following.in_platoon).mean(),
         "mean",
     ),
@@ -271,8 +274,9 @@ OF_FOLLOWERS = (
     Metric(
         "lock_on_ratio",
         "",
-        "share of the time from the first lock to the end in which the law's target was the predecessor, by the "
-        "events, which see every step; 0 if there was no lock",
+        "share of the time from the first lock to the end, as far as it has a predecessor, in which the law's target "
+        "was that predecessor, by the events, which see every step; behind a new one it is not locked until `locked`; "
+        "0 if there was no lock",
         lambda m: m.lock_on_ratio,
         "min",
     ),

@@ -143,14 +143,16 @@ class Recorder:
             file.write(csv_text.lines(rows, columns))
 
     def write_vehicles(self, members: Iterable[Member]) -> None:
-        """vehicles.csv: all members that the run ever has, then those of traffic.csv by their first rows."""
+        """vehicles.csv: all members that the run ever has, then the others of traffic.csv by their first rows."""
         rows: list[tuple] = []
         for m in sorted(members, key=lambda m: (m.platoon, m.place)):
             mount = m.lidar.mount
             laser = (None,) * 3 if m.law.native else (mount.x, mount.y, mount.yaw)
             axles = m.model.axle, getattr(m.model, "wheelbase", None)
             rows.append((m.id, m.platoon, m.place, m.model.length, m.model.width, *laser, *axles))
-        rows += [(vehicle, "", None, *size, *(None,) * 5) for vehicle, size in self._background.items()]
+        ours = {m.id for m in members}
+        others = ((vehicle, size) for vehicle, size in self._background.items() if vehicle not in ours)
+        rows += [(vehicle, "", None, *size, *(None,) * 5) for vehicle, size in others]
         self.write_table("vehicles.csv", rows, VEHICLES)
 
     def read_table(self, name: str, text_type: type = str) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from itertools import chain
 from pathlib import Path
@@ -187,7 +188,8 @@ def _drivers(spec: Spec, laws: Mapping[Role, Found]) -> Iterator[Fault]:
             continue
         if not found.kind.native:
             preset = default_preset(role[1], found.kind, group.model(0))
-            yield from _lidars(at, driver, preset, group, spec.run.step_s)
+            coarsest = found.law.coarsest if found.law else math.inf
+            yield from _lidars(at, driver, preset, group, spec.run.step_s, coarsest)
 
 
 def _needs(at: KeyPath, driver: Driver, law: Law, platoon: Platoon, channel: Channel | None) -> Iterator[Fault]:
@@ -230,7 +232,10 @@ def _sensors(at: KeyPath, driver: Driver, found: Found, step: float) -> Iterator
             yield Fault((*at, name), f"rate = {sensor.rate:g} Hz: {what}")
 
 
-def _lidars(at: KeyPath, driver: Driver, preset: str, group: Platoon | Equip, step: float) -> Iterator[Fault]:
+def _lidars(
+    at: KeyPath, driver: Driver, preset: str, group: Platoon | Equip, step: float, coarsest: float
+) -> Iterator[Fault]:
+    """coarsest: as of `Law`"""
     main = _lidar((*at, "lidar"), driver.lidar, preset, group)
     if isinstance(main, Fault):
         yield main
@@ -238,6 +243,10 @@ def _lidars(at: KeyPath, driver: Driver, preset: str, group: Platoon | Equip, st
     if not is_multiple(1 / main.rate, step):
         what = f"the scan interval must be a multiple of run.step_s = {step}, as at {1 / step:g} Hz"
         yield Fault((*at, "lidar", "rate_hz"), f"{main.rate:g}: {what}")
+    if main.angle_increment >= coarsest:
+        apart, most = math.degrees(main.angle_increment), math.degrees(coarsest)
+        what = f"beams {apart:.3g} deg apart; must be nearer than {most:.3g} deg for {driver.law!r}"
+        yield Fault((*at, "lidar", "samples"), f"{main.samples}: {what}")
     for name, table in driver.lidars.items():
         path = (*at, "lidars", name)
         further = _lidar(path, table, preset, group)

@@ -59,23 +59,26 @@ def what_of(error: dict, model: type[BaseModel]) -> str:
     if kind == "list_type" and isinstance(value, dict):
         return f"must be a list of tables: there is none here to change, or [[{path[-1]}]] was meant"
     what = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    if kind == "model_type":
+    if kind in ("model_type", "model_attributes_type"):
         what = "should be a table, or a name" if path[-1] in SHORT else "should be a table"
     return what if isinstance(value, dict | BaseModel) else f"{shortened(repr(value), VALUE)}: {what}"
 
 
 def _known_keys(model: type[BaseModel], path: KeyPath) -> list[str]:
     """Keys of the table at a path, from the table `model` on."""
-    for name in path:
-        if name in KINDS:
-            model = KINDS[name]
-        elif isinstance(name, str):
-            model = _innermost(model.model_fields[name].annotation)
+    if path[:1] == ("obstacle",) and len(path) > 2 and path[2] in KINDS:
+        model, path = KINDS[path[2]], path[3:]
+    names = iter([name for name in path if isinstance(name, str)])
+    for name in names:
+        annotation = model.model_fields[name].annotation
+        if typing.get_origin(annotation) is dict:
+            next(names, None)  # a name that the file has chosen
+        model = _innermost(annotation)
     return [field.alias or name for name, field in model.model_fields.items()]
 
 
 def _innermost(annotation: Any) -> Any:
-    """The table T of an annotation such as `list[T] | None`."""
+    """The table T of an annotation such as `list[T] | None`, or `dict[str, T]`."""
     while arguments := typing.get_args(annotation):
-        annotation = arguments[0]
+        annotation = arguments[-1 if typing.get_origin(annotation) is dict else 0]
     return annotation

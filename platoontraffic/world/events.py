@@ -91,7 +91,9 @@ EVENT_KINDS = {
             "a member between them is split off and its gap is longer than that of a platoon (see split); the "
             "position is its last one",
         ),
-        Kind("locked", "its law takes its true predecessor (other_id) as target for the first time"),
+        Kind(
+            "locked", "its law takes its true predecessor (other_id) as target for the first time since it has this one"
+        ),
         Kind(
             "lock_lost",
             "its law no longer takes the true predecessor as target: it takes something else (other_id), does not "
@@ -124,7 +126,11 @@ EVENT_KINDS = {
             ),
         ),
         Kind("parted", "has no predecessor from now on: the route of the one that it had (other_id) leaves its own"),
-        Kind("rejoined", "is in its platoon again, duration_s after it was split off"),
+        Kind(
+            "rejoined",
+            f"is in its platoon again, duration_s after the split began: {SPLIT_AFTER:g} s before its event, or at the "
+            "order",
+        ),
         Kind(
             "told",
             "receives the order to split off, to join behind other_id, or to leave; done says whether it was carried "
@@ -156,8 +162,9 @@ EVENT_KINDS = {
         Kind("repaired", "its drive or its laser works again, after duration_s", ("drive", "laser"), cause=True),
         Kind(
             "standstill",
-            f"has stood still for more than {STANDSTILL_AFTER:g} s: held at a stop line, behind another vehicle, "
-            "blocked by a body across its path, without its predecessor, or broken down",
+            f"has stood still for more than {STANDSTILL_AFTER:g} s, no faster than 0.01 of its lengths and 0.01 rad a "
+            "second: held at a stop line, behind another vehicle, blocked by a body across its path, without its "
+            "predecessor, or broken down; empty where no reason is known, as of a leader that stops by its profile",
             ("held", "behind", "blocked", "lost", "broken"),
         ),
         Kind("standstill_end", "moves again, after duration_s"),
@@ -203,14 +210,14 @@ EVENT_KINDS = {
         ),
         Kind(
             "near_miss",
-            f"its gap to the predecessor (other_id) falls below {NEAR_MISS_GAP:g} m ({_SCALED}), without contact; once "
-            "per episode",
+            f"its gap to the predecessor (other_id) falls below {NEAR_MISS_GAP:g} m ({_SCALED}), without contact at "
+            "that instant, and it is not beside the predecessor's path; once per episode, also where contact follows",
         ),
         Kind(
             "near_miss_other",
             f"its outline comes within {NEAR_MISS_GAP:g} m ({_SCALED}) of that of other_id, which is neither its "
             f"predecessor nor its follower, while their velocities differ by more than {NEAR_MISS_SPEED:g} m/s, "
-            "without contact; once per episode and pair",
+            "without contact at that instant; once per episode and pair, also where contact follows",
         ),
         Kind(
             "encroachment",

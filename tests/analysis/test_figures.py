@@ -107,6 +107,18 @@ def test_a_member_that_an_order_splits_off_has_a_bar(ring, axes):
     assert bar.get_extents().intervaly.mean() == -2
 
 
+def test_members_of_no_platoon_have_a_row_each(ring, axes):
+    """Each has the place 0: all bars lay in one row, and each state was in the legend once for each member."""
+    rows = ring.trajectories.assign(place=0)
+    names = sorted(rows.vehicle_id.unique())
+    held = [{"kind": "held", "time_s": 2.0 + k, "vehicle_id": name} for k, name in enumerate(names)]
+    states(pd.DataFrame(held), axes, rows)
+    bars = [path.get_extents() for bars in axes.collections for path in bars.get_paths()]
+    assert [round(bar.intervaly.mean()) for bar in bars] == [-k for k in range(len(names))]
+    assert legend(axes) == ["split off", "held", "broken"]
+    assert axes.get_ylim() == pytest.approx((0.4 - len(names), 0.6))
+
+
 def test_strips_show_splits_by_order(ring):
     by_order = replace(ring, events=orders(ring))
     plain, split = (strips_figure(one) for one in (ring, by_order))

@@ -653,6 +653,6 @@ def test_a_lab_needs_no_process():
 def test_a_run_refuses_the_seat(tmp_path):
     import platoontraffic
 
-    with pytest.raises(InputError, match="a run needs another law"):
+    with pytest.raises(InputError, match=r"platoon\.0\.follower\.law: .* a run needs another law"):
         platoontraffic.run("paper_loop", "platoon.follower.law=external", results=tmp_path)
     assert not list(tmp_path.rglob("*.csv"))

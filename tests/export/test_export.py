@@ -323,6 +323,17 @@ def test_a_run_without_scans_says_how_to_record_them(tmp_path):
     assert "record.scans_every_s" in done.stderr
 
 
+def test_a_run_without_any_member_on_the_road_is_one_line(run, tmp_path):
+    pytest.importorskip("rosbags", reason="needs rosbags: pip install platoontraffic[ros]")
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    head = (folder / "trajectories.csv").read_text().splitlines()[0]
+    (folder / "trajectories.csv").write_text(head + "\n")
+    done = CliRunner().invoke(app, ["export", str(folder), "--to", "mcap"])
+    assert done.exit_code == 2
+    assert "no member was ever on the road" in done.stderr
+
+
 def test_scans_of_another_run_are_one_line(run, tmp_path):
     pytest.importorskip("rosbags", reason="needs rosbags: pip install platoontraffic[ros]")
     folder = shutil.copytree(run, tmp_path / "run")

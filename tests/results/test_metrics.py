@@ -57,6 +57,16 @@ def test_gaps_errors_and_headways_are_those_in_the_platoon_and_beside_them_all()
     assert (run["gap_mean"], run["gap_mean_all"], run["gap_error_rms_max_all"]) == (12, 206, of["gap_error_rms_all"])
 
 
+def test_the_last_instant_counts_in_all_means():
+    """A member that is never split off has equal means over its time in the platoon and over all of it."""
+    gap = [1.0, 2.0, 4.0]
+    table = trajectories(time_gap_s=gap, speed_mps=[10.0] * 3, target_id=["p.0", "p.0", "x"])
+    of = values(table, end=2.0)
+    assert of["time_gap_mean"] == of["time_gap_mean_all"] == pytest.approx(7 / 3)
+    assert of["time_gap_median"] == 2.0
+    assert of["steal_share"] == pytest.approx(1 / 3)
+
+
 def test_a_follower_that_is_back_counts_again():
     table = trajectories(gap_m=[10.0, 100.0, 100.0, 12.0, 14.0])
     assert values(table, (3.0, "split", "p.1"), (3.0, "rejoined", "p.1", "p.0", 2.0))["gap_mean"] == 12

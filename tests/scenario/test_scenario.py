@@ -50,6 +50,16 @@ def vehicle(*changes):
         ('"paper-follower"', '{ noise = "utm30l" }', "follower.lidar.noise.preset: 'utm30l': not known; did you mean"),
         ('"paper-follower"', "{ noise = 5 }", "follower.lidar.noise: 5: should be a table, or a name"),
         ('"paper-follower"', "{ noise = { sigma = 1 } }", "lidar.noise.sigma: unknown key; did you mean 'sigma_m'?"),
+        (
+            '"paper-follower"',
+            '"paper-follower"\nlidars = { car = { sampels = 9 } }',
+            "follower.lidars.car.sampels: unknown key; did you mean 'samples'?",
+        ),
+        (
+            '"repaired"\nlidar = "paper-follower"',
+            '"tracking"\nlidar = { samples = 14 }',
+            "deg apart; must be nearer than 1.67 deg for 'tracking'",
+        ),
         ('"paper-follower"', "{ noise = { dropout = 2 } }", "noise.dropout: 2: should be less than or equal to 1"),
         ('"paper-follower"', "{ sweeps = 1000 }", "sweeps = 1000; must be a whole number from 1 to samples = 720"),
         ('edge = "sw_se"', 'edge = "sw_es"', "mine.toml:13: platoon.0.start: no edge 'sw_es'"),

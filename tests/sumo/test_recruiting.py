@@ -153,7 +153,7 @@ def test_a_member_that_is_stuck_is_removed_or_driven_by_sumo(file, tmp_path, rem
     """At a light that is red for longer. Whatever is done, none is lost without a word."""
     folder = run(
         tmp_path / "run", file, "sumo.warm_up_s=30", "run.duration_s=120", "equip.stuck_after_s=10",
-        f"equip.stuck={remedy}",
+        f"equip.stuck={remedy}", "record.traffic_every_s=5",
     )  # fmt: skip
     events = pd.read_csv(folder / "events.csv")
     given_up, stuck = (events[events.kind == kind] for kind in ("given_up", "stuck"))
@@ -170,6 +170,7 @@ def test_a_member_that_is_stuck_is_removed_or_driven_by_sumo(file, tmp_path, rem
         assert own.route_length_m.to_numpy() == pytest.approx(sumo.route_length_m.to_numpy(), rel=0.02)
         assert own.waiting_s.to_numpy() == pytest.approx(sumo.waiting_s.to_numpy(), abs=1.0)
         assert own.arrival_s.to_numpy() == pytest.approx(sumo.arrival_s.to_numpy(), abs=1e-6, nan_ok=True)
+    assert pd.read_csv(folder / "vehicles.csv").vehicle_id.is_unique
     metrics = pd.read_csv(folder / "metrics.csv").query("scope == 'equipped'").set_index("metric").value
     assert metrics.trips_removed == (len(given_up) if remedy == "remove" else 0)
     assert metrics[["trips_finished", "trips_running", "trips_removed"]].sum() == trips.member.sum()

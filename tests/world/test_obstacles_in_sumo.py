@@ -171,6 +171,7 @@ start = { edge = "light_prio", position_m = 330.0 }
     kinds = events.set_index("kind")
     assert list(events[events.kind == "obstacle"].vehicle_id) == ["child", "cut_in.0", "car.0"]
     assert (kinds.loc["cut_in", "vehicle_id"], kinds.loc["cut_in", "other_id"]) == ("platoon.2", "cut_in.0")
+    assert kinds.loc[["cut_in", "steps_out"], "edge_id"].notna().all()
     assert (kinds.loc["steps_out", "vehicle_id"], kinds.loc["steps_out", "other_id"]) == ("platoon.0", "child")
     assert set(met.obstacle_id) == {"child", "cut_in.0"}
     assert (met.avoidable == 1).all()
