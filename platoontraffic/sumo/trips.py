@@ -83,7 +83,7 @@ class Trips:
             arrived = self._handed_over.intersection(self._sumo.simulation.getArrivedIDList())
             self.end(arrived, round(time - self._step, 6), "arrived")
             self._handed_over -= arrived
-            names = sorted(self._handed_over)
+            names = sorted(self._handed_over.intersection(vehicle.getIDList()))
             rows = np.array([self._row[name] for name in names], dtype=np.intp)
             self._add(rows, names, np.array([*map(vehicle.getSpeed, names)]), [*map(vehicle.getLaneID, names)])
 
