@@ -196,13 +196,13 @@ def _comfort(v, last, wanted, needed, drive_lag, gains, dt):
     """The wanted acceleration within comfort; the needed one where it is harder braking [m/s2].
 
     A vehicle that stands does not accelerate, however hard its brakes hold it. It may set out by any command from which
-    the lag of its drive makes no more than the comfortable jerk.
+    the lag of its drive makes no more than the comfortable jerk; and takes that back at once.
     """
     wanted, change = np.minimum(np.maximum(wanted, -gains.braking), gains.acceleration), gains.jerk * dt
     if v < STANDING and wanted > 0:
         wanted = np.minimum(wanted, np.maximum(gains.jerk * drive_lag, change))
     else:
-        last = np.maximum(last, -FIRM if v < STANDING else -gains.braking)
+        last = np.maximum(np.minimum(last, 0.0), -FIRM) if v < STANDING else np.maximum(last, -gains.braking)
         wanted = np.minimum(np.maximum(wanted, last - change), last + change)
     if needed < -EMERGENCY * gains.hardest_braking:
         return -gains.hardest_braking

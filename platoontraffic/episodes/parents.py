@@ -61,12 +61,17 @@ class Parents:
             if self._next is None:
                 self._send(plan)
             self._answer()
-            if self._last[0] and not self._last[0].closed:
-                self._last[0].kill()  # not before: while its memory is freed, a fork takes twice as long
+            self._kill_last()  # not before: while its memory is freed, a fork takes twice as long
             return self._episode.answer()
         except KeyboardInterrupt:
             self.end()
             raise
+        finally:
+            self._kill_last()
+
+    def _kill_last(self) -> None:
+        if self._last[0] and not self._last[0].closed:
+            self._last[0].kill()
 
     def prepare(self, plan: Plan) -> None:
         """Make an episode while another one goes on, if its parent is warm."""

@@ -29,6 +29,7 @@ class Gaps:
         self.gap = np.full(n, np.nan)  # bumper to bumper along the predecessor's path [m]
         self.cross_track = np.full(n, np.nan)  # driven axle to the left of that path [m]
         self.beside = np.zeros(n, dtype=bool)  # so far aside of that path that it would not touch its predecessor there
+        self._passed = np.zeros(n, dtype=bool)  # it has passed its predecessor
         self._paths = DrivenPaths(np.array([m.model.length for m in members]) / POINTS_PER_LENGTH)
         self._end = np.zeros(n)  # length of the own path one step before [m]
         self._station = np.zeros(n)  # on the predecessor's path [m]
@@ -54,7 +55,7 @@ class Gaps:
     def observe(self, step: Step) -> None:
         """Extend all paths to where the members are now; locate each follower on its predecessor's path."""
         fleet, model = step.fleet, step.fleet.model
-        followers = self.gap, self.cross_track, self._end, self._station, self._ahead, self.beside
+        followers = self.gap, self.cross_track, self._end, self._station, self._ahead, self.beside, self._passed
         body, backwards = (model.length, model.width, model.axle), fleet.motion.speed < 0
         locate(self._paths.arrays, followers, step.fleet.number, fleet.predecessor, step.x, step.y, backwards, body,
                fleet.native)  # fmt: skip

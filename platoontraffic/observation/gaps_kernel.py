@@ -26,6 +26,7 @@ class Followers(NamedTuple):
     station: np.ndarray
     ahead: np.ndarray
     beside: np.ndarray
+    passed: np.ndarray
 
 
 @compiled
@@ -44,7 +45,7 @@ def locate(paths, state, number, predecessor, x, y, reversing, body, native):
         k, front = number[i], predecessor[i]
         state.gap[k], state.cross_track[k], state.beside[k] = math.nan, math.nan, False
         if front < 0:
-            state.ahead[k], state.end[k] = -1, end_of(points, size, k)
+            state.ahead[k], state.end[k], state.passed[k] = -1, end_of(points, size, k), False
             continue
         end, k_front = end_of(points, size, k), number[front]
         end_front, driven = end_of(points, size, k_front), end - state.end[k]
@@ -58,9 +59,12 @@ def locate(paths, state, number, predecessor, x, y, reversing, body, native):
         state.beside[k] = beside = abs(offset) > (width[i] + width[front]) / 2
         # Behind the begin of its predecessor's path it may come round a corner.
         elsewhere = station < 0.0 and abs(offset) > width[i] + width[front] - SIDEWAYS * station
+        # One that has passed its predecessor may be beside the path that this drives then, and behind its end.
         passes = gap < 0.0 and (beside or station > end_front)
+        before = state.passed[k] and state.ahead[k] == k_front
+        state.passed[k] = passes or (before and (beside or gap < 0.0))
         # SUMO's cars change lanes as they like.
-        if not (elsewhere or passes or (native[i] and (beside or gap < 0.0))):
+        if not (elsewhere or state.passed[k] or (native[i] and (beside or gap < 0.0))):
             state.gap[k], state.cross_track[k] = gap, offset
         state.station[k] = state.station[k] + driven if math.isnan(station) else station
         state.ahead[k], state.end[k] = k_front, end

@@ -24,7 +24,7 @@ from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.world.deployment import deploy
 
 STEP = 0.1  # [s]
-LOOKED_EVERY = 1.0  # interval at which it is recorded where SUMO's own cars stand [s]
+LOOKED_EVERY = 2.0  # interval at which it is recorded where SUMO's own cars stand [s]
 GAP = 2.5  # between members at the start [m]
 PLATOONS = 2
 SIZES = (5, 3, 1)  # of the platoons: the first for which lanes are long enough

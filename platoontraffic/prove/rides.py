@@ -16,6 +16,7 @@ from platoontraffic.analysis.results import load
 from platoontraffic.results.metrics import CAUSED_BY_OTHER
 from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.road.network import Network
+from platoontraffic.sumo.background import PERSON
 from platoontraffic.world.events import STANDSTILL_AFTER
 
 NO_REASON = "no reason"
@@ -28,7 +29,7 @@ class Stand(NamedTuple):
     vehicle: str
     lasts: float  # [s]
     why: str  # NO_REASON, or a word of the event `standstill` and its text
-    lane: str
+    lane: str  # "" beside the road
 
 
 class Incident(NamedTuple):
@@ -110,12 +111,12 @@ def _incidents(events: pd.DataFrame, members: set[str]) -> Iterator[Incident]:
 
 def _long_on(traffic: pd.DataFrame, network: Network) -> tuple[str, ...]:
     """Lanes on which a vehicle stands for longer than LONG from one row to another."""
-    rows = traffic.sort_values(["vehicle_id", "time_s"], kind="stable")
+    rows = traffic[~traffic.vehicle_id.str.startswith(PERSON)].sort_values(["vehicle_id", "time_s"], kind="stable")
     stands = rows.speed_mps < STANDING
     begins = (stands != stands.shift()) | (rows.vehicle_id != rows.vehicle_id.shift())
     each = rows[stands].groupby(begins.cumsum()[stands])
     first = each.first()[each.time_s.max() - each.time_s.min() > LONG]
-    return tuple(sorted(set(network.lanes_at(first.x_m, first.y_m))))
+    return tuple(sorted({*network.lanes_at(first.x_m, first.y_m)} - {""}))
 
 
 def _stands(events: pd.DataFrame, end: float, arrived: pd.Series, network: Network) -> Iterator[Stand]:

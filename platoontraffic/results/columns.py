@@ -274,7 +274,11 @@ TRIPS = (
         "1: it was a member, and the row is measured by the tool, also while SUMO drives it on: see stuck; 0: SUMO "
         "drove it, and measured it",
     ),
-    text("status", "'arrived', at the end 'running' or 'waiting' to depart, or 'removed': see stuck"),
+    text(
+        "status",
+        "'arrived', at the end 'running' or 'waiting' to depart, or 'removed': members that were stuck, and "
+        "vehicles where an obstacle appears",
+    ),
     number("depart_s", "s", "departure, since the platoons were placed; negative if before that", format="%.3f"),
     number("arrival_s", "s", "arrival, since the platoons were placed; empty for unfinished trips", format="%.3f"),
     number("duration_s", "s", "time on the road, for unfinished trips until the end", format="%.3f"),

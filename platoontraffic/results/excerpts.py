@@ -140,17 +140,18 @@ class Own:
     @cached_property
     def following(self) -> Following:
         counted = [(one.begin, one.end) for one in self.follows]
-        off = self.split_off
+        off, nobody = self.split_off, [(one.begin, one.end) for one in self.follows if one.ahead == NOBODY]
         whole, lost = lengths(counted, off)
         here = self._within(self.rows.time_s, counted)
         driven = np.hypot(self.rows.x_m.diff(), self.rows.y_m.diff()).to_numpy()[1:]
-        distance = driven[(here & ~self._within(self.rows.time_s, off))[:-1]].sum()  # each step is of where it begins
+        is_off = within(self.rows.time_s, off) | self._within(self.rows.time_s, nobody)
+        distance = driven[(here & ~is_off)[:-1]].sum()  # each step is of where it begins
         rows = self.rows[here]
         time = rows.time_s.to_numpy()
         ahead = np.full(len(rows), "", dtype=object)
         for one in self.follows:
             ahead[self._within(time, [(one.begin, one.end)])] = one.ahead
-        return Following(rows, self._within(time, off), ahead, 1 - share(lost, whole), float(distance))
+        return Following(rows, is_off[here], ahead, 1 - share(lost, whole), float(distance))
 
     def _within(self, times: pd.Series | np.ndarray, periods: Sequence[tuple[float, float]]) -> np.ndarray:
         """As `within`; a period that lasts to the end has the last instant too."""

@@ -505,7 +505,12 @@ OF_TRIPS = ("traffic", "everybody", "equipped")  # scopes of the following: trip
 OF_TRAFFIC = (
     Metric("trips_finished", "", "trips that arrived", lambda trips: trips.count("arrived")),
     Metric("trips_running", "", "trips on the road at the end", lambda trips: trips.count("running")),
-    Metric("trips_removed", "", "trips of members that were removed: see stuck", lambda trips: trips.count("removed")),
+    Metric(
+        "trips_removed",
+        "",
+        "trips of vehicles that were removed: members that were stuck, and vehicles where an obstacle appears",
+        lambda trips: trips.count("removed"),
+    ),
     Metric(
         "trips_waiting", "", "trips that waited for room to depart until the end", lambda trips: trips.count("waiting")
     ),

@@ -283,14 +283,18 @@ class Network:
         ]
 
     def lanes_at(self, x: Sequence[float], y: Sequence[float]) -> list[str]:
-        """The lane whose centre line is nearest to each point, inside junctions too."""
-        names, lines = self._centre_lines
-        return [names[k] for k in lines.nearest(shapely.points(x, y)).tolist()]
+        """The lane on which each point is, by the nearest centre line, inside junctions too; "" beside the road."""
+        lanes, lines = self._centre_lines
+        points = shapely.points(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+        nearest = lines.nearest(points)
+        away = shapely.distance(points, lines.geometries[nearest])
+        found = zip((lanes[k] for k in nearest.tolist()), away.tolist(), strict=True)
+        return [lane.getID() if distance <= lane.getWidth() / 2 else "" for lane, distance in found]
 
     @cached_property
-    def _centre_lines(self) -> tuple[list[str], shapely.STRtree]:
+    def _centre_lines(self) -> tuple[list[Any], shapely.STRtree]:
         lanes = [lane for edge in self._net.getEdges(withInternal=True) for lane in edge.getLanes() if is_road(lane)]
-        return [lane.getID() for lane in lanes], shapely.STRtree([LineString(lane.getShape()) for lane in lanes])
+        return lanes, shapely.STRtree([LineString(lane.getShape()) for lane in lanes])
 
     def upstream(self, lane_id: str, reach: float) -> list[tuple[str, float]]:
         """A lane and the lanes that lead to it within `reach` [m] of its end, those inside junctions too.

@@ -83,11 +83,13 @@ class Process:
             self._log_ends()
 
     def close(self, error: BaseException | None) -> None:
-        """End SUMO.
+        """End SUMO, if that has not been done.
 
         error : because of which it is closed
         raises: RunError in its place, if SUMO failed
         """
+        if self._file.closed:
+            return
         if self._sumo is libsumo:
             _in_this_process.clear()
         failed = isinstance(error, (self._sumo.TraCIException, self._sumo.FatalTraCIError))

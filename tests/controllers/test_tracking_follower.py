@@ -310,6 +310,7 @@ def test_it_sets_out_with_the_comfortable_jerk_at_once():
         (0.0, -FIRM, 2.5, 0.5),  # 5 m/s3 over one step
         (0.5, -FIRM, 0.3, 0.3),
         (0.5, 0.0, -FIRM, -0.5),  # it is held, as gently as before
+        (0.5, 2.5, -FIRM, -0.5),  # the way was free in one scan only
     ],
 )
 def test_a_standing_vehicle_sets_out_without_having_released_its_brakes_first(lag, last, wanted, command):

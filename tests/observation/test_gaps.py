@@ -12,7 +12,7 @@ from tests.support.gaps_by_arrays import GapsByArrays
 from tests.support.observed import cars
 
 N = 7
-STATE = "gap", "cross_track", "_end", "_station", "_ahead", "beside"
+STATE = "gap", "cross_track", "_end", "_station", "_ahead", "beside", "_passed"
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -85,6 +85,24 @@ def test_a_follower_that_passes_its_predecessor_has_no_gap_and_is_beside_its_pat
         x = x + 0.1 * speeds
     assert x[1] > x[0] + 10
     assert any(known[20:])
+
+
+def test_a_follower_that_has_passed_a_predecessor_which_turns_off_has_no_gap():
+    """The corner of its predecessor's path is the nearest place on it, and that path's end is ahead of the corner."""
+    gaps, n, x, y = Gaps(cars(N - 1)), np.arange(N), -30.0 * np.arange(N), np.zeros(N)
+    only, heading, known = np.where(n == 1, 0, -1), np.zeros(N), []
+    y[1] = 3.2
+    for k in range(200):
+        heading[0] = -np.pi / 2 if k > 60 else 0.0
+        step = _step(n, only, x, y, heading, np.where(n == 1, 20.0, 10.0), np.zeros(N, bool))
+        if k == 0:
+            gaps.begin(step, n)
+        gaps.observe(step)
+        known.append(bool(np.isfinite(gaps.gap[1])))
+        x = x + 0.1 * np.where(n == 1, 20.0, 10.0) * np.cos(heading)
+        y = y + 0.1 * np.where(n == 1, 20.0, 10.0) * np.sin(heading)
+    assert known == sorted(known, reverse=True)
+    assert 10 < sum(known) < 60
 
 
 def test_a_follower_that_drives_into_its_predecessor_has_a_gap_until_it_has_driven_through_it():

@@ -156,9 +156,12 @@ def test_lanes_on_which_traffic_stands_for_long():
         pd.DataFrame({"time_s": seconds, "vehicle_id": name, "x_m": 0.0, "y_m": float(k), "speed_mps": one})
         for k, (name, one) in enumerate(speed.items())
     ]
-    traffic = pd.concat(rows).sort_values("time_s", kind="stable")
+    waits = rows[0].assign(vehicle_id="person.0", y_m=7.0, speed_mps=0.0)
+    traffic = pd.concat([*rows, waits]).sort_values("time_s", kind="stable")
     assert _long_on(traffic, Lanes()) == ("lane 0", "lane 2")
-    assert _long_on(traffic.iloc[:0], Lanes()) == ()
+    network = Network.read(CORRIDOR)
+    assert _long_on(traffic.iloc[:0].astype(object), network) == ()
+    assert _long_on(waits.assign(vehicle_id="tram", x_m=-1e4), network) == ()
 
 
 def test_a_point_is_on_the_lane_whose_centre_line_is_nearest():
@@ -168,6 +171,7 @@ def test_a_point_is_on_the_lane_whose_centre_line_is_nearest():
     aside = 0.4 * network.lane_width(edge, lane)
     points = [(x + k * aside * math.sin(heading), y - k * aside * math.cos(heading)) for k in (-1, 0, 1)]
     assert network.lanes_at(*zip(*points, strict=True)) == [f"{edge}_{lane}"] * 3
+    assert network.lanes_at([-1e4], [0.0]) == [""]
 
 
 def test_a_contact_is_an_incident_unless_another_vehicle_made_it():

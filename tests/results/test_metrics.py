@@ -65,6 +65,9 @@ def test_the_last_instant_counts_in_all_means():
     assert of["time_gap_mean"] == of["time_gap_mean_all"] == pytest.approx(7 / 3)
     assert of["time_gap_median"] == 2.0
     assert of["steal_share"] == pytest.approx(1 / 3)
+    table = trajectories(gap_m=[10.0, 100.0, 100.0, 100.0, 12.0])
+    back = values(table, (3.0, "split", "p.1"), (4.0, "rejoined", "p.1", "", 3.0), end=4.0)
+    assert back["gap_mean"] == 11
 
 
 def test_a_follower_that_is_back_counts_again():

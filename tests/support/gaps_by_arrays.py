@@ -32,6 +32,9 @@ class GapsByArrays(Gaps):
         around = (station < 0) & (np.abs(offset) > width[rows] + width[ahead] - SIDEWAYS * station)
         beside = np.abs(offset) > (width[rows] + width[ahead]) / 2
         passes = (gap < 0) & (beside | (station > self._paths.end(number_ahead)))
+        passes |= self._passed[number] & ~anew & (beside | (gap < 0))
+        self._passed[members] = False
+        self._passed[number] = passes
         elsewhere = around | passes | fleet.native[rows] & (beside | (gap < 0))
         self.beside[members] = False
         self.beside[number] = beside
