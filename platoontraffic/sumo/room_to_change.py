@@ -78,9 +78,11 @@ class RoomToChange:
         if -distance > line.across and ego.lane == line.lane:
             return self._goes_over_here(line._replace(to_end=distance + line.to_end), ego)
         stop, half = distance + COMMITTED * line.across, distance + 0.5 * line.across
-        if distance < 0 < half and ego.lane != line.onto and self._is_cut_off(line, distance, half, ego):
+        stops_within = ego.speed**2 / (2 * COMFORTABLE_BRAKING)
+        stays = stops_within <= half  # else it would be over there, and slow
+        if distance < 0 and stays and ego.lane != line.onto and self._is_cut_off(line, distance, half, ego):
             self._want(line, distance, half, ego, True)
-            return ego.speed**2 / (2 * COMFORTABLE_BRAKING)
+            return stops_within
         patient = self._now.waited[ego.id] < QUEUE_PATIENCE and ego.id not in self._let_in
         queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
         if stop > 0 and (queue or not self._is_room(line, distance, half, ego)):

@@ -350,3 +350,13 @@ def test_a_lane_change_is_broken_off_where_another_vehicle_has_come_beside(dista
     line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 20.0, 70.0 - distance)
     assert change.may_change(line, distance, Ego("m.0", "road_0", 6.0, 5.0)) == (4.0 if stops else np.inf)
     assert change.wanted["m.0"].begun
+
+
+@pytest.mark.parametrize(("speed", "stops"), [(6.0, True), (12.0, False)])
+def test_a_lane_change_goes_on_where_it_could_be_broken_off_only_beyond_its_half(speed, stops):
+    """On a highway a member braked by 6 m/s2 in a change that it could not stop, before a faster one behind."""
+    client = client_of({"road_0": [("m.0", 30.0)], "road_1": [("c", 27.0)]})
+    client.vehicle.getSpeed = lambda name: speed
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client))
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 20.0, 76.0)
+    assert np.isfinite(change.may_change(line, -6.0, Ego("m.0", "road_0", speed, 5.0))) == stops
