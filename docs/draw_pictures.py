@@ -10,6 +10,8 @@ dev). `gui.png` is a photograph of the window of `platoontraffic run corridor_pl
 from __future__ import annotations
 
 import argparse
+import base64
+import json
 import re
 import subprocess
 import sys
@@ -70,6 +72,17 @@ def first_example(to: Path) -> None:
         python(file)
 
 
+def of_notebook(name: str) -> Callable[[Path], object]:
+    """The first picture among the outputs that a notebook has."""
+
+    def draw(to: Path) -> None:
+        cells = json.loads((TOP / "analysis" / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
+        shown = (output.get("data", {}) for cell in cells for output in cell.get("outputs", []))
+        to.write_bytes(base64.b64decode(next("".join(data["image/png"]) for data in shown if "image/png" in data)))
+
+    return draw
+
+
 DRAWN = {
     "paper_loop": plotted("paper_loop"),
     "corridor_platoon": plotted("corridor_platoon"),
@@ -77,6 +90,7 @@ DRAWN = {
     "replay_phone": replayed("paper_loop", "t=60&member=robot.1", "Home", color_scheme="dark", **PHONE),
     "cut_in": replayed("corridor_cut_in", "t=9.6&member=platoon.2"),
     "lidar_scan": first_example,
+    "penetration": of_notebook("6_penetration"),
 }
 SLOW = {name: benchmark(name) for name in ("paper_at_car_size", "what_holds", "what_sensors_hold")}
 

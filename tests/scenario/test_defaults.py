@@ -144,3 +144,26 @@ def test_a_leader_that_cannot_stop_within_its_sight_is_warned_of(tmp_path, leade
         assert re.search(
             r"mine\.toml:\d+: platoon\.0\.leader: at [\d.]+ m/s it stops within \d+ m, and its laser reaches", said[0]
         )
+
+
+@pytest.mark.parametrize(
+    ("law", "range_max", "warned"), [("tracking", 80.0, 1), ("tracking", 110.0, 0), ("sumo", 80.0, 0)]
+)
+def test_a_share_whose_fast_cars_cannot_stop_within_their_sight_is_warned_of(tmp_path, law, range_max, warned):
+    """On `highway` some drive 1.2 times 33.3 m/s: 40 m/s 0.37 s + (40 m/s)^2 / 2 / 9 m/s2 = 104 m."""
+    file = tmp_path / "share.toml"
+    lidar = f", lidar = {{ preset = 'car-tracker', range_max_m = {range_max} }}" if law != "sumo" else ""
+    drives = ', policy = "obey", on_loss = "drive"' if law != "sumo" else ""
+    file.write_text(f"""[sumo]
+net = "highway"
+[run]
+duration_s = 1.0
+[[equip]]
+share = 0.5
+follower = {{ law = "{law}"{lidar}{drives} }}
+""")
+    said = warnings(simulation.prepare(scenario.load(file)))
+    assert len(said) == warned
+    assert all(
+        "equip.0: a fast driver's car, at 40 m/s, stops within 104 m; its laser reaches 80 m" in one for one in said
+    )
