@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers import creeping
+from platoontraffic.controllers.clear_distance import greatest_speed, reach_of, seen_after
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BRAKES_FOR, Body, BrakingFor, Decision, Law, Sensed
@@ -80,6 +81,7 @@ class PathLeader(Law):
                 `lateral_acceleration`.
     Bends     : never faster than `lateral_acceleration` allows by the curvature of the route, or the steering rate by
                 its change. Astray, it drives at the speed of its tightest turn.
+    Sight     : driving by speed limits, it is never faster than it can stop within its laser's reach (`clear_distance`).
     Obstacles : the first return on the strip that it will drive over is followed, or stopped for, by the interaction
                 term of the Intelligent Driver Model (`idm`). The closing speed is filtered from successive scans, so it
                 is known from the second scan on. It stops if every beam is lost.
@@ -150,11 +152,22 @@ class PathLeader(Law):
     def _half_width(self, body: Body) -> np.ndarray:
         return 0.6 * body.width if self.half_width is None else np.full(len(body.width), float(self.half_width))
 
+    @property
+    def drives_by_limits(self) -> bool:
+        """Its speed is not given, but by the speed limits of its route."""
+        return self.speed == "road" and self.trace is None
+
+    def greatest_speed_by_sight(self, lidar: LidarModel, length: float, brake_lag: float) -> float:
+        """[m/s]; inf where its speed is given. length: of the body [m]"""
+        if not self.drives_by_limits:
+            return math.inf
+        reach = reach_of(lidar.range_max, lidar.mount.x, length)
+        return float(greatest_speed(reach, seen_after(lidar) + brake_lag, self.hardest_braking))
+
     @cached_property
     def _gains(self) -> Gains:
-        drives_by_limits = self.speed == "road" and self.trace is None
         gains = (math.nan if (value := getattr(self, name)) is None else float(value) for name in Gains._fields)
-        return Gains(*gains)._replace(speed_factor=float(self.speed_factor) if drives_by_limits else math.inf)
+        return Gains(*gains)._replace(speed_factor=float(self.speed_factor) if self.drives_by_limits else math.inf)
 
     def along_route(self, sensed: Sensed, drive, time, free, closing, dt: float) -> AlongRoute:
         """What vehicles may drive on their routes, (n,).
@@ -167,7 +180,8 @@ class PathLeader(Law):
         from platoontraffic.controllers.path_kernel import drive_along
 
         route, body, scan = sensed.route, sensed.body, sensed.scan
-        laser, along = (scan.model.range_min, scan.model.mount.x), AlongRoute(*np.empty((5, len(time))))
+        model, along = scan.model, AlongRoute(*np.empty((5, len(time))))
+        laser = model.range_min, model.range_max, model.mount.x, seen_after(model)
         profile = self._profiled(time, route.limit[:, 0], body, dt)
         drive_along(route, sensed.speed, drive, body, scan.ranges, laser, free, closing, profile, self._gains, along)
         return along

@@ -9,12 +9,12 @@ import math
 
 import numpy as np
 
-from platoontraffic.controllers import idm, steering
+from platoontraffic.controllers import clear_distance, idm, steering
 from platoontraffic.geometry import polyline
 from platoontraffic.geometry.polyline import nearest
 from platoontraffic.lidar.compiled import compiler
 
-compiled = compiler(__file__, polyline.__file__, idm.__file__, steering.__file__)
+compiled = compiler(__file__, polyline.__file__, clear_distance.__file__, idm.__file__, steering.__file__)
 
 SETTLING = 0.5  # time constant with which the wanted speed is approached [s]
 REACTION = 0.4  # of the drive line to a command [s]
@@ -29,6 +29,7 @@ ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond
 
 desired_gap, interaction = compiled(idm.desired_gap), compiled(idm.acceleration)
 curvature_back, curvature_along = compiled(steering.curvature_back), compiled(steering.curvature_along)
+reach_of, speed_by_sight = compiled(clear_distance.reach_of), compiled(clear_distance.greatest_speed)
 
 
 @compiled
@@ -37,17 +38,20 @@ def drive_along(route, speed, drive, body, ranges, laser, free, closing, profile
 
     drive         : acceleration by the engines now [m/s2], (n,)
     ranges        : [m], (n, m); NaN: lost
-    laser         : its range_min, and its distance ahead of the bodies' centres [m]
+    laser         : its range_min and range_max, its distance ahead of the bodies' centres [m], and `seen_after` of it [s]
     free, closing : distance to the first obstacle [m], and the rate at which it shrinks [m/s], (n,)
     profile       : wanted speeds [m/s] and their rates [m/s2], (n,) each
     gains         : `path.Gains`
     """
-    range_min, mount = laser
+    range_min, range_max, mount, seen_after = laser
     for i in range(len(speed)):
         v, length, lateral = speed[i], body.length[i], gains.lateral_acceleration
         offset, off_heading = _errors_on(route.points[i], route.distance[i], route.curvature[i])
         astray = abs(offset) > ASTRAY * body.width[i] or abs(off_heading) > ASKEW
         slow = math.sqrt(lateral * np.maximum(body.turning_radius[i], length / 2)) if astray else math.inf
+        if gains.speed_factor < math.inf:
+            reach, reaction = reach_of(range_max, mount, length), seen_after + body.brake_lag[i]
+            slow = np.minimum(slow, speed_by_sight(reach, reaction, gains.hardest_braking))
         along.offset[i] = offset
         reached = v + _run_out(drive[i], body.drive_lag[i])
         here, bends = _bends(route, i, (v, reached), body.curvature_rate[i], slow, gains)

@@ -1,7 +1,8 @@
-"""Whether leaders, and members from the traffic, see as far as they need to stop."""
+"""Whether leaders, and members from the traffic, see as far as they need to stop, and whether that makes them slow."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from platoontraffic.controllers.path import PathLeader
@@ -16,19 +17,16 @@ FAST = 1.2  # speed factor of a fast driver: SUMO's default for cars is 1.0, wit
 
 
 def warnings(prepared: Prepared) -> list[str]:
-    """One line for every leader whose stopping distance at its greatest speed is longer than its laser's range.
+    """A line for every leader that cannot stop within its laser's range from its greatest speed, or is slow for that.
 
-    And one for every share of the traffic where that is so of a fast driver's car on the network's fastest lane.
+    A law that drives by speed limits keeps to a speed from which it can. And a line for every share of the traffic
+    where either is so of a fast driver's car on the network's fastest lane.
     """
     texts = [*_of_shares(prepared)]
     number = {platoon.id: i for i, platoon in enumerate(prepared.scenario.spec.platoon)}
     for member in prepared.members:
         speed = greatest_speed(member) if member.place == 0 else None
-        if speed is None:
-            continue
-        needed, seen = stopping_distance(speed, member), member.lidar.range_max
-        if needed > seen:
-            what = f"at {speed:.3g} m/s it stops within {needed:.0f} m, and its laser reaches {seen:g} m"
+        if speed is not None and (what := _short_sight(member, speed)):
             texts.append(prepared.scenario.fault(("platoon", number[member.platoon], "leader"), what))
     return texts
 
@@ -42,16 +40,22 @@ def _of_shares(prepared: Prepared) -> Iterator[str]:
             continue
         place = "", 0, 0.0, (0.0, 0.0, 0.0)
         car = Member(table.id, table.id, 0, of_car.model, of_car.lidars[0], of_car.law, *place)
-        needed, seen = stopping_distance(fastest, car), car.lidar.range_max
-        if needed > seen:
-            what = (
-                f"a fast driver's car, at {fastest:.3g} m/s, stops within {needed:.0f} m; its laser reaches {seen:g} m"
-            )
-            yield scenario.fault(scenario.spec.key_of(i), what)
+        if what := _short_sight(car, fastest):
+            yield scenario.fault(scenario.spec.key_of(i), f"a fast driver's car: {what}")
+
+
+def _short_sight(member: Member, speed: float) -> str:
+    """What a member's laser is too short for, if it would drive at a speed [m/s]; "": for nothing."""
+    by_sight, seen = _by_sight(member), member.lidar.range_max
+    if (needed := stopping_distance(min(speed, by_sight), member)) > seen:
+        return f"at {min(speed, by_sight):.3g} m/s it stops within {needed:.0f} m, and its laser reaches {seen:g} m"
+    if by_sight < speed:
+        return f"its laser reaches {seen:g} m, so it drives up to {by_sight:.3g} m/s in place of {speed:.3g} m/s"
+    return ""
 
 
 def greatest_speed(member: Member) -> float | None:
-    """The greatest speed at which a member drives along its route [m/s], bends apart.
+    """The greatest speed at which a member drives along its route [m/s], bends and what its laser sees apart.
 
     None if SUMO drives it, or if its law takes no route. By the law's profile, or by the speed limits of the route,
     as far as the vehicle is capable of it.
@@ -67,3 +71,11 @@ def greatest_speed(member: Member) -> float | None:
         elif law.speed != "road":
             wanted = max(law.speed + law.amplitude, law.last_speed)
     return min(wanted, member.model.top_speed)
+
+
+def _by_sight(member: Member) -> float:
+    """The greatest speed that its law allows itself by what its laser sees [m/s]; inf: any."""
+    law, model = getattr(member.law, "alone", member.law), member.model
+    if not isinstance(law, PathLeader):
+        return math.inf
+    return law.greatest_speed_by_sight(member.lidar, model.length, model.brake_lag)

@@ -12,6 +12,7 @@ import shapely
 from platoontraffic.controllers import path_kernel
 from platoontraffic.controllers.law import Body, RouteAhead
 from platoontraffic.controllers.path import PathLeader
+from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, Mount, Scene
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.bicycle import CARS
@@ -246,6 +247,25 @@ def test_it_stops_at_its_stand_off_before_an_obstacle(speed):
     assert 150 - front[-1] == pytest.approx(3.0, abs=0.3)
     assert front.max() < 150
     assert np.diff(log.speed[:, 0]).min() / 0.1 > -8.1
+
+
+@pytest.mark.parametrize("range_max", [5.0, 20.0, 80.0, 150.0])
+@pytest.mark.parametrize("law", [PathLeader(), TrackingFollower(on_loss="drive", keeps_to="route")])
+def test_by_speed_limits_it_stops_for_whatever_it_sees(law, range_max):
+    """v (0.3 s + brake lag) + v^2 / 2 / 8 m/s2 = range - half a length, and no harder than by its hardest braking."""
+    wall, eye = Scene.from_shapely(solids=[shapely.box(1500, -1, 1502, 1)]), replace(EYE, range_max=range_max)
+    seconds = 100.0 if range_max > 20.0 else 400.0
+    log = along(line((0.0, 0.0), (3000.0, 0.0), limit=60.0), law, wall, seconds, CAR, eye, 1.0, 0.1)
+    front, speed, lag = log.x[:, 0] + CAR.length / 2, log.speed[:, 0].max(), 0.3 + CAR.brake_lag
+    assert speed * lag + speed**2 / 2 / 8.0 == pytest.approx(range_max - CAR.length / 2, rel=0.01)
+    assert log.speed[-1, 0] < 0.05
+    assert 0.2 * CAR.length < 1500 - front[-1] < 10.0
+    assert np.diff(log.speed[:, 0]).min() / 0.1 > -9.1
+
+
+def test_a_given_speed_is_driven_however_little_it_sees():
+    log = along(STRAIGHT, PathLeader(speed=30.0), NO_WALLS, 5.0, CAR, replace(EYE, range_max=20.0), 30.0, 0.1)
+    assert log.speed[:, 0] == pytest.approx(30.0)
 
 
 def test_it_passes_obstacles_beside_its_route():

@@ -131,8 +131,7 @@ def test_a_run_states_the_defaults_so_that_it_can_be_repeated(tmp_path):
         ("speed_mps = 25.0", 60.0, False),  # 25 m/s 0.51 s + (25 m/s)^2 / 2 / 8 m/s2 = 52 m
         ("speed_mps = 30.0", 60.0, True),  # 71 m
         ("speed_mps = 30.0", 80.0, False),
-        ("", 10.0, True),  # by the limits of the corridor
-        ("", 60.0, False),
+        ("", 60.0, False),  # by the limits of the corridor
         ('law = "sumo"', 10.0, False),
     ],
 )
@@ -146,11 +145,19 @@ def test_a_leader_that_cannot_stop_within_its_sight_is_warned_of(tmp_path, leade
         )
 
 
+def test_a_leader_that_is_slow_since_it_sees_little_is_warned_of(tmp_path):
+    """v (0.3 s + 0.2 s) + v^2 / 2 / 8 m/s2 = 10 m - half a length, 2.4 m."""
+    table = 'vehicle = "car"\n[platoon.leader]\n[platoon.leader.lidar]\nrange_max_m = 10.0\n'
+    (said,) = warnings(simulation.prepare(loaded(tmp_path, table)))
+    assert "its laser reaches 10 m, so it drives up to 7.73 m/s" in said
+    assert said.endswith("m/s in place of 13.9 m/s")
+
+
 @pytest.mark.parametrize(
-    ("law", "range_max", "warned"), [("tracking", 80.0, 1), ("tracking", 110.0, 0), ("sumo", 80.0, 0)]
+    ("law", "range_max", "warned"), [("tracking", 80.0, 1), ("tracking", 130.0, 0), ("sumo", 80.0, 0)]
 )
-def test_a_share_whose_fast_cars_cannot_stop_within_their_sight_is_warned_of(tmp_path, law, range_max, warned):
-    """On `highway` some drive 1.2 times 33.3 m/s: 40 m/s 0.37 s + (40 m/s)^2 / 2 / 9 m/s2 = 104 m."""
+def test_a_share_whose_fast_cars_see_too_little_for_their_speed_is_warned_of(tmp_path, law, range_max, warned):
+    """On `highway` some drive 1.2 times 33.3 m/s: 40 m/s 0.5 s + (40 m/s)^2 / 2 / 8 m/s2 = 120 m."""
     file = tmp_path / "share.toml"
     lidar = f", lidar = {{ preset = 'car-tracker', range_max_m = {range_max} }}" if law != "sumo" else ""
     drives = ', policy = "obey", on_loss = "drive"' if law != "sumo" else ""
@@ -165,5 +172,6 @@ follower = {{ law = "{law}"{lidar}{drives} }}
     said = warnings(simulation.prepare(scenario.load(file)))
     assert len(said) == warned
     assert all(
-        "equip.0: a fast driver's car, at 40 m/s, stops within 104 m; its laser reaches 80 m" in one for one in said
+        "equip.0: a fast driver's car: its laser reaches 80 m, so it drives up to 31.5 m/s in place of 40" in one
+        for one in said
     )
