@@ -81,7 +81,7 @@ class PathLeader(Law):
                 `lateral_acceleration`.
     Bends     : never faster than `lateral_acceleration` allows by the curvature of the route, or the steering rate by
                 its change. Astray, it drives at the speed of its tightest turn.
-    Sight     : driving by speed limits, it is never faster than it can stop within its laser's reach (`clear_distance`).
+    Sight     : by speed limits it is never faster than it can stop within its laser's reach (`clear_distance`).
     Obstacles : the first return on the strip that it will drive over is followed, or stopped for, by the interaction
                 term of the Intelligent Driver Model (`idm`). The closing speed is filtered from successive scans, so it
                 is known from the second scan on. It stops if every beam is lost.

@@ -38,7 +38,7 @@ def drive_along(route, speed, drive, body, ranges, laser, free, closing, profile
 
     drive         : acceleration by the engines now [m/s2], (n,)
     ranges        : [m], (n, m); NaN: lost
-    laser         : its range_min and range_max, its distance ahead of the bodies' centres [m], and `seen_after` of it [s]
+    laser         : its range_min and range_max, its distance ahead of the bodies' centres [m], its `seen_after` [s]
     free, closing : distance to the first obstacle [m], and the rate at which it shrinks [m/s], (n,)
     profile       : wanted speeds [m/s] and their rates [m/s2], (n,) each
     gains         : `path.Gains`
