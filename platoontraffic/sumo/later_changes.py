@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from platoontraffic.controllers import BRAKES_FOR
-from platoontraffic.road.lane_routes import CHANGE_AFTER, Line
-from platoontraffic.road.later_change import with_change_beyond, with_later_change
+from platoontraffic.road.lane_routes import CHANGE_AFTER, SHORTEST_CHANGE, Line
+from platoontraffic.road.later_change import JOIN, with_change_beyond, with_later_change
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.ego import Ego
@@ -19,6 +19,10 @@ from platoontraffic.world.fleet import WINDOW, Fleet
 BRAKES_FOR_LINE = BRAKES_FOR.index("line")
 CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
 LOOKS_AFTER = 1.0  # a vehicle looks for room again after this time [s]
+FLOWS = 8.0  # traffic that is so fast flows: a vehicle drives on beside it, and does not stop for room, ... [m/s]
+SLOWER, GENTLE = 2.0, 1.5  # ... but so much slower [m/s], to fall back behind it, by a braking of that [m/s2]
+# Of the law `path` before lines: comfortable braking [m/s2], time constant [s], distance at rest [vehicle lengths].
+BRAKING, SETTLING, STOP_BEFORE = 3.0, 0.5, 0.2
 
 KEPT = 200  # routes that are kept for members which ask again; beyond, those that no member drives are forgotten
 
@@ -30,6 +34,7 @@ class Blocked(NamedTuple):
     over: float  # distance driven since its begin [m]; negative: ahead of it
     further: bool  # there may be room further on
     free: float  # from its begin to the next vehicle in a queue on the lane before [m]; inf: there is none
+    flows: bool = False  # the traffic beside it flows: it drives on beside that, to where its lane ends
 
 
 class LaterChanges:
@@ -49,28 +54,45 @@ class LaterChanges:
         """Before the members of a step are asked about."""
         self._blocked.clear()
 
-    def note(self, change: Line, distance: float, ego: Ego) -> None:
-        """A member has no room for its lane change; distance: to its begin [m]. Of several the first one counts."""
-        if ego.id not in self._blocked:
-            further = self._room.is_better_later(change, distance, ego)
-            free = self._room.free_road(change, distance, ego)
-            self._blocked[ego.id] = Blocked(change, -distance, further, free)
+    def note(self, change: Line, distance: float, ego: Ego) -> float:
+        """A member has no room for its lane change. Of several the first one counts.
+
+        distance: to its begin [m]
+        returns : where it stops for want of room [m]: at that begin, or where its lane ends if the traffic beside it
+                  flows, or so near that it becomes slower than that traffic
+        """
+        if ego.id in self._blocked:
+            return distance
+        free, slowest = self._room.free_road(change, distance, ego), self._room.slowest_beside(change, distance, ego)
+        flows = free == math.inf and slowest >= FLOWS
+        further = flows or self._room.is_better_later(change, distance, ego)
+        self._blocked[ego.id] = Blocked(change, -distance, further, free, flows)
+        if not flows:
+            return distance
+        latest = change.to_end - SHORTEST_CHANGE * self._sumo.lane.getWidth(change.lane) - ego.length
+        return min(distance + max(latest, 0.0), _falling_back(ego, slowest))
 
     def put_off(self, fleet: Fleet) -> Fleet:
-        """The fleet with other routes for members that brake because there is no room for their lane change here.
+        """The fleet with other routes for members without room for their lane change here, once they brake for that.
 
-        They look for it further on, as long as their lane leads on: on this edge, but not beside a queue, or on edges
-        beyond, where the members behind them in their platoon do so too. The slower they are, the less road their lane
-        change takes.
+        Beside traffic that flows they do not brake: they are about to begin it. They look for it further on, as long as
+        their lane leads on: on this edge, but not beside a queue, or on edges beyond, where the members behind them in
+        their platoon do so too. The slower they are, the less road their lane change takes.
         """
         if len(self._later) + len(self._beyond) > KEPT:
             self._forget_routes_but_those_of(fleet)
         for group in fleet.groups if self._blocked else ():
             limit = group.law.braking_for(group.memory) if group.memory is not None else None
-            rows = group.rows[limit.reason == BRAKES_FOR_LINE] if limit else ()
-            for row in (int(i) for i in rows if fleet.ids[i] in self._blocked):
-                fleet = self._put_off_one(fleet, row)
+            for i, reason in zip(group.rows.tolist(), limit.reason, strict=True) if limit else ():
+                blocked = self._blocked.get(fleet.ids[i])
+                if blocked and (self._comes_to(fleet, i, blocked) if blocked.flows else reason == BRAKES_FOR_LINE):
+                    fleet = self._put_off_one(fleet, i)
         return fleet
+
+    def _comes_to(self, fleet: Fleet, row: int, blocked: Blocked) -> bool:
+        """Whether a member is about to begin a lane change."""
+        before = max(JOIN * fleet.members[row].model.length, LOOKS_AFTER * float(fleet.motion.speed[row]))
+        return -blocked.over < before
 
     def _forget_routes_but_those_of(self, fleet: Fleet) -> None:
         routes = {member.route for member in fleet.members}
@@ -81,7 +103,7 @@ class LaterChanges:
     def _put_off_one(self, fleet: Fleet, row: int) -> Fleet:
         """The fleet with another route for one of these members, and for those behind it where they change beyond."""
         member, speed = fleet.members[row], float(fleet.motion.speed[row])
-        change, over, further, free = self._blocked[member.id]
+        change, over, further, free, _ = self._blocked[member.id]
         if change not in member.route.lines:  # put off just now, with its leader's
             return fleet
         width = self._sumo.lane.getWidth(change.lane)
@@ -99,6 +121,16 @@ class LaterChanges:
                     fleet = fleet.with_route(i, beyond, WINDOW)
             return fleet
         return fleet.with_route(row, here, WINDOW) if here else fleet
+
+
+def _falling_back(ego: Ego, slowest: float) -> float:
+    """Distance of a closed line before which a member brakes by `GENTLE`, to `SLOWER` less than the slowest one [m].
+
+    Before a line that keeps a distance d, the law `path` brakes by b v / A - (A - v) / T with A^2 = 2 b d, and so comes
+    to about A - b T. It would stop a little before that line.
+    """
+    allowed = BRAKING * SETTLING + max(slowest - SLOWER, ego.speed - GENTLE * SETTLING)
+    return allowed**2 / (2 * BRAKING) + STOP_BEFORE * ego.length
 
 
 def _behind_before(fleet: Fleet, row: int, change: Line) -> Iterator[tuple[int, Line]]:

@@ -4,7 +4,8 @@ SUMO's driver brakes for a vehicle that must change to its lane and cannot. It d
 SUMO does not know that this one must change; beside a queue a member would wait without end. So the first vehicle that
 can stop where it leaves room for the member does so: at once where the member's lane ends soon, as SUMO's drivers do,
 else once the member has stood for `AFTER`. One that SUMO drives gets speeds from which it brakes by no more than
-`BRAKING`; SUMO's driver model keeps it slower where it must, as always. A member is given a line to stop at, for one of
+`BRAKING`; SUMO's driver model keeps it slower where it must, as always. Behind one that drives it needs to stop only
+where that one would, if it braked as hard. A member is given a line to stop at, for one of
 SUMO's too (`first_on_lanes`); followers of a platoon let nobody in before them.
 """
 
@@ -159,7 +160,7 @@ class LettingIn:
         wanted = wish.wanted
         if edge_of(self._lane(name, where)) != edge_of(wanted.lane):
             return None
-        before, place = self._front(name, wanted.lane, where) - wanted.behind, self._sumo.vehicle.getLanePosition
+        before, place = self._stops_at(name, wanted.lane, where) - wanted.behind, self._sumo.vehicle.getLanePosition
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
             if name not in where and (foe not in where or place(foe) < before - NEAR):
                 continue  # SUMO's let each other in
@@ -171,19 +172,22 @@ class LettingIn:
 
     def _place(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
         """Where a member is to stop on its lane: behind the other one's rear, or nearer where it cannot [m]."""
-        front = self._front(name, wanted.lane, where)
+        front = self._stops_at(name, wanted.lane, where)
         rear = front - max(self._sumo.vehicle.getLength(name), wanted.behind)
         return rear if self._can_stop(foe, rear) else front - wanted.behind
 
     def _can_stop(self, vehicle: str, before: float) -> bool:
         """Whether it can stop before a place on its lane [m]."""
-        speed = self._sumo.vehicle.getSpeed(vehicle)
-        return self._sumo.vehicle.getLanePosition(vehicle) + speed**2 / (2 * BRAKING) <= before
+        return self._sumo.vehicle.getLanePosition(vehicle) + self._braking_distance(vehicle) <= before
 
-    def _front(self, name: str, lane: str, where: Mapping[str, tuple[str, str]]) -> float:
-        """Place of a vehicle's front beside a lane [m]."""
-        length = self._sumo.lane.getLength
-        return self._sumo.vehicle.getLanePosition(name) + length(lane) - length(self._lane(name, where))
+    def _stops_at(self, name: str, lane: str, where: Mapping[str, tuple[str, str]]) -> float:
+        """Place beside a lane where a vehicle's front stops if it brakes as one that lets another one in [m]."""
+        length, vehicle = self._sumo.lane.getLength, self._sumo.vehicle
+        front = vehicle.getLanePosition(name) + length(lane) - length(self._lane(name, where))
+        return front + self._braking_distance(name)
+
+    def _braking_distance(self, vehicle: str) -> float:
+        return self._sumo.vehicle.getSpeed(vehicle) ** 2 / (2 * BRAKING)
 
     def _lane(self, name: str, where: Mapping[str, tuple[str, str]]) -> str:
         return where[name][1] if name in where else self._sumo.vehicle.getLaneID(name)
@@ -193,7 +197,7 @@ class LettingIn:
         vehicle = self._sumo.vehicle
         (x, y), (its_x, its_y) = vehicle.getPosition(name), vehicle.getPosition(foe)
         course = math.radians(90 - vehicle.getAngle(foe))
-        ahead = (x - its_x) * math.cos(course) + (y - its_y) * math.sin(course)
+        ahead = (x - its_x) * math.cos(course) + (y - its_y) * math.sin(course) + self._braking_distance(name)
         speed, length = vehicle.getSpeed(foe), vehicle.getLength(name)
         room = ahead - max(length, behind)
         if room < speed**2 / (2 * BRAKING):

@@ -21,6 +21,7 @@ COMMITTED = 0.25  # share of a lane change after which it is not interrupted
 HARDLY_BEGUN = 0.1  # share up to which it may be given up: a car's body is still within its lane
 BEHIND = 0.5  # distance behind another one on its lane from which a slow vehicle may go over, for a car [m]
 PASSES_BY = 2.0  # a vehicle that is so much faster passes, and leaves room then [m/s]
+IN_FLOW = 8.0  # a vehicle that is so fast changes lanes among others that drive on [m/s]
 QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
 QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
@@ -108,7 +109,9 @@ class RoomToChange:
         half : distance after which half of the member is over on the lane [m]
         begun: it is going over
         """
-        behind = ego.length + room_needed(ego.length, 0.0, 0.0) - half + self._farther_on(line, distance, ego)
+        in_flow = ego.speed >= IN_FLOW  # who lets it in goes on beside it, and does not stand
+        room = room_needed(ego.length, ego.speed if in_flow else 0.0, 0.0) - (0.0 if in_flow else half)
+        behind = ego.length + room + self._farther_on(line, distance, ego)
         urgent = self._ends_soon(line, distance)
         self.wanted.setdefault(ego.id, Wanted(line.onto, behind, begun, urgent))
 
@@ -151,17 +154,18 @@ class RoomToChange:
     def is_better_later(self, line: Line, distance: float, ego: Ego) -> bool:
         """Whether a vehicle without room for its lane change should look for it further on.
 
-        Where it would stand near the begin of a long lane, those behind it stand on the junction before.
+        Where it would stand near the begin of a long lane, those behind it stand on the junction before. Elsewhere it
+        should if all vehicles that leave no room are faster, and none of them is in a queue.
         """
         blocks_junction = self._begin(line) < ENTRY * ego.size and not self._ends_soon(line, distance)
-        return blocks_junction or self._is_passed_soon(line, distance, ego)
+        return blocks_junction or self.slowest_beside(line, distance, ego) >= ego.speed + PASSES_BY
 
-    def _is_passed_soon(self, line: Line, distance: float, ego: Ego) -> bool:
-        """Whether all vehicles that leave no room for a lane change here are faster, and none of them is in a queue."""
+    def slowest_beside(self, line: Line, distance: float, ego: Ego) -> float:
+        """Least speed of the vehicles that leave no room for a lane change here [m/s]; 0 beside a queue."""
         if self._queue_within(line, distance, ego):
-            return False
+            return 0.0
         blocking = self._blocking(line, distance, distance + 0.5 * line.across, ego)
-        return all(self._now.speed[name] >= ego.speed + PASSES_BY for name in blocking)
+        return min(map(self._now.speed.__getitem__, blocking), default=inf)
 
     def free_road(self, line: Line, distance: float, ego: Ego) -> float:
         """Distance from the begin of a lane change to the next vehicle in a queue on the lane before [m]; inf: none."""

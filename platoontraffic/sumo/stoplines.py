@@ -332,9 +332,10 @@ class StopLines:
         if line.state == CHANGING:
             looks = near and ego.lane != line.onto
             before = self._change.may_change(line, distance, ego) if looks else math.inf
+            stop = min(distance, before)
             if distance <= before < math.inf:
-                self._later.note(line, distance, ego)
-            return LineState(min(distance, before), before == math.inf, False, False, LANE_CHANGE)
+                stop = self._later.note(line, distance, ego)
+            return LineState(stop, before == math.inf, False, False, LANE_CHANGE)
         line = self._at_junction[line, ego.kind]
         found = self._at_line(line, distance, near, ego)
         enters = found.open or found.distance > distance

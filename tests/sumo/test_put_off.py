@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from platoontraffic.controllers.law import Body, Sensed, Signals
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.road.lane_routes import CHANGING
@@ -24,6 +25,7 @@ from platoontraffic.vehicles.records import changed
 from platoontraffic.world.fleet import Fleet
 from tests.support.bench import platoon
 
+BODY = 4.74, 1.76, -1.27, 4.3, 0.15, 0.1, 0.2, 0.2  # of a car, as `Body`
 EDGES = "e0_e1", "e1_e2", "e2_e_exit"
 
 
@@ -99,10 +101,62 @@ def test_one_that_has_hardly_begun_drives_on_or_keeps_its_change(fleet_and_later
 
 def test_of_several_blocked_changes_the_first_one_counts(fleet_and_later):
     _, later, change = fleet_and_later
-    later._room = SimpleNamespace(is_better_later=lambda *_: True, free_road=lambda *_: inf)
+    later._room = SimpleNamespace(
+        is_better_later=lambda *_: True, slowest_beside=lambda *_: 0.0, free_road=lambda *_: inf
+    )
     for line in (change, change._replace(lane=change.onto)):
         later.note(line, 10.0, Ego("m.0", change.lane, 0.0, 4.74))
     assert later._blocked["m.0"].line == change
+
+
+def room_beside(slowest: float, free: float = inf) -> SimpleNamespace:
+    """Of a lane change that is blocked by vehicles of a least speed [m/s]."""
+    return SimpleNamespace(
+        is_better_later=lambda *_: False, slowest_beside=lambda *_: slowest, free_road=lambda *_: free
+    )
+
+
+def test_beside_traffic_that_flows_it_drives_on_to_where_its_lane_ends(fleet_and_later):
+    """5 lane widths and a length are left there. It stops at the begin of its change beside a queue, or in one."""
+    _, later, change = fleet_and_later
+    ends = 10.0 + change.to_end - 5 * 3.2 - 4.74
+    for slowest, free, stop in [(inf, inf, ends), (7.9, inf, 10.0), (0.0, inf, 10.0), (25.0, 40.0, 10.0)]:
+        later.begin_look()
+        later._room = room_beside(slowest, free)
+        assert later.note(change, 10.0, Ego("m.0", change.lane, 15.0, 4.74)) == pytest.approx(stop)
+
+
+@pytest.mark.parametrize(("speed", "slowest"), [(33.0, 25.0), (25.0, 25.0), (12.0, 9.0)])
+def test_beside_traffic_as_fast_as_itself_it_falls_back(fleet_and_later, speed, slowest):
+    """As the law `path` drives before the line that it is given: gently, to 2 m/s less."""
+    _, later, change = fleet_and_later
+    later._room, law, dt = room_beside(slowest), PathLeader(), 0.1
+    v, braking = speed, []
+    for _ in range(200):
+        later.begin_look()
+        far = later.note(change._replace(to_end=1e4), 500.0, Ego("m.0", change.lane, v, 4.74))
+        signals = Signals(*(np.array([value]) for value in (far, False, False, False, 0)))
+        sensed = Sensed(None, np.array([v]), np.zeros(1), Body(*(np.array([x]) for x in BODY)), signals=signals)
+        braking.append(float(law.acceleration_for_lines(sensed, np.zeros(1))[0]))
+        v += min(braking[-1], 0.0) * dt
+    assert v == pytest.approx(slowest - 2.0, abs=0.4)
+    assert min(braking) > -2.0
+
+
+@pytest.mark.parametrize(("over", "is_later"), [(-40.0, False), (-20.0, True)])
+def test_in_flow_it_looks_for_room_further_on_when_it_comes_to_its_change_without_braking(
+    fleet_and_later, over, is_later
+):
+    fleet, later, change = fleet_and_later
+    fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), 25.0)))
+    memory = SimpleNamespace(reason=np.zeros(1, dtype=int))
+    law = SimpleNamespace(braking_for=lambda _: memory)
+    group = SimpleNamespace(law=law, memory=memory, rows=np.array([0]))
+    later._blocked = {fleet.ids[0]: Blocked(change, over, True, inf, True)}
+    asked = []
+    later._put_off_one = lambda fleet, row: asked.append(row) or fleet
+    later.put_off(SimpleNamespace(groups=[group], ids=fleet.ids, members=fleet.members, motion=fleet.motion))
+    assert asked == ([0] if is_later else [])
 
 
 def test_routes_that_no_member_drives_any_more_are_forgotten(fleet_and_later, monkeypatch):

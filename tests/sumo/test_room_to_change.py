@@ -52,7 +52,10 @@ def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
     assert change.may_change(second, 25.0, ego) == np.inf  # and the next one is free
     assert not change.wanted
     assert change.may_change(second, -1.0, ego._replace(lane="road_1")) == np.inf
-    # It is not on the last one yet: vehicles there stop behind its rear.
+    # It is not on the last one yet: vehicles there stop behind its rear, or drive on so far behind it.
+    assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 0.5 * 10.0), True, True)}
+    change.wanted.clear()
+    assert change.may_change(second, -1.0, slow._replace(lane="road_1")) == np.inf
     assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 2.5 - 19.0), True, True)}
     change.wanted.clear()
     assert change.may_change(second, -1.0, ego._replace(lane="road_2")) == np.inf
