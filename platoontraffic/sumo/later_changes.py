@@ -63,14 +63,18 @@ class LaterChanges:
         """
         if ego.id in self._blocked:
             return distance
-        free, slowest = self._room.free_road(change, distance, ego), self._room.slowest_beside(change, distance, ego)
+        free = self._room.free_road(change, distance, ego)
+        slowest, to_fall_back = self._room.slowest_beside(change, distance, ego)
         flows = free == math.inf and slowest >= FLOWS
-        further = flows or self._room.is_better_later(change, distance, ego)
+        further = flows or self._room.is_better_later(change, distance, slowest, ego)
         self._blocked[ego.id] = Blocked(change, -distance, further, free, flows)
         if not flows:
             return distance
-        latest = change.to_end - SHORTEST_CHANGE * self._sumo.lane.getWidth(change.lane) - ego.length
-        return min(distance + max(latest, 0.0), _falling_back(ego, slowest))
+        return min(distance + self._latest(change, ego.length), _falling_back(ego, to_fall_back))
+
+    def _latest(self, change: Line, length: float) -> float:
+        """Distance by which a lane change may be later, for a vehicle of a length, before its lane ends [m]."""
+        return max(change.to_end - SHORTEST_CHANGE * self._sumo.lane.getWidth(change.lane) - length, 0.0)
 
     def put_off(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members without room for their lane change here, once they brake for that.
@@ -103,12 +107,17 @@ class LaterChanges:
     def _put_off_one(self, fleet: Fleet, row: int) -> Fleet:
         """The fleet with another route for one of these members, and for those behind it where they change beyond."""
         member, speed = fleet.members[row], float(fleet.motion.speed[row])
-        change, over, further, free, _ = self._blocked[member.id]
+        change, over, further, free, flows = self._blocked[member.id]
         if change not in member.route.lines:  # put off just now, with its leader's
             return fleet
         width = self._sumo.lane.getWidth(change.lane)
-        longest, step = width * math.ceil(CHANGE_TIME * speed / width), CHANGE_AFTER * width
+        step = CHANGE_AFTER * width
         by = step * max(math.ceil((max(over, 0.0) + LOOKS_AFTER * speed) / step), 1)
+        if flows:  # it will be slower near the end of its lane
+            latest = self._latest(change, member.model.length)
+            by = min(by, latest)
+            speed = min(speed, math.sqrt(2 * BRAKING * (latest - by)))
+        longest = width * math.ceil(CHANGE_TIME * speed / width)
         moves_on = further and free > by + change.across
         here = self._later[member.route, change, by if moves_on else 0.0, member.model, longest]
         if here and moves_on:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator
+from collections.abc import Iterator, Mapping
 from itertools import chain
 from math import inf
+from types import MappingProxyType
 from typing import NamedTuple
 
 from platoontraffic.controllers.lane_room import COMFORTABLE_BRAKING, room_needed
@@ -41,14 +42,23 @@ class Wanted(NamedTuple):
     urgent: bool = False  # its lane ends soon
 
 
+class Gap(NamedTuple):
+    """To a vehicle on a lane that is crossed, when the member is over there."""
+
+    name: str
+    room: float  # bumper to bumper [m]
+    rear_speed: float  # of the one in the rear [m/s]
+    closing: float  # rate at which it shrinks [m/s]
+
+
 class RoomToChange:
     """Judges whether there is room for a lane change.
 
     now   : SUMO's values at this instant
-    let_in: members for which a vehicle waits now
+    let_in: the vehicle that waits now, by the member for which it does
     """
 
-    def __init__(self, network: Network, now: Reads, let_in: Container[str] = ()) -> None:
+    def __init__(self, network: Network, now: Reads, let_in: Mapping[str, str] = MappingProxyType({})) -> None:
         self._network, self._now, self._let_in = network, now, let_in
         self._adjacent: dict[str, tuple[tuple[str, float], ...]] = {}  # lanes leading to the end of a change's target
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
@@ -151,21 +161,29 @@ class RoomToChange:
         """Whether a vehicle may give its lane change up so far beyond its begin [m]."""
         return over < HARDLY_BEGUN * line.across
 
-    def is_better_later(self, line: Line, distance: float, ego: Ego) -> bool:
+    def is_better_later(self, line: Line, distance: float, slowest: float, ego: Ego) -> bool:
         """Whether a vehicle without room for its lane change should look for it further on.
 
         Where it would stand near the begin of a long lane, those behind it stand on the junction before. Elsewhere it
         should if all vehicles that leave no room are faster, and none of them is in a queue.
+
+        slowest: as of `slowest_beside`
         """
         blocks_junction = self._begin(line) < ENTRY * ego.size and not self._ends_soon(line, distance)
-        return blocks_junction or self.slowest_beside(line, distance, ego) >= ego.speed + PASSES_BY
+        return blocks_junction or slowest >= ego.speed + PASSES_BY
 
-    def slowest_beside(self, line: Line, distance: float, ego: Ego) -> float:
-        """Least speed of the vehicles that leave no room for a lane change here [m/s]; 0 beside a queue."""
+    def slowest_beside(self, line: Line, distance: float, ego: Ego) -> tuple[float, float]:
+        """Least speed of the vehicles that leave no room for a lane change here, and of those to fall back behind: not
+        of the one that lets it in [m/s]. 0 beside a queue, inf: there are none.
+        """
         if self._queue_within(line, distance, ego):
-            return 0.0
-        blocking = self._blocking(line, distance, distance + 0.5 * line.across, ego)
-        return min(map(self._now.speed.__getitem__, blocking), default=inf)
+            return 0.0, 0.0
+        gaps = [*self._blocking(line, distance, distance + 0.5 * line.across, ego)]
+        before = [gap for gap in gaps if gap.name != self._let_in.get(ego.id)]
+        slowest, to_fall_back = (
+            min((self._now.speed[gap.name] for gap in some), default=inf) for some in (gaps, before)
+        )
+        return slowest, to_fall_back
 
     def free_road(self, line: Line, distance: float, ego: Ego) -> float:
         """Distance from the begin of a lane change to the next vehicle in a queue on the lane before [m]; inf: none."""
@@ -191,17 +209,16 @@ class RoomToChange:
         It has come since the change began: SUMO has inserted it, or it has come over from the other side.
         """
         gaps = self._gaps(line, distance, half, ego)
-        return any(gap < closing**2 / (2 * COMFORTABLE_BRAKING) for _, gap, _, closing in gaps)
+        return any(gap.room < gap.closing**2 / (2 * COMFORTABLE_BRAKING) for gap in gaps)
 
-    def _blocking(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[str]:
-        """Vehicles on the lanes that are crossed that leave no room, or would have to brake hard; as `_gaps`."""
-        for name, gap, rear_speed, closing in self._gaps(line, distance, half, ego):
-            if gap < room_needed(ego.length, rear_speed, closing):
-                yield name
+    def _blocking(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[Gap]:
+        """To vehicles on the lanes that are crossed that leave no room, or would have to brake hard; as `_gaps`."""
+        for gap in self._gaps(line, distance, half, ego):
+            if gap.room < room_needed(ego.length, gap.rear_speed, gap.closing):
+                yield gap
 
-    def _gaps(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[tuple[str, float, float, float]]:
-        """Vehicles on the lanes that are crossed, the gap to each when the member is over there, bumper to bumper [m],
-        the speed of the one in the rear, and the rate at which the gap shrinks [m/s].
+    def _gaps(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[Gap]:
+        """To vehicles on the lanes that are crossed.
 
         half : distance after which half of the member is over there: until then SUMO's drivers do not see it [m]
         """
@@ -219,7 +236,7 @@ class RoomToChange:
             else:
                 gap = -ahead - ego.length - foe_speed * time + half
                 closing, rear_speed = max(foe_speed - later, 0.0), foe_speed
-            yield name, gap, rear_speed, closing
+            yield Gap(name, gap, rear_speed, closing)
 
     def _falls_back(self, line: Line, distance: float, ego: Ego) -> float:
         """Distance within which a vehicle brakes to fall back behind another one, which must come to its lane [m].

@@ -86,7 +86,7 @@ class StopLines:
         # By line and kind of vehicle: one for all routes over it.
         self._at_junction = Once(lambda passed: passed[0]._replace(station=0.0, kind=passed[1]))
         self._way = RightOfWay(sumo, self._now, self._conflicts)
-        self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else ())
+        self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else {})
         self._fleet: tuple[Member, ...] = ()  # at the last look
         self.heedless: frozenset[str] = frozenset()  # members whose law is given no lines
         self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet

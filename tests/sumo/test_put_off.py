@@ -102,7 +102,7 @@ def test_one_that_has_hardly_begun_drives_on_or_keeps_its_change(fleet_and_later
 def test_of_several_blocked_changes_the_first_one_counts(fleet_and_later):
     _, later, change = fleet_and_later
     later._room = SimpleNamespace(
-        is_better_later=lambda *_: True, slowest_beside=lambda *_: 0.0, free_road=lambda *_: inf
+        is_better_later=lambda *_: True, slowest_beside=lambda *_: (0.0, 0.0), free_road=lambda *_: inf
     )
     for line in (change, change._replace(lane=change.onto)):
         later.note(line, 10.0, Ego("m.0", change.lane, 0.0, 4.74))
@@ -112,7 +112,7 @@ def test_of_several_blocked_changes_the_first_one_counts(fleet_and_later):
 def room_beside(slowest: float, free: float = inf) -> SimpleNamespace:
     """Of a lane change that is blocked by vehicles of a least speed [m/s]."""
     return SimpleNamespace(
-        is_better_later=lambda *_: False, slowest_beside=lambda *_: slowest, free_road=lambda *_: free
+        is_better_later=lambda *_: False, slowest_beside=lambda *_: (slowest, slowest), free_road=lambda *_: free
     )
 
 

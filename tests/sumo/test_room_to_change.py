@@ -149,7 +149,7 @@ def test_a_member_that_is_let_in_beside_a_queue_goes_over_at_once(let_in):
     """It waited 20 s for the queue to leave, and the vehicle that let it in 20 s for the member; then that drove on."""
     places = {"road_0": [("m.0", 30.0)], "road_1": [("polite", 26.0), ("queue", 45.0)]}
     network = SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)])
-    change = RoomToChange(network, Reads(client_of(places)), {"m.0"} if let_in else ())
+    change = RoomToChange(network, Reads(client_of(places)), {"m.0": "c"} if let_in else {})
     line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)  # it begins at 31 m
     assert (change.may_change(line, 1.0, Ego("m.0", "road_0", 0.0, 5.0)) == np.inf) == let_in
 
@@ -161,7 +161,7 @@ def test_a_member_that_is_let_in_wants_the_room_until_it_is_over(let_in, distanc
     change = RoomToChange(
         SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]),
         Reads(client_of({"road_0": [("m.0", 30.0)], "road_1": [("polite", 20.0)]})),
-        {"m.0"} if let_in else (),
+        {"m.0": "c"} if let_in else {},
     )
     line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)
     assert change.may_change(line, distance, Ego("m.0", lane, 1.0, 5.0)) == np.inf
@@ -252,7 +252,7 @@ def test_at_the_begin_of_a_long_lane_it_does_not_wait_beside_a_queue(begins, len
     line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, length - begins)
     ego = Ego("m.0", "road_0", 0.0, 5.0)
     assert change.may_change(line, 1.0, ego) < np.inf
-    assert change.is_better_later(line, 1.0, ego) == further
+    assert change.is_better_later(line, 1.0, 0.0, ego) == further
 
 
 def test_of_two_members_that_go_over_to_one_lane_from_both_sides_one_waits():
