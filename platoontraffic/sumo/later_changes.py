@@ -34,7 +34,7 @@ class Blocked(NamedTuple):
     over: float  # distance driven since its begin [m]; negative: ahead of it
     further: bool  # there may be room further on
     free: float  # from its begin to the next vehicle in a queue on the lane before [m]; inf: there is none
-    flows: bool = False  # the traffic beside it flows: it drives on beside that, to where its lane ends
+    drives_on: bool = False  # to where its lane ends: beside traffic that flows, or too fast to stop before
 
 
 class LaterChanges:
@@ -58,19 +58,19 @@ class LaterChanges:
         """A member has no room for its lane change. Of several the first one counts.
 
         distance: to its begin [m]
-        returns : where it stops for want of room [m]: at that begin, or where its lane ends if the traffic beside it
-                  flows, or so near that it becomes slower than that traffic
+        returns : where it stops for want of room [m]: at that begin, or where its lane ends if it drives on; beside
+                  traffic that flows so near that it becomes slower than that
         """
         if ego.id in self._blocked:
             return distance
         free = self._room.free_road(change, distance, ego)
         slowest, to_fall_back = self._room.slowest_beside(change, distance, ego)
         flows = free == math.inf and slowest >= FLOWS
+        drives_on = flows or ego.speed**2 / (2 * BRAKING) > distance
         further = flows or self._room.is_better_later(change, distance, slowest, ego)
-        self._blocked[ego.id] = Blocked(change, -distance, further, free, flows)
-        if not flows:
-            return distance
-        return min(distance + self._latest(change, ego.length), _falling_back(ego, to_fall_back))
+        self._blocked[ego.id] = Blocked(change, -distance, further, free, drives_on)
+        latest = distance + self._latest(change, ego.length) if drives_on else distance
+        return min(latest, _falling_back(ego, to_fall_back)) if flows else latest
 
     def _latest(self, change: Line, length: float) -> float:
         """Distance by which a lane change may be later, for a vehicle of a length, before its lane ends [m]."""
@@ -89,7 +89,7 @@ class LaterChanges:
             limit = group.law.braking_for(group.memory) if group.memory is not None else None
             for i, reason in zip(group.rows.tolist(), limit.reason, strict=True) if limit else ():
                 blocked = self._blocked.get(fleet.ids[i])
-                if blocked and (self._comes_to(fleet, i, blocked) if blocked.flows else reason == BRAKES_FOR_LINE):
+                if blocked and (self._comes_to(fleet, i, blocked) if blocked.drives_on else reason == BRAKES_FOR_LINE):
                     fleet = self._put_off_one(fleet, i)
         return fleet
 
@@ -107,18 +107,18 @@ class LaterChanges:
     def _put_off_one(self, fleet: Fleet, row: int) -> Fleet:
         """The fleet with another route for one of these members, and for those behind it where they change beyond."""
         member, speed = fleet.members[row], float(fleet.motion.speed[row])
-        change, over, further, free, flows = self._blocked[member.id]
+        change, over, further, free, drives_on = self._blocked[member.id]
         if change not in member.route.lines:  # put off just now, with its leader's
             return fleet
         width = self._sumo.lane.getWidth(change.lane)
         step = CHANGE_AFTER * width
         by = step * max(math.ceil((max(over, 0.0) + LOOKS_AFTER * speed) / step), 1)
-        if flows:  # it will be slower near the end of its lane
+        if drives_on:  # it will be slower near the end of its lane
             latest = self._latest(change, member.model.length)
             by = min(by, latest)
             speed = min(speed, math.sqrt(2 * BRAKING * (latest - by)))
         longest = width * math.ceil(CHANGE_TIME * speed / width)
-        moves_on = further and free > by + change.across
+        moves_on = drives_on or (further and free > by + change.across)
         here = self._later[member.route, change, by if moves_on else 0.0, member.model, longest]
         if here and moves_on:
             return fleet.with_route(row, here, WINDOW)

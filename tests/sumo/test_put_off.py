@@ -117,13 +117,17 @@ def room_beside(slowest: float, free: float = inf) -> SimpleNamespace:
 
 
 def test_beside_traffic_that_flows_it_drives_on_to_where_its_lane_ends(fleet_and_later):
-    """5 lane widths and a length are left there. It stops at the begin of its change beside a queue, or in one."""
+    """5 lane widths and a length are left there. It stops at the begin of its change beside a queue, or in one, if it
+    can: from 15 m/s within 37.5 m.
+    """
     _, later, change = fleet_and_later
-    ends = 10.0 + change.to_end - 5 * 3.2 - 4.74
-    for slowest, free, stop in [(inf, inf, ends), (7.9, inf, 10.0), (0.0, inf, 10.0), (25.0, 40.0, 10.0)]:
+    ends = change.to_end - 5 * 3.2 - 4.74
+    cases = [(inf, inf, 40.0, True), (7.9, inf, 40.0, False), (0.0, inf, 40.0, False), (25.0, 40.0, 40.0, False)]
+    for slowest, free, distance, drives_on in [*cases, (0.0, inf, 35.0, True), (25.0, 40.0, 35.0, True)]:
         later.begin_look()
         later._room = room_beside(slowest, free)
-        assert later.note(change, 10.0, Ego("m.0", change.lane, 15.0, 4.74)) == pytest.approx(stop)
+        stop = later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74))
+        assert stop == pytest.approx(distance + ends if drives_on else distance)
 
 
 @pytest.mark.parametrize(("speed", "slowest"), [(33.0, 25.0), (25.0, 25.0), (12.0, 9.0)])
