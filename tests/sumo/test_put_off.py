@@ -17,6 +17,7 @@ from platoontraffic.road.lane_routes import CHANGING
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.shipped import networks
+from platoontraffic.simulation import Simulation
 from platoontraffic.sumo import later_changes
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.later_changes import Blocked, LaterChanges
@@ -163,6 +164,26 @@ def test_in_flow_it_looks_for_room_further_on_when_it_comes_to_its_change_withou
     assert asked == ([0] if is_later else [])
 
 
+def test_a_member_that_drives_on_has_its_change_at_last_where_its_lane_ends(fleet_and_later):
+    """The nearer it is to that place the slower it will be there, and the shorter is its lane change.
+
+    After that it changes beyond, for this lane leads on.
+    """
+    fleet, later, change = fleet_and_later
+    fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), 25.0)))
+    for _ in range(100):
+        before, across = change, change.across
+        later._blocked = {fleet.ids[0]: Blocked(change, -10.0, True, inf, True)}
+        fleet = later._put_off_one(fleet, 0)
+        change = next(one for one in fleet.members[0].route.lines if one.state == CHANGING)
+        if change.lane != before.lane:
+            break
+        assert change.station > before.station
+        assert change.across <= across + 0.1
+    assert before.to_end == pytest.approx(5 * 3.2 + 4.74, abs=4.74)  # later by less than a length is not worth it
+    assert before.across == pytest.approx(5 * 3.2, abs=0.5)
+
+
 def test_routes_that_no_member_drives_any_more_are_forgotten(fleet_and_later, monkeypatch):
     fleet, later, change = fleet_and_later
     monkeypatch.setattr(later_changes, "KEPT", 3)
@@ -171,3 +192,40 @@ def test_routes_that_no_member_drives_any_more_are_forgotten(fleet_and_later, mo
         dict.__setitem__(later._later, key, None)
     later.put_off(fleet)
     assert [key[0] for key in later._later] == [route]
+
+
+ENTRY = """[sumo]
+net = "highway"
+warm_up_s = 120.0
+demand = 1.5
+[run]
+duration_s = 70.0
+step_s = 0.1
+""" + "".join(
+    f"""[[platoon]]
+id = "p{k}"
+size = 1
+vehicle = "car"
+start = {{ time_s = {8.0 * k}, edge = "e_entry_e3", position_m = 20.0, speed_mps = 20.0 }}
+to = "e4_e5"
+leader = {{ law = "tracking", on_loss = "drive", policy = "obey", keeps_to = "route" }}
+"""
+    for k in range(4)
+)
+
+
+@pytest.mark.sumo
+def test_members_that_enter_a_motorway_among_traffic_drive_on_until_there_is_room(tmp_path):
+    """They stood at the begin of the lane that ends, or in their lane change, while 2,900 vehicles an hour passed."""
+    file, least, over = tmp_path / "entry.toml", {}, set()
+    file.write_text(ENTRY)
+    with Simulation.load(file, seed=2) as simulation:
+        for now in simulation:
+            assert not [event for event in now.events if event.kind == "collision"]
+            for name, (_, lane), speed in zip(now.fleet.ids, now.roads, now.fleet.motion.speed, strict=True):
+                if lane == "e3_e4_0":
+                    least[name] = min(speed, least.get(name, math.inf))
+                elif lane == "e3_e4_1":
+                    over.add(name)
+    assert len(over) == 4
+    assert min(least.values()) > 10.0
