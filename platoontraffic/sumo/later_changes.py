@@ -13,14 +13,13 @@ from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Once
-from platoontraffic.sumo.room_to_change import RoomToChange
+from platoontraffic.sumo.room_to_change import FLOWS, RoomToChange
 from platoontraffic.world.fleet import WINDOW, Fleet
 
 BRAKES_FOR_LINE = BRAKES_FOR.index("line")
 CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
 LOOKS_AFTER = 1.0  # a vehicle looks for room again after this time [s]
-FLOWS = 8.0  # traffic that is so fast flows: a vehicle drives on beside it, and does not stop for room, ... [m/s]
-SLOWER, GENTLE = 2.0, 1.5  # ... but so much slower [m/s], to fall back behind it, by a braking of that [m/s2]
+SLOWER, GENTLE = 2.0, 1.5  # beside traffic that flows, it becomes so much slower [m/s], by that braking [m/s2]
 # Of the law `path` before lines: comfortable braking [m/s2], time constant [s], distance at rest [vehicle lengths].
 BRAKING, SETTLING, STOP_BEFORE = 3.0, 0.5, 0.2
 
@@ -34,7 +33,7 @@ class Blocked(NamedTuple):
     over: float  # distance driven since its begin [m]; negative: ahead of it
     further: bool  # there may be room further on
     free: float  # from its begin to the next vehicle in a queue on the lane before [m]; inf: there is none
-    drives_on: bool = False  # to where its lane ends: beside traffic that flows, or too fast to stop before
+    drives_on: bool = False  # to where its lane ends: on a fast road beside traffic that flows, or too fast to stop
 
 
 class LaterChanges:
@@ -65,8 +64,9 @@ class LaterChanges:
             return distance
         free = self._room.free_road(change, distance, ego)
         slowest, to_fall_back = self._room.slowest_beside(change, distance, ego)
-        flows = free == math.inf and slowest >= FLOWS
-        drives_on = flows or ego.speed**2 / (2 * BRAKING) > distance
+        is_fast = self._room.is_fast(change)
+        flows = is_fast and free == math.inf and slowest >= FLOWS
+        drives_on = flows or (is_fast and ego.speed**2 / (2 * BRAKING) > distance)
         further = flows or self._room.is_better_later(change, distance, slowest, ego)
         self._blocked[ego.id] = Blocked(change, -distance, further, free, drives_on)
         latest = distance + self._latest(change, ego.length) if drives_on else distance

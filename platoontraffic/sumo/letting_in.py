@@ -4,9 +4,9 @@ SUMO's driver brakes for a vehicle that must change to its lane and cannot. It d
 SUMO does not know that this one must change; beside a queue a member would wait without end. So the first vehicle that
 can stop where it leaves room for the member does so: at once where the member's lane ends soon, as SUMO's drivers do,
 else once the member has stood for `AFTER`. One that SUMO drives gets speeds from which it brakes by no more than
-`BRAKING`; SUMO's driver model keeps it slower where it must, as always. Behind one that drives it needs to stop only
-where that one would, if it braked as hard. A member is given a line to stop at, for one of
-SUMO's too (`first_on_lanes`); followers of a platoon let nobody in before them.
+`BRAKING`; SUMO's driver model keeps it slower where it must, as always. For one that drives on beside it, it needs to
+stop only behind where that one would. A member is given a line to stop at, for one of SUMO's too (`first_on_lanes`);
+followers of a platoon let nobody in before them.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class LettingIn:
                 elif foe in before:  # to SUMO the other one is off the road, as on a lane for buses
                     self.stops[foe] = before[foe]
             else:
-                self._hold(foe, name, wanted.behind)
+                self._hold(foe, name, wanted)
 
     def _is_in_queue(self, foe: str, name: str, lane: str) -> bool:
         """Whether a vehicle that waits could not drive on anyway: the next one on its lane stands close ahead."""
@@ -160,7 +160,7 @@ class LettingIn:
         wanted = wish.wanted
         if edge_of(self._lane(name, where)) != edge_of(wanted.lane):
             return None
-        before, place = self._stops_at(name, wanted.lane, where) - wanted.behind, self._sumo.vehicle.getLanePosition
+        before, place = self._stops_at(name, wanted, where) - wanted.behind, self._sumo.vehicle.getLanePosition
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
             if name not in where and (foe not in where or place(foe) < before - NEAR):
                 continue  # SUMO's let each other in
@@ -172,37 +172,39 @@ class LettingIn:
 
     def _place(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
         """Where a member is to stop on its lane: behind the other one's rear, or nearer where it cannot [m]."""
-        front = self._stops_at(name, wanted.lane, where)
+        front = self._stops_at(name, wanted, where)
         rear = front - max(self._sumo.vehicle.getLength(name), wanted.behind)
         return rear if self._can_stop(foe, rear) else front - wanted.behind
 
     def _can_stop(self, vehicle: str, before: float) -> bool:
         """Whether it can stop before a place on its lane [m]."""
-        return self._sumo.vehicle.getLanePosition(vehicle) + self._braking_distance(vehicle) <= before
+        speed = self._sumo.vehicle.getSpeed(vehicle)
+        return self._sumo.vehicle.getLanePosition(vehicle) + _braking_distance(speed) <= before
 
-    def _stops_at(self, name: str, lane: str, where: Mapping[str, tuple[str, str]]) -> float:
-        """Place beside a lane where a vehicle's front stops if it brakes as one that lets another one in [m]."""
+    def _stops_at(self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
+        """Place beside a lane of a vehicle's front; if it drives on, where that stops by `BRAKING` [m]."""
         length, vehicle = self._sumo.lane.getLength, self._sumo.vehicle
-        front = vehicle.getLanePosition(name) + length(lane) - length(self._lane(name, where))
-        return front + self._braking_distance(name)
-
-    def _braking_distance(self, vehicle: str) -> float:
-        return self._sumo.vehicle.getSpeed(vehicle) ** 2 / (2 * BRAKING)
+        front = vehicle.getLanePosition(name) + length(wanted.lane) - length(self._lane(name, where))
+        return front + _braking_distance(wanted.speed)
 
     def _lane(self, name: str, where: Mapping[str, tuple[str, str]]) -> str:
         return where[name][1] if name in where else self._sumo.vehicle.getLaneID(name)
 
-    def _hold(self, foe: str, name: str, behind: float) -> None:
+    def _hold(self, foe: str, name: str, wanted: Wanted) -> None:
         """Let a vehicle stop behind a member's rear, or nearer where it cannot; it does not follow the member then."""
         vehicle = self._sumo.vehicle
         (x, y), (its_x, its_y) = vehicle.getPosition(name), vehicle.getPosition(foe)
         course = math.radians(90 - vehicle.getAngle(foe))
-        ahead = (x - its_x) * math.cos(course) + (y - its_y) * math.sin(course) + self._braking_distance(name)
+        ahead = (x - its_x) * math.cos(course) + (y - its_y) * math.sin(course) + _braking_distance(wanted.speed)
         speed, length = vehicle.getSpeed(foe), vehicle.getLength(name)
-        room = ahead - max(length, behind)
-        if room < speed**2 / (2 * BRAKING):
-            room = ahead - behind if speed > STANDING else 0.0
+        room = ahead - max(length, wanted.behind)
+        if room < _braking_distance(speed):
+            room = ahead - wanted.behind if speed > STANDING else 0.0
         vehicle.setSpeed(foe, speed_to_stop(speed, room, BRAKING, self._step))
+
+
+def _braking_distance(speed: float) -> float:
+    return speed**2 / (2 * BRAKING)
 
 
 def speed_to_stop(speed: float, room: float, braking: float, step: float) -> float:

@@ -22,7 +22,8 @@ COMMITTED = 0.25  # share of a lane change after which it is not interrupted
 HARDLY_BEGUN = 0.1  # share up to which it may be given up: a car's body is still within its lane
 BEHIND = 0.5  # distance behind another one on its lane from which a slow vehicle may go over, for a car [m]
 PASSES_BY = 2.0  # a vehicle that is so much faster passes, and leaves room then [m/s]
-IN_FLOW = 8.0  # a vehicle that is so fast changes lanes among others that drive on [m/s]
+FAST_ROAD = 20.0  # speed limit from which on vehicles change lanes as they drive, and do not wait for room [m/s] ...
+FLOWS = 8.0  # ... where they and the others are so fast [m/s]
 QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
 QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
@@ -40,6 +41,7 @@ class Wanted(NamedTuple):
     behind: float  # distance behind its front at which a vehicle there must stand to leave it [m]
     begun: bool  # it is going over, and is not on that lane yet
     urgent: bool = False  # its lane ends soon
+    speed: float = 0.0  # at which it drives on until it has room [m/s]; 0: it waits for it
 
 
 class Gap(NamedTuple):
@@ -119,11 +121,13 @@ class RoomToChange:
         half : distance after which half of the member is over on the lane [m]
         begun: it is going over
         """
-        in_flow = ego.speed >= IN_FLOW  # who lets it in goes on beside it, and does not stand
-        room = room_needed(ego.length, ego.speed if in_flow else 0.0, 0.0) - (0.0 if in_flow else half)
+        speed = ego.speed if self.is_fast(line) and ego.speed >= FLOWS else 0.0
+        room = room_needed(ego.length, speed, 0.0) - (
+            0.0 if speed else half
+        )  # beside a moving one half shrinks as well
         behind = ego.length + room + self._farther_on(line, distance, ego)
         urgent = self._ends_soon(line, distance)
-        self.wanted.setdefault(ego.id, Wanted(line.onto, behind, begun, urgent))
+        self.wanted.setdefault(ego.id, Wanted(line.onto, behind, begun, urgent, speed))
 
     def _farther_on(self, line: Line, distance: float, ego: Ego) -> float:
         """How much farther on along its lane SUMO has a vehicle than its route: an askew one by a metre [m]."""
@@ -171,6 +175,10 @@ class RoomToChange:
         """
         blocks_junction = self._begin(line) < ENTRY * ego.size and not self._ends_soon(line, distance)
         return blocks_junction or slowest >= ego.speed + PASSES_BY
+
+    def is_fast(self, line: Line) -> bool:
+        """Whether the lane of a lane change is that of a fast road."""
+        return self._now.max_speed[line.lane] >= FAST_ROAD
 
     def slowest_beside(self, line: Line, distance: float, ego: Ego) -> tuple[float, float]:
         """Least speed of the vehicles that leave no room for a lane change here, and of those to fall back behind: not

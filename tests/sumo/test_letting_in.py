@@ -19,6 +19,7 @@ from platoontraffic.sumo.letting_in import (
     GIVEN_UP,
     GOES_OVER,
     LONGEST,
+    OWN_DRIVER,
     SPARE,
     LettingIn,
     Patience,
@@ -202,8 +203,29 @@ def test_a_vehicle_that_stands_does_not_follow_the_member_until_it_is_abreast(sp
         getPosition=lambda name: (FRONT + ahead if name == "member" else FRONT, 0.0), getAngle=lambda _: 90.0,
         getSpeed=lambda _: speed, getLength=lambda _: 5.0, setSpeed=lambda _, value: speeds.append(value),
     )  # fmt: skip
-    LettingIn(SimpleNamespace(vehicle=vehicle), STEP)._hold("foe", "member", 1.0)
+    LettingIn(SimpleNamespace(vehicle=vehicle), STEP)._hold("foe", "member", Wanted("road_1", 1.0, False))
     assert (abs(speeds[0]) > 1e-9) == drives
+
+
+@pytest.mark.parametrize("ahead", [4.0, 12.0, 40.0])
+def test_for_a_member_that_drives_on_it_falls_back_to_the_room_that_is_wanted_and_does_not_stop(ahead):
+    """The member keeps 20 m/s, the other one would drive 25 m/s."""
+    own, behind, place, speed, said = 20.0, 15.0, {"foe": 0.0, "member": ahead}, {"foe": 20.0, "member": 20.0}, []
+    vehicle = SimpleNamespace(
+        getPosition=lambda name: (place[name], 0.0), getAngle=lambda _: 90.0, getSpeed=speed.__getitem__,
+        getLength=lambda _: 5.0, setSpeed=lambda _, value: said.append(value),
+    )  # fmt: skip
+    letting_in, speeds = LettingIn(SimpleNamespace(vehicle=vehicle), STEP), [speed["foe"]]
+    for _ in range(round(60.0 / STEP)):
+        letting_in._hold("foe", "member", Wanted("road_1", behind, False, True, own))
+        speed["foe"] = min(25.0, speed["foe"] + 2.0 * STEP) if said[-1] == OWN_DRIVER else said[-1]
+        for name in place:
+            place[name] += speed[name] * STEP
+        speeds.append(speed["foe"])
+    assert place["member"] - place["foe"] == pytest.approx(behind, abs=3.0)
+    assert speeds[-1] == pytest.approx(own, abs=0.3)
+    assert min(speeds) > 8.0
+    assert min(np.diff(speeds)) / STEP > -BRAKING - 0.01
 
 
 def test_a_member_keeps_its_stop_while_the_one_that_it_lets_in_is_off_the_road_to_sumo():

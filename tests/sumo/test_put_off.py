@@ -103,17 +103,23 @@ def test_one_that_has_hardly_begun_drives_on_or_keeps_its_change(fleet_and_later
 def test_of_several_blocked_changes_the_first_one_counts(fleet_and_later):
     _, later, change = fleet_and_later
     later._room = SimpleNamespace(
-        is_better_later=lambda *_: True, slowest_beside=lambda *_: (0.0, 0.0), free_road=lambda *_: inf
+        is_better_later=lambda *_: True,
+        slowest_beside=lambda *_: (0.0, 0.0),
+        free_road=lambda *_: inf,
+        is_fast=lambda _: True,
     )
     for line in (change, change._replace(lane=change.onto)):
         later.note(line, 10.0, Ego("m.0", change.lane, 0.0, 4.74))
     assert later._blocked["m.0"].line == change
 
 
-def room_beside(slowest: float, free: float = inf) -> SimpleNamespace:
+def room_beside(slowest: float, free: float = inf, is_fast: bool = True) -> SimpleNamespace:
     """Of a lane change that is blocked by vehicles of a least speed [m/s]."""
     return SimpleNamespace(
-        is_better_later=lambda *_: False, slowest_beside=lambda *_: (slowest, slowest), free_road=lambda *_: free
+        is_better_later=lambda *_: False,
+        slowest_beside=lambda *_: (slowest, slowest),
+        free_road=lambda *_: free,
+        is_fast=lambda _: is_fast,
     )
 
 
@@ -129,6 +135,9 @@ def test_beside_traffic_that_flows_it_drives_on_to_where_its_lane_ends(fleet_and
         later._room = room_beside(slowest, free)
         stop = later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74))
         assert stop == pytest.approx(distance + ends if drives_on else distance)
+        later.begin_look()
+        later._room = room_beside(slowest, free, is_fast=False)
+        assert later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74)) == distance
 
 
 @pytest.mark.parametrize(("speed", "slowest"), [(33.0, 25.0), (25.0, 25.0), (12.0, 9.0)])

@@ -52,11 +52,13 @@ def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
     assert change.may_change(second, 25.0, ego) == np.inf  # and the next one is free
     assert not change.wanted
     assert change.may_change(second, -1.0, ego._replace(lane="road_1")) == np.inf
-    # It is not on the last one yet: vehicles there stop behind its rear, or drive on so far behind it.
-    assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 0.5 * 10.0), True, True)}
+    # It is not on the last one yet: vehicles there stop behind its rear, or on a fast road drive on so far behind it.
+    assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 2.5 - 19.0), True, True, 0.0)}
     change.wanted.clear()
-    assert change.may_change(second, -1.0, slow._replace(lane="road_1")) == np.inf
-    assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 2.5 - 19.0), True, True)}
+    now.max_speed["road_1"] = 25.0
+    assert change.may_change(second, -1.0, ego._replace(lane="road_1")) == np.inf
+    assert change.wanted == {"m.0": ("road_2", pytest.approx(5.0 + 0.5 * 10.0), True, True, 10.0)}
+    now.max_speed["road_1"] = 13.9
     change.wanted.clear()
     assert change.may_change(second, -1.0, ego._replace(lane="road_2")) == np.inf
     assert not change.wanted
@@ -88,7 +90,7 @@ def test_a_lane_change_is_judged_by_the_first_vehicle_behind_since_the_others_fo
     places["road_1"].pop()
     now.renew()
     assert change.may_change(line, 5.0, ego) < np.inf
-    assert change.wanted == {"m.0": ("road_1", pytest.approx(5.0 + 2.5 - (5.0 + 8.0)), False, True)}
+    assert change.wanted == {"m.0": ("road_1", pytest.approx(5.0 + 2.5 - (5.0 + 8.0)), False, True, 0.0)}
     places["road_1"].clear()
     now.renew()
     change.wanted.clear()
