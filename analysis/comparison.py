@@ -83,7 +83,9 @@ def difference_figure(first: Results, others: Sequence[Results], names: Sequence
     for row, other, name in zip(axes, others, names, strict=True):
         platoon = shared_platoon(first, other)
         for one, column in zip(row, columns, strict=True):
-            for place, vehicle, rows in figures.rows_of_members(difference(table, other.trajectories, column), platoon):
+            for place, vehicle, rows in figures.lines_of_members(
+                difference(table, other.trajectories, column), platoon
+            ):
                 one.plot(rows.time_s, rows[column], **figures.line_style(place, rows), label=vehicle)
             one.axhline(0, color="#999999", linewidth=0.8, zorder=0)
             one.set_ylabel(f"Δ {DRAWN[column]}")

@@ -76,7 +76,7 @@ def over_time(trajectories: pd.DataFrame, column: str, axes: Axes, platoon: str 
     """
     columns_of(trajectories, ["time_s", "platoon_id", "vehicle_id", "place", column])
     drawn = []
-    for place, vehicle, rows in rows_of_members(trajectories, platoon):
+    for place, vehicle, rows in lines_of_members(trajectories, platoon):
         if rows[column].notna().any():
             axes.plot(rows.time_s, rows[column], **line_style(place, rows), label=vehicle)
             drawn.append(rows)
@@ -131,7 +131,7 @@ def offsets(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) 
     """Lateral offset of each follower from the path of its predecessor, over the distance driven from the leader's
     start."""
     columns_of(trajectories, ["time_s", "x_m", "y_m", "cross_track_m"])
-    members = list(rows_of_members(trajectories, platoon))
+    members = list(lines_of_members(trajectories, platoon))
     start = members[0][2][["x_m", "y_m"]].iloc[0].to_numpy()
     if not any(rows.cross_track_m.notna().any() for *_, rows in members):
         raise ResultsError("'cross_track_m': has no values")
@@ -195,7 +195,7 @@ def lanes(trajectories: pd.DataFrame, axes: Axes, platoon: str | None = None) ->
     """Index of each member's lane over time, 0 the outermost: the rightmost, on left-hand roads the leftmost; nothing
     inside junctions."""
     columns_of(trajectories, ["time_s", "lane_id"])
-    members = list(rows_of_members(trajectories, platoon))
+    members = list(lines_of_members(trajectories, platoon))
     most = 0
     for place, vehicle, rows in members:
         lane = rows.lane_id.astype("str")
@@ -294,7 +294,7 @@ def time_space(
     if not members and line is None:
         raise ResultsError("time_space: traffic needs a line of the road to be placed along")
     if members and line is None:
-        of_platoon = list(rows_of_members(table, platoon))
+        of_platoon = list(lines_of_members(table, platoon))
         start = of_platoon[0][2][["x_m", "y_m"]].iloc[0].to_numpy()
         drawn = [(place, vehicle, rows, _driven(rows, start)) for place, vehicle, rows in of_platoon]
     else:
@@ -527,7 +527,7 @@ def unrolled(trajectories: pd.DataFrame, axes: Axes, scene: Scene, platoon: str 
 
     raises: ResultsError if that path is shorter than TOWN, or meets itself
     """
-    members = list(rows_of_members(trajectories, platoon))
+    members = list(lines_of_members(trajectories, platoon))
     line = driven_line(trajectories, platoon)
     if line is None:
         raise ResultsError(f"unrolled: the path of the platoon is shorter than {TOWN:g} m, or meets itself")
@@ -605,6 +605,15 @@ def rows_of_members(trajectories: pd.DataFrame, platoon: str | None = None) -> I
         )
     for (place, vehicle), own in rows.groupby(["place", "vehicle_id"]):
         yield place, vehicle, own
+
+
+def lines_of_members(trajectories: pd.DataFrame, platoon: str | None = None) -> Iterator[tuple[int, str, pd.DataFrame]]:
+    """As `rows_of_members`, with a number for `line_style`: the place, or of vehicles in no platoon, which all have
+    place 0, a number of each."""
+    members = list(rows_of_members(trajectories, platoon))
+    single = len({vehicle for _, vehicle, _ in members}) > 1 and not any(place for place, *_ in members)
+    for i, (place, vehicle, rows) in enumerate(members):
+        yield i if single else place, vehicle, rows
 
 
 def _arrowhead(row: pd.Series, length: float) -> list[tuple[float, float]]:

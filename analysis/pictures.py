@@ -187,6 +187,7 @@ OVER_TIME = {  # title and column
     "error": ("Spacing error", "gap_error_m"),
     "ttc": ("Time to collision", "ttc_s"),
 }
+LETTER, HANDLE = 0.065, 0.55  # width of a letter in a legend, and of what is beside a label [inches]
 PICTURES: Mapping[str, Picture] = {
     "map": Picture("Paths on the road", _map),
     "unrolled": Picture(
@@ -247,7 +248,9 @@ def _name(made: Figure, *axes: Axes) -> None:
         for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
     if found:
-        made.legend(found.values(), found.keys(), loc="outside lower center", ncols=8, frameon=False, fontsize=8)
+        widest = max(map(len, found)) * LETTER + HANDLE
+        columns = min(max(int(made.get_figwidth() / widest), 1), 8)
+        made.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns, frameon=False, fontsize=8)
 
 
 def _figure(width: float, height: float) -> Figure:
