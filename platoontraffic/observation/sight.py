@@ -36,7 +36,7 @@ def _of_shares(prepared: Prepared) -> Iterator[str]:
     fastest = FAST * max((network.limit(edge, lane) for edge, lane, _ in network.lanes_for_cars()), default=0.0)
     for i, table in enumerate(scenario.spec.equip, start=len(scenario.spec.platoon)):
         of_car = Equipment.of(scenario, i, "follower", VEHICLES["car"])
-        if of_car.law.native:
+        if of_car.law.native or not table.share:
             continue
         place = "", 0, 0.0, (0.0, 0.0, 0.0)
         car = Member(table.id, table.id, 0, of_car.model, of_car.lidars[0], of_car.law, *place)
