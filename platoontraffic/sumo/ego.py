@@ -15,6 +15,8 @@ from platoontraffic.world.fleet import Member
 KINDS = sorted(CARS.items(), key=lambda named: named[1].length)
 EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
+# Of the law `path` before lines: comfortable braking [m/s2], time constant [s], distance at rest [vehicle lengths].
+LINE_BRAKING, SETTLING, STOP_BEFORE = 3.0, 0.5, 0.2
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
 
 
@@ -66,6 +68,15 @@ class Ego(NamedTuple):
 def checks_from(speed: float, length: float) -> float:
     """`Ego.checks_from` of a vehicle."""
     return speed**2 / (2 * EARLY_BRAKING) + length
+
+
+def line_that_keeps(speed: float, length: float) -> float:
+    """Distance of a closed line before which a vehicle drives at a speed, if the line keeps that distance from it [m].
+
+    Of the law `path`, which brakes by b v / A - (A - v) / T with A^2 = 2 b distance, and stops a little before it.
+    """
+    allowed = (speed + math.sqrt(speed**2 + 4 * LINE_BRAKING * SETTLING * speed)) / 2
+    return allowed**2 / (2 * LINE_BRAKING) + STOP_BEFORE * length
 
 
 def _drivers(law: Law) -> list[object]:

@@ -11,7 +11,7 @@ from platoontraffic.road.lane_routes import CHANGE_AFTER, SHORTEST_CHANGE, Line
 from platoontraffic.road.later_change import JOIN, with_change_beyond, with_later_change
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client
-from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.ego import LINE_BRAKING, SETTLING, Ego, line_that_keeps
 from platoontraffic.sumo.reads import Once
 from platoontraffic.sumo.room_to_change import FLOWS, RoomToChange
 from platoontraffic.world.fleet import WINDOW, Fleet
@@ -20,8 +20,6 @@ BRAKES_FOR_LINE = BRAKES_FOR.index("line")
 CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
 LOOKS_AFTER = 1.0  # a vehicle looks for room again after this time [s]
 SLOWER, GENTLE = 2.0, 1.5  # beside traffic that flows, it becomes so much slower [m/s], by that braking [m/s2]
-# Of the law `path` before lines: comfortable braking [m/s2], time constant [s], distance at rest [vehicle lengths].
-BRAKING, SETTLING, STOP_BEFORE = 3.0, 0.5, 0.2
 
 KEPT = 200  # routes that are kept for members which ask again; beyond, those that no member drives are forgotten
 
@@ -66,11 +64,12 @@ class LaterChanges:
         slowest, to_fall_back = self._room.slowest_beside(change, distance, ego)
         is_fast = self._room.is_fast(change)
         flows = is_fast and free == math.inf and slowest >= FLOWS
-        drives_on = flows or (is_fast and ego.speed**2 / (2 * BRAKING) > distance)
+        drives_on = flows or (is_fast and ego.speed**2 / (2 * LINE_BRAKING) > distance)
         further = flows or self._room.is_better_later(change, distance, slowest, ego)
         self._blocked[ego.id] = Blocked(change, -distance, further, free, drives_on)
         latest = distance + self._latest(change, ego.length) if drives_on else distance
-        return min(latest, _falling_back(ego, to_fall_back)) if flows else latest
+        falls_back_to = max(to_fall_back - SLOWER, ego.speed - GENTLE * SETTLING)
+        return min(latest, line_that_keeps(falls_back_to, ego.length)) if flows else latest
 
     def _latest(self, change: Line, length: float) -> float:
         """Distance by which a lane change may be later, for a vehicle of a length, before its lane ends [m]."""
@@ -116,7 +115,7 @@ class LaterChanges:
         if drives_on:  # it will be slower near the end of its lane
             latest = self._latest(change, member.model.length)
             by = min(by, latest)
-            speed = min(speed, math.sqrt(2 * BRAKING * (latest - by)))
+            speed = min(speed, math.sqrt(2 * LINE_BRAKING * (latest - by)))
         longest = width * math.ceil(CHANGE_TIME * speed / width)
         moves_on = drives_on or (further and free > by + change.across)
         here = self._later[member.route, change, by if moves_on else 0.0, member.model, longest]
@@ -130,16 +129,6 @@ class LaterChanges:
                     fleet = fleet.with_route(i, beyond, WINDOW)
             return fleet
         return fleet.with_route(row, here, WINDOW) if here else fleet
-
-
-def _falling_back(ego: Ego, slowest: float) -> float:
-    """Distance of a closed line before which a member brakes by `GENTLE`, to `SLOWER` less than the slowest one [m].
-
-    Before a line that keeps a distance d, the law `path` brakes by b v / A - (A - v) / T with A^2 = 2 b d, and so comes
-    to about A - b T. It would stop a little before that line.
-    """
-    allowed = BRAKING * SETTLING + max(slowest - SLOWER, ego.speed - GENTLE * SETTLING)
-    return allowed**2 / (2 * BRAKING) + STOP_BEFORE * ego.length
 
 
 def _behind_before(fleet: Fleet, row: int, change: Line) -> Iterator[tuple[int, Line]]:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.ego import SETTLING, line_that_keeps
 from platoontraffic.sumo.room_to_change import Wanted
 
 AFTER = 3.0  # time that a vehicle has stood before it is let in, where that is not urgent [s]
@@ -160,7 +161,8 @@ class LettingIn:
         wanted = wish.wanted
         if edge_of(self._lane(name, where)) != edge_of(wanted.lane):
             return None
-        before, place = self._stops_at(name, wanted, where) - wanted.behind, self._sumo.vehicle.getLanePosition
+        place = self._sumo.vehicle.getLanePosition
+        before = self._front(name, wanted, where) + _braking_distance(wanted.speed) - wanted.behind
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
             if name not in where and (foe not in where or place(foe) < before - NEAR):
                 continue  # SUMO's let each other in
@@ -171,9 +173,16 @@ class LettingIn:
         return None
 
     def _place(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
-        """Where a member is to stop on its lane: behind the other one's rear, or nearer where it cannot [m]."""
-        front = self._stops_at(name, wanted, where)
-        rear = front - max(self._sumo.vehicle.getLength(name), wanted.behind)
+        """Where a member is to stop on its lane: behind the other one's rear, or nearer where it cannot [m].
+
+        Of one that drives on, where it is to stop now: so that it follows that one, and brakes by `BRAKING` at most.
+        """
+        vehicle, front = self._sumo.vehicle, self._front(name, wanted, where)
+        if wanted.speed:
+            length, slower = vehicle.getLength(foe), max(vehicle.getSpeed(foe) - BRAKING * SETTLING, 0.0)
+            follows = front - wanted.behind + line_that_keeps(wanted.speed, length)
+            return max(follows, vehicle.getLanePosition(foe) + line_that_keeps(slower, length))
+        rear = front - max(vehicle.getLength(name), wanted.behind)
         return rear if self._can_stop(foe, rear) else front - wanted.behind
 
     def _can_stop(self, vehicle: str, before: float) -> bool:
@@ -181,11 +190,10 @@ class LettingIn:
         speed = self._sumo.vehicle.getSpeed(vehicle)
         return self._sumo.vehicle.getLanePosition(vehicle) + _braking_distance(speed) <= before
 
-    def _stops_at(self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
-        """Place beside a lane of a vehicle's front; if it drives on, where that stops by `BRAKING` [m]."""
-        length, vehicle = self._sumo.lane.getLength, self._sumo.vehicle
-        front = vehicle.getLanePosition(name) + length(wanted.lane) - length(self._lane(name, where))
-        return front + _braking_distance(wanted.speed)
+    def _front(self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
+        """Place of a vehicle's front beside the wanted lane [m]."""
+        length = self._sumo.lane.getLength
+        return self._sumo.vehicle.getLanePosition(name) + length(wanted.lane) - length(self._lane(name, where))
 
     def _lane(self, name: str, where: Mapping[str, tuple[str, str]]) -> str:
         return where[name][1] if name in where else self._sumo.vehicle.getLaneID(name)

@@ -9,6 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from platoontraffic.controllers.law import Body, Sensed, Signals
+from platoontraffic.controllers.path import PathLeader
 from platoontraffic.sumo import letting_in
 from platoontraffic.sumo.client import libsumo as sumo
 from platoontraffic.sumo.ego import Ego
@@ -226,6 +228,34 @@ def test_for_a_member_that_drives_on_it_falls_back_to_the_room_that_is_wanted_an
     assert speeds[-1] == pytest.approx(own, abs=0.3)
     assert min(speeds) > 8.0
     assert min(np.diff(speeds)) / STEP > -BRAKING - 0.01
+
+
+@pytest.mark.parametrize(("ahead", "slows"), [(16.0, 0.0), (30.0, 0.0), (16.0, 6.0)])
+def test_a_member_that_lets_one_in_which_drives_on_follows_it(ahead, slows):
+    """As the law `path` drives before the line that it is given; the other one has 20 m/s, or brakes hard to 10 m/s."""
+    place, speed = {"foe": 0.0, "member": ahead}, {"foe": 20.0, "member": 20.0}
+    vehicle = SimpleNamespace(
+        getLanePosition=place.__getitem__, getSpeed=speed.__getitem__, getLength=lambda _: 4.74,
+    )  # fmt: skip
+    client = SimpleNamespace(vehicle=vehicle, lane=SimpleNamespace(getLength=lambda _: 1e5))
+    law, behind, where = PathLeader(), 15.0, {"member": ("road", "road_0"), "foe": ("road", "road_1")}
+    gaps, braking = [], []
+    for _ in range(round(40.0 / STEP)):
+        speed["member"] = max(speed["member"] - slows * STEP, 10.0 if slows else 20.0)
+        wanted = Wanted("road_1", behind, False, True, speed["member"])
+        far = LettingIn(client, STEP)._place("foe", "member", wanted, where) - place["foe"]
+        signals = Signals(*(np.array([value]) for value in (far, False, False, False, 0)))
+        body = Body(*(np.array([x]) for x in (4.74, 1.76, -1.27, 4.3, 0.15, 0.1, 0.2, 0.2)))
+        sensed = Sensed(None, np.array([speed["foe"]]), np.zeros(1), body, signals=signals)
+        braking.append(float(law.acceleration_for_lines(sensed, np.zeros(1))[0]))
+        speed["foe"] += min(braking[-1], 1.0 if speed["foe"] < 25.0 else 0.0) * STEP
+        for name in place:
+            place[name] += speed[name] * STEP
+        gaps.append(place["member"] - place["foe"])
+    assert gaps[-1] == pytest.approx(behind, abs=2.5)
+    assert speed["foe"] == pytest.approx(speed["member"], abs=0.5)
+    assert min(gaps) > 0.5 * behind
+    assert min(braking) > -BRAKING - 0.5
 
 
 def test_a_member_keeps_its_stop_while_the_one_that_it_lets_in_is_off_the_road_to_sumo():

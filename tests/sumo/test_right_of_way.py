@@ -27,7 +27,7 @@ from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo import conflicts
 from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing
-from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.ego import Ego, line_that_keeps
 from platoontraffic.sumo.reads import Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
 from platoontraffic.sumo.room_to_change import RoomToChange, Wanted
@@ -421,7 +421,7 @@ def test_a_member_that_enters_a_motorway_knows_of_a_closed_lane_change_beyond_th
     front = fleet.progress.station[0] + CAR.length / 2 - CAR.axle
     assert front < junction.station
     assert not signals.open[0]
-    back = (20.0 - 1.5 * 0.5 + 3.0 * 0.5) ** 2 / (2 * 3.0) + 0.2 * CAR.length
+    back = line_that_keeps(20.0 - 1.5 * 0.5, CAR.length)
     assert signals.distance[0] == pytest.approx(back)
     assert CLOSED_BY[signals.reason[0]] == "lane change"
 
