@@ -14,6 +14,7 @@ import tomli_w
 from platoontraffic import scenario as scenarios
 from platoontraffic.geometry.polyline import Polyline
 from platoontraffic.lidar import Scene
+from platoontraffic.prove.plans import FARTHER
 from platoontraffic.prove.trips import Trip, draw
 from platoontraffic.road.network import Network
 from platoontraffic.road.turning import tight_turns
@@ -95,7 +96,7 @@ def _platoon(i: int, trip: Trip, vehicle: str) -> dict[str, Any]:
         "vehicle": vehicle,
         "start": {"edge": trip.edges[0], "lane": trip.lane, "position_m": trip.position},
         "route": list(trip.edges),
-        "leader": {"law": "path", "lidar": "car-leader", "odometry": "car"},
+        "leader": {"law": "path", "lidar": {"preset": "car-leader", "range_max_m": FARTHER}, "odometry": "car"},
     }
 
 

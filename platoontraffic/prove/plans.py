@@ -31,6 +31,7 @@ SIZES = (5, 3, 1)  # of the platoons: the first for which lanes are long enough
 DRAWN = 12  # trips of which the platoons' are the first ones that can be started
 NAME = "proved"  # of the platoons, before their number; a flow p1 of the traffic would have vehicles p1.0, p1.1 …
 LASER, SUMO = "platoons", "sumo"  # the two runs of a seed
+FAST, FARTHER = 25.0, 150.0  # on networks with higher speed limits [m/s] lasers reach so far [m]
 DRIVERS: Mapping[str, dict[str, Any]] = {
     LASER: {
         "leader": {"law": "path", "lidar": "car-leader", "odometry": "car"},
@@ -100,7 +101,7 @@ def planned(
     else:
         raise InputError(f"{network.path}: no place to start a {vehicle} from; must have one on the road")
     files = {}
-    for which, drivers in DRIVERS.items():
+    for which, drivers in _drivers(network).items():
         platoons = [_platoon(f"{NAME}{k}", trip, size, vehicle) | drivers for k, trip in enumerate(trips)]
         files[which] = folder / f"{which}.toml"
         table = common | {"platoon": platoons}
@@ -109,6 +110,15 @@ def planned(
             table["sumo"] = common["sumo"] | ({} if _sets_lane_changes(sumo) else {"lane_change_s": 0.0})
         files[which].write_text(tomli_w.dumps(table), encoding="utf-8")
     return Plan(seed, size, tuple(trips), files, duration, cars)
+
+
+def _drivers(network: Network) -> dict[str, dict[str, Any]]:
+    """`DRIVERS`, with lasers that reach as far as the network is fast."""
+    found = {which: dict(roles) for which, roles in DRIVERS.items()}
+    if max((network.limit(edge, lane) for edge, lane, _ in network.lanes_for_cars()), default=0.0) > FAST:
+        for role, driver in found[LASER].items():
+            found[LASER][role] = driver | {"lidar": {"preset": driver["lidar"], "range_max_m": FARTHER}}
+    return found
 
 
 def _sets_lane_changes(sumo: Mapping[str, Any]) -> bool:

@@ -18,12 +18,13 @@ from platoontraffic.cli.main import app
 from platoontraffic.cli.prove import road_of
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import Scene
-from platoontraffic.prove import demand
+from platoontraffic.prove import demand, plans
 from platoontraffic.prove.demand import write_demand
 from platoontraffic.prove.plans import LASER, SUMO, Road, planned
 from platoontraffic.prove.rides import NO_REASON, Ride, Stand, _incidents, _long_on, _stands
 from platoontraffic.prove.traffic import Pair, Verdict
 from platoontraffic.road.network import Network
+from platoontraffic.shipped import networks
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.world.deployment import deploy
 from tests.support.generated import generated
@@ -284,3 +285,15 @@ def test_the_command_runs_both_and_keeps_them(net, tmp_path, generated_nets):
     assert pair["platoons"]["vehicles"] == pair["sumo"]["vehicles"] == 10
     assert len(list(folder.glob("seed-1/*/*/DONE"))) == 2
     assert (folder / "seed-1" / "demand.rou.xml").is_file() == (net == "plain")
+
+
+@pytest.mark.parametrize(("name", "reaches"), [("highway", 150.0), ("grid", None)])
+def test_lasers_reach_as_far_as_the_network_is_fast(name, reaches):
+    """With 60 m a leader would drive no faster than 26.6 m/s on a road for 33.3 m/s."""
+    drivers = plans._drivers(Network.read(networks()[name]))
+    lidars = [driver["lidar"] for driver in drivers[plans.LASER].values()]
+    if reaches is None:
+        assert lidars == ["car-leader", "car-tracker"]
+    else:
+        assert [lidar["range_max_m"] for lidar in lidars] == [reaches, reaches]
+    assert drivers[plans.SUMO] == plans.DRIVERS[plans.SUMO]
