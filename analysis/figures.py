@@ -298,9 +298,9 @@ def time_space(
         start = of_platoon[0][2][["x_m", "y_m"]].iloc[0].to_numpy()
         drawn = [(place, vehicle, rows, _driven(rows, start)) for place, vehicle, rows in of_platoon]
     else:
-        groups = table.groupby(["place", "vehicle_id"] if members else "vehicle_id")
+        own = lines_of_members(table, platoon) if members else ((None, *one) for one in table.groupby("vehicle_id"))
         road = shapely.LineString(np.asarray(line, dtype=float))
-        drawn = [(k[0] if members else None, k[-1] if members else k, rows, along(rows, road)) for k, rows in groups]
+        drawn = [(place, vehicle, rows, along(rows, road)) for place, vehicle, rows in own]
     for place, vehicle, rows, station in drawn:
         if place is None:
             axes.plot(rows.time_s, station, color=OTHERS, linewidth=0.5, alpha=0.7, zorder=1)

@@ -9,11 +9,11 @@ import numpy as np
 
 from platoontraffic.lidar import LidarModel
 
-SCANS = 3.0  # that pass until it brakes: two until the speed of a new obstacle is known, one as brakes build up
-KEPT = 0.5  # distance to the obstacle at rest [vehicle lengths]
+SCANS = 3.0  # from the first return to braking: two until the speed of an obstacle is known, one as brakes build up
+STOPS_BEFORE = 0.5  # distance to the obstacle at rest [vehicle lengths]
 
 
-def seen_after(lidar: LidarModel) -> float:
+def reaction_time(lidar: LidarModel) -> float:
     """Time from when the laser could see an obstacle to the braking for it, but for the lag of the brakes [s]."""
     return SCANS / lidar.rate + lidar.delay
 
@@ -22,12 +22,12 @@ def reach_of(range_max, mount, length):
     """Distance from the front bumper, less the one that is kept at rest, within which it must stop [m].
 
     range_max : of the laser [m]
-    mount     : of the laser ahead of the body's centre [m]
+    mount     : of the laser ahead of the body's centre [m]; it looks ahead
     length    : of the body [m]
 
     A laser that sees hardly any farther than its own bumper leaves a tenth of its range.
     """
-    return np.maximum(range_max + mount - length / 2 - KEPT * length, 0.1 * range_max)
+    return np.maximum(range_max + mount - length / 2 - STOPS_BEFORE * length, 0.1 * range_max)
 
 
 def greatest_speed(reach, reaction, braking):

@@ -122,6 +122,7 @@ class Body(NamedTuple):
     steering_lag: np.ndarray  # of that, first order [s]; 0: none
     drive_lag: np.ndarray  # of the drive's acceleration, first order [s]
     brake_lag: np.ndarray  # of the brakes [s]
+    hardest_braking: np.ndarray  # [m/s2]; inf: it stops at once
 
 
 class RouteAhead(NamedTuple):

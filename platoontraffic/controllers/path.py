@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from platoontraffic.controllers import creeping
-from platoontraffic.controllers.clear_distance import greatest_speed, reach_of, seen_after
+from platoontraffic.controllers.clear_distance import greatest_speed, reach_of, reaction_time
 from platoontraffic.controllers.closing import closing_speed
 from platoontraffic.controllers.creeping import Creeping
 from platoontraffic.controllers.law import BRAKES_FOR, Body, BrakingFor, Decision, Law, Sensed
@@ -20,7 +20,7 @@ from platoontraffic.controllers.profiles import Trace, braking, chirp, sinusoid,
 from platoontraffic.controllers.tracker.own_motion import Driven, seen_from
 from platoontraffic.controllers.tracker.track import Odometry
 from platoontraffic.lidar import LidarModel
-from platoontraffic.vehicles.motion import Drive, Positive
+from platoontraffic.vehicles.motion import Drive, Positive, VehicleModel
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -53,8 +53,9 @@ class AlongRoute(NamedTuple):
 
     offset: np.ndarray  # of the driven axle from the route, to the left [m]
     bends: np.ndarray  # acceleration for bends and limits, here and ahead [m/s2]
+    sight: np.ndarray  # for the reach of the laser [m/s2]
     obstacle: np.ndarray  # for the first obstacle [m/s2]
-    acceleration: np.ndarray  # for speed, bends and obstacle [m/s2]
+    acceleration: np.ndarray  # for speed, bends, sight and obstacle [m/s2]
     curvature: np.ndarray  # of the route, and back to it where the vehicle is beside it [1/m]
 
 
@@ -154,15 +155,16 @@ class PathLeader(Law):
 
     @property
     def drives_by_limits(self) -> bool:
-        """Its speed is not given, but by the speed limits of its route."""
+        """Its speed follows the speed limits of its route."""
         return self.speed == "road" and self.trace is None
 
-    def greatest_speed_by_sight(self, lidar: LidarModel, length: float, brake_lag: float) -> float:
-        """[m/s]; inf where its speed is given. length: of the body [m]"""
+    def greatest_speed_by_sight(self, lidar: LidarModel, vehicle: VehicleModel) -> float:
+        """The greatest speed of a vehicle by what its laser sees [m/s]; inf where its speed is given."""
         if not self.drives_by_limits:
             return math.inf
-        reach = reach_of(lidar.range_max, lidar.mount.x, length)
-        return float(greatest_speed(reach, seen_after(lidar) + brake_lag, self.hardest_braking))
+        reach = reach_of(lidar.range_max, lidar.mount.x, vehicle.length)
+        hardest = min(self.hardest_braking, vehicle.hardest_braking)
+        return float(greatest_speed(reach, reaction_time(lidar) + vehicle.brake_lag, hardest))
 
     @cached_property
     def _gains(self) -> Gains:
@@ -180,8 +182,8 @@ class PathLeader(Law):
         from platoontraffic.controllers.path_kernel import drive_along
 
         route, body, scan = sensed.route, sensed.body, sensed.scan
-        model, along = scan.model, AlongRoute(*np.empty((5, len(time))))
-        laser = model.range_min, model.range_max, model.mount.x, seen_after(model)
+        model, along = scan.model, AlongRoute(*np.empty((6, len(time))))
+        laser = model.range_min, model.range_max, model.mount.x, reaction_time(model)
         profile = self._profiled(time, route.limit[:, 0], body, dt)
         drive_along(route, sensed.speed, drive, body, scan.ranges, laser, free, closing, profile, self._gains, along)
         return along

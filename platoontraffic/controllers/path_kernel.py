@@ -38,24 +38,27 @@ def drive_along(route, speed, drive, body, ranges, laser, free, closing, profile
 
     drive         : acceleration by the engines now [m/s2], (n,)
     ranges        : [m], (n, m); NaN: lost
-    laser         : its range_min and range_max, its distance ahead of the bodies' centres [m], its `seen_after` [s]
+    laser         : its range_min and range_max, its distance ahead of the bodies' centres [m], its `reaction_time` [s]
     free, closing : distance to the first obstacle [m], and the rate at which it shrinks [m/s], (n,)
     profile       : wanted speeds [m/s] and their rates [m/s2], (n,) each
     gains         : `path.Gains`
     """
-    range_min, range_max, mount, seen_after = laser
+    range_min, range_max, mount, reaction_time = laser
     for i in range(len(speed)):
         v, length, lateral = speed[i], body.length[i], gains.lateral_acceleration
         offset, off_heading = _errors_on(route.points[i], route.distance[i], route.curvature[i])
         astray = abs(offset) > ASTRAY * body.width[i] or abs(off_heading) > ASKEW
         slow = math.sqrt(lateral * np.maximum(body.turning_radius[i], length / 2)) if astray else math.inf
-        if gains.speed_factor < math.inf:
-            reach, reaction = reach_of(range_max, mount, length), seen_after + body.brake_lag[i]
-            slow = np.minimum(slow, speed_by_sight(reach, reaction, gains.hardest_braking))
         along.offset[i] = offset
         reached = v + _run_out(drive[i], body.drive_lag[i])
         here, bends = _bends(route, i, (v, reached), body.curvature_rate[i], slow, gains)
         along.bends[i] = np.minimum(bends, np.maximum((here - v) / SETTLING, -gains.braking))
+
+        along.sight[i] = math.inf
+        if gains.speed_factor < math.inf:
+            reach, reaction = reach_of(range_max, mount, length), reaction_time + body.brake_lag[i]
+            hardest = np.minimum(gains.hardest_braking, body.hardest_braking[i])
+            along.sight[i] = np.maximum((speed_by_sight(reach, reaction, hardest) - v) / SETTLING, -gains.braking)
 
         catch_up = np.maximum(length if math.isnan(gains.catch_up) else gains.catch_up, gains.catch_up_time * v)
         lock, bend = 1 / np.maximum(body.turning_radius[i], SHARPEST * length), lateral / np.maximum(v, 1e-3) ** 2
@@ -82,7 +85,7 @@ def drive_along(route, speed, drive, body, ranges, laser, free, closing, profile
         least, most = np.minimum(rate, -gains.braking), np.maximum(rate, gains.acceleration)
         towards = rate + (np.minimum(wanted[i], here) - v) / SETTLING
         towards = np.minimum(np.maximum(towards, least), most)
-        along.acceleration[i] = np.minimum(np.minimum(towards, bends), along.obstacle[i])
+        along.acceleration[i] = np.minimum(np.minimum(towards, bends), np.minimum(along.sight[i], along.obstacle[i]))
 
 
 @compiled

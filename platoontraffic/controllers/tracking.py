@@ -479,20 +479,20 @@ class TrackingFollower(Law):
 
     def _by_road(
         self, now: Now, scanned: Obstacle, obstacle: Obstacle, along: AlongRoute | None, lines: np.ndarray
-    ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], Creeping, BrakingFor]:
-        """How `alone` drives: its acceleration, that for bends, and the offset from the route, (n,) each.
+    ) -> tuple[tuple[np.ndarray, ...], Creeping, BrakingFor]:
+        """How `alone` drives: its acceleration, those for bends and for its sight, and the offset from the route, (n,).
 
         Where it drives alone it creeps as `alone` does. Also: what limits it.
         """
         memory, n = now.memory, len(now.speed)
         if along is None:
-            return (np.zeros(n), np.zeros(n), np.zeros(n)), memory.creeping, nothing(n)
+            return (np.zeros(n),) * 4, memory.creeping, nothing(n)
         blocked = np.isfinite(scanned.free)
         before = memory.obstacle.free + np.where(blocked, obstacle.free, 0.0) - np.where(blocked, scanned.free, 0.0)
         alone, creeps, limit = self.alone.acceleration_among_others(
             now.sensed, along, lines, (obstacle.free, obstacle.bearing, before), memory.creeping, now.dt
         )
-        return (alone, along.bends, along.offset), creeps, limit
+        return (alone, along.bends, along.sight, along.offset), creeps, limit
 
     @cached_property
     def _gains(self) -> Gains:

@@ -156,9 +156,9 @@ def decide(
     stop       : acceleration for closed lines [m/s2], (n,); inf: none
     held       : it waits on its lane, bool (n,)
     routed     : the route is given
-    road       : `alone`: its acceleration, its acceleration for bends [m/s2], the offset from the route [m], (n,) each
+    road       : `alone`: its acceleration, those for bends and sight [m/s2]; its offset from the route [m], (n,) each
     """
-    alone, bends, offset = road
+    alone, bends, sight, offset = road
     for i in range(len(speed)):
         wanted, needed = np.minimum(pursuit.wanted[i], pursuit.bends[i]), pursuit.needed[i]
         creeps, reason = limit.creeps[i], limit.reason[i]
@@ -169,6 +169,8 @@ def decide(
             # through a turn accelerates.
             if not (never_lost[i] and abs(offset[i]) > ASTRAY):
                 wanted = np.minimum(wanted, bends[i])
+            if not never_lost[i]:  # behind its predecessor in a platoon it need not see any farther
+                wanted = np.minimum(wanted, sight[i])
             if creeps and needed < 0:
                 needed = np.maximum(needed, alone[i])
         # Where nothing is left to brake in, the braking that is needed is too little at a crawl.

@@ -13,14 +13,15 @@ from platoontraffic.world.deployment import Equipment
 from platoontraffic.world.fleet import Member
 from platoontraffic.world.prepared import Prepared
 
+NOTABLY = 0.99  # share of its speed below which a vehicle is slower
 FAST = 1.2  # speed factor of a fast driver: SUMO's default for cars is 1.0, with a standard deviation of 0.1
 
 
 def warnings(prepared: Prepared) -> list[str]:
-    """A line for every leader that cannot stop within its laser's range from its greatest speed, or is slow for that.
+    """A line for every leader that cannot stop within its laser's range from its greatest speed, or drives slower so
+    that it can, as laws that drive by speed limits do.
 
-    A law that drives by speed limits keeps to a speed from which it can. And a line for every share of the traffic
-    where either is so of a fast driver's car on the network's fastest lane.
+    And a line for every share of the traffic, if either holds for a fast driver's car on the network's fastest lane.
     """
     texts = [*_of_shares(prepared)]
     number = {platoon.id: i for i, platoon in enumerate(prepared.scenario.spec.platoon)}
@@ -49,7 +50,7 @@ def _short_sight(member: Member, speed: float) -> str:
     by_sight, seen = _by_sight(member), member.lidar.range_max
     if (needed := stopping_distance(min(speed, by_sight), member)) > seen:
         return f"at {min(speed, by_sight):.3g} m/s it stops within {needed:.0f} m, and its laser reaches {seen:g} m"
-    if by_sight < speed:
+    if by_sight < NOTABLY * speed:
         return f"its laser reaches {seen:g} m, so it drives up to {by_sight:.3g} m/s in place of {speed:.3g} m/s"
     return ""
 
@@ -75,7 +76,7 @@ def greatest_speed(member: Member) -> float | None:
 
 def _by_sight(member: Member) -> float:
     """The greatest speed that its law allows itself by what its laser sees [m/s]; inf: any."""
-    law, model = getattr(member.law, "alone", member.law), member.model
+    law = getattr(member.law, "alone", member.law)
     if not isinstance(law, PathLeader):
         return math.inf
-    return law.greatest_speed_by_sight(member.lidar, model.length, model.brake_lag)
+    return law.greatest_speed_by_sight(member.lidar, member.model)

@@ -39,7 +39,7 @@ def with_later_change(
     """
     edge, lane = edge_of(change.lane), index_of(change.lane)
     width, shape = network.lane_width(edge, lane), network.route_line((edge,), lane)
-    changes = list(takewhile(lambda line: line.state == CHANGING, route.lines[route.lines.index(change) :]))
+    changes = _changes_from(route, change)
     target, across = index_of(changes[-1].onto), changes[-1].station + changes[-1].across - change.station
     whole = changes_length(width, longest, abs(target - lane), len(changes))
     begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
@@ -52,6 +52,16 @@ def with_later_change(
     join = min(JOIN * model.length, begin / 2)
     ends = change.station - join, onward.lines[before].station - (later - begin) - join
     return _spliced(route, route.lines.index(change), onward, before, *ends, join)
+
+
+def latest(route: Route, change: Line, width: float, length: float) -> float:
+    """By how much a lane change, and the next ones on its edge, as short as they can be, may be later [m]; at least 0.
+
+    width, length : of the lane, and of the vehicle [m]
+    """
+    changes = _changes_from(route, change)
+    lanes = abs(index_of(changes[-1].onto) - index_of(change.lane))
+    return max(change.to_end - changes_length(width, 0.0, lanes, len(changes)) - length, 0.0)
 
 
 def with_change_beyond(route: Route, change: Line, network: Network, model: VehicleModel) -> Route | None:
@@ -75,6 +85,11 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
     entered = onward.lines[0].station + onward.lines[0].across if before else 0.0
     ends = change.station - join, entered + begin - join
     return _spliced(route, route.lines.index(change), onward, before, *ends, join)
+
+
+def _changes_from(route: Route, change: Line) -> list[Line]:
+    """A lane change, and the next ones on its edge."""
+    return list(takewhile(lambda line: line.state == CHANGING, route.lines[route.lines.index(change) :]))
 
 
 def _first_changes(route: Route) -> Iterator[Line]:

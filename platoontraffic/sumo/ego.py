@@ -15,8 +15,7 @@ from platoontraffic.world.fleet import Member
 KINDS = sorted(CARS.items(), key=lambda named: named[1].length)
 EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
-# Of the law `path` before lines: comfortable braking [m/s2], time constant [s], distance at rest [vehicle lengths].
-LINE_BRAKING, SETTLING, STOP_BEFORE = 3.0, 0.5, 0.2
+SETTLING, STOP_BEFORE = 0.5, 0.2  # as of the law `path`, whose module takes long to import [s], [vehicle lengths]
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
 
 
@@ -29,6 +28,7 @@ class Ego(NamedTuple):
     length: float  # [m]
     acceleration: float = 1.5  # of its law in comfort [m/s2]
     lateral: float = 2.0  # greatest lateral acceleration of its law [m/s2]
+    braking: float = 3.0  # of its law before lines, comfortable [m/s2]
     kind: str = "car"  # the shortest of `CARS` that is as long
 
     @classmethod
@@ -42,7 +42,8 @@ class Ego(NamedTuple):
         lateral = [_gain(one, "lateral_acceleration", cls._field_defaults["lateral"]) for one in _drivers(law)]
         length = float(member.model.length)
         kind = next((name for name, model in KINDS if length <= model.length), KINDS[-1][0])
-        return cls(member.id, "", 0.0, length, min(gains), min(lateral), kind)
+        braking = _gain(_drivers(law)[-1], "braking", cls._field_defaults["braking"])
+        return cls(member.id, "", 0.0, length, min(gains), min(lateral), braking, kind)
 
     @property
     def size(self) -> float:
@@ -59,6 +60,22 @@ class Ego(NamedTuple):
         """Distance of a line before which it stops at once, in comfort [m]."""
         return self.speed**2 / (2 * EARLY_BRAKING) + AT_ONCE * self.size
 
+    def line_at_speed(self, speed: float) -> float:
+        """Distance of a closed line before which it drives at a speed, if the line keeps that distance from it [m].
+
+        The law `path` brakes by b v / A - (A - v) / T with A^2 = 2 b distance, and stops a little before the line.
+        """
+        speed = max(speed, 0.0)
+        allowed = (speed + math.sqrt(speed**2 + 4 * self.braking * SETTLING * speed)) / 2
+        return allowed**2 / (2 * self.braking) + STOP_BEFORE * self.length
+
+    def line_to_follow(self, speed: float, distance: float, braking: float) -> float:
+        """Distance of a closed line before which it comes to follow, at a distance, a place that moves at a speed [m].
+
+        It brakes by no more than about `braking` [m/s2].
+        """
+        return max(distance + self.line_at_speed(speed), self.line_at_speed(self.speed - braking * SETTLING))
+
     def pace(self, conflicts: Conflicts, limit: float) -> Pace:
         """How it drives through a junction with a speed limit [m/s]."""
         bend = math.sqrt(self.lateral / max(conflicts.curvature, 1e-6))
@@ -68,15 +85,6 @@ class Ego(NamedTuple):
 def checks_from(speed: float, length: float) -> float:
     """`Ego.checks_from` of a vehicle."""
     return speed**2 / (2 * EARLY_BRAKING) + length
-
-
-def line_that_keeps(speed: float, length: float) -> float:
-    """Distance of a closed line before which a vehicle drives at a speed, if the line keeps that distance from it [m].
-
-    Of the law `path`, which brakes by b v / A - (A - v) / T with A^2 = 2 b distance, and stops a little before it.
-    """
-    allowed = (speed + math.sqrt(speed**2 + 4 * LINE_BRAKING * SETTLING * speed)) / 2
-    return allowed**2 / (2 * LINE_BRAKING) + STOP_BEFORE * length
 
 
 def _drivers(law: Law) -> list[object]:

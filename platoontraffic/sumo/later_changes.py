@@ -7,18 +7,21 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from platoontraffic.controllers import BRAKES_FOR
-from platoontraffic.road.lane_routes import CHANGE_AFTER, SHORTEST_CHANGE, Line
-from platoontraffic.road.later_change import JOIN, with_change_beyond, with_later_change
+from platoontraffic.road.lane_routes import CHANGE_AFTER, Line
+from platoontraffic.road.later_change import JOIN, latest, with_change_beyond, with_later_change
 from platoontraffic.road.network import Network
+from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
-from platoontraffic.sumo.ego import LINE_BRAKING, SETTLING, Ego, line_that_keeps
+from platoontraffic.sumo.ego import SETTLING, Ego
 from platoontraffic.sumo.reads import Once
 from platoontraffic.sumo.room_to_change import FLOWS, RoomToChange
-from platoontraffic.world.fleet import WINDOW, Fleet
+from platoontraffic.world.fleet import WINDOW, Fleet, Member
 
 BRAKES_FOR_LINE = BRAKES_FOR.index("line")
 CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
 LOOKS_AFTER = 1.0  # a vehicle looks for room again after this time [s]
+BRAKES_BY = 3.0  # before the end of its lane [m/s2]
+TOO_LATE = 4.5  # a vehicle does not brake harder for want of room, but drives on [m/s2]
 SLOWER, GENTLE = 2.0, 1.5  # beside traffic that flows, it becomes so much slower [m/s], by that braking [m/s2]
 
 KEPT = 200  # routes that are kept for members which ask again; beyond, those that no member drives are forgotten
@@ -42,6 +45,7 @@ class LaterChanges:
 
     def __init__(self, network: Network, sumo: Client, room: RoomToChange) -> None:
         self._sumo, self._room = sumo, room
+        self._width = Once(lambda lane: sumo.lane.getWidth(lane))
         self._blocked: dict[str, Blocked] = {}  # the first lane change of each member that has no room for it now
         # Routes, by route, lane change, by how much it is later, vehicle model, and its greatest length.
         self._later = Once(lambda key: with_later_change(*key[:3], network, *key[3:]))
@@ -51,36 +55,34 @@ class LaterChanges:
         """Before the members of a step are asked about."""
         self._blocked.clear()
 
-    def note(self, change: Line, distance: float, ego: Ego) -> float:
+    def note(self, change: Line, distance: float, ego: Ego, route: Route) -> float:
         """A member has no room for its lane change. Of several the first one counts.
 
-        distance: to its begin [m]
-        returns : where it stops for want of room [m]: at that begin, or where its lane ends if it drives on; beside
-                  traffic that flows so near that it becomes slower than that
+        distance : to its begin [m]
+        returns  : where it stops for want of room [m]: at that begin, or where its lane ends if it drives on. Beside
+                   flowing traffic it is nearer, so that the member becomes slower than that traffic
         """
         if ego.id in self._blocked:
             return distance
-        free = self._room.free_road(change, distance, ego)
-        slowest, to_fall_back = self._room.slowest_beside(change, distance, ego)
+        free, slowest = self._room.free_road(change, distance, ego), self._room.slowest_beside(change, distance, ego)
         is_fast = self._room.is_fast(change)
-        flows = is_fast and free == math.inf and slowest >= FLOWS
-        drives_on = flows or (is_fast and ego.speed**2 / (2 * LINE_BRAKING) > distance)
-        further = flows or self._room.is_better_later(change, distance, slowest, ego)
-        self._blocked[ego.id] = Blocked(change, -distance, further, free, drives_on)
-        latest = distance + self._latest(change, ego.length) if drives_on else distance
-        falls_back_to = max(to_fall_back - SLOWER, ego.speed - GENTLE * SETTLING)
-        return min(latest, line_that_keeps(falls_back_to, ego.length)) if flows else latest
-
-    def _latest(self, change: Line, length: float) -> float:
-        """Distance by which a lane change may be later, for a vehicle of a length, before its lane ends [m]."""
-        return max(change.to_end - SHORTEST_CHANGE * self._sumo.lane.getWidth(change.lane) - length, 0.0)
+        flows = is_fast and free == math.inf and slowest.blocking >= FLOWS
+        too_fast = is_fast and 0 < distance < ego.speed**2 / (2 * TOO_LATE)
+        further = flows or self._room.is_better_later(change, distance, slowest.blocking, ego)
+        self._blocked[ego.id] = Blocked(change, -distance, further, free, flows or too_fast)
+        if not (flows or too_fast):
+            return distance
+        ends = distance + latest(route, change, self._width[change.lane], ego.length)
+        slower = max(slowest.to_fall_back - SLOWER, ego.speed - GENTLE * SETTLING)
+        return min(ends, ego.line_at_speed(slower)) if flows else ends
 
     def put_off(self, fleet: Fleet) -> Fleet:
-        """The fleet with other routes for members without room for their lane change here, once they brake for that.
+        """The fleet with other routes for members without room for their lane change here, once they brake for that;
+        for those that drive on, shortly before it, whether they brake or not.
 
-        Beside traffic that flows they do not brake: they are about to begin it. They look for it further on, as long as
-        their lane leads on: on this edge, but not beside a queue, or on edges beyond, where the members behind them in
-        their platoon do so too. The slower they are, the less road their lane change takes.
+        They look for it further on, as long as their lane leads on: on this edge, but not beside a queue, or on edges
+        beyond, where the members behind them in their platoon do so too. The slower they are, the less road their lane
+        change takes.
         """
         if len(self._later) + len(self._beyond) > KEPT:
             self._forget_routes_but_those_of(fleet)
@@ -93,9 +95,21 @@ class LaterChanges:
         return fleet
 
     def _comes_to(self, fleet: Fleet, row: int, blocked: Blocked) -> bool:
-        """Whether a member is about to begin a lane change."""
-        before = max(JOIN * fleet.members[row].model.length, LOOKS_AFTER * float(fleet.motion.speed[row]))
-        return -blocked.over < before
+        """Whether a member is about to begin a lane change, or should change lanes on an edge beyond."""
+        member, speed = fleet.members[row], float(fleet.motion.speed[row])
+        if blocked.line not in member.route.lines:
+            return False
+        before = max(JOIN * member.model.length, LOOKS_AFTER * speed)
+        return -blocked.over < before or self._should_change_beyond(member, blocked, speed)
+
+    def _should_change_beyond(self, member: Member, blocked: Blocked, speed: float) -> bool:
+        """Whether a member that drives on must soon brake for the end of its lane, and can change lanes beyond."""
+        line, over = blocked.line, blocked.over
+        if over > 0 or blocked.free < math.inf:
+            return False
+        ends = latest(member.route, line, self._width[line.lane], member.model.length) - over
+        must_brake = ends < LOOKS_AFTER * speed + speed**2 / (2 * BRAKES_BY)
+        return must_brake and self._beyond[member.route, line, member.model] is not None
 
     def _forget_routes_but_those_of(self, fleet: Fleet) -> None:
         routes = {member.route for member in fleet.members}
@@ -105,21 +119,23 @@ class LaterChanges:
 
     def _put_off_one(self, fleet: Fleet, row: int) -> Fleet:
         """The fleet with another route for one of these members, and for those behind it where they change beyond."""
-        member, speed = fleet.members[row], float(fleet.motion.speed[row])
-        change, over, further, free, drives_on = self._blocked[member.id]
+        member, blocked = fleet.members[row], self._blocked[fleet.ids[row]]
+        speed = float(fleet.motion.speed[row])
+        change, over, further, free, drives_on = blocked
         if change not in member.route.lines:  # put off just now, with its leader's
             return fleet
-        width = self._sumo.lane.getWidth(change.lane)
+        width = self._width[change.lane]
         step = CHANGE_AFTER * width
         by = step * max(math.ceil((max(over, 0.0) + LOOKS_AFTER * speed) / step), 1)
+        beyond_now = drives_on and self._should_change_beyond(member, blocked, speed)
         if drives_on:  # it will be slower near the end of its lane
-            latest = self._latest(change, member.model.length)
-            by = min(by, latest)
-            speed = min(speed, math.sqrt(2 * LINE_BRAKING * (latest - by)))
+            most = latest(member.route, change, width, member.model.length)
+            by = min(by, most)
+            speed = min(speed, math.sqrt(2 * BRAKES_BY * (most - by)))
         longest = width * math.ceil(CHANGE_TIME * speed / width)
         moves_on = drives_on or (further and free > by + change.across)
         here = self._later[member.route, change, by if moves_on else 0.0, member.model, longest]
-        if here and moves_on:
+        if here and moves_on and not beyond_now:
             return fleet.with_route(row, here, WINDOW)
         if over > 0:
             return fleet

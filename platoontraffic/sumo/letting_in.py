@@ -4,9 +4,9 @@ SUMO's driver brakes for a vehicle that must change to its lane and cannot. It d
 SUMO does not know that this one must change; beside a queue a member would wait without end. So the first vehicle that
 can stop where it leaves room for the member does so: at once where the member's lane ends soon, as SUMO's drivers do,
 else once the member has stood for `AFTER`. One that SUMO drives gets speeds from which it brakes by no more than
-`BRAKING`; SUMO's driver model keeps it slower where it must, as always. For one that drives on beside it, it needs to
-stop only behind where that one would. A member is given a line to stop at, for one of SUMO's too (`first_on_lanes`);
-followers of a platoon let nobody in before them.
+`BRAKING`; SUMO's driver model keeps it slower where it must, as always. For a member that drives on beside it, it need
+only be able to stop behind where that one could. A member is given a line to stop at, for one of SUMO's too
+(`first_on_lanes`); followers of a platoon let nobody in before them.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.sumo.client import Client
-from platoontraffic.sumo.ego import SETTLING, line_that_keeps
 from platoontraffic.sumo.room_to_change import Wanted
 
 AFTER = 3.0  # time that a vehicle has stood before it is let in, where that is not urgent [s]
@@ -65,17 +65,25 @@ class Wish:
     patience: dict[str, Patience] = field(default_factory=dict)
 
 
+class Stop(NamedTuple):
+    """Where a member lets another one in."""
+
+    lane: str
+    place: float  # on it, for its front [m]
+    speed: float = 0.0  # of that place [m/s]
+
+
 class LettingIn:
     """Which vehicle waits for which other one.
 
     waiting : by the vehicle that is let in, the one that waits
-    stops   : by members that wait: lane and place on it at which they are to stop [m]
+    stops   : by members that wait, where
     """
 
     def __init__(self, sumo: Client, step: float) -> None:
         self._sumo, self._step = sumo, step
         self.waiting: dict[str, str] = {}
-        self.stops: dict[str, tuple[str, float]] = {}
+        self.stops: dict[str, Stop] = {}
         self._wishes: dict[str, Wish] = {}
 
     def observe(
@@ -123,7 +131,7 @@ class LettingIn:
                 self._end(name, where)
             elif foe in where:
                 if self._lane(name, where):
-                    self.stops[foe] = wanted.lane, self._place(foe, name, wanted, where)
+                    self.stops[foe] = self._stop(foe, name, wanted, where)
                 elif foe in before:  # to SUMO the other one is off the road, as on a lane for buses
                     self.stops[foe] = before[foe]
             else:
@@ -161,29 +169,26 @@ class LettingIn:
         wanted = wish.wanted
         if edge_of(self._lane(name, where)) != edge_of(wanted.lane):
             return None
-        place = self._sumo.vehicle.getLanePosition
-        before = self._front(name, wanted, where) + _braking_distance(wanted.speed) - wanted.behind
+        place, front = self._sumo.vehicle.getLanePosition, self._front(name, wanted, where)
+        before = front + _braking_distance(wanted.speed) - wanted.behind
         for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
             if name not in where and (foe not in where or place(foe) < before - NEAR):
                 continue  # SUMO's let each other in
             patience = wish.patience.get(foe)
             is_patient = patience is None or patience.has_any(wanted.begun)
-            if foe not in unwilling and self._can_stop(foe, before) and is_patient:
+            if foe not in unwilling and place(foe) < front and self._can_stop(foe, before) and is_patient:
                 return foe
         return None
 
-    def _place(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
-        """Where a member is to stop on its lane: behind the other one's rear, or nearer where it cannot [m].
+    def _stop(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> Stop:
+        """Where a member is to stop on its lane: behind the other one's rear, or nearer where it cannot.
 
-        Of one that drives on, where it is to stop now: so that it follows that one, and brakes by `BRAKING` at most.
+        Behind a vehicle that drives on, it follows that place.
         """
-        vehicle, front = self._sumo.vehicle, self._front(name, wanted, where)
-        if wanted.speed:
-            length, slower = vehicle.getLength(foe), max(vehicle.getSpeed(foe) - BRAKING * SETTLING, 0.0)
-            follows = front - wanted.behind + line_that_keeps(wanted.speed, length)
-            return max(follows, vehicle.getLanePosition(foe) + line_that_keeps(slower, length))
-        rear = front - max(vehicle.getLength(name), wanted.behind)
-        return rear if self._can_stop(foe, rear) else front - wanted.behind
+        front = self._front(name, wanted, where)
+        rear = front - max(self._sumo.vehicle.getLength(name), wanted.behind)
+        stops_there = not wanted.speed and self._can_stop(foe, rear)
+        return Stop(wanted.lane, rear if stops_there else front - wanted.behind, wanted.speed)
 
     def _can_stop(self, vehicle: str, before: float) -> bool:
         """Whether it can stop before a place on its lane [m]."""

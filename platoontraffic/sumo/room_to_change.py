@@ -41,16 +41,24 @@ class Wanted(NamedTuple):
     behind: float  # distance behind its front at which a vehicle there must stand to leave it [m]
     begun: bool  # it is going over, and is not on that lane yet
     urgent: bool = False  # its lane ends soon
-    speed: float = 0.0  # at which it drives on until it has room [m/s]; 0: it waits for it
+    speed: float = 0.0  # its own, where it does not wait for room, but drives on until it has it [m/s]
 
 
 class Gap(NamedTuple):
-    """To a vehicle on a lane that is crossed, when the member is over there."""
+    """The gap to a vehicle on a lane that is crossed, when the member is over there."""
 
     name: str
+    ahead: bool  # that vehicle's front is ahead of the member's
     room: float  # bumper to bumper [m]
     rear_speed: float  # of the one in the rear [m/s]
     closing: float  # rate at which it shrinks [m/s]
+
+
+class Slowest(NamedTuple):
+    """Least speeds of vehicles beside a member [m/s]."""
+
+    blocking: float  # of those that leave no room for its lane change
+    to_fall_back: float  # of those to fall back behind: but the one that lets it in, and those that it leaves behind
 
 
 class RoomToChange:
@@ -121,10 +129,10 @@ class RoomToChange:
         half : distance after which half of the member is over on the lane [m]
         begun: it is going over
         """
-        speed = ego.speed if self.is_fast(line) and ego.speed >= FLOWS else 0.0
-        room = room_needed(ego.length, speed, 0.0) - (
-            0.0 if speed else half
-        )  # beside a moving one half shrinks as well
+        drives_on = self.is_fast(line) and ego.speed >= FLOWS
+        speed = ego.speed if drives_on else 0.0
+        # One that follows it drives on as well while it goes over, so the whole gap is needed from the begin on.
+        room = room_needed(ego.length, speed, 0.0) - (0.0 if drives_on else half)
         behind = ego.length + room + self._farther_on(line, distance, ego)
         urgent = self._ends_soon(line, distance)
         self.wanted.setdefault(ego.id, Wanted(line.onto, behind, begun, urgent, speed))
@@ -180,18 +188,17 @@ class RoomToChange:
         """Whether the lane of a lane change is that of a fast road."""
         return self._now.max_speed[line.lane] >= FAST_ROAD
 
-    def slowest_beside(self, line: Line, distance: float, ego: Ego) -> tuple[float, float]:
-        """Least speed of the vehicles that leave no room for a lane change here, and of those to fall back behind: not
-        of the one that lets it in [m/s]. 0 beside a queue, inf: there are none.
-        """
+    def slowest_beside(self, line: Line, distance: float, ego: Ego) -> Slowest:
+        """Of the vehicles that leave no room for a lane change here; 0 beside a queue, inf: there are none."""
         if self._queue_within(line, distance, ego):
-            return 0.0, 0.0
+            return Slowest(0.0, 0.0)
+        speed, own = self._now.speed, self._let_in.get(ego.id)
         gaps = [*self._blocking(line, distance, distance + 0.5 * line.across, ego)]
-        before = [gap for gap in gaps if gap.name != self._let_in.get(ego.id)]
-        slowest, to_fall_back = (
-            min((self._now.speed[gap.name] for gap in some), default=inf) for some in (gaps, before)
+        leaving = {gap.name for gap in gaps if not gap.ahead and speed[gap.name] < ego.speed}
+        before = (gap.name for gap in gaps if gap.name != own and gap.name not in leaving)
+        return Slowest(
+            min((speed[gap.name] for gap in gaps), default=inf), min(map(speed.__getitem__, before), default=inf)
         )
-        return slowest, to_fall_back
 
     def free_road(self, line: Line, distance: float, ego: Ego) -> float:
         """Distance from the begin of a lane change to the next vehicle in a queue on the lane before [m]; inf: none."""
@@ -220,13 +227,13 @@ class RoomToChange:
         return any(gap.room < gap.closing**2 / (2 * COMFORTABLE_BRAKING) for gap in gaps)
 
     def _blocking(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[Gap]:
-        """To vehicles on the lanes that are crossed that leave no room, or would have to brake hard; as `_gaps`."""
+        """The gaps to vehicles that leave no room, or would have to brake hard; as `_gaps`."""
         for gap in self._gaps(line, distance, half, ego):
             if gap.room < room_needed(ego.length, gap.rear_speed, gap.closing):
                 yield gap
 
     def _gaps(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[Gap]:
-        """To vehicles on the lanes that are crossed.
+        """The gaps to vehicles on the lanes that are crossed.
 
         half : distance after which half of the member is over there: until then SUMO's drivers do not see it [m]
         """
@@ -244,7 +251,7 @@ class RoomToChange:
             else:
                 gap = -ahead - ego.length - foe_speed * time + half
                 closing, rear_speed = max(foe_speed - later, 0.0), foe_speed
-            yield Gap(name, gap, rear_speed, closing)
+            yield Gap(name, ahead >= 0, gap, rear_speed, closing)
 
     def _falls_back(self, line: Line, distance: float, ego: Ego) -> float:
         """Distance within which a vehicle brakes to fall back behind another one, which must come to its lane [m].

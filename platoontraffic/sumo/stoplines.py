@@ -31,7 +31,7 @@ from platoontraffic.sumo.conflicts import (
 )
 from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, Ego, checks_from
 from platoontraffic.sumo.later_changes import LaterChanges
-from platoontraffic.sumo.letting_in import LettingIn
+from platoontraffic.sumo.letting_in import BRAKING, LettingIn
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import RightOfWay
 from platoontraffic.sumo.room_to_change import OWN_GAP, QUEUE_SPEED, RoomToChange, Wanted
@@ -202,10 +202,11 @@ class StopLines:
 
     def _letting_in(self, state: LineState, ego: Ego) -> LineState:
         """The line of a member that lets another one in: it stops where it leaves room, or at its own line before."""
-        lane, place = self._stops[ego.id]
+        lane, place, speed = self._stops[ego.id]
         if lane != ego.lane:
             return state
-        distance = max(place - self._now.position[ego.id], 0.0)
+        distance = place - self._now.position[ego.id]
+        distance = ego.line_to_follow(speed, distance, BRAKING) if speed else max(distance, 0.0)
         return (
             LineState(distance, False, False, False, RIGHT_OF_WAY) if state.open or distance < state.distance else state
         )
@@ -223,7 +224,9 @@ class StopLines:
             return None
         if distance < far.reach or distance < checks_from(speed, still.length):
             return None
-        return LineState(distance, *far.state[1:]) if far.state else self._ahead(far.line, distance, False, still)
+        return (
+            LineState(distance, *far.state[1:]) if far.state else self._ahead(far.line, distance, False, still, route)
+        )
 
     def _note_far(self, ego: Ego, route: Route, passed: Line | None, line: Line, state: LineState) -> None:
         reach = 0.0 if line.state == CHANGING else self._conflicts[self._at_junction[line, ego.kind]].reach
@@ -246,14 +249,14 @@ class StopLines:
         may_stop = is_over or (passed and passed.state == CHANGING)
         if may_stop and (state := self._passed(self._at_junction[passed, ego.kind], over, ego)):
             if passed.state == CHANGING and self._change.has_hardly_begun(passed, over):
-                self._later.note(passed, -over, ego)
+                self._later.note(passed, -over, ego, member.route)
             if not lines or state.distance <= lines[0][1]:
                 return state
         if not lines:
             return NO_LINE
         if self._change.is_beside(lines[0][0], ego):
             return LineState(AT_ONCE * ego.size, False, False, False, LANE_CHANGE)
-        ahead = [self._ahead(line, distance, distance < checks_from, ego) for line, distance in lines]
+        ahead = [self._ahead(line, distance, distance < checks_from, ego, member.route) for line, distance in lines]
         first, (line, distance) = ahead[0], lines[0]
         has_changed = may_stop and ego.lane == passed.onto and over >= passed.across
         if distance >= checks_from and ego.lane == line.lane and (has_changed or not may_stop):
@@ -327,14 +330,14 @@ class StopLines:
         states = (link[LINK_STATE] for link in self._now.links[crossing.before] if link[LINK_VIA] == crossing.via[0])
         return not any(state in RED for state in states)
 
-    def _ahead(self, line: Line, distance: float, near: bool, ego: Ego) -> LineState:
+    def _ahead(self, line: Line, distance: float, near: bool, ego: Ego, route: Route) -> LineState:
         """State of a line ahead; the adjacent lane and the space beyond are checked only when it is near."""
         if line.state == CHANGING:
             looks = near and ego.lane != line.onto
             before = self._change.may_change(line, distance, ego) if looks else math.inf
             stop = min(distance, before)
             if distance <= before < math.inf:
-                stop = self._later.note(line, distance, ego)
+                stop = self._later.note(line, distance, ego, route)
             return LineState(stop, before == math.inf, False, False, LANE_CHANGE)
         line = self._at_junction[line, ego.kind]
         found = self._at_line(line, distance, near, ego)

@@ -35,6 +35,7 @@ class FleetModel:
     steering_lag: np.ndarray  # first order [s]; 0: none
     drive_lag: np.ndarray
     brake_lag: np.ndarray
+    hardest_braking: np.ndarray  # [m/s2]; inf: it stops at once
     kinds: tuple[Kind, ...]
 
     @classmethod

@@ -112,12 +112,12 @@ def test_where_a_turn_begins_the_steering_rate_limits_the_acceleration_for_bends
 def test_it_drives_at_the_speed_limit_and_brakes_before_a_lower_one():
     limits = np.array([10.0, 5.0, 20.0, 20.0])
     route = Route.along(("a", "b", "c"), np.array([(0, 0), (200, 0), (300, 0), (900, 0)]), limits)
-    log = along(route, PathLeader(), model=CAR, seconds=80.0, dt=0.1)
+    log = along(route, PathLeader(), model=CAR, eye=EYE, seconds=80.0, dt=0.1)
     x, speed = axle(log, CAR)[:, 0], log.speed[:, 0]
     assert speed[(x > 80) & (x < 150)] == pytest.approx(10.0, rel=0.01)
     assert speed[(x > 200) & (x < 295)].max() < 5.0 * 1.1
     assert speed[-1] == pytest.approx(20.0, rel=0.01)
-    faster = along(route, PathLeader(speed_factor=1.2), model=CAR, seconds=80.0, dt=0.1)
+    faster = along(route, PathLeader(speed_factor=1.2), model=CAR, eye=EYE, seconds=80.0, dt=0.1)
     assert faster.speed[-1, 0] == pytest.approx(24.0, rel=0.01)
 
 
@@ -249,15 +249,16 @@ def test_it_stops_at_its_stand_off_before_an_obstacle(speed):
     assert np.diff(log.speed[:, 0]).min() / 0.1 > -8.1
 
 
-@pytest.mark.parametrize("range_max", [5.0, 20.0, 80.0, 150.0])
+@pytest.mark.parametrize(("range_max", "brakes"), [(5.0, 9.0), (20.0, 9.0), (80.0, 9.0), (150.0, 9.0), (80.0, 5.0)])
 @pytest.mark.parametrize("law", [PathLeader(), TrackingFollower(on_loss="drive", keeps_to="route")])
-def test_by_speed_limits_it_stops_for_whatever_it_sees(law, range_max):
-    """v (0.3 s + brake lag) + v^2 / 2 / 8 m/s2 = range - half a length, and no harder than by its hardest braking."""
+def test_by_speed_limits_it_stops_for_whatever_it_sees(law, range_max, brakes):
+    """v (0.3 s + brake lag) + v^2 / 2 b = range - half a length, b: 8 m/s2, or by its brakes."""
+    car = replace(CAR, max_braking=brakes)
     wall, eye = Scene.from_shapely(solids=[shapely.box(1500, -1, 1502, 1)]), replace(EYE, range_max=range_max)
     seconds = 100.0 if range_max > 20.0 else 400.0
-    log = along(line((0.0, 0.0), (3000.0, 0.0), limit=60.0), law, wall, seconds, CAR, eye, 1.0, 0.1)
+    log = along(line((0.0, 0.0), (3000.0, 0.0), limit=60.0), law, wall, seconds, car, eye, 1.0, 0.1)
     front, speed, lag = log.x[:, 0] + CAR.length / 2, log.speed[:, 0].max(), 0.3 + CAR.brake_lag
-    assert speed * lag + speed**2 / 2 / 8.0 == pytest.approx(range_max - CAR.length / 2, rel=0.01)
+    assert speed * lag + speed**2 / 2 / min(8.0, brakes) == pytest.approx(range_max - CAR.length / 2, rel=0.01)
     assert log.speed[-1, 0] < 0.05
     assert 0.2 * CAR.length < 1500 - front[-1] < 10.0
     assert np.diff(log.speed[:, 0]).min() / 0.1 > -9.1

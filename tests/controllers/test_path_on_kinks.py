@@ -12,7 +12,7 @@ from platoontraffic.controllers.path import PathLeader
 from platoontraffic.road.route import Route
 from platoontraffic.road.turning import tight_turns
 from platoontraffic.vehicles.bicycle import CARS
-from tests.support.bench import BLIND, NO_WALLS, drive, platoon
+from tests.support.bench import FAR, NO_WALLS, drive, platoon
 
 LIMIT = 13.9
 
@@ -33,7 +33,7 @@ def driven(line: np.ndarray, kind: str, lateral: float = 0.0, turned: float = 0.
     """Distances from the line less the least ones there (k,) [m], log; without a limit of grip."""
     model = replace(CARS[kind], grip=np.inf)
     route = Route.along(("road",), line, np.full(len(line), LIMIT)).drivable_by(model)
-    (member,) = platoon(PathLeader(), at=(-model.axle, lateral, turned), leader_eye=BLIND, model=model)
+    (member,) = platoon(PathLeader(), at=(-model.axle, lateral, turned), leader_eye=FAR, model=model)
     log = drive([replace(member, route=route, speed=speed)], NO_WALLS, 600.0, 0.1)
     heading = log.heading[:, 0]
     x, y = log.x[:, 0] + model.axle * np.cos(heading), log.y[:, 0] + model.axle * np.sin(heading)
@@ -70,7 +70,7 @@ def test_from_a_stand_shortly_before_a_corner_it_is_no_faster_than_it_steers():
     """The engine's acceleration outlasts the command: 0.29 m off its line if that is left out."""
     model, line = CARS["car"], np.array([(0.0, 0.0), (7.0, 0.0), (7.0, 60.0)])
     route = Route.along(("road",), line, np.full(len(line), LIMIT)).drivable_by(model)
-    (member,) = platoon(PathLeader(), at=(-model.axle, 0.0, 0.0), leader_eye=BLIND, model=model)
+    (member,) = platoon(PathLeader(), at=(-model.axle, 0.0, 0.0), leader_eye=FAR, model=model)
     log = drive([replace(member, route=route, speed=0.0)], NO_WALLS, 20.0, 0.1)
     heading = log.heading[:, 0]
     axle = shapely.points(log.x[:, 0] + model.axle * np.cos(heading), log.y[:, 0] + model.axle * np.sin(heading))

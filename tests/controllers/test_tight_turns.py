@@ -19,7 +19,7 @@ from platoontraffic.road.route import Route
 from platoontraffic.vehicles.odometry import ODOMETRY
 from tests.controllers.test_tracking_follower import BEHIND_BUMPER, CAR, DT, off_path
 from tests.controllers.tracker.test_trail import odometry
-from tests.support.bench import BLIND, NO_WALLS, Log, drive, platoon
+from tests.support.bench import FAR, NO_WALLS, Log, drive, platoon
 
 LIMIT = 30 / 3.6
 NOISY = replace(PRESETS[TrackingFollower.lidar], mount=Mount(CAR.length / 2 - BEHIND_BUMPER))
@@ -59,7 +59,7 @@ KINK = np.array([(0.0, 0.0), (60.0, 0.0), (60 + 330 * math.cos(math.pi / 3), 330
 
 def behind_a_leader(line: np.ndarray, followers: int, law: Law, eye=NOISY, errors="car", seconds=65.0, seed=0) -> Log:
     members = platoon(
-        PathLeader(), law, followers, at=(-CAR.axle, 0.0, 0.0), distance=3.0, model=CAR, leader_eye=BLIND, eye=eye,
+        PathLeader(), law, followers, at=(-CAR.axle, 0.0, 0.0), distance=3.0, model=CAR, leader_eye=FAR, eye=eye,
         odometry=ODOMETRY[errors],
     )  # fmt: skip
     route = Route.along(("road",), line, np.full(len(line), LIMIT)).drivable_by(CAR)

@@ -82,7 +82,7 @@ def test_the_first_member_that_can_stop_behind_it_lets_it_in(waited):
     wanted = first.room_wanted(where, where)
     letting_in.observe(wanted, where)
     rear = 95.0 - (wanted["bus"].behind + 1.0)
-    assert letting_in.stops == ({"m": ("road_1", pytest.approx(rear))} if waited >= AFTER else {})
+    assert letting_in.stops == ({"m": ("road_1", pytest.approx(rear), 0.0)} if waited >= AFTER else {})
     only = {"m2": where["m2"]}  # the other one is SUMO's
     letting_in = LettingIn(road.client, 0.1)
     letting_in.observe(first.room_wanted(only, only), only)

@@ -176,7 +176,7 @@ def test_a_member_is_given_a_line_to_stop_at(start, stops_at):
     letting_in.observe(wanted, WHERE, {"polite"})
     assert not letting_in.stops
     letting_in.observe(wanted, WHERE)
-    assert letting_in.stops == {"polite": ("wc_1", pytest.approx(stops_at))}
+    assert letting_in.stops == {"polite": ("wc_1", pytest.approx(stops_at), 0.0)}
     lines = StopLines(None, client, letting_in)
     far, near, red = (
         LineState(80.0, True, False, False, 0), LineState(50.0, False, False, False, 1),
@@ -243,9 +243,11 @@ def test_a_member_that_lets_one_in_which_drives_on_follows_it(ahead, slows):
     for _ in range(round(40.0 / STEP)):
         speed["member"] = max(speed["member"] - slows * STEP, 10.0 if slows else 20.0)
         wanted = Wanted("road_1", behind, False, True, speed["member"])
-        far = LettingIn(client, STEP)._place("foe", "member", wanted, where) - place["foe"]
+        stop = LettingIn(client, STEP)._stop("foe", "member", wanted, where)
+        ego = Ego("foe", "road_1", speed["foe"], 4.74)
+        far = ego.line_to_follow(stop.speed, stop.place - place["foe"], BRAKING)
         signals = Signals(*(np.array([value]) for value in (far, False, False, False, 0)))
-        body = Body(*(np.array([x]) for x in (4.74, 1.76, -1.27, 4.3, 0.15, 0.1, 0.2, 0.2)))
+        body = Body(*(np.array([x]) for x in (4.74, 1.76, -1.27, 4.3, 0.15, 0.1, 0.2, 0.2, 9.0)))
         sensed = Sensed(None, np.array([speed["foe"]]), np.zeros(1), body, signals=signals)
         braking.append(float(law.acceleration_for_lines(sensed, np.zeros(1))[0]))
         speed["foe"] += min(braking[-1], 1.0 if speed["foe"] < 25.0 else 0.0) * STEP

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from dataclasses import replace
 from math import inf
 from types import SimpleNamespace
@@ -14,6 +15,7 @@ from platoontraffic.controllers.law import Body, Sensed, Signals
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.road.lane_routes import CHANGING
+from platoontraffic.road.later_change import latest
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.shipped import networks
@@ -21,12 +23,13 @@ from platoontraffic.simulation import Simulation
 from platoontraffic.sumo import later_changes
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.later_changes import Blocked, LaterChanges
+from platoontraffic.sumo.room_to_change import Slowest
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.records import changed
 from platoontraffic.world.fleet import Fleet
 from tests.support.bench import platoon
 
-BODY = 4.74, 1.76, -1.27, 4.3, 0.15, 0.1, 0.2, 0.2  # of a car, as `Body`
+BODY = 4.74, 1.76, -1.27, 4.3, 0.15, 0.1, 0.2, 0.2, 9.0  # of a car, as `Body`
 EDGES = "e0_e1", "e1_e2", "e2_e_exit"
 
 
@@ -101,15 +104,15 @@ def test_one_that_has_hardly_begun_drives_on_or_keeps_its_change(fleet_and_later
 
 
 def test_of_several_blocked_changes_the_first_one_counts(fleet_and_later):
-    _, later, change = fleet_and_later
+    fleet, later, change = fleet_and_later
     later._room = SimpleNamespace(
         is_better_later=lambda *_: True,
-        slowest_beside=lambda *_: (0.0, 0.0),
+        slowest_beside=lambda *_: Slowest(0.0, 0.0),
         free_road=lambda *_: inf,
         is_fast=lambda _: True,
     )
     for line in (change, change._replace(lane=change.onto)):
-        later.note(line, 10.0, Ego("m.0", change.lane, 0.0, 4.74))
+        later.note(line, 10.0, Ego("m.0", change.lane, 0.0, 4.74), fleet.members[0].route)
     assert later._blocked["m.0"].line == change
 
 
@@ -117,7 +120,7 @@ def room_beside(slowest: float, free: float = inf, is_fast: bool = True) -> Simp
     """Of a lane change that is blocked by vehicles of a least speed [m/s]."""
     return SimpleNamespace(
         is_better_later=lambda *_: False,
-        slowest_beside=lambda *_: (slowest, slowest),
+        slowest_beside=lambda *_: Slowest(slowest, slowest),
         free_road=lambda *_: free,
         is_fast=lambda _: is_fast,
     )
@@ -125,30 +128,48 @@ def room_beside(slowest: float, free: float = inf, is_fast: bool = True) -> Simp
 
 def test_beside_traffic_that_flows_it_drives_on_to_where_its_lane_ends(fleet_and_later):
     """5 lane widths and a length are left there. It stops at the begin of its change beside a queue, or in one, if it
-    can: from 15 m/s within 37.5 m.
+    can: from 15 m/s within 25 m.
     """
-    _, later, change = fleet_and_later
+    fleet, later, change = fleet_and_later
+    route = fleet.members[0].route
     ends = change.to_end - 5 * 3.2 - 4.74
     cases = [(inf, inf, 40.0, True), (7.9, inf, 40.0, False), (0.0, inf, 40.0, False), (25.0, 40.0, 40.0, False)]
-    for slowest, free, distance, drives_on in [*cases, (0.0, inf, 35.0, True), (25.0, 40.0, 35.0, True)]:
+    for slowest, free, distance, drives_on in [
+        *cases,
+        (0.0, inf, 24.0, True),
+        (25.0, 40.0, 24.0, True),
+        (0.0, inf, -1.0, False),
+    ]:
         later.begin_look()
         later._room = room_beside(slowest, free)
-        stop = later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74))
+        stop = later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74), route)
         assert stop == pytest.approx(distance + ends if drives_on else distance)
         later.begin_look()
         later._room = room_beside(slowest, free, is_fast=False)
-        assert later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74)) == distance
+        assert later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74), route) == distance
+
+
+def test_a_change_over_two_lanes_needs_room_for_both_before_its_lane_ends(fleet_and_later):
+    """With 3 lane widths between the two. It came there at 12 m/s, and went over without room."""
+    fleet, _, change = fleet_and_later
+    first = change._replace(onto="e0_e1_1", lane="e0_e1_2", to_end=500.0)
+    second = first._replace(lane="e0_e1_1", onto="e0_e1_0", station=first.station + 50.0, to_end=450.0)
+    for lines, left in [((first,), 5 * 3.2), ((first, second), (5 + 3 + 5) * 3.2)]:
+        route = changed(fleet.members[0].route, lines=lines)
+        assert latest(route, first, 3.2, 4.74) == pytest.approx(500.0 - left - 4.74)
 
 
 @pytest.mark.parametrize(("speed", "slowest"), [(33.0, 25.0), (25.0, 25.0), (12.0, 9.0)])
-def test_beside_traffic_as_fast_as_itself_it_falls_back(fleet_and_later, speed, slowest):
+@pytest.mark.parametrize("comfortable", [1.5, 3.0, 5.0])
+def test_beside_traffic_as_fast_as_itself_it_falls_back(fleet_and_later, speed, slowest, comfortable):
     """As the law `path` drives before the line that it is given: gently, to 2 m/s less."""
-    _, later, change = fleet_and_later
-    later._room, law, dt = room_beside(slowest), PathLeader(), 0.1
-    v, braking = speed, []
+    fleet, later, change = fleet_and_later
+    later._room, law, dt = room_beside(slowest), PathLeader(braking=comfortable), 0.1
+    change, v, braking = change._replace(to_end=1e4), speed, []
+    route = changed(fleet.members[0].route, lines=(change,))
     for _ in range(200):
         later.begin_look()
-        far = later.note(change._replace(to_end=1e4), 500.0, Ego("m.0", change.lane, v, 4.74))
+        far = later.note(change, 500.0, Ego("m.0", change.lane, v, 4.74, braking=comfortable), route)
         signals = Signals(*(np.array([value]) for value in (far, False, False, False, 0)))
         sensed = Sensed(None, np.array([v]), np.zeros(1), Body(*(np.array([x]) for x in BODY)), signals=signals)
         braking.append(float(law.acceleration_for_lines(sensed, np.zeros(1))[0]))
@@ -165,6 +186,7 @@ def test_in_flow_it_looks_for_room_further_on_when_it_comes_to_its_change_withou
     fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), 25.0)))
     memory = SimpleNamespace(reason=np.zeros(1, dtype=int))
     law = SimpleNamespace(braking_for=lambda _: memory)
+    later._beyond[fleet.members[0].route, change, fleet.members[0].model] = None
     group = SimpleNamespace(law=law, memory=memory, rows=np.array([0]))
     later._blocked = {fleet.ids[0]: Blocked(change, over, True, inf, True)}
     asked = []
@@ -176,16 +198,17 @@ def test_in_flow_it_looks_for_room_further_on_when_it_comes_to_its_change_withou
 def test_a_member_that_drives_on_has_its_change_at_last_where_its_lane_ends(fleet_and_later):
     """The nearer it is to that place the slower it will be there, and the shorter is its lane change.
 
-    After that it changes beyond, for this lane leads on.
+    This lane leads on, but it is not asked to change beyond.
     """
     fleet, later, change = fleet_and_later
     fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), 25.0)))
+    later._beyond = defaultdict(lambda: None)
     for _ in range(100):
         before, across = change, change.across
         later._blocked = {fleet.ids[0]: Blocked(change, -10.0, True, inf, True)}
         fleet = later._put_off_one(fleet, 0)
         change = next(one for one in fleet.members[0].route.lines if one.state == CHANGING)
-        if change.lane != before.lane:
+        if change is before:
             break
         assert change.station > before.station
         assert change.across <= across + 0.1

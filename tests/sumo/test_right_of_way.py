@@ -27,7 +27,8 @@ from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo import conflicts
 from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing
-from platoontraffic.sumo.ego import Ego, line_that_keeps
+from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.letting_in import Stop
 from platoontraffic.sumo.reads import Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
 from platoontraffic.sumo.room_to_change import RoomToChange, Wanted
@@ -421,7 +422,7 @@ def test_a_member_that_enters_a_motorway_knows_of_a_closed_lane_change_beyond_th
     front = fleet.progress.station[0] + CAR.length / 2 - CAR.axle
     assert front < junction.station
     assert not signals.open[0]
-    back = line_that_keeps(20.0 - 1.5 * 0.5, CAR.length)
+    back = Ego.of(member)._replace(speed=20.0).line_at_speed(20.0 - 1.5 * 0.5)
     assert signals.distance[0] == pytest.approx(back)
     assert CLOSED_BY[signals.reason[0]] == "lane change"
 
@@ -998,8 +999,8 @@ def test_they_are_looked_for_by_members_that_come_and_that_are_inside(monkeypatc
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *given: looked.append(given[2]))
     ego = Ego("m.0", lane, 5.0, CAR.length)
     if lane == "road_0":
-        lines._ahead(line, 12.0, True, ego)
-        lines._ahead(line, 40.0, False, ego)  # too far away
+        lines._ahead(line, 12.0, True, ego, None)
+        lines._ahead(line, 40.0, False, ego, None)  # too far away
     else:
         lines._passed(line, 1.0, ego)
     assert looked == {"road_0": [12.0], "next_0": []}.get(lane, [-1.0])
@@ -1041,7 +1042,7 @@ def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses
     )
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_has_room", lambda *_: has_room)
-    state = lines._ahead(line, 7.0, near, Ego("m.0", "road_0", 2.0, CAR.length))
+    state = lines._ahead(line, 7.0, near, Ego("m.0", "road_0", 2.0, CAR.length), None)
     assert (state.open, state.distance) == (is_open, stops_at)
 
 
@@ -1060,7 +1061,7 @@ def test_of_two_places_at_which_a_member_must_stop_the_nearer_one_counts(monkeyp
     monkeypatch.setattr(StopLines, "_at_line", lambda *_: LineState(*at_line, False, False, 2))
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: stop)
-    assert lines._ahead(line, 7.0, True, Ego("m.0", "road_0", 2.0, CAR.length))[:2] == state
+    assert lines._ahead(line, 7.0, True, Ego("m.0", "road_0", 2.0, CAR.length), None)[:2] == state
 
 
 def test_nobody_is_kept_waiting_when_there_is_no_member_any_more():
@@ -1247,7 +1248,7 @@ def test_the_line_of_a_member_that_is_asked_to_let_another_one_in_is_closed(monk
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
-    assert lines._ahead(line, 3.0, True, Ego("m.0", "road_0", 2.0, CAR.length)).open == (not asked)
+    assert lines._ahead(line, 3.0, True, Ego("m.0", "road_0", 2.0, CAR.length), None).open == (not asked)
 
 
 def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
@@ -1261,7 +1262,7 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
         model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)), motion=SimpleNamespace(speed=np.ones(2)),
     )  # fmt: skip
     client = SimpleNamespace(vehicle=SimpleNamespace(getLanePosition=lambda _: 30.0))
-    letting_in = SimpleNamespace(stops={"m.1": ("road_0", 36.0)}, waiting={})
+    letting_in = SimpleNamespace(stops={"m.1": Stop("road_0", 36.0)}, waiting={})
     lines = StopLines(SimpleNamespace(), client, letting_in)
     monkeypatch.setattr(StopLines, "_state", lambda *_: NO_LINE)
     signals = lines.signals(fleet, {"m.0": ("road", "road_0"), "m.1": ("road", "road_0")})

@@ -151,7 +151,7 @@ def test_a_member_that_is_let_in_beside_a_queue_goes_over_at_once(let_in):
     """It waited 20 s for the queue to leave, and the vehicle that let it in 20 s for the member; then that drove on."""
     places = {"road_0": [("m.0", 30.0)], "road_1": [("polite", 26.0), ("queue", 45.0)]}
     network = SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)])
-    change = RoomToChange(network, Reads(client_of(places)), {"m.0": "c"} if let_in else {})
+    change = RoomToChange(network, Reads(client_of(places)), {"m.0": "polite"} if let_in else {})
     line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)  # it begins at 31 m
     assert (change.may_change(line, 1.0, Ego("m.0", "road_0", 0.0, 5.0)) == np.inf) == let_in
 
@@ -163,7 +163,7 @@ def test_a_member_that_is_let_in_wants_the_room_until_it_is_over(let_in, distanc
     change = RoomToChange(
         SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]),
         Reads(client_of({"road_0": [("m.0", 30.0)], "road_1": [("polite", 20.0)]})),
-        {"m.0": "c"} if let_in else {},
+        {"m.0": "polite"} if let_in else {},
     )
     line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)
     assert change.may_change(line, distance, Ego("m.0", lane, 1.0, 5.0)) == np.inf
@@ -296,6 +296,27 @@ def client_of(places: dict[str, list[tuple[str, float]]], length: float = 100.0,
             getLanePosition=fronts.__getitem__,
         ),
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("places", "let_in", "slowest"),
+    [
+        ({"a": (60.0, 20.0)}, {}, (np.inf, np.inf)),  # far enough ahead
+        ({"a": (32.0, 20.0)}, {}, (20.0, 20.0)),
+        ({"a": (32.0, 20.0), "b": (22.0, 14.0)}, {}, (14.0, 14.0)),
+        ({"a": (32.0, 20.0), "b": (22.0, 14.0)}, {"m.0": "b"}, (14.0, 20.0)),  # b lets it in
+        ({"a": (32.0, 20.0), "b": (28.0, 11.0)}, {}, (11.0, 20.0)),  # b is left behind
+        ({"a": (32.0, 0.5), "b": (22.0, 14.0)}, {}, (0.0, 0.0)),  # a is in a queue
+    ],
+)
+def test_a_member_falls_back_behind_the_slowest_vehicle_beside_it(places, let_in, slowest):
+    """It drives 12 m/s with its front at 30 m, and is to begin its change at 31 m. Vehicles by front and speed."""
+    client = client_of({"road_0": [("m.0", 30.0)], "road_1": [(name, at) for name, (at, _) in sorted(
+        places.items(), key=lambda one: one[1])]})  # fmt: skip
+    client.vehicle.getSpeed = lambda name: {"m.0": 12.0, **{k: speed for k, (_, speed) in places.items()}}[name]
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client), let_in)
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 69.0)
+    assert change.slowest_beside(line, 1.0, Ego("m.0", "road_0", 12.0, 5.0)) == slowest
 
 
 @pytest.mark.parametrize(

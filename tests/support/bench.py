@@ -26,6 +26,7 @@ AT_BUMPER = Mount(ROBOT.length / 2 - 0.03)
 FOLLOWER_EYE = replace(PRESETS["paper-follower"], mount=AT_BUMPER)
 LEADER_EYE = replace(PRESETS["paper-leader"], mount=AT_BUMPER)
 BLIND = LidarModel(2, -0.1, 0.1, 0.0, 1.0)  # for leaders that drive by the clock
+FAR = LidarModel(2, -0.1, 0.1, 0.0, 300.0)  # for leaders that drive by speed limits where nothing is ahead
 NO_WALLS = Scene.from_shapely()
 LOOP = Scene.from_shapely(walls=[shapely.box(0, 0, 6, 5)], solids=[shapely.box(2, 2, 4, 3)])  # a road 2 m wide
 

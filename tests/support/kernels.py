@@ -23,7 +23,5 @@ def compile_tracking() -> None:
     for distance in (12.0, 12.1, 12.2):
         on_rear = np.abs(distance * np.tan(model.angles)) <= 0.9
         ranges = np.where(on_rear, distance / np.cos(model.angles), np.inf).astype(np.float32)
-        body = Body(
-            np.array([4.7]), np.array([1.8]), np.array([-1.2]), np.array([4.3]), np.array([0.15]), *np.full((3, 1), 0.2)
-        )
+        body = Body(*(np.array([value]) for value in (4.7, 1.8, -1.2, 4.3, 0.15, 0.2, 0.2, 0.2, 9.0)))
         memory = law(Sensed(batch_of([ranges], model), np.array([5.0]), np.zeros(1), body), memory, 0.1).memory
