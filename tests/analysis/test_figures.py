@@ -25,6 +25,7 @@ from platoontraffic.analysis import (
     over_time,
     paired,
     paths,
+    pictures,
     road,
     states,
     summarise,
@@ -117,6 +118,26 @@ def test_members_of_no_platoon_have_a_row_each(ring, axes):
     assert [round(bar.intervaly.mean()) for bar in bars] == [-k for k in range(len(names))]
     assert legend(axes) == ["split off", "held", "broken"]
     assert axes.get_ylim() == pytest.approx((0.4 - len(names), 0.6))
+
+
+def test_members_of_no_platoon_have_a_line_style_each(ring, axes):
+    """All have place 0, and had one style."""
+    table = ring.trajectories.assign(place=0)
+    over_time(table, "speed_mps", axes)
+    styles = {(line.get_color(), line.get_marker()) for line in axes.lines}
+    assert len(styles) == len(axes.lines) == table.vehicle_id.nunique() > 1
+
+
+@pytest.mark.parametrize("name", ["a", "a_vehicle_with_quite_a_long_name"])
+def test_a_legend_lies_within_its_picture(ring, name):
+    """Labels of 32 letters were cut off at both edges."""
+    ids = {vehicle: f"{name}.{i}" for i, vehicle in enumerate(ring.trajectories.vehicle_id.unique())}
+    long = replace(ring, trajectories=ring.trajectories.assign(vehicle_id=ring.trajectories.vehicle_id.map(ids)))
+    made = pictures.figure(long, "speed")
+    made.canvas.draw()
+    (legend,) = made.legends
+    box = legend.get_window_extent()
+    assert 0 <= box.x0 < box.x1 <= made.bbox.width
 
 
 def test_strips_show_splits_by_order(ring):
