@@ -65,7 +65,7 @@ class LaterChanges:
         if ego.id in self._blocked:
             return distance
         free, slowest = self._room.free_road(change, distance, ego), self._room.slowest_beside(change, distance, ego)
-        is_fast = self._room.is_fast(change)
+        is_fast = self._room.is_fast(change) and not route.closed  # on a loop it cannot be put off
         flows = is_fast and free == math.inf and slowest.blocking >= FLOWS
         too_fast = is_fast and 0 < distance < ego.speed**2 / (2 * TOO_LATE)
         further = flows or self._room.is_better_later(change, distance, slowest.blocking, ego)
@@ -88,9 +88,12 @@ class LaterChanges:
             self._forget_routes_but_those_of(fleet)
         for group in fleet.groups if self._blocked else ():
             limit = group.law.braking_for(group.memory) if group.memory is not None else None
-            for i, reason in zip(group.rows.tolist(), limit.reason, strict=True) if limit else ():
+            for k, i in enumerate(group.rows.tolist()):
                 blocked = self._blocked.get(fleet.ids[i])
-                if blocked and (self._comes_to(fleet, i, blocked) if blocked.drives_on else reason == BRAKES_FOR_LINE):
+                if blocked is None:
+                    continue
+                brakes = limit is not None and limit.reason[k] == BRAKES_FOR_LINE
+                if self._comes_to(fleet, i, blocked) if blocked.drives_on else brakes:
                     fleet = self._put_off_one(fleet, i)
         return fleet
 

@@ -132,6 +132,7 @@ def test_beside_traffic_that_flows_it_drives_on_to_where_its_lane_ends(fleet_and
     """
     fleet, later, change = fleet_and_later
     route = fleet.members[0].route
+    loop = Route.along((), np.array([(0.0, 0.0), (500.0, 0.0), (0.0, 500.0)]), np.full(3, 30.0), [change], closed=True)
     ends = change.to_end - 5 * 3.2 - 4.74
     cases = [(inf, inf, 40.0, True), (7.9, inf, 40.0, False), (0.0, inf, 40.0, False), (25.0, 40.0, 40.0, False)]
     for slowest, free, distance, drives_on in [
@@ -147,6 +148,9 @@ def test_beside_traffic_that_flows_it_drives_on_to_where_its_lane_ends(fleet_and
         later.begin_look()
         later._room = room_beside(slowest, free, is_fast=False)
         assert later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74), route) == distance
+        later.begin_look()
+        later._room = room_beside(slowest, free)
+        assert later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74), loop) == distance
 
 
 def test_a_change_over_two_lanes_needs_room_for_both_before_its_lane_ends(fleet_and_later):
@@ -184,10 +188,9 @@ def test_in_flow_it_looks_for_room_further_on_when_it_comes_to_its_change_withou
 ):
     fleet, later, change = fleet_and_later
     fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), 25.0)))
-    memory = SimpleNamespace(reason=np.zeros(1, dtype=int))
-    law = SimpleNamespace(braking_for=lambda _: memory)
+    law = SimpleNamespace(braking_for=lambda _: None)  # it does not say what it brakes for
     later._beyond[fleet.members[0].route, change, fleet.members[0].model] = None
-    group = SimpleNamespace(law=law, memory=memory, rows=np.array([0]))
+    group = SimpleNamespace(law=law, memory=(), rows=np.array([0]))
     later._blocked = {fleet.ids[0]: Blocked(change, over, True, inf, True)}
     asked = []
     later._put_off_one = lambda fleet, row: asked.append(row) or fleet
