@@ -4,9 +4,9 @@ SUMO's driver brakes for a vehicle that must change to its lane and cannot. It d
 SUMO does not know that this one must change; beside a queue a member would wait without end. So the first vehicle that
 can stop where it leaves room for the member does so: at once where the member's lane ends soon, as SUMO's drivers do,
 else once the member has stood for `AFTER`. One that SUMO drives gets speeds from which it brakes by no more than
-`BRAKING`; SUMO's driver model keeps it slower where it must, as always. For a member that drives on beside it, it need
-only be able to stop behind where that one could. A member is given a line to stop at, for one of SUMO's too
-(`first_on_lanes`); followers of a platoon let nobody in before them.
+`BRAKING`; SUMO's driver model keeps it slower where it must, as always. Where the member drives on beside it, it does
+not stop, but keeps so far behind that it could stop behind the member if both braked by that. A member is given a line
+to stop at, for one of SUMO's too (`first_on_lanes`); followers of a platoon let nobody in before them.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class LettingIn:
     """Which vehicle waits for which other one.
 
     waiting : by the vehicle that is let in, the one that waits
-    stops   : by members that wait, where
+    stops   : where each member stops that waits, by its id
     """
 
     def __init__(self, sumo: Client, step: float) -> None:
