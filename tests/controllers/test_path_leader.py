@@ -264,6 +264,16 @@ def test_by_speed_limits_it_stops_for_whatever_it_sees(law, range_max, brakes):
     assert np.diff(log.speed[:, 0]).min() / 0.1 > -9.1
 
 
+def test_a_follower_need_not_see_farther_than_its_predecessor_in_a_platoon():
+    """From 80 m it would stop from 31.5 m/s. Its leader drives 36 m/s."""
+    law = TrackingFollower(on_loss="drive")
+    eye, gap = replace(EYE, range_max=80.0), law.desired_distance(36.0)
+    members = platoon(PathLeader(speed=36.0), law, 1, distance=gap, model=CAR, leader_eye=EYE, eye=eye, speed=36.0)
+    route = line((-200.0, 0.0), (FAR, 0.0), limit=60.0)
+    log = drive([replace(member, route=route) for member in members], NO_WALLS, 60.0, 0.1)
+    assert log.speed[-1] == pytest.approx([36.0, 36.0], abs=0.1)
+
+
 def test_a_given_speed_is_driven_however_little_it_sees():
     log = along(STRAIGHT, PathLeader(speed=30.0), NO_WALLS, 5.0, CAR, replace(EYE, range_max=20.0), 30.0, 0.1)
     assert log.speed[:, 0] == pytest.approx(30.0)

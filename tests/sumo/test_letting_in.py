@@ -260,6 +260,17 @@ def test_a_member_that_lets_one_in_which_drives_on_follows_it(ahead, slows):
     assert min(braking) > -BRAKING - 0.5
 
 
+def test_a_member_that_drives_on_is_let_in_by_a_vehicle_behind_it():
+    """The slow one ahead could stop behind where it could, too."""
+    place, speed = {"member": 300.0, "ahead": 350.0, "behind": 265.0}, {"member": 25.0, "ahead": 10.0, "behind": 20.0}
+    vehicle = SimpleNamespace(getLanePosition=place.__getitem__, getSpeed=speed.__getitem__, getLength=lambda _: 5.0)
+    lane = SimpleNamespace(getLength=lambda _: 1e3, getLastStepVehicleIDs=lambda _: ["behind", "ahead"])
+    wish = letting_in.Wish(Wanted("road_1", 17.5, False, True, 25.0), 0.0)
+    where = {"member": ("road", "road_0")}
+    found = LettingIn(SimpleNamespace(vehicle=vehicle, lane=lane), STEP)._first("member", wish, where, frozenset())
+    assert found == "behind"
+
+
 def test_a_member_keeps_its_stop_while_the_one_that_it_lets_in_is_off_the_road_to_sumo():
     """As a car on a lane for buses: the run ended there."""
     vehicle = SimpleNamespace(

@@ -225,6 +225,21 @@ def test_a_member_that_drives_on_has_its_change_at_last_where_its_lane_ends(flee
     assert before.across == pytest.approx(5 * 3.2, abs=0.5)
 
 
+def test_a_member_that_drives_on_changes_on_the_next_edge_before_it_brakes_for_the_end_of_its_lane(fleet_and_later):
+    """It braked from 25 to 8 m/s there, though the lane leads on. It must brake 104 m before the end."""
+    fleet, later, change = fleet_and_later
+    fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), 25.0)))
+    for _ in range(100):
+        before = change
+        later._blocked = {fleet.ids[0]: Blocked(change, -10.0, True, inf, True)}
+        fleet = later._put_off_one(fleet, 0)
+        change = next(one for one in fleet.members[0].route.lines if one.state == CHANGING)
+        if change.lane != before.lane:
+            break
+    assert change.lane.startswith("e1_e2")
+    assert before.to_end + 10.0 - 5 * 3.2 - 4.74 > 25.0**2 / (2 * 3.0)
+
+
 def test_routes_that_no_member_drives_any_more_are_forgotten(fleet_and_later, monkeypatch):
     fleet, later, change = fleet_and_later
     monkeypatch.setattr(later_changes, "KEPT", 3)
