@@ -171,6 +171,7 @@ follower = {{ law = "{law}"{lidar}{drives} }}
 """)
     said = warnings(simulation.prepare(scenario.load(file)))
     assert len(said) == warned
+    assert not warnings(simulation.prepare(scenario.load(file, ["equip.share=0"])))
     assert all(
         "equip.0: a fast driver's car: its laser reaches 80 m, so it drives up to 31.5 m/s in place of 40" in one
         for one in said

@@ -224,7 +224,7 @@ def test_for_a_member_that_drives_on_it_falls_back_to_the_room_that_is_wanted_an
         for name in place:
             place[name] += speed[name] * STEP
         speeds.append(speed["foe"])
-    assert place["member"] - place["foe"] == pytest.approx(behind, abs=3.0)
+    assert place["member"] - place["foe"] == pytest.approx(behind + own * STEP, abs=0.1)  # it looks a step ahead
     assert speeds[-1] == pytest.approx(own, abs=0.3)
     assert min(speeds) > 8.0
     assert min(np.diff(speeds)) / STEP > -BRAKING - 0.01
@@ -254,7 +254,7 @@ def test_a_member_that_lets_one_in_which_drives_on_follows_it(ahead, slows):
         for name in place:
             place[name] += speed[name] * STEP
         gaps.append(place["member"] - place["foe"])
-    assert gaps[-1] == pytest.approx(behind, abs=2.5)
+    assert gaps[-1] == pytest.approx(behind, abs=1.0)
     assert speed["foe"] == pytest.approx(speed["member"], abs=0.5)
     assert min(gaps) > 0.5 * behind
     assert min(braking) > -BRAKING - 0.5
