@@ -14,7 +14,7 @@ from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.ego import SETTLING, Ego
 from platoontraffic.sumo.reads import Once
-from platoontraffic.sumo.room_to_change import FLOWS, RoomToChange
+from platoontraffic.sumo.room_to_change import FLOWS, RoomToChange, from_here
 from platoontraffic.world.fleet import WINDOW, Fleet, Member
 
 BRAKES_FOR_LINE = BRAKES_FOR.index("line")
@@ -28,13 +28,18 @@ KEPT = 200  # routes that are kept for members which ask again; beyond, those th
 
 
 class Blocked(NamedTuple):
-    """A lane change that cannot begin now, or not go on."""
+    """A lane change that cannot begin now, or not go on; or one that was missed."""
 
     line: Line
     over: float  # distance driven since its begin [m]; negative: ahead of it
     further: bool  # there may be room further on
     free: float  # from its begin to the next vehicle in a queue on the lane before [m]; inf: there is none
     drives_on: bool = False  # to where its lane ends: on a fast road beside traffic that flows, or too fast to stop
+
+    @property
+    def missed(self) -> bool:
+        """The member has driven past the whole change."""
+        return self.over > self.line.across
 
 
 class LaterChanges:
@@ -64,11 +69,13 @@ class LaterChanges:
         """
         if ego.id in self._blocked:
             return distance
-        free, slowest = self._room.free_road(change, distance, ego), self._room.slowest_beside(change, distance, ego)
+        missed = self._room.has_missed(change, distance, ego)
+        line, ahead = (from_here(change, distance), 0.0) if missed else (change, distance)
+        free, slowest = self._room.free_road(line, ahead, ego), self._room.slowest_beside(line, ahead, ego)
         is_fast = self._room.is_fast(change) and not route.closed  # on a loop it cannot be put off
         flows = is_fast and free == math.inf and slowest.blocking >= FLOWS
         too_fast = is_fast and 0 < distance < ego.speed**2 / (2 * TOO_LATE)
-        further = flows or self._room.is_better_later(change, distance, slowest.blocking, ego)
+        further = flows or self._room.is_better_later(line, ahead, slowest.blocking, ego)
         self._blocked[ego.id] = Blocked(change, -distance, further, free, flows or too_fast)
         if not (flows or too_fast):
             return distance
@@ -93,7 +100,7 @@ class LaterChanges:
                 if blocked is None:
                     continue
                 brakes = limit is not None and limit.reason[k] == BRAKES_FOR_LINE
-                if self._comes_to(fleet, i, blocked) if blocked.drives_on else brakes:
+                if self._comes_to(fleet, i, blocked) if blocked.drives_on else brakes or blocked.missed:
                     fleet = self._put_off_one(fleet, i)
         return fleet
 
@@ -136,7 +143,7 @@ class LaterChanges:
             by = min(by, most)
             speed = min(speed, math.sqrt(2 * BRAKES_BY * (most - by)))
         longest = width * math.ceil(CHANGE_TIME * speed / width)
-        moves_on = drives_on or (further and free > by + change.across)
+        moves_on = drives_on or blocked.missed or (further and free > by + change.across)
         here = self._later[member.route, change, by if moves_on else 0.0, member.model, longest]
         if here and moves_on and not beyond_now:
             return fleet.with_route(row, here, WINDOW)

@@ -29,6 +29,7 @@ FORGOTTEN = 60.0  # it waits anew for one that has not wanted room for so long [
 GIVEN_UP = 1.0  # a vehicle that has not wanted room for so long does not change lanes any more [s]
 IN_QUEUE = 6.0  # distance to a vehicle ahead, beyond a length of the other one, up to which there is no room yet [m]
 BRAKING = 3.0  # of a vehicle that lets another one in [m/s2]
+PAST = 1.0  # a vehicle whose front is so far ahead of the other one's lets it in no longer [m]
 LEAST, SPARE = 1.0, 1.0  # distance behind the other one's front: at least, and beyond what the lane change needs [m]
 NEAR = 50.0  # distance from there up to which a member is asked to let one of SUMO's in [m]
 OWN_DRIVER = -1  # argument of setSpeed: SUMO's driver model chooses the speed again
@@ -127,7 +128,8 @@ class LettingIn:
             wanted, patience = wish.wanted, wish.patience.setdefault(foe, Patience())
             patience.wait(self._step, wanted.begun, self._is_in_queue(foe, name, wanted.lane))
             is_over = self._lane(name, where) == wanted.lane
-            if is_over or time >= wish.last + GIVEN_UP or not patience.has_any(wanted.begun):
+            is_given_up = time >= wish.last + GIVEN_UP or self._is_past(foe, name, wanted, where)
+            if is_over or is_given_up or not patience.has_any(wanted.begun):
                 self._end(name, where)
             elif foe in where:
                 if self._lane(name, where):
@@ -145,6 +147,12 @@ class LettingIn:
         ahead = there[there.index(foe) + 1]
         room = vehicle.getLanePosition(ahead) - vehicle.getLength(ahead) - vehicle.getLanePosition(foe)
         return vehicle.getSpeed(ahead) < STANDING and room < vehicle.getLength(name) + IN_QUEUE
+
+    def _is_past(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> bool:
+        """Whether a vehicle could not stop, and is ahead of the other one by now."""
+        if self._lane(foe, where) != wanted.lane or edge_of(self._lane(name, where)) != edge_of(wanted.lane):
+            return False
+        return self._sumo.vehicle.getLanePosition(foe) > self._front(name, wanted, where) + PAST
 
     def _is_on_road(self, vehicle: str) -> bool:
         try:

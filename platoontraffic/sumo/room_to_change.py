@@ -19,7 +19,8 @@ from platoontraffic.sumo.reads import PLAN_LANE, PLAN_OFFSET, Reads
 
 CHANGING_PACE = 1.5, 6.0  # acceleration of a slow vehicle that changes lanes [m/s2], up to [m/s]
 COMMITTED = 0.25  # share of a lane change after which it is not interrupted
-HARDLY_BEGUN = 0.1  # share up to which it may be given up: a car's body is still within its lane
+HARDLY_BEGUN = 0.1  # share up to which it may be put off: a car's body is still within its lane
+COMES_OVER = 1.0  # from a lane beside its line, time after which a vehicle's front is half over, but a length at least [s]
 BEHIND = 0.5  # distance behind another one on its lane from which a slow vehicle may go over, for a car [m]
 PASSES_BY = 2.0  # a vehicle that is so much faster passes, and leaves room then [m/s]
 FAST_ROAD = 20.0  # speed limit from which on vehicles change lanes as they drive, and do not wait for room [m/s] ...
@@ -74,10 +75,14 @@ class RoomToChange:
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
         self.members: frozenset[str] = frozenset()  # their ids
         self._over: dict[str, list[str]] = {}  # members that were going over to a lane at the last look
+        # Members that had room for a change to a lane: at the last look, and at this one.
+        self._had_room: set[tuple[str, str]] = set()
+        self._has_room: set[tuple[str, str]] = set()
         self.wanted: dict[str, Wanted] = {}  # by each member without room for its lane change, going over, or let in
 
     def begin_look(self) -> None:
         """Before the members of a step are asked about."""
+        self._had_room, self._has_room = self._has_room, set()
         self._over.clear()
         for name, wanted in self.wanted.items():
             if wanted.begun and name in self.members:
@@ -96,8 +101,8 @@ class RoomToChange:
         not while it is let in. A vehicle that has driven past its lane change without changing lanes, such as one that
         followed another vehicle, changes lanes where it is.
         """
-        if -distance > line.across and ego.lane == line.lane:
-            return self._goes_over_here(line._replace(to_end=distance + line.to_end), ego)
+        if self.has_missed(line, distance, ego):
+            return self._goes_over_here(from_here(line, distance), ego)
         stop, half = distance + COMMITTED * line.across, distance + 0.5 * line.across
         stops_within = ego.speed**2 / (2 * COMFORTABLE_BRAKING)
         stays = stops_within <= half  # else it would be over there, and slow
@@ -106,7 +111,7 @@ class RoomToChange:
             return stops_within
         patient = self._now.waited[ego.id] < QUEUE_PATIENCE and ego.id not in self._let_in
         queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
-        if stop > 0 and (queue or not self._is_room(line, distance, half, ego)):
+        if stop > 0 and (queue or not self._goes(line, distance, half, stops_within > stop, ego)):
             self._want(line, distance, half, ego, distance < 0)
             return min(stop, ego.stops_within if distance < 0 else self._falls_back(line, distance, ego))
         if distance < 0 and ego.lane != line.onto:
@@ -116,12 +121,20 @@ class RoomToChange:
             self._want(line, distance, half, ego, distance < 0)
         return inf
 
+    def has_missed(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether a vehicle has driven past a lane change without changing lanes, as one does that follows another."""
+        return -distance > line.across and ego.lane == line.lane
+
     def _goes_over_here(self, line: Line, ego: Ego) -> float:
         """As `may_change`, for a lane change that begins at the vehicle's front; without room it stops at once."""
-        share = min(abs(self._now.aside[ego.id]) / self._now.lane_width[ego.lane], 0.5)  # that it has done
-        half = (0.5 - share) * line.across
+        share = self._share(ego)
+        half = (0.5 - share) * min(line.across, 2 * max(ego.length, COMES_OVER * ego.speed))
         self._want(line, 0.0, half, ego, share > HARDLY_BEGUN)
         return inf if self._is_room(line, 0.0, half, ego) else ego.stops_within
+
+    def _share(self, ego: Ego) -> float:
+        """Share of a lane change that a vehicle has done which is still on the lane before."""
+        return min(abs(self._now.aside[ego.id]) / self._now.lane_width[ego.lane], 0.5)
 
     def _want(self, line: Line, distance: float, half: float, ego: Ego, begun: bool) -> None:
         """Of several changes on its edge the first one counts.
@@ -169,9 +182,16 @@ class RoomToChange:
                     return True
         return False
 
-    def has_hardly_begun(self, line: Line, over: float) -> bool:
-        """Whether a vehicle may give its lane change up so far beyond its begin [m]."""
-        return over < HARDLY_BEGUN * line.across
+    def may_put_off(self, line: Line, over: float, ego: Ego, *, has_room: bool) -> bool:
+        """Whether a vehicle beyond the begin of its lane change may make another one further on.
+
+        It may where it has hardly begun and has no room, and where it has driven past the whole change on its lane.
+
+        over: distance driven since its begin [m]
+        """
+        if self.has_missed(line, -over, ego):
+            return self._share(ego) < HARDLY_BEGUN
+        return not has_room and over < HARDLY_BEGUN * line.across
 
     def is_better_later(self, line: Line, distance: float, slowest: float, ego: Ego) -> bool:
         """Whether a vehicle without room for its lane change should look for it further on.
@@ -213,6 +233,18 @@ class RoomToChange:
     def _begin(self, line: Line) -> float:
         """Position of the begin of a lane change on its lane [m]."""
         return self._now.lane_length[line.lane] - line.to_end
+
+    def _goes(self, line: Line, distance: float, half: float, cannot_stop: bool, ego: Ego) -> bool:
+        """Whether there is room; for one that had it until now and cannot stop any more, whether it touches nobody.
+
+        As both accelerate, one behind it needs ever more room; to brake then would take what there is.
+        """
+        key = ego.id, line.onto
+        is_bound = cannot_stop and key in self._had_room
+        goes = not self._is_cut_off(line, distance, half, ego) if is_bound else self._is_room(line, distance, half, ego)
+        if goes:
+            self._has_room.add(key)
+        return goes
 
     def _is_room(self, line: Line, distance: float, half: float, ego: Ego) -> bool:
         """Whether there will be room, and no vehicle will have to brake hard; as `_blocking`."""
@@ -322,6 +354,11 @@ class RoomToChange:
                     if name == onto:
                         return
                     break
+
+
+def from_here(line: Line, distance: float) -> Line:
+    """A lane change that begins at the vehicle's front, instead of at a distance from that [m]."""
+    return line._replace(to_end=distance + line.to_end)
 
 
 def _side(lane: str, other: str) -> int:

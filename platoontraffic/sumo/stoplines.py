@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import chain
+from itertools import chain, takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -241,16 +241,19 @@ class StopLines:
         """
         checks_from = ego.checks_from
         passed, over, lines = member.route.lines_about(station, checks_from)
-        if passed and passed.via and passed.state != CHANGING and ego.lane[:1] == ":" and ego.lane not in passed.via:
+        if passed and passed.state == CHANGING:
+            passed, over = _not_made(passed, over, ego.lane, member.route)
+        elif passed and passed.via and ego.lane[:1] == ":" and ego.lane not in passed.via:
             ego = self._on_its_route(passed, over, ego)
         # SUMO may have one that it was told to have before a red line on a lane beside.
         before = ego.lane == passed.lane or ego.id in self._were_over_red if passed else False
         is_over = passed and (ego.lane in passed.via or (before and over < OVERRUN * ego.size))
         may_stop = is_over or (passed and passed.state == CHANGING)
-        if may_stop and (state := self._passed(self._at_junction[passed, ego.kind], over, ego)):
-            if passed.state == CHANGING and self._change.has_hardly_begun(passed, over):
+        if may_stop:
+            state = self._passed(self._at_junction[passed, ego.kind], over, ego)
+            if passed.state == CHANGING and self._change.may_put_off(passed, over, ego, has_room=state is None):
                 self._later.note(passed, -over, ego, member.route)
-            if not lines or state.distance <= lines[0][1]:
+            if state and (not lines or state.distance <= lines[0][1]):
                 return state
         if not lines:
             return NO_LINE
@@ -459,6 +462,18 @@ class StopLines:
                 if _distance(walk.points, start, end) < walk.apart:
                     return False
         return True
+
+
+def _not_made(change: Line, over: float, lane: str, route: Route) -> tuple[Line, float]:
+    """The lane change that a vehicle has passed without making it, and the distance driven since its begin [m].
+
+    Of several on its edge that is the one from the lane on which the vehicle is; else the given one, the last passed.
+    """
+    passed = route.lines[: route.lines.index(change) + 1]
+    for line in takewhile(lambda line: line.state == CHANGING, reversed(passed)):
+        if line.lane == lane:
+            return line, over + change.station - line.station
+    return change, over
 
 
 def _distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:

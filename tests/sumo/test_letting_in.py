@@ -136,7 +136,7 @@ def test_it_does_not_wait_for_ever_behind_one_that_has_broken_down(column, monke
     monkeypatch.setattr(letting_in, "Patience", partial(Patience, in_queue=50.0))
     asked = []
     monkeypatch.setattr(LettingIn, "_hold", lambda self, foe, *_: asked.append(self._sumo.simulation.getTime()))
-    column([FRONT - 1.0, 20.0], 120.0, jam=120.0, begins=begins)
+    column([FRONT - 5.0, 20.0], 120.0, jam=120.0, begins=begins)
     longest = 50.0 + (begins - AFTER + GOES_OVER if begins < np.inf else LONGEST)  # it drives up to the queue at first
     assert 50.0 < max(asked) - min(asked) < longest + 1.0
 
@@ -165,6 +165,17 @@ def two_members(polite: float, now: SimpleNamespace) -> SimpleNamespace:
             getLanePosition=place.__getitem__, getRoadID=lambda _: "wc",
         ),
     )  # fmt: skip
+
+
+def test_one_that_could_not_stop_and_has_gone_past_lets_nobody_in_any_more():
+    """On a motorway one stood 21 m ahead of the member for 20 s, and the others behind it."""
+    client = two_members(20.0, SimpleNamespace(time=100.0))
+    letting_in, wanted = LettingIn(client, STEP), {"member": Wanted("wc_1", BEHIND - SPARE, False)}
+    for place, waits in ((20.0, True), (FRONT + 0.9, True), (FRONT + 1.1, False), (FRONT + 1.1, False)):
+        client.vehicle.getLanePosition = {"member": FRONT, "polite": place}.__getitem__
+        letting_in.observe(wanted, WHERE)
+        assert ("polite" in letting_in.stops) == waits
+        assert letting_in.waiting == ({"member": "polite"} if waits else {})
 
 
 @pytest.mark.parametrize(("start", "stops_at"), [(20.0, FRONT - 5.0), (FRONT - 4.5, FRONT - BEHIND)])

@@ -104,9 +104,26 @@ def test_one_that_has_hardly_begun_drives_on_or_keeps_its_change(fleet_and_later
         assert new.station > change.station + over + 5.0  # what it drives in a second
 
 
+@pytest.mark.parametrize("further", [True, False])
+def test_one_that_drove_past_its_change_gets_another_one_ahead_of_it(fleet_and_later, further):
+    fleet, later, change = fleet_and_later
+    over = change.across + 30.0
+    fleet.progress.station[0] = change.station + over - fleet.progress.front[0]
+    fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), 5.0)))
+    blocked = Blocked(change, over, further, 10.0)
+    assert blocked.missed
+    later._blocked = {fleet.ids[0]: blocked}
+    after = later.put_off(fleet)
+    new = next(one for one in after.members[0].route.lines if one.state == CHANGING)
+    assert new.lane == change.lane
+    assert change.station + over + 5.0 < new.station < change.station + over + 5.0 + 16.1
+    assert new.across < change.across
+
+
 def test_of_several_blocked_changes_the_first_one_counts(fleet_and_later):
     fleet, later, change = fleet_and_later
     later._room = SimpleNamespace(
+        has_missed=lambda *_: False,
         is_better_later=lambda *_: True,
         slowest_beside=lambda *_: Slowest(0.0, 0.0),
         free_road=lambda *_: inf,
@@ -120,6 +137,7 @@ def test_of_several_blocked_changes_the_first_one_counts(fleet_and_later):
 def room_beside(slowest: float, free: float = inf, is_fast: bool = True) -> SimpleNamespace:
     """Of a lane change that is blocked by vehicles of a least speed [m/s]."""
     return SimpleNamespace(
+        has_missed=lambda *_: False,
         is_better_later=lambda *_: False,
         slowest_beside=lambda *_: Slowest(slowest, slowest),
         free_road=lambda *_: free,

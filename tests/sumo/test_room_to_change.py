@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import chain
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from platoontraffic.controllers.lane_room import room_needed
+from platoontraffic.controllers.path import PathLeader
 from platoontraffic.road.lane_routes import CHANGING, Line
+from platoontraffic.road.route import Route
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Reads
-from platoontraffic.sumo.room_to_change import RoomToChange
+from platoontraffic.sumo.room_to_change import COMES_OVER, RoomToChange
+from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.catalogue import VEHICLES
+from tests.support.bench import FAR, NO_WALLS, drive, platoon
 
 CAR = VEHICLES["car"]
 
@@ -95,6 +101,82 @@ def test_a_lane_change_is_judged_by_the_first_vehicle_behind_since_the_others_fo
     now.renew()
     change.wanted.clear()
     assert change.may_change(line, 5.0, ego) < np.inf  # for the one that comes from the lane before
+
+
+def on_two_lanes(places: dict[str, list[tuple[str, float]]], speeds: dict[str, float], aside: float = 0.0):
+    """Values of SUMO's for vehicles at places on lanes of 200 m [m], at their speeds [m/s], else 10 m/s."""
+    return Reads(
+        SimpleNamespace(
+            lane=SimpleNamespace(
+                getLength=lambda _: 200.0, getMaxSpeed=lambda _: 13.9, getWidth=lambda _: 3.2,
+                getLastStepVehicleIDs=lambda lane: [name for name, _ in places[lane]],
+            ),
+            vehicle=SimpleNamespace(
+                getSpeed=lambda name: speeds.get(name, 10.0), getLength=lambda _: 5.0, getWaitingTime=lambda _: 0.0,
+                getLanePosition=lambda name: dict(chain.from_iterable(places.values()))[name],
+                getLateralLanePosition=lambda _: aside,
+            ),
+        )
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "speed"), [("car", 0.5), ("car", 4.0), ("car", 13.0), ("truck", 0.5), ("truck", 13.0)]
+)
+def test_from_a_lane_beside_its_line_a_vehicle_comes_over_as_far_on_as_is_counted_on(kind, speed):
+    """Driven by the law `path`: where its front is half a lane nearer to the line."""
+    model = CARS[kind]
+    route = Route.along(("road",), np.array([(0.0, 0.0), (600.0, 0.0)]), np.full(2, 13.9)).drivable_by(model)
+    (member,) = platoon(PathLeader(), at=(-model.axle, 3.2, 0.0), leader_eye=FAR, model=model)
+    log = drive([replace(member, route=route, speed=speed)], NO_WALLS, 20.0, 0.1)
+    x = log.x[:, 0] + model.length / 2 * np.cos(log.heading[:, 0])
+    y = log.y[:, 0] + model.length / 2 * np.sin(log.heading[:, 0])
+    half = float(np.interp(-1.6, -y, x)) - x[0]
+    assert 0.7 < half / max(model.length, COMES_OVER * speed) < 1.05
+
+
+@pytest.mark.parametrize(("front", "has_room"), [(24.0, True), (29.0, False), (33.0, False), (38.0, True)])
+def test_a_vehicle_that_stands_past_its_lane_change_does_not_count_on_a_long_one(front, has_room):
+    """It stands, its change of 38 m behind it, and comes over within 5 m: not beside one that stands 3 m ahead."""
+    places = {"road_0": [("m.0", 30.0)], "road_1": [("c", front)]}
+    now = on_two_lanes(places, {"m.0": 0.0, "c": 0.0})
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), now)
+    line, ego = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 38.0, 210.0), Ego("m.0", "road_0", 0.0, 5.0)
+    assert change.has_missed(line, -40.0, ego)
+    assert (change.may_change(line, -40.0, ego) == np.inf) == has_room
+    if not has_room:
+        assert change.wanted["m.0"].behind == pytest.approx(5.0 + 2.5 - 5.0)
+
+
+def test_a_lane_change_that_was_missed_is_put_off_unless_the_vehicle_is_going_over():
+    line, ego = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 40.0, 160.0), Ego("m.0", "road_0", 5.0, 5.0)
+    for aside, going_over in ((0.3, False), (0.4, True)):
+        change = RoomToChange(SimpleNamespace(), on_two_lanes({}, {}, aside))
+        for has_room in (True, False):
+            assert change.may_put_off(line, 45.0, ego, has_room=has_room) != going_over
+            assert not change.may_put_off(line, 45.0, ego._replace(lane="road_1"), has_room=has_room)
+            assert not change.may_put_off(line, 20.0, ego, has_room=has_room)
+        assert change.may_put_off(line, 3.0, ego, has_room=False)
+        assert not change.may_put_off(line, 3.0, ego, has_room=True)
+        assert not change.may_put_off(line, 5.0, ego, has_room=False)  # a car's front is soon over the border
+
+
+@pytest.mark.parametrize(("had_room", "behind", "goes"), [(True, 4.0, True), (False, 4.0, False), (True, -1.0, False)])
+def test_one_that_had_room_and_cannot_stop_any_more_goes_over_unless_it_touches_another_one(had_room, behind, goes):
+    """Both accelerate, and the room that there was is a little less than what is needed at the new speed."""
+    places = {"road_0": [("m.0", 100.0)], "road_1": [("c", 80.0)]}
+    now = on_two_lanes(places, {"m.0": 9.0, "c": 9.0})
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), now)
+    line, ego = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 98.0), Ego("m.0", "road_0", 9.0, 5.0)
+    if had_room:
+        assert change.may_change(line, 2.0, ego) == np.inf
+    change.begin_look()
+    places["road_1"] = [("c", 95.0 - behind)]
+    now.renew()
+    assert (change.may_change(line, 2.0, ego) == np.inf) == goes
+    change.begin_look()
+    slow = ego._replace(speed=5.0)  # it can stop
+    assert change.may_change(line, 2.0, slow) == pytest.approx(2.0 + 0.25 * 16.0)
 
 
 @pytest.mark.parametrize(
@@ -191,7 +273,7 @@ def test_a_member_that_has_driven_past_its_lane_change_looks_for_room_where_it_i
     assert change.may_change(line, -50.0, ego) == (np.inf if goes else pytest.approx(ego.stops_within))
     assert change.wanted["m.0"].lane == "road_1"
     assert change.wanted["m.0"].begun == begun
-    assert change.wanted["m.0"].behind == pytest.approx(5.0 + room_needed(5.0, 0.0, 0.0) - left * 16.0, abs=0.01)
+    assert change.wanted["m.0"].behind == pytest.approx(5.0 + room_needed(5.0, 0.0, 0.0) - left * 10.0, abs=0.01)
     assert change.may_change(line, -50.0, ego._replace(lane="road_1")) == np.inf
     change.members = frozenset({"m.0"})
     change.begin_look()  # others know of it on the lane that it goes over to
@@ -233,13 +315,6 @@ def test_a_change_over_a_lane_for_buses_is_judged_on_both_lanes(lane):
     over = Line(0.0, CHANGING, "", 0, "road_0", "road_2", (), 32.0, 69.0)  # it begins at 31 m
     assert change.may_change(over, 1.0, Ego("m.0", "road_0", 0.0, 5.0)) < np.inf
     assert change.wanted["m.0"].lane == "road_2"
-
-
-def test_a_lane_change_is_given_up_only_where_it_has_hardly_begun():
-    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of({})))
-    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 38.4, 160.0)
-    assert change.has_hardly_begun(line, 3.0)
-    assert not change.has_hardly_begun(line, 5.0)  # a car's front is over the border before the fourth part
 
 
 @pytest.mark.parametrize(
