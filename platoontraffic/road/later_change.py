@@ -14,7 +14,15 @@ import numpy as np
 
 from platoontraffic.errors import InputError
 from platoontraffic.road.lane_ids import edge_of, index_of
-from platoontraffic.road.lane_routes import CHANGE_AFTER, CHANGING, ENOUGH_ROOM, Change, Line, changes_length
+from platoontraffic.road.lane_routes import (
+    CHANGE_AFTER,
+    CHANGING,
+    ENOUGH_ROOM,
+    Change,
+    Line,
+    change_length,
+    changes_length,
+)
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.motion import VehicleModel
@@ -41,7 +49,7 @@ def with_later_change(
     width, shape = network.lane_width(edge, lane), network.route_line((edge,), lane)
     changes = _changes_from(route, change)
     target, across = index_of(changes[-1].onto), changes[-1].station + changes[-1].across - change.station
-    whole = changes_length(width, longest, abs(target - lane), len(changes))
+    whole = changes_length(width, longest, _lanes_crossed(changes), len(changes))
     begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
     later = min(begin + by, begin + change.to_end - whole - model.length)  # so that it comes to the line straight
     is_worth_it = later >= begin + AT_LEAST * model.length or (later >= begin and whole < SHORTER * across)
@@ -60,8 +68,14 @@ def latest(route: Route, change: Line, width: float, length: float) -> float:
     width, length : of the lane, and of the vehicle [m]
     """
     changes = _changes_from(route, change)
-    lanes = abs(index_of(changes[-1].onto) - index_of(change.lane))
-    return max(change.to_end - changes_length(width, 0.0, lanes, len(changes)) - length, 0.0)
+    shortest = changes_length(width, 0.0, _lanes_crossed(changes), len(changes))
+    return max(change.to_end - shortest - length, 0.0)
+
+
+def longest_later(route: Route, change: Line, by: float, width: float, length: float) -> float:
+    """Greatest length over one lane of a change that is later by a distance, before its lane ends [m]; as `latest`."""
+    spare = latest(route, change, width, length) - by
+    return change_length(width, 0.0) + max(spare, 0.0) / _lanes_crossed(_changes_from(route, change))
 
 
 def with_change_beyond(route: Route, change: Line, network: Network, model: VehicleModel) -> Route | None:
@@ -90,6 +104,10 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
 def _changes_from(route: Route, change: Line) -> list[Line]:
     """A lane change, and the next ones on its edge."""
     return list(takewhile(lambda line: line.state == CHANGING, route.lines[route.lines.index(change) :]))
+
+
+def _lanes_crossed(changes: list[Line]) -> int:
+    return abs(index_of(changes[-1].onto) - index_of(changes[0].lane))
 
 
 def _first_changes(route: Route) -> Iterator[Line]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from platoontraffic.controllers import BRAKES_FOR
 from platoontraffic.road.lane_routes import CHANGE_AFTER, Line
-from platoontraffic.road.later_change import JOIN, latest, with_change_beyond, with_later_change
+from platoontraffic.road.later_change import JOIN, latest, longest_later, with_change_beyond, with_later_change
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
@@ -18,9 +18,9 @@ from platoontraffic.sumo.room_to_change import FLOWS, RoomToChange, from_here
 from platoontraffic.world.fleet import WINDOW, Fleet, Member
 
 BRAKES_FOR_LINE = BRAKES_FOR.index("line")
-CHANGE_TIME = 3.0  # that a lane change takes, at the speed at which there was no room for it [s]
+CHANGE_TIME = 3.0  # that a lane change takes [s], at the speed at which there was no room, or to which it drives on
 LOOKS_AFTER = 1.0  # a vehicle looks for room again after this time [s]
-BRAKES_BY = 3.0  # before the end of its lane [m/s2]
+BRAKES_BY, GAINS_BY = 3.0, 2.5  # before the end of its lane, and before a change to which it drives on [m/s2]
 TOO_LATE = 4.5  # a vehicle does not brake harder for want of room, but drives on [m/s2]
 SLOWER, GENTLE = 2.0, 1.5  # beside traffic that flows, it becomes so much slower [m/s], by that braking [m/s2]
 
@@ -138,11 +138,14 @@ class LaterChanges:
         step = CHANGE_AFTER * width
         by = step * max(math.ceil((max(over, 0.0) + LOOKS_AFTER * speed) / step), 1)
         beyond_now = drives_on and self._should_change_beyond(member, blocked, speed)
-        if drives_on:  # it will be slower near the end of its lane
+        longest = math.inf
+        if drives_on:  # it may be faster there, but will be slower near the end of its lane
             most = latest(member.route, change, width, member.model.length)
             by = min(by, most)
-            speed = min(speed, math.sqrt(2 * BRAKES_BY * (most - by)))
-        longest = width * math.ceil(CHANGE_TIME * speed / width)
+            longest = longest_later(member.route, change, by, width, member.model.length)
+            fastest = math.sqrt(speed**2 + 2 * GAINS_BY * max(by - over, 0.0))
+            speed = min(fastest, math.sqrt(2 * BRAKES_BY * (most - by)))
+        longest = min(width * math.ceil(CHANGE_TIME * speed / width), longest)
         moves_on = drives_on or blocked.missed or (further and free > by + change.across)
         here = self._later[member.route, change, by if moves_on else 0.0, member.model, longest]
         if here and moves_on and not beyond_now:

@@ -20,7 +20,7 @@ from platoontraffic.sumo.reads import PLAN_LANE, PLAN_OFFSET, Reads
 CHANGING_PACE = 1.5, 6.0  # acceleration of a slow vehicle that changes lanes [m/s2], up to [m/s]
 COMMITTED = 0.25  # share of a lane change after which it is not interrupted
 HARDLY_BEGUN = 0.1  # share up to which it may be put off: a car's body is still within its lane
-COMES_OVER = 1.0  # from a lane beside its line, time after which a vehicle's front is half over, but a length at least [s]
+COMES_OVER = 1.0  # from a lane beside its line, a front is half over after this time, but a length at least [s]
 BEHIND = 0.5  # distance behind another one on its lane from which a slow vehicle may go over, for a car [m]
 PASSES_BY = 2.0  # a vehicle that is so much faster passes, and leaves room then [m/s]
 FAST_ROAD = 20.0  # speed limit from which on vehicles change lanes as they drive, and do not wait for room [m/s] ...
