@@ -11,7 +11,7 @@ from shapely.geometry import LineString
 
 from platoontraffic import shipped
 from platoontraffic.road.lane_routes import CHANGING, Line
-from platoontraffic.road.later_change import with_change_beyond, with_later_change
+from platoontraffic.road.later_change import latest, longest_later, with_change_beyond, with_later_change
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -98,6 +98,22 @@ def test_a_change_is_over_before_its_lane_ends_and_is_then_made_no_later(name):
     assert first.station > change.station
     assert begun.station + begun.across < junction.station - 5.0
     assert with_later_change(last, first, 10.0, network, CAR) is None
+
+
+@pytest.mark.parametrize("left", [0.0, 7.0, 15.0])
+@pytest.mark.parametrize("name", ["first edge", "over two lanes"])
+def test_the_longest_change_that_fits_begins_where_it_is_to(name, left):
+    """A longer one would begin earlier, and with it a member did not get another one."""
+    network, route, change = given(name)
+    width = network.lane_width("e1_e2", 0)
+    by = latest(route, change, width, CAR.length) - left
+    longest = longest_later(route, change, by, width, CAR.length)
+    later = with_later_change(route, change, by, network, CAR, longest)
+    new = changes_of(later, change)
+    assert new[0].station - change.station == pytest.approx(by, abs=0.3)
+    assert new[-1].station + new[-1].across - change.station < change.to_end - CAR.length + 0.5
+    longer = with_later_change(route, change, by, network, CAR, longest + 2 * width)
+    assert changes_of(longer, change)[0].station < new[0].station - width
 
 
 def test_a_change_made_later_in_two_steps_is_where_one_step_brings_it():

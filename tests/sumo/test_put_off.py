@@ -172,6 +172,18 @@ def test_beside_traffic_that_flows_it_drives_on_to_where_its_lane_ends(fleet_and
         assert later.note(change, distance, Ego("m.0", change.lane, 15.0, 4.74), loop) == distance
 
 
+@pytest.mark.parametrize(("speed", "across"), [(2.0, 35.3), (5.0, 37.2)])
+def test_a_change_to_which_it_drives_on_is_made_for_the_speed_that_it_has_there(fleet_and_later, speed, across):
+    """After 10 m, or 26 m on: at 2.5 m/s2. One made for 5 m/s was driven at 6 m/s, after hard braking from 8.5 m/s."""
+    fleet, later, change = fleet_and_later
+    fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), speed)))
+    later._blocked = {fleet.ids[0]: Blocked(change, -10.0, True, inf, drives_on=True)}
+    route = later._put_off_one(fleet, 0).members[0].route
+    new = next(line for line in route.lines if line.state == CHANGING)
+    assert new.station == pytest.approx(change.station + 16.0, abs=0.3)
+    assert new.across == pytest.approx(across, abs=3.2)  # whole lane widths
+
+
 def test_a_change_over_two_lanes_needs_room_for_both_before_its_lane_ends(fleet_and_later):
     """With 3 lane widths between the two. It came there at 12 m/s, and went over without room."""
     fleet, _, change = fleet_and_later
