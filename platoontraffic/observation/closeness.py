@@ -55,7 +55,7 @@ class Closeness:
         traffic, predecessor, before = step.traffic, step.fleet.predecessor, self._near
         n, self._near = predecessor.size, set()
         for i, k in self._pairs.tolist():
-            if predecessor[i] == k or (k < n and predecessor[k] == i):
+            if predecessor[i] == k or (k < n and predecessor[k] == i) or traffic.are_apart(i, k):
                 continue
             pair = traffic.ids[i], traffic.ids[k]
             self._near.add(pair)

@@ -20,7 +20,7 @@ from platoontraffic.observation.swings import Course, swung
 from platoontraffic.observation.thresholds_kernel import comes_near
 from platoontraffic.road.network import Network
 from platoontraffic.world.contact import Contacts
-from platoontraffic.world.events import NEAR_MISS_GAP, Event
+from platoontraffic.world.events import NEAR_MISS_GAP, WALL, Event
 from platoontraffic.world.traffic import TrafficSnapshot
 
 DETAILS = {
@@ -51,6 +51,11 @@ class Collisions:
         self._entries.observe(traffic)
         asked = any_close or self._contacts.may_touch_walls(traffic, step.fleet.number.size)
         before, self.touching = self.touching, self._contacts.of(traffic) if asked else set()
+        if traffic.other_levels and self.touching:
+            row = {name: k for k, name in enumerate(traffic.ids)}
+            self.touching = {
+                pair for pair in self.touching if pair[1] == WALL or not traffic.are_apart(*map(row.__getitem__, pair))
+            }
         for vehicle, other in sorted(self.touching - before) if self.touching else ():
             i = traffic.ids.index(vehicle)
             entry, both = self._entries.of(vehicle, other), self._entries.together(vehicle, other)

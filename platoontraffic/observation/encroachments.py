@@ -84,7 +84,7 @@ class Encroachments:
         for i, k, was_first, time in found[:count].tolist():
             if k < n and not was_first:  # whatever their order in the fleet
                 i, k, was_first = k, i, True
-            if time < ENCROACHED:
+            if time < ENCROACHED and not traffic.are_apart(int(i), int(k)):
                 what = "first" if was_first else "second"
                 yield step.event("encroachment", int(i), traffic.ids[int(k)], time, what=what)
 

@@ -34,7 +34,9 @@ class Background:
     vehicles that enter and leave the simulation.
 
     A vehicle on a bridge over a member's road, or below one, is left out: the world of lasers and contacts is flat.
-    Where members are on both roads, near that place, it is left in.
+    Where members are on both roads, near that place, it is left in, and `apart` from those on the other road.
+
+    apart: by row of a member, ids of the bodies on another level near it, members included; as of the last `traffic`
     """
 
     def __init__(self, sumo: Client, network: Network) -> None:
@@ -42,6 +44,7 @@ class Background:
         self._crossing: list[tuple[str, str]] = []  # roads of the members' routes, and others that cross them
         self._places = np.empty((0, 2))  # where they do [m]
         self._crossing_for: tuple[Member, ...] = ()
+        self.apart: dict[int, set[str]] = {}
         # Length, width [m] by vehicle.
         self._sizes = Once(lambda name: (sumo.vehicle.getLength(name), sumo.vehicle.getWidth(name)))
         self._skipped: set[str] = set()  # members, held obstacles, distant vehicles
@@ -92,18 +95,34 @@ class Background:
             self._crossing = [roads for *roads, _, _ in crossings]
             self._places = np.array([place for _, _, *place in crossings]).reshape(-1, 2)
             self._crossing_for = fleet.members
+        self.apart.clear()
         if not self._crossing:
             return vehicles
         own, stays = fleet.motion, np.ones(len(vehicles.ids), bool)
         far = _farther(self._places, own.x, own.y, np.full(len(self._places), AT_BRIDGE))
         for k in np.flatnonzero(~far).tolist():
             (road, other), (x, y) = self._crossing[k], self._places[k]
-            near = np.flatnonzero(np.hypot(own.x - x, own.y - y) < AT_BRIDGE).tolist()
-            if {road} != set().union(*(self._driven(fleet.members[i], road, other) for i in near)):
+            away = np.hypot(own.x - x, own.y - y)
+            driven = {i: self._driven(fleet.members[i], road, other) for i in np.flatnonzero(away < AT_BRIDGE).tolist()}
+            roads = set().union(*driven.values())
+            if road not in roads:
                 continue
-            for i in np.flatnonzero(np.hypot(vehicles.x - x, vehicles.y - y) < BRIDGE).tolist():
-                stays[i] &= self._sumo.vehicle.getRoadID(vehicles.ids[i]) != other
-        return vehicles if stays.all() else self.read(list(compress(vehicles.ids, stays)), vehicles.time)
+            there = np.flatnonzero(np.hypot(vehicles.x - x, vehicles.y - y) < BRIDGE).tolist()
+            there = [i for i in there if self._sumo.vehicle.getRoadID(vehicles.ids[i]) == other]
+            if roads == {road}:
+                stays[there] = False
+                continue
+            names = {vehicles.ids[i] for i in there}
+            names |= {fleet.ids[i] for i, on in driven.items() if on == {other} and away[i] < BRIDGE}
+            for i, on in driven.items() if names else ():
+                if on == {road}:
+                    self.apart.setdefault(i, set()).update(names)
+        if stays.all():
+            return vehicles
+        gone = {*compress(vehicles.ids, ~stays)}
+        for names in self.apart.values():
+            names -= gone
+        return self.read(list(compress(vehicles.ids, stays)), vehicles.time)
 
     def _driven(self, member: Member, *roads: str) -> set[str]:
         """Those of two roads that a member drives on; where its route takes both, the one on which it is."""

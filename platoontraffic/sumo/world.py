@@ -164,7 +164,8 @@ class World:
         time = self._time()
         background = self._background.traffic(fleet, reach, self._obstacles.in_sumo, time)
         traffic, obstacles = members_at(fleet, time).with_others(background), self._obstacles.bodies
-        return traffic.with_others(obstacles) if obstacles and obstacles.ids else traffic
+        traffic = traffic.with_others(obstacles) if obstacles and obstacles.ids else traffic
+        return traffic.on_levels(self._background.apart) if self._background.apart else traffic
 
     def refit(self, members: Mapping[str, Member]) -> None:
         """Platoons that wait depart with the laws and sensors of these members, by id."""

@@ -21,6 +21,8 @@ from platoontraffic.world.fleet import NOTHING, Fleet, Group, Readings
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.under_way import Seen, Taken
 
+OUT_OF_SIGHT = 1e8  # place of bodies that a laser does not see [m]
+
 
 @dataclass(frozen=True)
 class Surroundings:
@@ -83,7 +85,7 @@ class Sensing:
         due = [laser for laser in fleet.lasers if step % laser.every == 0]
         boxes, at = _boxes(traffic, fleet) if due else None, Occasion(traffic.time, step, self.seed)
         for laser in due:
-            batch = self._scan(laser.lidar, boxes, laser.rows, laser.ids, at, blind)
+            batch = self._scan(laser.lidar, traffic, boxes, laser.rows, laser.ids, at, blind)
             for group, rows in laser.parts:
                 scans[group] = batch if len(laser.parts) == 1 else batch.part(rows)
         return scans
@@ -102,7 +104,7 @@ class Sensing:
         for i, group in enumerate(fleet.groups):
             due = [one.sensor for one in group.further_lidars if step % one.every == 0]
             ids = fleet.ids_by_group[i]
-            scans = {lidar.name: self._scan(lidar, boxes, group.rows, ids, at, blind) for lidar in due}
+            scans = {one.name: self._scan(one, traffic, boxes, group.rows, ids, at, blind) for one in due}
             own = [one.sensor for one in group.sensors if step % one.every == 0]
             sensed = {named.name: self._measured(named, traffic, fleet, group, step) for named in own}
             readings.append(Readings(traffic.time, scans, sensed, dict.fromkeys(scans, Seen(traffic, group.rows))))
@@ -118,6 +120,7 @@ class Sensing:
     def _scan(
         self,
         lidar: LidarModel,
+        traffic: TrafficSnapshot,
         boxes: Boxes,
         rows: np.ndarray,
         ids: tuple[str, ...],
@@ -125,8 +128,14 @@ class Sensing:
         blind: np.ndarray | None,
     ) -> ScanBatch:
         """rows, ids: of its carriers in the fleet, (n,)"""
-        carriers = Carriers.unchecked(boxes, rows, ids)
-        batch = scan(lidar, self.scene, boxes, carriers, at, engine=self.engine)
+        batch = scan(lidar, self.scene, boxes, Carriers.unchecked(boxes, rows, ids), at, engine=self.engine)
+        for members, bodies in traffic.other_levels:
+            again = np.flatnonzero(np.isin(rows, members))
+            if again.size:
+                level, of_them = _without(boxes, bodies), tuple(ids[k] for k in again.tolist())
+                carriers = Carriers.unchecked(level, rows[again], of_them)
+                part = scan(lidar, self.scene, level, carriers, at, engine=self.engine)
+                batch = _with_rows(batch, again, part)
         if blind is None or not blind[rows].any():
             return batch
         return replace(batch, ranges=np.where(blind[rows, None], np.nan, batch.ranges))
@@ -176,6 +185,23 @@ def arriving(measured: Measurements, fleet: Fleet, step: int) -> tuple[Measureme
         readings.append(Readings(more.time, next(further), more.sensors, next(further)))
     readings = readings if measured.readings else ()
     return Measurements(scans, readings, put(now, rows, own), seen), changed(fleet, groups=tuple(groups))
+
+
+def _without(boxes: Boxes, rows: np.ndarray) -> Boxes:
+    """Boxes of which some are out of sight of everybody, in the same rows."""
+    x = boxes.x.copy()
+    x[rows] = OUT_OF_SIGHT
+    return replace(boxes, x=x)
+
+
+def _with_rows(batch: ScanBatch, rows: np.ndarray, part: ScanBatch) -> ScanBatch:
+    """A batch with other scans in some rows."""
+    arrays = {}
+    for name in ("ranges", "hits", "inside"):
+        arrays[name] = getattr(batch, name).copy()
+        arrays[name][rows] = getattr(part, name)
+        arrays[name].setflags(write=False)  # as a scan's
+    return replace(batch, **arrays)
 
 
 def _boxes(traffic: TrafficSnapshot, fleet: Fleet) -> Boxes:

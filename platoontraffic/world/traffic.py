@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Mapping, Set
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter
 
@@ -25,6 +27,8 @@ class TrafficSnapshot:
     speed: np.ndarray  # forward [m/s]
     length: np.ndarray  # of the footprint [m]
     width: np.ndarray
+    # Rows of members, and of the bodies on a bridge over their road, or below it: neither sees or touches the others.
+    other_levels: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
 
     @cached_property
     def facing(self) -> tuple[np.ndarray, np.ndarray]:
@@ -42,6 +46,20 @@ class TrafficSnapshot:
             return self
         both = [np.concatenate(pair) for pair in zip(_arrays(self), _arrays(others), strict=True)]
         return TrafficSnapshot(self.time, self.ids + others.ids, *both)
+
+    def on_levels(self, apart: Mapping[int, Set[str]]) -> TrafficSnapshot:
+        """This snapshot with other levels. apart: by row of a member, ids of the bodies on another level"""
+        row, members = {name: k for k, name in enumerate(self.ids)}, defaultdict(list)
+        for i, names in sorted(apart.items()):
+            members[tuple(sorted(row[name] for name in names))].append(i)
+        return replace(self, other_levels=tuple((np.array(m), np.array(bodies)) for bodies, m in members.items()))
+
+    def are_apart(self, one: int, other: int) -> bool:
+        """Whether two bodies are on different levels, by their rows."""
+        return any(
+            (one in members and other in bodies) or (other in members and one in bodies)
+            for members, bodies in self.other_levels
+        )
 
     def boxes(self) -> Boxes:
         """Footprints as lidars see them, each owned by its row here."""
@@ -62,4 +80,4 @@ class TrafficSnapshot:
         )  # fmt: skip
 
 
-_arrays = attrgetter(*list(TrafficSnapshot.__dataclass_fields__)[2:])
+_arrays = attrgetter("x", "y", "heading", "speed", "length", "width")

@@ -67,3 +67,31 @@ def test_vehicles_on_both_levels_are_seen_only_where_members_are_on_both(bridge,
         seen = [now.traffic for now in simulation if now.step and len(now.fleet) == 2]
     assert seen
     assert all(("c" in traffic.ids) == sees for traffic in seen)
+
+
+def test_members_on_both_levels_do_not_see_or_touch_each_other(bridge, tmp_path):
+    """One stops behind a car that stands on the bridge; the other one drives through below both."""
+    members = [
+        deployed(bridge, ("under",), 20.0, 0, 10.0, EYE),
+        replace(deployed(bridge, ("over",), 172.0, 0, 6.0, EYE), id="other.0", platoon="other"),
+    ]
+
+    def ground() -> Staged:
+        return Staged(bridge, tmp_path / "words.log", lambda: insert("c", ("over",), 206.0, 0.0))
+
+    setting = Setting(members, NO_WALLS, STEP, steps=340, ground=ground, whole_traffic_every=1)
+    with Simulation(setting) as simulation:
+        log = [now for now in simulation if now.step and len(now.fleet) == 2]
+    assert {name for now in log for name in now.traffic.ids} == {"m.0", "other.0", "c"}
+    assert log[-1].traffic.x[0] > 250
+    assert min(now.traffic.speed[0] for now in log) > 9.0
+    stands = log[-1].traffic
+    front, rear = stands.y[1] + stands.length[1] / 2, stands.y[2] - stands.length[2] / 2
+    assert stands.speed[1] < 0.1
+    assert 1.0 < rear - front < 4.0
+    passing = next(now.traffic for now in log if abs(now.traffic.x[0] - stands.x[1]) < 1.0)
+    assert abs(passing.y[0] - passing.y[1]) < (stands.length[1] + stands.width[0]) / 2  # one over the other
+    assert passing.are_apart(0, 1)
+    assert passing.are_apart(2, 0)
+    assert not passing.are_apart(1, 2)
+    assert {event.kind for now in log for event in now.events} <= {"departed", "held", "released", "standstill", "end"}
