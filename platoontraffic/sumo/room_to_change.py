@@ -111,7 +111,7 @@ class RoomToChange:
             return stops_within
         patient = self._now.waited[ego.id] < QUEUE_PATIENCE and ego.id not in self._let_in
         queue = distance >= 0 and patient and self._queue_within(line, distance, ego)
-        if stop > 0 and (queue or not self._goes(line, distance, half, stops_within > stop, ego)):
+        if stop > 0 and (queue or not self._goes(line, distance, half, stops_within <= stop, ego)):
             self._want(line, distance, half, ego, distance < 0)
             return min(stop, ego.stops_within if distance < 0 else self._falls_back(line, distance, ego))
         if distance < 0 and ego.lane != line.onto:
@@ -234,13 +234,14 @@ class RoomToChange:
         """Position of the begin of a lane change on its lane [m]."""
         return self._now.lane_length[line.lane] - line.to_end
 
-    def _goes(self, line: Line, distance: float, half: float, cannot_stop: bool, ego: Ego) -> bool:
-        """Whether there is room; for one that had it until now and cannot stop any more, whether it touches nobody.
+    def _goes(self, line: Line, distance: float, half: float, can_stop: bool, ego: Ego) -> bool:
+        """Whether there is room; for one on a fast road that had it until now, and cannot stop any more, whether it
+        touches nobody.
 
         As both accelerate, one behind it needs ever more room; to brake then would take what there is.
         """
         key = ego.id, line.onto
-        is_bound = cannot_stop and key in self._had_room
+        is_bound = not can_stop and key in self._had_room and self.is_fast(line)
         goes = not self._is_cut_off(line, distance, half, ego) if is_bound else self._is_room(line, distance, half, ego)
         if goes:
             self._has_room.add(key)

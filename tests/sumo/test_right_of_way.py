@@ -32,7 +32,7 @@ from platoontraffic.sumo.letting_in import Stop
 from platoontraffic.sumo.reads import Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
 from platoontraffic.sumo.room_to_change import RoomToChange, Wanted
-from platoontraffic.sumo.stoplines import LIGHT, NO_LINE, LineState, StopLines
+from platoontraffic.sumo.stoplines import LIGHT, NO_LINE, LineState, StopLines, _not_made
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
@@ -837,10 +837,13 @@ def test_a_member_that_falls_back_in_its_lane_change_heeds_its_line_all_the_same
     line = Line(100.0, "M", "", 0, "road_1", "next_0", (":a_0",), 10.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
     monkeypatch.setattr(lines._change, "may_change", lambda *_: falls_back_within)
+    monkeypatch.setattr(lines._change, "may_put_off", lambda *_, **__: False)
     monkeypatch.setattr(lines._change, "is_beside", lambda *_: False)
     monkeypatch.setattr(StopLines, "_ahead", lambda *_: LineState(5.0, False, False, False, LIGHT))
     lines._conflicts = {change._replace(station=0.0): None}
-    member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (change, 35.0, [(line, 5.0)])))
+    member = SimpleNamespace(
+        route=SimpleNamespace(lines=[change, line], lines_about=lambda *_: (change, 35.0, [(line, 5.0)]))
+    )
     state = lines._state(member, 95.0, Ego("m.0", "road_0", 6.0, CAR.length))
     assert (state.distance, state.open) == (stops_after, False)
 
@@ -1127,6 +1130,16 @@ def test_a_vehicle_that_leaves_the_bend_slowly_is_no_queue(speeds, places, has_r
     assert lines._has_room(line, Ego("m.0", "road_0", 0.0, CAR.length)) == has_room
 
 
+@pytest.mark.parametrize(("lane", "found"), [("road_0", 0), ("road_1", 1), ("road_2", 1), (":a_0", 1)])
+def test_of_two_changes_that_are_passed_the_one_from_the_own_lane_is_still_to_be_made(lane, found):
+    """One that had driven past both went over two lanes without a look."""
+    first = Line(60.0, CHANGING, "", 0, "road_0", "road_1", (), 20.0, 140.0)
+    second = first._replace(station=90.0, lane="road_1", onto="road_2", to_end=110.0)
+    before = Line(30.0, "M", "", 0, "road_0", "road_0", (), 5.0)  # of another edge, on a lane of the same name here
+    route = SimpleNamespace(lines=[before, first, second])
+    assert _not_made(second, 40.0, lane, route) == ((first, 70.0), (second, 40.0))[found]
+
+
 @pytest.mark.parametrize(("state", "via"), [("M", ()), (CHANGING, ("road_1",))])
 def test_a_line_without_lanes_inside_leaves_a_member_where_sumo_takes_it_to_be(monkeypatch, state, via):
     """A line between two edges without a junction inside, or a lane change; SUMO has it inside a junction."""
@@ -1136,7 +1149,7 @@ def test_a_line_without_lanes_inside_leaves_a_member_where_sumo_takes_it_to_be(m
     )
     lines._now = SimpleNamespace(lane_length={}, position={}, links={"road_0": []})
     monkeypatch.setattr(RoomToChange, "may_change", lambda *_: np.inf)
-    member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, 2.0, [])))
+    member = SimpleNamespace(route=SimpleNamespace(lines=[line], lines_about=lambda *_: (line, 2.0, [])))
     assert lines._state(member, 102.0, Ego("m.0", ":a_1", 3.0, CAR.length)).open
 
 

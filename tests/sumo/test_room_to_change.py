@@ -168,15 +168,19 @@ def test_one_that_had_room_and_cannot_stop_any_more_goes_over_unless_it_touches_
     now = on_two_lanes(places, {"m.0": 9.0, "c": 9.0})
     change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), now)
     line, ego = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 98.0), Ego("m.0", "road_0", 9.0, 5.0)
+    now.max_speed["road_0"] = 25.0
     if had_room:
         assert change.may_change(line, 2.0, ego) == np.inf
     change.begin_look()
     places["road_1"] = [("c", 95.0 - behind)]
     now.renew()
+    now.max_speed["road_0"] = 25.0
     assert (change.may_change(line, 2.0, ego) == np.inf) == goes
     change.begin_look()
     slow = ego._replace(speed=5.0)  # it can stop
     assert change.may_change(line, 2.0, slow) == pytest.approx(2.0 + 0.25 * 16.0)
+    now.max_speed["road_0"] = 13.9
+    assert change.may_change(line, 2.0, ego) < np.inf
 
 
 @pytest.mark.parametrize(
