@@ -51,7 +51,8 @@ class TrafficSnapshot:
         """This snapshot with other levels. apart: by row of a member, ids of the bodies on another level"""
         row, members = {name: k for k, name in enumerate(self.ids)}, defaultdict(list)
         for i, names in sorted(apart.items()):
-            members[tuple(sorted(row[name] for name in names))].append(i)
+            if names:
+                members[tuple(sorted(row[name] for name in names))].append(i)
         return replace(self, other_levels=tuple((np.array(m), np.array(bodies)) for bodies, m in members.items()))
 
     def are_apart(self, one: int, other: int) -> bool:

@@ -6,11 +6,13 @@ import subprocess
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from platoontraffic.road.network import Network
 from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo.programs import home_of, program
+from platoontraffic.world.traffic import TrafficSnapshot
 from tests.sumo.test_right_of_way import EYE, NO_WALLS, STEP, Staged, deployed, insert, track
 
 pytestmark = pytest.mark.sumo
@@ -95,3 +97,11 @@ def test_members_on_both_levels_do_not_see_or_touch_each_other(bridge, tmp_path)
     assert passing.are_apart(2, 0)
     assert not passing.are_apart(1, 2)
     assert {event.kind for now in log for event in now.events} <= {"departed", "held", "released", "standstill", "end"}
+
+
+def test_levels_are_kept_by_rows_and_a_member_without_any_has_none():
+    """A vehicle that was on another level for a member may have been left out for all."""
+    traffic = TrafficSnapshot(0.0, ("a", "b", "c", "d"), *np.zeros((6, 4)))
+    levels = traffic.on_levels({0: {"c", "d"}, 1: {"d", "c"}, 2: set(), 3: {"a"}}).other_levels
+    assert [(members.tolist(), bodies.tolist()) for members, bodies in levels] == [([0, 1], [2, 3]), ([3], [0])]
+    assert all(part.dtype.kind == "i" for one in levels for part in one)
