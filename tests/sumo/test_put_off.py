@@ -184,6 +184,26 @@ def test_a_change_to_which_it_drives_on_is_made_for_the_speed_that_it_has_there(
     assert new.across == pytest.approx(across, abs=3.2)  # whole lane widths
 
 
+def test_two_changes_are_made_as_long_as_fits_before_the_lane_ends(fleet_and_later):
+    """Longer ones would have begun too early to be worth another route, and the member went over without room."""
+    _, later, _ = fleet_and_later
+    network, car, edges = Network.read(networks()["highway"]), VEHICLES["car"], ("e1_e2", "e2_e_exit")
+    route = Route.along(edges, *network.route_lanes(edges, 2)).drivable_by(car)
+    change = next(line for line in route.lines if line.state == CHANGING)
+    over = latest(route, change, 3.2, car.length) - 36.0
+    x, y = route.line.at(np.array([change.station + over - car.length]))[0]
+    (member,) = platoon(PathLeader(), at=(float(x), float(y), 0.0), model=car)
+    fleet = Fleet.deployed([replace(member, route=route)], 0.1)
+    fleet = changed(fleet, progress=fleet.progress.located(fleet.model, fleet.motion, np.inf))
+    fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(1, 12.0)))
+    later._blocked = {fleet.ids[0]: Blocked(change, over, True, inf, drives_on=True)}
+    after = later._put_off_one(fleet, 0)
+    assert after is not fleet
+    first, second = (line for line in after.members[0].route.lines if line.state == CHANGING)
+    assert first.station > change.station + over + 12.0 - 0.3
+    assert second.station + second.across < change.station + change.to_end - car.length + 0.5
+
+
 def test_a_change_over_two_lanes_needs_room_for_both_before_its_lane_ends(fleet_and_later):
     """With 3 lane widths between the two. It came there at 12 m/s, and went over without room."""
     fleet, _, change = fleet_and_later

@@ -1137,7 +1137,15 @@ def test_of_two_changes_that_are_passed_the_one_from_the_own_lane_is_still_to_be
     second = first._replace(station=90.0, lane="road_1", onto="road_2", to_end=110.0)
     before = Line(30.0, "M", "", 0, "road_0", "road_0", (), 5.0)  # of another edge, on a lane of the same name here
     route = SimpleNamespace(lines=[before, first, second])
-    assert _not_made(second, 40.0, lane, route) == ((first, 70.0), (second, 40.0))[found]
+    expected = ((first, 70.0), (second, 40.0))[found]
+    assert _not_made(second, 40.0, lane, route) == expected
+    lines, heeded = StopLines(SimpleNamespace(), SimpleNamespace()), []
+    lines._at_junction = {(line, "car"): line for line in (first, second)}
+    lines._passed = lambda line, over, ego: heeded.append((line, over))
+    lines._change.may_put_off = lambda *_, **__: False
+    route.lines_about = lambda *_: (second, 40.0, [])
+    lines._state(SimpleNamespace(route=route), 130.0, Ego("m.0", lane, 3.0, CAR.length))
+    assert heeded == [expected]
 
 
 @pytest.mark.parametrize(("state", "via"), [("M", ()), (CHANGING, ("road_1",))])
