@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from platoontraffic.observation.observer import Observer
 from platoontraffic.road.network import Network
 from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo.programs import home_of, program
+from platoontraffic.world.contact import Contacts
 from platoontraffic.world.traffic import TrafficSnapshot
 from tests.sumo.test_right_of_way import EYE, NO_WALLS, STEP, Staged, deployed, insert, track
 
@@ -81,7 +83,10 @@ def test_members_on_both_levels_do_not_see_or_touch_each_other(bridge, tmp_path)
     def ground() -> Staged:
         return Staged(bridge, tmp_path / "words.log", lambda: insert("c", ("over",), 206.0, 0.0))
 
-    setting = Setting(members, NO_WALLS, STEP, steps=340, ground=ground, whole_traffic_every=1)
+    def observer() -> Observer:
+        return Observer(members, bridge, Contacts(NO_WALLS, {member.id for member in members}))
+
+    setting = Setting(members, NO_WALLS, STEP, 340, ground=ground, observer=observer, whole_traffic_every=1)
     with Simulation(setting) as simulation:
         log = [now for now in simulation if now.step and len(now.fleet) == 2]
     assert {name for now in log for name in now.traffic.ids} == {"m.0", "other.0", "c"}
@@ -96,7 +101,28 @@ def test_members_on_both_levels_do_not_see_or_touch_each_other(bridge, tmp_path)
     assert passing.are_apart(0, 1)
     assert passing.are_apart(2, 0)
     assert not passing.are_apart(1, 2)
-    assert {event.kind for now in log for event in now.events} <= {"departed", "held", "released", "standstill", "end"}
+    assert {event.kind for now in log for event in now.events} == {"standstill"}
+
+
+def test_who_has_passed_over_a_member_shortly_before_has_not_encroached_upon_it(bridge, tmp_path):
+    members = [
+        deployed(bridge, ("under",), 20.0, 0, 10.0, EYE),
+        replace(deployed(bridge, ("over",), 101.0, 0, 6.0, EYE), id="other.0", platoon="other"),
+    ]
+
+    def observer() -> Observer:
+        return Observer(members, bridge, Contacts(NO_WALLS, {member.id for member in members}))
+
+    def ground() -> Staged:
+        return Staged(bridge, tmp_path / "words.log", lambda: None)
+
+    setting = Setting(members, NO_WALLS, STEP, 250, ground=ground, observer=observer)
+    with Simulation(setting) as simulation:
+        log = [now for now in simulation if now.step and len(now.fleet) == 2]
+    over = next(now.traffic for now in log if now.traffic.y[1] > 0.0)
+    under = next(now.traffic for now in log if now.traffic.x[0] > 201.6)
+    assert 0.5 < under.time - over.time < 2.5
+    assert not [event for now in log for event in now.events]
 
 
 def test_levels_are_kept_by_rows_and_a_member_without_any_has_none():
