@@ -120,6 +120,21 @@ def test_one_that_drove_past_its_change_gets_another_one_ahead_of_it(fleet_and_l
     assert new.across < change.across
 
 
+def test_beside_a_change_that_it_drove_past_room_is_looked_for_where_it_is(fleet_and_later):
+    fleet, later, change = fleet_and_later
+    looked = []
+    later._room = SimpleNamespace(
+        has_missed=lambda *_: True,
+        free_road=lambda line, distance, _: looked.append((line.to_end, distance)) or inf,
+        slowest_beside=lambda line, distance, _: looked.append((line.to_end, distance)) or Slowest(inf, inf),
+        is_better_later=lambda line, distance, *_: looked.append((line.to_end, distance)) or True,
+        is_fast=lambda _: False,
+    )
+    later.note(change, -60.0, Ego("m.0", change.lane, 5.0, 4.74), fleet.members[0].route)
+    assert looked == [(change.to_end - 60.0, 0.0)] * 3
+    assert later._blocked["m.0"].missed
+
+
 def test_of_several_blocked_changes_the_first_one_counts(fleet_and_later):
     fleet, later, change = fleet_and_later
     later._room = SimpleNamespace(
