@@ -61,7 +61,7 @@ class LaterChanges:
         self._blocked.clear()
 
     def note(self, change: Line, distance: float, ego: Ego, route: Route) -> float:
-        """A member has no room for its lane change. Of several the first one counts.
+        """A member has no room for its lane change, or has driven past it. Of several the first one counts.
 
         distance : to its begin [m]
         returns  : where it stops for want of room [m]: at that begin, or where its lane ends if it drives on. Beside
@@ -85,7 +85,7 @@ class LaterChanges:
 
     def put_off(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members without room for their lane change here, once they brake for that;
-        for those that drive on, shortly before it, whether they brake or not.
+        for those that drive on, shortly before it, and for those that have driven past it, whether they brake or not.
 
         They look for it further on, as long as their lane leads on: on this edge, but not beside a queue, or on edges
         beyond, where the members behind them in their platoon do so too. The slower they are, the less road their lane

@@ -122,7 +122,7 @@ class RoomToChange:
         return inf
 
     def has_missed(self, line: Line, distance: float, ego: Ego) -> bool:
-        """Whether a vehicle has driven past a lane change without changing lanes, as one does that follows another."""
+        """Whether a vehicle has driven past a lane change on its lane, as one that followed another vehicle."""
         return -distance > line.across and ego.lane == line.lane
 
     def _goes_over_here(self, line: Line, ego: Ego) -> float:
@@ -133,7 +133,7 @@ class RoomToChange:
         return inf if self._is_room(line, 0.0, half, ego) else ego.stops_within
 
     def _share(self, ego: Ego) -> float:
-        """Share of a lane change that a vehicle has done which is still on the lane before."""
+        """Share of its lane change that a vehicle has made, by its distance from the middle of the lane before."""
         return min(abs(self._now.aside[ego.id]) / self._now.lane_width[ego.lane], 0.5)
 
     def _want(self, line: Line, distance: float, half: float, ego: Ego, begun: bool) -> None:
@@ -235,10 +235,10 @@ class RoomToChange:
         return self._now.lane_length[line.lane] - line.to_end
 
     def _goes(self, line: Line, distance: float, half: float, can_stop: bool, ego: Ego) -> bool:
-        """Whether there is room; for one on a fast road that had it until now, and cannot stop any more, whether it
-        touches nobody.
+        """Whether a vehicle makes its lane change: where it has room.
 
-        As both accelerate, one behind it needs ever more room; to brake then would take what there is.
+        On a fast road one that had room at the last look, and cannot stop any more, makes it too if it touches nobody.
+        A vehicle behind it that accelerates as it does needs ever more room; by braking it would take what there is.
         """
         key = ego.id, line.onto
         is_bound = not can_stop and key in self._had_room and self.is_fast(line)

@@ -28,7 +28,8 @@ OUT_OF_SIGHT = 1e8  # place of bodies that a laser does not see [m]
 class Surroundings:
     """The world at one instant, as the scenario's own sensors get it."""
 
-    traffic: TrafficSnapshot  # members, in the rows of the fleet, then background traffic in range, then obstacles
+    # Members, in the rows of the fleet, then background traffic in range, then obstacles; on all levels of bridges.
+    traffic: TrafficSnapshot
     fleet: Fleet
     scene: Scene  # walls and buildings
     step: int
