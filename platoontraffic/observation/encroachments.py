@@ -14,6 +14,7 @@ road on the trail.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from platoontraffic.observation.encroachments_kernel import NO_ROOM, Meetings, T
 from platoontraffic.observation.step import Step
 from platoontraffic.world.events import ENCROACHED, Event
 from platoontraffic.world.fleet import Member
+from platoontraffic.world.traffic import TrafficSnapshot
 
 TRAIL = ENCROACHED + 1.0  # time for which it is known where bodies were [s]
 BODIES = 64  # for which there is room at first
@@ -48,6 +50,7 @@ class Encroachments:
         self._numbers = np.empty(0, dtype=np.intp)  # of the members of the last step ...
         self._seats = np.empty(0, dtype=np.intp)  # ... and their rows in the meetings
         self._seat: dict[int, int] = {}  # by number
+        self._apart: dict[frozenset[str], float] = {}  # bodies lately on two levels, and when last [s]
 
     def number_platoons(self, members: Sequence[Member]) -> None:
         """Those of further members of the run; a member from the traffic by itself is one of its own."""
@@ -75,6 +78,7 @@ class Encroachments:
         place = self._columns, traffic.x, traffic.y
         own = self._seats, self._platoon[step.fleet.number]
         kept = tuple(self._trails), tuple(self._before), tuple(self._now)
+        self._note_levels(traffic)
         count = follow(*kept, head, dt, *place, *traffic.facing, *own, found)
         while count == NO_ROOM:
             self._make_room_for_meetings(0, 2 * self._now.pair.shape[1])
@@ -84,9 +88,18 @@ class Encroachments:
         for i, k, was_first, time in found[:count].tolist():
             if k < n and not was_first:  # whatever their order in the fleet
                 i, k, was_first = k, i, True
-            if time < ENCROACHED and not traffic.are_apart(int(i), int(k)):
+            pair = frozenset((traffic.ids[int(i)], traffic.ids[int(k)]))
+            if time < ENCROACHED and pair not in self._apart:
                 what = "first" if was_first else "second"
                 yield step.event("encroachment", int(i), traffic.ids[int(k)], time, what=what)
+
+    def _note_levels(self, traffic: TrafficSnapshot) -> None:
+        """One that comes to a bridge crosses the trails of those that have left it."""
+        now, ids = traffic.time, traffic.ids
+        self._apart = {pair: last for pair, last in self._apart.items() if last > now - TRAIL}
+        for members, bodies in traffic.other_levels:
+            for i, k in product(members.tolist(), bodies.tolist()):
+                self._apart[frozenset((ids[i], ids[k]))] = now
 
     def _begin(self, steps: int) -> None:
         self._before, self._now = Meetings.none(0, MEETS), Meetings.none(0, MEETS)

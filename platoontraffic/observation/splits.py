@@ -84,4 +84,4 @@ def _between(traffic: TrafficSnapshot, row: int, ahead: int) -> list[str]:
     ]  # fmt: skip
     boxes = shapely.polygons(traffic.boxes().corners())
     met = np.flatnonzero(shapely.intersects(boxes, shapely.LineString(ends)))
-    return sorted(traffic.ids[k] for k in met if k not in (row, ahead))
+    return sorted(traffic.ids[k] for k in met if k not in (row, ahead) and not traffic.are_apart(row, k))

@@ -101,6 +101,6 @@ def _vehicle_ahead(traffic: TrafficSnapshot, row: int) -> str:
     reach = np.array([cos, sin]) * (length if length >= FULL_SIZE else 3 * length)
     strip = shapely.Polygon([front - side, front + side, front + reach + side, front + reach - side])
     boxes = shapely.polygons(traffic.boxes().corners())
-    met = [k for k in np.flatnonzero(shapely.intersects(boxes, strip)) if k != row]
+    met = [k for k in np.flatnonzero(shapely.intersects(boxes, strip)) if k != row and not traffic.are_apart(row, k)]
     ahead = [(traffic.x[k] - front[0]) * cos + (traffic.y[k] - front[1]) * sin for k in met]
     return traffic.ids[met[int(np.argmin(ahead))]] if met else ""

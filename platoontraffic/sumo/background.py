@@ -9,6 +9,7 @@ from itertools import chain, compress
 import numpy as np
 
 from platoontraffic.lidar.compiled import compiler
+from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.frame import centre_of, heading_of
@@ -104,12 +105,11 @@ class Background:
             (road, other), (x, y) = self._crossing[k], self._places[k]
             away = np.hypot(own.x - x, own.y - y)
             driven = {i: self._driven(fleet.members[i], road, other) for i in np.flatnonzero(away < AT_BRIDGE).tolist()}
-            roads = set().union(*driven.values())
-            if road not in roads:
+            if {road} not in driven.values():
                 continue
             there = np.flatnonzero(np.hypot(vehicles.x - x, vehicles.y - y) < BRIDGE).tolist()
             there = [i for i in there if self._sumo.vehicle.getRoadID(vehicles.ids[i]) == other]
-            if roads == {road}:
+            if all(on == {road} for on in driven.values()):
                 stays[there] = False
                 continue
             names = {vehicles.ids[i] for i in there}
@@ -125,9 +125,12 @@ class Background:
         return self.read(list(compress(vehicles.ids, stays)), vehicles.time)
 
     def _driven(self, member: Member, *roads: str) -> set[str]:
-        """Those of two roads that a member drives on; where its route takes both, the one on which it is."""
-        driven = {*roads} & {*(member.route.edges if member.route else ())}
-        return driven if len(driven) < len(roads) else {*roads} & {self._sumo.vehicle.getRoadID(member.id)}
+        """Those of two roads that a member drives on, or will; where its route takes both, the one on which it is."""
+        edges, here = member.route.edges if member.route else (), self._sumo.vehicle.getLaneID(member.id)
+        road = edge_of(self._network.entered_from.get(here, here))
+        ahead = edges[edges.index(road) :] if road in edges else edges
+        driven = {*roads} & {*ahead}
+        return driven if len(driven) < len(roads) else driven & {road}
 
     def stepped(self, time: float) -> None:
         """To be called after every step of SUMO's: the vehicles on the road may be others. time: SUMO's clock [s]"""

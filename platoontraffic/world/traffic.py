@@ -45,7 +45,7 @@ class TrafficSnapshot:
         if not others.ids:
             return self
         both = [np.concatenate(pair) for pair in zip(_arrays(self), _arrays(others), strict=True)]
-        return TrafficSnapshot(self.time, self.ids + others.ids, *both)
+        return TrafficSnapshot(self.time, self.ids + others.ids, *both, self.other_levels)
 
     def on_levels(self, apart: Mapping[int, Set[str]]) -> TrafficSnapshot:
         """This snapshot with other levels. apart: by row of a member, ids of the bodies on another level"""

@@ -5,15 +5,20 @@ from __future__ import annotations
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from platoontraffic.observation.observer import Observer
+from platoontraffic.observation.splits import _between
+from platoontraffic.observation.standstills import _vehicle_ahead
 from platoontraffic.road.network import Network
 from platoontraffic.simulation import Setting, Simulation
+from platoontraffic.sumo.background import Background
 from platoontraffic.sumo.programs import home_of, program
 from platoontraffic.world.contact import Contacts
+from platoontraffic.world.events import ENCROACHED
 from platoontraffic.world.traffic import TrafficSnapshot
 from tests.sumo.test_right_of_way import EYE, NO_WALLS, STEP, Staged, deployed, insert, track
 
@@ -123,6 +128,59 @@ def test_who_has_passed_over_a_member_shortly_before_has_not_encroached_upon_it(
     under = next(now.traffic for now in log if now.traffic.x[0] > 201.6)
     assert 0.5 < under.time - over.time < 2.5
     assert not [event for now in log for event in now.events]
+
+
+def test_a_vehicle_that_has_passed_over_a_member_has_not_encroached_upon_it_either(bridge, tmp_path):
+    """It has left the bridge by 60 m when the member comes to it."""
+    members = [
+        deployed(bridge, ("under",), 60.0, 0, 10.0, EYE),
+        replace(deployed(bridge, ("over",), 60.0, 0, 0.5, EYE), id="other.0", platoon="other"),
+    ]
+
+    def observer() -> Observer:
+        return Observer(members, bridge, Contacts(NO_WALLS, {member.id for member in members}))
+
+    def ground() -> Staged:
+        return Staged(bridge, tmp_path / "words.log", lambda: insert("c", ("over",), 76.0, 13.0))
+
+    setting = Setting(members, NO_WALLS, STEP, 170, ground=ground, observer=observer, whole_traffic_every=1)
+    with Simulation(setting) as simulation:
+        log = [now for now in simulation if now.step and len(now.traffic.ids) == 3]
+    over = next(now.traffic for now in log if now.traffic.y[2] > 0.0)
+    under = next(now.traffic for now in log if now.traffic.x[0] > 201.6)
+    assert 2.0 < under.time - over.time < ENCROACHED - 0.2
+    assert under.y[2] > 50.0
+    assert not [event for now in log for event in now.events]
+
+
+def test_only_a_member_that_is_on_a_road_or_comes_to_it_counts_as_on_its_level():
+    """One came off the upper road, one off the lower road, onto the same lane, and drove through each other there."""
+    bridge = ("upper", "lower")
+    for edges, lane, driven in [
+        (("upper", "ramp", "on"), "upper_0", {"upper"}),
+        (("upper", "ramp", "on"), ":end_0_0", {"upper"}),
+        (("upper", "ramp", "on"), "ramp_0", set()),
+        (("lower", "on"), "on_0", set()),
+        (("before", "lower", "on"), "before_0", {"lower"}),
+        (("upper", "ramp", "lower"), "ramp_0", {"lower"}),
+        (("upper", "ramp", "lower"), "upper_0", {"upper"}),
+        (("before", "upper", "lower"), "before_0", set()),
+        (("upper", "on"), "", {"upper"}),
+    ]:
+        sumo = SimpleNamespace(vehicle=SimpleNamespace(getLaneID=lambda _, lane=lane: lane))
+        network = SimpleNamespace(entered_from={":end_0_0": "upper_0"})
+        member = SimpleNamespace(id="m.0", route=SimpleNamespace(edges=edges))
+        assert Background(sumo, network)._driven(member, *bridge) == driven
+
+
+def test_what_stands_on_the_bridge_is_no_cause_below_it():
+    """The last row is right before the first, and between it and the second."""
+    at = np.array([(0.0, 0.0), (20.0, 0.0), (5.0, 0.0)])
+    traffic = TrafficSnapshot(0.0, ("m.0", "m.1", "c"), *at.T, *np.zeros((2, 3)), np.full(3, 4.0), np.full(3, 2.0))
+    apart = traffic.on_levels({0: {"c"}})
+    assert (_vehicle_ahead(traffic, 0), _between(traffic, 0, 1)) == ("c", ["c"])
+    assert (_vehicle_ahead(apart, 0), _between(apart, 0, 1)) == ("", [])
+    assert apart.with_others(traffic).are_apart(0, 2)
 
 
 def test_levels_are_kept_by_rows_and_a_member_without_any_has_none():
