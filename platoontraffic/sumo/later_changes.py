@@ -138,11 +138,13 @@ class LaterChanges:
         step = CHANGE_AFTER * width
         by = step * max(math.ceil((max(over, 0.0) + LOOKS_AFTER * speed) / step), 1)
         beyond_now = drives_on and self._should_change_beyond(member, blocked, speed)
-        longest = math.inf
-        if drives_on:  # it may be faster there, but will be slower near the end of its lane
-            most = latest(member.route, change, width, member.model.length)
+        longest, most = math.inf, latest(member.route, change, width, member.model.length)
+        if blocked.missed and (most < over or free < by - over):
+            return fleet
+        if drives_on or blocked.missed:
             by = min(by, most)
             longest = longest_later(member.route, change, by, width, member.model.length)
+        if drives_on:  # it may be faster there, but will be slower near the end of its lane
             fastest = math.sqrt(speed**2 + 2 * GAINS_BY * max(by - over, 0.0))
             speed = min(fastest, math.sqrt(2 * BRAKES_BY * (most - by)))
         longest = min(width * math.ceil(CHANGE_TIME * speed / width), longest)

@@ -20,11 +20,12 @@ from platoontraffic.sumo.reads import PLAN_LANE, PLAN_OFFSET, Reads
 CHANGING_PACE = 1.5, 6.0  # acceleration of a slow vehicle that changes lanes [m/s2], up to [m/s]
 COMMITTED = 0.25  # share of a lane change after which it is not interrupted
 HARDLY_BEGUN = 0.1  # share up to which it may be put off: a car's body is still within its lane
-COMES_OVER = 1.0  # from a lane beside its line, a front is half over after this time, but a length at least [s]
+COMES_OVER = 1.0  # a vehicle one lane beside its line is half over within this time [s], or one length if that is more
 BEHIND = 0.5  # distance behind another one on its lane from which a slow vehicle may go over, for a car [m]
 PASSES_BY = 2.0  # a vehicle that is so much faster passes, and leaves room then [m/s]
 FAST_ROAD = 20.0  # speed limit from which on vehicles change lanes as they drive, and do not wait for room [m/s] ...
 FLOWS = 8.0  # ... where they and the others are so fast [m/s]
+BOUND_WITHIN = 1.0  # a vehicle that has room and cannot stop makes a lane change that begins within this time [s]
 QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
 QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
@@ -75,14 +76,14 @@ class RoomToChange:
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
         self.members: frozenset[str] = frozenset()  # their ids
         self._over: dict[str, list[str]] = {}  # members that were going over to a lane at the last look
-        # Members that had room for a change to a lane: at the last look, and at this one.
-        self._had_room: set[tuple[str, str]] = set()
-        self._has_room: set[tuple[str, str]] = set()
+        # The vehicles beside those members that had room for a change to a lane: at the last look, and at this one.
+        self._had_room: dict[tuple[str, str], frozenset[str]] = {}
+        self._has_room: dict[tuple[str, str], frozenset[str]] = {}
         self.wanted: dict[str, Wanted] = {}  # by each member without room for its lane change, going over, or let in
 
     def begin_look(self) -> None:
         """Before the members of a step are asked about."""
-        self._had_room, self._has_room = self._has_room, set()
+        self._had_room, self._has_room = self._has_room, {}
         self._over.clear()
         for name, wanted in self.wanted.items():
             if wanted.begun and name in self.members:
@@ -99,7 +100,7 @@ class RoomToChange:
 
         A queue ahead leaves no room to begin: it would stand across both lanes. It is waited for, but not for ever, and
         not while it is let in. A vehicle that has driven past its lane change without changing lanes, such as one that
-        followed another vehicle, changes lanes where it is.
+        followed another vehicle, changes lanes where it is, unless the change is put off: see `may_put_off`.
         """
         if self.has_missed(line, distance, ego):
             return self._goes_over_here(from_here(line, distance), ego)
@@ -237,14 +238,19 @@ class RoomToChange:
     def _goes(self, line: Line, distance: float, half: float, can_stop: bool, ego: Ego) -> bool:
         """Whether a vehicle makes its lane change: where it has room.
 
-        On a fast road one that had room at the last look, and cannot stop any more, makes it too if it touches nobody.
-        A vehicle behind it that accelerates as it does needs ever more room; by braking it would take what there is.
+        On a fast road one that is near it, had room at the last look, and cannot stop any more, also makes it where a
+        vehicle that was behind it then has less room now, but need not touch it. That vehicle accelerates as it does,
+        and needs ever more room; by braking the member would take what there is.
         """
         key = ego.id, line.onto
-        is_bound = not can_stop and key in self._had_room and self.is_fast(line)
-        goes = not self._is_cut_off(line, distance, half, ego) if is_bound else self._is_room(line, distance, half, ego)
+        is_bound = not can_stop and distance < BOUND_WITHIN * ego.speed and self.is_fast(line)
+        known = self._had_room.get(key, frozenset()) if is_bound else frozenset()
+        gaps = [*self._gaps(line, distance, half, ego)]
+        goes = all(
+            _leaves_room(gap, ego) or (gap.name in known and not gap.ahead and not _cuts_off(gap)) for gap in gaps
+        )
         if goes:
-            self._has_room.add(key)
+            self._has_room[key] = frozenset(gap.name for gap in gaps)
         return goes
 
     def _is_room(self, line: Line, distance: float, half: float, ego: Ego) -> bool:
@@ -256,14 +262,11 @@ class RoomToChange:
 
         It has come since the change began: SUMO has inserted it, or it has come over from the other side.
         """
-        gaps = self._gaps(line, distance, half, ego)
-        return any(gap.room < gap.closing**2 / (2 * COMFORTABLE_BRAKING) for gap in gaps)
+        return any(map(_cuts_off, self._gaps(line, distance, half, ego)))
 
     def _blocking(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[Gap]:
         """The gaps to vehicles that leave no room, or would have to brake hard; as `_gaps`."""
-        for gap in self._gaps(line, distance, half, ego):
-            if gap.room < room_needed(ego.length, gap.rear_speed, gap.closing):
-                yield gap
+        return (gap for gap in self._gaps(line, distance, half, ego) if not _leaves_room(gap, ego))
 
     def _gaps(self, line: Line, distance: float, half: float, ego: Ego) -> Iterator[Gap]:
         """The gaps to vehicles on the lanes that are crossed.
@@ -360,6 +363,15 @@ class RoomToChange:
 def from_here(line: Line, distance: float) -> Line:
     """A lane change that begins at the vehicle's front, instead of at a distance from that [m]."""
     return line._replace(to_end=distance + line.to_end)
+
+
+def _leaves_room(gap: Gap, ego: Ego) -> bool:
+    return gap.room >= room_needed(ego.length, gap.rear_speed, gap.closing)
+
+
+def _cuts_off(gap: Gap) -> bool:
+    """Whether the one in the rear cannot help touching the other one."""
+    return gap.room < gap.closing**2 / (2 * COMFORTABLE_BRAKING)
 
 
 def _side(lane: str, other: str) -> int:

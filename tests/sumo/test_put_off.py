@@ -110,7 +110,7 @@ def test_one_that_drove_past_its_change_gets_another_one_ahead_of_it(fleet_and_l
     over = change.across + 30.0
     fleet.progress.station[0] = change.station + over - fleet.progress.front[0]
     fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), 5.0)))
-    blocked = Blocked(change, over, further, 10.0)
+    blocked = Blocked(change, over, further, 25.0)
     assert blocked.missed
     later._blocked = {fleet.ids[0]: blocked}
     after = later.put_off(fleet)
@@ -118,6 +118,25 @@ def test_one_that_drove_past_its_change_gets_another_one_ahead_of_it(fleet_and_l
     assert new.lane == change.lane
     assert change.station + over + 5.0 < new.station < change.station + over + 5.0 + 16.1
     assert new.across < change.across
+
+
+@pytest.mark.parametrize(("left", "free", "is_later"), [(15.0, inf, True), (-1.0, inf, False), (15.0, 2.0, False)])
+def test_one_that_drove_past_its_change_keeps_it_where_another_one_fits_no_more(fleet_and_later, left, free, is_later):
+    """Before its lane ends, or before the queue ahead. One got a change most of which was behind it, and went over
+    without looking for room; another one, with room beside it, waited in a queue for a change beyond that.
+
+    left: distance from the shortest change that fits last [m]
+    """
+    fleet, later, change = fleet_and_later
+    over = latest(fleet.members[0].route, change, 3.2, 4.74) - left
+    fleet.progress.station[0] = change.station + over - fleet.progress.front[0]
+    fleet = changed(fleet, motion=replace(fleet.motion, speed=np.full(len(fleet), 10.0)))
+    later._blocked = {fleet.ids[0]: Blocked(change, over, True, free)}
+    after = later.put_off(fleet)
+    assert (after is not fleet) == is_later
+    if is_later:
+        new = next(one for one in after.members[0].route.lines if one.state == CHANGING)
+        assert change.station + over < new.station
 
 
 def test_beside_a_change_that_it_drove_past_room_is_looked_for_where_it_is(fleet_and_later):

@@ -161,18 +161,27 @@ def test_a_lane_change_that_was_missed_is_put_off_unless_the_vehicle_is_going_ov
         assert not change.may_put_off(line, 5.0, ego, has_room=False)  # a car's front is soon over the border
 
 
-@pytest.mark.parametrize(("had_room", "behind", "goes"), [(True, 4.0, True), (False, 4.0, False), (True, -1.0, False)])
-def test_one_that_had_room_and_cannot_stop_any_more_goes_over_unless_it_touches_another_one(had_room, behind, goes):
+@pytest.mark.parametrize(
+    ("was", "front", "goes"),
+    [
+        ("c", 91.0, True),
+        ("", 91.0, False),  # it had no room
+        ("c", 96.0, False),  # they would touch
+        ("other", 91.0, False),  # it has just come
+        ("c", 106.0, False),  # it is ahead now
+    ],
+)
+def test_one_that_had_room_and_cannot_stop_goes_over_unless_it_touches_the_one_behind(was, front, goes):
     """Both accelerate, and the room that there was is a little less than what is needed at the new speed."""
-    places = {"road_0": [("m.0", 100.0)], "road_1": [("c", 80.0)]}
-    now = on_two_lanes(places, {"m.0": 9.0, "c": 9.0})
+    places = {"road_0": [("m.0", 100.0)], "road_1": [(was, 80.0)]}
+    now = on_two_lanes(places, {"m.0": 9.0, "c": 9.0, "other": 9.0})
     change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), now)
     line, ego = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 98.0), Ego("m.0", "road_0", 9.0, 5.0)
     now.max_speed["road_0"] = 25.0
-    if had_room:
+    if was:
         assert change.may_change(line, 2.0, ego) == np.inf
     change.begin_look()
-    places["road_1"] = [("c", 95.0 - behind)]
+    places["road_1"] = [("c", front)]
     now.renew()
     now.max_speed["road_0"] = 25.0
     assert (change.may_change(line, 2.0, ego) == np.inf) == goes
@@ -181,6 +190,22 @@ def test_one_that_had_room_and_cannot_stop_any_more_goes_over_unless_it_touches_
     assert change.may_change(line, 2.0, slow) == pytest.approx(2.0 + 0.25 * 16.0)
     now.max_speed["road_0"] = 13.9
     assert change.may_change(line, 2.0, ego) < np.inf
+
+
+def test_one_that_had_room_is_not_bound_to_a_change_that_is_more_than_a_second_ahead():
+    """At 25 m/s it cannot stop any more 60 m before it, and drives on along its lane where it has no room."""
+    places = {"road_0": [("m.0", 100.0)], "road_1": [("c", 30.0)]}
+    now = on_two_lanes(places, {"m.0": 25.0, "c": 25.0})
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), now)
+    ego = Ego("m.0", "road_0", 25.0, 5.0)
+    for distance, goes in ((20.0, True), (30.0, False)):
+        line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 38.4, 100.0 - distance)
+        for front, answer in ((30.0, True), (90.0, goes)):
+            change.begin_look()
+            places["road_1"] = [("c", front)]
+            now.renew()
+            now.max_speed["road_0"] = 33.0
+            assert (change.may_change(line, distance, ego) == np.inf) == answer
 
 
 @pytest.mark.parametrize(
