@@ -33,7 +33,7 @@ ZIPPER = "Z"  # in the order of arrival
 
 GAP_HORIZON = 3.6  # a gap is judged from this time before the line on, at the fastest foe's speed [s]
 APART = 0.8  # distance of two paths at which vehicles pass each other with a margin [lane widths]: 2.6 m in streets
-TOUCHES = 0.5  # distance of a front bumper's middle from a path at which a vehicle there would touch it [lane widths]
+TOUCHES = 0.5  # distance of a front bumper from a path at which a vehicle there would touch it [lane widths]
 SWUNG = 0.2  # distance of a front corner from a car beside at which it is in that one's way [m]
 SAMPLED = 0.08  # distance of the points at which paths are compared [lane widths]: 0.25 m
 SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at its full lock]
@@ -108,7 +108,8 @@ class Conflicts(NamedTuple):
         lane, paths = sumo.lane, Paths(sumo) if paths is None else paths
         foes = {*lane.getFoes(line.lane, line.onto)}  # lanes of the links with priority, and lanes inside
         width = lane.getWidth(line.lane)
-        own = paths[line.via, line.onto, SAMPLED * width]
+        own, model = paths[line.via, line.onto, SAMPLED * width], CARS[line.kind]
+        front = _front_along(own, model.width / 2)
         crossings: dict[str, Crossing] = {}
         inner = {name for via in line.via for name in lane.getInternalFoes(via)} - set(line.via)
         unregulated = not network.unregulated.isdisjoint(line.via)  # SUMO knows no foes there
@@ -126,14 +127,13 @@ class Conflicts(NamedTuple):
                 met = _met(own, its, APART * width)
                 if met is None:
                     continue
-                closer = _met(own, its, TOUCHES * width)
-                touches = closer[0][0] if closer else math.inf
+                closer = (_met(points, its, TOUCHES * width) for points in front)
+                touches = min((one[0][0] for one in closer if one), default=math.inf)
                 waits = lane.getLength(via[0]) if len(via) > 1 else math.inf
                 fastest = min(map(lane.getMaxSpeed, via))
                 is_first = unregulated or before in foes
                 crossings[via[0]] = Crossing(before, via, *met, merges, is_first, waits, fastest, touches)
         bend = _curvature(own)
-        model = CARS[line.kind]
         is_sharp = bend > SHARP / model.turning_radius
         found = _swung_over(line, model, width, crossings, network, sumo, paths) if is_sharp else {}
         crossings |= found
@@ -204,6 +204,18 @@ def _swung_over(
     return found
 
 
+def _front_along(line: Sampled, half: float) -> tuple[Sampled, Sampled, Sampled]:
+    """A line, and those of points so far to its left and right [m], by its stations."""
+    aside = half * _left_of(line.points)
+    return line, line._replace(points=line.points + aside), line._replace(points=line.points - aside)
+
+
+def _left_of(points: np.ndarray) -> np.ndarray:
+    """Unit vectors to the left of a line through points (k, 2)."""
+    along = np.gradient(points, axis=0)
+    return np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+
+
 def _front(line: Line, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
     """The paths of a vehicle's front corners through a junction, by stations of its front from the line.
 
@@ -220,11 +232,9 @@ def _front(line: Line, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
     route = Route.along((), points, np.zeros(len(points)), [line._replace(station=begin - about[0])]).drivable_by(model)
     driven = np.arange(0.0, route.length, SAMPLED * sumo.lane.getWidth(line.lane))
     axle, ahead = route.line.at(driven), model.length / 2 - model.axle
-    along = np.gradient(axle, axis=0)
-    along /= np.hypot(*along.T)[:, None]
-    aside = model.width / 2 * np.column_stack([-along[:, 1], along[:, 0]])
-    stations, front = driven - route.lines[0].station + ahead, axle + ahead * along
-    return Sampled(stations, front + aside), Sampled(stations, front - aside)
+    left = _left_of(axle)
+    front = axle + ahead * np.column_stack([left[:, 1], -left[:, 0]])
+    return _front_along(Sampled(driven - route.lines[0].station + ahead, front), model.width / 2)[1:]
 
 
 def _walks(own: Sampled, inner: set[str], width: float, sumo: Client) -> Iterator[Walk]:
