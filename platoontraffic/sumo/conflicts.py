@@ -127,8 +127,7 @@ class Conflicts(NamedTuple):
                 met = _met(own, its, APART * width)
                 if met is None:
                     continue
-                closer = (_met(points, its, TOUCHES * width) for points in front)
-                touches = min((one[0][0] for one in closer if one), default=math.inf)
+                touches = _touches(front, its, TOUCHES * width)
                 waits = lane.getLength(via[0]) if len(via) > 1 else math.inf
                 fastest = min(map(lane.getMaxSpeed, via))
                 is_first = unregulated or before in foes
@@ -208,6 +207,11 @@ def _front_along(line: Sampled, half: float) -> tuple[Sampled, Sampled, Sampled]
     """A line, and those of points so far to its left and right [m], by its stations."""
     aside = half * _left_of(line.points)
     return line, line._replace(points=line.points + aside), line._replace(points=line.points - aside)
+
+
+def _touches(front: Sequence[Sampled], path: Sampled, apart: float) -> float:
+    """Station from which on one of the points of a front is less than a distance from a path [m]; inf: nowhere."""
+    return min((met[0][0] for one in front if (met := _met(one, path, apart))), default=math.inf)
 
 
 def _left_of(points: np.ndarray) -> np.ndarray:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 
-from platoontraffic.sumo.conflicts import Sampled, _met
+from platoontraffic.sumo.conflicts import TOUCHES, Sampled, _front_along, _met, _touches
 
 
 @pytest.mark.parametrize("apart", [0.01, 0.5, 2.0, 50.0])
@@ -18,3 +19,19 @@ def test_the_stretches_are_those_of_the_points_that_are_nearer(apart):
         mine, its = one.stations[near.any(axis=1)], other.stations[near.any(axis=0)]
         expected = ((mine[0], mine[-1]), (its[0], its[-1])) if near.any() else None
         assert _met(one, other, apart) == expected
+
+
+@pytest.mark.parametrize("angle", [15, 30, 60, 90, 120, 150, 165])
+def test_a_car_that_waits_before_another_path_is_not_touched_by_a_bus_there(angle):
+    """Paths that cross at a small angle: one that waited by the middle of its front was touched twice.
+
+    angle: of the bus's path, which crosses that of the car at its 20 m, from that one [degrees]
+    """
+    stations, width, (length, half) = np.arange(0.0, 40.0, 0.25), 3.2, (4.74, 0.88)
+    own = Sampled(stations, np.column_stack([stations, np.zeros_like(stations)]))
+    along = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+    path = Sampled(stations, np.array([20.0, 0.0]) + np.outer(stations - 20.0, along))
+    stop = _touches(_front_along(own, half), path, TOUCHES * width)
+    car = shapely.box(stop - length, -half, stop, half)
+    bus = shapely.LineString(path.points).buffer(1.25, cap_style="flat")
+    assert 0.1 < shapely.distance(car, bus) < 0.4
