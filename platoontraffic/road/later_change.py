@@ -73,7 +73,10 @@ def latest(route: Route, change: Line, width: float, length: float) -> float:
 
 
 def longest_later(route: Route, change: Line, by: float, width: float, length: float) -> float:
-    """Greatest length over one lane of a change that is later by a distance, before its lane ends [m]; as `latest`."""
+    """Greatest length over one lane that a change may have if it is later by a distance [m]; arguments as of `latest`.
+
+    A longer one would end beyond the lane's end.
+    """
     spare = latest(route, change, width, length) - by
     return change_length(width, 0.0) + max(spare, 0.0) / _lanes_crossed(_changes_from(route, change))
 

@@ -149,7 +149,7 @@ class LettingIn:
         return vehicle.getSpeed(ahead) < STANDING and room < vehicle.getLength(name) + IN_QUEUE
 
     def _is_past(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> bool:
-        """Whether a vehicle could not stop, and is ahead of the other one by now."""
+        """Whether a vehicle is ahead of the one that it was to let in: it could not stop, or did not stop in time."""
         if self._lane(foe, where) != wanted.lane or edge_of(self._lane(name, where)) != edge_of(wanted.lane):
             return False
         return self._sumo.vehicle.getLanePosition(foe) > self._front(name, wanted, where) + PAST

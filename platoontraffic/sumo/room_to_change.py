@@ -258,9 +258,9 @@ class RoomToChange:
         return next(self._blocking(line, distance, half, ego), None) is None
 
     def _is_cut_off(self, line: Line, distance: float, half: float, ego: Ego) -> bool:
-        """Whether a vehicle on the lanes that are crossed cannot help touching a member that goes on with its change.
+        """Whether a member that goes on with its change and a vehicle on the lanes that it crosses must touch.
 
-        It has come since the change began: SUMO has inserted it, or it has come over from the other side.
+        That vehicle has come since the change began: SUMO has inserted it, or it has come over from the other side.
         """
         return any(map(_cuts_off, self._gaps(line, distance, half, ego)))
 
