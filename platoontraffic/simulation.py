@@ -379,6 +379,8 @@ class Simulation:
                 return "laps"
         if self.setting.ends_at_contact and any(event.kind == "collision" for event in events):
             return "contact"
+        if self.world.gridlocked and not (self.setting.obstacles or self.setting.breakdowns):  # those may end by plan
+            return "gridlock"
         return "duration" if step == self.setting.steps else ""
 
 

@@ -32,7 +32,7 @@ class Instant:
     roads: Sequence[tuple[str, str]] = ()  # edge and lane of each member, as SUMO has them; the lane is "" off the road
     events: Sequence[Event] = ()  # since the instant before
     measure: Callable[[Fleet], Measures] | None = field(default=None, repr=False)
-    ended: str = ""  # "arrived", "laps", "contact" or "duration" at the last instant
+    ended: str = ""  # "arrived", "laps", "contact", "gridlock" or "duration" at the last instant
     passages: Sequence[Passage] = ()  # of vehicles at the ends of counted edges, in the last step
     readings: Sequence[Readings] = ()  # of further lasers and own sensors, for each group; (): there are none
     seen: Sequence[Seen | None] = ()  # the world at the instant of each scan, to whose traffic its hits belong

@@ -19,6 +19,7 @@ from platoontraffic.sumo.client import Client, direct, libsumo
 from platoontraffic.sumo.conflicts import load as load_conflicts
 from platoontraffic.sumo.departures import in_the_way
 from platoontraffic.sumo.first_on_lanes import FirstOnLanes
+from platoontraffic.sumo.gridlock import Gridlock
 from platoontraffic.sumo.letting_go import LettingGo
 from platoontraffic.sumo.letting_in import LettingIn
 from platoontraffic.sumo.obstacles import HeldObstacles
@@ -81,6 +82,8 @@ class World:
         self._trips = Trips(self._sumo, self._placement, step)
         self._passages = Passages(self._sumo, network, counted, self._trips)
         self._recruiting = recruits and Recruiting(self._sumo, recruits, step)
+        self._gridlock = recruits and Gridlock(self._sumo)
+        self.gridlocked = False
         self._start = 0.0  # time 0 of the run, on SUMO's clock [s]
         self._clock = 0.0  # SUMO's, after the last step [s]
         self._later: list[Fleet] = []  # platoons that depart later, the next one first
@@ -219,6 +222,7 @@ class World:
         self._obstacles.settle()
         self._placement.settle(fleet)
         fleet = self._placement.read(fleet)
+        self.gridlocked = bool(self._gridlock) and self._gridlock.observe(fleet, self._clock)
         for platoon in departing:
             self._later.remove(platoon)
             fleet = fleet.joined(self._taken_over(platoon))

@@ -266,9 +266,10 @@ EVENT_KINDS = {
         Kind("never_departed", "its platoon was due to depart, and waited for room until the run ended"),
         Kind(
             "end",
-            "the run ended: every member had left the road, had driven its laps, the run's duration was over, or "
-            "a member had touched something (`run.ends_at_contact`)",
-            ("arrived", "laps", "contact", "duration"),
+            "the run ended: every member had left the road, had driven its laps, the run's duration was over, "
+            "a member had touched something (`run.ends_at_contact`), or with members from the traffic nobody on the "
+            "road had moved for 600 s",
+            ("arrived", "laps", "contact", "duration", "gridlock"),
         ),
     )
 }

@@ -84,6 +84,10 @@ class Ground(Protocol):
         """
 
     @property
+    def gridlocked(self) -> bool:
+        """Nobody on the road moves any more; asked only with members from the traffic."""
+
+    @property
     def trips(self) -> list[Trip]:
         """Trips of members from the traffic."""
 
@@ -127,6 +131,10 @@ class BareGround:
 
     @property
     def expects_more(self) -> bool:
+        return False
+
+    @property
+    def gridlocked(self) -> bool:
         return False
 
     @property
