@@ -20,6 +20,7 @@ from platoontraffic.sumo.conflicts import load as load_conflicts
 from platoontraffic.sumo.departures import in_the_way
 from platoontraffic.sumo.first_on_lanes import FirstOnLanes
 from platoontraffic.sumo.gridlock import Gridlock
+from platoontraffic.sumo.lane_swaps import LaneSwaps
 from platoontraffic.sumo.letting_go import LettingGo
 from platoontraffic.sumo.letting_in import LettingIn
 from platoontraffic.sumo.obstacles import HeldObstacles
@@ -82,6 +83,7 @@ class World:
         self._trips = Trips(self._sumo, self._placement, step)
         self._passages = Passages(self._sumo, network, counted, self._trips)
         self._recruiting = recruits and Recruiting(self._sumo, recruits, step)
+        self._lane_swaps = LaneSwaps(self._sumo)
         self._gridlock = recruits and Gridlock(self._sumo)
         self.gridlocked = False
         self._start = 0.0  # time 0 of the run, on SUMO's clock [s]
@@ -198,6 +200,7 @@ class World:
         theirs = self._first_on_lanes.room_wanted(fleet.ids, self._placement.where)
         theirs = {name: wanted for name, wanted in theirs.items() if name not in self._obstacles.in_sumo}
         self._letting_in.observe({**self._lines.room_wanted, **theirs}, self._placement.where, unwilling)
+        self._lane_swaps.observe(self._placement.where, self._lines.room_wanted, self._clock)
         self._placement.place(fleet, brakes, self._lines.over_red)
 
     def advance(self, fleet: Fleet) -> Fleet:
