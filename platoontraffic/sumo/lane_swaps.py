@@ -9,7 +9,8 @@ junction, onto its next road.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from itertools import chain
 
 from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.sumo.client import Client
@@ -60,7 +61,7 @@ class LaneSwaps:
         vehicle, lane = self._sumo.vehicle, self._sumo.vehicle.getLaneID(name)
         if lane[:1] in ("", ":") or self._first(lane) != name or vehicle.isStopped(name):
             return ""
-        if self._sumo.lane.getLength(lane) - vehicle.getLanePosition(name) > AT_END:
+        if self._sumo.lane.getLength(lane) - vehicle.getLanePosition(name) > AT_END or self._onward(name, lane):
             return ""
         to_left = next((plan[PLAN_OFFSET] for plan in vehicle.getBestLanes(name) if plan[PLAN_LANE] == lane), 0)
         side = (to_left > 0) - (to_left < 0)
@@ -74,7 +75,9 @@ class LaneSwaps:
         """Put a vehicle where its next road begins; whether there was room."""
         vehicle, lane = self._sumo.vehicle, self._sumo.lane
         place = vehicle.getLength(name) + 0.1
-        for onto in self._next_lanes(name):
+        here = vehicle.getRoadID(name)
+        beside = (f"{here}_{k}" for k in range(self._sumo.edge.getLaneNumber(here)))
+        for onto in chain.from_iterable(self._onward(name, one) for one in beside):
             there = lane.getLastStepVehicleIDs(onto)
             rear = vehicle.getLanePosition(there[0]) - vehicle.getLength(there[0]) if there else lane.getLength(onto)
             if rear > place + BEHIND_LAST:
@@ -82,11 +85,7 @@ class LaneSwaps:
                 return True
         return False
 
-    def _next_lanes(self, name: str) -> Iterator[str]:
-        """Lanes of the next road on a vehicle's route that its present road leads to."""
-        vehicle = self._sumo.vehicle
-        here, ahead = vehicle.getRoadID(name), vehicle.getRoute(name)[vehicle.getRouteIndex(name) + 1 :][:1]
-        for k in range(self._sumo.edge.getLaneNumber(here)):
-            for link in self._sumo.lane.getLinks(f"{here}_{k}"):
-                if edge_of(link[LINK_ONTO]) in ahead:
-                    yield link[LINK_ONTO]
+    def _onward(self, name: str, lane: str) -> list[str]:
+        """Lanes of the next road on a vehicle's route to which a lane of its present road leads."""
+        ahead = self._sumo.vehicle.getRoute(name)[self._sumo.vehicle.getRouteIndex(name) + 1 :][:1]
+        return [link[LINK_ONTO] for link in self._sumo.lane.getLinks(lane) if edge_of(link[LINK_ONTO]) in ahead]

@@ -90,6 +90,18 @@ def test_one_that_need_not_swap_or_is_not_at_the_end_stays(sumo, route, lane, pl
     assert {sumo.vehicle.getRoadID(name) for name in ("bus", "car")} == {"wc"}
 
 
+def test_one_that_could_drive_on_stays(sumo, monkeypatch):
+    """SUMO may want it on another lane for the sake of a junction farther on."""
+    sumo.route.add("straight", ["wc", "ce"])
+    insert(("bus", "bus", "straight", 0, ENDS), CAR)
+    for name in ("bus", "car"):
+        sumo.vehicle.setSpeed(name, 0.0)
+    plans = {"bus": ("wc_0", 190.0, 0.0, 1, True, ()), "car": ("wc_1", 190.0, 0.0, -1, True, ())}
+    monkeypatch.setattr(sumo.vehicle, "getBestLanes", lambda name: (plans[name],))
+    drive(40.0, LaneSwaps(sumo))
+    assert {sumo.vehicle.getRoadID(name) for name in ("bus", "car")} == {"wc"}
+
+
 @pytest.mark.parametrize("wants", ["wc_0", "wc_1", ""])
 def test_a_member_beside_stays_and_sumos_one_is_taken(sumo, wants):
     """If the member wants the lane of the other one."""
