@@ -15,6 +15,7 @@ STANDING = 0.1  # speed below which a vehicle counts as standing [m/s]; also SUM
 FIRST_MARGIN = 1.0  # between the rear of a vehicle that goes first and the other one [s]: SUMO's jmTimegapMinor
 LEAST_MARGIN = 0.5  # the same of the most impatient driver [s]
 BEHIND_MARGIN = 0.3  # between the rear of a vehicle that is let go first and the own front [s]
+SLOWS_BY = 2.0  # before a bend [m/s2]
 TIME_TO_IMPATIENCE = 300.0  # waiting time at a line until a driver is as impatient as can be [s]: SUMO's default
 # That a vehicle which merges first may demand of the one behind [m/s2]; SUMO's drivers brake by 4.5.
 MERGE_BRAKING = 2.0
@@ -48,6 +49,14 @@ class Pace(NamedTuple):
         if left <= to_top:
             return self.delay + (math.sqrt(speed**2 + 2 * rate * left) - speed) / rate
         return self.delay + (top - speed) / rate + (left - to_top) / top
+
+    def time_at_ease(self, distance: float) -> float:
+        """As `time_for`, of a vehicle that slows to its top speed if it is faster, as before a bend [s]."""
+        if self.speed <= self.top or self.top <= 0 or distance <= 0:
+            return self.time_for(distance)
+        slows_over = min((self.speed**2 - self.top**2) / (2 * SLOWS_BY), distance)
+        slowed = math.sqrt(self.speed**2 - 2 * SLOWS_BY * slows_over)
+        return (self.speed - slowed) / SLOWS_BY + (distance - slows_over) / slowed
 
     def speed_after(self, time: float) -> float:
         """[m/s]"""
@@ -98,7 +107,7 @@ def lets_in(foe: Foe, waited: float) -> bool:
 
 
 def _is_first(foe: Foe, own: Pace, length: float, margin: float) -> bool:
-    past = own.time_for((foe.to_conflict if foe.merges else foe.to_exit) + length)
+    past = own.time_at_ease((foe.to_conflict if foe.merges else foe.to_exit) + length)
     if foe.pace.time_for(foe.foe_to_conflict) <= past + margin:
         return False
     if not foe.merges:
