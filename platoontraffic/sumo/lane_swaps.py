@@ -9,7 +9,7 @@ junction, onto its next road.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from itertools import chain
 
 from platoontraffic.road.lane_ids import edge_of, index_of
@@ -30,19 +30,26 @@ class LaneSwaps:
     def __init__(self, sumo: Client) -> None:
         self._sumo, self._due = sumo, 0.0
 
-    def observe(self, where: Mapping[str, tuple[str, str]], room_wanted: Mapping[str, Wanted], time: float) -> None:
+    def observe(
+        self,
+        where: Mapping[str, tuple[str, str]],
+        room_wanted: Mapping[str, Wanted],
+        time: float,
+        obstacles: Set[str] = frozenset(),
+    ) -> None:
         """Before every step.
 
         where       : edge and lane of each member
         room_wanted : `StopLines.room_wanted` of members
         time        : SUMO's clock [s]
+        obstacles   : vehicles in SUMO that stay where they are
         """
         if time < self._due - 1e-6:
             return
         self._due = time + EVERY
         vehicle = self._sumo.vehicle
         stands = (name for name in vehicle.getIDList() if vehicle.getWaitingTime(name) >= AFTER)
-        wanted = {name: self._wanted(name) for name in stands if name not in where}
+        wanted = {name: self._wanted(name) for name in stands if name not in where and name not in obstacles}
         for name, onto in wanted.items():
             other = self._first(onto) if onto else ""
             lane = vehicle.getLaneID(name)

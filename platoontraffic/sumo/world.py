@@ -200,7 +200,8 @@ class World:
         theirs = self._first_on_lanes.room_wanted(fleet.ids, self._placement.where)
         theirs = {name: wanted for name, wanted in theirs.items() if name not in self._obstacles.in_sumo}
         self._letting_in.observe({**self._lines.room_wanted, **theirs}, self._placement.where, unwilling)
-        self._lane_swaps.observe(self._placement.where, self._lines.room_wanted, self._clock)
+        obstacles = self._obstacles.in_sumo
+        self._lane_swaps.observe(self._placement.where, self._lines.room_wanted, self._clock, obstacles)
         self._placement.place(fleet, brakes, self._lines.over_red)
 
     def advance(self, fleet: Fleet) -> Fleet:

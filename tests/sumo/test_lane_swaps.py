@@ -44,10 +44,10 @@ def _end(lane: int) -> float:
     return libsumo.lane.getLength(f"wc_{lane}") - 0.1
 
 
-def drive(seconds: float, swaps: LaneSwaps | None = None, where=(), wanted=()) -> None:
+def drive(seconds: float, swaps: LaneSwaps | None = None, where=(), wanted=(), obstacles=frozenset()) -> None:
     for _ in range(round(seconds / 0.1)):
         if swaps:
-            swaps.observe(dict(where), dict(wanted), libsumo.simulation.getTime())
+            swaps.observe(dict(where), dict(wanted), libsumo.simulation.getTime(), obstacles)
         libsumo.simulationStep()
 
 
@@ -87,6 +87,12 @@ def test_one_that_need_not_swap_or_is_not_at_the_end_stays(sumo, route, lane, pl
     for name in ("bus", "car"):
         sumo.vehicle.setSpeed(name, 0.0)
     drive(40.0, LaneSwaps(sumo))
+    assert {sumo.vehicle.getRoadID(name) for name in ("bus", "car")} == {"wc"}
+
+
+def test_an_obstacle_stays(sumo):
+    insert(BUS, CAR)
+    drive(40.0, LaneSwaps(sumo), obstacles={"bus"})
     assert {sumo.vehicle.getRoadID(name) for name in ("bus", "car")} == {"wc"}
 
 
