@@ -293,7 +293,8 @@ class StopLines:
             if ego.speed < STANDING:
                 self.over_red[ego.id] = over
             return LineState(left, False, False, False, LIGHT)
-        if ego.lane in line.via:
+        is_inside = line.via and ego.lane in (line.lane, *line.via)  # SUMO may have it before the line still
+        if is_inside:
             self._way.note_waiting(line, -over, ego)
         if len(line.via) > 1 and ego.lane == line.via[0]:
             inside = self._now.lane_length[ego.lane]
@@ -307,7 +308,7 @@ class StopLines:
             before = self._change.may_change(line, -over, ego)
             if before < np.inf and ego.lane != line.onto:
                 return LineState(before, False, False, False, LANE_CHANGE)
-        elif ego.lane in line.via:
+        elif is_inside:
             state = self._link_state(line)
             if may_stop and state not in PRIORITY and not self._way.has_way(line, state, -over, ego):
                 return LineState(left, False, False, False, RIGHT_OF_WAY)

@@ -990,6 +990,21 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
     assert way.stops == ({} if stop is None else {name: pytest.approx(stop)})
 
 
+@pytest.mark.parametrize(("lane", "heeds"), [("road_0", True), (":a_0", True), ("next_0", False)])
+@pytest.mark.parametrize("way", [True, False])
+def test_a_member_whose_front_is_a_little_over_its_line_gives_way_wherever_sumo_has_it(monkeypatch, lane, heeds, way):
+    """It had stopped with its front a centimetre over the line, SUMO had it before that, and it set out at once."""
+    line, looked = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0), []
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
+    monkeypatch.setattr(RightOfWay, "has_way", lambda *_: way)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: looked.append(lane))
+    state = lines._passed(line, 0.01, Ego("m.0", lane, 0.0, CAR.length))
+    assert (state is not None and not state.open) == (heeds and not way)
+    assert looked == [lane] * heeds
+
+
 @pytest.mark.parametrize("lane", ["road_0", ":a_0", ":a_2", "next_0"])
 def test_they_are_looked_for_by_members_that_come_and_that_are_inside(monkeypatch, lane):
     line, looked = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0), []
