@@ -237,8 +237,9 @@ def _front(line: Line, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
     driven = np.arange(0.0, route.length, SAMPLED * sumo.lane.getWidth(line.lane))
     axle, ahead = route.line.at(driven), model.length / 2 - model.axle
     left = _left_of(axle)
-    front = axle + ahead * np.column_stack([left[:, 1], -left[:, 0]])
-    return _front_along(Sampled(driven - route.lines[0].station + ahead, front), model.width / 2)[1:]
+    front, aside = axle + ahead * np.column_stack([left[:, 1], -left[:, 0]]), model.width / 2 * left
+    stations = driven - route.lines[0].station + ahead
+    return Sampled(stations, front + aside), Sampled(stations, front - aside)
 
 
 def _walks(own: Sampled, inner: set[str], width: float, sumo: Client) -> Iterator[Walk]:

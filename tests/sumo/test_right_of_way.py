@@ -342,15 +342,15 @@ def test_a_member_drives_on_along_its_lane_while_faster_vehicles_pass_on_the_oth
 @pytest.mark.sumo
 def test_a_member_whose_room_is_taken_as_it_begins_drives_on_and_changes_lanes_later(scene, monkeypatch):
     """It stopped at the begin of its lane change, and those behind it did too."""
-    edges, is_room = ("west_in", "north_out"), RoomToChange._is_room
+    edges, goes = ("west_in", "north_out"), RoomToChange._goes
     _, route = scene("cross", edges, [], 1.0, position=40.0, speed=9.0)
     (change, *_) = (line for line in route.lines if line.state == CHANGING)
 
-    def taken(room, line, distance, half, ego):
+    def taken(room, line, distance, *more):
         is_first = abs(line.to_end - change.to_end) < 1.0
-        return not (is_first and distance < -0.5) and is_room(room, line, distance, half, ego)
+        return not (is_first and distance < -0.5) and goes(room, line, distance, *more)
 
-    monkeypatch.setattr(RoomToChange, "_is_room", taken)
+    monkeypatch.setattr(RoomToChange, "_goes", taken)
     seen, _ = scene("cross", edges, [], 25.0, position=40.0, speed=9.0)
     _, x, y, speed = track(seen)
     assert speed.min() > 6.0
