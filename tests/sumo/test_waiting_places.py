@@ -69,8 +69,8 @@ def test_who_stands_while_a_member_drives_round_it_stays():
 
 
 def test_the_world_asks_that_of_all_but_members():
-    """And those that are told to stop, and obstacles, let nobody in; for obstacles nobody waits."""
-    asked, let_in = [], []
+    """And those that are told to stop, and obstacles, let nobody in; for obstacles nobody waits, and they stay."""
+    asked, let_in, apart = [], [], []
     world = World.__new__(World)
     world._letting_go = SimpleNamespace(observe=lambda *_: None)
     world._obstacles = SimpleNamespace(in_sumo={"cone"})
@@ -79,7 +79,9 @@ def test_the_world_asks_that_of_all_but_members():
     world._lines = SimpleNamespace(waiting_places={"c": 3.0}, room_wanted={}, over_red={}, heedless={"native"})
     world._placement = SimpleNamespace(where={"m.0": ("road", "road_0")}, place=lambda *_: None)
     world._waiting_places = SimpleNamespace(observe=lambda *given: asked.append(given) or {"c"})
+    world._lane_swaps = SimpleNamespace(observe=lambda *given: apart.append(given[-1]))
     world._clock = 0.0
     world.place(SimpleNamespace(ids=("m.0",), followers_of_platoons={"m.1"}), None, {"bus", "m.0"})
     assert asked == [({"c": 3.0}, {"bus"})]
     assert let_in == [({"bus": "room"}, {"m.0": ("road", "road_0")}, {"cone", "m.1", "c", "native"})]
+    assert apart == [{"cone"}]
