@@ -37,8 +37,9 @@ def headline(events: pd.DataFrame, metrics: pd.DataFrame) -> str:
     held = not any(number.values())
     wrong = events[events.kind.isin(WRONG if held else BROKEN)]
     first = f"; what went wrong first, {_said(wrong.iloc[0])}" if len(wrong) else ""
-    locked = events[(events.kind == "end") & (events.what == "gridlock")]
-    stood = "".join(f" It ended at {time:g} s in gridlock: nobody had moved for ten minutes." for time in locked.time_s)
+    ends = events[events.kind == "end"].to_dict("records")
+    locked = [end["time_s"] for end in ends if end.get("detail") == "gridlock"]
+    stood = "".join(f" It ended at {time:g} s in gridlock: nobody had moved for ten minutes." for time in locked)
     return f"{'Held' if held else 'Did not hold'}: {', '.join(found)}{first}.{stood}"
 
 

@@ -87,4 +87,4 @@ def test_the_headline_says_so():
     events = pd.DataFrame([row])
     metrics = pd.DataFrame({"scope": [], "metric": [], "value": []})
     assert headline(events, metrics).endswith("It ended at 812 s in gridlock: nobody had moved for ten minutes.")
-    assert "gridlock" not in headline(events.assign(what="arrived"), metrics)
+    assert "gridlock" not in headline(events.assign(detail="arrived"), metrics)
