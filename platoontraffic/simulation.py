@@ -53,6 +53,7 @@ from platoontraffic.world.trips import Trip
 from platoontraffic.world.ways_round import WaysRound
 
 CLOSED = "the simulation is closed"
+COLLECTED_AFTER = 50_000  # new objects
 
 __all__ = ["Instant", "Outcome", "Prepared", "Setting", "Simulation", "prepare", "setting_of"]
 
@@ -205,10 +206,13 @@ class Simulation:
         self.obstacles = Obstacles(setting.obstacles, self._deployed)
         self.encounters = Encounters(self.obstacles, setting.members)
         self._hold_obstacles()
-        # What is here lasts. A collection that looks through the network takes as long as some steps.
+        # What is here lasts. A collection that looks through the network takes as long as some steps, and with a
+        # thousand members each step makes more objects than Python collects after.
         if isinstance(world, World) and not gc.get_freeze_count():
             gc.freeze()
             self._open.callback(gc.unfreeze)
+            self._open.callback(gc.set_threshold, *gc.get_threshold())
+            gc.set_threshold(COLLECTED_AFTER, *gc.get_threshold()[1:])
 
     def begin(self) -> Instant:
         """The rest of a reset, after `deploy`: the first instant. Until then another seed may be set."""

@@ -31,7 +31,6 @@ ALL_STOP = "w"  # in the order in which vehicles have stood
 EQUAL = "=w"  # two vehicles may each have to give way to the other
 ZIPPER = "Z"  # in the order of arrival
 
-GAP_HORIZON = 3.6  # a gap is judged from this time before the line on, at the fastest foe's speed [s]
 APART = 0.8  # distance of two paths at which vehicles pass each other with a margin [lane widths]: 2.6 m in streets
 TOUCHES = 0.5  # distance of a front bumper from a path at which a vehicle there would touch it [lane widths]
 SWUNG = 0.2  # distance of a front corner from a car beside at which it is in that one's way [m]
@@ -96,7 +95,6 @@ class Conflicts(NamedTuple):
     crossings: dict[str, Crossing]  # by the foe's first lane inside the junction
     walks: tuple[Walk, ...]
     waits: float  # where the own path may wait midway [m]; inf: nowhere
-    reach: float  # distance before the junction from which a gap is judged [m]
     curvature: float  # greatest of the own path through the junction [1/m]
     unregulated: bool = False  # the network gives nobody priority, so everybody is yielded to
     swings: bool = False  # the own front swings out over paths to the lanes beside its own
@@ -142,9 +140,8 @@ class Conflicts(NamedTuple):
         upstream = dict(one for name in reversed(entering) for one in network.upstream(name, watched))
         walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
-        reach = GAP_HORIZON * max(fastest, lane.getMaxSpeed(line.lane) if walks else 0.0)
         narrow = tuple(_narrow(line, crossings, inner, network, sumo, paths))
-        return cls(tuple(upstream.items()), crossings, walks, waits, reach, bend, unregulated, bool(found), narrow)
+        return cls(tuple(upstream.items()), crossings, walks, waits, bend, unregulated, bool(found), narrow)
 
 
 def _narrow(

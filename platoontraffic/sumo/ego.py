@@ -15,7 +15,8 @@ from platoontraffic.world.fleet import Member
 KINDS = sorted(CARS.items(), key=lambda named: named[1].length)
 EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
-SETTLING, STOP_BEFORE = 0.5, 0.2  # those of `path_kernel`, which takes long to import [s], [vehicle lengths]
+# Those of `path_kernel`, which takes long to import [s], [vehicle lengths], [vehicle lengths].
+SETTLING, STOP_BEFORE, LOOK = 0.5, 0.2, 2.5
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
 
 

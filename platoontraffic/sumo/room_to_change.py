@@ -13,7 +13,6 @@ from platoontraffic.road.gap_acceptance import Pace
 from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.network import Network
-from platoontraffic.sumo.conflicts import GAP_HORIZON
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import PLAN_LANE, PLAN_OFFSET, Reads
 
@@ -30,6 +29,7 @@ QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/
 QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
 LOOKS_AHEAD = 10.0  # a lane change is urgent where the lane ends within this time at its speed limit, as SUMO's is [s]
+COMES_WITHIN = 3.6  # vehicles that come to the adjacent lane within this time at its speed limit count [s]
 ENTRY = 40.0  # first part of a lane, in which no car waits for room [m]
 SWAPS_WITHIN = 50.0  # distance from the end of a lane, for a car, within which two that swap lanes make room [m] ...
 FALLS_BACK_FROM, SWAP_BRAKING = 2.0, 3.0  # ... the least speed of the one behind [m/s], and its braking [m/s2]
@@ -343,7 +343,7 @@ class RoomToChange:
         """
         now = self._now
         if onto not in self._adjacent:
-            reach = now.lane_length[onto] + GAP_HORIZON * now.max_speed[onto]
+            reach = now.lane_length[onto] + COMES_WITHIN * now.max_speed[onto]
             self._adjacent[onto] = tuple(self._network.upstream(onto, reach))
         for name, beyond in self._adjacent[onto]:
             to_ends, there = beyond + now.lane_length[name], now.on_lane[name]

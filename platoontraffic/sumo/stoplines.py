@@ -29,7 +29,7 @@ from platoontraffic.sumo.conflicts import (
     Crossing,
     Paths,
 )
-from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, Ego, checks_from
+from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, LOOK, Ego, checks_from
 from platoontraffic.sumo.later_changes import LaterChanges
 from platoontraffic.sumo.letting_in import BRAKING, LettingIn
 from platoontraffic.sumo.reads import Once, Reads
@@ -69,8 +69,13 @@ class FarLine(NamedTuple):
     lane: str  # on which the member is
     begins: float  # station of the line before [m]
     line: Line
-    reach: float  # distance of the line from which on that counts [m]
     state: LineState | None  # but for the distance; None: a light decides
+
+    def is_looked_at(self, distance: float, speed: float, length: float) -> bool:
+        """Whether the traffic about it counts, for a vehicle at a distance."""
+        if self.state and self.state.minor:
+            return distance <= LOOK * length
+        return distance < checks_from(speed, length)
 
 
 class StopLines:
@@ -222,17 +227,17 @@ class StopLines:
         distance = far.line.station - station
         if far.route is not route or far.lane != lane or station <= far.begins:
             return None
-        if distance < far.reach or distance < checks_from(speed, still.length):
+        if far.is_looked_at(distance, speed, still.length):
             return None
         return (
             LineState(distance, *far.state[1:]) if far.state else self._ahead(far.line, distance, False, still, route)
         )
 
     def _note_far(self, ego: Ego, route: Route, passed: Line | None, line: Line, state: LineState) -> None:
-        reach = 0.0 if line.state == CHANGING else self._conflicts[self._at_junction[line, ego.kind]].reach
-        if not route.closed and state.distance >= reach:
-            begins = passed.station if passed else -math.inf
-            self._far[ego.id] = FarLine(route, ego.lane, begins, line, reach, None if line.light else state)
+        begins = passed.station if passed else -math.inf
+        far = FarLine(route, ego.lane, begins, line, None if line.light else state)
+        if not route.closed and not far.is_looked_at(state.distance, ego.speed, ego.length):
+            self._far[ego.id] = far
 
     def _state(self, member: Member, station: float, ego: Ego) -> LineState:
         """The line that the member must heed; its front bumper is at a station of its route [m].
@@ -260,9 +265,9 @@ class StopLines:
         if self._change.is_beside(lines[0][0], ego):
             return LineState(AT_ONCE * ego.size, False, False, False, LANE_CHANGE)
         ahead = [self._ahead(line, distance, distance < checks_from, ego, member.route) for line, distance in lines]
-        first, (line, distance) = ahead[0], lines[0]
+        first, line = ahead[0], lines[0][0]
         has_changed = may_stop and ego.lane == passed.onto and over >= passed.across
-        if distance >= checks_from and ego.lane == line.lane and (has_changed or not may_stop):
+        if ego.lane == line.lane and (has_changed or not may_stop):
             self._note_far(ego, member.route, passed, line, first)
         if first.open and not first.minor:
             for line in ahead:
@@ -360,23 +365,25 @@ class StopLines:
         yellow = state in YELLOW
         if state in RED + YELLOW:
             return LineState(distance, False, minor, yellow, LIGHT)
-        if distance >= conflicts.reach and not near:
+        if minor and distance > LOOK * ego.length:
+            return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
+        if not near:
             return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
         if state in STOP and not self._way.has_stood(line, distance, ego):
             return LineState(distance, False, minor, yellow, STOP_SIGN)
         if state not in PRIORITY and not self._way.has_way(line, state, distance, ego):
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
-        if near and self._way.is_asked(ego.id, line.lane):
+        if self._way.is_asked(ego.id, line.lane):
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
-        if state in PRIORITY and near and conflicts.swings and not self._way.may_cross(line, distance, ego):
+        if state in PRIORITY and conflicts.swings and not self._way.may_cross(line, distance, ego):
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
         if not self._is_free_of_people(line, distance, ego):
             return LineState(distance, False, minor, yellow, PEOPLE)
-        if near and line.light and not self._is_cleared(line):
+        if line.light and not self._is_cleared(line):
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
-        if near and not self._has_room(line, ego):
+        if not self._has_room(line, ego):
             return LineState(distance, False, False, False, NO_ROOM)
-        if near and len(line.via) > 1 and not self._way.may_cross(line, distance, ego, midway=True):
+        if len(line.via) > 1 and not self._way.may_cross(line, distance, ego, midway=True):
             stop = min(conflicts.waits, self._midway(line, 0.0))
             return LineState(distance + stop, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)

@@ -27,19 +27,28 @@ def test_members_drive_as_if_each_line_were_looked_at_in_every_step(monkeypatch)
 
 
 @pytest.mark.parametrize(
-    ("station", "speed", "lane", "route", "is_far"),
+    ("station", "speed", "lane", "route", "minor", "is_far"),
     [
-        (30.0, 10.0, "a_0", "route", True),
-        (51.0, 10.0, "a_0", "route", False),  # the traffic about the line counts from 50 m on
-        (30.0, 17.0, "a_0", "route", False),  # it has to know from 72 m + 5 m on
-        (30.0, 10.0, "a_1", "route", False),
-        (30.0, 10.0, "a_0", "another", False),
-        (9.0, 10.0, "a_0", "route", False),  # it is not beyond the line before
+        (30.0, 10.0, "a_0", "route", False, True),
+        (30.0, 17.0, "a_0", "route", False, False),  # it has to know from 72 m + 5 m on
+        (
+            30.0,
+            17.0,
+            "a_0",
+            "route",
+            True,
+            True,
+        ),  # cross traffic is not looked at from there: the law may not count on it
+        (87.0, 17.0, "a_0", "route", True, True),
+        (88.0, 17.0, "a_0", "route", True, False),
+        (30.0, 10.0, "a_1", "route", False, False),
+        (30.0, 10.0, "a_0", "another", False, False),
+        (9.0, 10.0, "a_0", "route", False, False),  # it is not beyond the line before
     ],
 )
-def test_a_line_is_looked_at_again_where_something_has_changed(station, speed, lane, route, is_far):
-    state = LineState(75.0, True, True, False, RIGHT_OF_WAY)
-    far = FarLine("route", "a_0", 10.0, Line(100.0, "m", "", 0, "a_0", "b_0", (":x_0",), 10.0), 50.0, state)
+def test_a_line_is_looked_at_again_where_something_has_changed(station, speed, lane, route, minor, is_far):
+    state = LineState(75.0, not minor, minor, False, RIGHT_OF_WAY)
+    far = FarLine("route", "a_0", 10.0, Line(100.0, "m", "", 0, "a_0", "b_0", (":x_0",), 10.0), state)
     lines = StopLines(None, None)
     expected = state._replace(distance=100.0 - station) if is_far else None
     assert lines._still_far(far, route, station, lane, speed, Ego("m", "", 0.0, 5.0)) == expected

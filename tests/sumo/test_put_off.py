@@ -269,6 +269,7 @@ def test_beside_traffic_as_fast_as_itself_it_falls_back(fleet_and_later, speed, 
 
 def test_lines_are_given_as_the_law_path_drives_before_them():
     assert (ego.SETTLING, ego.STOP_BEFORE) == (path_kernel.SETTLING, path_kernel.STOP_BEFORE)
+    assert ego.LOOK == path_kernel.LOOK
     assert Ego._field_defaults["braking"] == PathLeader().braking
 
 

@@ -453,7 +453,7 @@ def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
         ),
         simulation=SimpleNamespace(getTime=lambda: 0.0),
     )
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
     way = RightOfWay(client, Reads(client), {line: conflicts})
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [])
     inside = [Approach("c", crossing, -8.0, Pace(0.0))]
@@ -487,7 +487,7 @@ def test_a_vehicle_that_has_just_set_out_inside_is_expected_to_accelerate(speed,
     """It has 9 m to the conflict area: 11 s at 0.8 m/s, but 2.3 s by 2.6 m/s2. One that stands there waits."""
     line = Line(100.0, "w", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (6.0, 11.0), (10.0, 15.0), False, True, np.inf, 10.0)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way._now = SimpleNamespace(
         on_lane={":a_1": ["c"]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={"c": 1.0},
@@ -511,7 +511,7 @@ def test_a_vehicle_in_the_junction_stops_for_one_with_priority_that_sets_out_the
     """A left-turner had stood midway, and counted as held up; it set out with the member, which struck it."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (5.0, 12.0), False, True, np.inf, 10.0)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way._now = SimpleNamespace(
@@ -543,7 +543,7 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
     """SUMO's drivers do not see a member that comes onto the lane of its turn just before the line."""
     line = Line(100.0, "M", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing(before, (":a_1",), (10.0, 18.0), (5.0, 12.0), False, False, waits, 10.0, touches=12.0)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way.members, way.obedient = {"m.0", "m.1", "m.2"}, {"m.0", "m.1"}
@@ -579,7 +579,7 @@ def test_of_two_that_turn_left_against_each_other_one_stops(over, name, position
     """Of two members the one that comes later. position: beyond the other one's line [m]"""
     line = Line(100.0, "g", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     narrow = Crossing("side_0", (":a_1",), (5.0, 12.0), (10.0, 18.0), False, False, np.inf, 10.0)
-    conflicts = Conflicts((), {}, (), np.inf, 50.0, 0.0, narrow=(narrow,))
+    conflicts = Conflicts((), {}, (), np.inf, 0.0, narrow=(narrow,))
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way.members = way.obedient = {"m.0", "m.1"}
@@ -660,7 +660,7 @@ def test_a_queue_that_creeps_past_lets_in_a_member_that_has_waited_for_long(wait
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 0.0, getWaitingTime=lambda _: waits),
         simulation=SimpleNamespace(getTime=lambda: 100.0),
     )
-    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)})
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)})
     way._outside[line] = []
     way._patiently[line] = [Approach("c", crossing, to_line, Pace(speed, 2.6, 13.9))]
     way._first_inside[line] = []
@@ -682,7 +682,7 @@ def test_a_member_in_a_queue_is_asked_to_let_another_one_in_and_counted_on_when_
         ),
         simulation=SimpleNamespace(getTime=lambda: now.time),
     )  # fmt: skip
-    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)})
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)})
     way.members = {"m.0", "m.1"}
     ego = Ego("m.0", "side_0", 0.0, CAR.length)
 
@@ -729,7 +729,7 @@ def test_who_waits_does_not_expect_the_end_of_a_queue_at_full_throttle(waits, sp
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 0.0, getWaitingTime=lambda _: waits),
         simulation=SimpleNamespace(getTime=lambda: 100.0),
     )
-    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)})
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)})
     way.members = frozenset(members)
     way._outside[line], way._first_inside[line] = [], []
     way._patiently[line] = [Approach("c", crossing, to_line, Pace(speed, 2.6, 13.9))]
@@ -746,7 +746,7 @@ def test_a_foe_that_comes_to_a_stop_sign_stops_there_first(state, has_gap):
         acceleration={"c": 2.6}, length={"c": 5.0}, max_speed={"before_0": 13.9, ":a_0": 8.0},
         best_lanes={"c": ()}, next_links={"c": [("beyond_0", True, True, False, ":a_1", state)]},
     )  # fmt: skip
-    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf, 0.0)
     way = RightOfWay(SimpleNamespace(), now, {line: conflicts})
     ego = Ego("m.0", "side_0", 0.0, CAR.length)
     assert way._has_gap_among(way._patiently[line], line, 1.0, ego, 1.0, 1.0) == has_gap
@@ -768,7 +768,7 @@ def test_a_vehicle_that_stops_at_its_yellow_light_does_not_come(monkeypatch, nam
         on_lane={"before_0": [name]}, lane_length={"before_0": 100.0}, position={name: 60.0}, speed={name: 10.0},
         acceleration={name: 2.6}, max_speed={"before_0": 13.9},
     )  # fmt: skip
-    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf, 0.0)
     way = RightOfWay(SimpleNamespace(), now, {line: conflicts})
     way.members, way.obedient = {"m.1", "m.2"}, {"m.1"}
     monkeypatch.setattr(RightOfWay, "_links_ahead", lambda *_: (inside, "y"))
@@ -975,7 +975,7 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1", ":a_2"), (10.0, 18.0), (7.0, 14.0), False, False, 9.0, 10.0)
     crossing = crossing._replace(**changed)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way.members = {"m.0", "m.1"}
     inside, lengths = place > 0, {":a_1": 9.0, ":a_2": 9.0, "side_0": 50.0}
@@ -996,7 +996,7 @@ def test_a_member_whose_front_is_a_little_over_its_line_gives_way_wherever_sumo_
     """It had stopped with its front a centimetre over the line, SUMO had it before that, and it set out at once."""
     line, looked = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0), []
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: way)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: looked.append(lane))
@@ -1009,7 +1009,7 @@ def test_a_member_whose_front_is_a_little_over_its_line_gives_way_wherever_sumo_
 def test_they_are_looked_for_by_members_that_come_and_that_are_inside(monkeypatch, lane):
     line, looked = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0), []
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
     lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
     for name, value in {"may_cross": True, "stop_before_foes": np.inf}.items():
         monkeypatch.setattr(RightOfWay, name, lambda *_, value=value, **__: value)
@@ -1029,7 +1029,7 @@ def test_a_member_that_may_wait_midway_stops_before_that_for_a_vehicle_that_has_
     line = Line(0.0, "g", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
     lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: stop)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
@@ -1047,14 +1047,13 @@ def test_a_member_that_may_wait_midway_stops_before_that_for_a_vehicle_that_has_
         (True, True, np.inf, True, 7.0),
     ],
 )
-@pytest.mark.parametrize("reach", [0.0, 50.0])  # 0 where nobody has priority over the path
 def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses(
-    monkeypatch, near, has_room, stop, is_open, stops_at, reach
+    monkeypatch, near, has_room, stop, is_open, stops_at
 ):
-    """And so it is without room beyond, also where nobody has priority over the path."""
+    """And so it is without room beyond."""
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, reach, 0.0)}
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
     monkeypatch.setattr(
         RightOfWay, "stop_before_foes", lambda *given, priority_too: stop if given[2] == -7.0 else np.inf
     )
@@ -1184,7 +1183,7 @@ def test_a_member_that_waits_midway_lets_those_pass_that_pass_closely_before_its
     client = SimpleNamespace(
         lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0), vehicle=SimpleNamespace(getLength=lambda _: 5.0)
     )
-    conflicts = Conflicts((), {":a_1": crossing}, (), 6.0, 50.0, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), 6.0, 0.0)
     way = RightOfWay(client, Reads(client), {line: conflicts})
     coming = [Approach("c", crossing, 4.0, Pace(8.0))]
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: coming)
@@ -1240,7 +1239,7 @@ def test_a_front_swings_out_after_a_stand_where_nobody_comes_and_once_it_has_beg
         lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0),
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getWaitingTime=lambda _: 0.0),
     )
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 50.0, 0.0, swings=True)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0, swings=True)
     way = RightOfWay(client, Reads(client), {line: conflicts})
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [Approach("c", crossing, foe_at, Pace(8.0))])
     monkeypatch.setattr(RightOfWay, "_inside", lambda *_, first: [])
@@ -1279,7 +1278,7 @@ def test_a_sharp_turn_beside_a_footpath(generated_nets):
 def test_the_line_of_a_member_that_is_asked_to_let_another_one_in_is_closed(monkeypatch, asked):
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 50.0, 0.0)}
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
     monkeypatch.setattr(RightOfWay, "is_asked", lambda *given: asked and given[1:] == ("m.0", "road_0"))
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
