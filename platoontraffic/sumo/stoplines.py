@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import chain, takewhile
-from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +28,8 @@ from platoontraffic.sumo.conflicts import (
     Crossing,
     Paths,
 )
-from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, LOOK, Ego, checks_from
+from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, LOOK, Ego
+from platoontraffic.sumo.far_lines import FarLines, LineState
 from platoontraffic.sumo.later_changes import LaterChanges
 from platoontraffic.sumo.letting_in import BRAKING, LettingIn
 from platoontraffic.sumo.reads import Once, Reads
@@ -49,33 +49,7 @@ CHANGES_SOON = 4.0  # a red light that changes within this time lets vehicles co
 WALKING = 0.3  # speed below which a person on a crossing stands [m/s]
 
 
-class LineState(NamedTuple):
-    """A row of `Signals`."""
-
-    distance: float
-    open: bool
-    minor: bool
-    changing: bool
-    reason: int
-
-
 NO_LINE = LineState(np.inf, True, False, False, 0)
-
-
-class FarLine(NamedTuple):
-    """The next line of a member that is so far from it that the traffic about it does not count yet."""
-
-    route: Route
-    lane: str  # on which the member is
-    begins: float  # station of the line before [m]
-    line: Line
-    state: LineState | None  # but for the distance; None: a light decides
-
-    def is_looked_at(self, distance: float, speed: float, length: float) -> bool:
-        """Whether the traffic about it counts, for a vehicle at a distance."""
-        if self.state and self.state.minor:
-            return distance <= LOOK * length
-        return distance < checks_from(speed, length)
 
 
 class StopLines:
@@ -94,8 +68,11 @@ class StopLines:
         self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else {})
         self._fleet: tuple[Member, ...] = ()  # at the last look
         self.heedless: frozenset[str] = frozenset()  # members whose law is given no lines
-        self._asking: list[tuple[int, int, Ego]] = []  # those whose law needs signals: row in `progress`, in the fleet
-        self._far: dict[str, FarLine] = {}  # of members that had one at the last look
+        self._asking: list[Ego] = []  # those whose law needs signals, at rest ...
+        self._rows, self._rows_in_progress = np.empty(
+            (2, 0), dtype=np.intp
+        )  # ... their rows in the fleet, in `progress`
+        self._far = FarLines(())  # of those
         # Members that stand with their front a little over a red line, and how far over it [m].
         self.over_red: dict[str, float] = {}
         self._were_over_red: frozenset[str] = frozenset()  # at the last look
@@ -130,16 +107,8 @@ class StopLines:
 
         roads: edge and lane of each member
         """
-        progress, members = fleet.progress, fleet.members
-        if members is not self._fleet:
-            self._fleet = members
-            self._way.members = self._change.members = frozenset(fleet.ids)
-            rows = enumerate(progress.rows.tolist())
-            self._asking = [(k, i, Ego.of(members[i])) for k, i in rows if "signals" in members[i].law.needs]
-            self.heedless = frozenset(fleet.ids).difference(ego.id for _, _, ego in self._asking)
-            self._way.obedient = frozenset(ego.id for _, i, ego in self._asking if members[i].law.heeds_lines)
-            self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
-            self._far = {name: self._far[name] for name in fleet.ids if name in self._far}
+        if fleet.members is not self._fleet:
+            self._welcome(fleet)
         self._way.stops.clear()
         self._were_over_red = frozenset(self.over_red)
         self.over_red.clear()
@@ -148,26 +117,48 @@ class StopLines:
         if not self._asking:
             return None
         self.renew()
-        front = (progress.station + (fleet.model.length / 2 - fleet.model.axle)[progress.rows]).tolist()
-        speed, signals = fleet.motion.speed.tolist(), Signals(*(values.copy() for values in self._no_lines))
-        rows, states = [], []
-        for k, i, still in self._asking:
-            name = still.id
-            far = self._far.get(name)
-            state = far and self._still_far(far, members[i].route, front[k], roads[name][1], speed[i], still)
-            if state is None or name in self._stops:
-                ego = still._replace(lane=roads[name][1], speed=speed[i])
-                state = state or self._state(members[i], front[k], ego)
-                if name in self._stops:
-                    state = self._letting_in(state, ego)
-            if state is not NO_LINE:
-                rows.append(i)
-                states.append(state)
+        rows, asking = self._rows, self._asking
+        front = fleet.progress.station[self._rows_in_progress] + (fleet.model.length / 2 - fleet.model.axle)[rows]
+        speed, lanes = fleet.motion.speed[rows], [roads[ego.id][1] for ego in asking]
+        is_far, distance = self._far.still(front, speed, lanes)
+        signals = Signals(*(values.copy() for values in self._no_lines))
+        for values, column in zip(signals, self._far.state._replace(distance=distance), strict=True):
+            values[rows[is_far]] = column[is_far]
+        others = ~is_far | self._far.by_light
+        if self._stops:
+            others |= [ego.id in self._stops for ego in asking]
+        front, speed, distance = front.tolist(), speed.tolist(), distance.tolist()
+        looked_at = np.flatnonzero(others)
+        states = []
+        for k, row in zip(looked_at.tolist(), rows[looked_at].tolist(), strict=True):
+            member, ego = fleet.members[row], asking[k]._replace(lane=lanes[k], speed=speed[k])
+            far = self._far.lines[k] if is_far[k] else None
+            state = (
+                self._ahead(far, distance[k], False, ego, member.route)
+                if far
+                else self._state(member, front[k], ego, k)
+            )
+            states.append(self._letting_in(state, ego) if ego.id in self._stops else state)
         if states:
-            have_line = np.array(rows)
             for values, column in zip(signals, zip(*states, strict=True), strict=True):
-                values[have_line] = column
+                values[rows[looked_at]] = column
         return signals
+
+    def _welcome(self, fleet: Fleet) -> None:
+        """The members have changed."""
+        members, before = fleet.members, {ego.id: k for k, ego in enumerate(self._asking)}
+        had = {self._fleet[row].id: self._fleet[row].route for row in self._rows.tolist()}
+        self._fleet = members
+        self._way.members = self._change.members = frozenset(fleet.ids)
+        asking = [(k, i) for k, i in enumerate(fleet.progress.rows.tolist()) if "signals" in members[i].law.needs]
+        self._rows_in_progress, self._rows = np.array(asking, dtype=np.intp).reshape(-1, 2).T
+        self._asking = [Ego.of(members[i]) for _, i in asking]
+        self.heedless = frozenset(fleet.ids).difference(ego.id for ego in self._asking)
+        self._way.obedient = frozenset(members[i].id for _, i in asking if members[i].law.heeds_lines)
+        self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
+        far, self._far = self._far, FarLines(self._asking)
+        same = [k for k, (_, i) in enumerate(asking) if had.get(members[i].id) is members[i].route]
+        self._far.take_over(far, [(k, before[self._asking[k].id]) for k in same])
 
     def with_later_changes(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members whose lane changes are put off: see `LaterChanges`."""
@@ -216,31 +207,8 @@ class StopLines:
             LineState(distance, False, False, False, RIGHT_OF_WAY) if state.open or distance < state.distance else state
         )
 
-    def _still_far(
-        self, far: FarLine, route: Route, station: float, lane: str, speed: float, still: Ego
-    ) -> LineState | None:
-        """State of the line that was far at the last look, if it still is; None: it must be looked at.
-
-        station: of the member's front bumper [m]
-        still  : the member at rest
-        """
-        distance = far.line.station - station
-        if far.route is not route or far.lane != lane or station <= far.begins:
-            return None
-        if far.is_looked_at(distance, speed, still.length):
-            return None
-        return (
-            LineState(distance, *far.state[1:]) if far.state else self._ahead(far.line, distance, False, still, route)
-        )
-
-    def _note_far(self, ego: Ego, route: Route, passed: Line | None, line: Line, state: LineState) -> None:
-        begins = passed.station if passed else -math.inf
-        far = FarLine(route, ego.lane, begins, line, None if line.light else state)
-        if not route.closed and not far.is_looked_at(state.distance, ego.speed, ego.length):
-            self._far[ego.id] = far
-
-    def _state(self, member: Member, station: float, ego: Ego) -> LineState:
-        """The line that the member must heed; its front bumper is at a station of its route [m].
+    def _state(self, member: Member, station: float, ego: Ego, k: int) -> LineState:
+        """The line that the k-th member must heed; its front bumper is at a station of its route [m].
 
         Of several lines ahead that is the first, unless it is open and has priority: then the first closed one.
         """
@@ -267,8 +235,8 @@ class StopLines:
         ahead = [self._ahead(line, distance, distance < checks_from, ego, member.route) for line, distance in lines]
         first, line = ahead[0], lines[0][0]
         has_changed = may_stop and ego.lane == passed.onto and over >= passed.across
-        if ego.lane == line.lane and (has_changed or not may_stop):
-            self._note_far(ego, member.route, passed, line, first)
+        if ego.lane == line.lane and (has_changed or not may_stop) and not member.route.closed:
+            self._far.note(k, ego, passed.station if passed else -math.inf, line, first)
         if first.open and not first.minor:
             for line in ahead:
                 if not line.open:

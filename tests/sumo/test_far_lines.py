@@ -8,7 +8,8 @@ import pytest
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.simulation import Simulation
 from platoontraffic.sumo.ego import Ego
-from platoontraffic.sumo.stoplines import RIGHT_OF_WAY, FarLine, LineState, StopLines
+from platoontraffic.sumo.far_lines import FarLines, LineState
+from platoontraffic.sumo.stoplines import RIGHT_OF_WAY
 
 
 def driven() -> np.ndarray:
@@ -19,36 +20,50 @@ def driven() -> np.ndarray:
 
 @pytest.mark.sumo
 def test_members_drive_as_if_each_line_were_looked_at_in_every_step(monkeypatch):
-    expected, times = driven(), []
-    still_far = StopLines._still_far
-    monkeypatch.setattr(StopLines, "_still_far", lambda *given: times.append(still_far(*given)))
+    expected, still, times = driven(), FarLines.still, []
+
+    def never(*given):
+        is_far, distance = still(*given)
+        times.append(is_far.sum())
+        return np.zeros_like(is_far), distance
+
+    monkeypatch.setattr(FarLines, "still", never)
     assert (driven() == expected).all()
-    assert sum(state is not None for state in times) > 100
+    assert sum(times) > 100
 
 
 @pytest.mark.parametrize(
-    ("station", "speed", "lane", "route", "minor", "is_far"),
+    ("station", "speed", "lane", "minor", "expected"),
     [
-        (30.0, 10.0, "a_0", "route", False, True),
-        (30.0, 17.0, "a_0", "route", False, False),  # it has to know from 72 m + 5 m on
-        (
-            30.0,
-            17.0,
-            "a_0",
-            "route",
-            True,
-            True,
-        ),  # cross traffic is not looked at from there: the law may not count on it
-        (87.0, 17.0, "a_0", "route", True, True),
-        (88.0, 17.0, "a_0", "route", True, False),
-        (30.0, 10.0, "a_1", "route", False, False),
-        (30.0, 10.0, "a_0", "another", False, False),
-        (9.0, 10.0, "a_0", "route", False, False),  # it is not beyond the line before
+        (30.0, 10.0, "a_0", False, True),
+        (30.0, 17.0, "a_0", False, False),  # it has to know from 72 m + 5 m on
+        (30.0, 17.0, "a_0", True, True),  # cross traffic is not looked at from there
+        (87.0, 17.0, "a_0", True, True),
+        (88.0, 17.0, "a_0", True, False),
+        (30.0, 10.0, "a_1", False, False),
+        (9.0, 10.0, "a_0", False, False),  # it is not beyond the line before
     ],
 )
-def test_a_line_is_looked_at_again_where_something_has_changed(station, speed, lane, route, minor, is_far):
+def test_a_line_is_looked_at_again_where_something_has_changed(station, speed, lane, minor, expected):
     state = LineState(75.0, not minor, minor, False, RIGHT_OF_WAY)
-    far = FarLine("route", "a_0", 10.0, Line(100.0, "m", "", 0, "a_0", "b_0", (":x_0",), 10.0), state)
-    lines = StopLines(None, None)
-    expected = state._replace(distance=100.0 - station) if is_far else None
-    assert lines._still_far(far, route, station, lane, speed, Ego("m", "", 0.0, 5.0)) == expected
+    line, ego = Line(100.0, "m", "", 0, "a_0", "b_0", (":x_0",), 10.0), Ego("m", "a_0", 5.0, 5.0)
+    far = FarLines([ego._replace(id="another"), ego])
+    far.note(1, ego, 10.0, line, state)
+    is_far, distance = far.still(np.array([0.0, station]), np.array([0.0, speed]), ["a_0", lane])
+    assert (is_far == [False, expected]).all()
+    assert distance[1] == 100.0 - station
+    assert LineState(*(values[1] for values in far.state))[1:] == state[1:]
+    others = FarLines([ego, ego, ego])
+    others.take_over(far, [(2, 1)])
+    assert others.lines == [None, None, line]
+    assert (others.still(np.full(3, station), np.full(3, speed), [lane] * 3)[0] == [False, False, expected]).all()
+
+
+def test_a_near_line_is_looked_at_in_every_step():
+    ego = Ego("m", "a_0", 10.0, 5.0)
+    far = FarLines([ego])
+    for minor, distance in ((False, 29.9), (True, 12.5)):
+        far.note(
+            0, ego, 10.0, Line(100.0, "m", "", 0, "a_0", "b_0", (), 10.0), LineState(distance, True, minor, False, 0)
+        )
+        assert not far.still(np.array([50.0]), np.array([0.0]), ["a_0"])[0].any()

@@ -1,0 +1,83 @@
+"""Next stop lines of members that are so far from them that the traffic about them does not count yet.
+
+Most members are on their way between junctions: all of them are judged at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.road.lane_routes import Line
+from platoontraffic.sumo.ego import LOOK, Ego, checks_from
+
+
+class LineState(NamedTuple):
+    """A row of `Signals`."""
+
+    distance: float
+    open: bool
+    minor: bool
+    changing: bool
+    reason: int
+
+
+class FarLines:
+    """The far lines of n members. A line is looked at again when the member is near, or comes to another lane."""
+
+    def __init__(self, egos: Sequence[Ego]) -> None:
+        n = len(egos)
+        self._length = np.array([ego.length for ego in egos])  # of the members [m]
+        self._lane = np.full(n, None)  # on which each member was; None: it has no far line
+        self._station = np.zeros(n)  # of the line [m]
+        self._begins = np.zeros(n)  # station of the line before [m]
+        self._looks_from = np.zeros(n)  # distance at which it is looked at [m]; NaN: that goes by the speed
+        self.lines: list[Line | None] = [None] * n
+        self.by_light = np.zeros(n, bool)  # a light decides whether it is open
+        self.state = LineState(*(np.zeros(n, kind) for kind in (float, bool, bool, bool, int)))  # but for the distance
+
+    def take_over(self, other: FarLines, places: Sequence[tuple[int, int]]) -> None:
+        """Far lines of others: place here, place there."""
+        if not places:
+            return
+        here, there = (list(column) for column in zip(*places, strict=True))
+        for name in ("_lane", "_station", "_begins", "_looks_from", "by_light"):
+            getattr(self, name)[here] = getattr(other, name)[there]
+        for mine, its in zip(self.state, other.state, strict=True):
+            mine[here] = its[there]
+        for k, j in places:
+            self.lines[k] = other.lines[j]
+
+    def note(self, k: int, ego: Ego, begins: float, line: Line, state: LineState) -> None:
+        """Remember the next line of a member, if it is far. begins: station of the line before [m]"""
+        looks_from = LOOK * ego.length if state.minor and not line.light else math.nan
+        if (
+            state.distance < checks_from(ego.speed, ego.length)
+            if math.isnan(looks_from)
+            else state.distance <= looks_from
+        ):
+            return
+        self._lane[k], self._station[k], self._begins[k], self._looks_from[k] = (
+            ego.lane,
+            line.station,
+            begins,
+            looks_from,
+        )
+        self.lines[k], self.by_light[k] = line, bool(line.light)
+        for values, value in zip(self.state, state, strict=True):
+            values[k] = value
+
+    def still(self, front: np.ndarray, speed: np.ndarray, lanes: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Which members still have a far line, (n,), and the distances of those [m].
+
+        front: stations of the front bumpers [m]
+        speed: [m/s]
+        lanes: on which they are
+        """
+        distance = self._station - front
+        by_speed = np.isnan(self._looks_from)
+        is_far = np.where(by_speed, distance >= checks_from(speed, self._length), distance > self._looks_from)
+        return (self._lane == np.array(lanes, object)) & (front > self._begins) & is_far, distance
