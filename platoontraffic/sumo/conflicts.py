@@ -39,6 +39,7 @@ SHARP = 0.5  # curvature of a path below which no front swings out over another 
 ABOUT = 15.0  # distance before and beyond a junction from which a vehicle's path through it is rounded [m]
 TAIL = 2.0  # part of the lane beyond the junction at which merging paths are compared [lane widths]
 SLOWEST = Pace(0.0, 1.5, 6.0)  # of members: it decides how far ahead foes are looked for
+SAME_POINT = 1e-6  # distance of points of a line that count as one [m]
 ROUNDED = 1e-9  # share by which a squared distance may be wrong, amply
 
 compiled = compiler(__file__)
@@ -253,13 +254,9 @@ def _walks(own: Sampled, inner: set[str], width: float, sumo: Client) -> Iterato
 
 def _path(via: Sequence[str], onto: str, sumo: Client) -> np.ndarray:
     """The line of lanes inside a junction and the begin of the lane beyond, (k, 2) [m]."""
-    parts = [np.array(sumo.lane.getShape(name)) for name in via]
-    beyond = np.array(sumo.lane.getShape(onto))
-    stations = _stations(beyond)
-    tail = min(TAIL * sumo.lane.getWidth(onto), stations[-1])
-    end = [np.interp(tail, stations, beyond[:, k]) for k in (0, 1)]
-    line = np.concatenate([*parts, beyond[stations < tail], [end]])
-    return line[np.concatenate([[True], np.hypot(*np.diff(line, axis=0).T) > 1e-6])]
+    shape = sumo.lane.getShape
+    inside, beyond = [point for name in via for point in shape(name)], shape(onto)
+    return _cut(np.array([*inside, *beyond]), len(inside), TAIL * sumo.lane.getWidth(onto))
 
 
 def _stations(line: np.ndarray) -> np.ndarray:
@@ -267,9 +264,7 @@ def _stations(line: np.ndarray) -> np.ndarray:
 
 
 def _sampled(line: np.ndarray, step: float) -> Sampled:
-    stations = _stations(line)
-    there = np.linspace(0.0, stations[-1], max(math.ceil(stations[-1] / step), 1) + 1)
-    return Sampled(there, np.column_stack([np.interp(there, stations, line[:, k]) for k in (0, 1)]))
+    return Sampled(*_at_equal_distances(line, step))
 
 
 def _met(one: Sampled, other: Sampled, apart: float) -> tuple[Span, Span] | None:
@@ -283,8 +278,50 @@ def _met(one: Sampled, other: Sampled, apart: float) -> tuple[Span, Span] | None
 
 def load() -> None:
     """Load what is compiled here."""
-    line = _sampled(np.array([(0.0, 0.0), (1.0, 0.0)]), 1.0)
+    line = _sampled(_cut(np.array([(0.0, 0.0), (1.0, 0.0)]), 1, 1.0), 1.0)
     _met(line, line, 1.0)
+
+
+@compiled
+def _cut(points, begin, tail):
+    """The line through points (k, 2) up to so far beyond a begin [m], without points that lie on others."""
+    kept, n, along = np.empty_like(points), 0, 0.0
+    for k in range(len(points)):
+        away = math.hypot(points[k, 0] - points[k - 1, 0], points[k, 1] - points[k - 1, 1]) if k else math.inf
+        share = 1.0
+        if k > begin:
+            share = min((tail - along) / away, 1.0) if away > 0 else 1.0
+            along += away
+        if share * away > SAME_POINT:
+            for i in range(2):
+                kept[n, i] = (
+                    points[k, i] if share == 1.0 else points[k - 1, i] + share * (points[k, i] - points[k - 1, i])
+                )
+            n += 1
+        if along >= tail:
+            break
+    return kept[:n]
+
+
+@compiled
+def _at_equal_distances(line, step):
+    """Stations at equal distances of about a step along a line (k, 2), and its points there (m, 2) [m]."""
+    length = 0.0
+    for k in range(1, len(line)):
+        length += math.hypot(line[k, 0] - line[k - 1, 0], line[k, 1] - line[k - 1, 1])
+    parts = max(math.ceil(length / step), 1)
+    stations, points = np.empty(parts + 1), np.empty((parts + 1, 2))
+    k, begins, piece = 0, 0.0, 0.0
+    for i in range(parts + 1):
+        stations[i] = i * (length / parts)
+        while k + 1 < len(line) and (k == 0 or begins + piece < stations[i]):
+            begins += piece
+            k += 1
+            piece = math.hypot(line[k, 0] - line[k - 1, 0], line[k, 1] - line[k - 1, 1])
+        share = min((stations[i] - begins) / piece, 1.0) if piece > 0 else 0.0
+        for j in range(2):
+            points[i, j] = line[max(k - 1, 0), j] + share * (line[k, j] - line[max(k - 1, 0), j])
+    return stations, points
 
 
 @compiled
