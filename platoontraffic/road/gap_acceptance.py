@@ -50,13 +50,19 @@ class Pace(NamedTuple):
             return self.delay + (math.sqrt(speed**2 + 2 * rate * left) - speed) / rate
         return self.delay + (top - speed) / rate + (left - to_top) / top
 
-    def time_at_ease(self, distance: float) -> float:
-        """As `time_for`, of a vehicle that slows to its top speed if it is faster, as before a bend [s]."""
+    def time_before_bend(self, distance: float, bend: float) -> float:
+        """As `time_for`, of a vehicle that slows to its top speed, if it is faster, before a bend [s].
+
+        bend: distance at which that begins [m]
+        """
         if self.speed <= self.top or self.top <= 0 or distance <= 0:
             return self.time_for(distance)
-        slows_over = min((self.speed**2 - self.top**2) / (2 * SLOWS_BY), distance)
+        braking = (self.speed**2 - self.top**2) / (2 * SLOWS_BY)  # [m]
+        at_speed = min(max(bend - braking, 0.0), distance)
+        slows_over = min(braking, distance - at_speed)
         slowed = math.sqrt(self.speed**2 - 2 * SLOWS_BY * slows_over)
-        return (self.speed - slowed) / SLOWS_BY + (distance - slows_over) / slowed
+        at_top = distance - at_speed - slows_over
+        return at_speed / self.speed + (self.speed - slowed) / SLOWS_BY + at_top / slowed
 
     def speed_after(self, time: float) -> float:
         """[m/s]"""
@@ -107,7 +113,7 @@ def lets_in(foe: Foe, waited: float) -> bool:
 
 
 def _is_first(foe: Foe, own: Pace, length: float, margin: float) -> bool:
-    past = own.time_at_ease((foe.to_conflict if foe.merges else foe.to_exit) + length)
+    past = own.time_before_bend((foe.to_conflict if foe.merges else foe.to_exit) + length, foe.to_enter)
     if foe.pace.time_for(foe.foe_to_conflict) <= past + margin:
         return False
     if not foe.merges:
