@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from platoontraffic.lidar.compiled import compiler
-from platoontraffic.road.drivable_line import LOCK, spread, stations_of
+from platoontraffic.road.drivable_line import LOCK, drivable, spread, stations_of
 from platoontraffic.road.turning import tight_turns
 
 EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car, which has 0.7 m beside it in its lane
@@ -25,7 +25,8 @@ WIDEST = 1.5  # greatest width of the average that easing amounts to [vehicle le
 LEVELS = 10  # widths that are tried
 TAIL = 16.0  # beyond so many widths a point has no influence
 ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]: averages make tight arcs a little tighter
-TOTAL = 1.25  # greatest distance from the given line beyond the least [tolerances]; easing itself uses no more than one
+TOTAL = 1.6  # greatest distance from the given line beyond the least [tolerances]; easing itself uses no more than one
+WIDER = 1.05  # radius of the arcs that are eased where the line has arcs at full lock [radius there]
 
 compiled = compiler(__file__)
 
@@ -52,9 +53,10 @@ def eased(
     even = spread(np.column_stack([points, stations]), spacing)
     line, stations = even[:, :2], even[:, 2]
     least = tight_turns([given], 1 / (LOCK * lock)).least_offset(stations)  # without the reserve, as `prove` has it
+    wider = _wider(line, stations, given, lock, spacing, closed)
     given = np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T])
     reach = math.ceil(TAIL * widest / spacing)
-    onward = _onward(line, reach, closed)
+    onward = _onward(wider, reach, closed)
     sharpest = ABOVE_LOCK * np.maximum(lock, _curvature(_onward(line, 1, closed)))
     off_before = _off(line - given, line)
     smooth, level = [line], np.zeros(len(line))
@@ -71,6 +73,19 @@ def eased(
         level[sharp] = np.maximum(level[sharp] - 1, 0)
     found[[0, -1]] = found[0] if closed else line[[0, -1]]
     return found, stations
+
+
+def _wider(
+    line: np.ndarray, stations: np.ndarray, given: np.ndarray, lock: float, spacing: float, closed: bool
+) -> np.ndarray:
+    """The line with wider arcs where it has arcs at full lock, (m, 2) [m].
+
+    Easing makes an arc sharper in its middle. One that begins and ends gradually within the lock is farther inside.
+    """
+    if _curvature(line).max(initial=0.0) < lock / WIDER:
+        return line
+    points, along = drivable(given, lock / WIDER, spacing, closed)
+    return np.column_stack([np.interp(stations, along, column) for column in points.T])
 
 
 def _blended(smooth: list[np.ndarray], level: np.ndarray, around: int, closed: bool) -> np.ndarray:

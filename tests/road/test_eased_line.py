@@ -56,7 +56,7 @@ def test_the_curvature_of_an_arc_rises_gradually_within_the_tolerance(radius):
     given_line = corner(radius)
     points, _ = easy(given_line)
     off = shapely.distance(shapely.points(points), shapely.LineString(given_line))
-    assert 0.2 < off.max() <= TOTAL * TOLERANCE
+    assert 0.2 < off.max() <= 1.02 * TOLERANCE
     assert curvature(points).max() < 1.08 / radius
     steepest = [np.abs(np.diff(over_a_length(line))).max() / 0.5 for line in (points, given_line)]
     assert steepest[0] < 0.65 * steepest[1]
@@ -73,6 +73,15 @@ def test_the_arc_at_full_lock_in_a_tight_corner_is_eased_too(radius):
     assert curvature(points).max() <= ABOVE_LOCK * LOCK * 1.01
     steepest = np.abs(np.diff(over_a_length(points))).max() / 0.5
     assert steepest < 0.05  # 3 m/s
+
+
+@pytest.mark.parametrize("turn", [100, 117, 126])
+def test_a_corner_that_turns_back_is_eased_within_the_lock(turn):
+    """The arc itself takes 3.0 m/s; where its curvature jumps a car steers at 1.6 m/s."""
+    points, _ = easy(corner(2.0, turn=np.radians(turn)))
+    assert curvature(points).max() <= ABOVE_LOCK * LOCK * 1.01
+    steepest = np.abs(np.diff(over_a_length(points))).max() / 0.5
+    assert steepest < 0.06  # 2.4 m/s
 
 
 def test_a_corner_is_cut_and_entered_from_its_outside():
