@@ -118,10 +118,10 @@ def _is_first(foe: Foe, own: Pace, length: float, margin: float) -> bool:
         return False
     if not foe.merges:
         return True
-    # It is on the foe's lane from then on: the foe need not brake hard.
+    # It is on the foe's lane from then on, its bend ends, and it accelerates: the foe need not brake hard.
     closing = max(foe.pace.speed_after(past) - own.speed_after(past), 0.0)
     away = foe.foe_to_conflict - foe.pace.speed * past
-    return away > closing * margin + closing**2 / (2 * MERGE_BRAKING)
+    return away > closing * margin + closing**2 / (2 * (MERGE_BRAKING + own.acceleration))
 
 
 def _is_behind(foe: Foe, own: Pace, margin: float) -> bool:

@@ -146,8 +146,7 @@ class StopLines:
 
     def _welcome(self, fleet: Fleet) -> None:
         """The members have changed."""
-        members, before = fleet.members, {ego.id: k for k, ego in enumerate(self._asking)}
-        had = {self._fleet[row].id: self._fleet[row].route for row in self._rows.tolist()}
+        members, old = fleet.members, [self._fleet[row] for row in self._rows.tolist()]
         self._fleet = members
         self._way.members = self._change.members = frozenset(fleet.ids)
         asking = [(k, i) for k, i in enumerate(fleet.progress.rows.tolist()) if "signals" in members[i].law.needs]
@@ -156,9 +155,10 @@ class StopLines:
         self.heedless = frozenset(fleet.ids).difference(ego.id for ego in self._asking)
         self._way.obedient = frozenset(members[i].id for _, i in asking if members[i].law.heeds_lines)
         self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
+        before = {member.id: (k, member.route) for k, member in enumerate(old)}
+        had = ((k, *before.get(members[i].id, (0, None)), members[i].route) for k, (_, i) in enumerate(asking))
         far, self._far = self._far, FarLines(self._asking)
-        same = [k for k, (_, i) in enumerate(asking) if had.get(members[i].id) is members[i].route]
-        self._far.take_over(far, [(k, before[self._asking[k].id]) for k in same])
+        self._far.take_over(far, [(k, j) for k, j, route, now in had if route and route is now])
 
     def with_later_changes(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members whose lane changes are put off: see `LaterChanges`."""

@@ -824,7 +824,7 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_link_state", lambda *_: "M")
     member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, over, [])))
-    state = lines._state(member, 100.0 + over, Ego("m.0", lane, 3.0, CAR.length))
+    state = lines._state(member, 100.0 + over, Ego("m.0", lane, 3.0, CAR.length), 0)
     assert (not state.open and state.distance == pytest.approx(6.0 - over)) == heeds
 
 
@@ -844,7 +844,7 @@ def test_a_member_that_falls_back_in_its_lane_change_heeds_its_line_all_the_same
     member = SimpleNamespace(
         route=SimpleNamespace(lines=[change, line], lines_about=lambda *_: (change, 35.0, [(line, 5.0)]))
     )
-    state = lines._state(member, 95.0, Ego("m.0", "road_0", 6.0, CAR.length))
+    state = lines._state(member, 95.0, Ego("m.0", "road_0", 6.0, CAR.length), 0)
     assert (state.distance, state.open) == (stops_after, False)
 
 
@@ -912,7 +912,7 @@ def test_a_member_that_was_set_back_onto_a_lane_beside_is_still_held(monkeypatch
     lines._were_over_red = frozenset({"m.0"} if held else ())
     monkeypatch.setattr(StopLines, "_passed", lambda *_: red)
     member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, 0.4, ())))
-    state = lines._state(member, 100.4, Ego("m.0", lane, 0.0, CAR.length))
+    state = lines._state(member, 100.4, Ego("m.0", lane, 0.0, CAR.length), 0)
     assert state == (red if held else NO_LINE)
 
 
@@ -1158,7 +1158,7 @@ def test_of_two_changes_that_are_passed_the_one_from_the_own_lane_is_still_to_be
     lines._passed = lambda line, over, ego: heeded.append((line, over))
     lines._change.may_put_off = lambda *_, **__: False
     route.lines_about = lambda *_: (second, 40.0, [])
-    lines._state(SimpleNamespace(route=route), 130.0, Ego("m.0", lane, 3.0, CAR.length))
+    lines._state(SimpleNamespace(route=route), 130.0, Ego("m.0", lane, 3.0, CAR.length), 0)
     assert heeded == [expected]
 
 
@@ -1172,7 +1172,7 @@ def test_a_line_without_lanes_inside_leaves_a_member_where_sumo_takes_it_to_be(m
     lines._now = SimpleNamespace(lane_length={}, position={}, links={"road_0": []})
     monkeypatch.setattr(RoomToChange, "may_change", lambda *_: np.inf)
     member = SimpleNamespace(route=SimpleNamespace(lines=[line], lines_about=lambda *_: (line, 2.0, [])))
-    assert lines._state(member, 102.0, Ego("m.0", ":a_1", 3.0, CAR.length)).open
+    assert lines._state(member, 102.0, Ego("m.0", ":a_1", 3.0, CAR.length), 0).open
 
 
 @pytest.mark.parametrize(("front", "waits"), [(4.0, True), (4.9, True), (5.1, False)])
