@@ -53,7 +53,7 @@ from platoontraffic.world.trips import Trip
 from platoontraffic.world.ways_round import WaysRound
 
 CLOSED = "the simulation is closed"
-COLLECTED_AFTER = 50_000  # new objects
+COLLECTED_AFTER = 50_000  # new objects after which Python's garbage collector runs
 
 __all__ = ["Instant", "Outcome", "Prepared", "Setting", "Simulation", "prepare", "setting_of"]
 
@@ -206,13 +206,12 @@ class Simulation:
         self.obstacles = Obstacles(setting.obstacles, self._deployed)
         self.encounters = Encounters(self.obstacles, setting.members)
         self._hold_obstacles()
-        # What is here lasts. A collection that looks through the network takes as long as some steps, and with a
-        # thousand members each step makes more objects than Python collects after.
-        if isinstance(world, World) and not gc.get_freeze_count():
-            gc.freeze()
-            self._open.callback(gc.unfreeze)
-            self._open.callback(gc.set_threshold, *gc.get_threshold())
-            gc.set_threshold(COLLECTED_AFTER, *gc.get_threshold()[1:])
+        if isinstance(world, World):
+            self._open.enter_context(_collected_rarely())
+            # What is here lasts, and a collection that looks through the network takes as long as some steps.
+            if not gc.get_freeze_count():
+                gc.freeze()
+                self._open.callback(gc.unfreeze)
 
     def begin(self) -> Instant:
         """The rest of a reset, after `deploy`: the first instant. Until then another seed may be set."""
@@ -386,6 +385,21 @@ class Simulation:
         if self.world.gridlocked and not (self.setting.obstacles or self.setting.breakdowns):  # those may end by plan
             return "gridlock"
         return "duration" if step == self.setting.steps else ""
+
+
+@contextmanager
+def _collected_rarely() -> Iterator[None]:
+    """Python's garbage collector runs more rarely: a step of a thousand members makes thousands of objects."""
+    before, after = gc.get_threshold(), (COLLECTED_AFTER, *gc.get_threshold()[1:])
+    if not 0 < before[0] < COLLECTED_AFTER:  # 0: the program has switched it off
+        yield
+        return
+    gc.set_threshold(*after)
+    try:
+        yield
+    finally:
+        if gc.get_threshold() == after:  # the program has not set another one meanwhile
+            gc.set_threshold(*before)
 
 
 def with_laws(setting: Setting, laws: Mapping[str, Law]) -> Setting:

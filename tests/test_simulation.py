@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -265,3 +266,22 @@ def test_the_order_of_members_does_not_matter():
             assert [m.id for m in a.fleet.members] == [m.id for m in b.fleet.members][::-1]
             for name, values in vars(a.fleet.motion).items():
                 np.testing.assert_array_equal(values, vars(b.fleet.motion)[name][::-1])
+
+
+@pytest.mark.sumo
+@pytest.mark.parametrize(
+    ("before", "meanwhile", "after"), [(700, None, 700), (700, 900, 900), (0, None, 0), (200_000, None, 200_000)]
+)
+def test_python_collects_rarely_while_a_simulation_is_open(before, meanwhile, after):
+    """What the program has set stays."""
+    usual = gc.get_threshold()
+    gc.set_threshold(before, *usual[1:])
+    try:
+        with Simulation.load("highway_platoon", "sumo.warm_up_s=0") as simulation:
+            simulation.reset()
+            assert gc.get_threshold()[0] == (50_000 if before == 700 else before)
+            if meanwhile:
+                gc.set_threshold(meanwhile, *usual[1:])
+        assert gc.get_threshold()[0] == after
+    finally:
+        gc.set_threshold(*usual)

@@ -25,7 +25,8 @@ WIDEST = 1.5  # greatest width of the average that easing amounts to [vehicle le
 LEVELS = 10  # widths that are tried
 TAIL = 16.0  # beyond so many widths a point has no influence
 ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]: averages make tight arcs a little tighter
-TOTAL = 1.6  # greatest distance from the given line beyond the least [tolerances]; easing itself uses no more than one
+TOTAL = 1.6  # greatest distance from the given line beyond the least [tolerances]: 0.8 m for a car; `prove` allows 1 m
+SAME = 1e-6  # distance of places that count as one [m]
 WIDER = 1.05  # radius of the arcs that are eased where the line has arcs at full lock [radius there]
 
 compiled = compiler(__file__)
@@ -53,39 +54,60 @@ def eased(
     even = spread(np.column_stack([points, stations]), spacing)
     line, stations = even[:, :2], even[:, 2]
     least = tight_turns([given], 1 / (LOCK * lock)).least_offset(stations)  # without the reserve, as `prove` has it
-    wider = _wider(line, stations, given, lock, spacing, closed)
-    given = np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T])
+    lane, given = given, np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T])
+    around = math.ceil(widest / spacing)
     reach = math.ceil(TAIL * widest / spacing)
-    onward = _onward(wider, reach, closed)
     sharpest = ABOVE_LOCK * np.maximum(lock, _curvature(_onward(line, 1, closed)))
     off_before = _off(line - given, line)
-    smooth, level = [line], np.zeros(len(line))
-    for k in range(1, LEVELS + 1):
-        smooth.append(_graduated(onward, (k / LEVELS * widest / spacing) ** 6)[reach : len(onward) - reach])
-        off = _off(smooth[k] - given, smooth[k])
-        near = (off <= least + TOTAL * tolerance) & (_off(smooth[k] - line, smooth[k]) <= tolerance)
-        level[(near | (off <= off_before)) & (level == k - 1)] = k
-    for _ in range(5 * LEVELS):  # a place may become sharp as its neighbours are eased less
-        found = _blended(smooth, level, math.ceil(widest / spacing), closed)
-        sharp = _curvature(_onward(found, 1, closed)) > sharpest
-        if not (sharp & (level > 0)).any():
-            break
-        level[sharp] = np.maximum(level[sharp] - 1, 0)
-    found[[0, -1]] = found[0] if closed else line[[0, -1]]
+
+    def eased_from(begun: np.ndarray) -> np.ndarray:
+        """The line, eased by averages of one that is near it."""
+        onward = _onward(begun, reach, closed)
+        smooth, level = [line], np.zeros(len(line))
+        for k in range(1, LEVELS + 1):
+            smooth.append(_graduated(onward, (k / LEVELS * widest / spacing) ** 6)[reach : len(onward) - reach])
+            off = _off(smooth[k] - given, smooth[k])
+            near = (off <= least + TOTAL * tolerance) & (_off(smooth[k] - line, smooth[k]) <= tolerance)
+            level[(near | (off <= off_before)) & (level == k - 1)] = k
+        for _ in range(5 * LEVELS):  # a place may become sharp as its neighbours are eased less
+            found = _blended(smooth, level, around, closed)
+            sharp = _curvature(_onward(found, 1, closed)) > sharpest
+            if not (sharp & (level > 0)).any():
+                break
+            level[sharp] = np.maximum(level[sharp] - 1, 0)
+        found[[0, -1]] = found[0] if closed else line[[0, -1]]
+        return found
+
+    found = eased_from(line)
+    if _curvature(line).max(initial=0.0) > lock / WIDER:
+        # Averages make an arc sharper in its middle. One that begins gradually, within the lock, lies farther inside.
+        wider, along = drivable(lane, lock / WIDER, spacing, closed)
+        other = eased_from(np.column_stack([np.interp(stations, along, column) for column in wider.T]))
+        found = _easier(found, other, around // 3, closed)
     return found, stations
 
 
-def _wider(
-    line: np.ndarray, stations: np.ndarray, given: np.ndarray, lock: float, spacing: float, closed: bool
-) -> np.ndarray:
-    """The line with wider arcs where it has arcs at full lock, (m, 2) [m].
+def _easier(one: np.ndarray, other: np.ndarray, around: int, closed: bool) -> np.ndarray:
+    """Of two lines (m, 2), stretch by stretch where they differ, the one whose curvature changes more gradually.
 
-    Easing makes an arc sharper in its middle. One that begins and ends gradually within the lock is farther inside.
+    around: number of points over which curvature is averaged
     """
-    if _curvature(line).max(initial=0.0) < lock / WIDER:
-        return line
-    points, along = drivable(given, lock / WIDER, spacing, closed)
-    return np.column_stack([np.interp(stations, along, column) for column in points.T])
+    differ = np.hypot(*(one - other).T) > SAME
+    ends = np.flatnonzero(np.diff(differ, prepend=False, append=False)).reshape(-1, 2)
+    if closed and differ[0]:
+        ends = np.array([(0, len(one))])
+    found, (steep, its) = one.copy(), (_steepness(line, around, closed) for line in (one, other))
+    for first, last in ends:
+        if its[first:last].max() < steep[first:last].max():
+            found[first:last] = other[first:last]
+    return found
+
+
+def _steepness(line: np.ndarray, around: int, closed: bool) -> np.ndarray:
+    """Change of the curvature, averaged over some points, from each point of a line to the next."""
+    curvature = _onward(_curvature(_onward(line, 1, closed)), around, closed)
+    means = np.convolve(curvature, np.full(around, 1 / around), mode="same")
+    return np.abs(np.diff(means, append=means[-1]))[around : len(means) - around]
 
 
 def _blended(smooth: list[np.ndarray], level: np.ndarray, around: int, closed: bool) -> np.ndarray:

@@ -81,6 +81,7 @@ class Foe(NamedTuple):
     length: float
     clearing_speed: float  # at which it leaves the conflict area, if that is not more than its speed [m/s]
     merges: bool = False  # the paths do not part again
+    to_bend: float = 0.0  # own distance to where the bend inside the junction begins
 
 
 def margin_after(waited: float) -> float:
@@ -113,7 +114,7 @@ def lets_in(foe: Foe, waited: float) -> bool:
 
 
 def _is_first(foe: Foe, own: Pace, length: float, margin: float) -> bool:
-    past = own.time_before_bend((foe.to_conflict if foe.merges else foe.to_exit) + length, foe.to_enter)
+    past = own.time_before_bend((foe.to_conflict if foe.merges else foe.to_exit) + length, foe.to_bend)
     if foe.pace.time_for(foe.foe_to_conflict) <= past + margin:
         return False
     if not foe.merges:

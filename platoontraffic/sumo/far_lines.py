@@ -51,14 +51,14 @@ class FarLines:
         for k, j in places:
             self.lines[k] = other.lines[j]
 
-    def note(self, k: int, ego: Ego, begins: float, line: Line, state: LineState) -> None:
-        """Remember the next line of a member, if it is far. begins: station of the line before [m]"""
-        looks_from = LOOK * ego.length if state.minor and not line.light else math.nan
-        if (
-            state.distance < checks_from(ego.speed, ego.length)
-            if math.isnan(looks_from)
-            else state.distance <= looks_from
-        ):
+    def note(self, k: int, ego: Ego, begins: float, line: Line, state: LineState, gives_way: bool) -> None:
+        """Remember the next line of a member, if it is far.
+
+        begins    : station of the line before [m]
+        gives_way : whether the member looks for others before the line
+        """
+        looks_from = LOOK * ego.length if gives_way and not line.light else math.nan
+        if not _is_far(state.distance, looks_from, ego.speed, ego.length):
             return
         self._lane[k], self._station[k], self._begins[k], self._looks_from[k] = (
             ego.lane,
@@ -78,6 +78,10 @@ class FarLines:
         lanes: on which they are
         """
         distance = self._station - front
-        by_speed = np.isnan(self._looks_from)
-        is_far = np.where(by_speed, distance >= checks_from(speed, self._length), distance > self._looks_from)
+        is_far = _is_far(distance, self._looks_from, speed, self._length)
         return (self._lane == np.array(lanes, object)) & (front > self._begins) & is_far, distance
+
+
+def _is_far(distance: np.ndarray, looks_from: np.ndarray, speed: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Whether the traffic about lines does not count yet; for one as for many."""
+    return np.where(np.isnan(looks_from), distance >= checks_from(speed, length), distance > looks_from)

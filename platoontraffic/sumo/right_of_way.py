@@ -271,6 +271,7 @@ class RightOfWay:
                 self._now.length[one.id],
                 crossing.fastest,
                 crossing.merges,
+                to_bend=distance,
             )
             if may_cross(foe, pace, ego.length, margin):
                 continue

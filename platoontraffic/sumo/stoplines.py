@@ -68,10 +68,8 @@ class StopLines:
         self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else {})
         self._fleet: tuple[Member, ...] = ()  # at the last look
         self.heedless: frozenset[str] = frozenset()  # members whose law is given no lines
-        self._asking: list[Ego] = []  # those whose law needs signals, at rest ...
-        self._rows, self._rows_in_progress = np.empty(
-            (2, 0), dtype=np.intp
-        )  # ... their rows in the fleet, in `progress`
+        self._asking: list[Ego] = []  # those whose law needs signals, at rest
+        self._rows = self._rows_in_progress = np.empty(0, dtype=np.intp)  # of those, in the fleet and in `progress`
         self._far = FarLines(())  # of those
         # Members that stand with their front a little over a red line, and how far over it [m].
         self.over_red: dict[str, float] = {}
@@ -233,10 +231,12 @@ class StopLines:
         if self._change.is_beside(lines[0][0], ego):
             return LineState(AT_ONCE * ego.size, False, False, False, LANE_CHANGE)
         ahead = [self._ahead(line, distance, distance < checks_from, ego, member.route) for line, distance in lines]
-        first, line = ahead[0], lines[0][0]
+        first, (line, distance) = ahead[0], lines[0]
         has_changed = may_stop and ego.lane == passed.onto and over >= passed.across
         if ego.lane == line.lane and (has_changed or not may_stop) and not member.route.closed:
-            self._far.note(k, ego, passed.station if passed else -math.inf, line, first)
+            gives_way = line.state != CHANGING and self._gives_way(self._at_junction[line, ego.kind])
+            begins = passed.station if passed else -math.inf
+            self._far.note(k, ego, begins, line, first._replace(distance=distance), gives_way)
         if first.open and not first.minor:
             for line in ahead:
                 if not line.open:
@@ -308,7 +308,7 @@ class StopLines:
         return not any(state in RED for state in states)
 
     def _ahead(self, line: Line, distance: float, near: bool, ego: Ego, route: Route) -> LineState:
-        """State of a line ahead; the adjacent lane and the space beyond are checked only when it is near."""
+        """State of a line ahead; near: so near that the vehicles about it count, where it does not give way anyway."""
         if line.state == CHANGING:
             looks = near and ego.lane != line.onto
             before = self._change.may_change(line, distance, ego) if looks else math.inf
@@ -329,24 +329,26 @@ class StopLines:
     def _at_line(self, line: Line, distance: float, near: bool, ego: Ego) -> LineState:
         """State of a junction's line ahead, whatever drives without priority in the junction; as `_ahead`."""
         state, conflicts = self._link_state(line), self._conflicts[line]
-        minor = state in STOP or (state in MINOR and bool(conflicts.entering))
+        minor = self._gives_way(line)
         yellow = state in YELLOW
         if state in RED + YELLOW:
             return LineState(distance, False, minor, yellow, LIGHT)
         if minor and distance > LOOK * ego.length:
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
-        if not near:
+        if not near and not minor:
             return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
         if state in STOP and not self._way.has_stood(line, distance, ego):
             return LineState(distance, False, minor, yellow, STOP_SIGN)
         if state not in PRIORITY and not self._way.has_way(line, state, distance, ego):
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
+        if not self._is_free_of_people(line, distance, ego):
+            return LineState(distance, False, minor, yellow, PEOPLE)
+        if not near:
+            return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
         if self._way.is_asked(ego.id, line.lane):
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
         if state in PRIORITY and conflicts.swings and not self._way.may_cross(line, distance, ego):
             return LineState(distance, False, minor, yellow, RIGHT_OF_WAY)
-        if not self._is_free_of_people(line, distance, ego):
-            return LineState(distance, False, minor, yellow, PEOPLE)
         if line.light and not self._is_cleared(line):
             return LineState(distance, False, False, False, RIGHT_OF_WAY)
         if not self._has_room(line, ego):
@@ -355,6 +357,11 @@ class StopLines:
             stop = min(conflicts.waits, self._midway(line, 0.0))
             return LineState(distance + stop, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
+
+    def _gives_way(self, line: Line) -> bool:
+        """Whether a vehicle looks for others before a junction's line."""
+        state = self._link_state(line)
+        return state in STOP or (state in MINOR and bool(self._conflicts[line].entering))
 
     def _link_state(self, line: Line) -> str:
         """State of the link beyond a line now, as SUMO writes it; but equal where the network gives nobody priority."""

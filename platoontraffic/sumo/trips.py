@@ -18,7 +18,6 @@ from platoontraffic.world.trips import Trip
 
 WAITING = 0.1  # speed below which a vehicle waits, as of SUMO's device [m/s]
 MG = 1e-6  # a milligram [kg]
-EMISSIONS_EVERY = 0.5  # they are asked for; each value stands for the time since the last one [s]
 
 SUMS = ("distance", "waiting", "time_loss", "co2", "fuel")  # over the steps, in SI
 
@@ -32,7 +31,6 @@ class Trips:
     def __init__(self, sumo: Client, placement: Placement, step: float) -> None:
         self._sumo, self._placement, self._step = sumo, placement, step
         self._trips: dict[str, Trip] = {}
-        self._steps_of_emissions = max(round(EMISSIONS_EVERY / step), 1)
         self._sums = np.empty((0, len(SUMS)))  # of each trip
         self._drivers = np.empty((0, 2))  # of each trip: speed factor, and top speed [m/s]
         self._row: dict[str, int] = {}
@@ -80,26 +78,25 @@ class Trips:
         if len(self._rows):
             names, speed = [fleet.ids[i] for i in self._rows], np.abs(fleet.motion.speed[self._rows])
             where, lane_of = self._placement.where, vehicle.getLaneID
-            self._add(self._of_rows, names, speed, [where[name][1] or lane_of(name) for name in names], time)
+            self._add(self._of_rows, names, speed, [where[name][1] or lane_of(name) for name in names])
         if self._handed_over:
             arrived = self._handed_over.intersection(self._sumo.simulation.getArrivedIDList())
             self.end(arrived, round(time - self._step, 6), "arrived")
             self._handed_over -= arrived
             names = sorted(self._handed_over.intersection(vehicle.getIDList()))
             rows = np.array([self._row[name] for name in names], dtype=np.intp)
-            self._add(rows, names, np.array([*map(vehicle.getSpeed, names)]), [*map(vehicle.getLaneID, names)], time)
+            self._add(rows, names, np.array([*map(vehicle.getSpeed, names)]), [*map(vehicle.getLaneID, names)])
 
-    def _add(self, rows: np.ndarray, names: list[str], speed: np.ndarray, lanes: list[str], time: float) -> None:
+    def _add(self, rows: np.ndarray, names: list[str], speed: np.ndarray, lanes: list[str]) -> None:
         """Count a step of vehicles in. rows: of the sums; all (m,)"""
         limits, vehicle = self._limits, self._sumo.vehicle
         limit = np.array([limits[lane] for lane in lanes])
         factor, top_speed = self._drivers[rows].T
         desired = np.minimum(factor * limit, top_speed)
-        self._sums[rows, :3] += self._step * np.column_stack([speed, speed < WAITING, 1 - speed / desired])
-        if round(time / self._step) % self._steps_of_emissions == 0:
-            emissions = map(direct, (vehicle.getCO2Emission, vehicle.getFuelConsumption))
-            rates = np.column_stack([MG * np.fromiter(map(get, names), float, len(names)) for get in emissions])
-            self._sums[rows, 3:] += self._steps_of_emissions * self._step * rates
+        emissions = map(direct, (vehicle.getCO2Emission, vehicle.getFuelConsumption))
+        co2, fuel = (MG * np.array([*map(get, names)]) for get in emissions)
+        rates = speed, speed < WAITING, 1 - speed / desired, co2, fuel
+        self._sums[rows] += self._step * np.column_stack(rates)
 
     def end(self, names: Iterable[str], time: float, status: str) -> None:
         """Members that have left: status "arrived" or "removed". time: of the begin of the step in which they do [s]"""

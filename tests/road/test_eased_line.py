@@ -8,8 +8,9 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from platoontraffic.road import eased_line
 from platoontraffic.road.drivable_line import drivable
-from platoontraffic.road.eased_line import ABOVE_LOCK, TOTAL, _graduated, eased
+from platoontraffic.road.eased_line import ABOVE_LOCK, TOTAL, _easier, _graduated, eased
 
 LOCK, TOLERANCE, WIDEST, SPACING = 1 / 4.65, 0.5, 4.7, 0.47  # of a car
 
@@ -75,13 +76,39 @@ def test_the_arc_at_full_lock_in_a_tight_corner_is_eased_too(radius):
     assert steepest < 0.05  # 3 m/s
 
 
-@pytest.mark.parametrize("turn", [100, 117, 126])
+@pytest.mark.parametrize("turn", [117, 126])
 def test_a_corner_that_turns_back_is_eased_within_the_lock(turn):
     """The arc itself takes 3.0 m/s; where its curvature jumps a car steers at 1.6 m/s."""
     points, _ = easy(corner(2.0, turn=np.radians(turn)))
     assert curvature(points).max() <= ABOVE_LOCK * LOCK * 1.01
     steepest = np.abs(np.diff(over_a_length(points))).max() / 0.5
     assert steepest < 0.06  # 2.4 m/s
+
+
+def test_where_a_wider_arc_does_not_fit_the_line_is_eased_as_without_it(monkeypatch):
+    line = [(0, 0), (25.8, -6.6), (28.3, -11.5), (33.8, -21.2), (10, -33.8), (5.5, -19), (12.3, -8.9), (0, 7.4)]
+    found, _ = easy(line)
+    monkeypatch.setattr(eased_line, "WIDER", 1e-3)  # nothing is as sharp as that
+    expected, _ = easy(line)
+    assert found == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_of_two_lines_each_stretch_is_the_one_that_bends_more_gradually(closed):
+    along = np.linspace(0.0, 100.0, 201)
+    straight, bump = along[:, None] * (1.0, 0.0), np.hanning(21)
+    one, other = straight.copy(), straight.copy()
+    one[40:61, 1], other[140:161, 1] = bump, bump
+    assert (_easier(one, other, 5, closed) == straight).all()
+    assert (_easier(other, one, 5, closed) == straight).all()
+
+
+def test_a_closed_line_stays_closed_where_lines_differ_at_its_end():
+    angle = np.linspace(0.0, 2 * np.pi, 200)
+    one = 20.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    other = one * (1 + 0.02 * np.cos(8 * angle))[:, None]
+    for first, second in ((one, other), (other, one)):
+        assert (_easier(first, second, 5, closed=True) == one).all()
 
 
 def test_a_corner_is_cut_and_entered_from_its_outside():

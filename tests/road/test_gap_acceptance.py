@@ -178,7 +178,7 @@ foes = st.builds(
 @given(foes, paces, st.floats(0, 100))
 def test_a_gap_before_a_foe_stays_one_if_the_foe_comes_later(foe, own, later):
     """Only a gap before the foe: one behind it closes when the foe comes later."""
-    before = foe.foe_to_conflict / foe.pace.speed > own.time_before_bend(foe.to_exit + 5.0, foe.to_enter) + FIRST_MARGIN
+    before = foe.foe_to_conflict / foe.pace.speed > own.time_before_bend(foe.to_exit + 5.0, foe.to_bend) + FIRST_MARGIN
     moved = foe._replace(foe_to_conflict=foe.foe_to_conflict + later, foe_to_exit=foe.foe_to_exit + later)
     assert may_cross(moved, own, 5.0) or not before
 

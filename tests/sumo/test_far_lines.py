@@ -48,7 +48,7 @@ def test_a_line_is_looked_at_again_where_something_has_changed(station, speed, l
     state = LineState(75.0, not minor, minor, False, RIGHT_OF_WAY)
     line, ego = Line(100.0, "m", "", 0, "a_0", "b_0", (":x_0",), 10.0), Ego("m", "a_0", 5.0, 5.0)
     far = FarLines([ego._replace(id="another"), ego])
-    far.note(1, ego, 10.0, line, state)
+    far.note(1, ego, 10.0, line, state, gives_way=minor)
     is_far, distance = far.still(np.array([0.0, station]), np.array([0.0, speed]), ["a_0", lane])
     assert (is_far == [False, expected]).all()
     assert distance[1] == 100.0 - station
@@ -61,9 +61,7 @@ def test_a_line_is_looked_at_again_where_something_has_changed(station, speed, l
 
 def test_a_near_line_is_looked_at_in_every_step():
     ego = Ego("m", "a_0", 10.0, 5.0)
-    far = FarLines([ego])
-    for minor, distance in ((False, 29.9), (True, 12.5)):
-        far.note(
-            0, ego, 10.0, Line(100.0, "m", "", 0, "a_0", "b_0", (), 10.0), LineState(distance, True, minor, False, 0)
-        )
+    far, line = FarLines([ego]), Line(100.0, "m", "", 0, "a_0", "b_0", (), 10.0)
+    for gives_way, distance in ((False, 29.9), (True, 12.5)):
+        far.note(0, ego, 10.0, line, LineState(distance, True, False, False, 0), gives_way)
         assert not far.still(np.array([50.0]), np.array([0.0]), ["a_0"])[0].any()

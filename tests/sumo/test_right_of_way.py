@@ -25,9 +25,10 @@ from platoontraffic.road.lane_routes import CHANGING, SHORTEST_CHANGE, Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
-from platoontraffic.sumo import conflicts
+from platoontraffic.sumo import conflicts, right_of_way
 from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing
 from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.far_lines import FarLines
 from platoontraffic.sumo.letting_in import Stop
 from platoontraffic.sumo.reads import Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
@@ -463,6 +464,59 @@ def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
     inside.clear()
     way.renew()
     assert way.may_cross(line, 1.0, ego, state="Z")
+
+
+@pytest.mark.parametrize("midway", [True, False])
+def test_a_bend_begins_at_the_line_also_for_a_member_that_may_wait_midway(monkeypatch, midway):
+    """It slows from 10 to 5 m/s by 2 m/s2 over the 18.75 m before the line, and leaves the area 18 m beyond."""
+    line, foes = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_1"), 20.0), []
+    crossing = Crossing("side_0", (":a_2",), (14.0, 18.0), (16.0, 20.0), False, True, np.inf, 10.0, 14.0)
+    client = SimpleNamespace(
+        lane=SimpleNamespace(getMaxSpeed=lambda _: 5.0), vehicle=SimpleNamespace(getLength=lambda _: 5.0),
+        simulation=SimpleNamespace(getTime=lambda: 0.0),
+    )  # fmt: skip
+    conflicts = Conflicts((), {":a_2": crossing}, (), 12.0 if midway else np.inf, 0.0)
+    way, ego = RightOfWay(client, Reads(client), {line: conflicts}), Ego("m.0", "road_0", 10.0, CAR.length)
+    monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [Approach("c", crossing, 100.0, Pace(10.0))])
+    monkeypatch.setattr(RightOfWay, "_inside", lambda *_, first: [])
+    monkeypatch.setattr(RightOfWay, "_stood_since", lambda *_: None)
+    monkeypatch.setattr(right_of_way, "may_cross", lambda foe, *_: foes.append(foe) or True)
+    assert way.may_cross(line, 20.0, ego, midway=midway)
+    (foe,) = foes
+    assert way.pace(line, ego).time_before_bend(foe.to_exit, foe.to_bend) == pytest.approx(0.125 + 2.5 + 18.0 / 5.0)
+
+
+@pytest.mark.parametrize("speed", [0.0, 2.0, 4.0, 6.0])
+@pytest.mark.parametrize("state", ["m", "s", "w"])
+@pytest.mark.parametrize("distance", [9.0, 11.0, 13.0, 40.0])
+def test_a_line_at_which_a_member_gives_way_is_closed_until_it_has_looked(monkeypatch, state, distance, speed):
+    """A slow one need not begin to brake yet where it begins to look."""
+    line = Line(0.0, state, "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._conflicts = {line: Conflicts((("before_0", 0.0),), {}, (), np.inf, 0.0)}
+    ego = Ego("m.0", "road_0", speed, CAR.length)
+    looked = []
+    monkeypatch.setattr(RightOfWay, "has_stood", lambda *_: True)
+    monkeypatch.setattr(RightOfWay, "has_way", lambda *_: bool(looked.append(distance)))
+    near = distance < ego.checks_from
+    assert not lines._at_line(line, distance, near, ego).open
+    assert looked == [distance] * (distance < 2.5 * CAR.length)
+
+
+def test_a_member_that_stops_midway_looks_at_its_line_again(monkeypatch):
+    """The place where it stops is far, its line is not."""
+    line = Line(110.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._at_junction, lines._conflicts = {(line, "car"): line}, {line: Conflicts((), {}, (), np.inf, 0.0)}
+    ego = Ego("m.0", "road_0", 2.0, CAR.length)
+    lines._far = FarLines([ego])
+    monkeypatch.setattr(StopLines, "_ahead", lambda *_: LineState(30.0, False, False, False, 2))
+    route = SimpleNamespace(closed=False, lines_about=lambda *_: (None, np.inf, [(line, 5.0)]))
+    lines._state(SimpleNamespace(route=route), 105.0, ego, 0)
+    assert lines._far.lines == [None]
+    route.lines_about = lambda *_: (None, np.inf, [(line, 10.0)])
+    lines._state(SimpleNamespace(route=route), 100.0, ego, 0)
+    assert lines._far.lines == [line]
 
 
 @pytest.mark.parametrize(("turns", "signal"), [(True, "priority"), (False, "red")])
