@@ -60,12 +60,8 @@ class FarLines:
         looks_from = LOOK * ego.length if gives_way and not line.light else math.nan
         if not _is_far(state.distance, looks_from, ego.speed, ego.length):
             return
-        self._lane[k], self._station[k], self._begins[k], self._looks_from[k] = (
-            ego.lane,
-            line.station,
-            begins,
-            looks_from,
-        )
+        self._lane[k], self._station[k] = ego.lane, line.station
+        self._begins[k], self._looks_from[k] = begins, looks_from
         self.lines[k], self.by_light[k] = line, bool(line.light)
         for values, value in zip(self.state, state, strict=True):
             values[k] = value

@@ -130,12 +130,10 @@ class StopLines:
         states = []
         for k, row in zip(looked_at.tolist(), rows[looked_at].tolist(), strict=True):
             member, ego = fleet.members[row], asking[k]._replace(lane=lanes[k], speed=speed[k])
-            far = self._far.lines[k] if is_far[k] else None
-            state = (
-                self._ahead(far, distance[k], False, ego, member.route)
-                if far
-                else self._state(member, front[k], ego, k)
-            )
+            if is_far[k]:
+                state = self._ahead(self._far.lines[k], distance[k], False, ego, member.route)
+            else:
+                state = self._state(member, front[k], ego, k)
             states.append(self._letting_in(state, ego) if ego.id in self._stops else state)
         if states:
             for values, column in zip(signals, zip(*states, strict=True), strict=True):
