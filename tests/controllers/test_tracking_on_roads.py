@@ -144,7 +144,9 @@ def test_followers_take_a_sharp_turn_of_their_route_nearly_as_fast_as_their_lead
     in_bend = rows[rows.lateral_accel_mps2.abs() > 1.0].groupby("vehicle_id").speed_mps.min()
     assert (in_bend > 0.84 * in_bend["platoon.0"]).all()  # a part of its steering rate is kept to steer back
     leaves = rows[rows.edge_id == "south_out"].groupby("vehicle_id").time_s.min()
-    assert np.diff(leaves).max() < 3.0  # at 4 m/s with 3 m and 1 s to the predecessor: 2.9 s
+    after = np.diff(leaves)
+    assert after.mean() == pytest.approx(2.9, abs=0.05)  # at 4 m/s with 3 m and 1 s to the predecessor
+    assert np.ptp(after) < 0.21  # each of the two is known to the 0.1 s of a record
     assert rows.lateral_accel_mps2.abs().max() < 4.5
     assert rows.cross_track_m.abs().max() < 0.15
 
