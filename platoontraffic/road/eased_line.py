@@ -54,19 +54,19 @@ def eased(
     even = spread(np.column_stack([points, stations]), spacing)
     line, stations = even[:, :2], even[:, 2]
     least = tight_turns([given], 1 / (LOCK * lock)).least_offset(stations)  # without the reserve, as `prove` has it
-    lane, given = given, np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T])
-    around = math.ceil(widest / spacing)
+    lane = np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T])
+    around = math.ceil(widest / spacing)  # points
     reach = math.ceil(TAIL * widest / spacing)
     sharpest = ABOVE_LOCK * np.maximum(lock, _curvature(_onward(line, 1, closed)))
-    off_before = _off(line - given, line)
+    off_before = _off(line - lane, line)
 
     def eased_from(begun: np.ndarray) -> np.ndarray:
-        """The line, eased by averages of one that is near it."""
+        """The line, eased: where there is room, averages of another one that begins beside it."""
         onward = _onward(begun, reach, closed)
         smooth, level = [line], np.zeros(len(line))
         for k in range(1, LEVELS + 1):
             smooth.append(_graduated(onward, (k / LEVELS * widest / spacing) ** 6)[reach : len(onward) - reach])
-            off = _off(smooth[k] - given, smooth[k])
+            off = _off(smooth[k] - lane, smooth[k])
             near = (off <= least + TOTAL * tolerance) & (_off(smooth[k] - line, smooth[k]) <= tolerance)
             level[(near | (off <= off_before)) & (level == k - 1)] = k
         for _ in range(5 * LEVELS):  # a place may become sharp as its neighbours are eased less
@@ -81,9 +81,9 @@ def eased(
     found = eased_from(line)
     if _curvature(line).max(initial=0.0) > lock / WIDER:
         # Averages make an arc sharper in its middle. One that begins gradually, within the lock, lies farther inside.
-        wider, along = drivable(lane, lock / WIDER, spacing, closed)
+        wider, along = drivable(given, lock / WIDER, spacing, closed)
         other = eased_from(np.column_stack([np.interp(stations, along, column) for column in wider.T]))
-        found = _easier(found, other, around // 3, closed)
+        found = _easier(found, other, around // 3, closed)  # half a vehicle's length, as laws average curvature
     return found, stations
 
 

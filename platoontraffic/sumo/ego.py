@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from platoontraffic.controllers import Law
 from platoontraffic.road.gap_acceptance import Pace
 from platoontraffic.sumo.conflicts import Conflicts
@@ -17,6 +19,9 @@ EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and th
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 # Those of `path_kernel`, which takes long to import [s], [vehicle lengths], [vehicle lengths].
 SETTLING, STOP_BEFORE, LOOK = 0.5, 0.2, 2.5
+GATHERS_SPEED = (
+    8.0  # speed at which its engine is asked for its acceleration: a truck has less than its law wants [m/s]
+)
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
 
 
@@ -27,7 +32,7 @@ class Ego(NamedTuple):
     lane: str  # "" off the road
     speed: float  # [m/s]
     length: float  # [m]
-    acceleration: float = 1.5  # of its law in comfort [m/s2]
+    acceleration: float = 1.5  # of its law in comfort, as far as its engine has it [m/s2]
     lateral: float = 2.0  # greatest lateral acceleration of its law [m/s2]
     braking: float = 3.0  # of its law before lines, comfortable [m/s2]
     kind: str = "car"  # the shortest of `CARS` that is as long
@@ -44,7 +49,8 @@ class Ego(NamedTuple):
         length = float(member.model.length)
         kind = next((name for name, model in KINDS if length <= model.length), KINDS[-1][0])
         braking = _gain(_drivers(law)[-1], "braking", cls._field_defaults["braking"])
-        return cls(member.id, "", 0.0, length, min(gains), min(lateral), braking, kind)
+        strongest = float(member.model.strongest_acceleration(np.array(GATHERS_SPEED)))
+        return cls(member.id, "", 0.0, length, min(*gains, strongest), min(lateral), braking, kind)
 
     @property
     def size(self) -> float:

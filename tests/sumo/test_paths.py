@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import shapely
+import shapely.ops
 
-from platoontraffic.sumo.conflicts import TOUCHES, Sampled, _front_along, _met, _touches
+from platoontraffic.sumo.conflicts import TAIL, TOUCHES, Sampled, _front_along, _met, _path, _sampled, _touches
 
 
 @pytest.mark.parametrize("apart", [0.01, 0.5, 2.0, 50.0])
@@ -35,3 +38,28 @@ def test_a_car_that_waits_before_another_path_is_not_touched_by_a_bus_there(angl
     car = shapely.box(stop - length, -half, stop, half)
     bus = shapely.LineString(path.points).buffer(1.25, cap_style="flat")
     assert 0.1 < shapely.distance(car, bus) < 0.4
+
+
+@pytest.mark.parametrize("steps", [20.0, 3.0, 0.5])
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_path_is_that_of_its_lanes_and_the_begin_of_the_lane_beyond(steps, count):
+    """Against shapely; the lanes touch, and have points twice."""
+    rng, width = np.random.default_rng(round(10 * steps) + count), 3.2
+    for _ in range(50):
+        whole = np.repeat(rng.normal(0, steps, (4 * (count + 1) - count, 2)).cumsum(axis=0), rng.integers(1, 3), axis=0)
+        parts = np.array_split(np.arange(len(whole)), count + 1)
+        shapes = {
+            f"{k}": [tuple(whole[i]) for i in (*part, *part[-1:] + 1) if i < len(whole)] for k, part in enumerate(parts)
+        }
+        sumo = SimpleNamespace(lane=SimpleNamespace(getShape=shapes.__getitem__, getWidth=lambda _: width))
+        via, onto = [f"{k}" for k in range(count)], f"{count}"
+        inside = shapely.LineString(np.concatenate([shapes[name] for name in via])).length
+        line = shapely.LineString(whole)
+        path = _path(via, onto, sumo)
+        expected = shapely.ops.substring(line, 0.0, min(inside + TAIL * width, line.length))
+        assert shapely.LineString(path).equals_exact(shapely.remove_repeated_points(expected), 1e-9)
+        sampled = _sampled(path, 0.25)
+        assert np.diff(sampled.stations) == pytest.approx(sampled.stations[1])
+        assert 0.2 < sampled.stations[1] <= 0.25 + 1e-9
+        there = shapely.get_coordinates(shapely.LineString(path).interpolate(sampled.stations))
+        assert sampled.points == pytest.approx(there, abs=1e-9)

@@ -1311,6 +1311,13 @@ def test_a_member_is_judged_as_the_shortest_kind_of_vehicle_that_is_as_long(leng
     assert StopLines(None, None)._at_junction[line, ego.kind] == line._replace(station=0.0, kind=kind)
 
 
+@pytest.mark.parametrize(("kind", "acceleration"), [("car", 2.5), ("van", 2.5), ("truck", 1.45)])
+def test_a_gap_is_judged_by_what_the_engine_has(kind, acceleration):
+    """A truck merged before cars by the 2.5 m/s2 that its law wants."""
+    ego = Ego.of(SimpleNamespace(id="m", law=PathLeader(), model=VEHICLES[kind]))
+    assert ego.acceleration == pytest.approx(acceleration, abs=0.01)
+
+
 @pytest.mark.sumo
 def test_a_sharp_turn_beside_a_footpath(generated_nets):
     """A run ended with a KeyError where the lane beside is one for people."""
@@ -1344,7 +1351,7 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     class Two(SimpleNamespace):
         __len__ = lambda self: 2  # noqa: E731
 
-    law, model = SimpleNamespace(needs={"signals"}, heeds_lines=True), SimpleNamespace(length=5.0)
+    law, model = SimpleNamespace(needs={"signals"}, heeds_lines=True), CAR
     members = tuple(SimpleNamespace(id=f"m.{k}", law=law, model=model, route=None) for k in (0, 1))
     fleet = Two(
         members=members, ids=("m.0", "m.1", "native"), progress=SimpleNamespace(rows=np.arange(2), station=np.zeros(2)),
