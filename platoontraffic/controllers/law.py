@@ -153,7 +153,7 @@ class Signals(NamedTuple):
 
     distance: np.ndarray  # from the front bumper [m]; inf: there is none
     open: np.ndarray  # light, right of way and the queue behind the junction let this vehicle pass now, bool
-    minor: np.ndarray  # this vehicle has to give way there, and looks from 2.5 of its lengths on; closed before, bool
+    minor: np.ndarray  # it has to give way there; closed until within 2.5 of its lengths, where it looks, bool
     changing: np.ndarray  # closed (yellow), but a vehicle that cannot stop in comfort may pass, bool
     reason: np.ndarray  # why it is closed, or would be: an index of CLOSED_BY
 

@@ -1,6 +1,6 @@
-"""Next stop lines of members that are so far from them that the traffic about them does not count yet.
+"""The next stop lines of members, while they are so far away that the traffic about them does not count.
 
-Most members are on their way between junctions: all of them are judged at once.
+Most members drive between junctions. Whether their lines are still far is decided for all of them at once.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class LineState(NamedTuple):
 
 
 class FarLines:
-    """The far lines of n members. A line is looked at again when the member is near, or comes to another lane."""
+    """The far lines of n members. A line is judged again when its member is near, or comes to another lane."""
 
     def __init__(self, egos: Sequence[Ego]) -> None:
         n = len(egos)
@@ -34,7 +34,7 @@ class FarLines:
         self._lane = np.full(n, None)  # on which each member was; None: it has no far line
         self._station = np.zeros(n)  # of the line [m]
         self._begins = np.zeros(n)  # station of the line before [m]
-        self._looks_from = np.zeros(n)  # distance at which it is looked at [m]; NaN: that goes by the speed
+        self._looks_from = np.zeros(n)  # distance from which it is judged [m]; NaN: the speed decides
         self.lines: list[Line | None] = [None] * n
         self.by_light = np.zeros(n, bool)  # a light decides whether it is open
         self.state = LineState(*(np.zeros(n, kind) for kind in (float, bool, bool, bool, int)))  # but for the distance
