@@ -90,6 +90,10 @@ class Route:
     def closed(self) -> bool:
         return self.line.closed
 
+    def limit_at(self, station: float) -> float:
+        """The speed limit at a station [m/s]."""
+        return float(self.limit[max(int(np.searchsorted(self.line.stations, station, side="right")) - 1, 0)])
+
     def curvature(self, length: float) -> tuple[np.ndarray, np.ndarray]:
         """Stations [m] and curvature there [1/m], as a vehicle of a length [m] is given it."""
         if length not in self._curvatures:

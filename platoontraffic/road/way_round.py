@@ -27,7 +27,7 @@ JUST = tuple(one + 0.01 for one in CLEARANCES)  # beyond the least shift that is
 ALONGSIDE = 1.5  # a return beside the body, and as far ahead of it and behind, may be within the clearance [m] ...
 BESIDE = 0.03  # ... if the way does not come nearer to it by more than this [m]
 KEPT_FREE = 0.2  # a body that is nearer to the path of the own one, on either side, stands in the way [m]
-SPEED = 2.0  # greatest speed on the way [m/s]
+SPEED = 2.0  # greatest speed beside the body [m/s]
 LOCK = 1.1  # least radius of the way [turning radii]
 STRETCHED = 1.0, 1.5, 2.2  # coming back takes so many times longer where it adds up with a bend to more than the lock
 SPACING = 0.25  # of the poses that are checked [m]
@@ -200,15 +200,13 @@ def blocked_return(way: Way, station: float, body: Body, returns: np.ndarray) ->
 
 
 def is_free_without(way: Way, without: Route, station: float, body: Body, returns: np.ndarray) -> bool:
-    """Whether a vehicle on a way could go on without it: something is on the way, and nothing on the route as it was.
+    """Whether nothing is on the route as it was before a way.
 
     station, body, returns : as of `blocked_return`
     """
-    if blocked_at(way.route, station, body, returns).distance == math.inf:
-        return False
     ((x, y),) = way.route.line.at(np.array([station]))
     there, _ = without.line.project(x, y, station, REACH)
-    return blocked_at(without, there, body, returns)[0] == math.inf
+    return blocked_at(without, there, body, returns).distance == math.inf
 
 
 def with_later_return(
@@ -242,7 +240,7 @@ def _on_return(way: Way, station: float, body: Body, returns: np.ndarray) -> np.
 
 def _made(way: _Planned, shift: float, met: int) -> Way:
     plan = way.plan
-    return Way(*_spliced(plan.route, plan.begins, way.section, way.end), shift, met, plan)
+    return Way(*_spliced(plan, way.section, way.end), shift, met, plan)
 
 
 def corners(section: _Section, body: Body) -> np.ndarray:
@@ -359,8 +357,9 @@ def _eased(share: np.ndarray) -> np.ndarray:
     return share - np.sin(2 * math.pi * share) / (2 * math.pi)
 
 
-def _spliced(route: Route, station: float, section: _Section, end: float) -> tuple[Route, float]:
+def _spliced(plan: Plan, section: _Section, end: float) -> tuple[Route, float]:
     """The route with a way in it that ends at a distance [m], and the station there; those behind it are the same."""
+    route, station = plan.route, plan.begins
     line, kept = route.line, max(int(np.searchsorted(route.line.stations, station - JOINED)), 1)
     on_way = section.distance <= end
     points, distance = section.points[on_way], section.distance[on_way]
@@ -368,7 +367,8 @@ def _spliced(route: Route, station: float, section: _Section, end: float) -> tup
     last = max(stop, first + 1)  # the end of the route, or a point of the straight line beyond
     limits = route.limit[np.searchsorted(line.stations, station + distance, side="right") - 1]
     points = np.concatenate([line.points[:kept], points, line.points[first:last]])
-    limits[:-1] = np.minimum(limits[:-1], SPEED)  # each up to the next point, which of the last is beyond the way
+    beside = distance <= plan.returns
+    limits[beside] = np.minimum(limits[beside], SPEED)
     limit = np.concatenate([route.limit[:kept], limits, route.limit[first:last]])
     before = line.stations[kept - 1]
     joined = before + math.dist(line.points[kept - 1], section.points[0])

@@ -58,6 +58,7 @@ class Crossing(NamedTuple):
     fastest: float  # speed limit inside the junction [m/s]
     touches: float = math.inf  # where the own front begins to be in the foe's way; inf: nowhere
     swings: bool = False  # the paths do not meet on the network, but the own front swings out over the foe's
+    blocks: float = math.inf  # where the front of one that waits midway begins to be in the own way; inf: not known
 
 
 class Walk(NamedTuple):
@@ -130,7 +131,12 @@ class Conflicts(NamedTuple):
                 waits = lane.getLength(via[0]) if len(via) > 1 else math.inf
                 fastest = min(map(lane.getMaxSpeed, via))
                 is_first = unregulated or before in foes
-                crossings[via[0]] = Crossing(before, via, *met, merges, is_first, waits, fastest, touches)
+                blocks = math.inf
+                if not is_first and not merges and waits < math.inf:
+                    blocks = _touches(_front_along(its, CARS["car"].width / 2), own, TOUCHES * width)
+                crossings[via[0]] = Crossing(
+                    before, via, *met, merges, is_first, waits, fastest, touches, blocks=blocks
+                )
         bend = _curvature(own)
         is_sharp = bend > SHARP / model.turning_radius
         found = _swung_over(line, model, width, crossings, network, sumo, paths) if is_sharp else {}

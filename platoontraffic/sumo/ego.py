@@ -36,6 +36,7 @@ class Ego(NamedTuple):
     lateral: float = 2.0  # greatest lateral acceleration of its law [m/s2]
     braking: float = 3.0  # of its law before lines, comfortable [m/s2]
     kind: str = "car"  # the shortest of `CARS` that is as long
+    top: float = math.inf  # greatest speed beside a body that it drives round [m/s]
 
     @classmethod
     def of(cls, member: Member) -> Ego:
@@ -86,7 +87,7 @@ class Ego(NamedTuple):
     def pace(self, conflicts: Conflicts, limit: float) -> Pace:
         """How it drives through a junction with a speed limit [m/s]."""
         bend = math.sqrt(self.lateral / max(conflicts.curvature, 1e-6))
-        return Pace(self.speed, self.acceleration, min(bend, limit), STARTING)
+        return Pace(self.speed, self.acceleration, min(bend, limit, self.top), STARTING)
 
 
 def checks_from(speed: float, length: float) -> float:

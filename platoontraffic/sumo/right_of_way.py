@@ -224,7 +224,9 @@ class RightOfWay:
                 left = foe.to_line + crossing.its[0] - BEFORE_PATH
                 # It is to stop by less, and sooner: one that does so must not drive on for a few centimetres too many.
                 can_stop = left + BEFORE_PATH >= foe.pace.speed**2 / (2 * STOPS_HARD_BY)
-                if can_stop and foe.id not in self.members:
+                # It stands a little farther, since nobody came then: the member can pass, and it is to stay.
+                stays = foe.pace.speed < STANDING and 0 < foe.to_line + crossing.blocks < math.inf
+                if (can_stop or stays) and foe.id not in self.members:
                     self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
 
     def _next_on(self, crossing: Crossing) -> Iterator[Approach]:

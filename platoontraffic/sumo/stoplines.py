@@ -126,10 +126,13 @@ class StopLines:
         if self._stops:
             others |= [ego.id in self._stops for ego in asking]
         front, speed, distance = front.tolist(), speed.tolist(), distance.tolist()
+        goes_round = fleet.goes_round.tolist()
         looked_at = np.flatnonzero(others)
         states = []
         for k, row in zip(looked_at.tolist(), rows[looked_at].tolist(), strict=True):
             member, ego = fleet.members[row], asking[k]._replace(lane=lanes[k], speed=speed[k])
+            if goes_round[row]:
+                ego = ego._replace(top=member.route.limit_at(front[k]))
             if is_far[k]:
                 state = self._ahead(self._far.lines[k], distance[k], False, ego, member.route)
             else:

@@ -140,7 +140,8 @@ class WaysRound:
             distance, least, met = blocked_at(member.route, station, body, returns.points)
             if traffic and met >= 0 and _faces(traffic, int(returns.hits[met]), float(fleet.motion.heading[row])):
                 after = AFTER
-            look = last._replace(at=time, place=station + distance)
+            place = math.nan if traffic and met >= 0 and _moves(traffic, int(returns.hits[met])) else station + distance
+            look = last._replace(at=time, place=place)
             self._looks[name] = look
             if signals is not None and not signals.open[row] and signals.distance[row] < distance:
                 continue
@@ -173,7 +174,7 @@ class WaysRound:
         """Other routes of members under way, by row.
 
         They come back later where something stands in their way back that was hidden by the body when they set out. A
-        way on which they have stood for `AFTER` is given up when nothing is in the way without it any more.
+        way on which they have stood for `AFTER` is given up when nothing is in the way without it.
         """
         routes: dict[int, Route] = {}
         if not self._under_way:
@@ -266,6 +267,14 @@ class WaysRound:
             return bool(on_road.all())
 
         return may_use
+
+
+def _moves(traffic: TrafficSnapshot, row: int) -> bool:
+    """Whether a body drives: one that crosses the path may be met at the same place of it at two looks.
+
+    row: as of `_faces`
+    """
+    return row >= 0 and abs(traffic.speed[row]) > STANDS
 
 
 def _faces(traffic: TrafficSnapshot, row: int, heading: float) -> bool:

@@ -200,13 +200,14 @@ def test_stop_lines_keep_their_places():
     ]  # fmt: skip
 
 
-def test_it_is_slow_only_as_far_as_the_way_goes():
+def test_it_is_slow_only_until_its_rear_is_past_the_body():
     ends = np.array([[-50.0, 0.0], [150.0, 0.0]])  # a straight lane has no points in between
     route = Route.along(("road",), ends, np.full(2, 13.9))
     way = way_round(route, 50.0, (0.0, 0.0, 0.0), BODY, seen(box(1.0)), anywhere)
-    line = way.route.line
-    limits = way.route.limit[np.searchsorted(line.stations, [49.0, 51.0, way.ends - 0.3, way.ends + 0.3], "right") - 1]
-    assert limits.tolist() == [13.9, ways.SPEED, ways.SPEED, 13.9]
+    past = 50.0 + way.plan.returns
+    places = [49.0, 51.0, past - 0.3, past + 1.0, way.ends - 0.3, way.ends + 0.3]
+    assert [way.route.limit_at(place) for place in places] == [13.9, *[ways.SPEED] * 2, *[13.9] * 3]
+    assert past > 50.0 + 1.0 + BODY.length / 2 + BODY.axle  # the body begins 1 m ahead of its front
 
 
 @settings(max_examples=25, deadline=None)

@@ -1015,6 +1015,10 @@ def test_a_member_whose_front_is_a_little_over_the_line_stays_there_when_it_is_r
         ({}, 9.0, 2.0, "c", 0.0, 20.0, None),  # it cannot stop any more
         ({}, 0.0, 6.6, "c", 0.0, 20.0, -0.1),  # it stands there, a little farther
         ({}, 3.0, 8.0, "c", 0.0, 20.0, None),  # it is there already
+        ({}, 0.0, 7.4, "c", 0.0, 20.0, None),
+        ({"blocks": 7.6}, 0.0, 7.4, "c", 0.0, 20.0, -0.9),  # it stands where the member can pass it
+        ({"blocks": 7.3}, 0.0, 7.4, "c", 0.0, 20.0, None),
+        ({"blocks": 7.6}, 0.5, 7.4, "c", 0.0, 20.0, None),
         ({}, 3.0, 2.0, "m.1", 0.0, 20.0, None),  # a member knows its own places
         ({"first": True}, 3.0, 2.0, "c", 0.0, 20.0, None),  # it does not wait for this one
         ({"merges": True}, 3.0, 2.0, "c", 0.0, 20.0, None),
@@ -1356,6 +1360,7 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     fleet = Two(
         members=members, ids=("m.0", "m.1", "native"), progress=SimpleNamespace(rows=np.arange(2), station=np.zeros(2)),
         model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)), motion=SimpleNamespace(speed=np.ones(2)),
+        goes_round=np.zeros(2, bool),
     )  # fmt: skip
     client = SimpleNamespace(vehicle=SimpleNamespace(getLanePosition=lambda _: 30.0))
     letting_in = SimpleNamespace(stops={"m.1": Stop("road_0", 36.0)}, waiting={})
@@ -1366,6 +1371,28 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     assert lines.heedless == {"native"}
     assert signals.open.tolist() == [True, False]
     assert signals.distance[1] == pytest.approx(6.0)
+
+
+def test_a_gap_of_a_member_that_goes_round_a_body_is_judged_by_its_speed_there(monkeypatch):
+    """At 2 m/s it took 12 s through a junction, with a gap for 4 s, and a car that had come touched it."""
+
+    class Two(SimpleNamespace):
+        __len__ = lambda self: 2  # noqa: E731
+
+    law, limits = SimpleNamespace(needs={"signals"}, heeds_lines=True), np.array([12.0, 2.0, 12.0])
+    route = Route.along(("road",), np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 0.0]]), limits)
+    members = tuple(SimpleNamespace(id=f"m.{k}", law=law, model=CAR, route=route) for k in (0, 1))
+    fleet = Two(
+        members=members, ids=("m.0", "m.1"),
+        progress=SimpleNamespace(rows=np.arange(2), station=np.full(2, 25.0)),
+        model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)), motion=SimpleNamespace(speed=np.ones(2)),
+        goes_round=np.array([False, True]),
+    )  # fmt: skip
+    egos = []
+    monkeypatch.setattr(StopLines, "_state", lambda _, __, ___, ego, ____: egos.append(ego) or NO_LINE)
+    StopLines(SimpleNamespace(), SimpleNamespace()).signals(fleet, dict.fromkeys(fleet.ids, ("road", "road_0")))
+    paces = [ego.pace(Conflicts((), {}, (), np.inf, 0.0), 14.0) for ego in egos]
+    assert [pace.top for pace in paces] == [14.0, 2.0]
 
 
 def test_wishes_for_room_end_with_the_last_member_that_heeds_lines():

@@ -151,6 +151,20 @@ def test_a_body_whose_place_is_found_differently_each_time_stands_all_the_same(m
     assert driven(law, box(1.0)).x[-1, 0] > PLACE + 30
 
 
+def test_it_does_not_go_round_what_crosses_its_path(monkeypatch):
+    """A car that turned was met twice at one place of the path: a member crossed a junction at 2 m/s beside nothing."""
+    (member,) = platoon(LAWS["path"], at=(0.0, 0.0, 0.0), leader_eye=EYE, model=CAR)
+    (crosses,) = platoon(constant(0.6), at=(16.0, -3.5, np.pi / 2), model=CAR)
+    member = replace(member, route=ROUTE, speed=2.0, single=True, equip="equip")
+    crosses = replace(crosses, id="crosses", speed=0.6, single=True)
+    planned = []
+    monkeypatch.setattr(ways_round, "way_round", lambda *given: planned.append(given))
+    log = drive([member, crosses], NO_WALLS, 25.0, 0.1, map=Street(8.0))
+    assert not planned
+    assert log.speed[:, 0].min() < 0.05  # it waits
+    assert log.x[-1, 0] > 20.0
+
+
 @pytest.mark.parametrize("side", [1, -1])
 def test_it_does_not_stay_where_a_little_to_the_side_is_enough(side):
     """As past a left-turner that waits midway, a little beside the path: it waits for the member in turn."""
