@@ -58,14 +58,15 @@ def scan(
         raise ValueError(f"number = {number}; must be 0 or more")
     ids = carriers.ids
     drawn = draws(model.noise, seed, ids, number, model.name)
-    ranges, hits, inside = _buffers(out, model, carriers.x.size, dtype)
-    inside.fill(False)
+    ranges, hits = _buffers(out, model, carriers.x.size, dtype)
+    inside = None
     for beams, later in model.slices:
         world = boxes.after(later) if later else boxes
         sensors = Sensors(*_poses(carriers, later, model.mount), carriers.owner, *drawn)
-        inside |= measure(model, beams, scene, world, sensors, ranges, hits) != NO_HIT
+        now = measure(model, beams, scene, world, sensors, ranges, hits) != NO_HIT
+        inside = now if inside is None else inside | now
     for array in (ranges, hits, inside):
-        array.setflags(write=False)
+        array.flags.writeable = False
     return ScanBatch(model, stamp - model.sweep_time, ids, ranges, hits, inside)
 
 
@@ -78,19 +79,19 @@ def _poses(carriers, later, mount):
 
 
 def _buffers(out, model, n, dtype):
-    """Memory for ranges, hits and inside: that of `out`, or new."""
+    """Memory for ranges and hits: that of `out`, or new."""
     shape, dtype = (n, model.samples), np.dtype(dtype)
     if dtype not in (np.float32, np.float64):
         raise ValueError(f"dtype = {dtype}; must be float32 or float64")
     if out is None:
-        return np.empty(shape, dtype), np.empty(shape, np.int32), np.empty(n, bool)
+        return np.empty(shape, dtype), np.empty(shape, np.int32)
     if out.model != model or out.ranges.shape != shape or out.ranges.dtype != dtype or out.hits is None:
         given = f"{out.ranges.shape} {out.ranges.dtype}, hits {'left out' if out.hits is None else 'kept'}"
         raise ValueError(f"out has ranges {given}; must be {shape} {dtype}, hits kept, of the same model")
-    arrays = out.ranges, out.hits, out.inside
+    arrays = out.ranges, out.hits
     try:
         for array in arrays:
-            array.setflags(write=True)
+            array.flags.writeable = True
     except ValueError:
         raise ValueError("out holds views of other arrays; must be a batch that scan() returned") from None
     return arrays

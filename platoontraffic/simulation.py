@@ -270,7 +270,8 @@ class Simulation:
         failed = self.breakdowns.due(fleet, traffic.time)
         stuck, self._remedies = self.stuck.observe(fleet, traffic.time)
         fleet, ordered = self.manoeuvres.applied(fleet.regrouped(), traffic.time)
-        self.ways_round.forget(note.vehicle for note in ordered if note.what == "leave")
+        if ordered:
+            self.ways_round.forget(note.vehicle for note in ordered if note.what == "leave")
         measured = self.sensors.sense(traffic, fleet, step, self.breakdowns.blind(fleet))
         sensed, fleet = arriving(measured, fleet, step)
         roads = self.world.roads(fleet)

@@ -32,7 +32,7 @@ def measure(model, beams, scene, boxes, sensors, ranges, hits):
     """See `protocol`."""
     x, y, yaw, owner, *draws = sensors
     around = np.empty(x.size, np.int32)
-    around.fill(NOBODY)
+    around[:] = NOBODY
     if scene.has_solids:
         around[scene.enclosed(x, y)] = STATIC
     if "walls" not in scene.kept:

@@ -30,7 +30,7 @@ class ReactiveLeader(Law):
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
         scan, model, n = sensed.scan, sensed.scan.model, sensed.speed.size
-        twist, to_the_left = Twist(np.empty(n), np.empty(n)), -1 if self.positive_turn == "clockwise" else 1
+        twist, to_the_left = Twist(*np.empty((2, n))), -1 if self.positive_turn == "clockwise" else 1
         limits, rates = (model.range_min, model.range_max), (self.speed, self.turn_rate, to_the_left)
         _kernel().commands(scan.ranges, limits, SECTORS.index(self.sector), rates, *twist)
         return Decision(twist)

@@ -45,7 +45,7 @@ class RepairedFollower(Law):
 
     def __call__(self, sensed: Sensed, memory: None, dt: float) -> Decision:
         distance, theta = self.find(sensed.scan)
-        twist = Twist(np.empty(distance.size), np.empty(distance.size))
+        twist = Twist(*np.empty((2, distance.size)))
         sufficient = SUFFICIENT_DISTANCE if self.stand_off == 0 else -np.inf
         _kernel().commands(distance, theta, self.stand_off, sufficient, self.heading_gain, *twist)
         return Decision(twist, target=Target(distance, theta - np.pi / 2))
@@ -66,7 +66,7 @@ class RepairedFollower(Law):
         view: first beam that counts, and the one after the last
         """
         model, n = scan.model, scan.ranges.shape[0]
-        x, y = np.empty(n), np.empty(n)
+        x, y = np.empty((2, n))
         fan = float(model.angle_min), float(model.angle_increment)
         _kernel().middles(scan.ranges, view, model.range_min, self.group_step, not self.visible_middle, fan, x, y)
         return Middle(np.hypot(x, y), np.arctan2(y, x))

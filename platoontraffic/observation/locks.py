@@ -42,7 +42,7 @@ class Locks:
         sight = _sight(step, scans)
         scanned = count_in(fleet.number, sight.beams, sight.alone, self.beams, self.occluded)
         latest, self._latest = self._latest, None
-        if scanned == fleet.number.size and all(seen.traffic is step.traffic for seen in step.seen):
+        if scanned == fleet.number.size and all([seen.traffic is step.traffic for seen in step.seen]):
             self._latest = ids, sight.surface.tobytes(), fleet.number.tobytes(), fleet.predecessor.tobytes()
             if self._latest == latest:
                 return  # as at the last scan, so what is locked is too
@@ -105,7 +105,7 @@ class Sight(NamedTuple):
 
 def _sight(step: Step, scans: Sequence[ScanBatch | None]) -> Sight:
     fleet, contents = step.fleet, np.empty((3, step.fleet.number.size), dtype=np.intp)
-    contents.fill(NOT_SCANNED)
+    contents[:] = NOT_SCANNED
     sight = Sight(*contents)
     for group, scan, seen in zip(fleet.groups, scans, step.seen, strict=True):
         if scan is None:

@@ -96,7 +96,7 @@ class Background:
             self._crossing = [roads for *roads, _, _ in crossings]
             self._places = np.array([place for _, _, *place in crossings]).reshape(-1, 2)
             self._crossing_for = fleet.members
-        self.apart.clear()
+        self.apart = {}
         if not self._crossing:
             return vehicles
         own, stays = fleet.motion, np.ones(len(vehicles.ids), bool)

@@ -27,12 +27,14 @@ class FirstOnLanes:
         self._wanted: dict[str, Wanted] = {}
         self._numbers: dict[str, int] = {}  # of lanes, by edge
 
-    def room_wanted(self, members: Iterable[str], where: Mapping[str, tuple[str, str]]) -> Mapping[str, Wanted]:
+    def room_wanted(
+        self, members: Iterable[str], where: Mapping[str, tuple[str, str]], time: float
+    ) -> Mapping[str, Wanted]:
         """The room that each of them wants on a lane with members.
 
         where: edge and lane of each member that SUMO has; the lane is "" off the road
+        time : SUMO's clock [s]
         """
-        time = self._sumo.simulation.getTime()
         if time >= self._due - 1e-6:
             self._due = time + EVERY
             lanes = sorted({where[name] for name in members if name in where})

@@ -91,9 +91,11 @@ class LaterChanges:
         beyond, where the members behind them in their platoon do so too. The slower they are, the less road their lane
         change takes.
         """
+        if not self._blocked:
+            return fleet
         if len(self._later) + len(self._beyond) > KEPT:
             self._forget_routes_but_those_of(fleet)
-        for group in fleet.groups if self._blocked else ():
+        for group in fleet.groups:
             limit = group.law.braking_for(group.memory) if group.memory is not None else None
             for k, i in enumerate(group.rows.tolist()):
                 blocked = self._blocked.get(fleet.ids[i])

@@ -339,7 +339,7 @@ class Placement:
             set_speed(fleet.ids[row], speeds[row])
         if fleet.members is not self._settled_of:
             self._settled_of, self._unsettled = fleet.members, set(fleet.ids)
-        for row in sorted(fleet.row_of[name] for name in self._unsettled if name in fleet.row_of):
+        for row in sorted([fleet.row_of[name] for name in self._unsettled if name in fleet.row_of]):
             member = fleet.members[row]
             # A SUMO-driven one keeps to the route that it was given.
             if (fleet.native[row] and not member.route.closed) or self._is_settled(member):

@@ -140,8 +140,10 @@ class Shadows:
 
     def cast(self, movers: Iterable[Mover]) -> None:
         """Before a step, and before vehicles are moved: give them the shadows that they must have in it."""
+        if not self._seen:
+            return
         casts, has = [], []
-        for mover in movers if self._seen else ():
+        for mover in movers:
             if (seen := self._seen.get(mover.id)) is None:
                 continue
             if side := self._wanted(mover, seen):

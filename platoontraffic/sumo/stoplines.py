@@ -107,11 +107,9 @@ class StopLines:
         """
         if fleet.members is not self._fleet:
             self._welcome(fleet)
-        self._way.stops.clear()
-        self._were_over_red = frozenset(self.over_red)
-        self.over_red.clear()
-        self._later.begin_look()
-        self._change.begin_look()
+        elif not self._asking:
+            return None
+        self._begin_look()
         if not self._asking:
             return None
         self.renew()
@@ -142,6 +140,13 @@ class StopLines:
             for values, column in zip(signals, zip(*states, strict=True), strict=True):
                 values[rows[looked_at]] = column
         return signals
+
+    def _begin_look(self) -> None:
+        self._way.stops.clear()
+        self._were_over_red = frozenset(self.over_red)
+        self.over_red.clear()
+        self._later.begin_look()
+        self._change.begin_look()
 
     def _welcome(self, fleet: Fleet) -> None:
         """The members have changed."""

@@ -35,6 +35,8 @@ class WaitingPlaces:
         passed : vehicles that stay where they stand
         returns: those whose speed is given now
         """
+        if not stops and not passed and not self._kept:
+            return self._kept
         vehicle = self._sumo.vehicle
         stops = {**dict.fromkeys(filter(self._stands, sorted(passed)), 0.0), **stops}
         for name in sorted(self._kept - stops.keys()):

@@ -197,11 +197,11 @@ class World:
         self._letting_go.observe(fleet, self._placement.where, self._clock)
         told = self._waiting_places.observe(self._lines.waiting_places, passed - self._placement.where.keys())
         unwilling = self._obstacles.in_sumo | fleet.followers_of_platoons | told | self._lines.heedless
-        theirs = self._first_on_lanes.room_wanted(fleet.ids, self._placement.where)
-        theirs = {name: wanted for name, wanted in theirs.items() if name not in self._obstacles.in_sumo}
-        self._letting_in.observe({**self._lines.room_wanted, **theirs}, self._placement.where, unwilling)
-        obstacles = self._obstacles.in_sumo
-        self._lane_swaps.observe(self._placement.where, self._lines.room_wanted, self._clock, obstacles)
+        where, wanted, obstacles = self._placement.where, self._lines.room_wanted, self._obstacles.in_sumo
+        theirs = self._first_on_lanes.room_wanted(fleet.ids, where, self._clock)
+        theirs = {name: theirs[name] for name in theirs if name not in obstacles}
+        self._letting_in.observe({**wanted, **theirs}, where, unwilling)
+        self._lane_swaps.observe(where, wanted, self._clock, obstacles)
         self._placement.place(fleet, brakes, self._lines.over_red)
 
     def advance(self, fleet: Fleet) -> Fleet:

@@ -104,7 +104,8 @@ class Group(NamedTuple):
     @property
     def late(self) -> bool:
         """Something is used later than it is measured."""
-        return bool(self.delay or self.odometry_delay or any(one.delay for one in self.further_lidars))
+        further = self.further_lidars
+        return bool(self.delay or self.odometry_delay or (further and any(one.delay for one in further)))
 
     @property
     def shared(self) -> tuple:

@@ -96,7 +96,8 @@ class WaysRound:
     @property
     def passed(self) -> frozenset[str]:
         """The bodies that members drive round now, without those before which one has come to a stand."""
-        return frozenset(one.body for one in self._under_way.values() if one.body and one.since == math.inf)
+        under_way = self._under_way.values() if self._under_way else ()
+        return frozenset([one.body for one in under_way if one.body and one.since == math.inf])
 
     def forget(self, names: Iterable[str]) -> None:
         """These members have other routes now."""

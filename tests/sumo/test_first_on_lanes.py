@@ -49,7 +49,7 @@ class Road:
     ],
 )
 def test_a_vehicle_that_stands_first_on_its_lane_and_not_at_a_stop_wants_over(road, wants):
-    found = FirstOnLanes(road.client).room_wanted((*MEMBERS, "not there yet"), MEMBERS)
+    found = FirstOnLanes(road.client).room_wanted((*MEMBERS, "not there yet"), MEMBERS, 0.0)
     assert list(found) == (["bus"] if wants else [])
     if wants:
         assert found["bus"].lane == "road_1"
@@ -59,18 +59,16 @@ def test_a_vehicle_that_stands_first_on_its_lane_and_not_at_a_stop_wants_over(ro
 
 def test_a_member_at_the_end_of_its_lane_asks_by_itself():
     """By `StopLines.room_wanted`."""
-    assert not FirstOnLanes(Road().client).room_wanted(MEMBERS, {**MEMBERS, "bus": ("road", "road_0")})
+    assert not FirstOnLanes(Road().client).room_wanted(MEMBERS, {**MEMBERS, "bus": ("road", "road_0")}, 0.0)
 
 
 def test_ends_of_lanes_are_looked_at_once_a_second():
     road = Road()
     first = FirstOnLanes(road.client)
-    assert first.room_wanted(MEMBERS, MEMBERS)
+    assert first.room_wanted(MEMBERS, MEMBERS, 0.0)
     road.client.vehicle.getSpeed = lambda _: 3.0
-    road.time = EVERY / 2
-    assert first.room_wanted(MEMBERS, MEMBERS)
-    road.time = EVERY
-    assert not first.room_wanted(MEMBERS, MEMBERS)
+    assert first.room_wanted(MEMBERS, MEMBERS, EVERY / 2)
+    assert not first.room_wanted(MEMBERS, MEMBERS, EVERY)
 
 
 @pytest.mark.parametrize("waited", [AFTER - 1.0, AFTER])
@@ -79,13 +77,13 @@ def test_the_first_member_that_can_stop_behind_it_lets_it_in(waited):
     road = Road(waited=waited)
     where = {"m": ("road", "road_1"), "m2": ("road", "road_1")}
     letting_in, first = LettingIn(road.client, 0.1), FirstOnLanes(road.client)
-    wanted = first.room_wanted(where, where)
+    wanted = first.room_wanted(where, where, 0.0)
     letting_in.observe(wanted, where)
     rear = 95.0 - (wanted["bus"].behind + 1.0)
     assert letting_in.stops == ({"m": ("road_1", pytest.approx(rear), 0.0)} if waited >= AFTER else {})
     only = {"m2": where["m2"]}  # the other one is SUMO's
     letting_in = LettingIn(road.client, 0.1)
-    letting_in.observe(first.room_wanted(only, only), only)
+    letting_in.observe(first.room_wanted(only, only, 0.0), only)
     assert not letting_in.waiting
 
 
@@ -93,7 +91,7 @@ def test_the_first_member_that_can_stop_behind_it_lets_it_in(waited):
 def test_a_member_drives_on_once_the_vehicle_is_on_its_lane_or_gone(gone):
     road, where = Road(), {"m": ("road", "road_1")}
     letting_in, first = LettingIn(road.client, 0.1), FirstOnLanes(road.client)
-    letting_in.observe(first.room_wanted(where, where), where)
+    letting_in.observe(first.room_wanted(where, where, 0.0), where)
     assert letting_in.stops
     if gone:
         del road.lane_of["bus"]
