@@ -132,7 +132,7 @@ class Conflicts(NamedTuple):
                 fastest = min(map(lane.getMaxSpeed, via))
                 is_first = unregulated or before in foes
                 blocks = math.inf
-                if not is_first and not merges and waits < math.inf:
+                if not merges and waits < math.inf:
                     blocks = _touches(_front_along(its, CARS["car"].width / 2), own, TOUCHES * width)
                 crossings[via[0]] = Crossing(
                     before, via, *met, merges, is_first, waits, fastest, touches, blocks=blocks

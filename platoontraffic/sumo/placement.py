@@ -192,13 +192,13 @@ class Placement:
 
     # ---- before a step
 
-    def place(self, fleet: Fleet, brakes: np.ndarray | None, over_red: Mapping[str, float]) -> None:
+    def place(self, fleet: Fleet, brakes: np.ndarray | None, over_line: Mapping[str, float]) -> None:
         """Tell SUMO the pose of every moved member at the end of the coming step.
 
         brakes  : deceleration of members with a failed drive, (n,), by which SUMO-driven ones are slowed; NaN: sound
                   [m/s2]
-        over_red: how far members that stand at a red light are over their line [m]. SUMO has them before it: its
-                  drivers give way to all that stand inside a junction, and a left-turner would never leave it
+        over_line: how far members that stand at a closed line are over it [m]. SUMO has them before it: its drivers
+                  give way to all that stand inside a junction, and a left-turner would never leave it
 
         raises: RunError (a pose is not finite: SUMO would accept it)
         """
@@ -209,10 +209,10 @@ class Placement:
         self._shadows.cast(self._moved(fleet))
         aside = direct(self._sumo.vehicle.getLateralLanePosition)
         poses, bound = at.tolist(), set()
-        held = over_red.keys() & fleet.row_of.keys()
+        held = over_line.keys() & fleet.row_of.keys()
         for name in held:
             i = fleet.row_of[name]
-            poses[i] = _set_back(*poses[i], over_red[name] + BEFORE_END)
+            poses[i] = _set_back(*poses[i], over_line[name] + BEFORE_END)
             if (inside := self.where[name][1])[:1] == ":":
                 self._was_in[name] = junction_of(inside)
         for i in fleet.moved_rows:

@@ -54,6 +54,7 @@ class Reads:
         self.position = OfSumo(sumo, "vehicle", "getLanePosition")
         self.aside = OfSumo(sumo, "vehicle", "getLateralLanePosition")
         self.acceleration = OfSumo(sumo, "vehicle", "getAccel")
+        self.accelerates_by = OfSumo(sumo, "vehicle", "getAcceleration")
         self.next_links = OfSumo(sumo, "vehicle", "getNextLinks")
         self.best_lanes = OfSumo(sumo, "vehicle", "getBestLanes")
         self.waited = OfSumo(sumo, "vehicle", "getWaitingTime")
@@ -61,7 +62,8 @@ class Reads:
         self.next_switch = OfSumo(sumo, "trafficlight", "getNextSwitch")
         self._of_instant = [
             self.max_speed, self.links, self.on_lane, self.people, self.speed, self.position, self.aside,
-            self.acceleration, self.next_links, self.best_lanes, self.waited, self.lights, self.next_switch,
+            self.acceleration, self.accelerates_by, self.next_links, self.best_lanes, self.waited, self.lights,
+            self.next_switch,
         ]  # fmt: skip
 
     def renew(self) -> None:

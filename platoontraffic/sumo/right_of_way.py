@@ -47,6 +47,7 @@ SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the 
 SWINGS_OUT_LONGEST = 30.0  # ... and after which it does so even if a vehicle comes [s]
 BEFORE_PATH = 0.5  # distance that a car which stops inside a junction keeps from the path of another vehicle [m]
 STOPS_BY = 4.5  # hardest braking with which a vehicle stops at a sign, or a yellow light [m/s2]: that of SUMO's cars
+STOPS_MIDWAY_BY = 0.5  # least braking of a vehicle that will wait midway [m/s2]
 STOPS_HARD_BY = 7.0  # hardest braking for a vehicle inside a junction that should have given way [m/s2]
 ENTERS_WITHIN = 15.0  # distance from its line from which a vehicle is expected to wait midway [m]
 COMES_UNTIL = 5.0  # a member that has stood for longer does not come, and vehicles that wait for it go on [s]
@@ -211,36 +212,60 @@ class RightOfWay:
                     yield one
 
     def note_waiting(self, line: Line, distance: float, ego: Ego) -> None:
-        """Note the vehicles that must stop before the path of a member which comes, or has just come to a stand.
+        """Note the vehicles that would wait midway in the way of a member, and must stop before its path.
+
+        Those without priority stop for one that comes, or has just come to a stand; all, where they have no gap: their
+        place midway may lie in that path.
 
         distance: of its front from the line [m]; negative: beyond it
         """
-        if self._now.waited[ego.id] > COMES_UNTIL:
-            return
+        comes = self._now.waited[ego.id] <= COMES_UNTIL
         for crossing in self._waiting_in_path[line]:
             if distance + crossing.own[1] + ego.length < 0:
                 continue
-            for foe in [*self.on(crossing), *self._next_on(crossing)]:
+            for foe in [*self.on(crossing), *self._next_on(crossing, STOPS_BY)]:
                 left = foe.to_line + crossing.its[0] - BEFORE_PATH
                 # It is to stop by less, and sooner: one that does so must not drive on for a few centimetres too many.
                 can_stop = left + BEFORE_PATH >= foe.pace.speed**2 / (2 * STOPS_HARD_BY)
                 # It stands a little farther, since nobody came then: the member can pass, and it is to stay.
                 stays = foe.pace.speed < STANDING and 0 < foe.to_line + crossing.blocks < math.inf
-                if (can_stop or stays) and foe.id not in self.members:
+                if not (can_stop or stays) or foe.id in self.members:
+                    continue
+                if (comes and (distance < 0 or not crossing.first)) or not self._drives_on(foe):
                     self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
 
-    def _next_on(self, crossing: Crossing) -> Iterator[Approach]:
-        """The vehicle that enters the junction next on a path, if it is near."""
+    def _drives_on(self, waiting: Approach) -> bool:
+        """Whether a vehicle of SUMO's that may wait midway does not: it has a gap, and has not begun to brake."""
+        now, crossing = self._now, waiting.crossing
+        if STANDING <= waiting.pace.speed < crossing.fastest and now.accelerates_by[waiting.id] < -STOPS_MIDWAY_BY:
+            return False
+        line = self._line_of(crossing)
+        ego = Ego(waiting.id, crossing.before, waiting.pace.speed, now.length[waiting.id],
+                  now.acceleration[waiting.id], math.inf)  # fmt: skip
+        return self.may_cross(line, waiting.to_line, ego, midway=True)
+
+    def _line_of(self, crossing: Crossing) -> Line:
+        """The line at which a vehicle has entered, or will."""
+        link = next(one for one in self._now.links[crossing.before] if one[LINK_VIA] == crossing.via[0])
+        across = sum(map(self._now.lane_length.__getitem__, crossing.via))
+        return Line(0.0, link[LINK_STATE], "", 0, crossing.before, link[LINK_ONTO], crossing.via, across)
+
+    def _next_on(self, crossing: Crossing, braking: float = math.inf) -> Iterator[Approach]:
+        """The vehicle that enters the junction next on a path, if it is near.
+
+        braking: near is also from where it would stop at its line by that [m/s2]
+        """
         now = self._now
         for name in now.on_lane[crossing.before][-1:]:
             to_line = now.lane_length[crossing.before] - now.position[name]
-            if to_line < ENTERS_WITHIN and self._links_ahead(name, crossing.before)[0][:1] == crossing.via[:1]:
+            near = max(ENTERS_WITHIN, now.speed[name] ** 2 / (2 * braking))
+            if to_line < near and self._links_ahead(name, crossing.before)[0][:1] == crossing.via[:1]:
                 yield Approach(name, crossing, to_line, Pace(now.speed[name]))
 
     def _waiters(self, line: Line) -> Iterator[Crossing]:
-        """Paths without priority on which vehicles wait midway, where they are in the way."""
+        """Paths on which vehicles wait midway, where they are in the way."""
         for crossing in self._conflicts[line].crossings.values():
-            if not crossing.first and not crossing.merges and crossing.its[0] < crossing.waits < math.inf:
+            if not crossing.merges and crossing.its[0] < crossing.waits < math.inf:
                 yield crossing
 
     # ---- gaps
@@ -345,16 +370,18 @@ class RightOfWay:
         """Those vehicles at their speed, and as they hurry.
 
         One that comes to a stop sign stops there first. One that can stop at a yellow light does, but for a member of a
-        convoy.
+        convoy. Who comes behind one that waits midway, before the own path, does not count: that one stays while a
+        member is inside.
         """
         conflicts, now, found = self._conflicts[line], self._now, []
+        closed = {crossing.via[0] for crossing in self._waiting_in_path[line] if self._is_closed(crossing)}
         for name, beyond in conflicts.entering:
             to_end = beyond + now.lane_length[name]
             for foe in now.on_lane[name]:
                 inside, state = self._links_ahead(foe, name)
                 via = next((one for one in inside if one in conflicts.crossings), None)
                 crossing = conflicts.crossings.get(via)
-                if crossing is None or not crossing.first or state in RED:
+                if crossing is None or not crossing.first or state in RED or via in closed:
                     continue
                 to_line, speed = to_end - now.position[foe], now.speed[foe]
                 stops_here = inside[0] == via and (foe in self.obedient or foe not in self.members)
@@ -367,6 +394,11 @@ class RightOfWay:
                     to_line, paces = 0.0, (hurrying._replace(speed=0.0, delay=stops_after),) * 2
                 found.append(tuple(Approach(foe, crossing, to_line, pace) for pace in paces))
         return found
+
+    def _is_closed(self, crossing: Crossing) -> bool:
+        """Whether a vehicle waits midway on a path, before the own one."""
+        ahead = (one for one in self.on(crossing) if one.pace.speed < STANDING)
+        return any(0 < one.to_line + crossing.blocks and -one.to_line < crossing.waits for one in ahead)
 
     def _links_ahead(self, name: str, lane: str) -> tuple[tuple[str, ...], str]:
         """First lanes inside the next junctions on a vehicle's path, at most `JUNCTIONS`; state of the next link.

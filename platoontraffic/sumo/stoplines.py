@@ -71,9 +71,9 @@ class StopLines:
         self._asking: list[Ego] = []  # those whose law needs signals, at rest
         self._rows = self._rows_in_progress = np.empty(0, dtype=np.intp)  # of those, in the fleet and in `progress`
         self._far = FarLines(())  # of those
-        # Members that stand with their front a little over a red line, and how far over it [m].
-        self.over_red: dict[str, float] = {}
-        self._were_over_red: frozenset[str] = frozenset()  # at the last look
+        # Members that stand with their front a little over a closed line, and how far over it [m].
+        self.over_line: dict[str, float] = {}
+        self._were_over_line: frozenset[str] = frozenset()  # at the last look
         self._later = LaterChanges(network, sumo, self._change)
 
     @property
@@ -143,8 +143,8 @@ class StopLines:
 
     def _begin_look(self) -> None:
         self._way.stops.clear()
-        self._were_over_red = frozenset(self.over_red)
-        self.over_red.clear()
+        self._were_over_line = frozenset(self.over_line)
+        self.over_line.clear()
         self._later.begin_look()
         self._change.begin_look()
 
@@ -222,8 +222,8 @@ class StopLines:
             passed, over = _not_made(passed, over, ego.lane, member.route)
         elif passed and passed.via and ego.lane[:1] == ":" and ego.lane not in passed.via:
             ego = self._on_its_route(passed, over, ego)
-        # SUMO may have one that it was told to have before a red line on a lane beside.
-        before = ego.lane == passed.lane or ego.id in self._were_over_red if passed else False
+        # SUMO may have one that it was told to have before a closed line on a lane beside.
+        before = ego.lane == passed.lane or ego.id in self._were_over_line if passed else False
         is_over = passed and (ego.lane in passed.via or (before and over < OVERRUN * ego.size))
         may_stop = is_over or (passed and passed.state == CHANGING)
         if may_stop:
@@ -270,7 +270,7 @@ class StopLines:
         may_stop = ego.speed**2 / (2 * EARLY_BRAKING) < left
         if line.via and may_stop and self._link_state(line) in RED:
             if ego.speed < STANDING:
-                self.over_red[ego.id] = over
+                self.over_line[ego.id] = over
             return LineState(left, False, False, False, LIGHT)
         is_inside = line.via and ego.lane in (line.lane, *line.via)  # SUMO may have it before the line still
         if is_inside:
@@ -290,6 +290,8 @@ class StopLines:
         elif is_inside:
             state = self._link_state(line)
             if may_stop and state not in PRIORITY and not self._way.has_way(line, state, -over, ego):
+                if ego.speed < STANDING:
+                    self.over_line[ego.id] = over
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
             gives_way = state not in PRIORITY + EQUAL + ZIPPER  # at equal ones either of two may have to
             if (stop := self._way.stop_before_foes(line, over, ego, priority_too=gives_way)) < math.inf:
@@ -325,8 +327,9 @@ class StopLines:
         line = self._at_junction[line, ego.kind]
         found = self._at_line(line, distance, near, ego)
         enters = found.open or found.distance > distance
-        if near and enters:
+        if near and (enters or found.reason == RIGHT_OF_WAY):
             self._way.note_waiting(line, distance, ego)
+        if near and enters:
             stop = self._way.stop_before_foes(line, -distance, ego, priority_too=False)
             if stop < (math.inf if found.open else found.distance):
                 return found._replace(distance=stop, open=False, reason=RIGHT_OF_WAY)

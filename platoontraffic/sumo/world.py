@@ -202,7 +202,7 @@ class World:
         theirs = {name: theirs[name] for name in theirs if name not in obstacles}
         self._letting_in.observe({**wanted, **theirs}, where, unwilling)
         self._lane_swaps.observe(where, wanted, self._clock, obstacles)
-        self._placement.place(fleet, brakes, self._lines.over_red)
+        self._placement.place(fleet, brakes, self._lines.over_line)
 
     def advance(self, fleet: Fleet) -> Fleet:
         """One step of SUMO: the fleet after it.

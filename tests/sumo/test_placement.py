@@ -84,12 +84,12 @@ def test_a_member_that_was_set_back_before_its_line_enters_the_junction_once():
     placement._shadows = SimpleNamespace(cast=lambda _: None, observe=lambda *_: None)
     (member,) = platoon(PathLeader(), model=CAR)
     fleet, held = Fleet.deployed([member], 0.1), {member.id: 0.4}
-    for here.lane, over_red in (
+    for here.lane, over_line in (
         ("road_0", {}), (":a_0_0", held), ("road_0", held), (":a_1_0", {}), ("next_0", {}),
         (":b_0_0", {}), ("road_0", {}), (":a_0_0", {}),
     ):  # fmt: skip
         placement.locate(fleet)
-        placement.place(fleet, None, over_red)
+        placement.place(fleet, None, over_line)
     assert [entry[2] for entry in placement.entries()] == [":a_0_0", ":b_0_0", ":a_0_0"]
 
 

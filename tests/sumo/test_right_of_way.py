@@ -47,6 +47,16 @@ from tests.support.generated import corner, generated
 NETS = ODD_NETS
 STEP = 0.1
 CAR = VEHICLES["car"]
+
+
+class Members(SimpleNamespace):
+    """What `StopLines.signals` reads of a fleet."""
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
+NOBODY = Members(members=(), ids=(), progress=SimpleNamespace(rows=np.arange(0), station=np.zeros(0)))
 EYE = replace(PRESETS["car-leader"], mount=Mount(CAR.length / 2))
 BLIND = replace(EYE, range_max=0.5)
 
@@ -963,7 +973,7 @@ def test_a_member_that_was_set_back_onto_a_lane_beside_is_still_held(monkeypatch
     """The look after that found no closed line, and it would have driven on at red."""
     line = Line(0.0, "G", "a", 0, "road_0", "next_0", (":a_0",), 20.0)
     lines, red = StopLines(None, None), LineState(0.6, False, False, False, LIGHT)
-    lines._were_over_red = frozenset({"m.0"} if held else ())
+    lines._were_over_line = frozenset({"m.0"} if held else ())
     monkeypatch.setattr(StopLines, "_passed", lambda *_: red)
     member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, 0.4, ())))
     state = lines._state(member, 100.4, Ego("m.0", lane, 0.0, CAR.length), 0)
@@ -997,7 +1007,7 @@ def test_a_member_whose_front_is_a_little_over_the_line_stays_there_when_it_is_r
     closed = state is not None and not state.open
     assert closed == stays
     assert not stays or (state.distance, state.reason) == (pytest.approx(1.0 - over), LIGHT)
-    assert lines.over_red == ({"m.0": over} if stays and speed == 0 else {})
+    assert lines.over_line == ({"m.0": over} if stays and speed == 0 else {})
 
 
 @pytest.mark.parametrize(
@@ -1027,7 +1037,7 @@ def test_a_member_whose_front_is_a_little_over_the_line_stays_there_when_it_is_r
     ],
 )
 def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
-    changed, speed, place, name, waited, distance, stop
+    monkeypatch, changed, speed, place, name, waited, distance, stop
 ):
     """In Bologna a bus and a member waited for each other there, and closed the junction for minutes."""
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 20.0)
@@ -1044,8 +1054,84 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
         next_links={name: [("",) * LINK_VIA + (":a_1" if speed > 1.5 else ":a_7", "", "")], "b": []},
         best_lanes={name: [], "b": []},
     )  # fmt: skip
-    way.note_waiting(line, distance, Ego("m.0", "road_0" if distance > 0 else ":a_0", 8.0, CAR.length))
+    monkeypatch.setattr(RightOfWay, "_drives_on", lambda *_: True)
+    ego = Ego("m.0", "road_0" if distance > 0 else ":a_0", 8.0, CAR.length)
+    way.note_waiting(line, distance, ego)
     assert way.stops == ({} if stop is None else {name: pytest.approx(stop)})
+    monkeypatch.setattr(RightOfWay, "_drives_on", lambda *_: False)  # then others do not block the path either
+    way.note_waiting(line, distance, ego)
+    stays = waited > 5.0 or changed.get("first")
+    assert way.stops == ({name: pytest.approx(4.5)} if stays else {} if stop is None else {name: pytest.approx(stop)})
+
+
+@pytest.mark.parametrize(
+    ("speed", "rate", "gap", "drives_on"),
+    [
+        (3.0, 1.0, True, True),
+        (3.0, 1.0, False, False),
+        (3.0, -1.0, True, False),  # it brakes before its place midway
+        (12.0, -1.0, True, True),  # it brakes for the bend
+        (0.0, 0.0, True, True),
+    ],
+)
+def test_a_vehicle_drives_on_if_it_has_a_gap_and_does_not_brake(monkeypatch, speed, rate, gap, drives_on):
+    crossing = Crossing("side_0", (":a_1", ":a_2"), (10.0, 18.0), (7.0, 14.0), False, True, 9.0, 10.0)
+    way, judged = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {}), []
+    way._now = SimpleNamespace(
+        accelerates_by={"c": rate}, length={"c": 5.0}, acceleration={"c": 2.6}, lane_length={":a_1": 9.0, ":a_2": 6.0},
+        links={"side_0": [("b_0", True, True, False, ":a_7", "M", "s", 9.0), ("a_9", 0, 0, 0, ":a_1", "m", "l", 9.0)]},
+    )  # fmt: skip
+
+    def may_cross(_, *given, midway):
+        judged.append(given)
+        return gap and midway
+
+    monkeypatch.setattr(RightOfWay, "may_cross", may_cross)
+    assert way._drives_on(Approach("c", crossing, -2.0, Pace(speed))) == drives_on
+    for line, to_line, _ in judged:
+        assert (line.lane, line.onto, line.via, line.across, to_line) == ("side_0", "a_9", (":a_1", ":a_2"), 15.0, -2.0)
+
+
+@pytest.mark.parametrize(
+    ("speed", "place", "counts"),
+    [
+        (0.0, 3.0, False),  # it waits before the path of the member, and those behind it with it
+        (1.0, 3.0, True),  # it drives
+        (0.0, 4.5, True),  # it blocks the path
+        (0.0, 5.5, True),  # it is beyond its place midway
+    ],
+)
+def test_who_comes_behind_one_that_waits_midway_does_not_count(speed, place, counts):
+    """In a left-hand grid a queue of turners that crept up to one another let nobody cross for 42 s."""
+    line = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    crossing = Crossing(
+        "side_0", (":a_1", ":a_2"), (10.0, 18.0), (3.3, 9.0), False, True, 5.0, 10.0, blocks=4.0
+    )  # fmt: skip
+    conflicts = Conflicts((("side_0", 0.0),), {":a_1": crossing}, (), np.inf, 0.0)
+    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
+    way.members = frozenset()
+    way._controlled = frozenset()
+    way._now = SimpleNamespace(
+        on_lane={":a_1": ["first"], ":a_2": [], "side_0": ["second"]},
+        lane_length={":a_1": 5.0, ":a_2": 9.0, "side_0": 50.0},
+        position={"first": place, "second": 40.0}, speed={"first": speed, "second": 0.6}, max_speed={"side_0": 14.0},
+        acceleration={"first": 2.6, "second": 2.6}, length={"first": 5.0, "second": 5.0}, best_lanes={"second": []},
+        next_links={"second": [("",) * LINK_VIA + (":a_1", "M", "")]},
+    )  # fmt: skip
+    assert bool(way._outside[line]) == counts
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_a_member_that_stands_over_a_line_that_closed_is_before_it_for_sumo(monkeypatch, speed):
+    """SUMO's drivers gave way to one that stood inside, and it to them."""
+    line = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
+    monkeypatch.setattr(RightOfWay, "has_way", lambda *_: False)
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
+    state = lines._passed(line, 0.2, Ego("m.0", ":a_0", speed, CAR.length))
+    assert not state.open
+    assert lines.over_line == ({"m.0": 0.2} if speed == 0 else {})
 
 
 @pytest.mark.parametrize(("lane", "heeds"), [("road_0", True), (":a_0", True), ("next_0", False)])
@@ -1141,8 +1227,8 @@ def test_of_two_places_at_which_a_member_must_stop_the_nearer_one_counts(monkeyp
 
 def test_nobody_is_kept_waiting_when_there_is_no_member_any_more():
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._way.stops["bus"] = 2.0
-    assert lines.signals(SimpleNamespace(progress=None, members=lines._fleet), {}) is None
+    lines._way.stops["bus"], lines._fleet = 2.0, ("gone",)
+    assert lines.signals(NOBODY, {}) is None
     assert lines.waiting_places == {}
 
 
@@ -1352,12 +1438,9 @@ def test_the_line_of_a_member_that_is_asked_to_let_another_one_in_is_closed(monk
 
 
 def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
-    class Two(SimpleNamespace):
-        __len__ = lambda self: 2  # noqa: E731
-
     law, model = SimpleNamespace(needs={"signals"}, heeds_lines=True), CAR
     members = tuple(SimpleNamespace(id=f"m.{k}", law=law, model=model, route=None) for k in (0, 1))
-    fleet = Two(
+    fleet = Members(
         members=members, ids=("m.0", "m.1", "native"), progress=SimpleNamespace(rows=np.arange(2), station=np.zeros(2)),
         model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)), motion=SimpleNamespace(speed=np.ones(2)),
         goes_round=np.zeros(2, bool),
@@ -1369,20 +1452,17 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     signals = lines.signals(fleet, {"m.0": ("road", "road_0"), "m.1": ("road", "road_0")})
     assert lines._way.obedient == {"m.0", "m.1"}
     assert lines.heedless == {"native"}
-    assert signals.open.tolist() == [True, False]
+    assert signals.open.tolist() == [True, False, True]
     assert signals.distance[1] == pytest.approx(6.0)
 
 
 def test_a_gap_of_a_member_that_goes_round_a_body_is_judged_by_its_speed_there(monkeypatch):
     """At 2 m/s it took 12 s through a junction, with a gap for 4 s, and a car that had come touched it."""
 
-    class Two(SimpleNamespace):
-        __len__ = lambda self: 2  # noqa: E731
-
     law, limits = SimpleNamespace(needs={"signals"}, heeds_lines=True), np.array([12.0, 2.0, 12.0])
     route = Route.along(("road",), np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 0.0]]), limits)
     members = tuple(SimpleNamespace(id=f"m.{k}", law=law, model=CAR, route=route) for k in (0, 1))
-    fleet = Two(
+    fleet = Members(
         members=members, ids=("m.0", "m.1"),
         progress=SimpleNamespace(rows=np.arange(2), station=np.full(2, 25.0)),
         model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)), motion=SimpleNamespace(speed=np.ones(2)),
@@ -1397,14 +1477,9 @@ def test_a_gap_of_a_member_that_goes_round_a_body_is_judged_by_its_speed_there(m
 
 def test_wishes_for_room_end_with_the_last_member_that_heeds_lines():
     """The wish of a member that was removed stayed, and vehicles waited for it."""
-
-    class NoMembers(SimpleNamespace):
-        __len__ = lambda self: 0  # noqa: E731
-
     lines = StopLines(None, SimpleNamespace())
-    lines._change.wanted["gone"] = Wanted("road_1", 5.0, False)
-    progress = SimpleNamespace(rows=np.arange(0), station=np.zeros(0))
-    assert lines.signals(NoMembers(members=(), ids=(), progress=progress), {}) is None
+    lines._change.wanted["gone"], lines._fleet = Wanted("road_1", 5.0, False), ("gone",)
+    assert lines.signals(NOBODY, {}) is None
     assert not lines.room_wanted
 
 

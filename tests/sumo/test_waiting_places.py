@@ -76,7 +76,7 @@ def test_the_world_asks_that_of_all_but_members():
     world._obstacles = SimpleNamespace(in_sumo={"cone"})
     world._first_on_lanes = SimpleNamespace(room_wanted=lambda *_: {"bus": "room", "cone": "room"})
     world._letting_in = SimpleNamespace(observe=lambda *given: let_in.append(given))
-    world._lines = SimpleNamespace(waiting_places={"c": 3.0}, room_wanted={}, over_red={}, heedless={"native"})
+    world._lines = SimpleNamespace(waiting_places={"c": 3.0}, room_wanted={}, over_line={}, heedless={"native"})
     world._placement = SimpleNamespace(where={"m.0": ("road", "road_0")}, place=lambda *_: None)
     world._waiting_places = SimpleNamespace(observe=lambda *given: asked.append(given) or {"c"})
     world._lane_swaps = SimpleNamespace(observe=lambda *given: apart.append(given[-1]))
