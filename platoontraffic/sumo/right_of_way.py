@@ -398,7 +398,7 @@ class RightOfWay:
     def _is_closed(self, crossing: Crossing) -> bool:
         """Whether a vehicle waits midway on a path, before the own one."""
         ahead = (one for one in self.on(crossing) if one.pace.speed < STANDING)
-        return any(0 < one.to_line + crossing.blocks and -one.to_line < crossing.waits for one in ahead)
+        return any(one.to_line + crossing.blocks > 0 and -one.to_line < crossing.waits for one in ahead)
 
     def _links_ahead(self, name: str, lane: str) -> tuple[tuple[str, ...], str]:
         """First lanes inside the next junctions on a vehicle's path, at most `JUNCTIONS`; state of the next link.
