@@ -167,7 +167,7 @@ class RightOfWay:
                        inf where it can pass them, or cannot stop any more
         """
         stop = math.inf
-        others = (one for one in self._all_inside[line] if not self._needs_no_stop(one, line, priority_too))
+        others = (one for one in self._all_inside[line] if not self._needs_no_stop(one, line, over, priority_too))
         for foe in chain(others, self._first_where_it_is_narrow(line, over)):
             crossing = foe.crossing
             if foe.pace.speed < STANDING:
@@ -179,15 +179,17 @@ class RightOfWay:
                 stop = left
         return -over if ego.speed**2 / (2 * STOPS_BY) < -over < stop < math.inf else stop
 
-    def _needs_no_stop(self, foe: Approach, line: Line, priority_too: bool) -> bool:
+    def _needs_no_stop(self, foe: Approach, line: Line, over: float, priority_too: bool) -> bool:
         """Whether `stop_before_foes` may leave out a vehicle that is inside the junction.
 
-        One with priority: unless those count too. One without: where it waits midway, stops (as a member with a law
-        that heeds lines does), or comes from the same edge, and so is beside or ahead on the same lane.
+        One with priority: unless those count too; of two that both have it, the one that comes later.
+        One without: where it waits midway, stops (as a member with a law that heeds lines does), or comes from the same
+        edge, and so is beside or ahead on the same lane.
         """
         crossing = foe.crossing
         if crossing.swings or crossing.first:
-            return crossing.swings or not priority_too
+            later = line.state in ZIPPER and not self._is_sooner(foe, line, over)
+            return crossing.swings or not priority_too or later
         if edge_of(crossing.before) == edge_of(line.lane):
             return True
         left = foe.to_line + crossing.its[0]
@@ -202,14 +204,19 @@ class RightOfWay:
         """
         for crossing in self._conflicts[line].narrow:
             for one in self.on(crossing):
-                sooner = (one.to_line + crossing.its[0], crossing.before) < (crossing.own[0] - over, line.lane)
-                if (sooner or one.id not in self.members) and not self.is_past(one):
+                first = one.id not in self.members or self._is_sooner(one, line, over)
+                if first and not self.is_past(one):
                     yield one
             for one in self._next_on(crossing):
                 state = self._links_ahead(one.id, crossing.before)[1]
                 may_stop = state in YELLOW and one.pace.speed**2 / (2 * STOPS_BY) < one.to_line
                 if one.id not in self.members and state not in RED + STOP and not may_stop:
                     yield one
+
+    def _is_sooner(self, foe: Approach, line: Line, over: float) -> bool:
+        """Whether another one has less far to where the paths meet; of two that have as far, the lane decides."""
+        crossing = foe.crossing
+        return (foe.to_line + crossing.its[0], crossing.before) < (crossing.own[0] - over, line.lane)
 
     def note_waiting(self, line: Line, distance: float, ego: Ego) -> None:
         """Note the vehicles that would wait midway in the way of a member, and must stop before its path.

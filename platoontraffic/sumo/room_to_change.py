@@ -11,7 +11,7 @@ from typing import NamedTuple
 from platoontraffic.controllers.lane_room import COMFORTABLE_BRAKING, room_needed
 from platoontraffic.road.gap_acceptance import Pace
 from platoontraffic.road.lane_ids import edge_of, index_of
-from platoontraffic.road.lane_routes import Line
+from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import PLAN_LANE, PLAN_OFFSET, Reads
@@ -182,6 +182,21 @@ class RoomToChange:
                     self._beside.add(ego.id)
                     return True
         return False
+
+    def may_go_over(self, line: Line, ego: Ego) -> bool:
+        """Whether a slow vehicle on a lane beside its own, without a lane change, has room to go over; others drive on.
+
+        It has driven past its change and the junction beyond, as one that followed another vehicle.
+
+        line: as of `is_beside`
+        """
+        if ego.lane == line.lane or edge_of(ego.lane) != edge_of(line.lane) or ego.speed >= QUEUE_SPEED * ego.size:
+            return True
+        if self._share(ego) > COMMITTED:
+            return True
+        to_end = self._now.lane_length[ego.lane] - self._now.position[ego.id]
+        change = line._replace(state=CHANGING, lane=ego.lane, onto=line.lane, via=(), across=inf, to_end=to_end)
+        return self._goes_over_here(change, ego) == inf
 
     def may_put_off(self, line: Line, over: float, ego: Ego, *, has_room: bool) -> bool:
         """Whether a vehicle beyond the begin of its lane change may make another one further on.

@@ -23,7 +23,6 @@ from platoontraffic.sumo.conflicts import (
     RED,
     STOP,
     YELLOW,
-    ZIPPER,
     Conflicts,
     Crossing,
     Paths,
@@ -234,7 +233,7 @@ class StopLines:
                 return state
         if not lines:
             return NO_LINE
-        if self._change.is_beside(lines[0][0], ego):
+        if self._change.is_beside(lines[0][0], ego) or not self._change.may_go_over(lines[0][0], ego):
             return LineState(AT_ONCE * ego.size, False, False, False, LANE_CHANGE)
         ahead = [self._ahead(line, distance, distance < checks_from, ego, member.route) for line, distance in lines]
         first, (line, distance) = ahead[0], lines[0]
@@ -293,7 +292,7 @@ class StopLines:
                 if ego.speed < STANDING:
                     self.over_line[ego.id] = over
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
-            gives_way = state not in PRIORITY + EQUAL + ZIPPER  # at equal ones either of two may have to
+            gives_way = state not in PRIORITY + EQUAL  # at equal ones either of two may have to
             if (stop := self._way.stop_before_foes(line, over, ego, priority_too=gives_way)) < math.inf:
                 return LineState(stop, False, False, False, RIGHT_OF_WAY)
         return None

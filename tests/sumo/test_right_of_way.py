@@ -620,6 +620,32 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
 
 
 @pytest.mark.parametrize(
+    ("state", "over", "name", "stop"),
+    [
+        ("Z", 2.0, "c", 7.5),  # it has 7 m to where the paths meet, this one 8 m
+        ("Z", 4.0, "c", np.inf),  # this one has 6 m
+        ("Z", 2.0, "m.1", 7.5),
+        ("Z", 4.0, "m.1", np.inf),
+        ("m", 4.0, "c", 5.5),
+    ],
+)
+def test_inside_a_zipper_the_one_that_has_farther_to_go_stops(state, over, name, stop):
+    """Where paths cross at such a junction, SUMO's drivers enter whoever is inside, and do not stop there."""
+    line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (8.0, 15.0), False, True, np.inf, 10.0, touches=12.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
+    way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
+                     {line: conflicts})  # fmt: skip
+    way.members, way.obedient = {"m.0", "m.1"}, {"m.0", "m.1"}
+    way._now = SimpleNamespace(
+        on_lane={":a_1": [name]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={name: 1.0},
+        speed={name: 3.0}, acceleration={name: 2.6}, length={name: 5.0},
+    )  # fmt: skip
+    ego = Ego("m.0", ":a_0", 3.0, CAR.length)
+    assert way.stop_before_foes(line, over, ego, priority_too=True) == pytest.approx(stop)
+
+
+@pytest.mark.parametrize(
     ("over", "name", "position", "speed", "stop"),
     [
         (-6.0, "m.1", 6.0, 3.0, 6.0),  # it has 4 m to where it is narrow, this one 11 m: it can stop at its line
