@@ -331,6 +331,7 @@ def test_routes_that_no_member_drives_any_more_are_forgotten(fleet_and_later, mo
     route = fleet.members[0].route
     for key in [(route, change, 0.0), *((changed(route), change, float(k)) for k in range(5))]:
         dict.__setitem__(later._later, key, None)
+    later._blocked["another"] = None  # then the routes are looked at
     later.put_off(fleet)
     assert [key[0] for key in later._later] == [route]
 

@@ -717,7 +717,7 @@ def inside_lanes(via: str) -> list[str]:
     return [via, *(inside_lanes(onward) if onward else [])]
 
 
-@pytest.mark.parametrize(("state", "yields"), [("m", True), ("M", False), ("w", False), ("=", False), ("Z", False)])
+@pytest.mark.parametrize(("state", "yields"), [("m", True), ("M", False), ("w", False), ("=", False), ("Z", True)])
 @pytest.mark.parametrize("stop", [4.0, np.inf])
 def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(state, yields, stop):
     line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
