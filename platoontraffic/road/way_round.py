@@ -36,6 +36,7 @@ LONGEST_BODY = 13.0  # ... and how far beyond it is followed [m]
 SAME_BODY = 1.5  # greatest distance along the path between returns from one body [m]
 DEPTH = 5.0  # of a body at least, since a laser sees its near side only [m]
 SHORTEST = 0.8  # of a shift [vehicle lengths]
+GONE_ASIDE = 0.1  # offset from the route beyond which it has begun to go round [m]
 ON_LINE = 1.0, 0.15  # offset [m] and off-heading [rad] up to which a way begins at a place
 JOINED = 3.0  # distance before its begin from which the route leads straight to it [m]
 
@@ -200,12 +201,17 @@ def blocked_return(way: Way, station: float, body: Body, returns: np.ndarray) ->
 
 
 def is_free_without(way: Way, without: Route, station: float, body: Body, returns: np.ndarray) -> bool:
-    """Whether nothing is on the route as it was before a way.
+    """Whether a vehicle on a way could go on without it: nothing is on the route as it was.
+
+    Once it has gone aside, only where something is on the way: the body may be beside it, where no laser looks.
 
     station, body, returns : as of `blocked_return`
     """
     ((x, y),) = way.route.line.at(np.array([station]))
     there, _ = without.line.project(x, y, station, REACH)
+    aside = math.dist((x, y), without.line.at(np.array([there]))[0])
+    if aside > GONE_ASIDE and blocked_at(way.route, station, body, returns).distance == math.inf:
+        return False
     return blocked_at(without, there, body, returns).distance == math.inf
 
 

@@ -69,7 +69,7 @@ class Placement:
         self._located: list[str] = []  # lanes of the members ...
         self._located_of: tuple[str, ...] = ()  # ... with these ids, after the last step
         self._entries: list[Entry] = []  # since `entries` was last called
-        self._was_in: dict[str, str] = {}  # junctions that members were in when they were set back before a red line
+        self._was_in: dict[str, str] = {}  # junctions that members were in when they were set back before a closed line
         self._leg: dict[str, int] = {}  # index, among its route's edges, of the edge that each member is on
         # Of each member: route last set in SUMO, and the edge it began with.
         self._routed: dict[str, tuple[str, Route | None] | None] = defaultdict(lambda: None)

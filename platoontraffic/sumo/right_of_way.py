@@ -9,6 +9,7 @@ from itertools import chain, pairwise
 from typing import NamedTuple
 
 from platoontraffic.road.gap_acceptance import (
+    FIRST_MARGIN,
     IN_QUEUE_FROM,
     IN_QUEUE_SPEED,
     STANDING,
@@ -29,6 +30,7 @@ from platoontraffic.sumo.conflicts import (
     LINK_OPEN,
     LINK_STATE,
     LINK_VIA,
+    MINOR,
     RED,
     STOP,
     YELLOW,
@@ -47,10 +49,10 @@ SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the 
 SWINGS_OUT_LONGEST = 30.0  # ... and after which it does so even if a vehicle comes [s]
 BEFORE_PATH = 0.5  # distance that a car which stops inside a junction keeps from the path of another vehicle [m]
 STOPS_BY = 4.5  # hardest braking with which a vehicle stops at a sign, or a yellow light [m/s2]: that of SUMO's cars
-STOPS_MIDWAY_BY = 0.5  # least braking of a vehicle that will wait midway [m/s2]
+STOPS_MIDWAY_BY = 2.0  # least braking of a vehicle that will wait midway [m/s2]: more than by which drivers dawdle
 STOPS_HARD_BY = 7.0  # hardest braking for a vehicle inside a junction that should have given way [m/s2]
 ENTERS_WITHIN = 15.0  # distance from its line from which a vehicle is expected to wait midway [m]
-COMES_UNTIL = 5.0  # a member that has stood for longer does not come, and vehicles that wait for it go on [s]
+COMES_UNTIL = 5.0  # a member that has stood for longer does not come: vehicles that waited for it go when they can [s]
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
 LETS_IN_LONGEST = 12.0  # ... and after it was first asked [s]
 JUNCTIONS = 3  # number of the next junctions at which a vehicle's path is compared with the own one
@@ -182,14 +184,14 @@ class RightOfWay:
     def _needs_no_stop(self, foe: Approach, line: Line, over: float, priority_too: bool) -> bool:
         """Whether `stop_before_foes` may leave out a vehicle that is inside the junction.
 
-        One with priority: unless those count too; of two that both have it, the one that comes later.
+        One with priority: unless those count too; in a zipper one that merges, or comes later.
         One without: where it waits midway, stops (as a member with a law that heeds lines does), or comes from the same
         edge, and so is beside or ahead on the same lane.
         """
         crossing = foe.crossing
         if crossing.swings or crossing.first:
-            later = line.state in ZIPPER and not self._is_sooner(foe, line, over)
-            return crossing.swings or not priority_too or later
+            equal = line.state in ZIPPER and (crossing.merges or not self._is_sooner(foe, line, over))
+            return crossing.swings or not priority_too or equal
         if edge_of(crossing.before) == edge_of(line.lane):
             return True
         left = foe.to_line + crossing.its[0]
@@ -246,16 +248,17 @@ class RightOfWay:
         now, crossing = self._now, waiting.crossing
         if STANDING <= waiting.pace.speed < crossing.fastest and now.accelerates_by[waiting.id] < -STOPS_MIDWAY_BY:
             return False
-        line = self._line_of(crossing)
+        line, to_line = self._line_of(crossing), waiting.to_line
         ego = Ego(waiting.id, crossing.before, waiting.pace.speed, now.length[waiting.id],
                   now.acceleration[waiting.id], math.inf)  # fmt: skip
-        return self.may_cross(line, waiting.to_line, ego, midway=True)
+        met = self._met(line, [*self._patiently[line], *self._first_inside[line]], to_line, midway=True)
+        return self._has_gap_among(met, line, to_line, ego, FIRST_MARGIN, to_line + self._conflicts[line].waits)
 
     def _line_of(self, crossing: Crossing) -> Line:
-        """The line at which a vehicle has entered, or will."""
-        link = next(one for one in self._now.links[crossing.before] if one[LINK_VIA] == crossing.via[0])
+        """The line at which a vehicle that may wait midway has entered, or will; a light does not matter there."""
+        onto = next(one[LINK_ONTO] for one in self._now.links[crossing.before] if one[LINK_VIA] == crossing.via[0])
         across = sum(map(self._now.lane_length.__getitem__, crossing.via))
-        return Line(0.0, link[LINK_STATE], "", 0, crossing.before, link[LINK_ONTO], crossing.via, across)
+        return Line(0.0, MINOR[0], "", 0, crossing.before, onto, crossing.via, across)
 
     def _next_on(self, crossing: Crossing, braking: float = math.inf) -> Iterator[Approach]:
         """The vehicle that enters the junction next on a path, if it is near.
@@ -405,7 +408,7 @@ class RightOfWay:
     def _is_closed(self, crossing: Crossing) -> bool:
         """Whether a vehicle waits midway on a path, before the own one."""
         ahead = (one for one in self.on(crossing) if one.pace.speed < STANDING)
-        return any(one.to_line + crossing.blocks > 0 and -one.to_line < crossing.waits for one in ahead)
+        return any(math.inf > one.to_line + crossing.blocks > 0 and -one.to_line < crossing.waits for one in ahead)
 
     def _links_ahead(self, name: str, lane: str) -> tuple[tuple[str, ...], str]:
         """First lanes inside the next junctions on a vehicle's path, at most `JUNCTIONS`; state of the next link.

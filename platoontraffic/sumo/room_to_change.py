@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from platoontraffic.controllers.lane_room import COMFORTABLE_BRAKING, room_needed
-from platoontraffic.road.gap_acceptance import Pace
+from platoontraffic.road.gap_acceptance import STANDING, Pace
 from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.road.network import Network
@@ -184,19 +184,30 @@ class RoomToChange:
         return False
 
     def may_go_over(self, line: Line, ego: Ego) -> bool:
-        """Whether a slow vehicle on a lane beside its own, without a lane change, has room to go over; others drive on.
+        """Whether a slow vehicle on a lane beside its own, without a lane change, can go over; faster ones drive on.
 
-        It has driven past its change and the junction beyond, as one that followed another vehicle.
+        It has driven past its change and the junction beyond, as one that followed another vehicle. It waits for the
+        next one behind on its lane, unless that one stands: it may accelerate.
 
         line: as of `is_beside`
         """
         if ego.lane == line.lane or edge_of(ego.lane) != edge_of(line.lane) or ego.speed >= QUEUE_SPEED * ego.size:
             return True
-        if self._share(ego) > COMMITTED:
+        share, now = self._share(ego), self._now
+        if share > COMMITTED:
             return True
-        to_end = self._now.lane_length[ego.lane] - self._now.position[ego.id]
-        change = line._replace(state=CHANGING, lane=ego.lane, onto=line.lane, via=(), across=inf, to_end=to_end)
-        return self._goes_over_here(change, ego) == inf
+        here, half = now.position[ego.id], (0.5 - share) * 2 * ego.length
+        behind = [name for name in now.on_lane[line.lane] if name != ego.id and now.position[name] < here]
+        if not behind or now.speed[behind[-1]] < STANDING:
+            return True
+        foe, time = behind[-1], Pace(ego.speed, *CHANGING_PACE).time_for(half)
+        comes = Pace(now.speed[foe], now.acceleration[foe], now.max_speed[line.lane])
+        room = here + half - ego.length - BEHIND * ego.size - now.position[foe]
+        if comes.time_for(max(room, 0.0)) >= time:
+            return True
+        change = line._replace(state=CHANGING, lane=ego.lane, onto=line.lane, via=())
+        self._want(change._replace(to_end=now.lane_length[ego.lane] - here), 0.0, half, ego, False)
+        return False
 
     def may_put_off(self, line: Line, over: float, ego: Ego, *, has_room: bool) -> bool:
         """Whether a vehicle beyond the begin of its lane change may make another one further on.

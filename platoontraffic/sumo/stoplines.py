@@ -129,7 +129,8 @@ class StopLines:
         for k, row in zip(looked_at.tolist(), rows[looked_at].tolist(), strict=True):
             member, ego = fleet.members[row], asking[k]._replace(lane=lanes[k], speed=speed[k])
             if goes_round[row]:
-                ego = ego._replace(top=member.route.limit_at(front[k]))
+                station = front[k] - ego.length / 2 + float(member.model.axle)
+                ego = ego._replace(top=member.route.limit_at(station))
             if is_far[k]:
                 state = self._ahead(self._far.lines[k], distance[k], False, ego, member.route)
             else:
@@ -233,7 +234,8 @@ class StopLines:
                 return state
         if not lines:
             return NO_LINE
-        if self._change.is_beside(lines[0][0], ego) or not self._change.may_go_over(lines[0][0], ego):
+        changes = passed and passed.state == CHANGING
+        if self._change.is_beside(lines[0][0], ego) or not (changes or self._change.may_go_over(lines[0][0], ego)):
             return LineState(AT_ONCE * ego.size, False, False, False, LANE_CHANGE)
         ahead = [self._ahead(line, distance, distance < checks_from, ego, member.route) for line, distance in lines]
         first, (line, distance) = ahead[0], lines[0]
@@ -326,7 +328,8 @@ class StopLines:
         line = self._at_junction[line, ego.kind]
         found = self._at_line(line, distance, near, ego)
         enters = found.open or found.distance > distance
-        if near and (enters or found.reason == RIGHT_OF_WAY):
+        gives_way = found.minor and found.reason == RIGHT_OF_WAY and distance <= LOOK * ego.length
+        if near and (enters or gives_way):
             self._way.note_waiting(line, distance, ego)
         if near and enters:
             stop = self._way.stop_before_foes(line, -distance, ego, priority_too=False)

@@ -1,8 +1,9 @@
-"""Where SUMO's vehicles wait inside a junction for members that come.
+"""Where SUMO's vehicles wait inside a junction that members cross.
 
 The place where a vehicle waits midway may lie in the path of the one to which it gives way: SUMO's own vehicles pass
 through each other there. A member stops before such a body, which waits for the member: a bus and a member closed a
-junction of Bologna for minutes. So a vehicle that will wait there for a member stops before the member's path.
+junction of Bologna for minutes. So a vehicle that will wait there, for a member or for others, stops before the path of
+a member that comes or waits at its line.
 
 And a driver does not set out while another vehicle drives round its own one.
 """

@@ -12,7 +12,14 @@ from shapely import affinity
 from platoontraffic.road import way_round as ways
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.route import Route
-from platoontraffic.road.way_round import Body, blocked_return, corners, way_round, with_later_return
+from platoontraffic.road.way_round import (
+    Body,
+    blocked_return,
+    corners,
+    is_free_without,
+    way_round,
+    with_later_return,
+)
 from platoontraffic.vehicles.bicycle import CARS
 
 CAR = CARS["car"]
@@ -208,6 +215,16 @@ def test_it_is_slow_only_until_its_rear_is_past_the_body():
     places = [49.0, 51.0, past - 0.3, past + 1.0, way.ends - 0.3, way.ends + 0.3]
     assert [way.route.limit_at(place) for place in places] == [13.9, *[ways.SPEED] * 2, *[13.9] * 3]
     assert past > 50.0 + 1.0 + BODY.length / 2 + BODY.axle  # the body begins 1 m ahead of its front
+
+
+@pytest.mark.parametrize(("driven", "free"), [(0.0, True), (0.5, True), (8.0, False), (12.0, False)])
+def test_it_is_not_left_beside_the_body_that_no_laser_sees(driven, free):
+    """It stood at a red light beside a body, whose returns had ended before its bumper."""
+    body, route = box(1.2, ahead=4.0, length=4.5), street()
+    way = way_round(route, 50.0, (0.0, 0.0, 0.0), BODY, seen(body), anywhere)
+    returns = seen(body) if driven > 1.0 else np.empty((0, 2))  # the body has gone
+    ahead = returns[returns[:, 0] > driven + NOSE]
+    assert is_free_without(way, route, 50.0 + driven, BODY, ahead) == free
 
 
 @settings(max_examples=25, deadline=None)

@@ -33,7 +33,7 @@ from platoontraffic.sumo.letting_in import Stop
 from platoontraffic.sumo.reads import Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
 from platoontraffic.sumo.room_to_change import RoomToChange, Wanted
-from platoontraffic.sumo.stoplines import LIGHT, NO_LINE, LineState, StopLines, _not_made
+from platoontraffic.sumo.stoplines import LIGHT, NO_LINE, RIGHT_OF_WAY, LineState, StopLines, _not_made
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
@@ -1095,27 +1095,51 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
     [
         (3.0, 1.0, True, True),
         (3.0, 1.0, False, False),
-        (3.0, -1.0, True, False),  # it brakes before its place midway
-        (12.0, -1.0, True, True),  # it brakes for the bend
+        (3.0, -3.0, True, False),  # it brakes before its place midway
+        (3.0, -1.0, True, True),  # it dawdles
+        (12.0, -3.0, True, True),  # it brakes for the bend
         (0.0, 0.0, True, True),
     ],
 )
 def test_a_vehicle_drives_on_if_it_has_a_gap_and_does_not_brake(monkeypatch, speed, rate, gap, drives_on):
     crossing = Crossing("side_0", (":a_1", ":a_2"), (10.0, 18.0), (7.0, 14.0), False, True, 9.0, 10.0)
-    way, judged = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {}), []
+    conflicts = defaultdict(lambda: Conflicts((), {}, (), 9.0, 0.0))
+    way, judged = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), conflicts), []
     way._now = SimpleNamespace(
         accelerates_by={"c": rate}, length={"c": 5.0}, acceleration={"c": 2.6}, lane_length={":a_1": 9.0, ":a_2": 6.0},
         links={"side_0": [("b_0", True, True, False, ":a_7", "M", "s", 9.0), ("a_9", 0, 0, 0, ":a_1", "m", "l", 9.0)]},
+        on_lane={},
     )  # fmt: skip
 
-    def may_cross(_, *given, midway):
-        judged.append(given)
-        return gap and midway
+    def has_gap(_, foes, line, to_line, ego, *rest):
+        judged.append((line, to_line, *rest))
+        return gap
 
-    monkeypatch.setattr(RightOfWay, "may_cross", may_cross)
+    monkeypatch.setattr(RightOfWay, "_has_gap_among", has_gap)
     assert way._drives_on(Approach("c", crossing, -2.0, Pace(speed))) == drives_on
-    for line, to_line, _ in judged:
-        assert (line.lane, line.onto, line.via, line.across, to_line) == ("side_0", "a_9", (":a_1", ":a_2"), 15.0, -2.0)
+    for line, *rest in judged:
+        assert (line.lane, line.onto, line.via, line.across) == ("side_0", "a_9", (":a_1", ":a_2"), 15.0)
+        assert rest == [-2.0, 1.0, 7.0]  # from the line, margin, and to where it may wait
+
+
+@pytest.mark.parametrize(
+    ("found", "distance", "noted"),
+    [
+        ((5.0, True, True, False, RIGHT_OF_WAY), 5.0, True),
+        ((5.0, False, True, False, RIGHT_OF_WAY), 5.0, True),  # it waits at its line
+        ((5.0, False, False, False, RIGHT_OF_WAY), 5.0, False),  # until the junction is cleared at its green light
+        ((5.0, False, True, False, LIGHT), 5.0, False),
+        ((15.0, False, True, False, RIGHT_OF_WAY), 15.0, False),  # it only comes, and will wait
+    ],
+)
+def test_who_waits_midway_is_looked_for_where_a_member_comes_or_gives_way(monkeypatch, found, distance, noted):
+    line, looked = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0), []
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    monkeypatch.setattr(StopLines, "_at_line", lambda *_: LineState(*found))
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: looked.append(1))
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    lines._ahead(line, distance, True, Ego("m.0", "road_0", 2.0, CAR.length), None)
+    assert bool(looked) == noted
 
 
 @pytest.mark.parametrize(
@@ -1490,7 +1514,7 @@ def test_a_gap_of_a_member_that_goes_round_a_body_is_judged_by_its_speed_there(m
     members = tuple(SimpleNamespace(id=f"m.{k}", law=law, model=CAR, route=route) for k in (0, 1))
     fleet = Members(
         members=members, ids=("m.0", "m.1"),
-        progress=SimpleNamespace(rows=np.arange(2), station=np.full(2, 25.0)),
+        progress=SimpleNamespace(rows=np.arange(2), station=np.full(2, 39.0)),  # of the axle; the front is beyond 40 m
         model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)), motion=SimpleNamespace(speed=np.ones(2)),
         goes_round=np.array([False, True]),
     )  # fmt: skip

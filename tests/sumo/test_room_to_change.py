@@ -234,17 +234,20 @@ def test_a_slow_vehicle_waits_beside_one_that_came_in_between_on_its_lane(front,
 
 
 @pytest.mark.parametrize(
-    ("behind", "speed", "lane", "aside", "goes"),
+    ("behind", "comes", "speed", "lane", "aside", "goes"),
     [
-        (3.0, 0.5, "road_0", 0.0, False),
-        (3.0, 0.5, "road_0", 0.9, True),  # it is half over
-        (3.0, 0.5, "road_1", 0.0, True),  # it is on its lane
-        (3.0, 0.5, "before_0", 0.0, True),
-        (3.0, 4.0, "road_0", 0.0, True),  # it drives on
-        (40.0, 0.5, "road_0", 0.0, True),
+        (3.0, 2.0, 0.5, "road_0", 0.0, False),
+        (9.0, 2.0, 0.5, "road_0", 0.0, False),  # it will accelerate
+        (40.0, 2.0, 0.5, "road_0", 0.0, True),
+        (3.0, 0.0, 0.5, "road_0", 0.0, True),  # it stands, and will see the member
+        (3.0, 2.0, 0.5, "road_0", 0.9, True),  # the member is half over
+        (3.0, 2.0, 0.5, "road_1", 0.0, True),  # ... or on its lane
+        (3.0, 2.0, 0.5, "before_0", 0.0, True),
+        (3.0, 2.0, 4.0, "road_0", 0.0, True),  # it drives on
+        (-3.0, 2.0, 0.5, "road_0", 0.0, True),  # the other one is ahead
     ],
 )
-def test_a_slow_vehicle_beside_its_lane_waits_for_who_comes_there_from_behind(behind, speed, lane, aside, goes):
+def test_a_slow_vehicle_beside_its_lane_waits_for_who_comes_there_from_behind(behind, comes, speed, lane, aside, goes):
     """It had driven past its lane change and the junction beyond behind another one, and went over into a car."""
     client = SimpleNamespace(
         lane=SimpleNamespace(
@@ -252,16 +255,15 @@ def test_a_slow_vehicle_beside_its_lane_waits_for_who_comes_there_from_behind(be
             getLastStepVehicleIDs=lambda lane: {"road_1": ["c"], "road_0": ["m.0"]}[lane],
         ),
         vehicle=SimpleNamespace(
-            getSpeed=lambda name: {"m.0": speed, "c": 2.0}[name], getLength=lambda _: 5.0,
-            getLateralLanePosition=lambda _: aside,
+            getSpeed=lambda name: {"m.0": speed, "c": comes}[name], getLength=lambda _: 5.0,
+            getLateralLanePosition=lambda _: aside, getAccel=lambda _: 2.6,
             getLanePosition=lambda name: {"m.0": 60.0, "c": 60.0 - behind}[name],
         ),
     )  # fmt: skip
-    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client))
+    change = RoomToChange(SimpleNamespace(), Reads(client))
     line = Line(300.0, "M", "", 0, "road_1", "next_1", (":a_1",), 10.0)
     assert change.may_go_over(line, Ego("m.0", lane, speed, CAR.length)) == goes
-    waits = lane == "road_0" and speed < 3.0 and aside == 0.0
-    assert [wanted.lane for wanted in change.wanted.values()] == ["road_1"] * waits  # others leave room for it
+    assert [wanted.lane for wanted in change.wanted.values()] == ["road_1"] * (not goes)  # others leave room for it
 
 
 def test_a_slow_member_waits_for_another_one_abreast_and_of_two_only_one_waits():
