@@ -26,7 +26,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo import conflicts, right_of_way
-from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing
+from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing, _path
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.far_lines import FarLines
 from platoontraffic.sumo.letting_in import Stop
@@ -1456,6 +1456,31 @@ def test_a_gap_is_judged_by_what_the_engine_has(kind, acceleration):
     """A truck merged before cars by the 2.5 m/s2 that its law wants."""
     ego = Ego.of(SimpleNamespace(id="m", law=PathLeader(), model=VEHICLES[kind]))
     assert ego.acceleration == pytest.approx(acceleration, abs=0.01)
+
+
+@pytest.mark.sumo
+def test_where_one_that_may_wait_midway_blocks_a_path(generated_nets):
+    """Against shapely: where the strip about its line, as wide as its front, is half a lane from the own path."""
+    network, seen = Network.read(generated(generated_nets, "grid", "priority", 2, "--lefthand")), 0
+    libsumo.start(["sumo", "-n", str(network.path), "--no-step-log", "--no-warnings"])
+    try:
+        for lane in [name for name in libsumo.lane.getIDList() if name[:2] in ("B1", "C1")]:
+            for link in [one for one in libsumo.lane.getLinks(lane) if one[LINK_VIA]]:
+                line = Line(0.0, link[LINK_STATE], "", 0, lane, link[LINK_ONTO], (link[LINK_VIA],), 10.0)
+                own = shapely.LineString(_path(line.via, line.onto, libsumo))
+                for crossing in Conflicts.at(line, network, libsumo).crossings.values():
+                    if crossing.waits == np.inf or crossing.merges or crossing.before == lane:
+                        continue
+                    seen += 1
+                    onto = libsumo.lane.getLinks(crossing.via[-1])[0][LINK_ONTO]
+                    its = shapely.LineString(_path(crossing.via, onto, libsumo))
+                    near = its.buffer(CAR.width / 2, cap_style="flat").intersection(own.buffer(1.6, cap_style="flat"))
+                    first = min(its.project(shapely.Point(xy)) for xy in shapely.get_coordinates(near))
+                    assert abs(crossing.blocks - first) < 0.3
+                    assert crossing.blocks > crossing.its[0]
+    finally:
+        libsumo.close()
+    assert seen > 4
 
 
 @pytest.mark.sumo
