@@ -620,19 +620,20 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
 
 
 @pytest.mark.parametrize(
-    ("state", "over", "name", "stop"),
+    ("state", "over", "name", "merges", "stop"),
     [
-        ("Z", 2.0, "c", 7.5),  # it has 7 m to where the paths meet, this one 8 m
-        ("Z", 4.0, "c", np.inf),  # this one has 6 m
-        ("Z", 2.0, "m.1", 7.5),
-        ("Z", 4.0, "m.1", np.inf),
-        ("m", 4.0, "c", 5.5),
+        ("Z", 2.0, "c", False, 7.5),  # it has 7 m to where the paths meet, this one 8 m
+        ("Z", 4.0, "c", False, np.inf),  # this one has 6 m
+        ("Z", 2.0, "m.1", False, 7.5),
+        ("Z", 4.0, "m.1", False, np.inf),
+        ("Z", 2.0, "c", True, np.inf),  # it follows that one, or the other way round
+        ("m", 4.0, "c", False, 5.5),
     ],
 )
-def test_inside_a_zipper_the_one_that_has_farther_to_go_stops(state, over, name, stop):
+def test_inside_a_zipper_the_one_that_has_farther_to_go_stops(state, over, name, merges, stop):
     """Where paths cross at such a junction, SUMO's drivers enter whoever is inside, and do not stop there."""
     line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
-    crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (8.0, 15.0), False, True, np.inf, 10.0, touches=12.0)
+    crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (8.0, 15.0), merges, True, np.inf, 10.0, touches=12.0)
     conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
@@ -1044,6 +1045,7 @@ def test_a_member_whose_front_is_a_little_over_the_line_stays_there_when_it_is_r
         ({}, 3.0, -4.0, "c", 0.0, 20.0, 10.5),  # it is next to enter
         ({}, 1.0, -4.0, "c", 0.0, 20.0, None),  # but goes elsewhere
         ({}, 3.0, -16.0, "c", 0.0, 20.0, None),  # or is far away
+        ({}, 13.0, -16.0, "c", 0.0, 20.0, 22.5),  # from there it has to brake
         ({}, 3.0, 2.0, "c", 4.0, 0.5, 4.5),  # it has just come to a stand
         ({}, 3.0, 2.0, "c", 6.0, 0.5, None),  # it does not come
         ({}, 3.0, 2.0, "c", 0.0, -24.0, None),  # it is past
