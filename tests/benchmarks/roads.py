@@ -47,6 +47,8 @@ def roads(folder: Path) -> Iterator[tuple[str, Path]]:
     yield "short streets", make("short", "priority", 1)
     for lanes in (1, 2):
         yield f"roundabouts {lanes}", roundabouts(folder, lanes)
+    yield "grid, left-hand, two lanes", make("grid", "priority", 2, "--lefthand", seed=31)
+    yield "random zipper, two lanes", make("random", "zipper", 2, seed=32)
     for game in GAMES:
         yield game, Path(sumo.SUMO_HOME, "tools", "game", f"{game}.sumocfg")
 
