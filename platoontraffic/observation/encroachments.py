@@ -96,7 +96,8 @@ class Encroachments:
     def _note_levels(self, traffic: TrafficSnapshot) -> None:
         """One that comes to a bridge crosses the trails of those that have left it."""
         now, ids = traffic.time, traffic.ids
-        self._apart = {pair: self._apart[pair] for pair in self._apart if self._apart[pair] > now - TRAIL}
+        if self._apart:
+            self._apart = {pair: last for pair, last in self._apart.items() if last > now - TRAIL}
         for members, bodies in traffic.other_levels:
             for i, k in product(members.tolist(), bodies.tolist()):
                 self._apart[frozenset((ids[i], ids[k]))] = now

@@ -58,7 +58,7 @@ class Crossing(NamedTuple):
     fastest: float  # speed limit inside the junction [m/s]
     touches: float = math.inf  # where the own front begins to be in the foe's way; inf: nowhere
     swings: bool = False  # the paths do not meet on the network, but the own front swings out over the foe's
-    blocks: float = math.inf  # where the front of one that may wait midway begins to be in the own way; inf: nowhere
+    blocks: float = math.inf  # where the front of a car that may wait midway begins to be in the own way; inf: nowhere
 
 
 class Walk(NamedTuple):

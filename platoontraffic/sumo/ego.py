@@ -19,9 +19,7 @@ EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and th
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 # Those of `path_kernel`, which takes long to import [s], [vehicle lengths], [vehicle lengths].
 SETTLING, STOP_BEFORE, LOOK = 0.5, 0.2, 2.5
-GATHERS_SPEED = (
-    8.0  # speed at which its engine is asked for its acceleration: a truck has less than its law wants [m/s]
-)
+GATHERS_SPEED = 8.0  # at which its engine is asked for its acceleration: a truck has less than its law wants [m/s]
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
 
 

@@ -236,15 +236,14 @@ class RightOfWay:
                 left = foe.to_line + crossing.its[0] - BEFORE_PATH
                 # It is to stop by less, and sooner: one that does so must not drive on for a few centimetres too many.
                 can_stop = left + BEFORE_PATH >= foe.pace.speed**2 / (2 * STOPS_HARD_BY)
-                # It stands a little farther, since nobody came then: the member can pass, and it is to stay.
-                stays = foe.pace.speed < STANDING and 0 < foe.to_line + crossing.blocks < math.inf
-                if not (can_stop or stays) or foe.id in self.members:
+                # Where it stands a little farther, since no member came then, the member can pass, and it is to stay.
+                if not (can_stop or self._stands_before(foe)) or foe.id in self.members:
                     continue
                 if (comes and (distance < 0 or not crossing.first)) or not self._drives_on(foe):
                     self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
 
     def _drives_on(self, waiting: Approach) -> bool:
-        """Whether a vehicle of SUMO's that may wait midway does not: it has a gap, and has not begun to brake."""
+        """Whether a vehicle of SUMO's drives on where it may wait midway: it has a gap, and does not brake."""
         now, crossing = self._now, waiting.crossing
         if STANDING <= waiting.pace.speed < crossing.fastest and now.accelerates_by[waiting.id] < -STOPS_MIDWAY_BY:
             return False
@@ -380,11 +379,15 @@ class RightOfWay:
         """Those vehicles at their speed, and as they hurry.
 
         One that comes to a stop sign stops there first. One that can stop at a yellow light does, but for a member of a
-        convoy. Who comes behind one that waits midway, before the own path, does not count: that one stays while a
+        convoy. A vehicle behind one that stands midway, before the own path, does not count: that one stays while a
         member is inside.
         """
         conflicts, now, found = self._conflicts[line], self._now, []
-        closed = {crossing.via[0] for crossing in self._waiting_in_path[line] if self._is_closed(crossing)}
+        closed = {
+            crossing.via[0]
+            for crossing in self._waiting_in_path[line]
+            if any(map(self._stands_before, self.on(crossing)))
+        }
         for name, beyond in conflicts.entering:
             to_end = beyond + now.lane_length[name]
             for foe in now.on_lane[name]:
@@ -405,10 +408,9 @@ class RightOfWay:
                 found.append(tuple(Approach(foe, crossing, to_line, pace) for pace in paces))
         return found
 
-    def _is_closed(self, crossing: Crossing) -> bool:
-        """Whether a vehicle waits midway on a path, before the own one."""
-        ahead = (one for one in self.on(crossing) if one.pace.speed < STANDING)
-        return any(math.inf > one.to_line + crossing.blocks > 0 and -one.to_line < crossing.waits for one in ahead)
+    def _stands_before(self, foe: Approach) -> bool:
+        """Whether a vehicle stands, and its front is not in the own way yet."""
+        return foe.pace.speed < STANDING and 0 < foe.to_line + foe.crossing.blocks < math.inf
 
     def _links_ahead(self, name: str, lane: str) -> tuple[tuple[str, ...], str]:
         """First lanes inside the next junctions on a vehicle's path, at most `JUNCTIONS`; state of the next link.

@@ -205,8 +205,9 @@ class RoomToChange:
         room = here + half - ego.length - BEHIND * ego.size - now.position[foe]
         if comes.time_for(max(room, 0.0)) >= time:
             return True
-        change = line._replace(state=CHANGING, lane=ego.lane, onto=line.lane, via=())
-        self._want(change._replace(to_end=now.lane_length[ego.lane] - here), 0.0, half, ego, False)
+        to_end = now.lane_length[ego.lane] - here
+        change = line._replace(state=CHANGING, lane=ego.lane, onto=line.lane, via=(), to_end=to_end)
+        self._want(change, 0.0, half, ego, False)
         return False
 
     def may_put_off(self, line: Line, over: float, ego: Ego, *, has_room: bool) -> bool:

@@ -106,14 +106,15 @@ class StopLines:
         """
         if fleet.members is not self._fleet:
             self._welcome(fleet)
-        elif not self._asking:
+        elif not self._asking:  # as at the last look, so nothing is left of one
             return None
         self._begin_look()
         if not self._asking:
             return None
         self.renew()
         rows, asking = self._rows, self._asking
-        front = fleet.progress.station[self._rows_in_progress] + (fleet.model.length / 2 - fleet.model.axle)[rows]
+        axle = fleet.progress.station[self._rows_in_progress]
+        front = axle + (fleet.model.length / 2 - fleet.model.axle)[rows]
         speed, lanes = fleet.motion.speed[rows], [roads[ego.id][1] for ego in asking]
         is_far, distance = self._far.still(front, speed, lanes)
         signals = Signals(*(values.copy() for values in self._no_lines))
@@ -129,8 +130,7 @@ class StopLines:
         for k, row in zip(looked_at.tolist(), rows[looked_at].tolist(), strict=True):
             member, ego = fleet.members[row], asking[k]._replace(lane=lanes[k], speed=speed[k])
             if goes_round[row]:
-                station = front[k] - ego.length / 2 + float(member.model.axle)
-                ego = ego._replace(top=member.route.limit_at(station))
+                ego = ego._replace(top=member.route.limit_at(float(axle[k])))
             if is_far[k]:
                 state = self._ahead(self._far.lines[k], distance[k], False, ego, member.route)
             else:

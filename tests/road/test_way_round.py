@@ -219,7 +219,7 @@ def test_it_is_slow_only_until_its_rear_is_past_the_body():
 
 @pytest.mark.parametrize(("driven", "free"), [(0.0, True), (0.5, True), (8.0, False), (12.0, False)])
 def test_it_is_not_left_beside_the_body_that_no_laser_sees(driven, free):
-    """It stood at a red light beside a body, whose returns had ended before its bumper."""
+    """It stood at a red light beside a body that began behind its bumper: its laser had no return of it."""
     body, route = box(1.2, ahead=4.0, length=4.5), street()
     way = way_round(route, 50.0, (0.0, 0.0, 0.0), BODY, seen(body), anywhere)
     returns = seen(body) if driven > 1.0 else np.empty((0, 2))  # the body has gone
