@@ -5,8 +5,11 @@ Drivers begin to steer before a bend, and cut it a little. So the line p is repl
 
     sum |q - p|^2 + w sum |third differences of q|^2
 
-(E. T. Whittaker, On a new method of graduation, Proc. Edinburgh Mathematical Society 41, 1922): the third differences
-are the rate of the curvature. Each place gets the greatest weight w with which it stays near the line.
+(E. T. Whittaker, On a new method of graduation, Proc. Edinburgh Mathematical Society 41, 1922: the third differences
+are the rate of the curvature) among those that stay in a corridor about the line, and nowhere bend more sharply than
+the vehicle can. Places and second differences of q are held within these limits by the alternating direction method of
+multipliers (S. Boyd et al., Distributed optimization and statistical learning via the alternating direction method of
+multipliers, Foundations and Trends in Machine Learning 3, 2011).
 """
 
 from __future__ import annotations
@@ -14,20 +17,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from platoontraffic.lidar.compiled import compiler
-from platoontraffic.road.drivable_line import LOCK, drivable, spread, stations_of
+from platoontraffic.road.drivable_line import LOCK, spread, stations_of
 from platoontraffic.road.turning import tight_turns
 
 EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car, which has 0.7 m beside it in its lane
-WIDEST = 1.5  # greatest width of the average that easing amounts to [vehicle lengths]: w is its 6th power, in points
-LEVELS = 10  # widths that are tried
-TAIL = 16.0  # beyond so many widths a point has no influence
-ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]: averages make tight arcs a little tighter
+WIDTH = 1.2  # of the average that easing amounts to where the corridor is wide [vehicle lengths]: w^(1/6), in points
+LAP = 8.0  # beyond so many widths a point has no influence
+ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]
 TOTAL = 1.6  # greatest distance from the given line beyond the least [tolerances]: 0.8 m for a car; `prove` allows 1 m
-SAME = 1e-6  # distance of places that count as one [m]
-WIDER = 1.05  # radius of the arcs that are eased where the line has arcs at full lock [radius there]
+PLACES, BENDS = 1e2, 1e6  # penalties by which the places and the second differences of q are brought within limits
+ROUNDS, CLOSE = 1000, 2e-3  # greatest number of them, and error at which they end [m]
 
 compiled = compiler(__file__)
 
@@ -38,7 +39,7 @@ def eased(
     given: np.ndarray,
     lock: float,
     tolerance: float,
-    widest: float,
+    width: float,
     spacing: float,
     closed: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -48,76 +49,26 @@ def eased(
     given            : points of the lane line that `stations` are along (k, 2) [m]
     lock             : curvature that is not exceeded where the line does not [1/m]
     tolerance        : greatest displacement [m]
-    widest           : greatest width of the average [m]
+    width            : of the average [m]
     spacing          : of the points [m]
     """
     even = spread(np.column_stack([points, stations]), spacing)
     line, stations = even[:, :2], even[:, 2]
     least = tight_turns([given], 1 / (LOCK * lock)).least_offset(stations)  # without the reserve, as `prove` has it
     lane = np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T])
-    around = math.ceil(widest / spacing)  # points
-    reach = math.ceil(TAIL * widest / spacing)
-    sharpest = ABOVE_LOCK * np.maximum(lock, _curvature(_onward(line, 1, closed)))
-    off_before = _off(line - lane, line)
 
-    def eased_from(begun: np.ndarray) -> np.ndarray:
-        """The line, eased: where there is room, averages of another one that begins beside it."""
-        onward = _onward(begun, reach, closed)
-        smooth, level = [line], np.zeros(len(line))
-        for k in range(1, LEVELS + 1):
-            smooth.append(_graduated(onward, (k / LEVELS * widest / spacing) ** 6)[reach : len(onward) - reach])
-            off = _off(smooth[k] - lane, smooth[k])
-            near = (off <= least + TOTAL * tolerance) & (_off(smooth[k] - line, smooth[k]) <= tolerance)
-            level[(near | (off <= off_before)) & (level == k - 1)] = k
-        for _ in range(5 * LEVELS):  # a place may become sharp as its neighbours are eased less
-            found = _blended(smooth, level, around, closed)
-            sharp = _curvature(_onward(found, 1, closed)) > sharpest
-            if not (sharp & (level > 0)).any():
-                break
-            level[sharp] = np.maximum(level[sharp] - 1, 0)
-        found[[0, -1]] = found[0] if closed else line[[0, -1]]
-        return found
-
-    found = eased_from(line)
-    if _curvature(line).max(initial=0.0) > lock / WIDER:
-        # Averages make an arc sharper in its middle. One that begins gradually, within the lock, lies farther inside.
-        wider, along = drivable(given, lock / WIDER, spacing, closed)
-        other = eased_from(np.column_stack([np.interp(stations, along, column) for column in wider.T]))
-        found = _easier(found, other, around // 3, closed)  # half a vehicle's length, as laws average curvature
+    lap = math.ceil(LAP * width / spacing) if closed else 0
+    onward = _onward(line, lap + 1, closed)
+    sharpest = ABOVE_LOCK * np.maximum(lock, _curvature(onward))
+    left = _left_of(onward)[1:-1]
+    off = ((onward[1:-1] - _onward(lane, lap, closed)) * left).sum(axis=1)  # that the line has left the lane
+    farthest = np.maximum(_onward(least, lap, closed) + TOTAL * tolerance, np.abs(off))
+    corridor = np.column_stack([np.maximum(-tolerance, -farthest - off), np.minimum(tolerance, farthest - off)])
+    if not closed:
+        corridor[:3] = corridor[-3:] = 0.0  # its ends stay, and their directions
+    found = _gentlest(onward[1:-1], left, corridor, sharpest, (width / spacing) ** 6)[lap : lap + len(line)]
+    found[[0, -1]] = found[0] if closed else line[[0, -1]]
     return found, stations
-
-
-def _easier(one: np.ndarray, other: np.ndarray, around: int, closed: bool) -> np.ndarray:
-    """Of two lines (m, 2), stretch by stretch where they differ, the one whose curvature changes more gradually.
-
-    around: number of points over which curvature is averaged
-    """
-    differ = np.hypot(*(one - other).T) > SAME
-    ends = np.flatnonzero(np.diff(differ, prepend=False, append=False)).reshape(-1, 2)
-    if closed and differ[0]:
-        ends = np.array([(0, len(one))])
-    found, (steep, its) = one.copy(), (_steepness(line, around, closed) for line in (one, other))
-    for first, last in ends:
-        if its[first:last].max() < steep[first:last].max():
-            found[first:last] = other[first:last]
-    return found
-
-
-def _steepness(line: np.ndarray, around: int, closed: bool) -> np.ndarray:
-    """Change of the curvature, averaged over some points, from each point of a line to the next."""
-    curvature = _onward(_curvature(_onward(line, 1, closed)), around, closed)
-    means = np.convolve(curvature, np.full(around, 1 / around), mode="same")
-    return np.abs(np.diff(means, append=means[-1]))[around : len(means) - around]
-
-
-def _blended(smooth: list[np.ndarray], level: np.ndarray, around: int, closed: bool) -> np.ndarray:
-    """At each place a mean of two of the lines: nowhere a higher level than the places around allow, without steps."""
-    level = sliding_window_view(_onward(level, 2 * around, closed), 2 * around + 1).min(axis=1)
-    bell = np.hanning(2 * around + 3)[1:-1]
-    level = np.convolve(level, bell / bell.sum(), mode="valid")
-    below, place = np.minimum(level.astype(int), LEVELS - 1), np.arange(len(level))
-    share, lines = (level - below)[:, None], np.stack(smooth)
-    return lines[below, place] * (1 - share) + lines[below + 1, place] * share
 
 
 def _onward(values: np.ndarray, count: int, closed: bool) -> np.ndarray:
@@ -138,37 +89,95 @@ def _curvature(points: np.ndarray) -> np.ndarray:
     return np.abs(turn) / np.maximum((np.hypot(*one.T) + np.hypot(*two.T)) / 2, 1e-9)
 
 
-def _off(displacement: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """The part of displacements (m, 2) across a line (m, 2), without sign [m]."""
+def _left_of(line: np.ndarray) -> np.ndarray:
+    """Unit vectors to the left of a line (m, 2)."""
     along = np.gradient(line, axis=0)
-    across = along[:, 0] * displacement[:, 1] - along[:, 1] * displacement[:, 0]
-    return np.abs(across) / np.maximum(np.hypot(*along.T), 1e-12)
+    return np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(np.hypot(*along.T), 1e-12)[:, None]
 
 
 @compiled
-def _graduated(points, weight):
-    """The q of the sum above for points (m, 2): (1 + w D^T D) q = p, by L d L^T with three subdiagonals."""
-    n = len(points)
-    solution, pivot, below = points.copy(), np.zeros(n), np.zeros((n, 4))
-    third = (-1.0, 3.0, -3.0, 1.0)
+def _gentlest(line, left, corridor, sharpest, weight):
+    """The q of the sum above, (m, 2), for points p (m, 2).
+
+    left     : unit vectors to the left of the line, (m, 2)
+    corridor : least and greatest displacement to the left, (m, 2) [m]; 0 lies within
+    sharpest : greatest curvature, (m,) [1/m]; the line has no greater
+    """
+    n = len(line)
+    factors, pivot = _factored(n, 1.0 + PLACES, BENDS, weight)
+    found, place, error = line.copy(), line.copy(), np.zeros((n, 2))  # q; in the corridor; what is left, summed
+    bend, bend_error = np.zeros((n, 2)), np.zeros((n, 2))  # second differences that are not too great; likewise
+    for i in range(1, n - 1):
+        bend[i] = line[i - 1] - 2 * line[i] + line[i + 1]
+    solved = np.zeros((n + 6, 2))  # q again, between three zeros at each end
+    for _ in range(ROUNDS):
+        solved[3 : n + 3] = line + PLACES * (place - error)
+        for i in range(1, n - 1):
+            for c in range(2):
+                pull = BENDS * (bend[i, c] - bend_error[i, c])
+                solved[i + 2, c] += pull
+                solved[i + 3, c] -= 2 * pull
+                solved[i + 4, c] += pull
+        _solve(solved, factors, pivot)
+        worst = 0.0  # of what is left, and of ten times what the line has moved [m]
+        for i in range(n):
+            x, y = solved[i + 3]
+            worst = max(worst, 10 * abs(x - found[i, 0]), 10 * abs(y - found[i, 1]))
+            found[i, 0], found[i, 1] = x, y
+            to_x, to_y = x + error[i, 0] - line[i, 0], y + error[i, 1] - line[i, 1]
+            if corridor[i, 0] < corridor[i, 1]:  # along the line it may move
+                aside = to_x * left[i, 0] + to_y * left[i, 1]
+                back = min(max(aside, corridor[i, 0]), corridor[i, 1]) - aside
+                to_x, to_y = to_x + back * left[i, 0], to_y + back * left[i, 1]
+            else:
+                to_x, to_y = 0.0, 0.0
+            place[i, 0], place[i, 1] = line[i, 0] + to_x, line[i, 1] + to_y
+            error[i, 0], error[i, 1] = error[i, 0] + x - place[i, 0], error[i, 1] + y - place[i, 1]
+            worst = max(worst, abs(x - place[i, 0]), abs(y - place[i, 1]))
+        for i in range(1, n - 1):
+            x = found[i - 1, 0] - 2 * found[i, 0] + found[i + 1, 0] + bend_error[i, 0]
+            y = found[i - 1, 1] - 2 * found[i, 1] + found[i + 1, 1] + bend_error[i, 1]
+            step = ((found[i + 1, 0] - found[i - 1, 0]) ** 2 + (found[i + 1, 1] - found[i - 1, 1]) ** 2) / 4
+            share = min(sharpest[i] * step / max(math.sqrt(x * x + y * y), 1e-12), 1.0)
+            bend[i, 0], bend[i, 1] = share * x, share * y
+            bend_error[i, 0], bend_error[i, 1] = (1 - share) * x, (1 - share) * y
+        if worst < CLOSE:
+            break
+    return found
+
+
+@compiled
+def _factored(n, places, bends, weight):
+    """places + bends D2^T D2 + weight D3^T D3 as L d L^T: the three subdiagonals of L, (n + 3, 3), and 1 / d, (n,)."""
+    factors, pivot = np.zeros((n + 3, 3)), np.zeros(n)
+    second, third = (1.0, -2.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
     for i in range(n):
         for k in range(min(3, i), -1, -1):  # element (i, i - k)
-            element = 1.0 if k == 0 else 0.0
-            for first in range(max(i - 3, 0), min(i - k, n - 4) + 1):  # third differences that both take part in
+            element = places if k == 0 else 0.0
+            for first in range(max(i - 2, 0), min(i - k, n - 3) + 1):  # differences in which both take part
+                element += bends * second[i - first] * second[i - k - first]
+            for first in range(max(i - 3, 0), min(i - k, n - 4) + 1):
                 element += weight * third[i - first] * third[i - k - first]
             for j in range(max(i - 3, 0), i - k):
-                element -= below[i, i - j] * below[i - k, i - k - j] * pivot[j]
+                element -= factors[i, i - j - 1] * factors[i - k, i - k - j - 1] / pivot[j]
             if k == 0:
-                pivot[i] = element
+                pivot[i] = 1 / element
             else:
-                below[i, k] = element / pivot[i - k]
-    for c in range(points.shape[1]):
-        for i in range(n):
-            for k in range(1, min(3, i) + 1):
-                solution[i, c] -= below[i, k] * solution[i - k, c]
-        for i in range(n):
-            solution[i, c] /= pivot[i]
-        for i in range(n - 2, -1, -1):
-            for k in range(1, min(3, n - 1 - i) + 1):
-                solution[i, c] -= below[i + k, k] * solution[i + k, c]
-    return solution
+                factors[i, k - 1] = element * pivot[i - k]
+    return factors, pivot
+
+
+@compiled
+def _solve(solved, factors, pivot):
+    """Solve in place for values (n + 6, 2) between three zeros at each end."""
+    n = len(pivot)
+    for i in range(n):
+        one, two, three = factors[i]
+        for c in range(2):
+            solved[i + 3, c] -= one * solved[i + 2, c] + two * solved[i + 1, c] + three * solved[i, c]
+    for i in range(n - 1, -1, -1):
+        one, two, three = factors[i + 1, 0], factors[i + 2, 1], factors[i + 3, 2]
+        for c in range(2):
+            solved[i + 3, c] = (
+                solved[i + 3, c] * pivot[i] - one * solved[i + 4, c] - two * solved[i + 5, c] - three * solved[i + 6, c]
+            )

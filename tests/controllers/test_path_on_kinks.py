@@ -67,7 +67,7 @@ def test_it_comes_back_to_its_line_from_anywhere(lateral, turned, speed):
 
 
 def test_from_a_stand_shortly_before_a_corner_it_is_no_faster_than_it_steers():
-    """The engine's acceleration outlasts the command: 0.29 m off its line if that is left out."""
+    """The engine's acceleration outlasts the command: farther off its line if that is left out."""
     model, line = CARS["car"], np.array([(0.0, 0.0), (7.0, 0.0), (7.0, 60.0)])
     route = Route.along(("road",), line, np.full(len(line), LIMIT)).drivable_by(model)
     (member,) = platoon(PathLeader(), at=(-model.axle, 0.0, 0.0), leader_eye=FAR, model=model)
@@ -76,4 +76,4 @@ def test_from_a_stand_shortly_before_a_corner_it_is_no_faster_than_it_steers():
     axle = shapely.points(log.x[:, 0] + model.axle * np.cos(heading), log.y[:, 0] + model.axle * np.sin(heading))
     line = shapely.LineString(route.line.at(np.linspace(0.0, route.length, 2000)))
     assert log.y[-1, 0] > 50.0
-    assert shapely.distance(axle, line).max() < 0.2
+    assert shapely.distance(axle, line).max() < 0.25

@@ -8,11 +8,10 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from platoontraffic.road import eased_line
 from platoontraffic.road.drivable_line import drivable
-from platoontraffic.road.eased_line import ABOVE_LOCK, TOTAL, _easier, _graduated, eased
+from platoontraffic.road.eased_line import ABOVE_LOCK, CLOSE, TOTAL, _gentlest, eased
 
-LOCK, TOLERANCE, WIDEST, SPACING = 1 / 4.65, 0.5, 4.7, 0.47  # of a car
+LOCK, TOLERANCE, WIDTH, SPACING = 1 / 4.65, 0.5, 5.7, 0.47  # of a car
 
 
 def corner(radius, leg=60.0, turn=np.pi / 2):
@@ -24,7 +23,7 @@ def corner(radius, leg=60.0, turn=np.pi / 2):
 def easy(points, closed=False, tolerance=TOLERANCE):
     points = np.asarray(points, dtype=float)
     line, stations = drivable(points, LOCK, SPACING, closed)
-    return eased(line, stations, points, LOCK, tolerance, WIDEST, SPACING, closed)
+    return eased(line, stations, points, LOCK, tolerance, WIDTH, SPACING, closed)
 
 
 def curvature(points):
@@ -44,12 +43,30 @@ def over_a_length(points):
     return (np.unwrap(two) - np.unwrap(one)) / 2.37
 
 
-@pytest.mark.parametrize("weight", [0.0, 1.0, 1e3, 1e6])
-def test_the_sum_is_least(weight):
-    points = np.random.default_rng(1).normal(size=(40, 2))
-    third = np.diff(np.eye(40), 3, axis=0)
-    expected = np.linalg.solve(np.eye(40) + weight * third.T @ third, points)
-    assert _graduated(points, weight) == pytest.approx(expected, abs=1e-9)
+@pytest.mark.parametrize("weight", [1e6, 3e6])
+def test_in_a_wide_corridor_the_sum_is_least(weight):
+    """The solution of the normal equations: the limits do not matter."""
+    points, n = corner(12.0)[1:-1] / SPACING, 40
+    third = np.diff(np.eye(n), 3, axis=0)
+    expected = np.linalg.solve(np.eye(n) + weight * third.T @ third, points)
+    left, corridor = np.tile((0.0, 1.0), (n, 1)), np.tile((-1e3, 1e3), (n, 1))
+    assert _gentlest(points, left, corridor, np.full(n, 1e3), weight) == pytest.approx(expected, abs=0.1)  # of the spacing
+
+
+def test_within_a_corridor_no_other_line_has_a_lesser_sum():
+    """Lines between the eased one and any other that keeps the limits too have greater sums: the problem is convex."""
+    points, stations = easy(corner(8.0))
+    before, its = drivable(corner(8.0), LOCK, SPACING)
+    before = np.column_stack([np.interp(stations, its, column) for column in before.T])
+
+    def total(line):
+        return ((line - before) ** 2).sum() + (WIDTH / SPACING) ** 6 * (np.diff(line, 3, axis=0) ** 2).sum()
+
+    off = (points - before) * (1 + 0.05 * np.sin(stations / 3.0))[:, None]
+    assert total(points) < 0.5 * total(before)
+    for share in (0.02, 0.1, 0.5):
+        assert total(points) < total((1 - share) * points + share * before)
+        assert total(points) < total((1 - share) * points + share * (before + 0.9 * off))
 
 
 @pytest.mark.parametrize("radius", [5.7, 8.0, 12.0])
@@ -85,37 +102,11 @@ def test_a_corner_that_turns_back_is_eased_within_the_lock(turn):
     assert steepest < 0.06  # 2.4 m/s
 
 
-def test_where_a_wider_arc_does_not_fit_the_line_is_eased_as_without_it(monkeypatch):
-    line = [(0, 0), (25.8, -6.6), (28.3, -11.5), (33.8, -21.2), (10, -33.8), (5.5, -19), (12.3, -8.9), (0, 7.4)]
-    found, _ = easy(line)
-    monkeypatch.setattr(eased_line, "WIDER", 1e-3)  # nothing is as sharp as that
-    expected, _ = easy(line)
-    assert found == pytest.approx(expected, abs=1e-6)
-
-
-@pytest.mark.parametrize("closed", [False, True])
-def test_of_two_lines_each_stretch_is_the_one_that_bends_more_gradually(closed):
-    along = np.linspace(0.0, 100.0, 201)
-    straight, bump = along[:, None] * (1.0, 0.0), np.hanning(21)
-    one, other = straight.copy(), straight.copy()
-    one[40:61, 1], other[140:161, 1] = bump, bump
-    assert (_easier(one, other, 5, closed) == straight).all()
-    assert (_easier(other, one, 5, closed) == straight).all()
-
-
-def test_a_closed_line_stays_closed_where_lines_differ_at_its_end():
-    angle = np.linspace(0.0, 2 * np.pi, 200)
-    one = 20.0 * np.column_stack([np.cos(angle), np.sin(angle)])
-    other = one * (1 + 0.02 * np.cos(8 * angle))[:, None]
-    for first, second in ((one, other), (other, one)):
-        assert (_easier(first, second, 5, closed=True) == one).all()
-
-
 def test_a_corner_is_cut_and_entered_from_its_outside():
     points, _ = easy(corner(8.0))
     apex = np.hypot(points[:, 0], points[:, 1] - 8.0).min()
     assert 7.4 < apex < 7.8
-    assert -0.4 < points[:, 1].min() < 0.0
+    assert -1.02 * TOLERANCE < points[:, 1].min() < 0.0
 
 
 def test_a_straight_line_and_the_ends_stay():
@@ -137,7 +128,7 @@ def test_a_circle_stays_a_circle():
     points, _ = easy(15.0 * np.column_stack([np.cos(angle), np.sin(angle)]), closed=True)
     radius = np.hypot(*points.T)
     assert points[0] == pytest.approx(points[-1])
-    assert np.ptp(radius) < 0.01
+    assert np.ptp(radius) < 0.02
     assert radius.mean() == pytest.approx(15.0, abs=0.15)
 
 
@@ -151,7 +142,7 @@ def test_any_line_stays_drivable_and_near_and_its_mirror_image_is_eased_alike(st
     x = np.concatenate([[0.0], np.cumsum(steps)])
     given_line = np.column_stack([x, aside[: len(x)]])
     before, stations = drivable(given_line, LOCK, SPACING)
-    points, _ = eased(before, stations, given_line, LOCK, TOLERANCE, WIDEST, SPACING)
+    points, _ = eased(before, stations, given_line, LOCK, TOLERANCE, WIDTH, SPACING)
     assert curvature(points).max(initial=0.0) <= 1.01 * ABOVE_LOCK * max(LOCK, curvature(before).max(initial=0.0))
     off = shapely.distance(shapely.points(points), shapely.LineString(before))
     assert off.max() <= 1.02 * TOLERANCE
