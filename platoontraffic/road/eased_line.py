@@ -28,7 +28,8 @@ LAP = 8.0  # beyond so many widths a point has no influence
 ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]
 TOTAL = 1.6  # greatest distance from the given line beyond the least [tolerances]: 0.8 m for a car; `prove` allows 1 m
 PLACES, BENDS = 1e2, 1e6  # penalties by which the places and the second differences of q are brought within limits
-ROUNDS, CLOSE = 1000, 2e-3  # greatest number of them, and error at which they end [m]
+ROUNDS = 1000  # greatest number
+CLOSE = 2e-3  # distance of q from the corridor at which the rounds end, and ten times what it then moves [m]
 
 compiled = compiler(__file__)
 
@@ -105,50 +106,59 @@ def _gentlest(line, left, corridor, sharpest, weight):
     """
     n = len(line)
     factors, pivot = _factored(n, 1.0 + PLACES, BENDS, weight)
-    found, place, error = line.copy(), line.copy(), np.zeros((n, 2))  # q; in the corridor; what is left, summed
-    bend, bend_error = np.zeros((n, 2)), np.zeros((n, 2))  # second differences that are not too great; likewise
+    # Places and second differences within their limits, and by how much those of q have been beyond, summed.
+    place, beyond_place = line.copy(), np.zeros((n, 2))
+    bend, beyond_bend = np.zeros((n, 2)), np.zeros((n, 2))
     for i in range(1, n - 1):
         bend[i] = line[i - 1] - 2 * line[i] + line[i + 1]
-    solved = np.zeros((n + 6, 2))  # q again, between three zeros at each end
+    q, solved = line.copy(), np.zeros((n + 6, 2))  # of these three at each end stay 0
     for _ in range(ROUNDS):
-        solved[3 : n + 3] = line + PLACES * (place - error)
+        solved[3 : n + 3] = line + PLACES * (place - beyond_place)
         for i in range(1, n - 1):
             for c in range(2):
-                pull = BENDS * (bend[i, c] - bend_error[i, c])
+                pull = BENDS * (bend[i, c] - beyond_bend[i, c])
                 solved[i + 2, c] += pull
                 solved[i + 3, c] -= 2 * pull
                 solved[i + 4, c] += pull
         _solve(solved, factors, pivot)
-        worst = 0.0  # of what is left, and of ten times what the line has moved [m]
-        for i in range(n):
-            x, y = solved[i + 3]
-            worst = max(worst, 10 * abs(x - found[i, 0]), 10 * abs(y - found[i, 1]))
-            found[i, 0], found[i, 1] = x, y
-            to_x, to_y = x + error[i, 0] - line[i, 0], y + error[i, 1] - line[i, 1]
-            if corridor[i, 0] < corridor[i, 1]:  # along the line it may move
-                aside = to_x * left[i, 0] + to_y * left[i, 1]
-                back = min(max(aside, corridor[i, 0]), corridor[i, 1]) - aside
-                to_x, to_y = to_x + back * left[i, 0], to_y + back * left[i, 1]
-            else:
-                to_x, to_y = 0.0, 0.0
-            place[i, 0], place[i, 1] = line[i, 0] + to_x, line[i, 1] + to_y
-            error[i, 0], error[i, 1] = error[i, 0] + x - place[i, 0], error[i, 1] + y - place[i, 1]
-            worst = max(worst, abs(x - place[i, 0]), abs(y - place[i, 1]))
-        for i in range(1, n - 1):
-            x = found[i - 1, 0] - 2 * found[i, 0] + found[i + 1, 0] + bend_error[i, 0]
-            y = found[i - 1, 1] - 2 * found[i, 1] + found[i + 1, 1] + bend_error[i, 1]
-            step = ((found[i + 1, 0] - found[i - 1, 0]) ** 2 + (found[i + 1, 1] - found[i - 1, 1]) ** 2) / 4
-            share = min(sharpest[i] * step / max(math.sqrt(x * x + y * y), 1e-12), 1.0)
-            bend[i, 0], bend[i, 1] = share * x, share * y
-            bend_error[i, 0], bend_error[i, 1] = (1 - share) * x, (1 - share) * y
-        if worst < CLOSE:
+        moved = np.abs(solved[3 : n + 3] - q).max()
+        q[:] = solved[3 : n + 3]
+        _limit_places(q, line, left, corridor, place, beyond_place)
+        _limit_bends(q, sharpest, bend, beyond_bend)
+        if moved < CLOSE / 10 and np.abs(q - place).max() < CLOSE:
             break
-    return found
+    return q
+
+
+@compiled
+def _limit_places(q, line, left, corridor, place, beyond):
+    """Renew the places in the corridor, in place. Where this has a width, points may move along the line."""
+    for i in range(len(q)):
+        x, y = q[i, 0] + beyond[i, 0] - line[i, 0], q[i, 1] + beyond[i, 1] - line[i, 1]
+        aside, share = x * left[i, 0] + y * left[i, 1], 1.0 if corridor[i, 0] < corridor[i, 1] else 0.0
+        back = min(max(aside, corridor[i, 0]), corridor[i, 1]) - aside
+        place[i, 0] = line[i, 0] + share * (x + back * left[i, 0])
+        place[i, 1] = line[i, 1] + share * (y + back * left[i, 1])
+        beyond[i, 0] += q[i, 0] - place[i, 0]
+        beyond[i, 1] += q[i, 1] - place[i, 1]
+
+
+@compiled
+def _limit_bends(q, sharpest, bend, beyond):
+    """Renew the second differences that are not too great, in place."""
+    for i in range(1, len(q) - 1):
+        x = q[i - 1, 0] - 2 * q[i, 0] + q[i + 1, 0] + beyond[i, 0]
+        y = q[i - 1, 1] - 2 * q[i, 1] + q[i + 1, 1] + beyond[i, 1]
+        step = ((q[i + 1, 0] - q[i - 1, 0]) ** 2 + (q[i + 1, 1] - q[i - 1, 1]) ** 2) / 4
+        share = min(sharpest[i] * step / max(math.sqrt(x * x + y * y), 1e-12), 1.0)
+        bend[i, 0], bend[i, 1] = share * x, share * y
+        beyond[i, 0], beyond[i, 1] = (1 - share) * x, (1 - share) * y
 
 
 @compiled
 def _factored(n, places, bends, weight):
-    """places + bends D2^T D2 + weight D3^T D3 as L d L^T: the three subdiagonals of L, (n + 3, 3), and 1 / d, (n,)."""
+    """L and 1 / d of L d L^T = places + bends D2^T D2 + weight D3^T D3, with differences D2 and D3: three subdiagonals,
+    (n + 3, 3), and (n,)."""
     factors, pivot = np.zeros((n + 3, 3)), np.zeros(n)
     second, third = (1.0, -2.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
     for i in range(n):
@@ -169,7 +179,7 @@ def _factored(n, places, bends, weight):
 
 @compiled
 def _solve(solved, factors, pivot):
-    """Solve in place for values (n + 6, 2) between three zeros at each end."""
+    """Solve for values (n + 6, 2), of which three at each end are 0, in place."""
     n = len(pivot)
     for i in range(n):
         one, two, three = factors[i]

@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from platoontraffic.road.drivable_line import drivable
-from platoontraffic.road.eased_line import ABOVE_LOCK, CLOSE, TOTAL, _gentlest, eased
+from platoontraffic.road.eased_line import ABOVE_LOCK, TOTAL, _gentlest, eased
 
 LOCK, TOLERANCE, WIDTH, SPACING = 1 / 4.65, 0.5, 5.7, 0.47  # of a car
 
@@ -50,7 +50,9 @@ def test_in_a_wide_corridor_the_sum_is_least(weight):
     third = np.diff(np.eye(n), 3, axis=0)
     expected = np.linalg.solve(np.eye(n) + weight * third.T @ third, points)
     left, corridor = np.tile((0.0, 1.0), (n, 1)), np.tile((-1e3, 1e3), (n, 1))
-    assert _gentlest(points, left, corridor, np.full(n, 1e3), weight) == pytest.approx(expected, abs=0.1)  # of the spacing
+    assert _gentlest(points, left, corridor, np.full(n, 1e3), weight) == pytest.approx(
+        expected, abs=0.1
+    )  # of the spacing
 
 
 def test_within_a_corridor_no_other_line_has_a_lesser_sum():
