@@ -68,8 +68,12 @@ def eased(
     if not closed:
         corridor[:3] = corridor[-3:] = 0.0  # its ends stay, and their directions
     found = _gentlest(onward[1:-1], left, corridor, sharpest, (width / spacing) ** 6)[lap : lap + len(line)]
-    found[[0, -1]] = found[0] if closed else line[[0, -1]]
-    return found, stations
+    if closed:
+        found[-1] = found[0]
+    # Points have moved along the line too, to other stations.
+    left, driven = left[lap : lap + len(line)], stations_of(line)
+    moved = ((found - line) * np.column_stack([left[:, 1], -left[:, 0]])).sum(axis=1)
+    return found, np.interp(driven + moved, driven, stations)
 
 
 def _onward(values: np.ndarray, count: int, closed: bool) -> np.ndarray:

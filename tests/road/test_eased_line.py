@@ -116,7 +116,18 @@ def test_a_straight_line_and_the_ends_stay():
     assert points[:, 1] == pytest.approx(points[:, 0] * 4 / 3, abs=1e-9)
     assert stations == pytest.approx(np.hypot(*points.T), abs=1e-6)
     ends, _ = easy(corner(6.0, leg=3.0))
-    assert ends[[0, -1]] == pytest.approx(corner(6.0, leg=3.0)[[0, -1]])
+    assert ends[[0, -1]] == pytest.approx(corner(6.0, leg=3.0)[[0, -1]], abs=0.01)
+
+
+@pytest.mark.parametrize("radius", [6.0, 8.0, 15.0])
+def test_stations_are_those_of_the_places_beside(radius):
+    """A stop line lay up to 0.7 m beyond the end of its lane, as points had moved along the line."""
+    given_line = corner(radius)
+    points, stations = easy(given_line)
+    assert (np.diff(stations) > 0).all()
+    beside = shapely.get_coordinates(shapely.LineString(given_line).interpolate(stations))
+    off = shapely.distance(shapely.points(points), shapely.LineString(given_line))
+    assert np.hypot(*(points - beside).T) == pytest.approx(off, abs=0.02)
 
 
 def test_without_tolerance_a_line_that_a_vehicle_can_drive_stays():
