@@ -266,6 +266,8 @@ class Placement:
             if enters and self._was_in.pop(name, None) != junction_of(lane):
                 self._entries.append((name, before, lane))
             where[name], self._located[row] = (self._sumo.vehicle.getRoadID(name), lane), lane
+            if (routed := self._routed[name]) and routed[0] != where[name][0]:
+                self._routed[name] = "", routed[1]  # SUMO may replace its route before it is on that edge again
             self._unsettled.add(name)
             (self._on_short.add if self._is_a_short_lane(lane) else self._on_short.discard)(name)
             on_path = lane[:1] == ":" and self._keeps_its_path(fleet.members[row], lane)

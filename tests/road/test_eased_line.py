@@ -9,9 +9,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from platoontraffic.road.drivable_line import drivable
-from platoontraffic.road.eased_line import ABOVE_LOCK, TOTAL, _gentlest, eased
+from platoontraffic.road.eased_line import ABOVE_LOCK, TOTAL, eased
 
 LOCK, TOLERANCE, WIDTH, SPACING = 1 / 4.65, 0.5, 5.7, 0.47  # of a car
+WITHIN = 0.03  # of its corridor [m]
 
 
 def corner(radius, leg=60.0, turn=np.pi / 2):
@@ -43,16 +44,16 @@ def over_a_length(points):
     return (np.unwrap(two) - np.unwrap(one)) / 2.37
 
 
-@pytest.mark.parametrize("weight", [1e6, 3e6])
-def test_in_a_wide_corridor_the_sum_is_least(weight):
+def test_in_a_wide_corridor_the_sum_is_nearly_least():
     """The solution of the normal equations: the limits do not matter."""
-    points, n = corner(12.0)[1:-1] / SPACING, 40
-    third = np.diff(np.eye(n), 3, axis=0)
-    expected = np.linalg.solve(np.eye(n) + weight * third.T @ third, points)
-    left, corridor = np.tile((0.0, 1.0), (n, 1)), np.tile((-1e3, 1e3), (n, 1))
-    assert _gentlest(points, left, corridor, np.full(n, 1e3), weight) == pytest.approx(
-        expected, abs=0.1
-    )  # of the spacing
+    points, _ = easy(corner(30.0))
+    before, its = drivable(corner(30.0), LOCK, SPACING)
+    before = np.column_stack([np.interp(np.linspace(0.0, its[-1], len(points)), its, column) for column in before.T])
+    third = np.diff(np.eye(len(points)), 3, axis=0)
+    free = np.linalg.solve(np.eye(len(points)) + (WIDTH / SPACING) ** 6 * third.T @ third, before)
+    inner = slice(30, -30)  # its ends are not free
+    assert 0.1 < np.hypot(*(free - before)[inner].T).max() < TOLERANCE
+    assert np.hypot(*(free - points)[inner].T).max() < 0.05
 
 
 def test_within_a_corridor_no_other_line_has_a_lesser_sum():
@@ -76,7 +77,7 @@ def test_the_curvature_of_an_arc_rises_gradually_within_the_tolerance(radius):
     given_line = corner(radius)
     points, _ = easy(given_line)
     off = shapely.distance(shapely.points(points), shapely.LineString(given_line))
-    assert 0.2 < off.max() <= 1.02 * TOLERANCE
+    assert 0.2 < off.max() <= TOLERANCE + WITHIN
     assert curvature(points).max() < 1.08 / radius
     steepest = [np.abs(np.diff(over_a_length(line))).max() / 0.5 for line in (points, given_line)]
     assert steepest[0] < 0.65 * steepest[1]
@@ -108,7 +109,7 @@ def test_a_corner_is_cut_and_entered_from_its_outside():
     points, _ = easy(corner(8.0))
     apex = np.hypot(points[:, 0], points[:, 1] - 8.0).min()
     assert 7.4 < apex < 7.8
-    assert -1.02 * TOLERANCE < points[:, 1].min() < 0.0
+    assert -TOLERANCE - WITHIN < points[:, 1].min() < 0.0
 
 
 def test_a_straight_line_and_the_ends_stay():
@@ -116,7 +117,7 @@ def test_a_straight_line_and_the_ends_stay():
     assert points[:, 1] == pytest.approx(points[:, 0] * 4 / 3, abs=1e-9)
     assert stations == pytest.approx(np.hypot(*points.T), abs=1e-6)
     ends, _ = easy(corner(6.0, leg=3.0))
-    assert ends[[0, -1]] == pytest.approx(corner(6.0, leg=3.0)[[0, -1]], abs=0.01)
+    assert ends[[0, -1]] == pytest.approx(corner(6.0, leg=3.0)[[0, -1]], abs=WITHIN)
 
 
 @pytest.mark.parametrize("radius", [6.0, 8.0, 15.0])
@@ -158,6 +159,6 @@ def test_any_line_stays_drivable_and_near_and_its_mirror_image_is_eased_alike(st
     points, _ = eased(before, stations, given_line, LOCK, TOLERANCE, WIDTH, SPACING)
     assert curvature(points).max(initial=0.0) <= 1.01 * ABOVE_LOCK * max(LOCK, curvature(before).max(initial=0.0))
     off = shapely.distance(shapely.points(points), shapely.LineString(before))
-    assert off.max() <= 1.02 * TOLERANCE
+    assert off.max() <= TOLERANCE + WITHIN
     mirrored, _ = easy(given_line * (1, -1))
     assert mirrored == pytest.approx(points * (1, -1), abs=1e-6)

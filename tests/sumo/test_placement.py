@@ -106,3 +106,28 @@ def test_a_route_that_comes_to_an_edge_twice_is_not_driven_from_its_first_visit_
         placement.where["m"] = here.edge, f"{here.edge}_0"
         placement._is_settled(SimpleNamespace(id="m", route=driven))
     assert told[-2:] == [["A", "D"], ["A", "D"]]
+
+
+def test_a_member_that_comes_to_an_edge_again_gets_its_route_again():
+    """Where its path comes near the next edge before the junction, SUMO has it there for a step, and back in the
+    junction with a route that ends on that edge. Others did not see it come, and one drove out before it."""
+    here, told = SimpleNamespace(lane="", route=("A", "B", "C")), []
+    vehicle = SimpleNamespace(
+        getLaneID=lambda _: here.lane, getRoadID=lambda _: here.lane.rpartition("_")[0],
+        getRoute=lambda _: here.route, getRouteIndex=lambda _: here.route.index(here.lane[0]),
+        setRoute=lambda _, route: told.append(route), setPreviousSpeed=lambda *_: None,
+    )  # fmt: skip
+    client = SimpleNamespace(
+        vehicle=vehicle, lane=SimpleNamespace(getLength=lambda _: 50.0), vehicletype=None, TraCIException=KeyError
+    )
+    placement = Placement(client, SimpleNamespace(left_hand=False, edges=dict.fromkeys("ABC", (3.2,))), 0.1)
+    placement._shadows = SimpleNamespace(observe=lambda *_: None)
+    (member,) = platoon(PathLeader(), model=CAR)
+    route = Route.along(("A", "B", "C"), np.array([(0.0, 0.0), (300.0, 0.0)]), np.full(2, 14.0))
+    fleet = Fleet.deployed([replace(member, route=route)], 0.1)
+    for here.lane, here.route in (
+        ("A_0", ("A", "B", "C")), ("B_0", ("A", "B", "C")), (":a_0_0", ("A", "B")), ("B_0", ("A", "B")),
+    ):  # fmt: skip
+        placement.locate(fleet)
+        placement.settle(fleet)
+    assert told == [["A", "B", "C"], ["B", "C"], ["B", "C"]]
