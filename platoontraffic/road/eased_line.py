@@ -7,9 +7,10 @@ Drivers begin to steer before a bend, and cut it a little. So the line p is repl
 
 (E. T. Whittaker, On a new method of graduation, Proc. Edinburgh Mathematical Society 41, 1922: the third differences
 are the rate of the curvature) among those that stay in a corridor about the line, and nowhere bend more sharply than
-the vehicle can. Places and second differences of q are held within these limits by the alternating direction method of
-multipliers (S. Boyd et al., Distributed optimization and statistical learning via the alternating direction method of
-multipliers, Foundations and Trends in Machine Learning 3, 2011).
+the vehicle can. Places and second differences of q are brought within these limits by the alternating direction method
+of multipliers (S. Boyd et al., Distributed optimization and statistical learning via the alternating direction method
+of multipliers, Foundations and Trends in Machine Learning 3, 2011), nearly: the rounds are few, and curvature makes the
+problem a little less than convex. Where q is still beyond a limit, as in half turns at full lock, the line stays.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ LAP = 8.0  # beyond so many widths a point has no influence
 ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]
 TOTAL = 1.6  # greatest distance from the given line beyond the least [tolerances]: 0.8 m for a car; `prove` allows 1 m
 PLACES, BENDS = 1e2, 1e6  # penalties of the method for places and second differences beyond their limits
-ROUNDS = 100  # of it: q is within 3 cm of its corridor; more change the time that a route takes by less than 0.2 %
+ROUNDS = 100  # of it: more change the time in which a car drives a route by less than 0.2 %
+WITHIN = 0.05  # by which q may be beyond its limits [of the corridor's width, of the greatest curvature]
 
 compiled = compiler(__file__)
 
@@ -53,26 +55,69 @@ def eased(
     spacing          : of the points [m]
     """
     even = spread(np.column_stack([points, stations]), spacing)
-    line, stations = even[:, :2], even[:, 2]
-    least = tight_turns([given], 1 / (LOCK * lock)).least_offset(stations)  # without the reserve, as `prove` has it
-    lane = np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T])
-
+    line, stations = even[:, :2] - even[0, :2], even[:, 2]
+    lane = np.column_stack([np.interp(stations, stations_of(given), column) for column in given.T]) - even[0, :2]
     lap = math.ceil(LAP * width / spacing) if closed else 0
+    least = _onward(_least_offset(given, stations, lock, closed), lap, closed)
     onward = _onward(line, lap + 1, closed)
     sharpest = ABOVE_LOCK * np.maximum(lock, _curvature(onward))
-    left = _left_of(onward)[1:-1]
-    off = ((onward[1:-1] - _onward(lane, lap, closed)) * left).sum(axis=1)  # that the line has left the lane
-    farthest = np.maximum(_onward(least, lap, closed) + TOTAL * tolerance, np.abs(off))
+    left, onward = _left_of(onward)[1:-1], onward[1:-1]
+    off = ((onward - _onward(lane, lap, closed)) * left).sum(axis=1)  # that the line has left the lane
+    farthest = np.maximum(least + TOTAL * tolerance, np.abs(off))
     corridor = np.column_stack([np.maximum(-tolerance, -farthest - off), np.minimum(tolerance, farthest - off)])
-    if not closed:
-        corridor[:3] = corridor[-3:] = 0.0  # its ends stay, and their directions
-    found = _gentlest(onward[1:-1], left, corridor, sharpest, (width / spacing) ** 6)[lap : lap + len(line)]
+    moved = _gentlest(onward, left, corridor, sharpest, (width / spacing) ** 6) - onward
+    share = _share_within(moved, onward, left, corridor, sharpest, round(width / spacing), closed)
+    moved = (share[:, None] * moved)[lap : lap + len(line)]
     if closed:
-        found[-1] = found[0]
-    # Points have moved along the line too, to other stations.
-    left, driven = left[lap : lap + len(line)], stations_of(line)
-    moved = ((found - line) * np.column_stack([left[:, 1], -left[:, 0]])).sum(axis=1)
-    return found, np.interp(driven + moved, driven, stations)
+        moved[-1] = moved[0]
+    along = (moved * _ahead_of(left[lap : lap + len(line)])).sum(axis=1)
+    return line + moved + even[0, :2], stations + along * np.gradient(stations, stations_of(line))
+
+
+def _least_offset(given: np.ndarray, stations: np.ndarray, lock: float, closed: bool) -> np.ndarray:
+    """Distance at stations that a vehicle must leave the given line by [m], without the reserve, as `prove` has it."""
+    laps = np.vstack([given[:-1], given[:-1], given]) if closed else given
+    length = stations_of(given)[-1] if closed else 0.0
+    return tight_turns([laps], 1 / (LOCK * lock)).least_offset(stations + length)
+
+
+def _share_within(
+    moved: np.ndarray,
+    line: np.ndarray,
+    left: np.ndarray,
+    corridor: np.ndarray,
+    sharpest: np.ndarray,
+    around: int,
+    closed: bool,
+) -> np.ndarray:
+    """Share of displacements (m, 2) of a line that keeps the limits: less about places where they are beyond, (m,).
+
+    The ends of an open line stay, and their directions. around: a number of points
+    """
+    place = np.arange(len(line))
+    share = np.ones(len(line)) if closed else _rising(np.minimum(place, place[::-1]) - 2, around)
+    for reach in around * 2 ** np.arange(6):
+        now = share[:, None] * moved
+        aside, slack = (now * left).sum(axis=1), WITHIN * np.ptp(corridor, axis=1)
+        beyond = (aside < corridor[:, 0] - slack) | (aside > corridor[:, 1] + slack)
+        beyond[1:-1] |= _curvature(line + now) > (1 + WITHIN) * sharpest[1:-1]
+        beyond[1:] |= np.diff(stations_of(line) + (now * _ahead_of(left)).sum(axis=1)) <= 0
+        if not (beyond & (share > 0)).any():
+            return share
+        nearest = np.abs(place[:, None] - np.flatnonzero(beyond)).min(axis=1)
+        share = np.minimum(share, _rising(nearest - reach, around))
+    return np.zeros(len(line))
+
+
+def _rising(count: np.ndarray, over: int) -> np.ndarray:
+    """From 0 to 1 without steps or bends, over a number of points."""
+    share = np.clip(count / over, 0.0, 1.0)
+    return share**3 * (10 - 15 * share + 6 * share**2)
+
+
+def _ahead_of(left: np.ndarray) -> np.ndarray:
+    """Unit vectors (m, 2) ahead, by those to the left."""
+    return np.column_stack([left[:, 1], -left[:, 0]])
 
 
 def _onward(values: np.ndarray, count: int, closed: bool) -> np.ndarray:
@@ -132,13 +177,13 @@ def _gentlest(line, left, corridor, sharpest, weight):
 
 @compiled
 def _limit_places(q, line, left, corridor, place, beyond):
-    """Renew the places in the corridor, in place. Where this has a width, points may move along the line."""
+    """Renew the places in the corridor, in place. Points may move along the line."""
     for i in range(len(q)):
         x, y = q[i, 0] + beyond[i, 0] - line[i, 0], q[i, 1] + beyond[i, 1] - line[i, 1]
-        aside, share = x * left[i, 0] + y * left[i, 1], 1.0 if corridor[i, 0] < corridor[i, 1] else 0.0
+        aside = x * left[i, 0] + y * left[i, 1]
         back = min(max(aside, corridor[i, 0]), corridor[i, 1]) - aside
-        place[i, 0] = line[i, 0] + share * (x + back * left[i, 0])
-        place[i, 1] = line[i, 1] + share * (y + back * left[i, 1])
+        place[i, 0] = line[i, 0] + x + back * left[i, 0]
+        place[i, 1] = line[i, 1] + y + back * left[i, 1]
         beyond[i, 0] += q[i, 0] - place[i, 0]
         beyond[i, 1] += q[i, 1] - place[i, 1]
 

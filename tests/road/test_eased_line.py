@@ -8,8 +8,10 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from platoontraffic.road import drivable_line, eased_line
 from platoontraffic.road.drivable_line import drivable
-from platoontraffic.road.eased_line import ABOVE_LOCK, TOTAL, eased
+from platoontraffic.road.eased_line import ABOVE_LOCK, EASING, eased
+from platoontraffic.vehicles.bicycle import CARS
 
 LOCK, TOLERANCE, WIDTH, SPACING = 1 / 4.65, 0.5, 5.7, 0.47  # of a car
 WITHIN = 0.03  # of its corridor [m]
@@ -90,10 +92,10 @@ def test_the_arc_at_full_lock_in_a_tight_corner_is_eased_too(radius):
     given_line = corner(radius)
     points, _ = easy(given_line)
     off = shapely.distance(shapely.points(points), shapely.LineString(given_line))
-    assert off.max() <= (1 / LOCK - radius) * (np.sqrt(2) - 1) + TOTAL * TOLERANCE
+    assert off.max() <= (1 / LOCK - radius) * (np.sqrt(2) - 1) + 0.8
     assert curvature(points).max() <= ABOVE_LOCK * LOCK * 1.01
     steepest = np.abs(np.diff(over_a_length(points))).max() / 0.5
-    assert steepest < 0.05  # 3 m/s
+    assert steepest < 0.03  # 4.7 m/s
 
 
 @pytest.mark.parametrize("turn", [117, 126])
@@ -102,7 +104,7 @@ def test_a_corner_that_turns_back_is_eased_within_the_lock(turn):
     points, _ = easy(corner(2.0, turn=np.radians(turn)))
     assert curvature(points).max() <= ABOVE_LOCK * LOCK * 1.01
     steepest = np.abs(np.diff(over_a_length(points))).max() / 0.5
-    assert steepest < 0.06  # 2.4 m/s
+    assert steepest < 0.04  # 3.5 m/s
 
 
 def test_a_corner_is_cut_and_entered_from_its_outside():
@@ -117,7 +119,9 @@ def test_a_straight_line_and_the_ends_stay():
     assert points[:, 1] == pytest.approx(points[:, 0] * 4 / 3, abs=1e-9)
     assert stations == pytest.approx(np.hypot(*points.T), abs=1e-6)
     ends, _ = easy(corner(6.0, leg=3.0))
-    assert ends[[0, -1]] == pytest.approx(corner(6.0, leg=3.0)[[0, -1]], abs=WITHIN)
+    before, _ = drivable(corner(6.0, leg=3.0), LOCK, SPACING)
+    assert ends[[0, -1]] == pytest.approx(before[[0, -1]])
+    assert ends[1, 1] == pytest.approx(before[1, 1], abs=1e-6)  # and their directions
 
 
 @pytest.mark.parametrize("radius", [6.0, 8.0, 15.0])
@@ -129,6 +133,39 @@ def test_stations_are_those_of_the_places_beside(radius):
     beside = shapely.get_coordinates(shapely.LineString(given_line).interpolate(stations))
     off = shapely.distance(shapely.points(points), shapely.LineString(given_line))
     assert np.hypot(*(points - beside).T) == pytest.approx(off, abs=0.02)
+
+
+HALF_TURNS = [[(0, 0), (50, 0), (50, gap), (0, gap)] for gap in (1.0, 3.0, 8.0, 20.0)]
+LOOP = [(0, 0), (50, 0), (50, 8), (42, 8), (42, -30)]
+
+
+@pytest.mark.parametrize("kind", ["car", "van", "truck"])
+@pytest.mark.parametrize("given_line", [*HALF_TURNS, LOOP])
+def test_where_a_turn_is_too_tight_to_be_eased_the_line_stays_within_its_limits(given_line, kind):
+    """Points that came close to one another gave a truck a path 15 m aside, and stop lines in disorder."""
+    model, given_line = CARS[kind], np.array(given_line, dtype=float)
+    spacing, tolerance = drivable_line.SPACING * model.length, EASING * model.width
+    lock = 1 / (drivable_line.LOCK * model.turning_radius)
+    before, along = drivable(given_line, lock, spacing)
+    points, stations = eased(before, along, given_line, lock, tolerance, eased_line.WIDTH * model.length, spacing)
+    assert shapely.distance(shapely.points(points), shapely.LineString(before)).max() <= 1.1 * tolerance
+    assert curvature(points).max() <= 1.07 * max(lock, curvature(before).max())
+    assert (np.diff(stations) > 0).all()
+
+
+def test_each_corner_of_a_closed_line_is_eased_alike_wherever_the_line_begins():
+    square = np.array([(0, 0), (60, 0), (60, 60), (0, 60), (0, 0)], dtype=float)
+    from_the_middle = np.vstack([(30, 0), square[1:], (30, 0)])
+    lines = [easy(points, closed=True)[0] for points in (square, from_the_middle)]
+    assert lines[0][-1] == pytest.approx(lines[0][0])
+    one, other = (shapely.LinearRing(points) for points in lines)
+    assert one.hausdorff_distance(other) < 0.05
+
+
+def test_far_from_the_origin_the_line_is_the_same():
+    """Coordinates of a zone of the world have seven digits."""
+    there = np.array([500_000.0, 5_000_000.0])
+    assert easy(corner(6.0) + there)[0] == pytest.approx(easy(corner(6.0))[0] + there, abs=1e-4)
 
 
 def test_without_tolerance_a_line_that_a_vehicle_can_drive_stays():
@@ -157,7 +194,8 @@ def test_any_line_stays_drivable_and_near_and_its_mirror_image_is_eased_alike(st
     given_line = np.column_stack([x, aside[: len(x)]])
     before, stations = drivable(given_line, LOCK, SPACING)
     points, _ = eased(before, stations, given_line, LOCK, TOLERANCE, WIDTH, SPACING)
-    assert curvature(points).max(initial=0.0) <= 1.01 * ABOVE_LOCK * max(LOCK, curvature(before).max(initial=0.0))
+    sharpest = max(LOCK, curvature(before).max(initial=0.0))
+    assert curvature(points).max(initial=0.0) <= 1.075 * sharpest  # a vehicle can turn 1.08 times as sharply as LOCK
     off = shapely.distance(shapely.points(points), shapely.LineString(before))
     assert off.max() <= TOLERANCE + WITHIN
     mirrored, _ = easy(given_line * (1, -1))
