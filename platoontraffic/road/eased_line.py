@@ -104,7 +104,8 @@ def _share_within(
         beyond[1:] |= np.diff(stations_of(line) + (now * _ahead_of(left)).sum(axis=1)) <= 0
         if not (beyond & (share > 0)).any():
             return share
-        nearest = np.abs(place[:, None] - np.flatnonzero(beyond)).min(axis=1)
+        there = np.flatnonzero(beyond)
+        nearest = np.abs(place - there[np.searchsorted((there[1:] + there[:-1]) / 2, place)])
         share = np.minimum(share, _rising(nearest - reach, around))
     return np.zeros(len(line))
 
