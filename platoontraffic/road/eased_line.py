@@ -24,6 +24,8 @@ from platoontraffic.road.drivable_line import LOCK, spread, stations_of
 from platoontraffic.road.turning import tight_turns
 
 EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car, which has 0.7 m beside it in its lane
+OUTSIDE = 0.7  # of it to the outer side of a bend, and on straights: vehicles that come towards it may lie aside too
+TURNS = 0.05  # least turn of a bend [rad]
 WIDTH = 1.2  # of the average that easing amounts to where the corridor is wide [vehicle lengths]: w^(1/6), in points
 LAP = 8.0  # beyond so many widths a point has no influence
 ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]
@@ -64,7 +66,9 @@ def eased(
     left, onward = _left_of(onward)[1:-1], onward[1:-1]
     off = ((onward - _onward(lane, lap, closed)) * left).sum(axis=1)  # that the line has left the lane
     farthest = np.maximum(least + TOTAL * tolerance, np.abs(off))
-    corridor = np.column_stack([np.maximum(-tolerance, -farthest - off), np.minimum(tolerance, farthest - off)])
+    turn = _turn_about(onward, round(width / spacing))
+    aside = tolerance * np.where(np.column_stack([-turn, turn]) > TURNS, 1.0, OUTSIDE)  # to the right, and to the left
+    corridor = np.column_stack([np.maximum(-aside[:, 0], -farthest - off), np.minimum(aside[:, 1], farthest - off)])
     moved = _gentlest(onward, left, corridor, sharpest, (width / spacing) ** 6) - onward
     share = _share_within(moved, onward, left, corridor, sharpest, round(width / spacing), closed)
     moved = (share[:, None] * moved)[lap : lap + len(line)]
@@ -72,6 +76,13 @@ def eased(
         moved[-1] = moved[0]
     along = (moved * _ahead_of(left[lap : lap + len(line)])).sum(axis=1)
     return line + moved + even[0, :2], stations + along * np.gradient(stations, stations_of(line))
+
+
+def _turn_about(line: np.ndarray, around: int) -> np.ndarray:
+    """By how much a line (m, 2) turns to the left about each point, within so many points before and beyond [rad]."""
+    heading = np.unwrap(np.arctan2(*np.diff(line, axis=0).T[::-1]))
+    place = np.arange(len(line))
+    return heading[(place + around).clip(max=len(heading) - 1)] - heading[(place - around - 1).clip(0)]
 
 
 def _least_offset(given: np.ndarray, stations: np.ndarray, lock: float, closed: bool) -> np.ndarray:

@@ -95,7 +95,7 @@ def test_the_arc_at_full_lock_in_a_tight_corner_is_eased_too(radius):
     assert off.max() <= (1 / LOCK - radius) * (np.sqrt(2) - 1) + 0.8
     assert curvature(points).max() <= ABOVE_LOCK * LOCK * 1.01
     steepest = np.abs(np.diff(over_a_length(points))).max() / 0.5
-    assert steepest < 0.03  # 4.7 m/s
+    assert steepest < 0.034  # 4.1 m/s
 
 
 @pytest.mark.parametrize("turn", [117, 126])
@@ -111,7 +111,9 @@ def test_a_corner_is_cut_and_entered_from_its_outside():
     points, _ = easy(corner(8.0))
     apex = np.hypot(points[:, 0], points[:, 1] - 8.0).min()
     assert 7.4 < apex < 7.8
-    assert -TOLERANCE - WITHIN < points[:, 1].min() < 0.0
+    assert (
+        -0.7 * TOLERANCE - WITHIN < points[:, 1].min() < -0.2
+    )  # less far than to the inner side, for others come there
 
 
 def test_a_straight_line_and_the_ends_stay():
