@@ -72,6 +72,12 @@ def project(points, stations, x, y, near, window):
     return station, math.copysign(math.sqrt(shortest), side)
 
 
+def left_of(points: np.ndarray) -> np.ndarray:
+    """Unit vectors to the left of a line through points (k, 2), k >= 2, at each of them (k, 2)."""
+    along = np.gradient(points, axis=0)
+    return np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+
+
 @compiled
 def _count(stations, station):
     """The number of stations up to the given one; stations (m,) rise."""

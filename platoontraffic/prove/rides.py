@@ -20,6 +20,7 @@ from platoontraffic.sumo.background import PERSON
 from platoontraffic.world.events import STANDSTILL_AFTER
 
 NO_REASON = "no reason"
+BEHIND = "behind: behind "  # begin of the reason of one in a queue
 LONG = 60.0  # a longer standstill needs to be explained [s]
 
 
@@ -30,6 +31,11 @@ class Stand(NamedTuple):
     lasts: float  # [s]
     why: str  # NO_REASON, or a word of the event `standstill` and its text
     lane: str  # "" beside the road
+
+    @property
+    def behind(self) -> str:
+        """Vehicle behind which it stands; "" if it stands for another reason."""
+        return self.why.removeprefix(BEHIND) if self.why.startswith(BEHIND) else ""
 
 
 class Incident(NamedTuple):

@@ -153,12 +153,19 @@ def _fewer(made: Sequence[Pair]) -> Iterator[str]:
 
 
 def _stuck(made: Sequence[Pair]) -> Iterator[str]:
-    """Standstills longer than LONG on lanes on which none of SUMO's cars stands for so long; those without a reason."""
+    """Standstills longer than LONG on lanes on which none of SUMO's cars stands for so long; those without a reason.
+
+    Members behind one that stands where SUMO's cars do are a queue, and no fault.
+    """
     for pair in made:
         if pair.platoons is None or pair.sumo is None:
             continue
         long_on = {*pair.sumo.long_on, *(stand.lane for stand in pair.sumo.stands if stand.lasts > LONG)}
-        own = [stand for stand in pair.platoons.stands if stand.lasts > LONG and stand.lane not in long_on]
+        long = [stand for stand in pair.platoons.stands if stand.lasts > LONG]
+        queue = {stand.vehicle for stand in long if stand.lane in long_on}
+        while more := {stand.vehicle for stand in long if stand.behind in queue} - queue:
+            queue |= more
+        own = [stand for stand in long if stand.lane not in long_on and stand.behind not in queue]
         if own:
             longest = max(own, key=lambda stand: stand.lasts)
             where = f"for {longest.lasts:.0f} s on {longest.lane} ({longest.why})"

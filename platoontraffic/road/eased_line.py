@@ -9,8 +9,9 @@ Drivers begin to steer before a bend, and cut it a little. So the line p is repl
 are the rate of the curvature) among those that stay in a corridor about the line, and nowhere bend more sharply than
 the vehicle can. Places and second differences of q are brought within these limits by the alternating direction method
 of multipliers (S. Boyd et al., Distributed optimization and statistical learning via the alternating direction method
-of multipliers, Foundations and Trends in Machine Learning 3, 2011), nearly: the rounds are few, and curvature makes the
-problem a little less than convex. Where q is still beyond a limit, as in half turns at full lock, the line stays.
+of multipliers, Foundations and Trends in Machine Learning 3, 2011). The result is near the least sum: the rounds are
+few, and the limit of curvature makes the problem not quite convex. Where q is still beyond a limit, as in half turns at
+full lock, the line is not eased.
 """
 
 from __future__ import annotations
@@ -19,19 +20,20 @@ import math
 
 import numpy as np
 
+from platoontraffic.geometry.polyline import left_of
 from platoontraffic.lidar.compiled import compiler
 from platoontraffic.road.drivable_line import LOCK, spread, stations_of
 from platoontraffic.road.turning import tight_turns
 
 EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car, which has 0.7 m beside it in its lane
-OUTSIDE = 0.7  # of it to the outer side of a bend, and on straights: vehicles that come towards it may lie aside too
+OUTSIDE = 0.7  # share of it to the outer side of a bend, and on straights: oncoming vehicles may be off their lane too
 TURNS = 0.05  # least turn of a bend [rad]
-WIDTH = 1.2  # of the average that easing amounts to where the corridor is wide [vehicle lengths]: w^(1/6), in points
-LAP = 8.0  # beyond so many widths a point has no influence
+WIDTH = 1.2  # of the average that easing is in a wide corridor [vehicle lengths]: w^(1/6) points
+LAP = 8.0  # part of the laps before and after that is eased with a closed line [widths]
 ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]
 TOTAL = 1.6  # greatest distance from the given line beyond the least [tolerances]: 0.8 m for a car; `prove` allows 1 m
 PLACES, BENDS = 1e2, 1e6  # penalties of the method for places and second differences beyond their limits
-ROUNDS = 100  # of it: more change the time in which a car drives a route by less than 0.2 %
+ROUNDS = 100  # of the method: more change the time in which a car drives a route by less than 0.2 %
 WITHIN = 0.05  # by which q may be beyond its limits [of the corridor's width, of the greatest curvature]
 
 compiled = compiler(__file__)
@@ -63,7 +65,7 @@ def eased(
     least = _onward(_least_offset(given, stations, lock, closed), lap, closed)
     onward = _onward(line, lap + 1, closed)
     sharpest = ABOVE_LOCK * np.maximum(lock, _curvature(onward))
-    left, onward = _left_of(onward)[1:-1], onward[1:-1]
+    left, onward = left_of(onward)[1:-1], onward[1:-1]
     off = ((onward - _onward(lane, lap, closed)) * left).sum(axis=1)  # that the line has left the lane
     farthest = np.maximum(least + TOTAL * tolerance, np.abs(off))
     turn = _turn_about(onward, round(width / spacing))
@@ -101,9 +103,9 @@ def _share_within(
     around: int,
     closed: bool,
 ) -> np.ndarray:
-    """Share of displacements (m, 2) of a line that keeps the limits: less about places where they are beyond, (m,).
+    """Shares (m,) of the displacements (m, 2) of a line by which it keeps its limits: less about places beyond a limit.
 
-    The ends of an open line stay, and their directions. around: a number of points
+    The ends of an open line, and its directions there, stay. around: number of points of the least such stretch
     """
     place = np.arange(len(line))
     share = np.ones(len(line)) if closed else _rising(np.minimum(place, place[::-1]) - 2, around)
@@ -122,7 +124,7 @@ def _share_within(
 
 
 def _rising(count: np.ndarray, over: int) -> np.ndarray:
-    """From 0 to 1 without steps or bends, over a number of points."""
+    """Rises from 0 to 1 over a number of points, without steps or kinks."""
     share = np.clip(count / over, 0.0, 1.0)
     return share**3 * (10 - 15 * share + 6 * share**2)
 
@@ -148,12 +150,6 @@ def _curvature(points: np.ndarray) -> np.ndarray:
     one, two = points[1:-1] - points[:-2], points[2:] - points[1:-1]
     turn = np.arctan2(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0], (one * two).sum(axis=1))
     return np.abs(turn) / np.maximum((np.hypot(*one.T) + np.hypot(*two.T)) / 2, 1e-9)
-
-
-def _left_of(line: np.ndarray) -> np.ndarray:
-    """Unit vectors to the left of a line (m, 2)."""
-    along = np.gradient(line, axis=0)
-    return np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(np.hypot(*along.T), 1e-12)[:, None]
 
 
 @compiled
@@ -202,7 +198,7 @@ def _limit_places(q, line, left, corridor, place, beyond):
 
 @compiled
 def _limit_bends(q, sharpest, bend, beyond):
-    """Renew the second differences that are not too great, in place."""
+    """Renew the second differences within the limit of curvature, in place."""
     for i in range(1, len(q) - 1):
         x = q[i - 1, 0] - 2 * q[i, 0] + q[i + 1, 0] + beyond[i, 0]
         y = q[i - 1, 1] - 2 * q[i, 1] + q[i + 1, 1] + beyond[i, 1]
@@ -214,8 +210,10 @@ def _limit_bends(q, sharpest, bend, beyond):
 
 @compiled
 def _factored(n, places, bends, weight):
-    """L and 1 / d of L d L^T = places + bends D2^T D2 + weight D3^T D3, with differences D2 and D3: three subdiagonals,
-    (n + 3, 3), and (n,)."""
+    """Factors L d L^T of places + bends D2^T D2 + weight D3^T D3, where D2 and D3 are the second and third differences.
+
+    returns: the three subdiagonals of L, (n + 3, 3), and 1 / d, (n,)
+    """
     factors, pivot = np.zeros((n + 3, 3)), np.zeros(n)
     second, third = (1.0, -2.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
     for i in range(n):

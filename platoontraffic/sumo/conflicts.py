@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from platoontraffic.geometry.polyline import left_of
 from platoontraffic.lidar.compiled import compiler
+from platoontraffic.road.drivable_line import stations_of
 from platoontraffic.road.gap_acceptance import FIRST_MARGIN, Pace
 from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.lane_routes import Line
@@ -209,19 +211,13 @@ def _swung_over(
 
 def _front_along(line: Sampled, half: float) -> tuple[Sampled, Sampled, Sampled]:
     """A line, and those of points so far to its left and right [m], by its stations."""
-    aside = half * _left_of(line.points)
+    aside = half * left_of(line.points)
     return line, line._replace(points=line.points + aside), line._replace(points=line.points - aside)
 
 
 def _touches(front: Sequence[Sampled], path: Sampled, apart: float) -> float:
     """Station from which on one of the points of a front is less than a distance from a path [m]; inf: nowhere."""
     return min((met[0][0] for one in front if (met := _met(one, path, apart))), default=math.inf)
-
-
-def _left_of(points: np.ndarray) -> np.ndarray:
-    """Unit vectors to the left of a line through points (k, 2)."""
-    along = np.gradient(points, axis=0)
-    return np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
 
 
 def _front(line: Line, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
@@ -232,15 +228,15 @@ def _front(line: Line, model: Car, sumo: Client) -> tuple[Sampled, Sampled]:
     before, beyond = np.array(sumo.lane.getShape(line.lane)), np.array(sumo.lane.getShape(line.onto))
     whole = np.concatenate([before, *(np.array(sumo.lane.getShape(name)) for name in line.via), beyond])
     whole = whole[np.concatenate([[True], np.hypot(*np.diff(whole, axis=0).T) > 1e-6])]
-    stations, begin = _stations(whole), _stations(before)[-1]
-    end = begin + _stations(_path(line.via, line.onto, sumo))[-1]
+    stations, begin = stations_of(whole), stations_of(before)[-1]
+    end = begin + stations_of(_path(line.via, line.onto, sumo))[-1]
     about = stations[(stations > begin - ABOUT) & (stations < end + ABOUT)]
     about = np.concatenate([[max(begin - ABOUT, 0.0)], about, [min(end + ABOUT, stations[-1])]])
     points = np.column_stack([np.interp(np.unique(about), stations, whole[:, k]) for k in (0, 1)])
     route = Route.along((), points, np.zeros(len(points)), [line._replace(station=begin - about[0])]).drivable_by(model)
     driven = np.arange(0.0, route.length, SAMPLED * sumo.lane.getWidth(line.lane))
     axle, ahead = route.line.at(driven), model.length / 2 - model.axle
-    left = _left_of(axle)
+    left = left_of(axle)
     front, aside = axle + ahead * np.column_stack([left[:, 1], -left[:, 0]]), model.width / 2 * left
     stations = driven - route.lines[0].station + ahead
     return Sampled(stations, front + aside), Sampled(stations, front - aside)
@@ -263,10 +259,6 @@ def _path(via: Sequence[str], onto: str, sumo: Client) -> np.ndarray:
     shape = sumo.lane.getShape
     inside, beyond = [point for name in via for point in shape(name)], shape(onto)
     return _cut(np.array([*inside, *beyond]), len(inside), TAIL * sumo.lane.getWidth(onto))
-
-
-def _stations(line: np.ndarray) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
 
 
 def _sampled(line: np.ndarray, step: float) -> Sampled:

@@ -224,6 +224,18 @@ def test_a_member_may_stand_for_long_where_sumos_cars_do(sumo):
     assert len(verdict(elsewhere, ride(**sumo)).faults) == 1
 
 
+def test_a_queue_behind_a_member_that_stands_where_sumos_cars_do_is_no_fault():
+    stands = [Stand("p0.0", 90.0, "held: held by light", "a_0"), Stand("p0.1", 80.0, "behind: behind p0.0", "b_0")]
+    last = Stand("p1.0", 70.0, "behind: behind p0.1", "c_0")
+    own = ride(long_on=("a_0",))
+    assert verdict(ride(stands=(last, *stands)), own).holds
+    assert not verdict(ride(stands=(last, *stands)), ride()).holds
+    assert not verdict(ride(stands=(*stands, last._replace(why="behind: behind car.7"))), own).holds
+    assert not verdict(ride(stands=(*stands, stands[0]._replace(lane="d_0"))), own).holds
+    ring = [Stand("p0.0", 90.0, "behind: behind p0.1", "b_0"), Stand("p0.1", 90.0, "behind: behind p0.0", "b_0")]
+    assert not verdict(ride(stands=tuple(ring)), own).holds
+
+
 def test_a_run_that_failed_is_a_fault():
     assert verdict(None, error="SUMO failed").faults == ("SUMO failed",)
 

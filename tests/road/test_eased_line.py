@@ -59,7 +59,7 @@ def test_in_a_wide_corridor_the_sum_is_nearly_least():
 
 
 def test_within_a_corridor_no_other_line_has_a_lesser_sum():
-    """Lines between the eased one and any other that keeps the limits too have greater sums: the problem is convex."""
+    """Lines between the eased one and others within the limits have greater sums: the problem is nearly convex."""
     points, stations = easy(corner(8.0))
     before, its = drivable(corner(8.0), LOCK, SPACING)
     before = np.column_stack([np.interp(stations, its, column) for column in before.T])
