@@ -83,9 +83,11 @@ def correct(track, sighting, odometry, laser, route, groups, ranges, hiding, dt)
                 sigma = UNKNOWN_SPEED + UNKNOWN_SHARE * own_speed, STEADY
                 _begin(i, track, rear, pose, turning, (own_speed, 0.0), sigma)
         else:
-            found, rear = _best_rear(i, track, pose, laser, groups, ranges, dt, state, cov)
+            found, rear, nis, last = _best_rear(i, track, pose, laser, groups, ranges, dt, state, cov)
             if found >= 0:
-                track.nis[i] = _fit(track.mean[i], track.cov[i], rear, pose, dt, state, cov)
+                if last != found:
+                    _fit(track.mean[i], track.cov[i], rear, pose, dt, state, cov)
+                track.nis[i] = nis
                 track.mean[i], track.cov[i] = state, cov
                 track.mean[i, SPEED] = max(track.mean[i, SPEED], 0.0)
             elif track.blind[i] > HIDDEN and _hides(hiding, i, own_speed):
@@ -123,10 +125,13 @@ def _pose(odometry, laser, i):
 
 @compiled
 def _best_rear(i, track, pose, laser, groups, ranges, dt, state, cov):
-    """The group, and its rear, with the least nis within the gate; -1 if none is."""
+    """The group, its rear and its nis, with the least nis within the gate; -1 if none is.
+
+    returns: also the last group that was fitted; state and cov, filled in, are by that one
+    """
     mean = track.mean[i]
     back_x, back_y = mean[X] - OVERHANG * math.cos(mean[HEADING]), mean[Y] - OVERHANG * math.sin(mean[HEADING])
-    least, found, best = GATE, -1, no_rear()
+    least, found, best, last = GATE, -1, no_rear(), -1
     for k in range(groups.offset[i], groups.offset[i + 1]):
         group = group_of(groups, k)
         middle_x, middle_y = (group.x1 + group.x2) / 2, (group.y1 + group.y2) / 2
@@ -137,10 +142,10 @@ def _best_rear(i, track, pose, laser, groups, ranges, dt, state, cov):
         rear = find_rear(group, mean[HEADING] - pose.yaw, track.width[i], ranges[i], laser)
         if math.isnan(rear.x):
             continue
-        nis = _fit(mean, track.cov[i], rear, pose, dt, state, cov)
+        nis, last = _fit(mean, track.cov[i], rear, pose, dt, state, cov), k
         if nis < least:
             least, found, best = nis, k, rear
-    return found, best
+    return found, best, least, last
 
 
 @compiled

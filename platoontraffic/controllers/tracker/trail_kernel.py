@@ -350,10 +350,14 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
         left, right = _sides(points[begin:size], (x, y, cos, sin), here + reach, half_width + swings)
         for beam in range(ranges.shape[1]):
             r = ranges[i, beam]
-            if r == -math.inf and directions[0, beam] > 0:  # another body is at the laser, or over it
-                free[i], first[i] = 0.0, beam
-                break
-            if skipped[i, 0] <= beam <= skipped[i, 1] or not r < reach:  # NaN, lost, is not less either
+            if not r < reach:  # first, for most have no return; NaN, lost, is not less either
+                continue
+            if r == -math.inf:  # another body is at the laser, or over it
+                if directions[0, beam] > 0:
+                    free[i], first[i] = 0.0, beam
+                    break
+                continue
+            if skipped[i, 0] <= beam <= skipped[i, 1]:
                 continue
             ahead, aside = forward[i] + r * directions[0, beam], left_of + r * directions[1, beam]
             if ahead <= 0 or aside > left or aside < right:
