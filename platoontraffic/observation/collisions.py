@@ -3,8 +3,10 @@
 A contact is caused by one of the two, whichever of them is a member. The one that entered the other's lane less than
 LANE_CHANGE_BLAME before is the cause (`lane_entries`), whichever struck the other. If neither did, the one behind is
 the cause; and if neither is behind, abreast or head on, the one that has swung its rear into the other (`swings`).
-If neither has, the contact counts as caused by the member, unless the other was not there APPEARANCE_BLAME before: SUMO
-has inserted it before a member that is about to leave the junction there.
+If neither has, the contact counts as caused by the member, with two exceptions. The other was not there
+APPEARANCE_BLAME before: SUMO has inserted it before a member that is about to leave the junction there. Or the other
+came from another direction, and struck a member that had stood for STOOD_BLAME on the lanes of its own edge: SUMO's
+drivers see vehicles on their own lane only, and drive through whoever stands where lanes of two directions overlap.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from platoontraffic.observation.swings import Course, swung
 from platoontraffic.observation.thresholds_kernel import comes_near
 from platoontraffic.road.network import Network
 from platoontraffic.world.contact import Contacts
-from platoontraffic.world.events import NEAR_MISS_GAP, WALL, Event
+from platoontraffic.world.events import NEAR_MISS_GAP, STOOD_BLAME, WALL, Event
 from platoontraffic.world.traffic import TrafficSnapshot
 
 DETAILS = {
@@ -29,8 +31,10 @@ DETAILS = {
     "struck_other_from_behind": "struck it from behind",
     "beside": "side by side or head on",
     "swung_out": "swung its rear into the other, in a bend that no vehicle on wheels can drive so",
+    "stood": "the other came from another direction, and struck it where it stood on its own lanes",
     "other_swung_out": "the other swung its rear into it, in a bend that no vehicle on wheels can drive so",
 }
+STANDS = 0.05  # greatest motion of a vehicle that stands, in STOOD_BLAME [m]
 SIDE = 0.1  # distance beyond the middle of the road up to which a vehicle is on its own side [m]
 
 
@@ -61,7 +65,7 @@ class Collisions:
             entry, both = self._entries.of(vehicle, other), self._entries.together(vehicle, other)
             what = "beside" if _were_abreast(both) else _impact(traffic, i, other)
             if what == "beside" and not entry:
-                what = self._swing(both)
+                what = self._beside(both, step.roads[i][0])
             detail = DETAILS[what]
             if not entry and self._entries.appeared(other):
                 what, detail = "other_appeared", f"SUMO had just inserted {other}"
@@ -71,8 +75,11 @@ class Collisions:
                 detail = f"{entry.vehicle} changed lanes into the path of the other {before}"
             yield step.event("collision", i, other, what=what, detail=detail)
 
-    def _swing(self, both: Together) -> str:
-        """The kind of a contact side by side or head on, by which of the two has swung into the other."""
+    def _beside(self, both: Together, edge: str) -> str:
+        """The kind of a contact side by side or head on: one has swung into the other, or struck it while it stood.
+
+        edge: of the first vehicle
+        """
         if len(both.time) < 2:
             return "beside"
         courses = [Course.of(*both.poses[n], both.length[n], both.width[n]) for n in (0, 1)]
@@ -82,7 +89,10 @@ class Collisions:
             right = float(self._network.right_of_middle(x, y, heading)[0])  # NaN, as inside junctions: unknown
             return (-right if self._network.left_hand else right) > both.width[n] / 2 - SIDE
 
-        return {None: "beside", 0: "swung_out", 1: "other_swung_out"}[swung(both.time, courses, on_own_side)]
+        if (which := swung(both.time, courses, on_own_side)) is not None:
+            return ("swung_out", "other_swung_out")[which]
+        body = courses[0].outline().moved(0.0, 0.0)
+        return "stood" if _had_stood(both) and self._network.is_on_lanes(edge, body) else "beside"
 
 
 class NearMisses:
@@ -116,6 +126,15 @@ def _were_abreast(both: Together) -> bool:
     mean = math.atan2(math.sin(heading) + math.sin(other_heading), math.cos(heading) + math.cos(other_heading))
     along = (other_x - x) * math.cos(mean) + (other_y - y) * math.sin(mean)
     return abs(along) < both.length.mean() and math.cos(other_heading - heading) >= SAME_DIRECTION
+
+
+def _had_stood(both: Together) -> bool:
+    """Whether the first vehicle stood for STOOD_BLAME, and the second one came from another direction."""
+    (x, y, heading), (_, _, other_heading) = both.poses
+    if both.time[-1] - both.time[0] < STOOD_BLAME - 1e-6 or math.cos(other_heading[-1] - heading[-1]) >= SAME_DIRECTION:
+        return False
+    since = both.time >= both.time[-1] - STOOD_BLAME - 1e-6
+    return bool((np.hypot(x[since] - x[-1], y[since] - y[-1]) <= STANDS).all())
 
 
 def _impact(traffic: TrafficSnapshot, row: int, other: str) -> str:

@@ -24,7 +24,7 @@ from platoontraffic.vehicles.bicycle import VALID_LATERAL
 from platoontraffic.world.events import ENOUGH_BEAMS, EXPOSED, SHORT_ENCROACHMENT, STANDSTILL_AFTER, WALL
 
 # Kinds of contact of which the other is the cause.
-CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes", "other_swung_out", "other_appeared")
+CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes", "other_swung_out", "other_appeared", "stood")
 LAST_CORNER = 10.0  # a quarter turn counts when this much of it is missing [deg]
 
 

@@ -110,13 +110,21 @@ class Network:
         """The area of all lanes of an edge and of the junctions at its ends, `MARGIN` larger."""
         if edge not in self._own_sides:
             road, areas = self._net.getEdge(edge), self._junction_areas
-            lanes = [
-                LineString(one.getShape()).buffer(one.getWidth() / 2, cap_style="square") for one in road.getLanes()
-            ]
             ends = [areas[node.getID()] for node in (road.getFromNode(), road.getToNode()) if node.getID() in areas]
-            self._own_sides[edge] = shapely.union_all([*lanes, *ends]).buffer(MARGIN)
+            self._own_sides[edge] = shapely.union_all([*self._lanes_of(edge), *ends]).buffer(MARGIN)
             shapely.prepare(self._own_sides[edge])
         return self._own_sides[edge]
+
+    def is_on_lanes(self, edge: str, body: shapely.Geometry) -> bool:
+        """Whether a body is on the lanes of an edge, `MARGIN` larger; False inside junctions."""
+        if not self._net.hasEdge(edge) or self._net.getEdge(edge).getFunction() == "internal":
+            return False
+        return shapely.union_all(self._lanes_of(edge)).buffer(MARGIN).covers(body)
+
+    def _lanes_of(self, edge: str) -> list[shapely.Geometry]:
+        """The areas of the lanes of an edge."""
+        lanes = self._net.getEdge(edge).getLanes()
+        return [LineString(one.getShape()).buffer(one.getWidth() / 2, cap_style="square") for one in lanes]
 
     @cached_property
     def _own_sides(self) -> dict[str, shapely.Geometry]:

@@ -29,6 +29,7 @@ EMERGENCY_BRAKING = 4.5  # braking above which it is an emergency brake [m/s2]
 OFF_ROAD_DISTANCE = 0.3  # distance outside the drivable area from which a member is off the road [m]
 LANE_CHANGE_BLAME = 2.0  # a collision this soon after one vehicle came into the other's lane is put down to it [s]
 APPEARANCE_BLAME = 1.0  # a collision this soon after the other vehicle was inserted is put down to that [s]
+STOOD_BLAME = 2.0  # one that has stood so long is not the cause where one from another direction strikes it [s]
 LANE_CHANGE_TIME = 3.0  # time before that from which on the moves of both across the road are compared [s]
 EXPOSED = 3.0  # a shorter time to collision counts as exposure [s]
 ENOUGH_BEAMS = 5  # least number of beams on a predecessor for a law to recognise it
@@ -195,7 +196,8 @@ EVENT_KINDS = {
             f"lanes: of the moves since {LANE_CHANGE_TIME:g} s before that, the larger one counts. Else it was struck "
             "from behind, struck the other from behind, or they met side by side or head on. Or one of them has swung "
             "its rear out, as SUMO's vehicles do at kinks: they would not have touched had its rear axle followed its "
-            "front, and the other was on its own side of the road. Or the other was not there "
+            f"front, and the other was on its own side of the road. Or it had stood for {STOOD_BLAME:g} s, on the "
+            "lanes of its own edge, when one from another direction struck it. Or the other was not there "
             f"{APPEARANCE_BLAME:g} s before: SUMO has inserted it. Empty for a wall",
             (
                 "struck_from_behind",
@@ -205,6 +207,7 @@ EVENT_KINDS = {
                 "beside",
                 "swung_out",
                 "other_swung_out",
+                "stood",
                 "other_appeared",
             ),
         ),

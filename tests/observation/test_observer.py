@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from platoontraffic.controllers import Law
 from tests.support.bench import ROBOT, constant, platoon
-from tests.support.observed import CAR, LENGTH, Observed, cars
+from tests.support.observed import CAR, LENGTH, ROAD, Observed, cars
 
 
 def test_gap_is_bumper_to_bumper_along_the_predecessors_path():
@@ -204,6 +205,27 @@ def test_a_collision_soon_after_the_other_was_inserted_is_put_down_to_that(wait,
         found = observed.at(1.0 + wait, x=0.0, others=[(0.5, 1.7)]).events
     (collision,) = found
     assert (collision.kind, collision.what) == ("collision", what)
+
+
+def met_while_standing(stands: float, on_lanes: bool = True, creeps: float = 0.0) -> str:
+    """What is said of a contact with an oncoming car that is too close, after a member has stood for a time [s]."""
+    road = SimpleNamespace(**{**vars(ROAD), "is_on_lanes": lambda edge, body: on_lanes})
+    observed = Observed(platoon(constant(0.0), model=CAR), road)
+    for k in range(41):
+        t = k / 10
+        x = 5.0 * min(t - (4.0 - stands), 0.0) + creeps * t
+        its = LENGTH + 0.01 + 8.0 * (3.95 - t)
+        found = observed.at(t, x=x, others=[(its, 1.7, np.pi)]).events
+        if collision := [event.what for event in found if event.kind == "collision"]:
+            return collision[0] if k == 40 else f"too early: {t}"
+    return ""
+
+
+def test_a_member_that_stands_on_its_lanes_is_not_the_cause_where_one_from_another_direction_strikes_it():
+    assert met_while_standing(2.1) == "stood"
+    assert met_while_standing(1.9) == "beside"
+    assert met_while_standing(3.0, creeps=0.03) == "beside"
+    assert met_while_standing(3.0, on_lanes=False) == "beside"
 
 
 def cut_in(goes: str) -> str:

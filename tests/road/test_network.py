@@ -254,6 +254,17 @@ def test_a_one_way_road_has_no_side(tmp_path):
     assert np.isnan(right(network, 0.5, 0.2, 0))
 
 
+def test_a_body_is_on_the_lanes_of_its_edge_and_not_on_those_of_others_or_inside_junctions(loop):
+    x, y, _ = loop.lane_pose("sw_se", 0, 1.0)
+    body = shapely.box(x - 0.2, y - 0.1, x + 0.2, y + 0.1)
+    assert loop.is_on_lanes("sw_se", body)
+    assert not loop.is_on_lanes("se_ne", body)
+    assert not loop.is_on_lanes("sw_se", shapely.affinity.translate(body, 0, 2 * loop.widest_lane))
+    x, y, _ = loop.lane_pose("ne_nw", 0, 0.0)  # where the lane inside the junction ends
+    assert not loop.is_on_lanes(":ne_0", shapely.Point(x, y))
+    assert not loop.is_on_lanes("", body)
+
+
 def test_the_middle_line_of_the_loop_is_a_ring_through_its_nodes(loop):
     (middle,) = loop.middle_lines()
     assert middle.is_ring

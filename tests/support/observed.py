@@ -25,7 +25,10 @@ from tests.support.bench import NO_WALLS, batch_of, constant, platoon
 CAR = CARS["car"]
 LENGTH = CAR.length
 ROAD = SimpleNamespace(
-    drivable=shapely.box(-100, -5, 1000, 5), right_of_middle=lambda x, y, heading: np.nan * x, left_hand=False
+    drivable=shapely.box(-100, -5, 1000, 5),
+    right_of_middle=lambda x, y, heading: np.nan * x,
+    left_hand=False,
+    is_on_lanes=lambda edge, body: False,
 )
 NO_HIT = -2
 
