@@ -72,10 +72,17 @@ def project(points, stations, x, y, near, window):
     return station, math.copysign(math.sqrt(shortest), side)
 
 
-def left_of(points: np.ndarray) -> np.ndarray:
+@compiled
+def left_of(points):
     """Unit vectors to the left of a line through points (k, 2), k >= 2, at each of them (k, 2)."""
-    along = np.gradient(points, axis=0)
-    return np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+    left = np.empty_like(points)
+    for k in range(len(points)):
+        before, beyond = max(k - 1, 0), min(k + 1, len(points) - 1)
+        dx = (points[beyond, 0] - points[before, 0]) / (beyond - before)
+        dy = (points[beyond, 1] - points[before, 1]) / (beyond - before)
+        length = max(math.hypot(dx, dy), 1e-9)
+        left[k, 0], left[k, 1] = -dy / length, dx / length
+    return left
 
 
 @compiled

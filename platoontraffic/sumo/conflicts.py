@@ -86,10 +86,13 @@ class Paths(Once):
     """Paths through junctions, sampled: by lanes inside, lane beyond, and distance of the points [m].
 
     Those of a junction meet one another, so each is asked for by the lines of many.
+
+    links: from each lane, the lanes inside the junction and the lane beyond
     """
 
     def __init__(self, sumo: Client) -> None:
         super().__init__(lambda key: _sampled(_path(*key[:2], sumo), key[2]))
+        self.links = Once(lambda before: [*_links(before, sumo)])
 
 
 class Conflicts(NamedTuple):
@@ -120,12 +123,11 @@ class Conflicts(NamedTuple):
         for before in sorted({network.entered_from[name] for name in inner if name in network.entered_from}):
             if unregulated and before == line.lane:
                 continue
-            for link in lane.getLinks(before):
-                via = _chain(link[LINK_VIA], sumo)
+            for via, onto in paths.links[before]:
                 if inner.isdisjoint(via) or (before == line.lane and via == line.via):
                     continue
-                merges = link[LINK_ONTO] == line.onto
-                its = paths[via, link[LINK_ONTO], SAMPLED * width]
+                merges = onto == line.onto
+                its = paths[via, onto, SAMPLED * width]
                 met = _met(own, its, APART * width)
                 if met is None:
                     continue
@@ -165,8 +167,7 @@ def _narrow(
     lane, width = sumo.lane, sumo.lane.getWidth(line.lane)
     own, edges = paths[line.via, line.onto, SAMPLED * width], [edge_of(line.lane), edge_of(line.onto)]
     for before in sorted({network.entered_from[name] for via in line.via[:1] for name in network.inside_with(via)}):
-        for link in lane.getLinks(before):
-            via, onto = _chain(link[LINK_VIA], sumo), link[LINK_ONTO]
+        for via, onto in paths.links[before]:
             if not via or via[0] in met or not inner.isdisjoint(via):
                 continue
             if edge_of(before) == edges[0] or edge_of(onto) == edges[1]:
@@ -195,9 +196,8 @@ def _swung_over(
         for before in sorted(
             {network.entered_from[name] for name in inside & network.entered_from.keys()} - {line.lane}
         ):
-            for link in sumo.lane.getLinks(before):
-                via = _chain(link[LINK_VIA], sumo)
-                if link[LINK_ONTO] != onto or not via or via[0] in met or not set(via).isdisjoint(line.via):
+            for via, its_onto in paths.links[before]:
+                if its_onto != onto or not via or via[0] in met or not set(via).isdisjoint(line.via):
                     continue
                 its = paths[via, onto, SAMPLED * width]
                 spans = [span for corner in corners if (span := _met(corner, its, CARS["car"].width / 2 + SWUNG))]
@@ -277,7 +277,7 @@ def _met(one: Sampled, other: Sampled, apart: float) -> tuple[Span, Span] | None
 def load() -> None:
     """Load what is compiled here."""
     line = _sampled(_cut(np.array([(0.0, 0.0), (1.0, 0.0)]), 1, 1.0), 1.0)
-    _met(line, line, 1.0)
+    _touches(_front_along(line, 1.0), line, 1.0)
 
 
 @compiled
@@ -327,7 +327,12 @@ def _near(points, others, apart):
     """The first and the last of points (k, 2) that is less than a distance from one of the others (l, 2), and of those;
     the last ones are -1 where there are none."""
     first, last, its_first, its_last = len(points), -1, len(others), -1
+    # Most points are not near even the box round the others.
+    x, y, reach = others[:, 0], others[:, 1], apart * (1 + ROUNDED)
+    left, right, bottom, top = x.min() - reach, x.max() + reach, y.min() - reach, y.max() + reach
     for i in range(len(points)):
+        if not (left <= points[i, 0] <= right and bottom <= points[i, 1] <= top):
+            continue
         for k in range(len(others)):
             dx, dy = points[i, 0] - others[k, 0], points[i, 1] - others[k, 1]
             # The root takes long, and decides only where the square is nearly the same.
@@ -348,6 +353,12 @@ def _curvature(line: Sampled) -> float:
     turn = np.arctan2(two[:, 1], two[:, 0]) - np.arctan2(one[:, 1], one[:, 0])
     bend = np.abs((turn + np.pi) % (2 * np.pi) - np.pi) / (np.hypot(*one.T) / 2 + np.hypot(*two.T) / 2)
     return float(bend.max())
+
+
+def _links(before: str, sumo: Client) -> Iterator[tuple[tuple[str, ...], str]]:
+    """The lanes inside the junction and the lane beyond, of each link of a lane."""
+    for link in sumo.lane.getLinks(before):
+        yield _chain(link[LINK_VIA], sumo), link[LINK_ONTO]
 
 
 def _chain(via: str, sumo: Client) -> tuple[str, ...]:
