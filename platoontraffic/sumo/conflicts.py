@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -93,6 +94,20 @@ class Paths(Once):
     def __init__(self, sumo: Client) -> None:
         super().__init__(lambda key: _sampled(_path(*key[:2], sumo), key[2]))
         self.links = Once(lambda before: [*_links(before, sumo)])
+
+
+class JudgedLine(Line):
+    """A line of a junction as vehicles of one kind come to it, at station 0.
+
+    Much is looked up by it in each step, and the hash of so many fields takes long: it is kept.
+    """
+
+    @cached_property
+    def _hash(self) -> int:
+        return super().__hash__()
+
+    def __hash__(self) -> int:
+        return self._hash
 
 
 class Conflicts(NamedTuple):

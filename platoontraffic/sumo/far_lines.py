@@ -58,7 +58,9 @@ class FarLines:
         gives_way : whether the member looks for others before the line
         """
         looks_from = LOOK * ego.length if gives_way and not line.light else math.nan
-        if not _is_far(state.distance, looks_from, ego.speed, ego.length):
+        # As in `still`, where arrays would take long for one.
+        is_far = state.distance >= ego.checks_from if math.isnan(looks_from) else state.distance > looks_from
+        if not is_far:
             return
         self._lane[k], self._station[k] = ego.lane, line.station
         self._begins[k], self._looks_from[k] = begins, looks_from
@@ -73,11 +75,6 @@ class FarLines:
         speed: [m/s]
         lanes: on which they are
         """
-        distance = self._station - front
-        is_far = _is_far(distance, self._looks_from, speed, self._length)
+        distance, looks_from = self._station - front, self._looks_from
+        is_far = np.where(np.isnan(looks_from), distance >= checks_from(speed, self._length), distance > looks_from)
         return (self._lane == np.array(lanes, object)) & (front > self._begins) & is_far, distance
-
-
-def _is_far(distance: np.ndarray, looks_from: np.ndarray, speed: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """Whether the traffic about lines does not count yet; for one as for many."""
-    return np.where(np.isnan(looks_from), distance >= checks_from(speed, length), distance > looks_from)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from typing import Any
 
@@ -22,6 +22,11 @@ class Once(dict):
     def __missing__(self, key: Any) -> Any:
         value = self[key] = self._function(key)
         return value
+
+    def look_up(self, keys: Iterable[Any]) -> None:
+        """The same for many arguments at once: it takes less time."""
+        new = [key for key in keys if key not in self]
+        self.update(zip(new, map(self._function, new), strict=True))
 
 
 class OfSumo(Once):

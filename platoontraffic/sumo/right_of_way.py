@@ -89,7 +89,9 @@ class RightOfWay:
         self._occupied = Once(self._occupied_paths)
         self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
         self._all_inside = Once(lambda line: [*self._inside(line, first=False)])
-        self._waiting_in_path = Once(lambda line: [*self._waiters(line)])  # for the whole run
+        # For the whole run: paths on which vehicles wait midway, and the lanes of all that cross.
+        self._waiting_in_path = Once(lambda line: [*self._waiters(line)])
+        self._crossing_lanes = Once(lambda line: [via for one in conflicts[line].crossings.values() for via in one.via])
         self.stops: dict[str, float] = {}
         self._inside_between = Once(self._between)
         # States of links without a light: by the lane before, and the first lane inside.
@@ -228,7 +230,6 @@ class RightOfWay:
 
         distance: of its front from the line [m]; negative: beyond it
         """
-        comes = self._now.waited[ego.id] <= COMES_UNTIL
         for crossing in self._waiting_in_path[line]:
             if distance + crossing.own[1] + ego.length < 0:
                 continue
@@ -239,7 +240,9 @@ class RightOfWay:
                 # Where it stands a little farther, since no member came then, the member can pass, and it is to stay.
                 if not (can_stop or self._stands_before(foe)) or foe.id in self.members:
                     continue
-                if (comes and (distance < 0 or not crossing.first)) or not self._drives_on(foe):
+                gives_way = distance < 0 or not crossing.first
+                comes = self._now.waited[ego.id] <= COMES_UNTIL
+                if (gives_way and comes) or not self._drives_on(foe):
                     self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
 
     def _drives_on(self, waiting: Approach) -> bool:
@@ -294,6 +297,8 @@ class RightOfWay:
         distance, enters: from the front bumper to the line, and to the line or where it waits midway [m]
         waited          : time since it first stood at the line [s]
         """
+        if not foes:
+            return True
         pace, asked = self.pace(line, ego), []
         for one in foes:
             crossing = one.crossing
@@ -442,8 +447,11 @@ class RightOfWay:
         return tuple(found)
 
     def _occupied_paths(self, line: Line) -> list[Crossing]:
-        on_lane = self._now.on_lane.__getitem__
-        return [one for one in self._conflicts[line].crossings.values() if any(map(on_lane, one.via))]
+        on_lane, lanes = self._now.on_lane, self._crossing_lanes[line]
+        on_lane.look_up(lanes)
+        if not any(map(on_lane.__getitem__, lanes)):  # as at most lines
+            return []
+        return [one for one in self._conflicts[line].crossings.values() if any(map(on_lane.__getitem__, one.via))]
 
     def _inside(self, line: Line, *, first: bool) -> Iterator[Approach]:
         """Vehicles inside the junction whose paths cross the own one.

@@ -25,6 +25,7 @@ from platoontraffic.sumo.conflicts import (
     YELLOW,
     Conflicts,
     Crossing,
+    JudgedLine,
     Paths,
 )
 from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, LOOK, Ego
@@ -62,7 +63,7 @@ class StopLines:
         paths = Paths(sumo)
         self._conflicts = Once(lambda line: Conflicts.at(line, network, sumo, paths))
         # By line and kind of vehicle: one for all routes over it.
-        self._at_junction = Once(lambda passed: passed[0]._replace(station=0.0, kind=passed[1]))
+        self._at_junction = Once(lambda passed: JudgedLine(*passed[0]._replace(station=0.0, kind=passed[1])))
         self._way = RightOfWay(sumo, self._now, self._conflicts)
         self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else {})
         self._fleet: tuple[Member, ...] = ()  # at the last look
@@ -240,7 +241,8 @@ class StopLines:
         ahead = [self._ahead(line, distance, distance < checks_from, ego, member.route) for line, distance in lines]
         first, (line, distance) = ahead[0], lines[0]
         has_changed = may_stop and ego.lane == passed.onto and over >= passed.across
-        if ego.lane == line.lane and (has_changed or not may_stop) and not member.route.closed:
+        may_be_far = distance >= min(checks_from, LOOK * ego.length) and ego.lane == line.lane
+        if may_be_far and (has_changed or not may_stop) and not member.route.closed:
             gives_way = line.state != CHANGING and self._gives_way(self._at_junction[line, ego.kind])
             begins = passed.station if passed else -math.inf
             self._far.note(k, ego, begins, line, first._replace(distance=distance), gives_way)

@@ -30,7 +30,7 @@ from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Confl
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.far_lines import FarLines
 from platoontraffic.sumo.letting_in import Stop
-from platoontraffic.sumo.reads import Reads
+from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
 from platoontraffic.sumo.room_to_change import RoomToChange, Wanted
 from platoontraffic.sumo.stoplines import LIGHT, NO_LINE, RIGHT_OF_WAY, LineState, StopLines, _not_made
@@ -554,8 +554,8 @@ def test_a_vehicle_that_has_just_set_out_inside_is_expected_to_accelerate(speed,
     conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way._now = SimpleNamespace(
-        on_lane={":a_1": ["c"]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={"c": 1.0},
-        speed={"c": speed}, acceleration={"c": 2.6}, length={"c": 5.0},
+        on_lane=Once({":a_1": ["c"]}.__getitem__), lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0},
+        position={"c": 1.0}, speed={"c": speed}, acceleration={"c": 2.6}, length={"c": 5.0},
     )  # fmt: skip
     ego = Ego("m.0", "road_0", 0.0, CAR.length)
     assert way._has_gap_among([*way.on(crossing)], line, 0.8, ego, 0.0, 0.8) == has_gap
@@ -579,7 +579,7 @@ def test_a_vehicle_in_the_junction_stops_for_one_with_priority_that_sets_out_the
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way._now = SimpleNamespace(
-        on_lane={":a_1": ["c"]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0},
+        on_lane=Once({":a_1": ["c"]}.__getitem__), lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0},
         position={"c": its if its < 5.0 else 18.0}, speed={"c": foe_speed}, acceleration={"c": 2.6}, length={"c": 5.0},
     )  # fmt: skip
     ego = Ego("m.0", ":a_0", own, CAR.length)
@@ -612,8 +612,8 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
                      {line: conflicts})  # fmt: skip
     way.members, way.obedient = {"m.0", "m.1", "m.2"}, {"m.0", "m.1"}
     way._now = SimpleNamespace(
-        on_lane={":a_1": [name]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={name: 1.0},
-        speed={name: 3.0}, acceleration={name: 2.6}, length={name: 5.0},
+        on_lane=Once({":a_1": [name]}.__getitem__), lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0},
+        position={name: 1.0}, speed={name: 3.0}, acceleration={name: 2.6}, length={name: 5.0},
     )  # fmt: skip
     ego = Ego("m.0", "road_0" if over < 0 else ":a_0", own, CAR.length)
     assert way.stop_before_foes(line, over, ego, priority_too=False) == pytest.approx(stop)
@@ -639,8 +639,8 @@ def test_inside_a_zipper_the_one_that_has_farther_to_go_stops(state, over, name,
                      {line: conflicts})  # fmt: skip
     way.members, way.obedient = {"m.0", "m.1"}, {"m.0", "m.1"}
     way._now = SimpleNamespace(
-        on_lane={":a_1": [name]}, lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0}, position={name: 1.0},
-        speed={name: 3.0}, acceleration={name: 2.6}, length={name: 5.0},
+        on_lane=Once({":a_1": [name]}.__getitem__), lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0},
+        position={name: 1.0}, speed={name: 3.0}, acceleration={name: 2.6}, length={name: 5.0},
     )  # fmt: skip
     ego = Ego("m.0", ":a_0", 3.0, CAR.length)
     assert way.stop_before_foes(line, over, ego, priority_too=True) == pytest.approx(stop)
@@ -675,7 +675,7 @@ def test_of_two_that_turn_left_against_each_other_one_stops(over, name, position
                      {line: conflicts})  # fmt: skip
     way.members = way.obedient = {"m.0", "m.1"}
     way._now = SimpleNamespace(
-        on_lane={":a_1": [name] if position > 0 else [], "side_0": [] if position > 0 else [name]},
+        on_lane=Once({":a_1": [name] if position > 0 else [], "side_0": [] if position > 0 else [name]}.__getitem__),
         lane_length={":a_1": 20.0, "side_0": 100.0}, max_speed={":a_0": 10.0},
         position={name: position if position > 0 else 100.0 + position}, speed={name: speed},
         acceleration={name: 2.6}, length={name: 5.0},
@@ -708,7 +708,8 @@ def test_a_link_without_lanes_inside_is_not_narrow():
         lane=SimpleNamespace(getWidth=lambda _: 3.2, getLinks=links.__getitem__, getMaxSpeed=lambda _: 10.0)
     )
     network = SimpleNamespace(entered_from={":a_1": "side_0"}, inside_with=lambda _: [":a_1"])
-    paths = defaultdict(lambda: None)
+    paths = conflicts.Paths(client)
+    paths[line.via, line.onto, conflicts.SAMPLED * 3.2] = None  # it is not looked at
     assert list(conflicts._narrow(line, {}, set(), network, client, paths)) == []
 
 
@@ -1110,7 +1111,7 @@ def test_a_vehicle_drives_on_if_it_has_a_gap_and_does_not_brake(monkeypatch, spe
     way._now = SimpleNamespace(
         accelerates_by={"c": rate}, length={"c": 5.0}, acceleration={"c": 2.6}, lane_length={":a_1": 9.0, ":a_2": 6.0},
         links={"side_0": [("b_0", True, True, False, ":a_7", "M", "s", 9.0), ("a_9", 0, 0, 0, ":a_1", "m", "l", 9.0)]},
-        on_lane={},
+        on_lane=Once({}.__getitem__),
     )  # fmt: skip
 
     def has_gap(_, foes, line, to_line, ego, *rest):
