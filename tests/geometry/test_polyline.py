@@ -6,10 +6,19 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from platoontraffic.geometry.polyline import Polyline, beside
+from platoontraffic.geometry.polyline import Polyline, beside, left_of
 
 BENT = np.array([(0.0, 0.0), (3.0, 0.0), (3.0, 2.0), (1.0, 4.0)])
 SQUARE = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)])
+
+
+def test_left_of_a_line_is_as_numpy_has_its_direction_by_the_points_before_and_beyond():
+    points = np.random.default_rng(1).normal(0, 0.2, (60, 2)).cumsum(axis=0)
+    points[20] = points[22] = points[21]  # where it has no direction, none is to its left
+    along = np.gradient(points, axis=0)
+    expected = np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+    assert left_of(points) == pytest.approx(expected, abs=1e-12)
+    assert (left_of(np.array([(0.0, 0.0), (3.0, 0.0)])) == [0.0, 1.0]).all()
 
 
 def test_the_length_is_the_sum_of_the_pieces():

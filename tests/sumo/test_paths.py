@@ -9,7 +9,18 @@ import pytest
 import shapely
 import shapely.ops
 
-from platoontraffic.sumo.conflicts import TAIL, TOUCHES, Sampled, _front_along, _met, _path, _sampled, _touches
+from platoontraffic.road.lane_routes import Line
+from platoontraffic.sumo.conflicts import (
+    TAIL,
+    TOUCHES,
+    JudgedLine,
+    Sampled,
+    _front_along,
+    _met,
+    _path,
+    _sampled,
+    _touches,
+)
 
 
 @pytest.mark.parametrize("apart", [0.01, 0.5, 2.0, 50.0])
@@ -63,3 +74,9 @@ def test_a_path_is_that_of_its_lanes_and_the_begin_of_the_lane_beyond(steps, cou
         assert 0.2 < sampled.stations[1] <= 0.25 + 1e-9
         there = shapely.get_coordinates(shapely.LineString(path).interpolate(sampled.stations))
         assert sampled.points == pytest.approx(there, abs=1e-9)
+
+
+def test_a_judged_line_is_found_where_an_equal_line_is():
+    line = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    assert {line: "conflicts"}[JudgedLine(*line)] == {JudgedLine(*line): "conflicts"}[line] == "conflicts"
+    assert JudgedLine(*line)._replace(across=9.0) not in {line}

@@ -713,6 +713,25 @@ def test_a_link_without_lanes_inside_is_not_narrow():
     assert list(conflicts._narrow(line, {}, set(), network, client, paths)) == []
 
 
+@pytest.mark.parametrize("lane", ["", ":a_1", ":a_2", ":a_3"])
+def test_a_path_is_occupied_where_a_vehicle_is_on_any_of_its_lanes_inside(lane):
+    """SUMO is asked once for each lane, by all that look there in a step, and again after the next step."""
+    line, asked = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0), []
+    paths = {via[0]: crossed(via[0])._replace(via=via) for via in ((":a_1", ":a_2"), (":a_3",))}
+    client = SimpleNamespace(
+        lane=SimpleNamespace(getLastStepVehicleIDs=lambda name: asked.append(name) or ("c",) * (name == lane))
+    )
+    reads = Reads(client)
+    way = RightOfWay(client, reads, {line: Conflicts((), paths, (), np.inf, 0.0)})
+    for steps in (1, 2):
+        expected = [one for one in paths.values() if lane in one.via]
+        assert way._occupied[line] == way._occupied[line._replace()] == expected
+        assert [*reads.on_lane] == [":a_1", ":a_2", ":a_3"]
+        assert sorted(asked) == sorted([":a_1", ":a_2", ":a_3"] * steps)
+        reads.renew()
+        way.renew()
+
+
 def inside_lanes(via: str) -> list[str]:
     """Lanes inside a junction, from this one on."""
     onward = next(iter(libsumo.lane.getLinks(via)))[LINK_VIA]
