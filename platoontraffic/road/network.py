@@ -322,6 +322,15 @@ class Network:
                     heapq.heappush(todo, (beyond, before.getID()))
         return list(distances.items())
 
+    def only_before(self, lane_id: str) -> str:
+        """The lane, which may be inside a junction, from which all vehicles on a lane come; "" if there is none.
+
+        Nor if that lane leads elsewhere too.
+        """
+        before = self._net.getLane(lane_id).getIncoming(onlyDirect=True)
+        is_only = len(before) == 1 and len(before[0].getOutgoing()) == 1
+        return before[0].getID() if is_only else ""
+
     @cached_property
     def entered_from(self) -> Mapping[str, str]:
         """The lane from which vehicles enter each lane inside junctions, by id."""

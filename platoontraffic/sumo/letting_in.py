@@ -6,7 +6,8 @@ can stop where it leaves room for the member does so: at once where the member's
 else once the member has stood for `AFTER`. One that SUMO drives gets speeds from which it brakes by no more than
 `BRAKING`; SUMO's driver model keeps it slower where it must, as always. Where the member drives on beside it, it does
 not stop, but keeps so far behind that it could stop behind the member if both braked by that. A member is given a line
-to stop at, for one of SUMO's too (`first_on_lanes`); followers of a platoon let nobody in before them.
+to stop at, for one of SUMO's too (`first_on_lanes`); followers of a platoon let nobody in before them. Where the lane
+has just begun, that vehicle may be on a lane before, if all vehicles there come to this one, and cross nobody's path.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from typing import NamedTuple
 
 from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.road.lane_ids import edge_of
+from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.reads import Once
 from platoontraffic.sumo.room_to_change import Wanted
 
 AFTER = 3.0  # time that a vehicle has stood before it is let in, where that is not urgent [s]
@@ -69,8 +72,8 @@ class Wish:
 class Stop(NamedTuple):
     """Where a member lets another one in."""
 
-    lane: str
-    place: float  # on it, for its front [m]
+    lane: str  # on which it is
+    place: float  # on it, for its front [m]; beyond its end where that is on the next one
     speed: float = 0.0  # of that place [m/s]
 
 
@@ -81,8 +84,10 @@ class LettingIn:
     stops   : where each member stops that waits, by its id
     """
 
-    def __init__(self, sumo: Client, step: float) -> None:
-        self._sumo, self._step = sumo, step
+    def __init__(self, sumo: Client, step: float, network: Network | None = None) -> None:
+        """network: None: only vehicles on the lane itself let in"""
+        self._sumo, self._step, self._network = sumo, step, network
+        self._lanes_to = Once(self._lanes_leading_to)
         self.waiting: dict[str, str] = {}
         self.stops: dict[str, Stop] = {}
         self._wishes: dict[str, Wish] = {}
@@ -141,12 +146,34 @@ class LettingIn:
 
     def _is_in_queue(self, foe: str, name: str, lane: str) -> bool:
         """Whether a vehicle that waits could not drive on anyway: the next one on its lane stands close ahead."""
-        there, vehicle = self._sumo.lane.getLastStepVehicleIDs(lane), self._sumo.vehicle
-        if foe not in there[:-1]:
+        vehicle, column = self._sumo.vehicle, self._column(lane)
+        names = [one for one, _ in column]
+        if foe not in names[:-1]:
             return False
-        ahead = there[there.index(foe) + 1]
-        room = vehicle.getLanePosition(ahead) - vehicle.getLength(ahead) - vehicle.getLanePosition(foe)
+        (_, front), (ahead, its_front) = column[names.index(foe) :][:2]
+        room = its_front - vehicle.getLength(ahead) - front
         return vehicle.getSpeed(ahead) < STANDING and room < vehicle.getLength(name) + IN_QUEUE
+
+    def _column(self, lane: str) -> list[tuple[str, float]]:
+        """Vehicles on a lane, and on those that lead to it, the last one first, with the places of their fronts [m]."""
+        position, on_lane = self._sumo.vehicle.getLanePosition, self._sumo.lane.getLastStepVehicleIDs
+        lanes = reversed(self._lanes_to[lane].items())
+        return [(name, begin + position(name)) for before, begin in lanes for name in on_lane(before)]
+
+    def _lanes_leading_to(self, lane: str) -> dict[str, float]:
+        """A lane, and those before it that lead to it alone and across nobody's path, by the places of their begins [m].
+
+        Places are measured along the first lane, and negative before its begin.
+        """
+        begins, name, onto = {lane: 0.0}, lane, lane
+        while self._network and begins[name] > -NEAR and (before := self._network.only_before(name)):
+            if not before.startswith(":"):
+                if self._sumo.lane.getFoes(before, onto):
+                    break
+                onto = before
+            begins[before] = begins[name] - self._sumo.lane.getLength(before)
+            name = before
+        return begins
 
     def _is_past(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> bool:
         """Whether a vehicle is ahead of the one that it was to let in: it could not stop, or did not stop in time."""
@@ -177,14 +204,14 @@ class LettingIn:
         wanted = wish.wanted
         if edge_of(self._lane(name, where)) != edge_of(wanted.lane):
             return None
-        place, front = self._sumo.vehicle.getLanePosition, self._front(name, wanted, where)
+        front = self._front(name, wanted, where)
         before = front + _braking_distance(wanted.speed) - wanted.behind
-        for foe in reversed(self._sumo.lane.getLastStepVehicleIDs(wanted.lane)):
-            if name not in where and (foe not in where or place(foe) < before - NEAR):
+        for foe, place in reversed(self._column(wanted.lane)):
+            if name not in where and (foe not in where or place < before - NEAR):
                 continue  # SUMO's let each other in
             patience = wish.patience.get(foe)
             is_patient = patience is None or patience.has_any(wanted.begun)
-            if foe not in unwilling and place(foe) < front and self._can_stop(foe, before) and is_patient:
+            if foe not in unwilling and place < front and self._can_stop(foe, before - place) and is_patient:
                 return foe
         return None
 
@@ -195,13 +222,16 @@ class LettingIn:
         """
         front = self._front(name, wanted, where)
         rear = front - max(self._sumo.vehicle.getLength(name), wanted.behind)
-        stops_there = not wanted.speed and self._can_stop(foe, rear)
-        return Stop(wanted.lane, rear if stops_there else front - wanted.behind, wanted.speed)
+        lane = self._lane(foe, where)
+        begin = self._lanes_to[wanted.lane].get(lane)
+        if begin is None:  # it is elsewhere now, and need not stop there
+            lane, begin = wanted.lane, 0.0
+        stops_there = not wanted.speed and self._can_stop(foe, rear - begin - self._sumo.vehicle.getLanePosition(foe))
+        return Stop(lane, (rear if stops_there else front - wanted.behind) - begin, wanted.speed)
 
-    def _can_stop(self, vehicle: str, before: float) -> bool:
-        """Whether it can stop before a place on its lane [m]."""
-        speed = self._sumo.vehicle.getSpeed(vehicle)
-        return self._sumo.vehicle.getLanePosition(vehicle) + _braking_distance(speed) <= before
+    def _can_stop(self, vehicle: str, room: float) -> bool:
+        """Whether it can stop within some room [m]."""
+        return _braking_distance(self._sumo.vehicle.getSpeed(vehicle)) <= room
 
     def _front(self, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> float:
         """Place of a vehicle's front beside the wanted lane [m]."""

@@ -77,7 +77,7 @@ class World:
         self._obstacles = HeldObstacles(self._sumo, network.drivable, self._background)
         self._placement = Placement(self._sumo, network, step)
         self._letting_go = LettingGo(self._sumo, network)
-        self._letting_in, self._first_on_lanes = LettingIn(self._sumo, step), FirstOnLanes(self._sumo)
+        self._letting_in, self._first_on_lanes = LettingIn(self._sumo, step, network), FirstOnLanes(self._sumo)
         self._lines = StopLines(network, self._sumo, self._letting_in)
         self._waiting_places = WaitingPlaces(self._sumo, step)
         self._trips = Trips(self._sumo, self._placement, step)

@@ -265,6 +265,18 @@ def test_a_body_is_on_the_lanes_of_its_edge_and_not_on_those_of_others_or_inside
     assert not loop.is_on_lanes("", body)
 
 
+def test_the_only_lane_before_another_one():
+    """highway: the third lane of e1_e2 ends as the ramp joins, and e2_e3 goes on by two lanes."""
+    road = Network.read(shipped.networks()["highway"])
+    assert road.only_before("e1_e2_1") == ":e1_0_0"
+    assert road.only_before(":e1_0_0") == "e0_e1_0"
+    assert road.only_before("e0_e1_0") == ""  # nothing leads there
+    grid = Network.read(shipped.networks()["grid"])
+    several = [one for one in grid.entered_from.values() if len(grid._net.getLane(one).getOutgoing()) > 1]
+    assert several
+    assert not any(grid.only_before(lane) in several for lane in grid.entered_from)
+
+
 def test_the_middle_line_of_the_loop_is_a_ring_through_its_nodes(loop):
     (middle,) = loop.middle_lines()
     assert middle.is_ring

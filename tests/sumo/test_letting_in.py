@@ -282,6 +282,31 @@ def test_a_member_that_drives_on_is_let_in_by_a_vehicle_behind_it():
     assert found == "behind"
 
 
+@pytest.mark.parametrize(("crossed", "found"), [((), "foe"), (("side_0",), None)])
+def test_where_the_lane_has_just_begun_a_vehicle_on_the_lane_before_lets_it_in(crossed, found):
+    """In a city a member stood for five minutes on a lane of 20 m: the queue beside it came from the lane before."""
+    length = {"on_0": 20.0, "on_1": 20.0, ":n_0_1": 3.0, "in_1": 50.0}
+    place = {"member": 2.0, "ahead": 10.0, "foe": 46.0}  # the foe is 7 m before the begin of its next lane, on_1
+    on_lane = {"on_1": ["ahead"], ":n_0_1": [], "in_1": ["foe"]}
+    before = {"on_1": ":n_0_1", ":n_0_1": "in_1"}
+    client = SimpleNamespace(
+        vehicle=SimpleNamespace(getLanePosition=place.get, getSpeed=lambda _: 0.0, getLength=lambda _: 5.0),
+        lane=SimpleNamespace(
+            getLength=length.get, getLastStepVehicleIDs=on_lane.get,
+            getFoes=lambda lane, onto: crossed if (lane, onto) == ("in_1", "on_1") else ("other",),
+        ),
+    )  # fmt: skip
+    asked, wanted = LettingIn(client, STEP, SimpleNamespace(only_before=lambda one: before.get(one, ""))), "on_1"
+    where = {"member": ("on", "on_0"), "foe": ("in", "in_1")}
+    wish = letting_in.Wish(Wanted(wanted, 8.0, False, True), 0.0)
+    assert asked._first("member", wish, where, frozenset()) == found
+    if found:
+        assert asked._stop("foe", "member", wish.wanted, where) == ("in_1", 2.0 - 8.0 + 53.0, 0.0)
+        assert not asked._is_in_queue("foe", "member", wanted)  # there is room behind the one ahead
+        place["ahead"] = 8.0
+        assert asked._is_in_queue("foe", "member", wanted)
+
+
 def test_a_member_keeps_its_stop_while_the_one_that_it_lets_in_is_off_the_road_to_sumo():
     """As a car on a lane for buses: the run ended there."""
     vehicle = SimpleNamespace(
