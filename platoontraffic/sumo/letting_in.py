@@ -161,7 +161,7 @@ class LettingIn:
         return [(name, begin + position(name)) for before, begin in lanes for name in on_lane(before)]
 
     def _lanes_leading_to(self, lane: str) -> dict[str, float]:
-        """A lane, and those before it that lead to it alone and across nobody's path, by the places of their begins [m].
+        """A lane, and those before it that lead to it alone, across nobody's path, by the places of their begins [m].
 
         Places are measured along the first lane, and negative before its begin.
         """
