@@ -75,7 +75,7 @@ def project(points, stations, x, y, near, window):
 @compiled
 def left_of(points):
     """Unit vectors to the left of a line through points (k, 2), k >= 2, at each of them (k, 2)."""
-    left = np.empty_like(points)
+    left = np.empty(points.shape)
     for k in range(len(points)):
         before, beyond = max(k - 1, 0), min(k + 1, len(points) - 1)
         dx = (points[beyond, 0] - points[before, 0]) / (beyond - before)

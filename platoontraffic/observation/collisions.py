@@ -16,7 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from platoontraffic.observation.lane_entries import SAME_DIRECTION, LaneEntries, Together
+from platoontraffic.observation.lane_entries import SAME_DIRECTION, STANDS, LaneEntries, Together
 from platoontraffic.observation.step import Step
 from platoontraffic.observation.swings import Course, swung
 from platoontraffic.observation.thresholds_kernel import comes_near
@@ -34,7 +34,6 @@ DETAILS = {
     "stood": "the other came from another direction, and struck it where it stood on its own lanes",
     "other_swung_out": "the other swung its rear into it, in a bend that no vehicle on wheels can drive so",
 }
-STANDS = 0.05  # greatest motion of a vehicle that stands, in STOOD_BLAME [m]
 SIDE = 0.1  # distance beyond the middle of the road up to which a vehicle is on its own side [m]
 
 
@@ -65,7 +64,9 @@ class Collisions:
             entry, both = self._entries.of(vehicle, other), self._entries.together(vehicle, other)
             what = "beside" if _were_abreast(both) else _impact(traffic, i, other)
             if what == "beside" and not entry:
-                what = self._beside(both, step.roads[i][0])
+                what = self._beside(both)
+                if what == "beside" and self._was_struck(vehicle, both, step.roads[i][0]):
+                    what = "stood"
             detail = DETAILS[what]
             if not entry and self._entries.appeared(other):
                 what, detail = "other_appeared", f"SUMO had just inserted {other}"
@@ -75,11 +76,15 @@ class Collisions:
                 detail = f"{entry.vehicle} changed lanes into the path of the other {before}"
             yield step.event("collision", i, other, what=what, detail=detail)
 
-    def _beside(self, both: Together, edge: str) -> str:
-        """The kind of a contact side by side or head on: one has swung into the other, or struck it while it stood.
+    def _was_struck(self, vehicle: str, both: Together, edge: str) -> bool:
+        """Whether a vehicle, the first one, had stood on the lanes of its edge, and the other one struck it."""
+        if not (_came_from_elsewhere(both) and self._entries.has_stood(vehicle, STOOD_BLAME)):
+            return False
+        course = Course.of(*both.poses[0], both.length[0], both.width[0])
+        return self._network.is_on_lanes(edge, course.outline().moved(0.0, 0.0))
 
-        edge: of the first vehicle
-        """
+    def _beside(self, both: Together) -> str:
+        """The kind of a contact side by side or head on, by which of the two has swung into the other."""
         if len(both.time) < 2:
             return "beside"
         courses = [Course.of(*both.poses[n], both.length[n], both.width[n]) for n in (0, 1)]
@@ -89,10 +94,7 @@ class Collisions:
             right = float(self._network.right_of_middle(x, y, heading)[0])  # NaN, as inside junctions: unknown
             return (-right if self._network.left_hand else right) > both.width[n] / 2 - SIDE
 
-        if (which := swung(both.time, courses, on_own_side)) is not None:
-            return ("swung_out", "other_swung_out")[which]
-        body = courses[0].outline().moved(0.0, 0.0)
-        return "stood" if _had_stood(both) and self._network.is_on_lanes(edge, body) else "beside"
+        return {None: "beside", 0: "swung_out", 1: "other_swung_out"}[swung(both.time, courses, on_own_side)]
 
 
 class NearMisses:
@@ -128,13 +130,11 @@ def _were_abreast(both: Together) -> bool:
     return abs(along) < both.length.mean() and math.cos(other_heading - heading) >= SAME_DIRECTION
 
 
-def _had_stood(both: Together) -> bool:
-    """Whether the first vehicle stood for STOOD_BLAME, and the second one came from another direction."""
-    (x, y, heading), (_, _, other_heading) = both.poses
-    if both.time[-1] - both.time[0] < STOOD_BLAME - 1e-6 or math.cos(other_heading[-1] - heading[-1]) >= SAME_DIRECTION:
-        return False
-    since = both.time >= both.time[-1] - STOOD_BLAME - 1e-6
-    return bool((np.hypot(x[since] - x[-1], y[since] - y[-1]) <= STANDS).all())
+def _came_from_elsewhere(both: Together) -> bool:
+    """Whether the second vehicle has moved, and heads in another direction than the first one."""
+    (_, _, heading), (x, y, other_heading) = both.poses
+    has_moved = bool((np.hypot(x - x[-1], y - y[-1]) > STANDS).any())
+    return has_moved and math.cos(other_heading[-1] - heading[-1]) < SAME_DIRECTION
 
 
 def _impact(traffic: TrafficSnapshot, row: int, other: str) -> str:

@@ -24,6 +24,7 @@ from platoontraffic.world.traffic import TrafficSnapshot
 
 FASTEST = 3.0  # lateral speed; the border that changes faster has an opening there [m/s]
 MOVED = 0.5  # least move of a vehicle that entered the other's lane [m]
+STANDS = 0.05  # greatest motion of a vehicle that stands [m]
 BORDER = 50.0  # distance up to which the border is looked for [m]
 SAME_DIRECTION = 0.5  # least cosine between two headings in one direction
 
@@ -83,6 +84,19 @@ class LaneEntries:
         now = self._past[-1]
         recent = (traffic for traffic in self._past if traffic.time > now.time - APPEARANCE_BLAME - 1e-6)
         return name in now.ids and any(name not in traffic.ids for traffic in recent)
+
+    def has_stood(self, name: str, duration: float) -> bool:
+        """Whether a vehicle has been there for a time [s], and no part of it has moved by more than STANDS since."""
+        end = self._past[-1].time
+        first = next((k for k, one in enumerate(self._past) if one.time > end - duration - 1e-6), 0)
+        recent = list(self._past)[first:]
+        if end - recent[0].time < duration - 1e-6 or any(name not in one.ids for one in recent):
+            return False
+        rows = [(one, one.ids.index(name)) for one in recent]
+        x, y, heading = np.array([(one.x[k], one.y[k], one.heading[k]) for one, k in rows]).T
+        now, row = rows[-1]
+        turned = np.abs(np.angle(np.exp(1j * (heading - heading[-1])))) * now.length[row] / 2
+        return bool((np.hypot(x - x[-1], y - y[-1]) + turned <= STANDS).all())
 
     def together(self, one: str, other: str) -> Together:
         """The remembered instants of both up to now, without a break."""

@@ -57,7 +57,7 @@ class Ride(NamedTuple):
     delay: float  # mean delay of those against the speed limits [s]; NaN: none arrived
     hours: float  # on the road, all together [h]
     contacts: int
-    caused: int  # contacts but for those struck from behind, or with a vehicle that had just changed lanes
+    caused: int  # contacts but for those of which a vehicle that is no member is the cause
     red_lights: int
     failures_to_yield: int
     splits: int

@@ -146,7 +146,8 @@ OF_MEMBERS = (
         "",
         "episodes of contact of which it is the cause: it changed lanes into the other's path just before, or else "
         "struck the other from behind, a wall, or the other side by side or head on; not those in which the other "
-        "changed lanes, struck it from behind, swung its rear into it, or was inserted just before",
+        "changed lanes, struck it from behind, swung its rear into it, was inserted just before, or came from another "
+        "direction and struck it where it had stood on its own lanes",
         lambda m: _caused(m.collisions, m.vehicle),
         "sum",
     ),

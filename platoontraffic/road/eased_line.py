@@ -28,7 +28,7 @@ from platoontraffic.road.turning import tight_turns
 EASING = 0.28  # greatest displacement [vehicle widths]: 0.5 m for a car, which has 0.7 m beside it in its lane
 OUTSIDE = 0.7  # share of it to the outer side of a bend, and on straights: oncoming vehicles may be off their lane too
 TURNS = 0.05  # least turn of a bend [rad]
-WIDTH = 1.2  # of the average that easing is in a wide corridor [vehicle lengths]: w^(1/6) points
+WIDTH = 1.2  # in a wide corridor easing is like a moving average over so much [vehicle lengths]: w^(1/6) points
 LAP = 8.0  # part of the laps before and after that is eased with a closed line [widths]
 ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]
 TOTAL = 1.6  # greatest distance from the given line beyond the least [tolerances]: 0.8 m for a car; `prove` allows 1 m
@@ -105,7 +105,9 @@ def _share_within(
 ) -> np.ndarray:
     """Shares (m,) of the displacements (m, 2) of a line by which it keeps its limits: less about places beyond a limit.
 
-    The ends of an open line, and its directions there, stay. around: number of points of the least such stretch
+    The ends of an open line, and its directions there, stay.
+
+    around: number of points, at least, to each side of such a place at which the share is less
     """
     place = np.arange(len(line))
     share = np.ones(len(line)) if closed else _rising(np.minimum(place, place[::-1]) - 2, around)

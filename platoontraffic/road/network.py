@@ -111,7 +111,7 @@ class Network:
         if edge not in self._own_sides:
             road, areas = self._net.getEdge(edge), self._junction_areas
             ends = [areas[node.getID()] for node in (road.getFromNode(), road.getToNode()) if node.getID() in areas]
-            self._own_sides[edge] = shapely.union_all([*self._lanes_of(edge), *ends]).buffer(MARGIN)
+            self._own_sides[edge] = shapely.union_all([*self._lanes_of(edge, "square"), *ends]).buffer(MARGIN)
             shapely.prepare(self._own_sides[edge])
         return self._own_sides[edge]
 
@@ -119,12 +119,12 @@ class Network:
         """Whether a body is on the lanes of an edge, `MARGIN` larger; False inside junctions."""
         if not self._net.hasEdge(edge) or self._net.getEdge(edge).getFunction() == "internal":
             return False
-        return shapely.union_all(self._lanes_of(edge)).buffer(MARGIN).covers(body)
+        return shapely.union_all(self._lanes_of(edge, "flat")).buffer(MARGIN).covers(body)
 
-    def _lanes_of(self, edge: str) -> list[shapely.Geometry]:
-        """The areas of the lanes of an edge."""
+    def _lanes_of(self, edge: str, ends: str) -> list[shapely.Geometry]:
+        """The areas of the lanes of an edge; with flat ends, or with square ones, half a lane longer."""
         lanes = self._net.getEdge(edge).getLanes()
-        return [LineString(one.getShape()).buffer(one.getWidth() / 2, cap_style="square") for one in lanes]
+        return [LineString(one.getShape()).buffer(one.getWidth() / 2, cap_style=ends) for one in lanes]
 
     @cached_property
     def _own_sides(self) -> dict[str, shapely.Geometry]:
@@ -323,9 +323,9 @@ class Network:
         return list(distances.items())
 
     def only_before(self, lane_id: str) -> str:
-        """The lane, which may be inside a junction, from which all vehicles on a lane come; "" if there is none.
+        """The lane, which may be inside a junction, from which all vehicles on a lane come.
 
-        Nor if that lane leads elsewhere too.
+        "" if there are several or none, or if it leads elsewhere too.
         """
         before = self._net.getLane(lane_id).getIncoming(onlyDirect=True)
         is_only = len(before) == 1 and len(before[0].getOutgoing()) == 1

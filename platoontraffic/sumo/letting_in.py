@@ -7,7 +7,8 @@ else once the member has stood for `AFTER`. One that SUMO drives gets speeds fro
 `BRAKING`; SUMO's driver model keeps it slower where it must, as always. Where the member drives on beside it, it does
 not stop, but keeps so far behind that it could stop behind the member if both braked by that. A member is given a line
 to stop at, for one of SUMO's too (`first_on_lanes`); followers of a platoon let nobody in before them. Where the lane
-has just begun, that vehicle may be on a lane before, if all vehicles there come to this one, and cross nobody's path.
+has just begun, the vehicle that lets in may be on a lane before, if all vehicles there come to this one, and nobody
+crosses their path.
 """
 
 from __future__ import annotations
@@ -133,7 +134,8 @@ class LettingIn:
             wanted, patience = wish.wanted, wish.patience.setdefault(foe, Patience())
             patience.wait(self._step, wanted.begun, self._is_in_queue(foe, name, wanted.lane))
             is_over = self._lane(name, where) == wanted.lane
-            is_given_up = time >= wish.last + GIVEN_UP or self._is_past(foe, name, wanted, where)
+            is_elsewhere = self._lane(foe, where) not in self._lanes_to[wanted.lane]
+            is_given_up = is_elsewhere or time >= wish.last + GIVEN_UP or self._is_past(foe, name, wanted, where)
             if is_over or is_given_up or not patience.has_any(wanted.begun):
                 self._end(name, where)
             elif foe in where:
@@ -142,7 +144,7 @@ class LettingIn:
                 elif foe in before:  # to SUMO the other one is off the road, as on a lane for buses
                     self.stops[foe] = before[foe]
             else:
-                self._hold(foe, name, wanted)
+                self._hold(foe, name, wanted, where)
 
     def _is_in_queue(self, foe: str, name: str, lane: str) -> bool:
         """Whether a vehicle that waits could not drive on anyway: the next one on its lane stands close ahead."""
@@ -165,15 +167,19 @@ class LettingIn:
 
         Places are measured along the first lane, and negative before its begin.
         """
-        begins, name, onto = {lane: 0.0}, lane, lane
+        begins, name = {lane: 0.0}, lane
         while self._network and begins[name] > -NEAR and (before := self._network.only_before(name)):
-            if not before.startswith(":"):
-                if self._sumo.lane.getFoes(before, onto):
-                    break
-                onto = before
+            if before in begins or self._is_crossed(before, name):
+                break
             begins[before] = begins[name] - self._sumo.lane.getLength(before)
             name = before
         return begins
+
+    def _is_crossed(self, before: str, onto: str) -> bool:
+        """Whether others cross a lane inside a junction. From lane to lane, as in networks without these, they may."""
+        if not before.startswith(":"):
+            return not onto.startswith(":")
+        return before in self._network.unregulated or bool(self._sumo.lane.getInternalFoes(before))
 
     def _is_past(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> bool:
         """Whether a vehicle is ahead of the one that it was to let in: it could not stop, or did not stop in time."""
@@ -223,9 +229,7 @@ class LettingIn:
         front = self._front(name, wanted, where)
         rear = front - max(self._sumo.vehicle.getLength(name), wanted.behind)
         lane = self._lane(foe, where)
-        begin = self._lanes_to[wanted.lane].get(lane)
-        if begin is None:  # it is elsewhere now, and need not stop there
-            lane, begin = wanted.lane, 0.0
+        begin = self._lanes_to[wanted.lane][lane]
         stops_there = not wanted.speed and self._can_stop(foe, rear - begin - self._sumo.vehicle.getLanePosition(foe))
         return Stop(lane, (rear if stops_there else front - wanted.behind) - begin, wanted.speed)
 
@@ -241,12 +245,17 @@ class LettingIn:
     def _lane(self, name: str, where: Mapping[str, tuple[str, str]]) -> str:
         return where[name][1] if name in where else self._sumo.vehicle.getLaneID(name)
 
-    def _hold(self, foe: str, name: str, wanted: Wanted) -> None:
+    def _hold(self, foe: str, name: str, wanted: Wanted, where: Mapping[str, tuple[str, str]]) -> None:
         """Let a vehicle stop behind a member's rear, or nearer where it cannot; it does not follow the member then."""
-        vehicle = self._sumo.vehicle
-        (x, y), (its_x, its_y) = vehicle.getPosition(name), vehicle.getPosition(foe)
-        course = math.radians(90 - vehicle.getAngle(foe))
-        ahead = (x - its_x) * math.cos(course) + (y - its_y) * math.sin(course) + _braking_distance(wanted.speed)
+        vehicle, lane = self._sumo.vehicle, self._sumo.vehicle.getLaneID(foe)
+        if lane == wanted.lane:
+            (x, y), (its_x, its_y) = vehicle.getPosition(name), vehicle.getPosition(foe)
+            course = math.radians(90 - vehicle.getAngle(foe))
+            ahead = (x - its_x) * math.cos(course) + (y - its_y) * math.sin(course)
+        else:
+            begin = self._lanes_to[wanted.lane][lane]
+            ahead = self._front(name, wanted, where) - begin - vehicle.getLanePosition(foe)
+        ahead += _braking_distance(wanted.speed)
         speed, length = vehicle.getSpeed(foe), vehicle.getLength(name)
         room = ahead - max(length, wanted.behind)
         if room < _braking_distance(speed):

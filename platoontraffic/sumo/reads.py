@@ -24,7 +24,7 @@ class Once(dict):
         return value
 
     def look_up(self, keys: Iterable[Any]) -> None:
-        """The same for many arguments at once: it takes less time."""
+        """Ask the function for those of many arguments that have no value yet: faster than one by one."""
         new = [key for key in keys if key not in self]
         self.update(zip(new, map(self._function, new), strict=True))
 

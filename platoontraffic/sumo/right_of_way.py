@@ -89,7 +89,7 @@ class RightOfWay:
         self._occupied = Once(self._occupied_paths)
         self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
         self._all_inside = Once(lambda line: [*self._inside(line, first=False)])
-        # For the whole run: paths on which vehicles wait midway, and the lanes of all that cross.
+        # For the whole run: paths on which vehicles wait midway, and the lanes inside the junction of all that cross.
         self._waiting_in_path = Once(lambda line: [*self._waiters(line)])
         self._crossing_lanes = Once(lambda line: [via for one in conflicts[line].crossings.values() for via in one.via])
         self.stops: dict[str, float] = {}

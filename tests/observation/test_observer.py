@@ -207,24 +207,30 @@ def test_a_collision_soon_after_the_other_was_inserted_is_put_down_to_that(wait,
     assert (collision.kind, collision.what) == ("collision", what)
 
 
-def met_while_standing(stands: float, on_lanes: bool = True, creeps: float = 0.0) -> str:
-    """What is said of a contact with an oncoming car that is too close, after a member has stood for a time [s]."""
+def met_while_standing(stands: float, on_lanes: bool = True, creeps: float = 0.0, turns: float = 0.0,
+                       seen: float = 4.0) -> str:  # fmt: skip
+    """What is said of a contact with an oncoming car that is too close, after a member has stood for a time [s].
+
+    turns: turning rate of the member [rad/s], seen: time for which the other one is there [s]
+    """
     road = SimpleNamespace(**{**vars(ROAD), "is_on_lanes": lambda edge, body: on_lanes})
     observed = Observed(platoon(constant(0.0), model=CAR), road)
     for k in range(41):
         t = k / 10
-        x = 5.0 * min(t - (4.0 - stands), 0.0) + creeps * t
-        its = LENGTH + 0.01 + 8.0 * (3.95 - t)
-        found = observed.at(t, x=x, others=[(its, 1.7, np.pi)]).events
+        x, its = 5.0 * min(t - (4.0 - stands), 0.0) + creeps * t, LENGTH - 0.3 + 8.0 * (4.0 - t)
+        others = [(its, 1.7, np.pi)] if t > 4.0 - seen - 1e-6 else []
+        found = observed.at(t, x=x, heading=turns * (t - 4.0), others=others).events
         if collision := [event.what for event in found if event.kind == "collision"]:
-            return collision[0] if k == 40 else f"too early: {t}"
+            return collision[0]
     return ""
 
 
 def test_a_member_that_stands_on_its_lanes_is_not_the_cause_where_one_from_another_direction_strikes_it():
     assert met_while_standing(2.1) == "stood"
+    assert met_while_standing(2.5, seen=1.3) == "stood"
     assert met_while_standing(1.9) == "beside"
     assert met_while_standing(3.0, creeps=0.03) == "beside"
+    assert met_while_standing(3.0, turns=0.02) == "beside"
     assert met_while_standing(3.0, on_lanes=False) == "beside"
 
 

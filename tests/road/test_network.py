@@ -262,6 +262,9 @@ def test_a_body_is_on_the_lanes_of_its_edge_and_not_on_those_of_others_or_inside
     assert not loop.is_on_lanes("sw_se", shapely.affinity.translate(body, 0, 2 * loop.widest_lane))
     x, y, _ = loop.lane_pose("ne_nw", 0, 0.0)  # where the lane inside the junction ends
     assert not loop.is_on_lanes(":ne_0", shapely.Point(x, y))
+    x, y, _ = loop.lane_pose("sw_se", 0, 0.0)
+    assert loop.is_on_lanes("sw_se", shapely.Point(x - 0.2, y))
+    assert not loop.is_on_lanes("sw_se", shapely.Point(x - 0.4, y))
     assert not loop.is_on_lanes("", body)
 
 

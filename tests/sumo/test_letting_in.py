@@ -214,9 +214,10 @@ def test_a_vehicle_that_stands_does_not_follow_the_member_until_it_is_abreast(sp
     speeds: list[float] = []
     vehicle = SimpleNamespace(
         getPosition=lambda name: (FRONT + ahead if name == "member" else FRONT, 0.0), getAngle=lambda _: 90.0,
-        getSpeed=lambda _: speed, getLength=lambda _: 5.0, setSpeed=lambda _, value: speeds.append(value),
+        getLaneID=lambda _: "road_1", getSpeed=lambda _: speed, getLength=lambda _: 5.0,
+        setSpeed=lambda _, value: speeds.append(value),
     )  # fmt: skip
-    LettingIn(SimpleNamespace(vehicle=vehicle), STEP)._hold("foe", "member", Wanted("road_1", 1.0, False))
+    LettingIn(SimpleNamespace(vehicle=vehicle), STEP)._hold("foe", "member", Wanted("road_1", 1.0, False), {})
     assert (abs(speeds[0]) > 1e-9) == drives
 
 
@@ -226,11 +227,11 @@ def test_for_a_member_that_drives_on_it_falls_back_to_the_room_that_is_wanted_an
     own, behind, place, speed, said = 20.0, 15.0, {"foe": 0.0, "member": ahead}, {"foe": 20.0, "member": 20.0}, []
     vehicle = SimpleNamespace(
         getPosition=lambda name: (place[name], 0.0), getAngle=lambda _: 90.0, getSpeed=speed.__getitem__,
-        getLength=lambda _: 5.0, setSpeed=lambda _, value: said.append(value),
+        getLaneID=lambda _: "road_1", getLength=lambda _: 5.0, setSpeed=lambda _, value: said.append(value),
     )  # fmt: skip
     letting_in, speeds = LettingIn(SimpleNamespace(vehicle=vehicle), STEP), [speed["foe"]]
     for _ in range(round(60.0 / STEP)):
-        letting_in._hold("foe", "member", Wanted("road_1", behind, False, True, own))
+        letting_in._hold("foe", "member", Wanted("road_1", behind, False, True, own), {})
         speed["foe"] = min(25.0, speed["foe"] + 2.0 * STEP) if said[-1] == OWN_DRIVER else said[-1]
         for name in place:
             place[name] += speed[name] * STEP
@@ -282,29 +283,51 @@ def test_a_member_that_drives_on_is_let_in_by_a_vehicle_behind_it():
     assert found == "behind"
 
 
-@pytest.mark.parametrize(("crossed", "found"), [((), "foe"), (("side_0",), None)])
-def test_where_the_lane_has_just_begun_a_vehicle_on_the_lane_before_lets_it_in(crossed, found):
-    """In a city a member stood for five minutes on a lane of 20 m: the queue beside it came from the lane before."""
+def before_the_junction(before: dict[str, str], crossed=(), unregulated=frozenset()) -> LettingIn:
+    """A member stands at 2 m on a lane of 20 m; on the lane before that beside it a vehicle, 7 m before its end.
+
+    before: the only lane before each lane
+    """
     length = {"on_0": 20.0, "on_1": 20.0, ":n_0_1": 3.0, "in_1": 50.0}
-    place = {"member": 2.0, "ahead": 10.0, "foe": 46.0}  # the foe is 7 m before the begin of its next lane, on_1
+    place = {"member": 2.0, "ahead": 10.0, "foe": 46.0}
     on_lane = {"on_1": ["ahead"], ":n_0_1": [], "in_1": ["foe"]}
-    before = {"on_1": ":n_0_1", ":n_0_1": "in_1"}
     client = SimpleNamespace(
         vehicle=SimpleNamespace(getLanePosition=place.get, getSpeed=lambda _: 0.0, getLength=lambda _: 5.0),
         lane=SimpleNamespace(
-            getLength=length.get, getLastStepVehicleIDs=on_lane.get,
-            getFoes=lambda lane, onto: crossed if (lane, onto) == ("in_1", "on_1") else ("other",),
+            getLength=length.get, getLastStepVehicleIDs=on_lane.get, getInternalFoes={":n_0_1": crossed}.get
         ),
-    )  # fmt: skip
-    asked, wanted = LettingIn(client, STEP, SimpleNamespace(only_before=lambda one: before.get(one, ""))), "on_1"
-    where = {"member": ("on", "on_0"), "foe": ("in", "in_1")}
-    wish = letting_in.Wish(Wanted(wanted, 8.0, False, True), 0.0)
-    assert asked._first("member", wish, where, frozenset()) == found
-    if found:
-        assert asked._stop("foe", "member", wish.wanted, where) == ("in_1", 2.0 - 8.0 + 53.0, 0.0)
-        assert not asked._is_in_queue("foe", "member", wanted)  # there is room behind the one ahead
-        place["ahead"] = 8.0
-        assert asked._is_in_queue("foe", "member", wanted)
+    )
+    network = SimpleNamespace(only_before=lambda one: before.get(one, ""), unregulated=unregulated)
+    return LettingIn(client, STEP, network)
+
+
+AHEAD_AND_BEFORE = {"on_1": ":n_0_1", ":n_0_1": "in_1"}
+ON_TWO_EDGES = {"member": ("on", "on_0"), "foe": ("in", "in_1")}
+WISH = letting_in.Wish(Wanted("on_1", 8.0, False, True), 0.0)
+
+
+def test_where_the_lane_has_just_begun_a_vehicle_on_the_lane_before_lets_it_in():
+    """In a city a member stood for five minutes on a lane of 20 m: the queue beside it came from the lane before."""
+    asked = before_the_junction(AHEAD_AND_BEFORE)
+    assert asked._first("member", WISH, ON_TWO_EDGES, frozenset()) == "foe"
+    assert asked._stop("foe", "member", WISH.wanted, ON_TWO_EDGES) == ("in_1", 2.0 - 8.0 + 53.0, 0.0)
+    assert not asked._is_in_queue("foe", "member", "on_1")  # there is room behind the one ahead
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"crossed": (":n_3_0",)}, {"unregulated": {":n_0_1"}}, {"before": {"on_1": "in_1"}}, {"before": {}}],
+)
+def test_nobody_lets_in_from_where_others_cross_its_path(given):
+    asked = before_the_junction(**{"before": AHEAD_AND_BEFORE, **given})
+    assert asked._first("member", WISH, ON_TWO_EDGES, frozenset()) is None
+
+
+def test_on_a_ring_a_lane_is_not_before_itself():
+    asked = before_the_junction({**AHEAD_AND_BEFORE, "in_1": ":n_0_1"})
+    assert asked._lanes_to["on_1"] == {"on_1": 0.0, ":n_0_1": -3.0, "in_1": -53.0}
+    ring = before_the_junction({"on_1": ":n_0_1", ":n_0_1": "on_1"})
+    assert ring._lanes_to["on_1"] == {"on_1": 0.0, ":n_0_1": -3.0}
 
 
 def test_a_member_keeps_its_stop_while_the_one_that_it_lets_in_is_off_the_road_to_sumo():
