@@ -51,6 +51,7 @@ BEFORE_PATH = 0.5  # distance that a car which stops inside a junction keeps fro
 STOPS_BY = 4.5  # hardest braking with which a vehicle stops at a sign, or a yellow light [m/s2]: that of SUMO's cars
 STOPS_MIDWAY_BY = 2.0  # least braking of a vehicle that will wait midway [m/s2]: more than by which drivers dawdle
 STOPS_HARD_BY = 7.0  # hardest braking for a vehicle inside a junction that should have given way [m/s2]
+WAITS_FROM = 2.0  # distance beyond a line from which a vehicle may wait, clear of a crossing for people [lengths]
 ENTERS_WITHIN = 15.0  # distance from its line from which a vehicle is expected to wait midway [m]
 COMES_UNTIL = 5.0  # a member that has stood for longer does not come: vehicles that waited for it go when they can [s]
 LETS_IN_FOR = 3.0  # time for which a member stays at its line after it was last asked to let another one in [s] ...
@@ -131,14 +132,14 @@ class RightOfWay:
             beside = [foe._replace(pace=Pace(foe.pace.speed)) for foe in foes if foe.crossing.swings]
             foes = [foe for foe in foes if not foe.crossing.swings]
             waits = stood < SWINGS_OUT_LONGEST and ego.speed < STANDING
-            met = self._met(line, beside, distance, midway) if waits else []
+            met = self._met(line, beside, distance, midway, ego.length) if waits else []
             if not self._has_gap_among(met, line, distance, ego, 0.0, enters):
                 return False
         # Where no lane has priority, it is not known which vehicle came first.
         waited = 0.0 if state in EQUAL else self._waited(line, distance, ego)
         if waited > WATCHES_QUEUES_AFTER:
             foes = [self._in_queue(foe) for foe in foes]
-        met, margin = self._met(line, foes, distance, midway), margin_after(waited)
+        met, margin = self._met(line, foes, distance, midway, ego.length), margin_after(waited)
         return self._has_gap_among(met, line, distance, ego, margin, enters, waited)
 
     def may_enter(self, line: Line, state: str, ego: Ego) -> bool:
@@ -152,7 +153,7 @@ class RightOfWay:
             return not any(self._departs(foe, ego) and foe.pace.speed > ego.speed for foe in self._at_lines(line))
         coming = (foe for foe in self._coming(line, ego, state) if not foe.crossing.swings)
         foes = [foe._replace(pace=Pace(foe.pace.speed)) for foe in coming]
-        met = self._met(line, foes, 0.0, midway=False)
+        met = self._met(line, foes, 0.0, False, ego.length)
         return self._has_gap_among(met, line, 0.0, ego, 0.0, 0.0, self._waited(line, 0.0, ego))
 
     def pace(self, line: Line, ego: Ego) -> Pace:
@@ -339,17 +340,24 @@ class RightOfWay:
         (before, since, last), time = self._asked[name], self._sumo.simulation.getTime()
         return before == lane and time - last < LETS_IN_FOR and time - since < LETS_IN_LONGEST
 
-    def _met(self, line: Line, foes: Sequence[Approach], distance: float, midway: bool) -> list[Approach]:
+    def _met(
+        self, line: Line, foes: Sequence[Approach], distance: float, midway: bool, length: float = math.inf
+    ) -> list[Approach]:
         """The foes that are met after, or before, the place where the vehicle may wait midway.
 
         Before it are those whose paths its front touches, or if it touches them nowhere, whose paths meet its own,
         nearer than that place: others pass close before its front where it waits. It cannot wait for a vehicle that it
-        already blocks.
+        already blocks. In a large junction SUMO's place may lie beyond paths that it touches. Then it waits before
+        these, if they are far enough beyond the line.
+
+        length: of the vehicle [m]
         """
         begins = ((foe, foe.crossing.own[0], foe.crossing.touches) for foe in foes)
         if midway:
             return [foe for foe, own, touches in begins if own + distance > 0 or 0 < touches + distance < math.inf]
         waits = self._conflicts[line].waits
+        if waits < math.inf:
+            waits = min(waits, WAITS_FROM * length)
         return [foe for foe, own, touches in begins if (touches if touches < math.inf else own) < waits]
 
     def _setting_out(self, foe: Approach) -> Approach:

@@ -1594,3 +1594,22 @@ def test_links_ahead_of_foes_are_those_that_sumo_judges():
                 assert ([*inside], state) == expected
                 seen.append(name not in reads.next_links)
     assert sum(seen) > 50  # for so many it did not need to be judged
+
+
+@pytest.mark.parametrize(
+    ("waits", "before"),
+    [(25.0, ["near", "none"]), (8.0, ["near"]), (np.inf, ["near", "far", "none", "beyond"])],
+)
+def test_in_a_large_junction_it_waits_before_the_first_path_that_it_touches(waits, before):
+    """It stood at the line for a cycle: SUMO's place midway was 25 m beyond that, paths were touched from 20 m on."""
+    way = object.__new__(RightOfWay)
+    way._conflicts = {"line": SimpleNamespace(waits=waits)}
+    # Where their paths meet the own one, and where its front touches them [m].
+    places = {"near": (4.0, 6.0), "far": (18.0, 20.0), "none": (9.0, np.inf), "beyond": (30.0, 32.0)}
+    foes = [
+        SimpleNamespace(id=name, crossing=SimpleNamespace(own=(own, own + 5.0), touches=touches))
+        for name, (own, touches) in places.items()
+    ]
+    met = way._met("line", foes, 0.0, False, 5.0)
+    assert [foe.id for foe in met] == before
+    assert {foe.id for foe in way._met("line", foes, 0.0, True, 5.0)} == set(places)
