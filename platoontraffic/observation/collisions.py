@@ -6,7 +6,7 @@ the cause; and if neither is behind, abreast or head on, the one that has swung 
 If neither has, the contact counts as caused by the member, with two exceptions. The other was not there
 APPEARANCE_BLAME before: SUMO has inserted it before a member that is about to leave the junction there. Or the other
 came from another direction, and struck a member that had stood for STOOD_BLAME on the lanes of its own edge: SUMO's
-drivers see vehicles on their own lane only, and drive through whoever stands where lanes of two directions overlap.
+drivers see vehicles on their own lane only, and drive through what stands where lanes of two directions overlap.
 """
 
 from __future__ import annotations
