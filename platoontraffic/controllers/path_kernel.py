@@ -113,10 +113,10 @@ def _bends(route, i, speeds, steering_rate, slow, gains):
     distance, curvature = route.distance[i], route.curvature[i]
     here, acceleration, braking = math.inf, math.inf, PLANNED * gains.braking
     for k in range(len(distance)):
-        fastest = math.sqrt(gains.lateral_acceleration / np.maximum(abs(curvature[k]), 1e-9))
+        change = 0.0
         if k + 1 < len(distance):
-            change = abs(curvature[k + 1] - curvature[k]) / (distance[k + 1] - distance[k])  # by distance [1/m2]
-            fastest = np.minimum(fastest, STEERED * steering_rate / np.maximum(change, 1e-9))
+            change = abs(curvature[k + 1] - curvature[k]) / (distance[k + 1] - distance[k])
+        fastest = fastest_at(curvature[k], change, gains.lateral_acceleration, steering_rate)
         if gains.speed_factor < math.inf:
             fastest = np.minimum(fastest, gains.speed_factor * route.limit[i, k])
         fastest = np.minimum(fastest, slow)
@@ -126,6 +126,17 @@ def _bends(route, i, speeds, steering_rate, slow, gains):
         slowing = _slowed_to(fastest, np.maximum(distance[k] - REACTION * v, 0.0), reached, braking)
         acceleration = np.minimum(acceleration, np.maximum(slowing, (fastest - v) / SETTLING))
     return here, acceleration
+
+
+@compiled
+def fastest_at(curvature, change, lateral, steering_rate):
+    """Greatest speed in a bend [m/s].
+
+    curvature, change      : of the route [1/m], and its change by distance [1/m2]
+    lateral, steering_rate : greatest acceleration [m/s2], and greatest change of the curvature by time [1/m/s]
+    """
+    by_curvature = math.sqrt(lateral / np.maximum(abs(curvature), 1e-9))
+    return np.minimum(by_curvature, STEERED * steering_rate / np.maximum(change, 1e-9))
 
 
 @compiled

@@ -9,13 +9,12 @@ is inside. Waiting makes impatient over SUMO's --time-to-impatience.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 STANDING = 0.1  # speed below which a vehicle counts as standing [m/s]; also SUMO's
 FIRST_MARGIN = 1.0  # between the rear of a vehicle that goes first and the other one [s]: SUMO's jmTimegapMinor
 LEAST_MARGIN = 0.5  # the same of the most impatient driver [s]
 BEHIND_MARGIN = 0.3  # between the rear of a vehicle that is let go first and the own front [s]
-SLOWS_BY = 2.0  # before a bend [m/s2]
 TIME_TO_IMPATIENCE = 300.0  # waiting time at a line until a driver is as impatient as can be [s]: SUMO's default
 # That a vehicle which merges first may demand of the one behind [m/s2]; SUMO's drivers brake by 4.5.
 MERGE_BRAKING = 2.0
@@ -27,6 +26,24 @@ WATCHES_QUEUES_AFTER, IN_QUEUE_SPEED, IN_QUEUE_FROM = 10.0, 4.0, 15.0
 LET_IN_AFTER, LET_IN_SPEED, LET_IN_BRAKING, LET_IN_ROOM = 20.0, 4.0, 1.5, 1.0
 
 
+class Driven(Protocol):
+    """How the own vehicle drives on."""
+
+    @property
+    def acceleration(self) -> float:
+        """Comfortable [m/s2]."""
+
+    @property
+    def at_once(self) -> Driven:
+        """The same of a vehicle that begins to accelerate now."""
+
+    def time_for(self, distance: float) -> float:
+        """Time to drive a distance [m]; inf if it never does [s]."""
+
+    def speed_after(self, time: float) -> float:
+        """[m/s]"""
+
+
 class Pace(NamedTuple):
     """How a vehicle drives on: at its speed for a delay, and then it accelerates up to a top speed."""
 
@@ -35,8 +52,11 @@ class Pace(NamedTuple):
     top: float = 0.0  # [m/s]; a faster vehicle keeps its speed
     delay: float = 0.0  # [s]
 
+    @property
+    def at_once(self) -> Pace:
+        return self._replace(delay=0.0)
+
     def time_for(self, distance: float) -> float:
-        """Time to drive a distance [m]; inf if it never does [s]."""
         if distance <= 0:
             return 0.0
         speed, rate, top = self.speed, self.acceleration, max(self.top, self.speed)
@@ -50,22 +70,7 @@ class Pace(NamedTuple):
             return self.delay + (math.sqrt(speed**2 + 2 * rate * left) - speed) / rate
         return self.delay + (top - speed) / rate + (left - to_top) / top
 
-    def time_before_bend(self, distance: float, bend: float) -> float:
-        """As `time_for`, of a vehicle that slows to its top speed, if it is faster, before a bend [s].
-
-        bend: distance at which that begins [m]
-        """
-        if self.speed <= self.top or self.top <= 0 or distance <= 0:
-            return self.time_for(distance)
-        braking = (self.speed**2 - self.top**2) / (2 * SLOWS_BY)  # [m]
-        at_speed = min(max(bend - braking, 0.0), distance)
-        slows_over = min(braking, distance - at_speed)
-        slowed = math.sqrt(self.speed**2 - 2 * SLOWS_BY * slows_over)
-        at_top = distance - at_speed - slows_over
-        return at_speed / self.speed + (self.speed - slowed) / SLOWS_BY + at_top / slowed
-
     def speed_after(self, time: float) -> float:
-        """[m/s]"""
         return min(self.speed + self.acceleration * max(time - self.delay, 0.0), max(self.top, self.speed))
 
 
@@ -81,7 +86,6 @@ class Foe(NamedTuple):
     length: float
     clearing_speed: float  # at which it leaves the conflict area, if that is not more than its speed [m/s]
     merges: bool = False  # the paths do not part again
-    to_bend: float = 0.0  # own distance to where the bend inside the junction begins
 
 
 def margin_after(waited: float) -> float:
@@ -89,7 +93,7 @@ def margin_after(waited: float) -> float:
     return FIRST_MARGIN + (LEAST_MARGIN - FIRST_MARGIN) * min(waited / TIME_TO_IMPATIENCE, 1.0)
 
 
-def may_cross(foe: Foe, own: Pace, length: float, margin: float = FIRST_MARGIN) -> bool:
+def may_cross(foe: Foe, own: Driven, length: float, margin: float = FIRST_MARGIN) -> bool:
     """Whether the vehicle clears the conflict area before the foe arrives, or arrives after the foe has cleared it.
 
     own, length : of the vehicle [m/s], [m]
@@ -113,8 +117,8 @@ def lets_in(foe: Foe, waited: float) -> bool:
     return foe.merges and may_stop and waited > LET_IN_AFTER
 
 
-def _is_first(foe: Foe, own: Pace, length: float, margin: float) -> bool:
-    past = own.time_before_bend((foe.to_conflict if foe.merges else foe.to_exit) + length, foe.to_bend)
+def _is_first(foe: Foe, own: Driven, length: float, margin: float) -> bool:
+    past = own.time_for((foe.to_conflict if foe.merges else foe.to_exit) + length)
     if foe.pace.time_for(foe.foe_to_conflict) <= past + margin:
         return False
     if not foe.merges:
@@ -125,7 +129,7 @@ def _is_first(foe: Foe, own: Pace, length: float, margin: float) -> bool:
     return away > closing * margin + closing**2 / (2 * (MERGE_BRAKING + own.acceleration))
 
 
-def _is_behind(foe: Foe, own: Pace, margin: float) -> bool:
+def _is_behind(foe: Foe, own: Driven, margin: float) -> bool:
     if foe.pace.speed < STANDING:
         return False  # when it will have gone is not known
     speed = max(min(foe.pace.speed, foe.clearing_speed), STANDING)
@@ -134,5 +138,4 @@ def _is_behind(foe: Foe, own: Pace, margin: float) -> bool:
     clears = max(foe.foe_to_conflict, 0.0) / foe.pace.speed + left / speed
     if foe.foe_to_conflict < 0:  # it is in the area, or past its begin
         clears = (foe.length + (foe.foe_to_conflict if foe.merges else foe.foe_to_exit)) / speed
-    at_once = own._replace(delay=0.0)
-    return clears < own.time_for(foe.to_enter) and clears + margin < at_once.time_for(foe.to_conflict)
+    return clears < own.time_for(foe.to_enter) and clears + margin < own.at_once.time_for(foe.to_conflict)

@@ -117,7 +117,6 @@ class Conflicts(NamedTuple):
     crossings: dict[str, Crossing]  # by the foe's first lane inside the junction
     walks: tuple[Walk, ...]
     waits: float  # where the own path may wait midway [m]; inf: nowhere
-    curvature: float  # greatest of the own path through the junction [1/m]
     unregulated: bool = False  # the network gives nobody priority, so everybody is yielded to
     swings: bool = False  # the own front swings out over paths to the lanes beside its own
     narrow: tuple[Crossing, ...] = ()  # paths apart from the own one for SUMO, but too close for two cars
@@ -156,8 +155,7 @@ class Conflicts(NamedTuple):
                 crossings[via[0]] = Crossing(
                     before, via, *met, merges, is_first, waits, fastest, touches, blocks=blocks
                 )
-        bend = _curvature(own)
-        is_sharp = bend > SHARP / model.turning_radius
+        is_sharp = _curvature(own) > SHARP / model.turning_radius
         found = _swung_over(line, model, width, crossings, network, sumo, paths) if is_sharp else {}
         crossings |= found
         entering = sorted({crossing.before for crossing in crossings.values() if crossing.first})
@@ -167,7 +165,7 @@ class Conflicts(NamedTuple):
         walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
         narrow = tuple(_narrow(line, crossings, inner, network, sumo, paths))
-        return cls(tuple(upstream.items()), crossings, walks, waits, bend, unregulated, bool(found), narrow)
+        return cls(tuple(upstream.items()), crossings, walks, waits, unregulated, bool(found), narrow)
 
 
 def _narrow(

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.controllers import Law
-from platoontraffic.road.gap_acceptance import Pace
-from platoontraffic.sumo.conflicts import Conflicts
+from platoontraffic.controllers.speed_profile import Driving, SpeedProfile
+from platoontraffic.road.gap_acceptance import Driven, Pace
+from platoontraffic.road.route import Route
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import scale
 from platoontraffic.world.fleet import Member
@@ -34,7 +35,11 @@ class Ego(NamedTuple):
     lateral: float = 2.0  # greatest lateral acceleration of its law [m/s2]
     braking: float = 3.0  # of its law before lines, comfortable [m/s2]
     kind: str = "car"  # the shortest of `CARS` that is as long
+    steering_rate: float = math.inf  # greatest change of its curvature by time [1/m/s]
     top: float = math.inf  # greatest speed beside a body that it drives round [m/s]
+    drive: float = 0.0  # acceleration now [m/s2]
+    route: Route | None = None  # None: SUMO drives it
+    axle: float = 0.0  # station of its driven axle on its route [m]
 
     @classmethod
     def of(cls, member: Member) -> Ego:
@@ -49,7 +54,8 @@ class Ego(NamedTuple):
         kind = next((name for name, model in KINDS if length <= model.length), KINDS[-1][0])
         braking = _gain(_drivers(law)[-1], "braking", cls._field_defaults["braking"])
         strongest = float(member.model.strongest_acceleration(np.array(GATHERS_SPEED)))
-        return cls(member.id, "", 0.0, length, min(*gains, strongest), min(lateral), braking, kind)
+        steering_rate = float(member.model.curvature_rate)
+        return cls(member.id, "", 0.0, length, min(*gains, strongest), min(lateral), braking, kind, steering_rate)
 
     @property
     def size(self) -> float:
@@ -82,10 +88,17 @@ class Ego(NamedTuple):
         """
         return max(distance + self.line_at_speed(speed), self.line_at_speed(self.speed - braking * SETTLING))
 
-    def pace(self, conflicts: Conflicts, limit: float) -> Pace:
-        """How it drives through a junction with a speed limit [m/s]."""
-        bend = math.sqrt(self.lateral / max(conflicts.curvature, 1e-6))
-        return Pace(self.speed, self.acceleration, min(bend, limit, self.top), STARTING)
+    def pace(self, limit: float) -> Driven:
+        """How it drives on, with a speed limit where SUMO drives it [m/s]."""
+        if self.route is None:
+            return Pace(self.speed, self.acceleration, limit, STARTING)
+        starts_within = STARTING * (1 - min(max(self.drive / self.acceleration, 0.0), 1.0))
+        return SpeedProfile(
+            Driving(
+                self.route, self.axle, self.speed, starts_within, self.acceleration, self.braking, self.lateral,
+                self.steering_rate, self.length, self.top,
+            )
+        )  # fmt: skip
 
 
 def checks_from(speed: float, length: float) -> float:

@@ -14,6 +14,7 @@ from platoontraffic.road.gap_acceptance import (
     IN_QUEUE_SPEED,
     STANDING,
     WATCHES_QUEUES_AFTER,
+    Driven,
     Foe,
     Pace,
     lets_in,
@@ -90,6 +91,7 @@ class RightOfWay:
         self._occupied = Once(self._occupied_paths)
         self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
         self._all_inside = Once(lambda line: [*self._inside(line, first=False)])
+        self._paces = Once(self._pace)  # of vehicles through junctions, by their lanes there
         # For the whole run: paths on which vehicles wait midway, and the lanes inside the junction of all that cross.
         self._waiting_in_path = Once(lambda line: [*self._waiters(line)])
         self._crossing_lanes = Once(lambda line: [via for one in conflicts[line].crossings.values() for via in one.via])
@@ -106,8 +108,13 @@ class RightOfWay:
         self.members: frozenset[str] = frozenset()  # their ids ...
         self.obedient: frozenset[str] = frozenset()  # ... and of those with a law that heeds lines
 
+    def _pace(self, through: tuple[Ego, tuple[str, ...]]) -> Driven:
+        ego, via = through
+        return ego.pace(max(map(self._now.max_speed.__getitem__, via), default=ego.speed))
+
     def renew(self) -> None:
         """SUMO has made a step: all vehicles are elsewhere."""
+        self._paces.clear()
         for found in (self._outside, self._patiently, self._occupied, self._first_inside, self._all_inside):
             found.clear()
 
@@ -156,9 +163,9 @@ class RightOfWay:
         met = self._met(line, foes, 0.0, False, ego.length)
         return self._has_gap_among(met, line, 0.0, ego, 0.0, 0.0, self._waited(line, 0.0, ego))
 
-    def pace(self, line: Line, ego: Ego) -> Pace:
-        limit = max(map(self._now.max_speed.__getitem__, line.via), default=ego.speed)
-        return ego.pace(self._conflicts[line], limit)
+    def pace(self, line: Line, ego: Ego) -> Driven:
+        """How a vehicle drives through a junction."""
+        return self._paces[ego, line.via]
 
     def stop_before_foes(self, line: Line, over: float, ego: Ego, *, priority_too: bool) -> float:
         """Distance at which a vehicle must stop for others that drive inside the junction [m].
@@ -252,8 +259,7 @@ class RightOfWay:
         if STANDING <= waiting.pace.speed < crossing.fastest and now.accelerates_by[waiting.id] < -STOPS_MIDWAY_BY:
             return False
         line, to_line = self._line_of(crossing), waiting.to_line
-        ego = Ego(waiting.id, crossing.before, waiting.pace.speed, now.length[waiting.id],
-                  now.acceleration[waiting.id], math.inf)  # fmt: skip
+        ego = Ego(waiting.id, crossing.before, waiting.pace.speed, now.length[waiting.id], now.acceleration[waiting.id])
         met = self._met(line, [*self._patiently[line], *self._first_inside[line]], to_line, midway=True)
         return self._has_gap_among(met, line, to_line, ego, FIRST_MARGIN, to_line + self._conflicts[line].waits)
 
@@ -313,7 +319,6 @@ class RightOfWay:
                 self._now.length[one.id],
                 crossing.fastest,
                 crossing.merges,
-                to_bend=distance,
             )
             if may_cross(foe, pace, ego.length, margin):
                 continue

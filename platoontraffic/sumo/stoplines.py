@@ -125,13 +125,15 @@ class StopLines:
         if self._stops:
             others |= [ego.id in self._stops for ego in asking]
         front, speed, distance = front.tolist(), speed.tolist(), distance.tolist()
+        axle, drive = axle.tolist(), fleet.motion.acceleration[rows].tolist()
         goes_round = fleet.goes_round.tolist()
         looked_at = np.flatnonzero(others)
         states = []
         for k, row in zip(looked_at.tolist(), rows[looked_at].tolist(), strict=True):
-            member, ego = fleet.members[row], asking[k]._replace(lane=lanes[k], speed=speed[k])
+            member, ego = fleet.members[row], asking[k]
+            ego = ego._replace(lane=lanes[k], speed=speed[k], drive=drive[k], route=member.route, axle=axle[k])
             if goes_round[row]:
-                ego = ego._replace(top=member.route.limit_at(float(axle[k])))
+                ego = ego._replace(top=member.route.limit_at(axle[k]))
             if is_far[k]:
                 state = self._ahead(self._far.lines[k], distance[k], False, ego, member.route)
             else:
@@ -192,12 +194,19 @@ class StopLines:
             state = next((link[LINK_STATE] for link in self._now.links[lane] if link[LINK_VIA] == via), "")
             if not state:
                 continue
-            ego = Ego.of(fleet.members[i])._replace(lane=via, speed=float(fleet.motion.speed[i]))
-            signal = _signal(state)
-            gives_way = signal == ground.GIVES_WAY and line is not None
-            has_gap = not gives_way or self._way.may_enter(self._at_junction[line, ego.kind], state, ego)
+            signal, has_gap = _signal(state), True
+            if signal == ground.GIVES_WAY and line:
+                ego = self._entered(fleet, i)._replace(lane=via)
+                has_gap = self._way.may_enter(self._at_junction[line, ego.kind], state, ego)
             found.append(Entry(i, lane, signal, has_gap))
         return found
+
+    def _entered(self, fleet: Fleet, row: int) -> Ego:
+        """The vehicle in a row as it drives on now."""
+        member, motion, progress = fleet.members[row], fleet.motion, fleet.progress
+        speed, drive = float(motion.speed[row]), float(motion.acceleration[row])
+        axle = float(progress.station[progress.rows == row][0])
+        return Ego.of(member)._replace(speed=speed, drive=drive, route=member.route, axle=axle)
 
     # ---- one vehicle's row
 

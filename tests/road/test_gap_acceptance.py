@@ -11,7 +11,6 @@ from platoontraffic.road.gap_acceptance import (
     BEHIND_MARGIN,
     FIRST_MARGIN,
     LEAST_MARGIN,
-    SLOWS_BY,
     TIME_TO_IMPATIENCE,
     Foe,
     Pace,
@@ -44,28 +43,6 @@ def test_time_for_a_distance_is_that_of_small_steps(distance, speed):
     pace = OWN._replace(speed=speed)
     time = pace.time_for(distance)
     assert time == pytest.approx(by_small_steps(distance, pace), abs=3e-3)
-
-
-@pytest.mark.parametrize("speed", [2.0, 6.0, 7.0, 14.0])
-@pytest.mark.parametrize("distance", [0.5, 7.0, 30.0])
-@pytest.mark.parametrize("bend", [-1.0, 5.0, 25.0, 100.0])
-def test_a_vehicle_slows_to_its_top_speed_just_before_a_bend(distance, speed, bend):
-    pace, h = OWN._replace(speed=speed), 1e-4
-    if speed <= pace.top:
-        assert pace.time_before_bend(distance, bend) == pace.time_for(distance)
-        return
-    driven, time = 0.0, 0.0
-    while driven < distance:
-        slows = (speed**2 - pace.top**2) / (2 * SLOWS_BY) >= bend - driven
-        driven, time, speed = driven + speed * h, time + h, max(speed - SLOWS_BY * h, pace.top) if slows else speed
-    assert pace.time_before_bend(distance, bend) == pytest.approx(time, abs=3e-3)
-
-
-def test_a_vehicle_that_slows_for_a_bend_does_not_go_first_as_if_it_kept_its_speed():
-    """It began to cross at 6.8 m/s, slowed to 4.7 m/s for the bend, and failed to yield to one that came at 13 m/s."""
-    foe = Foe(3.8, 16.6, 35.0, 61.4, 80.1, Pace(13.2, 2.6, 13.89), 5.0, np.inf, merges=True)
-    assert not may_cross(foe, Pace(6.8, 2.5, 4.75, 0.4), LENGTH)
-    assert may_cross(foe, Pace(6.8, 2.5, 8.0, 0.4), LENGTH)
 
 
 def test_time_is_the_closed_form_from_rest_and_at_full_speed():
@@ -178,7 +155,7 @@ foes = st.builds(
 @given(foes, paces, st.floats(0, 100))
 def test_a_gap_before_a_foe_stays_one_if_the_foe_comes_later(foe, own, later):
     """Only a gap before the foe: one behind it closes when the foe comes later."""
-    before = foe.foe_to_conflict / foe.pace.speed > own.time_before_bend(foe.to_exit + 5.0, foe.to_bend) + FIRST_MARGIN
+    before = foe.foe_to_conflict / foe.pace.speed > own.time_for(foe.to_exit + 5.0) + FIRST_MARGIN
     moved = foe._replace(foe_to_conflict=foe.foe_to_conflict + later, foe_to_exit=foe.foe_to_exit + later)
     assert may_cross(moved, own, 5.0) or not before
 

@@ -25,7 +25,7 @@ from platoontraffic.road.lane_routes import CHANGING, SHORTEST_CHANGE, Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
-from platoontraffic.sumo import conflicts, right_of_way
+from platoontraffic.sumo import conflicts
 from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing, _path
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.far_lines import FarLines
@@ -464,7 +464,7 @@ def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
         ),
         simulation=SimpleNamespace(getTime=lambda: 0.0),
     )
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
     way = RightOfWay(client, Reads(client), {line: conflicts})
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [])
     inside = [Approach("c", crossing, -8.0, Pace(0.0))]
@@ -476,26 +476,6 @@ def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
     assert way.may_cross(line, 1.0, ego, state="Z")
 
 
-@pytest.mark.parametrize("midway", [True, False])
-def test_a_bend_begins_at_the_line_also_for_a_member_that_may_wait_midway(monkeypatch, midway):
-    """It slows from 10 to 5 m/s by 2 m/s2 over the 18.75 m before the line, and leaves the area 18 m beyond."""
-    line, foes = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_1"), 20.0), []
-    crossing = Crossing("side_0", (":a_2",), (14.0, 18.0), (16.0, 20.0), False, True, np.inf, 10.0, 14.0)
-    client = SimpleNamespace(
-        lane=SimpleNamespace(getMaxSpeed=lambda _: 5.0), vehicle=SimpleNamespace(getLength=lambda _: 5.0),
-        simulation=SimpleNamespace(getTime=lambda: 0.0),
-    )  # fmt: skip
-    conflicts = Conflicts((), {":a_2": crossing}, (), 12.0 if midway else np.inf, 0.0)
-    way, ego = RightOfWay(client, Reads(client), {line: conflicts}), Ego("m.0", "road_0", 10.0, CAR.length)
-    monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [Approach("c", crossing, 100.0, Pace(10.0))])
-    monkeypatch.setattr(RightOfWay, "_inside", lambda *_, first: [])
-    monkeypatch.setattr(RightOfWay, "_stood_since", lambda *_: None)
-    monkeypatch.setattr(right_of_way, "may_cross", lambda foe, *_: foes.append(foe) or True)
-    assert way.may_cross(line, 20.0, ego, midway=midway)
-    (foe,) = foes
-    assert way.pace(line, ego).time_before_bend(foe.to_exit, foe.to_bend) == pytest.approx(0.125 + 2.5 + 18.0 / 5.0)
-
-
 @pytest.mark.parametrize("speed", [0.0, 2.0, 4.0, 6.0])
 @pytest.mark.parametrize("state", ["m", "s", "w"])
 @pytest.mark.parametrize("distance", [9.0, 11.0, 13.0, 40.0])
@@ -503,7 +483,7 @@ def test_a_line_at_which_a_member_gives_way_is_closed_until_it_has_looked(monkey
     """A slow one need not begin to brake yet where it begins to look."""
     line = Line(0.0, state, "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((("before_0", 0.0),), {}, (), np.inf, 0.0)}
+    lines._conflicts = {line: Conflicts((("before_0", 0.0),), {}, (), np.inf)}
     ego = Ego("m.0", "road_0", speed, CAR.length)
     looked = []
     monkeypatch.setattr(RightOfWay, "has_stood", lambda *_: True)
@@ -517,7 +497,7 @@ def test_a_member_that_stops_midway_looks_at_its_line_again(monkeypatch):
     """The place where it stops is far, its line is not."""
     line = Line(110.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._at_junction, lines._conflicts = {(line, "car"): line}, {line: Conflicts((), {}, (), np.inf, 0.0)}
+    lines._at_junction, lines._conflicts = {(line, "car"): line}, {line: Conflicts((), {}, (), np.inf)}
     ego = Ego("m.0", "road_0", 2.0, CAR.length)
     lines._far = FarLines([ego])
     monkeypatch.setattr(StopLines, "_ahead", lambda *_: LineState(30.0, False, False, False, 2))
@@ -551,7 +531,7 @@ def test_a_vehicle_that_has_just_set_out_inside_is_expected_to_accelerate(speed,
     """It has 9 m to the conflict area: 11 s at 0.8 m/s, but 2.3 s by 2.6 m/s2. One that stands there waits."""
     line = Line(100.0, "w", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (6.0, 11.0), (10.0, 15.0), False, True, np.inf, 10.0)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way._now = SimpleNamespace(
         on_lane=Once({":a_1": ["c"]}.__getitem__), lane_length={":a_1": 20.0}, max_speed={":a_0": 10.0},
@@ -575,7 +555,7 @@ def test_a_vehicle_in_the_junction_stops_for_one_with_priority_that_sets_out_the
     """A left-turner had stood midway, and counted as held up; it set out with the member, which struck it."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (5.0, 12.0), False, True, np.inf, 10.0)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way._now = SimpleNamespace(
@@ -607,7 +587,7 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
     """SUMO's drivers do not see a member that comes onto the lane of its turn just before the line."""
     line = Line(100.0, "M", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing(before, (":a_1",), (10.0, 18.0), (5.0, 12.0), False, False, waits, 10.0, touches=12.0)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way.members, way.obedient = {"m.0", "m.1", "m.2"}, {"m.0", "m.1"}
@@ -634,7 +614,7 @@ def test_inside_a_zipper_the_one_that_has_farther_to_go_stops(state, over, name,
     """Where paths cross at such a junction, SUMO's drivers enter whoever is inside, and do not stop there."""
     line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (8.0, 15.0), merges, True, np.inf, 10.0, touches=12.0)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way.members, way.obedient = {"m.0", "m.1"}, {"m.0", "m.1"}
@@ -670,7 +650,7 @@ def test_of_two_that_turn_left_against_each_other_one_stops(over, name, position
     """Of two members the one that comes later. position: beyond the other one's line [m]"""
     line = Line(100.0, "g", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     narrow = Crossing("side_0", (":a_1",), (5.0, 12.0), (10.0, 18.0), False, False, np.inf, 10.0)
-    conflicts = Conflicts((), {}, (), np.inf, 0.0, narrow=(narrow,))
+    conflicts = Conflicts((), {}, (), np.inf, narrow=(narrow,))
     way = RightOfWay(SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 9.0)), Reads(SimpleNamespace()),
                      {line: conflicts})  # fmt: skip
     way.members = way.obedient = {"m.0", "m.1"}
@@ -722,7 +702,7 @@ def test_a_path_is_occupied_where_a_vehicle_is_on_any_of_its_lanes_inside(lane):
         lane=SimpleNamespace(getLastStepVehicleIDs=lambda name: asked.append(name) or ("c",) * (name == lane))
     )
     reads = Reads(client)
-    way = RightOfWay(client, reads, {line: Conflicts((), paths, (), np.inf, 0.0)})
+    way = RightOfWay(client, reads, {line: Conflicts((), paths, (), np.inf)})
     for steps in (1, 2):
         expected = [one for one in paths.values() if lane in one.via]
         assert way._occupied[line] == way._occupied[line._replace()] == expected
@@ -771,7 +751,7 @@ def test_a_queue_that_creeps_past_lets_in_a_member_that_has_waited_for_long(wait
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 0.0, getWaitingTime=lambda _: waits),
         simulation=SimpleNamespace(getTime=lambda: 100.0),
     )
-    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)})
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf)})
     way._outside[line] = []
     way._patiently[line] = [Approach("c", crossing, to_line, Pace(speed, 2.6, 13.9))]
     way._first_inside[line] = []
@@ -793,7 +773,7 @@ def test_a_member_in_a_queue_is_asked_to_let_another_one_in_and_counted_on_when_
         ),
         simulation=SimpleNamespace(getTime=lambda: now.time),
     )  # fmt: skip
-    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)})
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf)})
     way.members = {"m.0", "m.1"}
     ego = Ego("m.0", "side_0", 0.0, CAR.length)
 
@@ -840,7 +820,7 @@ def test_who_waits_does_not_expect_the_end_of_a_queue_at_full_throttle(waits, sp
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 0.0, getWaitingTime=lambda _: waits),
         simulation=SimpleNamespace(getTime=lambda: 100.0),
     )
-    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)})
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf)})
     way.members = frozenset(members)
     way._outside[line], way._first_inside[line] = [], []
     way._patiently[line] = [Approach("c", crossing, to_line, Pace(speed, 2.6, 13.9))]
@@ -857,7 +837,7 @@ def test_a_foe_that_comes_to_a_stop_sign_stops_there_first(state, has_gap):
         acceleration={"c": 2.6}, length={"c": 5.0}, max_speed={"before_0": 13.9, ":a_0": 8.0},
         best_lanes={"c": ()}, next_links={"c": [("beyond_0", True, True, False, ":a_1", state)]},
     )  # fmt: skip
-    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf, 0.0)
+    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf)
     way = RightOfWay(SimpleNamespace(), now, {line: conflicts})
     ego = Ego("m.0", "side_0", 0.0, CAR.length)
     assert way._has_gap_among(way._patiently[line], line, 1.0, ego, 1.0, 1.0) == has_gap
@@ -879,7 +859,7 @@ def test_a_vehicle_that_stops_at_its_yellow_light_does_not_come(monkeypatch, nam
         on_lane={"before_0": [name]}, lane_length={"before_0": 100.0}, position={name: 60.0}, speed={name: 10.0},
         acceleration={name: 2.6}, max_speed={"before_0": 13.9},
     )  # fmt: skip
-    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf, 0.0)
+    conflicts = Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf)
     way = RightOfWay(SimpleNamespace(), now, {line: conflicts})
     way.members, way.obedient = {"m.1", "m.2"}, {"m.1"}
     monkeypatch.setattr(RightOfWay, "_links_ahead", lambda *_: (inside, "y"))
@@ -1091,7 +1071,7 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing("side_0", (":a_1", ":a_2"), (10.0, 18.0), (7.0, 14.0), False, False, 9.0, 10.0)
     crossing = crossing._replace(**changed)
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way.members = {"m.0", "m.1"}
     inside, lengths = place > 0, {":a_1": 9.0, ":a_2": 9.0, "side_0": 50.0}
@@ -1125,7 +1105,7 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
 )
 def test_a_vehicle_drives_on_if_it_has_a_gap_and_does_not_brake(monkeypatch, speed, rate, gap, drives_on):
     crossing = Crossing("side_0", (":a_1", ":a_2"), (10.0, 18.0), (7.0, 14.0), False, True, 9.0, 10.0)
-    conflicts = defaultdict(lambda: Conflicts((), {}, (), 9.0, 0.0))
+    conflicts = defaultdict(lambda: Conflicts((), {}, (), 9.0))
     way, judged = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), conflicts), []
     way._now = SimpleNamespace(
         accelerates_by={"c": rate}, length={"c": 5.0}, acceleration={"c": 2.6}, lane_length={":a_1": 9.0, ":a_2": 6.0},
@@ -1179,7 +1159,7 @@ def test_who_comes_behind_one_that_waits_midway_does_not_count(speed, place, cou
     crossing = Crossing(
         "side_0", (":a_1", ":a_2"), (10.0, 18.0), (3.3, 9.0), False, True, 5.0, 10.0, blocks=4.0
     )  # fmt: skip
-    conflicts = Conflicts((("side_0", 0.0),), {":a_1": crossing}, (), np.inf, 0.0)
+    conflicts = Conflicts((("side_0", 0.0),), {":a_1": crossing}, (), np.inf)
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way.members = frozenset()
     way._controlled = frozenset()
@@ -1198,7 +1178,7 @@ def test_a_member_that_stands_over_a_line_that_closed_is_before_it_for_sumo(monk
     """SUMO's drivers gave way to one that stood inside, and it to them."""
     line = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: False)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, 0.2, Ego("m.0", ":a_0", speed, CAR.length))
@@ -1212,7 +1192,7 @@ def test_a_member_whose_front_is_a_little_over_its_line_gives_way_wherever_sumo_
     """It had stopped with its front a centimetre over the line, SUMO had it before that, and it set out at once."""
     line, looked = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0), []
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: way)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: looked.append(lane))
@@ -1225,7 +1205,7 @@ def test_a_member_whose_front_is_a_little_over_its_line_gives_way_wherever_sumo_
 def test_they_are_looked_for_by_members_that_come_and_that_are_inside(monkeypatch, lane):
     line, looked = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0), []
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
     lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
     for name, value in {"may_cross": True, "stop_before_foes": np.inf}.items():
         monkeypatch.setattr(RightOfWay, name, lambda *_, value=value, **__: value)
@@ -1245,7 +1225,7 @@ def test_a_member_that_may_wait_midway_stops_before_that_for_a_vehicle_that_has_
     line = Line(0.0, "g", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
     lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: stop)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
@@ -1269,7 +1249,7 @@ def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses
     """And so it is without room beyond."""
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
     monkeypatch.setattr(
         RightOfWay, "stop_before_foes", lambda *given, priority_too: stop if given[2] == -7.0 else np.inf
     )
@@ -1399,7 +1379,7 @@ def test_a_member_that_waits_midway_lets_those_pass_that_pass_closely_before_its
     client = SimpleNamespace(
         lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0), vehicle=SimpleNamespace(getLength=lambda _: 5.0)
     )
-    conflicts = Conflicts((), {":a_1": crossing}, (), 6.0, 0.0)
+    conflicts = Conflicts((), {":a_1": crossing}, (), 6.0)
     way = RightOfWay(client, Reads(client), {line: conflicts})
     coming = [Approach("c", crossing, 4.0, Pace(8.0))]
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: coming)
@@ -1455,7 +1435,7 @@ def test_a_front_swings_out_after_a_stand_where_nobody_comes_and_once_it_has_beg
         lane=SimpleNamespace(getMaxSpeed=lambda _: 10.0),
         vehicle=SimpleNamespace(getLength=lambda _: 5.0, getWaitingTime=lambda _: 0.0),
     )
-    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, 0.0, swings=True)
+    conflicts = Conflicts((), {":a_1": crossing}, (), np.inf, swings=True)
     way = RightOfWay(client, Reads(client), {line: conflicts})
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [Approach("c", crossing, foe_at, Pace(8.0))])
     monkeypatch.setattr(RightOfWay, "_inside", lambda *_, first: [])
@@ -1526,7 +1506,7 @@ def test_a_sharp_turn_beside_a_footpath(generated_nets):
 def test_the_line_of_a_member_that_is_asked_to_let_another_one_in_is_closed(monkeypatch, asked):
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf, 0.0)}
+    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
     monkeypatch.setattr(RightOfWay, "is_asked", lambda *given: asked and given[1:] == ("m.0", "road_0"))
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
@@ -1539,8 +1519,8 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     members = tuple(SimpleNamespace(id=f"m.{k}", law=law, model=model, route=None) for k in (0, 1))
     fleet = Members(
         members=members, ids=("m.0", "m.1", "native"), progress=SimpleNamespace(rows=np.arange(2), station=np.zeros(2)),
-        model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)), motion=SimpleNamespace(speed=np.ones(2)),
-        goes_round=np.zeros(2, bool),
+        model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)),
+        motion=SimpleNamespace(speed=np.full(2, 2.0), acceleration=np.zeros(2)), goes_round=np.zeros(2, bool),
     )  # fmt: skip
     client = SimpleNamespace(vehicle=SimpleNamespace(getLanePosition=lambda _: 30.0))
     letting_in = SimpleNamespace(stops={"m.1": Stop("road_0", 36.0)}, waiting={})
@@ -1562,14 +1542,14 @@ def test_a_gap_of_a_member_that_goes_round_a_body_is_judged_by_its_speed_there(m
     fleet = Members(
         members=members, ids=("m.0", "m.1"),
         progress=SimpleNamespace(rows=np.arange(2), station=np.full(2, 39.0)),  # of the axle; the front is beyond 40 m
-        model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)), motion=SimpleNamespace(speed=np.ones(2)),
-        goes_round=np.array([False, True]),
+        model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)),
+        motion=SimpleNamespace(speed=np.full(2, 2.0), acceleration=np.zeros(2)), goes_round=np.array([False, True]),
     )  # fmt: skip
     egos = []
     monkeypatch.setattr(StopLines, "_state", lambda _, __, ___, ego, ____: egos.append(ego) or NO_LINE)
     StopLines(SimpleNamespace(), SimpleNamespace()).signals(fleet, dict.fromkeys(fleet.ids, ("road", "road_0")))
-    paces = [ego.pace(Conflicts((), {}, (), np.inf, 0.0), 14.0) for ego in egos]
-    assert [pace.top for pace in paces] == [14.0, 2.0]
+    free, beside = (ego.pace(14.0).time_for(20.0) for ego in egos)
+    assert (free < 6.0, beside) == (True, pytest.approx(10.0, rel=0.01))
 
 
 def test_wishes_for_room_end_with_the_last_member_that_heeds_lines():

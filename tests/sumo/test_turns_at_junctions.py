@@ -178,7 +178,7 @@ def test_a_member_lets_cars_cross_that_yield_to_nobody(net, tmp_path, late):
 def crossed_by(own: tuple[float, float], where, east_of_north: float, speed: float) -> tuple[StopLines, Line]:
     """A line before a pedestrian crossing, at distances beyond it, with someone there."""
     points = np.column_stack([np.linspace(*own, 17), np.zeros(17)])
-    conflicts = Conflicts((), {}, (Walk(":c0", own, points, 2.6),), np.inf, 0.0)
+    conflicts = Conflicts((), {}, (Walk(":c0", own, points, 2.6),), np.inf)
     client = SimpleNamespace(
         edge=SimpleNamespace(getLastStepPersonIDs=lambda _: ("someone",)),
         lane=SimpleNamespace(getMaxSpeed=lambda _: 13.9),

@@ -1,0 +1,146 @@
+"""When a vehicle that drives its route will be where: its speed by bends, limits, and how it accelerates and brakes."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.controllers import path_kernel
+from platoontraffic.controllers.path_kernel import PLANNED, fastest_at
+from platoontraffic.lidar.compiled import compiler
+from platoontraffic.road.route import Route
+
+REACH, STEP = 12.0, 0.25  # distance of the last point, and of one from the next [vehicle lengths]
+AROUND = 0.6  # for so long before and after a bend, a vehicle is as slow as in it: it slows early, speeds up late [s]
+STILL = 1e-6  # speed below which it stands: its square is nothing [m/s]
+SLOWEST = 0.3  # that a profile has on the way [m/s]: it would end at a lower speed
+
+compiled = compiler(__file__, path_kernel.__file__)
+
+
+class Driving(NamedTuple):
+    """How a vehicle drives its route by the law `path`."""
+
+    route: Route
+    station: float  # of its driven axle [m]
+    speed: float  # [m/s]
+    starts_within: float  # time until it begins to accelerate [s]
+    acceleration: float  # comfortable [m/s2]
+    braking: float  # comfortable [m/s2]
+    lateral: float  # greatest lateral acceleration in bends [m/s2]
+    steering_rate: float  # greatest change of its curvature by time [1/m/s]
+    length: float  # [m]
+    top: float = math.inf  # that it drives anywhere [m/s]
+
+
+class SpeedProfile:
+    """Speed and time along a route, from where a vehicle is now. Between two points its acceleration is constant.
+
+    acceleration : comfortable [m/s2]
+    """
+
+    def __init__(self, driving: Driving) -> None:
+        self._driving, route, length = driving, driving.route, driving.length
+        line = *route.curvature(length), route.line.stations, route.limit, route.length if route.closed else math.inf
+        limits = route.speed_factor, min(route.top_speed, driving.top), driving.lateral, driving.steering_rate
+        begin = driving.station, driving.speed, driving.starts_within
+        columns = _profile(line, limits, begin, (driving.acceleration, PLANNED * driving.braking), length)
+        self._distance, self._time, self._speed = columns.tolist()
+        self.acceleration = driving.acceleration
+
+    @property
+    def at_once(self) -> SpeedProfile:
+        """Of one that begins to accelerate now."""
+        return SpeedProfile(self._driving._replace(starts_within=0.0))
+
+    def time_for(self, distance: float) -> float:
+        """Time to drive a distance [m]; beyond the last point at the speed there [s]."""
+        if distance <= 0:
+            return 0.0
+        k = bisect_right(self._distance, distance)
+        here, speed, driven = self._time[k - 1], self._speed[k - 1], distance - self._distance[k - 1]
+        if k == len(self._distance):
+            return here + driven / speed
+        share = driven / (self._distance[k] - self._distance[k - 1])
+        return here + 2 * driven / (speed + math.sqrt(speed**2 + share * (self._speed[k] ** 2 - speed**2)))
+
+    def speed_after(self, time: float) -> float:
+        """[m/s]"""
+        k = bisect_right(self._time, time)
+        if k == 0:
+            return self._speed[0]
+        if k == len(self._time):
+            return self._speed[-1]
+        share = (time - self._time[k - 1]) / (self._time[k] - self._time[k - 1])
+        return self._speed[k - 1] + share * (self._speed[k] - self._speed[k - 1])
+
+
+@compiled
+def _profile(line, limits, begin, rates, length):
+    """Distance, time and speed at points ahead, (3, k).
+
+    line   : stations and curvature there, stations and speed limit from there on, length if it is closed or else inf
+    limits : factor of the speed limits, top speed, lateral acceleration, steering rate
+    begin  : station, speed, and time until it accelerates
+    rates  : acceleration, braking
+    length : of the vehicle
+    """
+    stations, curvature, limit_stations, limit, lap = line
+    factor, top, lateral, steering_rate = limits
+    (station, v, starts_within), (acceleration, braking) = begin, rates
+    v = v if v > STILL else 0.0
+    count = round(REACH / STEP) + 2
+    found = np.empty((3, count))
+    distance, time, speed = found
+    distance[0], distance[1] = 0.0, v * starts_within
+    for k in range(2, count):
+        distance[k] = distance[1] + (k - 1) * STEP * length
+    # Greatest speeds: those of the law, also shortly before and after, and slow enough for those farther on.
+    bend, fastest = np.empty(count + 1), np.empty(count)
+    for k in range(count + 1):
+        there = station + (distance[k] if k < count else distance[count - 1] + STEP * length)
+        bend[k] = _between(stations, curvature, there % lap if lap < math.inf else there)
+    for k in range(count):
+        there = station + distance[k]
+        there = there % lap if lap < math.inf else there
+        i = max(np.searchsorted(limit_stations, there, side="right") - 1, 0)
+        change = abs(bend[k + 1] - bend[k]) / (STEP * length)
+        limited = min(factor * limit[min(i, len(limit) - 1)], top)
+        fastest[k] = max(min(fastest_at(bend[k], change, lateral, steering_rate), limited), SLOWEST)
+    speed[:] = fastest
+    for k in range(count):
+        over = AROUND * fastest[k]
+        for step in (-1, 1):
+            j = k + step
+            while 0 <= j < count and abs(distance[j] - distance[k]) <= over:
+                speed[j] = min(speed[j], fastest[k])
+                j += step
+    for k in range(count - 2, 0, -1):
+        ahead = speed[k + 1] ** 2 + 2 * braking * (distance[k + 1] - distance[k])
+        speed[k] = min(speed[k], math.sqrt(ahead))
+    time[0], speed[0] = 0.0, v
+    for k in range(1, count):
+        step, before = distance[k] - distance[k - 1], speed[k - 1]
+        rate = acceleration if k > 1 else 0.0
+        slowest = math.sqrt(max(before**2 - 2 * braking * step, 0.0))
+        speed[k] = max(min(speed[k], math.sqrt(before**2 + 2 * rate * step)), slowest)
+        if k > 1:
+            time[k] = time[k - 1] + 2 * step / (before + speed[k])
+        else:
+            time[k] = 2 * step / (before + speed[k]) if step > 0 else starts_within
+    return found
+
+
+@compiled
+def _between(stations, values, there):
+    """As np.interp."""
+    k = np.searchsorted(stations, there, side="right")
+    if k == 0:
+        return values[0]
+    if k == len(stations):
+        return values[k - 1]
+    share = (there - stations[k - 1]) / (stations[k] - stations[k - 1])
+    return values[k - 1] + share * (values[k] - values[k - 1])
