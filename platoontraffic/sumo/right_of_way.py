@@ -233,8 +233,8 @@ class RightOfWay:
     def note_waiting(self, line: Line, distance: float, ego: Ego) -> None:
         """Note the vehicles that would wait midway in the way of a member, and must stop before its path.
 
-        Those without priority stop for one that comes, or has just come to a stand; all, where they have no gap: their
-        place midway may lie in that path.
+        Those without priority stop for one that comes, or has just come to a stand; all, for one that stands in their
+        way, and where they have no gap: their place midway may lie in that path.
 
         distance: of its front from the line [m]; negative: beyond it
         """
@@ -249,7 +249,7 @@ class RightOfWay:
                 if not (can_stop or self._stands_before(foe)) or foe.id in self.members:
                     continue
                 gives_way = distance < 0 or not crossing.first
-                comes = self._now.waited[ego.id] <= COMES_UNTIL
+                comes = distance + crossing.touches < 0 or self._now.waited[ego.id] <= COMES_UNTIL
                 if (gives_way and comes) or not self._drives_on(foe):
                     self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
 

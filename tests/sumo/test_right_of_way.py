@@ -1048,6 +1048,8 @@ def test_a_member_whose_front_is_a_little_over_the_line_stays_there_when_it_is_r
         ({}, 13.0, -16.0, "c", 0.0, 20.0, 22.5),  # from there it has to brake
         ({}, 3.0, 2.0, "c", 4.0, 0.5, 4.5),  # it has just come to a stand
         ({}, 3.0, 2.0, "c", 6.0, 0.5, None),  # it does not come
+        ({"touches": 12.0}, 3.0, 2.0, "c", 6.0, -13.0, 4.5),  # it stands there, in a queue
+        ({"touches": 12.0}, 3.0, 2.0, "c", 6.0, -11.0, None),
         ({}, 3.0, 2.0, "c", 0.0, -24.0, None),  # it is past
         ({}, 6.5, 2.0, "c", 0.0, 20.0, 4.5),  # it stops by a little more than 4.5 m/s2
         ({}, 9.0, 2.0, "c", 0.0, 20.0, None),  # it cannot stop any more
@@ -1088,7 +1090,7 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
     assert way.stops == ({} if stop is None else {name: pytest.approx(stop)})
     monkeypatch.setattr(RightOfWay, "_drives_on", lambda *_: False)  # then others do not block the path either
     way.note_waiting(line, distance, ego)
-    stays = waited > 5.0 or changed.get("first")
+    stays = stop is None and (waited > 5.0 or changed.get("first"))
     assert way.stops == ({name: pytest.approx(4.5)} if stays else {} if stop is None else {name: pytest.approx(stop)})
 
 
