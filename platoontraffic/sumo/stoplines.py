@@ -294,6 +294,9 @@ class StopLines:
             stop = min(inside, self._midway(line, driven - OVERRUN * ego.size)) - driven
             if (before := self._way.stop_before_foes(line, driven, ego, priority_too=False)) < math.inf:
                 is_open, stop = False, min(stop, before)
+            may_stop = ego.speed**2 / (2 * EARLY_BRAKING) < stop
+            if is_open and may_stop and not self._has_room(line, ego, midway=True):
+                return LineState(stop, False, False, False, NO_ROOM)
             return LineState(stop, is_open, False, False, RIGHT_OF_WAY)
         if line.state == CHANGING:
             before = self._change.may_change(line, -over, ego)
@@ -408,18 +411,22 @@ class StopLines:
                 return False
         return True
 
-    def _has_room(self, line: Line, ego: Ego) -> bool:
+    def _has_room(self, line: Line, ego: Ego, *, midway: bool = False) -> bool:
         """Whether a vehicle can leave a junction with cross traffic before it stands behind the queue beyond it.
 
         Vehicles that stand inside, from everywhere, join that queue first. Where it may wait midway, there must be room
         for it: no other vehicle stands there. To SUMO it may be there itself, a little over the line.
+
+        midway: it is before the place where it may wait midway: the queue may have grown since it passed the line
         """
         now, length, size = self._now, ego.length, ego.size
         crossings = self._conflicts[line].crossings.values()
         if not crossings:
             return True
         inside = [[name for name in now.on_lane[via] if name != ego.id] for via in line.via]
-        for name in inside[0] if len(inside) > 1 else ():
+        if midway:
+            inside[0] = [name for name in inside[0] if now.position[name] > now.position[ego.id]]
+        for name in inside[0] if len(inside) > 1 and not midway else ():
             behind = now.position[name] - now.length[name]
             if now.speed[name] < STANDING and behind < length:
                 return False

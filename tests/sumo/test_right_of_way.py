@@ -33,7 +33,7 @@ from platoontraffic.sumo.letting_in import Stop
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
 from platoontraffic.sumo.room_to_change import RoomToChange, Wanted
-from platoontraffic.sumo.stoplines import LIGHT, NO_LINE, RIGHT_OF_WAY, LineState, StopLines, _not_made
+from platoontraffic.sumo.stoplines import LIGHT, NO_LINE, NO_ROOM, RIGHT_OF_WAY, LineState, StopLines, _not_made
 from platoontraffic.sumo.world import World
 from platoontraffic.vehicles.catalogue import VEHICLES
 from platoontraffic.vehicles.motion import Drive
@@ -1233,6 +1233,33 @@ def test_a_member_that_may_wait_midway_stops_before_that_for_a_vehicle_that_has_
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, 1.0, Ego("m.0", ":a_0", 3.0, CAR.length))
     assert (state.open, state.distance) == (stop == np.inf, min(stop, 5.0))
+
+
+@pytest.mark.parametrize(
+    ("speed", "has_gap", "last", "state"),
+    [
+        (0.0, True, 30.0, (True, RIGHT_OF_WAY)),
+        (0.0, True, 6.0, (False, NO_ROOM)),
+        (0.0, False, 6.0, (False, RIGHT_OF_WAY)),
+        (6.0, True, 6.0, (True, RIGHT_OF_WAY)),  # it cannot stop any more
+    ],
+)
+def test_a_member_waits_midway_until_there_is_room_beyond(monkeypatch, speed, has_gap, last, state):
+    """While one waited there for a gap, others filled the lane beyond: it stood in their way, and was struck."""
+    line = Line(0.0, "g", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 30.0)
+    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines._conflicts = {line: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges=True)})}
+    names = {"m.0": 10.0, "behind": 3.0, "last": last}
+    lines._now = SimpleNamespace(
+        on_lane={":a_0": ["behind", "m.0"], ":a_2": [], ":b_0": [], "next_0": ["last"]}, position=names,
+        lane_length={":a_0": 12.0}, speed=dict.fromkeys(names, 0.0), length=dict.fromkeys(names, 5.0),
+        links={"side_0": []},
+    )  # fmt: skip
+    monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: has_gap)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
+    found = lines._passed(line, 10.0, Ego("m.0", ":a_0", speed, CAR.length))
+    assert (found.open, found.reason, found.distance) == (*state, 2.0)
 
 
 @pytest.mark.parametrize(
