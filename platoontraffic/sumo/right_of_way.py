@@ -12,6 +12,7 @@ from platoontraffic.road.gap_acceptance import (
     FIRST_MARGIN,
     IN_QUEUE_FROM,
     IN_QUEUE_SPEED,
+    LEAST_MARGIN,
     STANDING,
     WATCHES_QUEUES_AFTER,
     Driven,
@@ -105,6 +106,9 @@ class RightOfWay:
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
         # Members that were asked to let another one in: at the end of which lane, since when, and when last [s].
         self._asked: dict[str, tuple[str, float, float]] = {}
+        # Who had a gap at the last look, and who now: at the end of which lane, and whether beyond the place midway.
+        self._went: set[tuple[str, str, bool]] = set()
+        self._goes: set[tuple[str, str, bool]] = set()
         self.members: frozenset[str] = frozenset()  # their ids ...
         self.obedient: frozenset[str] = frozenset()  # ... and of those with a law that heeds lines
 
@@ -118,6 +122,11 @@ class RightOfWay:
         for found in (self._outside, self._patiently, self._occupied, self._first_inside, self._all_inside):
             found.clear()
 
+    def begin_look(self) -> None:
+        """All members' lines are about to be judged."""
+        self.stops.clear()
+        self._went, self._goes = self._goes, set()
+
     def has_way(self, line: Line, state: str, distance: float, ego: Ego) -> bool:
         """Whether a vehicle may pass a line at which it has to give way."""
         if state in ALL_STOP:
@@ -126,6 +135,9 @@ class RightOfWay:
 
     def may_cross(self, line: Line, distance: float, ego: Ego, *, midway: bool = False, state: str = "m") -> bool:
         """Whether there is a gap among all priority vehicles.
+
+        One that had a gap at the last look, and drives, goes on with half the margin, or without any where it cannot
+        stop: it would brake in vain, and be there for longer.
 
         distance: to the junction [m]
         midway  : judged for what is met after the place where it may wait midway; else for what is met before it
@@ -146,8 +158,14 @@ class RightOfWay:
         waited = 0.0 if state in EQUAL else self._waited(line, distance, ego)
         if waited > WATCHES_QUEUES_AFTER:
             foes = [self._in_queue(foe) for foe in foes]
-        met, margin = self._met(line, foes, distance, midway, ego.length), margin_after(waited)
-        return self._has_gap_among(met, line, distance, ego, margin, enters, waited)
+        met, key = self._met(line, foes, distance, midway, ego.length), (ego.id, line.lane, midway)
+        margin = margin_after(waited)
+        if key in self._went and ego.speed >= STANDING:
+            margin = min(margin, LEAST_MARGIN) if ego.speed**2 / (2 * STOPS_BY) < enters else 0.0
+        has_gap = self._has_gap_among(met, line, distance, ego, margin, enters, waited)
+        if has_gap:
+            self._goes.add(key)
+        return has_gap
 
     def may_enter(self, line: Line, state: str, ego: Ego) -> bool:
         """Whether there was a gap for a vehicle that has just entered: among vehicles outside, without margin.

@@ -145,7 +145,7 @@ class StopLines:
         return signals
 
     def _begin_look(self) -> None:
-        self._way.stops.clear()
+        self._way.begin_look()
         self._were_over_line = frozenset(self.over_line)
         self.over_line.clear()
         self._later.begin_look()

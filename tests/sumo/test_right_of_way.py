@@ -739,6 +739,42 @@ def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(
 
 
 @pytest.mark.parametrize(
+    ("distance", "spare", "may", "may_go_on"),
+    [(9.0, 1.1, True, True), (9.0, 0.9, False, True), (9.0, 0.4, False, False), (3.0, 0.1, False, True)],
+)
+def test_a_member_that_had_a_gap_goes_on_with_half_the_margin_or_without_any_where_it_cannot_stop(
+    distance, spare, may, may_go_on
+):
+    """It braked 5 m before its line at 7 m/s since its margin had become 0.99 s, crossed slowly, and was touched.
+
+    At 6 m/s it stops within 4 m. A vehicle at 10 m/s comes so many seconds after it is past, 6 m beyond its line.
+    """
+    line = Line(100.0, "m", "", 0, "side_0", "main_0", (":a_0",), 10.0)
+    crossing = Crossing("before_0", (":a_1",), (3.0, 6.0), (3.0, 6.0), False, True, np.inf, 10.0)
+    client = SimpleNamespace(
+        lane=SimpleNamespace(getMaxSpeed=lambda _: 6.0),
+        vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 10.0),
+        simulation=SimpleNamespace(getTime=lambda: 100.0),
+    )
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf)})
+    ego = Ego("m.0", "side_0", 6.0, CAR.length)
+    way._outside[line] = way._first_inside[line] = []
+
+    def has_gap(seconds: float) -> bool:
+        comes = (distance + 6.0 + CAR.length) / 6.0 + seconds
+        way._patiently[line] = [Approach("c", crossing, 10.0 * comes - 3.0, Pace(10.0))]
+        way.begin_look()
+        return way.may_cross(line, distance, ego, state="m")
+
+    assert has_gap(spare) == may
+    assert has_gap(1.1)
+    assert has_gap(spare) == may_go_on
+    assert has_gap(spare) == may_go_on
+    way.begin_look()
+    assert has_gap(spare) == may  # at the last look it was not judged
+
+
+@pytest.mark.parametrize(
     ("waits", "speed", "to_line", "may"),
     [(19.0, 2.0, 4.0, False), (21.0, 2.0, 4.0, True), (21.0, 5.0, 20.0, False), (21.0, 3.9, 2.0, False)],
 )
