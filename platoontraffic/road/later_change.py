@@ -1,7 +1,8 @@
-"""A lane change later on its lane, a shorter one, or one on an edge beyond.
+"""A lane change later or sooner on its lane, a shorter one, or one on an edge beyond.
 
 A vehicle without room for its lane change drives on and looks for room there, as on a slip road. The slower it is, the
-less road the change takes. Where its lane leads on to the next edge of its route it may change there.
+less road the change takes. Where its lane leads on to the next edge of its route it may change there. In a queue it
+changes where it is.
 """
 
 from __future__ import annotations
@@ -59,6 +60,27 @@ def with_later_change(
     onward, before = _onward(route, change, first, network, model, later - CHANGE_AFTER * width, longest)
     join = min(JOIN * model.length, begin / 2)
     ends = change.station - join, onward.lines[before].station - (later - begin) - join
+    return _spliced(route, route.lines.index(change), onward, before, *ends, join)
+
+
+def with_sooner_change(route: Route, change: Line, by: float, network: Network, model: VehicleModel) -> Route | None:
+    """The route with one of its lane changes, and the next ones on its edge, sooner by a distance [m], and as short as
+    they can be.
+
+    returns: a route whose stations before that place are those of the given one; None on a loop, or before the edge
+    """
+    edge, lane = edge_of(change.lane), index_of(change.lane)
+    width, shape = network.lane_width(edge, lane), network.route_line((edge,), lane)
+    changes, length = _changes_from(route, change), float(np.hypot(*np.diff(shape, axis=0).T).sum())
+    begin = length - change.to_end - by
+    if route.closed or begin < 0:
+        return None
+    last = length - changes_length(width, 0.0, _lanes_crossed(changes), len(changes))
+    position = begin if begin > last else begin - CHANGE_AFTER * width  # after which the first one begins there
+    first = Change(0, lane, index_of(changes[-1].onto))
+    onward, before = _onward(route, change, first, network, model, position, 0.0)
+    join = min(JOIN * model.length, begin / 2)
+    ends = change.station - by - join, onward.lines[before].station - join
     return _spliced(route, route.lines.index(change), onward, before, *ends, join)
 
 

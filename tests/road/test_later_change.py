@@ -11,7 +11,13 @@ from shapely.geometry import LineString
 
 from platoontraffic import shipped
 from platoontraffic.road.lane_routes import CHANGING, Line
-from platoontraffic.road.later_change import latest, longest_later, with_change_beyond, with_later_change
+from platoontraffic.road.later_change import (
+    latest,
+    longest_later,
+    with_change_beyond,
+    with_later_change,
+    with_sooner_change,
+)
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -139,6 +145,25 @@ def test_a_slow_vehicle_changes_lanes_in_less_road_and_later(name):
     assert later.lines[i].station - last.lines[i].station == pytest.approx(22.4 * lanes, rel=0.05)
     last_one, junction = later.lines[i + lanes - 1 : i + lanes + 1]
     assert last_one.station + last_one.across < junction.station
+
+
+@pytest.mark.parametrize("by", [0.5, 10.0])
+@pytest.mark.parametrize("name", CASES)
+def test_in_a_queue_a_change_is_made_sooner_and_in_the_least_road(name, by):
+    network, route, change = given(name)
+    i, changes = route.lines.index(change), changes_of(route, change)
+    sooner = with_sooner_change(route, change, by, network, CAR)
+    assert sooner.lines[i].station == pytest.approx(change.station - by, abs=0.4)
+    found = changes_of(sooner, sooner.lines[i])
+    assert [line.across for line in found] == pytest.approx([16.0] * len(changes), rel=0.05)
+    stations = np.linspace(0, change.station - by - 2 * CAR.length, 50)
+    assert sooner.line.at(stations) == pytest.approx(route.line.at(stations), abs=0.05)
+    assert [line[4:6] for line in sooner.lines] == [line[4:6] for line in route.lines]
+
+
+def test_a_change_is_not_made_before_the_begin_of_its_edge():
+    network, route, change = given("after a junction")
+    assert with_sooner_change(route, change, 1e3, network, CAR) is None
 
 
 @pytest.mark.parametrize("longest", [np.inf, 1.0])
