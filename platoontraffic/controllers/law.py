@@ -78,6 +78,10 @@ class Law:
         """What limited the speed at the last decision, for the reasons of events; None: the law does not say."""
         return None
 
+    def off_trail(self, memory: Any, k: int) -> Any:
+        """The memory, from now on with the route of the k-th vehicle as its path, not the trail of another one."""
+        return memory
+
 
 class Linear(NamedTuple):
     """What a law commands for small deviations from steady driving: the sum of these gains times each, filtered.

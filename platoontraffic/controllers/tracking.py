@@ -328,6 +328,9 @@ class TrackingFollower(Law):
     def braking_for(self, memory: Memory) -> BrakingFor:
         return memory.braking_for
 
+    def off_trail(self, memory: Memory, k: int) -> Memory:
+        return memory._replace(never_lost=memory.never_lost & (np.arange(len(memory.never_lost)) != k))
+
     # ---- 1. estimate
 
     def _own_motion(self, sensed: Sensed, memory: Memory, dt: float) -> tuple[Now, DriveLine, YawBias, Past]:

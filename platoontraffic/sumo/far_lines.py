@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from platoontraffic.road.lane_routes import Line
+from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.sumo.ego import LOOK, Ego, checks_from
 
 
@@ -37,6 +37,7 @@ class FarLines:
         self._looks_from = np.zeros(n)  # distance from which it is judged [m]; NaN: the speed decides
         self.lines: list[Line | None] = [None] * n
         self.by_light = np.zeros(n, bool)  # a light decides whether it is open
+        self.changes = np.zeros(n, bool)  # a lane change begins there
         self.state = LineState(*(np.zeros(n, kind) for kind in (float, bool, bool, bool, int)))  # but for the distance
 
     def take_over(self, other: FarLines, places: Sequence[tuple[int, int]]) -> None:
@@ -44,7 +45,7 @@ class FarLines:
         if not places:
             return
         here, there = (list(column) for column in zip(*places, strict=True))
-        for name in ("_lane", "_station", "_begins", "_looks_from", "by_light"):
+        for name in ("_lane", "_station", "_begins", "_looks_from", "by_light", "changes"):
             getattr(self, name)[here] = getattr(other, name)[there]
         for mine, its in zip(self.state, other.state, strict=True):
             mine[here] = its[there]
@@ -64,7 +65,7 @@ class FarLines:
             return
         self._lane[k], self._station[k] = ego.lane, line.station
         self._begins[k], self._looks_from[k] = begins, looks_from
-        self.lines[k], self.by_light[k] = line, bool(line.light)
+        self.lines[k], self.by_light[k], self.changes[k] = line, bool(line.light), line.state == CHANGING
         for values, value in zip(self.state, state, strict=True):
             values[k] = value
 

@@ -1,4 +1,5 @@
-"""Members without room for their lane change drive on, and change lanes later on their lane, or on an edge beyond."""
+"""Members without room for their lane change drive on, and change lanes later on their lane, or on an edge beyond; in a
+queue they change where they are."""
 
 from __future__ import annotations
 
@@ -8,7 +9,14 @@ from typing import NamedTuple
 
 from platoontraffic.controllers import BRAKES_FOR
 from platoontraffic.road.lane_routes import CHANGE_AFTER, Line
-from platoontraffic.road.later_change import JOIN, latest, longest_later, with_change_beyond, with_later_change
+from platoontraffic.road.later_change import (
+    JOIN,
+    latest,
+    longest_later,
+    with_change_beyond,
+    with_later_change,
+    with_sooner_change,
+)
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
@@ -22,6 +30,7 @@ CHANGE_TIME = 3.0  # that a lane change takes [s], at the speed at which there w
 LOOKS_AFTER = 1.0  # a vehicle looks for room again after this time [s]
 BRAKES_BY, GAINS_BY = 3.0, 2.5  # before the end of its lane, and before a change to which it drives on [m/s2]
 TOO_LATE = 4.5  # a vehicle does not brake harder for want of room, but drives on [m/s2]
+SOONER_BY = 0.5  # a change in a queue is sooner by whole multiples of that [m]
 SLOWER, GENTLE = 2.0, 1.5  # beside traffic that flows, it becomes so much slower [m/s], by that braking [m/s2]
 
 KEPT = 200  # routes that are kept for members which ask again; beyond, those that no member drives are forgotten
@@ -52,13 +61,20 @@ class LaterChanges:
         self._sumo, self._room = sumo, room
         self._width = Once(lambda lane: sumo.lane.getWidth(lane))
         self._blocked: dict[str, Blocked] = {}  # the first lane change of each member that has no room for it now
+        self._in_queue: dict[str, tuple[Line, float]] = {}  # changes that may be made sooner, and the distances to them
         # Routes, by route, lane change, by how much it is later, vehicle model, and its greatest length.
         self._later = Once(lambda key: with_later_change(*key[:3], network, *key[3:]))
+        self._sooner = Once(lambda key: with_sooner_change(*key[:3], network, key[3]))  # by route, change, by, model
         self._beyond = Once(lambda key: with_change_beyond(*key[:2], network, key[2]))  # by route, change, model
 
     def begin_look(self) -> None:
         """Before the members of a step are asked about."""
         self._blocked.clear()
+        self._in_queue.clear()
+
+    def note_in_queue(self, change: Line, distance: float, ego: Ego) -> None:
+        """A member in a queue has room for its lane change where it is. distance: to its begin [m]"""
+        self._in_queue[ego.id] = change, distance
 
     def note(self, change: Line, distance: float, ego: Ego, route: Route) -> float:
         """A member has no room for its lane change, or has driven past it. Of several the first one counts.
@@ -91,10 +107,15 @@ class LaterChanges:
         beyond, where the members behind them in their platoon do so too. The slower they are, the less road their lane
         change takes.
         """
+        if len(self._later) + len(self._sooner) + len(self._beyond) > KEPT:
+            self._forget_routes_but_those_of(fleet)
+        for name, (change, distance) in self._in_queue.items():
+            member, by = fleet.members[fleet.row_of[name]], math.floor(distance / SOONER_BY) * SOONER_BY
+            if by > 0 and (sooner := self._sooner[member.route, change, by, member.model]):
+                fleet = fleet.with_route(fleet.row_of[name], sooner, WINDOW).off_trail(fleet.row_of[name])
+                self._blocked.pop(name, None)
         if not self._blocked:
             return fleet
-        if len(self._later) + len(self._beyond) > KEPT:
-            self._forget_routes_but_those_of(fleet)
         for group in fleet.groups:
             limit = group.law.braking_for(group.memory) if group.memory is not None else None
             for k, i in enumerate(group.rows.tolist()):
@@ -125,7 +146,7 @@ class LaterChanges:
 
     def _forget_routes_but_those_of(self, fleet: Fleet) -> None:
         routes = {member.route for member in fleet.members}
-        for kept in (self._later, self._beyond):
+        for kept in (self._later, self._sooner, self._beyond):
             for key in [key for key in kept if key[0] not in routes]:
                 del kept[key]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from enum import Enum
 from itertools import chain
 from math import inf
 from types import MappingProxyType
@@ -11,7 +12,7 @@ from typing import NamedTuple
 from platoontraffic.controllers.lane_room import COMFORTABLE_BRAKING, room_needed
 from platoontraffic.road.gap_acceptance import STANDING, Pace
 from platoontraffic.road.lane_ids import edge_of, index_of
-from platoontraffic.road.lane_routes import CHANGING, Line
+from platoontraffic.road.lane_routes import CHANGING, SHORTEST_CHANGE, Line
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import PLAN_LANE, PLAN_OFFSET, Reads
@@ -54,6 +55,14 @@ class Gap(NamedTuple):
     room: float  # bumper to bumper [m]
     rear_speed: float  # of the one in the rear [m/s]
     closing: float  # rate at which it shrinks [m/s]
+
+
+class Here(Enum):
+    """What a vehicle in a queue does before its lane change."""
+
+    DRIVES_ON = 0
+    STAYS = 1
+    GOES_OVER = 2
 
 
 class Slowest(NamedTuple):
@@ -121,6 +130,28 @@ class RoomToChange:
         if ego.id in self._let_in and ego.lane != line.onto:  # the vehicle that lets it in stays until then
             self._want(line, distance, half, ego, distance < 0)
         return inf
+
+    def where_it_is(self, line: Line, distance: float, ego: Ego) -> Here:
+        """What a vehicle does that is slow in a queue before its lane change: it goes over where it is, if it has room.
+
+        Else it wants the room there: in a queue each one goes over at its own place, and not all at one place one after
+        another. It stays there while one lets it in, and those beside it that are in its way drive on. Where its lane
+        does not end soon, it may become faster first.
+
+        line, distance: as of `may_change`; the next one
+        """
+        slow = ego.speed < QUEUE_SPEED * ego.size and ego.lane == line.lane and self._ends_soon(line, distance)
+        own = self._let_in.get(ego.id)
+        if not slow or (own is None and self.free_road(line, distance, ego) > line.across):
+            return Here.DRIVES_ON
+        across = min(line.across, SHORTEST_CHANGE * abs(line.aside))
+        here, half = from_here(line, distance)._replace(across=across), 0.5 * across
+        if not self._queue_within(here, 0.0, ego) and self._goes(here, 0.0, half, True, ego):
+            return Here.GOES_OVER
+        self._want(here, 0.0, half, ego, False)
+        blocking = [gap.name for gap in self._blocking(here, 0.0, half, ego) if gap.name != own]
+        leave = own is not None and blocking and all(self._now.speed[name] >= STANDING for name in blocking)
+        return Here.STAYS if leave else Here.DRIVES_ON
 
     def has_missed(self, line: Line, distance: float, ego: Ego) -> bool:
         """Whether a vehicle has driven past a lane change on its lane, as one that followed another vehicle."""

@@ -34,7 +34,7 @@ from platoontraffic.sumo.later_changes import LaterChanges
 from platoontraffic.sumo.letting_in import BRAKING, LettingIn
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import RightOfWay
-from platoontraffic.sumo.room_to_change import OWN_GAP, QUEUE_SPEED, RoomToChange, Wanted
+from platoontraffic.sumo.room_to_change import OWN_GAP, QUEUE_SPEED, Here, RoomToChange, Wanted
 from platoontraffic.world import ground
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import Entry
@@ -70,6 +70,7 @@ class StopLines:
         self.heedless: frozenset[str] = frozenset()  # members whose law is given no lines
         self._asking: list[Ego] = []  # those whose law needs signals, at rest
         self._rows = self._rows_in_progress = np.empty(0, dtype=np.intp)  # of those, in the fleet and in `progress`
+        self._slow = np.empty(0)  # speed of those below which they may be in a queue [m/s]
         self._far = FarLines(())  # of those
         # Members that stand with their front a little over a closed line, and how far over it [m].
         self.over_line: dict[str, float] = {}
@@ -121,7 +122,7 @@ class StopLines:
         signals = Signals(*(values.copy() for values in self._no_lines))
         for values, column in zip(signals, self._far.state._replace(distance=distance), strict=True):
             values[rows[is_far]] = column[is_far]
-        others = ~is_far | self._far.by_light
+        others = ~is_far | self._far.by_light | (self._far.changes & (speed < self._slow))
         if self._stops:
             others |= [ego.id in self._stops for ego in asking]
         front, speed, distance = front.tolist(), speed.tolist(), distance.tolist()
@@ -159,6 +160,7 @@ class StopLines:
         asking = [(k, i) for k, i in enumerate(fleet.progress.rows.tolist()) if "signals" in members[i].law.needs]
         self._rows_in_progress, self._rows = np.array(asking, dtype=np.intp).reshape(-1, 2).T
         self._asking = [Ego.of(members[i]) for _, i in asking]
+        self._slow = QUEUE_SPEED * np.array([ego.size for ego in self._asking])
         self.heedless = frozenset(fleet.ids).difference(ego.id for ego in self._asking)
         self._way.obedient = frozenset(members[i].id for _, i in asking if members[i].law.heeds_lines)
         self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
@@ -251,7 +253,8 @@ class StopLines:
         first, (line, distance) = ahead[0], lines[0]
         has_changed = may_stop and ego.lane == passed.onto and over >= passed.across
         may_be_far = distance >= min(checks_from, LOOK * ego.length) and ego.lane == line.lane
-        if may_be_far and (has_changed or not may_stop) and not member.route.closed:
+        stays = line.state == CHANGING and not first.open  # only while it is slow
+        if may_be_far and not stays and (has_changed or not may_stop) and not member.route.closed:
             gives_way = line.state != CHANGING and self._gives_way(self._at_junction[line, ego.kind])
             begins = passed.station if passed else -math.inf
             self._far.note(k, ego, begins, line, first._replace(distance=distance), gives_way)
@@ -333,6 +336,12 @@ class StopLines:
     def _ahead(self, line: Line, distance: float, near: bool, ego: Ego, route: Route) -> LineState:
         """State of a line ahead; near: so near that the vehicles about it count, where it does not give way anyway."""
         if line.state == CHANGING:
+            if distance > 0 and not route.closed:
+                here = self._change.where_it_is(line, distance, ego)
+                if here == Here.GOES_OVER:
+                    self._later.note_in_queue(line, distance, ego)
+                elif here == Here.STAYS:
+                    return LineState(min(distance, ego.stops_within), False, False, False, LANE_CHANGE)
             looks = near and ego.lane != line.onto
             before = self._change.may_change(line, distance, ego) if looks else math.inf
             stop = min(distance, before)

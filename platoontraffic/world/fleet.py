@@ -476,6 +476,15 @@ class Fleet(MemberState):
         windows = np.where(progress.rows == row, window, WINDOW)
         return changed(self, members=members, progress=progress.located(self.model, self.motion, windows))
 
+    def off_trail(self, row: int) -> Fleet:
+        """The fleet with one member that drives along its own route, even if it drove in another one's trail."""
+        groups = []
+        for group in self.groups:
+            for k in np.flatnonzero(group.rows == row) if group.memory is not None else ():
+                group = group._replace(memory=group.law.off_trail(group.memory, int(k)))
+            groups.append(group)
+        return changed(self, groups=tuple(groups))
+
     def refitted(self, members: Mapping[str, Member], dt: float) -> Fleet:
         """The fleet with the laws and sensors of these members, by id; routes and motion stay."""
         theirs = [members[m.id] for m in self.members]

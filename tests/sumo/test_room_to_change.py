@@ -15,7 +15,7 @@ from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Reads
-from platoontraffic.sumo.room_to_change import COMES_OVER, RoomToChange
+from platoontraffic.sumo.room_to_change import COMES_OVER, Here, RoomToChange
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.catalogue import VEHICLES
 from tests.support.bench import FAR, NO_WALLS, drive, platoon
@@ -367,6 +367,36 @@ def test_a_queue_blocks_a_lane_change_only_where_it_stands_in_its_path(lane, rea
     ego = Ego("m.0", "road_0", 0.0, 5.0)
     assert (change.may_change(line, 1.0, ego) == np.inf) == has_room
     assert change.free_road(line, 1.0, ego) == (rear - 31.0 if lane == "road_0" else np.inf)
+
+
+@pytest.mark.parametrize(
+    ("ahead", "its_speed", "beside", "let_in", "here"),
+    [
+        (55.0, 2.0, 90.0, False, Here.GOES_OVER),  # a queue creeps before the place of the change
+        (55.0, 0.0, 90.0, False, Here.GOES_OVER),
+        (42.0, 0.0, 90.0, False, Here.DRIVES_ON),  # it stands so close ahead that there is no way past it
+        (None, 0.0, 90.0, False, Here.DRIVES_ON),  # the way to that place is free
+        (55.0, 2.0, 33.0, False, Here.DRIVES_ON),  # another one is beside
+        (55.0, 2.0, 33.0, True, Here.STAYS),  # the next one lets it in behind that one, which drives on
+        (None, 0.0, 33.0, True, Here.STAYS),
+        (None, 0.0, 90.0, True, Here.GOES_OVER),
+    ],
+)
+def test_in_a_queue_a_member_goes_over_where_it_is(ahead, its_speed, beside, let_in, here):
+    """Members of a platoon went over at one place, one after the other: one with each green light."""
+    places = {"road_0": [("m.0", 30.0)], "road_1": [("polite", 19.0), ("beside", beside)]}
+    places["road_0"] += [("queue", ahead)] if ahead else []
+    client = client_of(places)
+    client.vehicle.getSpeed = {"m.0": 0.0, "queue": its_speed, "beside": 2.0, "polite": 0.0}.__getitem__
+    network = SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)])
+    change = RoomToChange(network, Reads(client), {"m.0": "polite"} if let_in else {})
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 45.0, 3.2)  # it begins at 55 m
+    ego = Ego("m.0", "road_0", 0.0, 5.0)
+    assert change.where_it_is(line, 25.0, ego) == here
+    wants = here == Here.STAYS or (here == Here.DRIVES_ON and ahead is not None)
+    assert [(one.lane, round(one.behind, 1)) for one in change.wanted.values()] == [("road_1", -0.5)] * wants
+    assert change.where_it_is(line, 25.0, ego._replace(speed=4.0)) == Here.DRIVES_ON
+    assert change.where_it_is(line._replace(to_end=200.0), 25.0, ego) == Here.DRIVES_ON  # its lane does not end soon
 
 
 @pytest.mark.parametrize("lane", ["road_1", "road_2"])
