@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.controllers import Law
-from platoontraffic.controllers.speed_profile import Driving, SpeedProfile
 from platoontraffic.road.gap_acceptance import Driven, Pace
 from platoontraffic.road.route import Route
+from platoontraffic.road.speed_profile import Driving, SpeedProfile
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import scale
 from platoontraffic.world.fleet import Member

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from platoontraffic.controllers.path import PathLeader
-from platoontraffic.controllers.speed_profile import Driving, SpeedProfile
 from platoontraffic.road.gap_acceptance import Pace
 from platoontraffic.road.route import Route
+from platoontraffic.road.speed_profile import Driving, SpeedProfile
 from platoontraffic.vehicles.bicycle import CARS
 from tests.support.bench import FAR, NO_WALLS, drive, platoon
 
