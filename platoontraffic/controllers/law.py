@@ -78,8 +78,8 @@ class Law:
         """What limited the speed at the last decision, for the reasons of events; None: the law does not say."""
         return None
 
-    def off_trail(self, memory: Any, k: int) -> Any:
-        """The memory, from now on with the route of the k-th vehicle as its path, not the trail of another one."""
+    def off_trail(self, memory: Any, rows: np.ndarray) -> Any:
+        """The memory, from now on with their routes as the paths of some vehicles, (m,), not the trails of others."""
         return memory
 
 

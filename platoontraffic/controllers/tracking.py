@@ -328,8 +328,10 @@ class TrackingFollower(Law):
     def braking_for(self, memory: Memory) -> BrakingFor:
         return memory.braking_for
 
-    def off_trail(self, memory: Memory, k: int) -> Memory:
-        return memory._replace(never_lost=memory.never_lost & (np.arange(len(memory.never_lost)) != k))
+    def off_trail(self, memory: Memory, rows: np.ndarray) -> Memory:
+        never_lost = memory.never_lost.copy()
+        never_lost[rows] = False
+        return memory._replace(never_lost=never_lost)
 
     # ---- 1. estimate
 

@@ -7,6 +7,8 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import numpy as np
+
 from platoontraffic.controllers import BRAKES_FOR
 from platoontraffic.road.lane_routes import CHANGE_AFTER, Line
 from platoontraffic.road.later_change import (
@@ -110,9 +112,12 @@ class LaterChanges:
         if len(self._later) + len(self._sooner) + len(self._beyond) > KEPT:
             self._forget_routes_but_those_of(fleet)
         for name, (change, distance) in self._in_queue.items():
-            member, by = fleet.members[fleet.row_of[name]], math.floor(distance / SOONER_BY) * SOONER_BY
+            row, by = fleet.row_of[name], math.floor(distance / SOONER_BY) * SOONER_BY
+            member = fleet.members[row]
             if by > 0 and (sooner := self._sooner[member.route, change, by, member.model]):
-                fleet = fleet.with_route(fleet.row_of[name], sooner, WINDOW).off_trail(fleet.row_of[name])
+                # Whoever is behind it would follow it over to the other lane, before its own change.
+                in_trail = row, *np.flatnonzero(fleet.predecessor == row).tolist()
+                fleet = fleet.with_route(row, sooner, WINDOW).off_trail(in_trail)
                 self._blocked.pop(name, None)
         if not self._blocked:
             return fleet

@@ -476,12 +476,12 @@ class Fleet(MemberState):
         windows = np.where(progress.rows == row, window, WINDOW)
         return changed(self, members=members, progress=progress.located(self.model, self.motion, windows))
 
-    def off_trail(self, row: int) -> Fleet:
-        """The fleet with one member that drives along its own route, even if it drove in another one's trail."""
+    def off_trail(self, rows: Sequence[int]) -> Fleet:
+        """The fleet with some members that drive along their own routes, even if they drove in others' trails."""
         groups = []
         for group in self.groups:
-            for k in np.flatnonzero(group.rows == row) if group.memory is not None else ():
-                group = group._replace(memory=group.law.off_trail(group.memory, int(k)))
+            if group.memory is not None and len(where := np.flatnonzero(np.isin(group.rows, rows))):
+                group = group._replace(memory=group.law.off_trail(group.memory, where))
             groups.append(group)
         return changed(self, groups=tuple(groups))
 

@@ -66,13 +66,15 @@ def test_the_members_behind_put_it_off_too(fleet_and_later):
 def test_in_a_queue_one_with_room_changes_lanes_where_it_is_and_leaves_the_trail_ahead(fleet_and_later):
     fleet, later, change = fleet_and_later
     left = []
-    law = SimpleNamespace(off_trail=lambda memory, k: left.append(k) or memory, braking_for=lambda _: None)
+    law = SimpleNamespace(
+        off_trail=lambda memory, rows: left.append(rows.tolist()) or memory, braking_for=lambda _: None
+    )
     fleet = changed(fleet, groups=tuple(group._replace(law=law, memory="memory") for group in fleet.groups))
     later.note_in_queue(change, 7.3, Ego(fleet.ids[2], change.lane, 1.0, 5.0))
     after = later.put_off(fleet)
     first = [next(one.station for one in m.route.lines if one.state == CHANGING) for m in after.members]
     assert first == pytest.approx([change.station] * 2 + [change.station - 7.0, change.station], abs=0.4)
-    assert left == [1]  # of the followers
+    assert left == [[1, 2]]  # of the followers: also that behind it, which would follow it over, beside a car there
     later.begin_look()
     assert later.put_off(fleet) is fleet
 
