@@ -191,8 +191,10 @@ def stop_at_lines(signals, speed, drive, body, gains, acceleration):
         too_late = needed > (2 * gains.braking if signals.changing[i] else gains.hardest_braking)
         acceleration[i] = math.inf
         if (unseen or not (signals.open[i] or too_late)) and ahead < math.inf:
-            left = np.maximum(ahead - before, 1e-3)
-            acceleration[i] = _slowed_to(0.0, left, reached, gains.braking) if ahead > before else -gains.braking
+            if ahead > before:
+                acceleration[i] = _slowed_to(0.0, np.maximum(ahead - before, 1e-3), reached, gains.braking)
+            else:  # it stops at once; harder if it has just set out, and could not stop before the line
+                acceleration[i] = -np.maximum(gains.braking, reached**2 / (2 * np.maximum(ahead, 1e-3)))
 
 
 @compiled

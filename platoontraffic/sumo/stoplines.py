@@ -207,8 +207,10 @@ class StopLines:
         """The vehicle in a row as it drives on now."""
         member, motion, progress = fleet.members[row], fleet.motion, fleet.progress
         speed, drive = float(motion.speed[row]), float(motion.acceleration[row])
-        axle = float(progress.station[progress.rows == row][0])
-        return Ego.of(member)._replace(speed=speed, drive=drive, route=member.route, axle=axle)
+        ego = Ego.of(member)._replace(speed=speed, drive=drive)
+        if member.is_given_its_route:
+            ego = ego._replace(route=member.route, axle=float(progress.station[progress.rows == row][0]))
+        return ego
 
     # ---- one vehicle's row
 

@@ -332,6 +332,24 @@ def test_it_stops_at_a_closed_line_and_goes_when_it_opens():
     assert front[-1] > 150
 
 
+@pytest.mark.parametrize(
+    ("law", "closes"),
+    [(PathLeader(speed=12.0), 0.5), (TrackingFollower(policy="obey", on_loss="drive"), 0.9)],
+)
+def test_it_stops_again_if_its_line_closes_just_after_it_has_set_out(law, closes):
+    """By then it drives at 1 m/s or more. A follower went on to accelerate: by its comfort it stops later."""
+    (one,) = platoon(law, at=(-CAR.axle, 0.0, 0.0), leader_eye=EYE, model=CAR, speed=0.0)
+    at = CAR.length / 2 - CAR.axle + 0.9
+    log = drive(
+        [replace(one, route=STRAIGHT)], NO_WALLS, 2.0, 0.1, ground=lambda: StopLine(0.1, at, lambda time: time < closes)
+    )
+    speed, front = log.speed[:, 0], log.x[:, 0] + CAR.length / 2
+    assert speed.max() > 1.0
+    stands = (log.time > closes) & (speed < 0.1)
+    assert stands.any()
+    assert front[stands].min() < at + 0.4
+
+
 def test_it_keeps_its_speed_until_it_must_brake_in_comfort_for_a_line():
     _, front, speed = before_a_line(120.0, opens=np.inf)
     left, braking = 120 - path_kernel.STOP_BEFORE * CAR.length - front, PathLeader().braking
