@@ -100,6 +100,9 @@ class FieldLaw(Law):
     def braking_for(self, memory: Memory) -> BrakingFor:
         return memory.steering.braking_for
 
+    def off_trail(self, memory: Memory, rows: np.ndarray) -> Memory:
+        return memory._replace(steering=self.steering.off_trail(memory.steering, rows))
+
     def __call__(self, sensed: Sensed, memory: Memory | None, dt: float) -> Decision:
         steered = self.steering(sensed, memory and memory.steering, dt)
         drives, remembered = steered.command, steered.memory

@@ -79,7 +79,10 @@ class Law:
         return None
 
     def off_trail(self, memory: Any, rows: np.ndarray) -> Any:
-        """The memory, from now on with their routes as the paths of some vehicles, (m,), not the trails of others."""
+        """The memory after some of its vehicles have left their predecessors' trails, to drive their own routes.
+
+        rows: of the memory, (m,)
+        """
         return memory
 
 

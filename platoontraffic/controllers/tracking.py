@@ -87,7 +87,7 @@ class Memory(NamedTuple):
     past: Past
     obstacle: Obstacle  # in the scan
     scanned_speed: np.ndarray  # own speed in the scan [m/s]
-    never_lost: np.ndarray  # it has had the same predecessor from the start, and drives in its trail, bool
+    never_lost: np.ndarray  # it drives in the trail of its first predecessor, bool
     creeping: Creeping
     braking_for: BrakingFor
     for_lines: np.ndarray  # acceleration for a closed line [m/s2]; inf: none

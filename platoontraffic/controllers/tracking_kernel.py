@@ -152,7 +152,7 @@ def decide(
 
     drive_lag  : of the drive's acceleration [s], (n,)
     known      : there is a predecessor, bool (n,)
-    never_lost : it has had the same one from the start, bool (n,)
+    never_lost : it drives in the trail of its first one, bool (n,)
     stop       : acceleration for closed lines [m/s2], (n,); inf: none
     held       : it waits on its lane, bool (n,)
     routed     : the route is given

@@ -96,7 +96,7 @@ def margin_after(waited: float) -> float:
 def may_cross(foe: Foe, own: Driven, length: float, margin: float = FIRST_MARGIN) -> bool:
     """Whether the vehicle clears the conflict area before the foe arrives, or arrives after the foe has cleared it.
 
-    own, length : of the vehicle [m/s], [m]
+    own, length : how the vehicle drives on, and its length [m]
     margin      : of the vehicle if it goes first [s]; without margin there is none behind the foe either
 
     A foe that stands before the conflict area and does not set out waits. It clears the area at its present speed, or

@@ -16,6 +16,7 @@ import numpy as np
 from platoontraffic.errors import InputError
 from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.lane_routes import (
+    BETWEEN,
     CHANGE_AFTER,
     CHANGING,
     ENOUGH_ROOM,
@@ -33,6 +34,7 @@ AT_LEAST = 1.0  # by which a change must become later, to be worth another route
 SHORTER = 0.75  # share of its length to which it must shrink otherwise
 NEAR = 5.0  # distance by which rounding changes stations, at most [m]
 JOIN = 2.0  # distance before the old change over which the new line takes over from the old one [vehicle lengths]
+FIRST = 1.2  # part of an edge before a change that is sooner [vehicle lengths]: with less it bends too sharply
 SPACING = 0.5  # of points there [m]
 
 
@@ -67,21 +69,26 @@ def with_sooner_change(route: Route, change: Line, by: float, network: Network, 
     """The route with one of its lane changes, and the next ones on its edge, sooner by a distance [m], and as short as
     they can be.
 
-    returns: a route whose stations before that place are those of the given one; None on a loop, or before the edge
+    returns: a route whose stations before that place are those of the given one; None on a loop, near the begin of the
+             edge, before the vehicle is straight on its lane after another change, or where it would hardly be sooner
     """
-    edge, lane = edge_of(change.lane), index_of(change.lane)
+    edge, lane, i = edge_of(change.lane), index_of(change.lane), route.lines.index(change)
     width, shape = network.lane_width(edge, lane), network.route_line((edge,), lane)
     changes, length = _changes_from(route, change), float(np.hypot(*np.diff(shape, axis=0).T).sum())
     begin = length - change.to_end - by
-    if route.closed or begin < 0:
+    if route.closed or begin < FIRST * model.length:
         return None
-    last = length - changes_length(width, 0.0, _lanes_crossed(changes), len(changes))
-    position = begin if begin > last else begin - CHANGE_AFTER * width  # after which the first one begins there
+    last = route.lines[i - 1] if i else None
+    if last and last.state == CHANGING and change.station - by < last.station + last.across + BETWEEN * width:
+        return None
+    latest_begin = length - changes_length(width, 0.0, _lanes_crossed(changes), len(changes))
+    position = begin if begin > latest_begin else begin - CHANGE_AFTER * width  # after which the first one begins there
     first = Change(0, lane, index_of(changes[-1].onto))
     onward, before = _onward(route, change, first, network, model, position, 0.0)
     join = min(JOIN * model.length, begin / 2)
     ends = change.station - by - join, onward.lines[before].station - join
-    return _spliced(route, route.lines.index(change), onward, before, *ends, join)
+    sooner = _spliced(route, i, onward, before, *ends, join)
+    return sooner if sooner.lines[i].station < change.station - by / 2 else None
 
 
 def latest(route: Route, change: Line, width: float, length: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +16,8 @@ from platoontraffic.road.route import Route
 
 REACH, STEP = 12.0, 0.25  # distance of the last point, and of one from the next [vehicle lengths]
 AROUND = 0.6  # for so long before and after a bend, a vehicle is as slow as in it: it slows early, speeds up late [s]
-STILL = 1e-6  # speed below which it stands: its square is nothing [m/s]
-SLOWEST = 0.3  # that a profile has on the way [m/s]: it would end at a lower speed
+STILL = 1e-6  # speed below which it counts as standing [m/s]
+SLOWEST = 0.3  # speed that it has in the sharpest bend [m/s]
 
 compiled = compiler(__file__, path_kernel.__file__)
 
@@ -51,10 +52,10 @@ class SpeedProfile:
         self._distance, self._time, self._speed = columns.tolist()
         self.acceleration = driving.acceleration
 
-    @property
+    @cached_property
     def at_once(self) -> SpeedProfile:
-        """Of one that begins to accelerate now."""
-        return SpeedProfile(self._driving._replace(starts_within=0.0))
+        """The profile if the vehicle begins to accelerate now."""
+        return SpeedProfile(self._driving._replace(starts_within=0.0)) if self._driving.starts_within else self
 
     def time_for(self, distance: float) -> float:
         """Time to drive a distance [m]; beyond the last point at the speed there [s]."""
@@ -76,6 +77,12 @@ class SpeedProfile:
             return self._speed[-1]
         share = (time - self._time[k - 1]) / (self._time[k] - self._time[k - 1])
         return self._speed[k - 1] + share * (self._speed[k] - self._speed[k - 1])
+
+
+def load() -> None:
+    """Load what is compiled here."""
+    route = Route.along((), np.array([[0.0, 0.0], [1.0, 0.0]]), np.ones(2))
+    SpeedProfile(Driving(route, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0))
 
 
 @compiled
@@ -109,7 +116,7 @@ def _profile(line, limits, begin, rates, length):
         i = max(np.searchsorted(limit_stations, there, side="right") - 1, 0)
         change = abs(bend[k + 1] - bend[k]) / (STEP * length)
         limited = min(factor * limit[min(i, len(limit) - 1)], top)
-        fastest[k] = max(min(fastest_at(bend[k], change, lateral, steering_rate), limited), SLOWEST)
+        fastest[k] = min(max(fastest_at(bend[k], change, lateral, steering_rate), SLOWEST), limited)
     speed[:] = fastest
     for k in range(count):
         over = AROUND * fastest[k]

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.controllers import Law
-from platoontraffic.road.gap_acceptance import Driven, Pace
+from platoontraffic.controllers.path_kernel import SETTLING, STOP_BEFORE
+from platoontraffic.road.gap_acceptance import Pace
 from platoontraffic.road.route import Route
 from platoontraffic.road.speed_profile import Driving, SpeedProfile
 from platoontraffic.vehicles.bicycle import CARS
@@ -18,8 +19,7 @@ from platoontraffic.world.fleet import Member
 KINDS = sorted(CARS.items(), key=lambda named: named[1].length)
 EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and the space beyond are checked [m/s2]
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
-# Those of `path_kernel`, which takes long to import [s], [vehicle lengths], [vehicle lengths].
-SETTLING, STOP_BEFORE, LOOK = 0.5, 0.2, 2.5
+OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle may still stop there [m]
 GATHERS_SPEED = 8.0  # at which its engine is asked for its acceleration: a truck has less than its law wants [m/s]
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
 
@@ -88,10 +88,12 @@ class Ego(NamedTuple):
         """
         return max(distance + self.line_at_speed(speed), self.line_at_speed(self.speed - braking * SETTLING))
 
-    def pace(self, limit: float) -> Driven:
-        """How it drives on, with a speed limit where SUMO drives it [m/s]."""
-        if self.route is None:
-            return Pace(self.speed, self.acceleration, limit, STARTING)
+    def pace(self, limit: float) -> Pace:
+        """How it drives on where SUMO drives it, with a speed limit [m/s]."""
+        return Pace(self.speed, self.acceleration, limit, STARTING)
+
+    def profile(self) -> SpeedProfile:
+        """How it drives on along its route."""
         starts_within = STARTING * (1 - min(max(self.drive / self.acceleration, 0.0), 1.0))
         return SpeedProfile(
             Driving(

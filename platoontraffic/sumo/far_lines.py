@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from platoontraffic.controllers.path_kernel import LOOK
 from platoontraffic.road.lane_routes import CHANGING, Line
-from platoontraffic.sumo.ego import LOOK, Ego, checks_from
+from platoontraffic.sumo.ego import Ego, checks_from
 
 
 class LineState(NamedTuple):

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.controllers import BRAKES_FOR
+from platoontraffic.controllers.path_kernel import SETTLING
 from platoontraffic.road.lane_routes import CHANGE_AFTER, Line
 from platoontraffic.road.later_change import (
     JOIN,
@@ -22,7 +23,7 @@ from platoontraffic.road.later_change import (
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
-from platoontraffic.sumo.ego import SETTLING, Ego
+from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Once
 from platoontraffic.sumo.room_to_change import FLOWS, RoomToChange, from_here
 from platoontraffic.world.fleet import WINDOW, Fleet, Member
@@ -76,6 +77,7 @@ class LaterChanges:
 
     def note_in_queue(self, change: Line, distance: float, ego: Ego) -> None:
         """A member in a queue has room for its lane change where it is. distance: to its begin [m]"""
+        self._blocked.pop(ego.id, None)
         self._in_queue[ego.id] = change, distance
 
     def note(self, change: Line, distance: float, ego: Ego, route: Route) -> float:
@@ -94,7 +96,8 @@ class LaterChanges:
         flows = is_fast and free == math.inf and slowest.blocking >= FLOWS
         too_fast = is_fast and 0 < distance < ego.speed**2 / (2 * TOO_LATE)
         further = flows or self._room.is_better_later(line, ahead, slowest.blocking, ego)
-        self._blocked[ego.id] = Blocked(change, -distance, further, free, flows or too_fast)
+        if ego.id not in self._in_queue:
+            self._blocked[ego.id] = Blocked(change, -distance, further, free, flows or too_fast)
         if not (flows or too_fast):
             return distance
         ends = distance + latest(route, change, self._width[change.lane], ego.length)
@@ -103,24 +106,27 @@ class LaterChanges:
 
     def put_off(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members without room for their lane change here, once they brake for that;
-        for those that drive on, shortly before it, and for those that have driven past it, whether they brake or not.
+        for those that drive on, shortly before it, and for those that have driven past it, whether they brake or not;
+        and for those that have room in a queue before it, where they are.
 
-        They look for it further on, as long as their lane leads on: on this edge, but not beside a queue, or on edges
-        beyond, where the members behind them in their platoon do so too. The slower they are, the less road their lane
-        change takes.
+        Those without room look for it further on, as long as their lane leads on: on this edge, but not beside a queue,
+        or on edges beyond, where the members behind them in their platoon do so too. The slower they are, the less road
+        their lane change takes.
         """
         if len(self._later) + len(self._sooner) + len(self._beyond) > KEPT:
             self._forget_routes_but_those_of(fleet)
+        fleet = self._put_off_all(fleet) if self._blocked else fleet
         for name, (change, distance) in self._in_queue.items():
-            row, by = fleet.row_of[name], math.floor(distance / SOONER_BY) * SOONER_BY
-            member = fleet.members[row]
-            if by > 0 and (sooner := self._sooner[member.route, change, by, member.model]):
-                # Whoever is behind it would follow it over to the other lane, before its own change.
+            row, by = fleet.row_of.get(name), math.floor(distance / SOONER_BY) * SOONER_BY
+            if row is None or by <= 0 or change not in fleet.members[row].route.lines:
+                continue
+            if sooner := self._sooner[fleet.members[row].route, change, by, fleet.members[row].model]:
+                # The one behind it would follow it over to the other lane, before its own change.
                 in_trail = row, *np.flatnonzero(fleet.predecessor == row).tolist()
                 fleet = fleet.with_route(row, sooner, WINDOW).off_trail(in_trail)
-                self._blocked.pop(name, None)
-        if not self._blocked:
-            return fleet
+        return fleet
+
+    def _put_off_all(self, fleet: Fleet) -> Fleet:
         for group in fleet.groups:
             limit = group.law.braking_for(group.memory) if group.memory is not None else None
             for k, i in enumerate(group.rows.tolist()):

@@ -40,7 +40,7 @@ from platoontraffic.sumo.conflicts import (
     Conflicts,
     Crossing,
 )
-from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.ego import OVERRUN, Ego
 from platoontraffic.sumo.reads import PLAN_LANE, PLAN_ONWARD, Once, Reads
 from platoontraffic.vehicles.motion import scale
 
@@ -92,7 +92,7 @@ class RightOfWay:
         self._occupied = Once(self._occupied_paths)
         self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
         self._all_inside = Once(lambda line: [*self._inside(line, first=False)])
-        self._paces = Once(self._pace)  # of vehicles through junctions, by their lanes there
+        self._profiles = Once(Ego.profile)
         # For the whole run: paths on which vehicles wait midway, and the lanes inside the junction of all that cross.
         self._waiting_in_path = Once(lambda line: [*self._waiters(line)])
         self._crossing_lanes = Once(lambda line: [via for one in conflicts[line].crossings.values() for via in one.via])
@@ -106,19 +106,16 @@ class RightOfWay:
         self._still: dict[tuple[str, str], float] = {}  # since when nothing moves at the line at which one waits [s]
         # Members that were asked to let another one in: at the end of which lane, since when, and when last [s].
         self._asked: dict[str, tuple[str, float, float]] = {}
-        # Who had a gap at the last look, and who now: at the end of which lane, and whether beyond the place midway.
+        # Members that had a gap at the last look, and that have one now; at the end of which lane, and whether beyond
+        # the place midway.
         self._went: set[tuple[str, str, bool]] = set()
         self._goes: set[tuple[str, str, bool]] = set()
         self.members: frozenset[str] = frozenset()  # their ids ...
         self.obedient: frozenset[str] = frozenset()  # ... and of those with a law that heeds lines
 
-    def _pace(self, through: tuple[Ego, tuple[str, ...]]) -> Driven:
-        ego, via = through
-        return ego.pace(max(map(self._now.max_speed.__getitem__, via), default=ego.speed))
-
     def renew(self) -> None:
         """SUMO has made a step: all vehicles are elsewhere."""
-        self._paces.clear()
+        self._profiles.clear()
         for found in (self._outside, self._patiently, self._occupied, self._first_inside, self._all_inside):
             found.clear()
 
@@ -161,7 +158,8 @@ class RightOfWay:
         met, key = self._met(line, foes, distance, midway, ego.length), (ego.id, line.lane, midway)
         margin = margin_after(waited)
         if key in self._went and ego.speed >= STANDING:
-            margin = min(margin, LEAST_MARGIN) if ego.speed**2 / (2 * STOPS_BY) < enters else 0.0
+            can_stop = ego.speed**2 / (2 * STOPS_BY) < enters + OVERRUN * ego.size
+            margin = min(margin, LEAST_MARGIN) if can_stop else 0.0
         has_gap = self._has_gap_among(met, line, distance, ego, margin, enters, waited)
         if has_gap:
             self._goes.add(key)
@@ -183,7 +181,9 @@ class RightOfWay:
 
     def pace(self, line: Line, ego: Ego) -> Driven:
         """How a vehicle drives through a junction."""
-        return self._paces[ego, line.via]
+        if ego.route is not None:
+            return self._profiles[ego]
+        return ego.pace(max(map(self._now.max_speed.__getitem__, line.via), default=ego.speed))
 
     def stop_before_foes(self, line: Line, over: float, ego: Ego, *, priority_too: bool) -> float:
         """Distance at which a vehicle must stop for others that drive inside the junction [m].

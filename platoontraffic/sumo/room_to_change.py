@@ -28,6 +28,8 @@ FLOWS = 8.0  # ... where they and the others are so fast [m/s]
 BOUND_WITHIN = 1.0  # a vehicle that has room and cannot stop makes a lane change that begins within this time [s]
 QUEUE_SPEED = 3.0  # a slower vehicle, of a car's length, is part of a queue [m/s]
 QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change, for a car [m/s]
+HELD_AFTER = 2.0  # the first one in it stands, and does not just set out, after this time [s] ...
+FREE_AHEAD = 15.0  # ... or with less road before it [m]
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
 LOOKS_AHEAD = 10.0  # a lane change is urgent where the lane ends within this time at its speed limit, as SUMO's is [s]
 COMES_WITHIN = 3.6  # vehicles that come to the adjacent lane within this time at its speed limit count [s]
@@ -142,7 +144,7 @@ class RoomToChange:
         """
         slow = ego.speed < QUEUE_SPEED * ego.size and ego.lane == line.lane and self._ends_soon(line, distance)
         own = self._let_in.get(ego.id)
-        if not slow or (own is None and self.free_road(line, distance, ego) > line.across):
+        if not slow or (own is None and not self._is_behind_queue(line, distance, ego)):
             return Here.DRIVES_ON
         across = min(line.across, SHORTEST_CHANGE * abs(line.aside))
         here, half = from_here(line, distance)._replace(across=across), 0.5 * across
@@ -284,6 +286,24 @@ class RoomToChange:
         now, begin, slow = self._now, self._begin(line), QUEUE_SPEED * ego.size
         ahead = (name for name in now.on_lane[line.lane] if name != ego.id and now.position[name] > begin - distance)
         return min((now.position[one] - now.length[one] - begin for one in ahead if now.speed[one] < slow), default=inf)
+
+    def _is_behind_queue(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether slow vehicles on its lane leave no room to begin a change further on, and are held up themselves.
+
+        The first one of them stands, or has little road before it. Where it sets out, so will others.
+        """
+        now, slow, begin = self._now, QUEUE_SPEED * ego.size, self._begin(line)
+        here, names = begin - distance, now.on_lane[line.lane]
+        ahead = [name for name in names if name != ego.id and now.position[name] > here]
+        rears = [now.position[name] - now.length[name] for name in ahead]  # ascending
+        near = [k for k, rear in enumerate(rears) if now.speed[ahead[k]] < slow and rear - begin <= line.across]
+        if not near:
+            return False
+        first = near[0]
+        while first + 1 < len(ahead) and now.speed[ahead[first + 1]] < slow:
+            first += 1
+        ends = rears[first + 1] if first + 1 < len(ahead) else now.lane_length[line.lane]
+        return now.waited[ahead[first]] > HELD_AFTER or ends - now.position[ahead[first]] < FREE_AHEAD * ego.size
 
     def _ends_soon(self, line: Line, distance: float) -> bool:
         """Whether a lane change is urgent. distance: to its begin [m]"""

@@ -9,6 +9,7 @@ from itertools import chain, takewhile
 import numpy as np
 
 from platoontraffic.controllers import CLOSED_BY, Signals
+from platoontraffic.controllers.path_kernel import LOOK
 from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.road.network import Network
@@ -28,21 +29,20 @@ from platoontraffic.sumo.conflicts import (
     JudgedLine,
     Paths,
 )
-from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, LOOK, Ego
+from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, OVERRUN, Ego
 from platoontraffic.sumo.far_lines import FarLines, LineState
 from platoontraffic.sumo.later_changes import LaterChanges
 from platoontraffic.sumo.letting_in import BRAKING, LettingIn
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import RightOfWay
-from platoontraffic.sumo.room_to_change import OWN_GAP, QUEUE_SPEED, Here, RoomToChange, Wanted
+from platoontraffic.sumo.room_to_change import FREE_AHEAD, OWN_GAP, QUEUE_SPEED, Here, RoomToChange, Wanted
 from platoontraffic.world import ground
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import Entry
 
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE = range(1, len(CLOSED_BY))
 
-OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle may still stop there [m]
-SETS_OUT, FREE_AHEAD = 1.0, 15.0  # a vehicle faster than that [m/s], with so much road before it [m], is in no queue
+SETS_OUT = 1.0  # a vehicle faster than that [m/s], with `FREE_AHEAD` before it, is in no queue
 QUEUE_GAP = 2.5  # between cars that stand in a queue [m]
 SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
 CHANGES_SOON = 4.0  # a red light that changes within this time lets vehicles come to whoever waits in their path [s]
@@ -170,7 +170,7 @@ class StopLines:
         self._far.take_over(far, [(k, j) for k, j, route, now in had if route and route is now])
 
     def with_later_changes(self, fleet: Fleet) -> Fleet:
-        """The fleet with other routes for members whose lane changes are put off: see `LaterChanges`."""
+        """The fleet with other routes for members whose lane changes are later or sooner: see `LaterChanges`."""
         return self._later.put_off(fleet)
 
     def entries(self, fleet: Fleet, entered: Sequence[tuple[str, str, str]]) -> list[Entry]:
@@ -299,9 +299,9 @@ class StopLines:
             stop = min(inside, self._midway(line, driven - OVERRUN * ego.size)) - driven
             if (before := self._way.stop_before_foes(line, driven, ego, priority_too=False)) < math.inf:
                 is_open, stop = False, min(stop, before)
-            may_stop = ego.speed**2 / (2 * EARLY_BRAKING) < stop
+            may_stop = ego.speed < STANDING or ego.speed**2 / (2 * EARLY_BRAKING) < stop
             if is_open and may_stop and not self._has_room(line, ego, midway=True):
-                return LineState(stop, False, False, False, NO_ROOM)
+                return LineState(max(stop, 0.0), False, False, False, NO_ROOM)
             return LineState(stop, is_open, False, False, RIGHT_OF_WAY)
         if line.state == CHANGING:
             before = self._change.may_change(line, -over, ego)

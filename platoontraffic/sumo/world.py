@@ -14,6 +14,7 @@ import numpy as np
 from platoontraffic.controllers import Signals
 from platoontraffic.errors import RunError
 from platoontraffic.road.network import Network
+from platoontraffic.road.speed_profile import load as load_speed_profile
 from platoontraffic.sumo.background import PERSON, Background
 from platoontraffic.sumo.client import Client, direct, libsumo
 from platoontraffic.sumo.conflicts import load as load_conflicts
@@ -156,6 +157,7 @@ class World:
         self.snapshot(fleet, 1.0)
         load_poses()
         load_conflicts()
+        load_speed_profile()
 
     def look_ahead(self, members: Sequence[Member]) -> None:
         """Find out about the junctions on members' routes, so that forks of the process need not. Nothing moves."""

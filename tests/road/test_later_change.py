@@ -10,7 +10,7 @@ import shapely
 from shapely.geometry import LineString
 
 from platoontraffic import shipped
-from platoontraffic.road.lane_routes import CHANGING, Line
+from platoontraffic.road.lane_routes import BETWEEN, CHANGING, Line
 from platoontraffic.road.later_change import (
     latest,
     longest_later,
@@ -161,9 +161,20 @@ def test_in_a_queue_a_change_is_made_sooner_and_in_the_least_road(name, by):
     assert [line[4:6] for line in sooner.lines] == [line[4:6] for line in route.lines]
 
 
-def test_a_change_is_not_made_before_the_begin_of_its_edge():
+@pytest.mark.parametrize("by", [0.1, 11.0, 16.0, 1e3])
+def test_a_change_is_not_made_near_the_begin_of_its_edge(by):
+    """Nor where it begins only a little sooner."""
     network, route, change = given("after a junction")
-    assert with_sooner_change(route, change, 1e3, network, CAR) is None
+    assert (with_sooner_change(route, change, by, network, CAR) is None) == (by > 10.5)
+
+
+def test_a_second_change_is_not_made_before_the_car_is_straight_between_the_two():
+    """Its line would begin on the lane between, where the car is still going over to it."""
+    network, route, first = given("over two lanes")
+    second = next(line for line in route.lines if line.state == CHANGING and line.lane == "e1_e2_1")
+    straight = second.station - first.station - first.across - BETWEEN * network.lane_width("e1_e2", 1)
+    assert with_sooner_change(route, second, straight + 1.0, network, CAR) is None
+    assert with_sooner_change(route, first, 5.0, network, CAR) is not None
 
 
 @pytest.mark.parametrize("longest", [np.inf, 1.0])

@@ -11,7 +11,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from platoontraffic.controllers import path_kernel
 from platoontraffic.controllers.law import Body, Sensed, Signals
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.controllers.tracking import TrackingFollower
@@ -21,7 +20,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.shipped import networks
 from platoontraffic.simulation import Simulation
-from platoontraffic.sumo import ego, later_changes
+from platoontraffic.sumo import later_changes
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.later_changes import Blocked, LaterChanges
 from platoontraffic.sumo.room_to_change import Slowest
@@ -284,8 +283,6 @@ def test_beside_traffic_as_fast_as_itself_it_falls_back(fleet_and_later, speed, 
 
 
 def test_lines_are_given_as_the_law_path_drives_before_them():
-    assert (ego.SETTLING, ego.STOP_BEFORE) == (path_kernel.SETTLING, path_kernel.STOP_BEFORE)
-    assert ego.LOOK == path_kernel.LOOK
     assert Ego._field_defaults["braking"] == PathLeader().braking
 
 

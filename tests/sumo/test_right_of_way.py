@@ -1613,7 +1613,7 @@ def test_a_gap_of_a_member_that_goes_round_a_body_is_judged_by_its_speed_there(m
     egos = []
     monkeypatch.setattr(StopLines, "_state", lambda _, __, ___, ego, ____: egos.append(ego) or NO_LINE)
     StopLines(SimpleNamespace(), SimpleNamespace()).signals(fleet, dict.fromkeys(fleet.ids, ("road", "road_0")))
-    free, beside = (ego.pace(14.0).time_for(20.0) for ego in egos)
+    free, beside = (ego.profile().time_for(20.0) for ego in egos)
     assert (free < 6.0, beside) == (True, pytest.approx(10.0, rel=0.01))
 
 
