@@ -232,6 +232,24 @@ def test_one_that_leads_now_does_not_hold_its_speed_for_want_of_messages():
     assert log.speed[-1, 1] == pytest.approx(5.0, abs=0.2)
 
 
+def test_the_law_that_steers_leaves_the_trail():
+    """A member whose predecessor changed lanes in a queue followed it over, beside a car there."""
+    law, memories = FIELD["acc"](steering=ALONE), []
+
+    class Watched(type(law)):
+        def __call__(self, sensed, memory, dt):
+            memories.append(memory)
+            return super().__call__(sensed, memory, dt)
+
+    watched = Watched(steering=ALONE)
+    members = platoon(PathLeader(speed=10.0), watched, 2, model=CAR, eye=EYE, distance=17.0, speed=10.0)
+    drive([replace(member, route=ROAD) for member in members], NO_WALLS, 1.0, 0.1)
+    memory = memories[-1]
+    assert memory.steering.never_lost.tolist() == [True, True]
+    assert law.off_trail(memory, np.array([1])).steering.never_lost.tolist() == [True, False]
+    assert PathLeader().off_trail(memory, np.array([1])) is memory
+
+
 @pytest.mark.parametrize("policy", ["convoy", "obey"])
 def test_lines_are_heeded_as_by_the_law_that_steers(policy):
     steering = TrackingFollower(policy=policy, on_loss="drive")

@@ -98,6 +98,10 @@ def test_it_drives_by_its_factor_of_the_limits():
     assert profile(route_of(STRAIGHT, 10.0, 0.8), 10.0, 8.0).time_for(40.0) == pytest.approx(5.0)
 
 
+def test_a_limit_may_be_lower_than_any_bend_asks_for():
+    assert profile(route_of(STRAIGHT, 0.2), 10.0, 0.2).time_for(2.0) == pytest.approx(10.0)
+
+
 def test_on_a_loop_it_looks_past_the_first_point():
     """A square: 3 m before that point the corner lies ahead as it does before each other one."""
     square = np.array([(0.0, 0.0), (80.0, 0.0), (80.0, 80.0), (0.0, 80.0)])

@@ -78,6 +78,21 @@ def test_in_a_queue_one_with_room_changes_lanes_where_it_is_and_leaves_the_trail
     assert later.put_off(fleet) is fleet
 
 
+def test_one_with_room_in_a_queue_may_be_gone_or_have_another_route_by_then(fleet_and_later):
+    """Members are removed, and led round bodies, after lines are judged."""
+    fleet, later, change = fleet_and_later
+    later.note_in_queue(change._replace(station=1.0), 7.3, Ego(fleet.ids[2], change.lane, 1.0, 5.0))
+    later.note_in_queue(change, 7.3, Ego("gone", change.lane, 1.0, 5.0))
+    assert later.put_off(fleet) is fleet
+
+
+def test_one_with_room_in_a_queue_does_not_put_its_change_off(fleet_and_later):
+    fleet, later, change = fleet_and_later
+    later._blocked = {fleet.ids[2]: Blocked(change, -10.0, False, inf)}
+    later.note_in_queue(change, 7.3, Ego(fleet.ids[2], change.lane, 1.0, 5.0))
+    assert not later._blocked
+
+
 def test_those_that_have_begun_it_keep_it(fleet_and_later):
     fleet, later, change = fleet_and_later
     later._blocked = {fleet.ids[0]: Blocked(change, -10.0, False, inf)}

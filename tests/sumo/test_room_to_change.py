@@ -374,6 +374,7 @@ def test_a_queue_blocks_a_lane_change_only_where_it_stands_in_its_path(lane, rea
     [
         (55.0, 2.0, 90.0, False, Here.GOES_OVER),  # a queue creeps before the place of the change
         (55.0, 0.0, 90.0, False, Here.GOES_OVER),
+        (50.0, 1.2, 90.0, False, Here.DRIVES_ON),  # it has just set out, and its road is free
         (42.0, 0.0, 90.0, False, Here.DRIVES_ON),  # it stands so close ahead that there is no way past it
         (None, 0.0, 90.0, False, Here.DRIVES_ON),  # the way to that place is free
         (55.0, 2.0, 33.0, False, Here.DRIVES_ON),  # another one is beside
@@ -386,14 +387,16 @@ def test_in_a_queue_a_member_goes_over_where_it_is(ahead, its_speed, beside, let
     """Members of a platoon went over at one place, one after the other: one with each green light."""
     places = {"road_0": [("m.0", 30.0)], "road_1": [("polite", 19.0), ("beside", beside)]}
     places["road_0"] += [("queue", ahead)] if ahead else []
-    client = client_of(places)
-    client.vehicle.getSpeed = {"m.0": 0.0, "queue": its_speed, "beside": 2.0, "polite": 0.0}.__getitem__
+    places["road_0"] += [("head", 70.0)] if its_speed == 2.0 else []
+    client, speed = client_of(places), {"m.0": 0.0, "queue": its_speed, "beside": 2.0, "polite": 0.0, "head": 0.0}
+    client.vehicle.getSpeed = speed.__getitem__
+    client.vehicle.getWaitingTime = lambda name: 8.0 if speed[name] == 0.0 else 0.0
     network = SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)])
     change = RoomToChange(network, Reads(client), {"m.0": "polite"} if let_in else {})
     line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 45.0, 3.2)  # it begins at 55 m
     ego = Ego("m.0", "road_0", 0.0, 5.0)
     assert change.where_it_is(line, 25.0, ego) == here
-    wants = here == Here.STAYS or (here == Here.DRIVES_ON and ahead is not None)
+    wants = here == Here.STAYS or (here == Here.DRIVES_ON and ahead is not None and its_speed != 1.2)
     assert [(one.lane, round(one.behind, 1)) for one in change.wanted.values()] == [("road_1", -0.5)] * wants
     assert change.where_it_is(line, 25.0, ego._replace(speed=4.0)) == Here.DRIVES_ON
     assert change.where_it_is(line._replace(to_end=200.0), 25.0, ego) == Here.DRIVES_ON  # its lane does not end soon
