@@ -34,7 +34,7 @@ AT_LEAST = 1.0  # by which a change must become later, to be worth another route
 SHORTER = 0.75  # share of its length to which it must shrink otherwise
 NEAR = 5.0  # distance by which rounding changes stations, at most [m]
 JOIN = 2.0  # distance before the old change over which the new line takes over from the old one [vehicle lengths]
-FIRST = 1.2  # part of an edge before a change that is sooner [vehicle lengths]: with less it bends too sharply
+LEAD_IN = 1.2  # least length of an edge before a change that is sooner [vehicle lengths]: else it bends too sharply
 SPACING = 0.5  # of points there [m]
 
 
@@ -76,7 +76,7 @@ def with_sooner_change(route: Route, change: Line, by: float, network: Network, 
     width, shape = network.lane_width(edge, lane), network.route_line((edge,), lane)
     changes, length = _changes_from(route, change), float(np.hypot(*np.diff(shape, axis=0).T).sum())
     begin = length - change.to_end - by
-    if route.closed or begin < FIRST * model.length:
+    if route.closed or begin < LEAD_IN * model.length:
         return None
     last = route.lines[i - 1] if i else None
     if last and last.state == CHANGING and change.station - by < last.station + last.across + BETWEEN * width:

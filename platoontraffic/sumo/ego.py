@@ -38,7 +38,7 @@ class Ego(NamedTuple):
     steering_rate: float = math.inf  # greatest change of its curvature by time [1/m/s]
     top: float = math.inf  # greatest speed beside a body that it drives round [m/s]
     drive: float = 0.0  # acceleration now [m/s2]
-    route: Route | None = None  # None: SUMO drives it
+    route: Route | None = None  # None: its law is given none, or SUMO drives it
     axle: float = 0.0  # station of its driven axle on its route [m]
 
     @classmethod
@@ -89,7 +89,7 @@ class Ego(NamedTuple):
         return max(distance + self.line_at_speed(speed), self.line_at_speed(self.speed - braking * SETTLING))
 
     def pace(self, limit: float) -> Pace:
-        """How it drives on where SUMO drives it, with a speed limit [m/s]."""
+        """How it drives on without a route, up to a speed limit [m/s]."""
         return Pace(self.speed, self.acceleration, limit, STARTING)
 
     def profile(self) -> SpeedProfile:

@@ -121,7 +121,7 @@ class LaterChanges:
             if row is None or by <= 0 or change not in fleet.members[row].route.lines:
                 continue
             if sooner := self._sooner[fleet.members[row].route, change, by, fleet.members[row].model]:
-                # The one behind it would follow it over to the other lane, before its own change.
+                # The next member would follow it to the other lane before its own change, and look for no room there.
                 in_trail = row, *np.flatnonzero(fleet.predecessor == row).tolist()
                 fleet = fleet.with_route(row, sooner, WINDOW).off_trail(in_trail)
         return fleet

@@ -60,7 +60,7 @@ class Gap(NamedTuple):
 
 
 class Here(Enum):
-    """What a vehicle in a queue does before its lane change."""
+    """The next action of a vehicle in a queue before its lane change."""
 
     DRIVES_ON = 0
     STAYS = 1
@@ -134,11 +134,11 @@ class RoomToChange:
         return inf
 
     def where_it_is(self, line: Line, distance: float, ego: Ego) -> Here:
-        """What a vehicle does that is slow in a queue before its lane change: it goes over where it is, if it has room.
+        """The next action of a slow vehicle before its lane change: in a queue it goes over where it is, if it has room.
 
-        Else it wants the room there: in a queue each one goes over at its own place, and not all at one place one after
-        another. It stays there while one lets it in, and those beside it that are in its way drive on. Where its lane
-        does not end soon, it may become faster first.
+        Else it asks for room there, so that the vehicles of a queue need not all go over at one place, one after another.
+        It stays there while another vehicle lets it in and those beside it, which leave no room, drive on. Where its
+        lane does not end soon, it drives on: it may become faster first.
 
         line, distance: as of `may_change`; the next one
         """
