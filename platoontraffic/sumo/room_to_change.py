@@ -134,9 +134,9 @@ class RoomToChange:
         return inf
 
     def where_it_is(self, line: Line, distance: float, ego: Ego) -> Here:
-        """The next action of a slow vehicle before its lane change: in a queue it goes over where it is, if it has room.
+        """The next action of a slow vehicle before its lane change: in a queue it goes over where it is, with room.
 
-        Else it asks for room there, so that the vehicles of a queue need not all go over at one place, one after another.
+        Else it asks for room there, so that the vehicles of a queue need not go over at one place, one after another.
         It stays there while another vehicle lets it in and those beside it, which leave no room, drive on. Where its
         lane does not end soon, it drives on: it may become faster first.
 
