@@ -24,6 +24,7 @@ STEERING_LAG = 0.15  # from a command to the curvature driven, by which the curv
 SHARPEST = 0.1  # least radius of a turn, for a vehicle that turns on the spot [vehicle lengths]
 PLANNED = 0.75  # share of the comfortable braking that is planned before bends and lower limits, as brakes lag
 STEERED = 0.95  # share of its steering rate that the changes of curvature may take
+SURELY = 1 - 1e-9  # factor on limits with which no rounding decides
 RESERVE = 1.15  # lateral acceleration that steering may use, above that of the planned speed
 ASTRAY, ASKEW = 0.5, 0.5  # offset [vehicle widths] and off-heading [rad] beyond which it returns to its route slowly
 
@@ -110,19 +111,23 @@ def _bends(route, i, speeds, steering_rate, slow, gains):
     slow   : greatest speed everywhere [m/s]
     """
     v, reached = speeds
-    distance, curvature = route.distance[i], route.curvature[i]
-    here, acceleration, braking = math.inf, math.inf, PLANNED * gains.braking
+    distance, curvature, lateral = route.distance[i], route.curvature[i], gains.lateral_acceleration
+    here, acceleration, braking, least = math.inf, math.inf, PLANNED * gains.braking, math.inf
     for k in range(len(distance)):
-        change = 0.0
+        bend, limit, change, step = abs(curvature[k]), slow, 0.0, 1.0
         if k + 1 < len(distance):
-            change = abs(curvature[k + 1] - curvature[k]) / (distance[k + 1] - distance[k])
-        fastest = fastest_at(curvature[k], change, gains.lateral_acceleration, steering_rate)
+            change, step = abs(curvature[k + 1] - curvature[k]), distance[k + 1] - distance[k]
         if gains.speed_factor < math.inf:
-            fastest = np.minimum(fastest, gains.speed_factor * route.limit[i, k])
-        fastest = np.minimum(fastest, slow)
+            limit = np.minimum(gains.speed_factor * route.limit[i, k], slow)
+        # Where it may drive as fast as nearer by, or faster, nothing more follows, as on most of a road.
+        turns_little = change * least < SURELY * STEERED * steering_rate * step
+        if bend * least * least < SURELY * lateral and turns_little and limit >= least:
+            continue
+        fastest = np.minimum(fastest_at(bend, change / step, lateral, steering_rate), limit)
         if k == 0:
             here = fastest
             continue
+        least = np.minimum(least, fastest)
         slowing = _slowed_to(fastest, np.maximum(distance[k] - REACTION * v, 0.0), reached, braking)
         acceleration = np.minimum(acceleration, np.maximum(slowing, (fastest - v) / SETTLING))
     return here, acceleration
@@ -159,10 +164,9 @@ def _slowed_to(fastest, distance, v, braking):
 @compiled
 def curvature_at(distance, curvature, ahead):
     """Curvature of a route at a distance ahead [1/m]."""
-    after = 0
-    for k in range(len(distance)):
-        after += distance[k] <= ahead
-    after = min(max(after, 1), len(distance) - 1)
+    after = 1
+    while after < len(distance) - 1 and distance[after] <= ahead:
+        after += 1
     near, far = distance[after - 1], distance[after]
     share = np.minimum(np.maximum((ahead - near) / np.maximum(far - near, 1e-9), 0.0), 1.0)
     return curvature[after - 1] * (1 - share) + curvature[after] * share

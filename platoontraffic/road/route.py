@@ -285,33 +285,33 @@ def _look_ahead(rows, station, poses, routes, places, lines, grids, changes, shi
         stations, points, limits = lines[0][first:stop], lines[1][first:stop], lines[2][first:stop]
         grid, curvature = grids[0][grid_first:grid_stop], grids[1][grid_first:grid_stop]
         changed, aside = changes[0][change_first:change_stop], changes[1][change_first:change_stop]
-        begin = base[r]
-        k = bend = change = -1
-        before = np.inf
+        begin, spacing = base[r], grid[-1] / (len(grid) - 1)  # the grid is even
+        k = change = -1
+        before, piece, slope_x, slope_y = np.inf, -1, 0.0, 0.0
         for j in range(len(REACH)):
             distance = REACH[j] * length[r]
             there = station[i] + distance
             there = (there % end[r] if closed[r] else min(there, span[r])) + begin
             if there < before:  # the first, or a new lap
-                k, bend, change = _last(stations, begin, there), _last(grid, begin, there), _last(changed, begin, there)
+                k, change = _last(stations, begin, there), _last(changed, begin, there)
             before = there
             while k + 1 < len(stations) and stations[k + 1] + begin <= there:
                 k += 1
-            while bend + 1 < len(grid) and grid[bend + 1] + begin <= there:
-                bend += 1
             ahead.distance[i, j], ahead.limit[i, j] = distance, min(factor[r] * limits[k], top_speed[r])
-            ahead.curvature[i, j] = _between(grid, begin, curvature, bend, there)
+            along = max((there - begin) / spacing, 0.0)
+            bend = min(int(along), len(curvature) - 2)
+            less, more = curvature[bend], curvature[bend + 1]
+            ahead.curvature[i, j] = less + (more - less) * min(along - bend, 1.0)
             if shifted:
                 while change + 1 < len(changed) and changed[change + 1] + begin <= there:
                     change += 1
                 ahead.aside[i, j] = _between(changed, begin, aside, change, there)
-            east, north = points[k, 0], points[k, 1]
             here = stations[k] + begin
-            if there != here and k + 1 < len(stations):
-                size, along = stations[k + 1] + begin - here, there - here
-                east += (points[k + 1, 0] - east) / size * along
-                north += (points[k + 1, 1] - north) / size * along
-            east, north = east - x[i], north - y[i]
+            if k != piece and k + 1 < len(stations):  # divisions take as long as all else
+                size, piece = stations[k + 1] + begin - here, k
+                slope_x, slope_y = (points[k + 1, 0] - points[k, 0]) / size, (points[k + 1, 1] - points[k, 1]) / size
+            along = there - here if k + 1 < len(stations) else 0.0
+            east, north = points[k, 0] + slope_x * along - x[i], points[k, 1] + slope_y * along - y[i]
             ahead.points[i, j, 0] = east * cos[i] + north * sin[i]
             ahead.points[i, j, 1] = north * cos[i] - east * sin[i]
 
@@ -333,7 +333,7 @@ def _last(stations, base, there):
 def _between(stations, base, values, k, there):
     """As np.interp, where the k-th one of stations, from a base, is the last one that is not beyond."""
     here = stations[k] + base
-    if there <= here or k + 1 == len(stations):
+    if there <= here or k + 1 == len(stations) or values[k] == values[k + 1]:
         return values[k]
     return (values[k + 1] - values[k]) / (stations[k + 1] + base - here) * (there - here) + values[k]
 

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from platoontraffic.geometry import polyline
-from platoontraffic.geometry.polyline import nearest
+from platoontraffic.geometry.polyline import beside, nearest
 from platoontraffic.lidar.compiled import compiler
 
 compiled = compiler(__file__, polyline.__file__)
@@ -110,23 +110,22 @@ def _append_arc(points, size, i, there, direction):
 @compiled
 def relay(trail, odometry, route):
     """Lay trails along `trail.RouteSection` instead, in place."""
-    points, size = trail.points, trail.size
-    for i in range(len(size)):
+    for i in range(len(trail.size)):
         if not route.rows[i]:
             continue
         cos, sin = math.cos(odometry.heading[i]), math.sin(odometry.heading[i])
-        size[i] = piece = 0
-        for k in range(min(route.distance.shape[1], points.shape[1] // 2)):
-            station = route.distance[i, k]
-            ahead, aside, piece = _rounded(route.points[i], route.distance[i], station, route.rounding[i], piece)
+        points, distance, n, piece = trail.points[i], route.distance[i], 0, 0
+        for k in range(min(len(distance), len(points) // 2)):
+            ahead, aside, piece = _rounded(route.points[i], distance, distance[k], route.rounding[i], piece)
             x, y = odometry.x[i] + ahead * cos - aside * sin, odometry.y[i] + ahead * sin + aside * cos
-            if k == 0:
-                points[i, 0] = x, y, 0.0
-                size[i] = 1
-            elif math.hypot(x - points[i, size[i] - 1, 0], y - points[i, size[i] - 1, 1]) > 1e-3:
-                _append(points[i], size, i, x, y)
-            if size[i] > 1 and station > route.length[i]:
+            dx, dy = x - points[n - 1, 0], y - points[n - 1, 1]
+            step = math.sqrt(dx * dx + dy * dy)  # math.hypot takes three times as long
+            if n == 0 or step > 1e-3:
+                points[n] = x, y, points[n - 1, 2] + step if n else 0.0
+                n += 1
+            if n > 1 and distance[k] > route.length[i]:
                 break
+        trail.size[i] = n
 
 
 @compiled
@@ -137,19 +136,22 @@ def _rounded(points, distance, station, window, piece):
 
     piece: the first place is on this one, or on a later one
     """
-    x = y = 0.0
-    last, first = len(distance) - 2, piece
+    x = y = slope_x = slope_y = 0.0
+    last, first, before = len(distance) - 2, piece, -1
     for j in range(-ROUNDING, ROUNDING + 1):
-        there = station + j * window / ROUNDING
+        there = station + j * (window / ROUNDING)
         while piece < last and distance[piece + 1] < there:
             piece += 1
+        if piece != before:  # divisions take as long as all else
+            per_metre, before = 1 / (distance[piece + 1] - distance[piece]), piece
+            slope_x = (points[piece + 1, 0] - points[piece, 0]) * per_metre
+            slope_y = (points[piece + 1, 1] - points[piece, 1]) * per_metre
         if j == -ROUNDING:
             first = piece
-        share = (there - distance[piece]) / (distance[piece + 1] - distance[piece])
-        place_x = points[piece, 0] + share * (points[piece + 1, 0] - points[piece, 0])
-        x += place_x / (2 * ROUNDING + 1)
-        y += (points[piece, 1] + share * (points[piece + 1, 1] - points[piece, 1])) / (2 * ROUNDING + 1)
-    return x, y, first
+        along = there - distance[piece]
+        x += points[piece, 0] + along * slope_x
+        y += points[piece, 1] + along * slope_y
+    return x / (2 * ROUNDING + 1), y / (2 * ROUNDING + 1), first
 
 
 @compiled
@@ -219,19 +221,19 @@ def look_ahead(trail, odometry, axle, windows, preview, ahead):
         if not math.isnan(axle[i, 0]):
             ahead.length[i] += _past_end(points, size, axle[i, 0], axle[i, 1])
 
-        _fit(points, size, here, window[i], fit)
+        _fit(points, size, here, window[i], 0, fit)
         along = math.atan2(fit[1, 1], fit[1, 0])
         cos, sin = math.cos(along), math.sin(along)
         ahead.offset[i] = (y - fit[0, 1]) * cos - (x - fit[0, 0]) * sin
         ahead.off_heading[i] = _remainder(odometry.heading[i] - along, 2 * math.pi)
 
-        _fit(points, size, here + preview[i], bend_window[i], fit)
+        _fit(points, size, here + preview[i], bend_window[i], 0, fit)
         ahead.curvature[i] = _curvature(fit)
-        least = APART * plan_window[i]
+        least, first = APART * plan_window[i], 0
         beyond = max(end - least * (places - 1), 0.0)
         for j in range(places):
             ahead.distance[i, j] = min(least * j + beyond * (j / (places - 1)) ** 2, max(end, 0.0))
-            _fit(points, size, here + ahead.distance[i, j], plan_window[i], fit)
+            first = _fit(points, size, here + ahead.distance[i, j], plan_window[i], first, fit)
             ahead.bend[i, j] = _curvature(fit)
 
 
@@ -253,25 +255,27 @@ def _past_end(points, size, x, y):
 
 
 @compiled
-def _fit(points, size, here, window, fit):
+def _fit(points, size, here, window, begin, fit):
     """The parabola of least squares through the points within a window of a station; beyond the end a straight line.
 
     With u = (station - middle) / window, x and y each are r0 + r1 u + r2 u^2, where M r = sum of (1, u, u^2) x and
     M_jk = sum of u^(j + k).
 
-    fit : place there, and its first and second derivative by station, (3, 2), filled in
+    begin   : a point that is not within the window of this station, or any after it, but 0
+    fit     : place there, and its first and second derivative by station, (3, 2), filled in
+    returns : the first point within the window: `begin` for a later station
     """
-    station = points[:size, 2]
-    end = station[size - 1]
+    end = points[size - 1, 2]
     # Near the end that of the last points; a tangent from one side is too uncertain.
     middle = min(here, max(end - window, end / 2))
-    first, stop = _within(station, middle - window, middle + window)
+    begin, stop = _within(points, size, middle - window, middle + window, begin)
+    first, stop = _at_least(4, begin, stop, size)
     if stop - first < 3:
         cos, sin = _direction(points, size)
         fit[0] = points[size - 1, 0] + (here - end) * cos, points[size - 1, 1] + (here - end) * sin
         fit[1] = cos, sin
         fit[2] = 0.0, 0.0
-        return
+        return begin
     m, x, y = _moments(points, first, stop, middle, window)
     a, b, c, d, e = m
     # Inverse of the symmetric [[a, b, c], [b, c, d], [c, d, e]] by cofactors.
@@ -287,14 +291,26 @@ def _fit(points, size, here, window, fit):
         fit[0, axis] = place + slope * on + bent * on * on / 2 + (slope + bent * on) * beyond
         fit[1, axis] = slope + bent * on
         fit[2, axis] = bent if beyond == 0 else 0.0
+    return begin
 
 
 @compiled
-def _within(station, low, high):
-    """First and last + 1 of the points between two stations; at least four, as far as there are."""
-    first, stop = np.searchsorted(station, low), np.searchsorted(station, high)
-    while stop - first < 4 and (first > 0 or stop < len(station)):
-        first, stop = max(first - 1, 0), min(stop + 1, len(station))
+def _within(points, size, low, high, begin):
+    """First and last + 1 of the points from the first or a later one, `begin`, on that lie between two stations."""
+    first = begin
+    while first < size and points[first, 2] < low:
+        first += 1
+    stop = first
+    while stop < size and points[stop, 2] < high:
+        stop += 1
+    return first, stop
+
+
+@compiled
+def _at_least(least, first, stop, size):
+    """First and last + 1 of so many points at least about others, as far as there are."""
+    while stop - first < least and (first > 0 or stop < size):
+        first, stop = max(first - 1, 0), min(stop + 1, size)
     return first, stop
 
 
@@ -303,8 +319,9 @@ def _moments(points, first, stop, middle, window):
     """Sums over points of u^0 to u^4, and of x and y, from the first point, times u^0 to u^2."""
     a = b = c = d = e = 0.0
     x0 = x1 = x2 = y0 = y1 = y2 = 0.0
+    per_metre = 1 / window
     for k in range(first, stop):
-        u = (points[k, 2] - middle) / window
+        u = (points[k, 2] - middle) * per_metre
         dx, dy = points[k, 0] - points[first, 0], points[k, 1] - points[first, 1]
         u2 = u * u
         a, b, c, d, e = a + 1.0, b + u, c + u2, d + u2 * u, e + u2 * u2
@@ -319,8 +336,8 @@ def _curvature(fit):
 
     On a circle of radius R the parabola within w each way has |r'| = 1 - w^2 / 10 R^2 and r'' = (1 - w^2 / 14 R^2) / R.
     """
-    speed = math.hypot(fit[1, 0], fit[1, 1])
-    return (fit[1, 0] * fit[2, 1] - fit[1, 1] * fit[2, 0]) / speed ** (12 / 7)
+    squared = fit[1, 0] * fit[1, 0] + fit[1, 1] * fit[1, 1]
+    return (fit[1, 0] * fit[2, 1] - fit[1, 1] * fit[2, 0]) / squared ** (6 / 7)
 
 
 # ---- what is in the way
@@ -363,7 +380,7 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
             if ahead <= 0 or aside > left or aside < right:
                 continue
             there_x, there_y = x + ahead * cos - aside * sin, y + ahead * sin + aside * cos
-            piece, share, away2, _ = nearest(points, begin, size - 1, there_x, there_y, 0.0, math.inf)
+            piece, share, away2 = _nearest_within(points, (begin, size), there_x, there_y, half_width + swings)
             distance = _station(points, piece, share) - here
             nearer = min(reach, front[i] + free[i])
             if swings > 0.0 and half_width**2 < away2 < (half_width + swings) ** 2:
@@ -375,18 +392,44 @@ def first_return(trail, odometry, strip, front, laser, ranges, directions, skipp
 
 
 @compiled
+def _nearest_within(points, pieces, x, y, apart):
+    """The piece nearest to a place, the share of it, and the squared distance: inf if none is within a distance.
+
+    Beyond its end the trail goes straight on.
+
+    pieces : the first one, and the number of points
+    """
+    begin, size = pieces
+    piece, share, least = begin, 0.0, math.inf
+    for k in range(begin, size - 1):
+        dx, dy = x - points[k, 0], y - points[k, 1]
+        within = apart + points[k + 1, 2] - points[k, 2] + 1e-6
+        if k < size - 2 and dx * dx + dy * dy > within * within:  # most pieces are too far away
+            continue
+        step_x, step_y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        length2, most = step_x * step_x + step_y * step_y, 1.0 if k < size - 2 else math.inf
+        part, away2, _ = beside(points, k, x, y, length2, 0.0, most, 1.0)
+        if away2 < least:
+            piece, share, least = k, part, away2
+    return piece, share, least
+
+
+@compiled
 def _swings_out(points, begin, size, front):
     """How far the front swings out of a strip about the path of the axle, in the sharpest bend [m]; 0: hardly.
 
     On an arc of curvature k a point on the axis, `front` before the axle, is k front^2 / 2 outside the axle's path.
     """
     most = 0.0
+    cos_before, sin_before = _chord(points, begin, size)
     for k in range(begin + CHORD, size - CHORD, CHORD):
         cos, sin = _chord(points, k, size)
-        cos_before, sin_before = _chord(points, k - CHORD, size)
-        turn = abs(math.asin(min(max(sin * cos_before - cos * sin_before, -1.0), 1.0)))
-        length = points[k, 2] - points[k - CHORD, 2]
-        most = max(most, turn / max(length, SPACING) * front * front / 2)
+        sine = abs(sin * cos_before - cos * sin_before)
+        length = max(points[k, 2] - points[k - CHORD, 2], SPACING)
+        # The turn is at most pi / 2 times its sine: on a straight no arc sine has to be computed.
+        if sine * front * front > max(most, HARDLY_OUT) * length:
+            most = max(most, math.asin(min(sine, 1.0)) / length * front * front / 2)
+        cos_before, sin_before = cos, sin
     return min(most, FARTHEST_OUT) if most > HARDLY_OUT else 0.0
 
 
