@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -97,17 +96,21 @@ class Paths(Once):
 
 
 class JudgedLine(Line):
-    """A line of a junction as vehicles of one kind come to it, at station 0.
+    """A line of a junction as vehicles of one kind come to it, at station 0; there is one object for each.
 
-    Much is looked up by it in each step, and the hash of so many fields takes long: it is kept.
+    state: equal where the network gives nobody priority
+
+    Much is looked up by it in each step, and to compare so many fields takes long: it is equal to itself only.
     """
 
-    @cached_property
-    def _hash(self) -> int:
-        return super().__hash__()
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__
+    __ne__ = object.__ne__
 
-    def __hash__(self) -> int:
-        return self._hash
+    @classmethod
+    def of(cls, line: Line, kind: str, network: Network) -> JudgedLine:
+        state = line.state if network.unregulated.isdisjoint(line.via) else EQUAL[0]
+        return cls(*line._replace(station=0.0, state=state, kind=kind))
 
 
 class Conflicts(NamedTuple):
@@ -117,7 +120,6 @@ class Conflicts(NamedTuple):
     crossings: dict[str, Crossing]  # by the foe's first lane inside the junction
     walks: tuple[Walk, ...]
     waits: float  # where the own path may wait midway [m]; inf: nowhere
-    unregulated: bool = False  # the network gives nobody priority, so everybody is yielded to
     swings: bool = False  # the own front swings out over paths to the lanes beside its own
     narrow: tuple[Crossing, ...] = ()  # paths apart from the own one for SUMO, but too close for two cars
 
@@ -165,7 +167,7 @@ class Conflicts(NamedTuple):
         walks = tuple(_walks(own, inner, width, sumo))
         waits = lane.getLength(line.via[0]) if len(line.via) > 1 else math.inf
         narrow = tuple(_narrow(line, crossings, inner, network, sumo, paths))
-        return cls(tuple(upstream.items()), crossings, walks, waits, unregulated, bool(found), narrow)
+        return cls(tuple(upstream.items()), crossings, walks, waits, bool(found), narrow)
 
 
 def _narrow(

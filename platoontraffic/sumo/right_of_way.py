@@ -197,6 +197,8 @@ class RightOfWay:
                        inf where it can pass them, or cannot stop any more
         """
         stop = math.inf
+        if not (self._all_inside[line] or self._conflicts[line].narrow):  # as at most lines
+            return stop
         others = (one for one in self._all_inside[line] if not self._needs_no_stop(one, line, over, priority_too))
         for foe in chain(others, self._first_where_it_is_narrow(line, over)):
             crossing = foe.crossing

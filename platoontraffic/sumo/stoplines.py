@@ -63,7 +63,7 @@ class StopLines:
         paths = Paths(sumo)
         self._conflicts = Once(lambda line: Conflicts.at(line, network, sumo, paths))
         # By line and kind of vehicle: one for all routes over it.
-        self._at_junction = Once(lambda passed: JudgedLine(*passed[0]._replace(station=0.0, kind=passed[1])))
+        self._at_junction = Once(lambda passed: JudgedLine.of(*passed, network))
         self._way = RightOfWay(sumo, self._now, self._conflicts)
         self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else {})
         self._fleet: tuple[Member, ...] = ()  # at the last look
@@ -400,10 +400,8 @@ class StopLines:
         return state in STOP or (state in MINOR and bool(self._conflicts[line].entering))
 
     def _link_state(self, line: Line) -> str:
-        """State of the link beyond a line now, as SUMO writes it; but equal where the network gives nobody priority."""
-        if not line.light:
-            return EQUAL[0] if self._conflicts[line].unregulated else line.state
-        return self._now.lights[line.light][line.index]
+        """State of the link beyond a junction's line now, as SUMO writes it."""
+        return self._now.lights[line.light][line.index] if line.light else line.state
 
     # ---- junctions
 

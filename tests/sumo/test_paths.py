@@ -11,6 +11,7 @@ import shapely.ops
 
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.sumo.conflicts import (
+    EQUAL,
     TAIL,
     TOUCHES,
     JudgedLine,
@@ -76,7 +77,12 @@ def test_a_path_is_that_of_its_lanes_and_the_begin_of_the_lane_beyond(steps, cou
         assert sampled.points == pytest.approx(there, abs=1e-9)
 
 
-def test_a_judged_line_is_found_where_an_equal_line_is():
-    line = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
-    assert {line: "conflicts"}[JudgedLine(*line)] == {JudgedLine(*line): "conflicts"}[line] == "conflicts"
-    assert JudgedLine(*line)._replace(across=9.0) not in {line}
+def test_a_judged_line_is_equal_to_itself_only():
+    line = Line(7.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    network = SimpleNamespace(unregulated=frozenset())
+    one, other = (JudgedLine.of(line, "car", network) for _ in range(2))
+    assert one in {one: "conflicts"}
+    assert other not in {one: "conflicts"}
+    assert one != other
+    assert (one.station, one.state, one.kind) == (0.0, "m", "car")
+    assert JudgedLine.of(line, "truck", SimpleNamespace(unregulated=frozenset({":a_0"}))).state == EQUAL[0]

@@ -59,6 +59,7 @@ class Members(SimpleNamespace):
 NOBODY = Members(members=(), ids=(), progress=SimpleNamespace(rows=np.arange(0), station=np.zeros(0)))
 EYE = replace(PRESETS["car-leader"], mount=Mount(CAR.length / 2))
 BLIND = replace(EYE, range_max=0.5)
+ROADS = SimpleNamespace(unregulated=frozenset())  # a network that gives priority everywhere
 
 # ---- leaders that wait for a gap in SUMO
 
@@ -482,8 +483,8 @@ def test_at_a_zipper_a_vehicle_that_stands_inside_may_set_out(monkeypatch):
 def test_a_line_at_which_a_member_gives_way_is_closed_until_it_has_looked(monkeypatch, state, distance, speed):
     """A slow one need not begin to brake yet where it begins to look."""
     line = Line(0.0, state, "", 0, "road_0", "next_0", (":a_0",), 10.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((("before_0", 0.0),), {}, (), np.inf)}
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: Conflicts((("before_0", 0.0),), {}, (), np.inf))
     ego = Ego("m.0", "road_0", speed, CAR.length)
     looked = []
     monkeypatch.setattr(RightOfWay, "has_stood", lambda *_: True)
@@ -496,7 +497,7 @@ def test_a_line_at_which_a_member_gives_way_is_closed_until_it_has_looked(monkey
 def test_a_member_that_stops_midway_looks_at_its_line_again(monkeypatch):
     """The place where it stops is far, its line is not."""
     line = Line(110.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines = StopLines(ROADS, SimpleNamespace())
     lines._at_junction, lines._conflicts = {(line, "car"): line}, {line: Conflicts((), {}, (), np.inf)}
     ego = Ego("m.0", "road_0", 2.0, CAR.length)
     lines._far = FarLines([ego])
@@ -522,7 +523,7 @@ def test_a_member_that_turns_at_green_beside_the_middle_of_its_lane_does_not_run
     fleet = SimpleNamespace(
         members=[member], row_of={"m.0": 0}, native=[False], motion=SimpleNamespace(speed=np.ones(1))
     )
-    (entered,) = StopLines(SimpleNamespace(), client).entries(fleet, [("m.0", "road_0", ":a_1")])
+    (entered,) = StopLines(ROADS, client).entries(fleet, [("m.0", "road_0", ":a_1")])
     assert (entered.row, entered.lane, entered.signal) == (0, "road_0", signal)
 
 
@@ -722,7 +723,7 @@ def inside_lanes(via: str) -> list[str]:
 @pytest.mark.parametrize("stop", [4.0, np.inf])
 def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(state, yields, stop):
     line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
-    lines, asked = StopLines(None, None), []
+    lines, asked = StopLines(ROADS, None), []
 
     def stop_before_foes(*_: object, priority_too: bool) -> float:
         asked.append(priority_too)
@@ -731,7 +732,6 @@ def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(
     lines._way = SimpleNamespace(
         has_way=lambda *_: True, stop_before_foes=stop_before_foes, note_waiting=lambda *_: None
     )
-    lines._conflicts = {line: SimpleNamespace(unregulated=False)}
     found = lines._passed(line, 3.0, Ego("m.0", ":a_0", 4.0, CAR.length))
     assert asked == [yields]
     assert (found is not None) == (stop < np.inf)
@@ -941,11 +941,11 @@ def test_at_an_all_way_stop_who_sets_out_later_has_waived_the_right_of_way(monke
 def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_beside(monkeypatch, lane, over, heeds):
     """Both lanes begin at its line; its own one leads to the waiting place, 6 m on."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines = StopLines(ROADS, SimpleNamespace())
     links = [("",) * LINK_VIA + (via,) for via in (":a_0", ":a_1")]
     lengths = {":a_0": 6.0, ":a_1": 20.0}
     lines._now = SimpleNamespace(lane_length=lengths, position={"m.0": over}, links={"road_0": links})
-    lines._conflicts = {line._replace(station=0.0): SimpleNamespace(crossings={})}
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={}))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
@@ -962,7 +962,7 @@ def test_a_member_that_falls_back_in_its_lane_change_heeds_its_line_all_the_same
     """One drove over its line at 6 m/s, on the wrong lane."""
     change = Line(60.0, CHANGING, "", 0, "road_0", "road_1", (), 20.0, 40.0)
     line = Line(100.0, "M", "", 0, "road_1", "next_0", (":a_0",), 10.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines = StopLines(ROADS, SimpleNamespace())
     monkeypatch.setattr(lines._change, "may_change", lambda *_: falls_back_within)
     monkeypatch.setattr(lines._change, "may_put_off", lambda *_, **__: False)
     monkeypatch.setattr(lines._change, "is_beside", lambda *_: False)
@@ -994,7 +994,7 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
 ):
     """SUMO's place midway, 9 m on, lies in them: in Bologna a column drove through the front of a member there."""
     line = Line(0.0, "g", "a", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 100.0)))
+    lines = StopLines(ROADS, SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 100.0)))
     met = [
         Crossing("other_0", (via,), (touches - 1, 15.0), (5.0, 10.0), False, one, np.inf, 10.0, touches)
         for via, touches, one in zip((":b_0", ":b_1"), (4.0, 7.0), first, strict=True)
@@ -1002,7 +1002,7 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
     links = {"other_0": [("",) * LINK_VIA + (one.via[0], light) for one in met]}
     switch = {"a": 100.0 + changes}
     lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, links=links, next_switch=switch)
-    lines._conflicts = {line: SimpleNamespace(crossings={one.via[0]: one for one in met})}
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={one.via[0]: one for one in met}))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
@@ -1035,7 +1035,7 @@ def test_a_member_enters_to_wait_midway_where_others_pass_close_before_its_front
 def test_a_member_that_was_set_back_onto_a_lane_beside_is_still_held(monkeypatch, lane, held):
     """The look after that found no closed line, and it would have driven on at red."""
     line = Line(0.0, "G", "a", 0, "road_0", "next_0", (":a_0",), 20.0)
-    lines, red = StopLines(None, None), LineState(0.6, False, False, False, LIGHT)
+    lines, red = StopLines(ROADS, None), LineState(0.6, False, False, False, LIGHT)
     lines._were_over_line = frozenset({"m.0"} if held else ())
     monkeypatch.setattr(StopLines, "_passed", lambda *_: red)
     member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, 0.4, ())))
@@ -1059,9 +1059,9 @@ def test_a_member_whose_front_is_a_little_over_the_line_stays_there_when_it_is_r
 ):
     """In Bologna one crept over its line behind a left-turner, and drove on at red: nobody else could leave."""
     line = Line(0.0, "G", "a", 0, "road_0", "next_0", via, 20.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines = StopLines(ROADS, SimpleNamespace())
     lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, lights={"a": light})
-    lines._conflicts = {line: SimpleNamespace(unregulated=False, crossings={})}
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={}))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: True)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
@@ -1174,7 +1174,7 @@ def test_a_vehicle_drives_on_if_it_has_a_gap_and_does_not_brake(monkeypatch, spe
 )
 def test_who_waits_midway_is_looked_for_where_a_member_comes_or_gives_way(monkeypatch, found, distance, noted):
     line, looked = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0), []
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines = StopLines(ROADS, SimpleNamespace())
     monkeypatch.setattr(StopLines, "_at_line", lambda *_: LineState(*found))
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: looked.append(1))
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
@@ -1215,8 +1215,8 @@ def test_who_comes_behind_one_that_waits_midway_does_not_count(speed, place, cou
 def test_a_member_that_stands_over_a_line_that_closed_is_before_it_for_sumo(monkeypatch, speed):
     """SUMO's drivers gave way to one that stood inside, and it to them."""
     line = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: False)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, 0.2, Ego("m.0", ":a_0", speed, CAR.length))
@@ -1229,8 +1229,8 @@ def test_a_member_that_stands_over_a_line_that_closed_is_before_it_for_sumo(monk
 def test_a_member_whose_front_is_a_little_over_its_line_gives_way_wherever_sumo_has_it(monkeypatch, lane, heeds, way):
     """It had stopped with its front a centimetre over the line, SUMO had it before that, and it set out at once."""
     line, looked = Line(0.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0), []
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: way)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: looked.append(lane))
@@ -1242,8 +1242,8 @@ def test_a_member_whose_front_is_a_little_over_its_line_gives_way_wherever_sumo_
 @pytest.mark.parametrize("lane", ["road_0", ":a_0", ":a_2", "next_0"])
 def test_they_are_looked_for_by_members_that_come_and_that_are_inside(monkeypatch, lane):
     line, looked = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0), []
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
     lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
     for name, value in {"may_cross": True, "stop_before_foes": np.inf}.items():
         monkeypatch.setattr(RightOfWay, name, lambda *_, value=value, **__: value)
@@ -1261,9 +1261,9 @@ def test_they_are_looked_for_by_members_that_come_and_that_are_inside(monkeypatc
 @pytest.mark.parametrize("stop", [2.0, 6.0, np.inf])
 def test_a_member_that_may_wait_midway_stops_before_that_for_a_vehicle_that_has_set_out(monkeypatch, stop):
     line = Line(0.0, "g", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines = StopLines(ROADS, SimpleNamespace())
     lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
+    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: stop)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
@@ -1284,8 +1284,8 @@ def test_a_member_that_may_wait_midway_stops_before_that_for_a_vehicle_that_has_
 def test_a_member_waits_midway_until_there_is_room_beyond(monkeypatch, at, speed, has_gap, last, state):
     """While one waited there for a gap, others filled the lane beyond: it stood in their way, and was struck."""
     line = Line(0.0, "g", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 30.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges=True)})}
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges=True)}))
     names = {"m.0": at, "behind": 3.0, "last": last}
     lines._now = SimpleNamespace(
         on_lane={":a_0": ["behind", "m.0"], ":a_2": [], ":b_0": [], "next_0": ["last"]}, position=names,
@@ -1314,8 +1314,8 @@ def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses
 ):
     """And so it is without room beyond."""
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
     monkeypatch.setattr(
         RightOfWay, "stop_before_foes", lambda *given, priority_too: stop if given[2] == -7.0 else np.inf
     )
@@ -1336,7 +1336,7 @@ def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses
 )
 def test_of_two_places_at_which_a_member_must_stop_the_nearer_one_counts(monkeypatch, at_line, stop, state):
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines = StopLines(ROADS, SimpleNamespace())
     monkeypatch.setattr(StopLines, "_at_line", lambda *_: LineState(*at_line, False, False, 2))
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: stop)
@@ -1344,7 +1344,7 @@ def test_of_two_places_at_which_a_member_must_stop_the_nearer_one_counts(monkeyp
 
 
 def test_nobody_is_kept_waiting_when_there_is_no_member_any_more():
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
+    lines = StopLines(ROADS, SimpleNamespace())
     lines._way.stops["bus"], lines._fleet = 2.0, ("gone",)
     assert lines.signals(NOBODY, {}) is None
     assert lines.waiting_places == {}
@@ -1358,8 +1358,8 @@ def crossed(via: str, merges: bool = False) -> Crossing:
 def test_room_behind_a_junction_is_left_to_those_that_stand_inside_and_go_to_the_same_lane(merges, speed, waits):
     """There is room for one more. In a jammed junction a member drove up to them, and stood in everybody's way."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges)})}
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges)}))
     on_lane = {":a_0": [], ":b_0": ["inside"], "next_0": ["last"]}
     lines._now = SimpleNamespace(
         on_lane=on_lane, position={"last": 16.0, "inside": 8.0}, speed={"last": 0.0, "inside": speed},
@@ -1372,8 +1372,8 @@ def test_room_behind_a_junction_is_left_to_those_that_stand_inside_and_go_to_the
 def test_a_member_finds_room_at_the_place_midway_where_sumo_takes_it_to_be_there_itself(inside, has_room):
     """It stands at its line, which SUMO places a little before. It waited for itself, for ever."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: SimpleNamespace(crossings={":b_0": crossed(":b_0")})}
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0")}))
     on_lane = {":a_0": [inside], ":a_2": [], "next_0": []}
     lines._now = SimpleNamespace(on_lane=on_lane, position={inside: 0.2}, speed={inside: 0.0}, length={inside: 5.0})
     assert lines._has_room(line, Ego("m.0", ":a_0", 0.0, CAR.length)) == has_room
@@ -1394,8 +1394,8 @@ def test_a_member_finds_room_at_the_place_midway_where_sumo_takes_it_to_be_there
 def test_a_vehicle_that_leaves_the_bend_slowly_is_no_queue(speeds, places, has_room):
     """Each follower stood until its predecessor was round the bend: 8 s each, where SUMO's own cars take 3 s."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: SimpleNamespace(crossings={":b_0": crossed(":b_0")})}
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0")}))
     names = [f"c{k}" for k in range(len(speeds))]
     speed, position = (dict(zip(names, values, strict=True)) for values in (speeds, places))
     on_lane, length = {":a_0": [], "next_0": names}, dict.fromkeys(names, 5.0)
@@ -1415,7 +1415,7 @@ def test_of_two_changes_that_are_passed_the_one_from_the_own_lane_is_still_to_be
     route = SimpleNamespace(lines=[before, first, second])
     expected = ((first, 70.0), (second, 40.0))[found]
     assert _not_made(second, 40.0, lane, route) == expected
-    lines, heeded = StopLines(SimpleNamespace(), SimpleNamespace()), []
+    lines, heeded = StopLines(ROADS, SimpleNamespace()), []
     lines._at_junction = {(line, "car"): line for line in (first, second)}
     lines._passed = lambda line, over, ego: heeded.append((line, over))
     lines._change.may_put_off = lambda *_, **__: False
@@ -1429,7 +1429,7 @@ def test_a_line_without_lanes_inside_leaves_a_member_where_sumo_takes_it_to_be(m
     """A line between two edges without a junction inside, or a lane change; SUMO has it inside a junction."""
     line, lines = (
         Line(100.0, state, "", 0, "road_0", "next_0", via, 20.0),
-        StopLines(SimpleNamespace(), SimpleNamespace()),
+        StopLines(ROADS, SimpleNamespace()),
     )
     lines._now = SimpleNamespace(lane_length={}, position={}, links={"road_0": []})
     monkeypatch.setattr(RoomToChange, "may_change", lambda *_: np.inf)
@@ -1516,7 +1516,7 @@ def test_a_member_is_judged_as_the_shortest_kind_of_vehicle_that_is_as_long(leng
     law = SimpleNamespace(acceleration=1.5, lateral_acceleration=2.0)
     ego = Ego.of(SimpleNamespace(id="m", law=law, model=replace(CAR, length=length)))
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 20.0)
-    assert StopLines(None, None)._at_junction[line, ego.kind] == line._replace(station=0.0, kind=kind)
+    assert tuple(StopLines(ROADS, None)._at_junction[line, ego.kind]) == line._replace(station=0.0, kind=kind)
 
 
 @pytest.mark.parametrize(("kind", "acceleration"), [("car", 2.5), ("van", 2.5), ("truck", 1.45)])
@@ -1571,8 +1571,8 @@ def test_a_sharp_turn_beside_a_footpath(generated_nets):
 @pytest.mark.parametrize("asked", [True, False])
 def test_the_line_of_a_member_that_is_asked_to_let_another_one_in_is_closed(monkeypatch, asked):
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
-    lines = StopLines(SimpleNamespace(), SimpleNamespace())
-    lines._conflicts = {line: Conflicts((), {}, (), np.inf)}
+    lines = StopLines(ROADS, SimpleNamespace())
+    lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
     monkeypatch.setattr(RightOfWay, "is_asked", lambda *given: asked and given[1:] == ("m.0", "road_0"))
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
@@ -1590,7 +1590,7 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
     )  # fmt: skip
     client = SimpleNamespace(vehicle=SimpleNamespace(getLanePosition=lambda _: 30.0))
     letting_in = SimpleNamespace(stops={"m.1": Stop("road_0", 36.0)}, waiting={})
-    lines = StopLines(SimpleNamespace(), client, letting_in)
+    lines = StopLines(ROADS, client, letting_in)
     monkeypatch.setattr(StopLines, "_state", lambda *_: NO_LINE)
     signals = lines.signals(fleet, {"m.0": ("road", "road_0"), "m.1": ("road", "road_0")})
     assert lines._way.obedient == {"m.0", "m.1"}
@@ -1613,14 +1613,14 @@ def test_a_gap_of_a_member_that_goes_round_a_body_is_judged_by_its_speed_there(m
     )  # fmt: skip
     egos = []
     monkeypatch.setattr(StopLines, "_state", lambda _, __, ___, ego, ____: egos.append(ego) or NO_LINE)
-    StopLines(SimpleNamespace(), SimpleNamespace()).signals(fleet, dict.fromkeys(fleet.ids, ("road", "road_0")))
+    StopLines(ROADS, SimpleNamespace()).signals(fleet, dict.fromkeys(fleet.ids, ("road", "road_0")))
     free, beside = (ego.profile().time_for(20.0) for ego in egos)
     assert (free < 6.0, beside) == (True, pytest.approx(10.0, rel=0.01))
 
 
 def test_wishes_for_room_end_with_the_last_member_that_heeds_lines():
     """The wish of a member that was removed stayed, and vehicles waited for it."""
-    lines = StopLines(None, SimpleNamespace())
+    lines = StopLines(ROADS, SimpleNamespace())
     lines._change.wanted["gone"], lines._fleet = Wanted("road_1", 5.0, False), ("gone",)
     assert lines.signals(NOBODY, {}) is None
     assert not lines.room_wanted
