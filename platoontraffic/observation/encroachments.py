@@ -74,7 +74,7 @@ class Encroachments:
             trails.half_width[self._columns] = traffic.width / 2
         if step.fleet.number is not self._numbers:
             self._find_seats(step.fleet.number)
-        head, found = self._step % self._trails.x.shape[0], np.empty((AT_ONCE * n, 4))
+        head, found = self._step % self._trails.x.shape[1], np.empty((AT_ONCE * n, 4))
         place = self._columns, traffic.x, traffic.y
         own = self._seats, self._platoon[step.fleet.number]
         kept = tuple(self._trails), tuple(self._before), tuple(self._now)
@@ -104,15 +104,15 @@ class Encroachments:
 
     def _begin(self, steps: int) -> None:
         self._before, self._now = Meetings.none(0, MEETS), Meetings.none(0, MEETS)
-        nothing = np.zeros((steps, 0))
-        self._trails = Trails(*[nothing] * 5, np.zeros(0, dtype=np.intp), *np.zeros((3, 0)))
+        nothing = np.zeros((0, steps))
+        self._trails = Trails(*[nothing] * 6, np.zeros(0, dtype=np.intp), *np.zeros((3, 0)))
         self._make_room()
 
     def _make_room(self) -> None:
         """Twice as many columns as before."""
         there = self._trails.count.size
         more = there or BODIES
-        trails = (np.concatenate([a, np.zeros((*a.shape[:-1], more), a.dtype)], axis=-1) for a in self._trails)
+        trails = (np.concatenate([a, np.zeros((more, *a.shape[1:]), a.dtype)]) for a in self._trails)
         self._trails = type(self._trails)(*trails)
         self._free += range(there + more - 1, there - 1, -1)
 

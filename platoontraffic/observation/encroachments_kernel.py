@@ -23,13 +23,14 @@ compiled = compiler(__file__, nearby_kernel.__file__)
 
 
 class Trails(NamedTuple):
-    """Of S bodies. Rings of K steps, (K, S), in which the row `head` is now and the row before it one step ago."""
+    """Of S bodies. Rings of K steps, (S, K), in which the column `head` is now and the one before it one step ago."""
 
     x: np.ndarray  # centre [m]
     y: np.ndarray
     cos: np.ndarray  # of the heading
     sin: np.ndarray
     arc: np.ndarray  # length of the path so far [m]
+    still: np.ndarray  # for how many steps it had been there, whole numbers
     count: np.ndarray  # steps for which the body has been there, (S,) int
     longest: np.ndarray  # longest way in one step [m], (S,)
     half_length: np.ndarray  # (S,) [m]
@@ -64,18 +65,19 @@ def follow(trails, before, now, head, dt, slot, x, y, cos, sin, seat, platoon, f
 @compiled
 def extend(trails, head, slot, x, y, cos, sin):
     """Add where bodies are now; slot: column of each, (N,)."""
-    rows = len(trails.x)
+    rows = trails.x.shape[1]
     for i in range(len(slot)):
-        s = slot[i]
+        s, before = slot[i], (head - 1) % rows
         way = 0.0
         if trails.count[s] > 0:
-            before = (head - 1) % rows
-            way = math.hypot(x[i] - trails.x[before, s], y[i] - trails.y[before, s])
+            way = math.hypot(x[i] - trails.x[s, before], y[i] - trails.y[s, before])
             trails.longest[s] = max(trails.longest[s], way)
-            trails.arc[head, s] = trails.arc[before, s] + way
+            trails.arc[s, head] = trails.arc[s, before] + way
         else:
-            trails.longest[s] = trails.arc[head, s] = 0.0
-        trails.x[head, s], trails.y[head, s], trails.cos[head, s], trails.sin[head, s] = x[i], y[i], cos[i], sin[i]
+            trails.longest[s] = trails.arc[s, head] = 0.0
+        trails.x[s, head], trails.y[s, head], trails.cos[s, head], trails.sin[s, head] = x[i], y[i], cos[i], sin[i]
+        stood = trails.count[s] > 0 and _pose(trails, head, s) == _pose(trails, before, s)
+        trails.still[s, head] = trails.still[s, before] + 1 if stood else 0
         trails.count[s] += 1
 
 
@@ -96,8 +98,8 @@ def meet(trails, before, now, head, dt, slot, x, y, seat, platoon, found):
     longest = widest = 0.0
     for k in range(bodies):
         s, row = slot[k], _oldest(trails, head, slot[k])
-        length[k] = trails.arc[head, s] - trails.arc[row, s]
-        old_x[k], old_y[k] = trails.x[row, s], trails.y[row, s]
+        length[k] = trails.arc[s, head] - trails.arc[s, row]
+        old_x[k], old_y[k] = trails.x[s, row], trails.y[s, row]
         radius[k] = math.hypot(trails.half_length[s], trails.half_width[s])
         longest, widest = max(longest, length[k]), max(widest, radius[k])
     by_x, sorted_x = in_order_of_x(x)
@@ -168,7 +170,7 @@ def _met(trails, head, dt, second, first, was_in, entered, least):
     if age < 0:
         return _finished(least), False, entered, CLOSED
     if not was_in:
-        entered = trails.arc[head, second]
+        entered = trails.arc[second, head]
         # From behind, over the trail's end: it follows. One that is long or slow also ends there for those that cross.
         oldest = _pose(trails, _oldest(trails, head, first), first)
         behind = _overlap(body, oldest) and _head_alike(body, oldest)
@@ -177,7 +179,7 @@ def _met(trails, head, dt, second, first, was_in, entered, least):
         least = CLOSED
     if least == CLOSED:
         return CLOSED, True, entered, CLOSED
-    if was_in and trails.arc[head, second] - entered > 2.0 * trails.half_width[second]:
+    if was_in and trails.arc[second, head] - entered > 2.0 * trails.half_width[second]:
         return _finished(least), True, entered, CLOSED
     return CLOSED, True, entered, min(least, _time_between(trails, head, dt, second, first, age))
 
@@ -193,7 +195,7 @@ def _time_between(trails, head, dt, second, first, age):
 
     age: of the first's newest pose that overlaps the second [steps], 1 or more
     """
-    rows = len(trails.x)
+    rows = trails.x.shape[1]
     now, before = _pose(trails, head, second), _pose(trails, (head - 1) % rows, second)
     old, new = _pose(trails, (head - age) % rows, first), _pose(trails, (head - age + 1) % rows, first)
     left, gone = 0.0, 1.0  # shares of the step from old to new: it overlaps, it does not
@@ -217,31 +219,29 @@ def _time_between(trails, head, dt, second, first, age):
 @compiled
 def _newest(trails, head, body, first):
     """Age of the newest pose of a trail that overlaps a body [steps]; -1: none does."""
-    rows = len(trails.x)
+    rows = trails.x.shape[1]
     touching = math.hypot(body[4], body[5]) + math.hypot(trails.half_length[first], trails.half_width[first])
-    age, ages, last = 0, min(trails.count[first], rows), -1
+    age, ages = 0, min(trails.count[first], rows)
     while age < ages:
-        row = (head - age) % rows
-        if last >= 0 and _pose(trails, row, first) == _pose(trails, last, first):  # it stood
-            age += 1
-            continue
-        last = row
-        away = math.hypot(trails.x[row, first] - body[0], trails.y[row, first] - body[1]) - touching
-        if away <= 0.0:
+        row = head - age if head >= age else head - age + rows
+        dx, dy = trails.x[first, row] - body[0], trails.y[first, row] - body[1]
+        squared = dx * dx + dy * dy
+        if squared <= touching * touching:
             if _overlap(body, _pose(trails, row, first)):
                 return age
-            age += 1
-        elif trails.longest[first] * ages < away:  # the whole trail is farther away
+            age += 1 + int(trails.still[first, row])
+            continue
+        away = math.sqrt(squared) - touching
+        if trails.longest[first] * ages < away:  # the whole trail is farther away
             return -1
-        else:  # the poses until it may be near
-            age += max(int(away / trails.longest[first]), 1)
+        age += max(int(away / trails.longest[first]), 1)  # the poses until it may be near
     return -1
 
 
 @compiled
 def _oldest(trails, head, s):
     """Row of the oldest pose of a trail."""
-    rows = len(trails.x)
+    rows = trails.x.shape[1]
     return (head - min(trails.count[s], rows) + 1) % rows
 
 
@@ -249,10 +249,10 @@ def _oldest(trails, head, s):
 def _pose(trails, row, s):
     """x, y, cos, sin of the heading, half of length and width."""
     return (
-        trails.x[row, s],
-        trails.y[row, s],
-        trails.cos[row, s],
-        trails.sin[row, s],
+        trails.x[s, row],
+        trails.y[s, row],
+        trails.cos[s, row],
+        trails.sin[s, row],
         trails.half_length[s],
         trails.half_width[s],
     )

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from platoontraffic.lidar.pose import wrap
+from platoontraffic.road import way_round_kernel
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.records import changed
 
@@ -86,13 +87,14 @@ class _Section:
     points: np.ndarray  # (k, 2)
 
     @cached_property
-    def heading(self) -> np.ndarray:
-        return np.arctan2(*np.gradient(self.points, axis=0).T[::-1])
-
-    @cached_property
     def facing(self) -> tuple[np.ndarray, np.ndarray]:
         """Cosine and sine of the heading, (k,) each."""
-        return np.cos(self.heading), np.sin(self.heading)
+        return way_round_kernel.facing(self.points)
+
+    @property
+    def heading(self) -> np.ndarray:
+        cos, sin = self.facing
+        return np.arctan2(sin, cos)
 
     @cached_property
     def begin(self) -> _Section:
@@ -274,19 +276,13 @@ def _kept(section: _Section, body: Body, returns: np.ndarray, clearance: float) 
 
 def _seen_from(section: _Section, body: Body, returns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places of returns from the body's centre, forward and to the left, (k, returns) each [m]."""
-    cos, sin = (part[:, None] for part in section.facing)
-    x, y = returns[:, 0] - section.points[:, :1], returns[:, 1] - section.points[:, 1:]
-    return cos * x + sin * y + body.axle, cos * y - sin * x
+    return way_round_kernel.seen_from(section.points, *section.facing, body.axle, returns)
 
 
 def _touches(section: _Section, body: Body, returns: np.ndarray, clearance: np.ndarray) -> np.ndarray:
     """Whether each return is within its clearance (returns,) of the body at each place, (k, returns)."""
-    reach = body.length / 2 + abs(body.axle) + body.width / 2 + 2 * clearance.max(initial=0.0)
-    low, high = section.points.min(axis=0) - reach, section.points.max(axis=0) + reach
-    near = ((returns > low) & (returns < high)).all(axis=1)  # of the others none is
-    touched = np.zeros((len(section.points), len(returns)), bool)
-    touched[:, near] = _within(_seen_from(section, body, returns[near]), body, clearance[near])
-    return touched
+    half = body.length / 2, body.width / 2, body.axle
+    return way_round_kernel.touches(section.points, *section.facing, half, returns, clearance)
 
 
 def _within(seen: tuple[np.ndarray, np.ndarray], body: Body, clearance: np.ndarray) -> np.ndarray:

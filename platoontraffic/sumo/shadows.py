@@ -148,6 +148,8 @@ class Shadows:
                 continue
             if side := self._wanted(mover, seen):
                 self._keep_lanes(mover, seen, (2 * side,))
+            elif self._side[mover.id] == NONE:  # as most
+                continue
             one = _Shadow(self._sumo.vehicle.getLanePosition(mover.id), mover, seen, side)
             if side == self._side[mover.id]:
                 if side:

@@ -157,15 +157,20 @@ class StopLines:
         members, old = fleet.members, [self._fleet[row] for row in self._rows.tolist()]
         self._fleet = members
         self._way.members = self._change.members = frozenset(fleet.ids)
-        asking = [(k, i) for k, i in enumerate(fleet.progress.rows.tolist()) if "signals" in members[i].law.needs]
+        # Most members are those of the last look, and share a few laws: what follows from these is found once.
+        laws = {id(member.law): member.law for member in members}
+        need = {key for key, law in laws.items() if "signals" in law.needs}
+        asking = [(k, i) for k, i in enumerate(fleet.progress.rows.tolist()) if id(members[i].law) in need]
         self._rows_in_progress, self._rows = np.array(asking, dtype=np.intp).reshape(-1, 2).T
-        self._asking = [Ego.of(members[i]) for _, i in asking]
+        known = {(id(m.law), id(m.model), m.id): ego for m, ego in zip(old, self._asking, strict=True)}
+        asked = [members[i] for _, i in asking]
+        self._asking = [known.get((id(m.law), id(m.model), m.id)) or Ego.of(m) for m in asked]
         self._slow = QUEUE_SPEED * np.array([ego.size for ego in self._asking])
         self.heedless = frozenset(fleet.ids).difference(ego.id for ego in self._asking)
-        self._way.obedient = frozenset(members[i].id for _, i in asking if members[i].law.heeds_lines)
+        self._way.obedient = frozenset(member.id for member in asked if member.law.heeds_lines)
         self._no_lines = Signals(*(np.full(len(fleet), value) for value in NO_LINE))
         before = {member.id: (k, member.route) for k, member in enumerate(old)}
-        had = ((k, *before.get(members[i].id, (0, None)), members[i].route) for k, (_, i) in enumerate(asking))
+        had = ((k, *before.get(member.id, (0, None)), member.route) for k, member in enumerate(asked))
         far, self._far = self._far, FarLines(self._asking)
         self._far.take_over(far, [(k, j) for k, j, route, now in had if route and route is now])
 

@@ -15,6 +15,7 @@ from platoontraffic.controllers import Signals
 from platoontraffic.errors import RunError
 from platoontraffic.road.network import Network
 from platoontraffic.road.speed_profile import load as load_speed_profile
+from platoontraffic.road.way_round_kernel import load as load_way_round
 from platoontraffic.sumo.background import PERSON, Background
 from platoontraffic.sumo.client import Client, direct, libsumo
 from platoontraffic.sumo.conflicts import load as load_conflicts
@@ -158,6 +159,7 @@ class World:
         load_poses()
         load_conflicts()
         load_speed_profile()
+        load_way_round()
 
     def look_ahead(self, members: Sequence[Member]) -> None:
         """Find out about the junctions on members' routes, so that forks of the process need not. Nothing moves."""

@@ -22,6 +22,7 @@ import numpy as np
 import shapely
 
 from platoontraffic.controllers import BRAKES_FOR, Signals
+from platoontraffic.controllers.tracker.trail import beams_of
 from platoontraffic.controllers.tracking import AROUND
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.pose import wrap
@@ -133,7 +134,7 @@ class WaysRound:
             if scans[group] is None or (looks_around and AROUND not in more.scans):
                 continue
             traffic = seen[group].traffic if seen[group] else None
-            returns, behind = _returns(fleet, row, k, scans[group], traffic, more)
+            returns = _returns(fleet, row, k, scans[group], traffic)
             station = float(fleet.progress.station[np.searchsorted(fleet.progress.rows, row)])
             name, member = fleet.ids[row], fleet.members[row]
             body = _body(member)
@@ -154,6 +155,7 @@ class WaysRound:
             if least > most:
                 continue
             pose = *(float(axle[row]) for axle in fleet.model.axle_position(fleet.motion)), fleet.motion.heading[row]
+            behind = _behind(fleet, row, k, traffic, more)
             may_use = self._may_use(member.route.edges, body, behind)
             way = way_round(member.route, station, pose, body, returns.points, may_use, most)
             if way is None:
@@ -189,7 +191,7 @@ class WaysRound:
                 continue
             k = int(np.flatnonzero(fleet.groups[group].rows == row)[0])
             traffic = sensed.seen[group].traffic if sensed.seen[group] else None
-            returns, _ = _returns(fleet, row, k, scan, traffic, NOTHING)
+            returns = _returns(fleet, row, k, scan, traffic)
             station, body = float(fleet.progress.station[np.searchsorted(rows, row)]), _body(fleet.members[row])
             blocked = blocked_return(one.way, station, body, returns.points)
             since = min(one.since, time) if fleet.motion.speed[row] < STANDS else math.inf
@@ -295,13 +297,10 @@ class _Returns(NamedTuple):
     hits: np.ndarray  # row in the traffic that each belongs to, (k,)
 
 
-def _returns(
-    fleet: Fleet, row: int, k: int, scan: ScanBatch, traffic: TrafficSnapshot | None, readings: Readings
-) -> tuple[_Returns, np.ndarray]:
-    """Near returns of a member's laser, and those of what comes from behind, from the centre, x forward (k, 2) [m].
+def _returns(fleet: Fleet, row: int, k: int, scan: ScanBatch, traffic: TrafficSnapshot | None) -> _Returns:
+    """Near returns of a member's laser.
 
-    traffic: what drives away ahead is left out, and how fast what is behind comes; that is taken as known, as from a
-             further scan
+    traffic: what drives away ahead is left out; that is taken as known, as from a further scan
     """
     near, hits = _near(scan, k, NEAR)
     motion = fleet.motion
@@ -312,27 +311,32 @@ def _returns(
         alike = np.abs(wrap(traffic.heading[met] - heading)) < AWAY_WITHIN
         stays[ahead] = ~((traffic.speed[met] > AWAY_BY) & alike)
         near, hits = near[stays], hits[stays]
-    behind = np.empty((0, 2))
-    if AROUND in readings.scans:
-        behind, hits_behind = _near(readings.scans[AROUND], k, LOOKS_BACK)
-        if AROUND in readings.seen:  # that laser may have measured at another instant
-            traffic = readings.seen[AROUND].traffic
-        reach: float | np.ndarray = NEAR
-        if traffic is not None:
-            comes = COMES_WITHIN * traffic.speed * np.cos(traffic.heading - heading)
-            reach = np.where(np.abs(traffic.speed) > STANDS, np.maximum(NEAR, comes), 0.0)
-            reach = np.append(reach, [NEAR, NEAR])[hits_behind]  # the last two: of what is not known, and of walls
-        behind = behind[-behind[:, 0] - fleet.model.length[row] / 2 < reach]
     cos, sin = math.cos(heading), math.sin(heading)
-    there = np.array([x, y]) + near @ np.array([[cos, sin], [-sin, cos]])
-    return _Returns(there, hits), behind
+    return _Returns(np.array([x, y]) + near @ np.array([[cos, sin], [-sin, cos]]), hits)
+
+
+def _behind(fleet: Fleet, row: int, k: int, traffic: TrafficSnapshot | None, readings: Readings) -> np.ndarray:
+    """Returns of what stands behind a member or comes from there, from its centre, x forward, y to the left (k, 2) [m].
+
+    traffic: how fast that comes; taken as known, as from a further scan
+    """
+    if AROUND not in readings.scans:
+        return np.empty((0, 2))
+    behind, hits = _near(readings.scans[AROUND], k, LOOKS_BACK)
+    if AROUND in readings.seen:  # that laser may have measured at another instant
+        traffic = readings.seen[AROUND].traffic
+    reach: float | np.ndarray = NEAR
+    if traffic is not None:
+        comes = COMES_WITHIN * traffic.speed * np.cos(traffic.heading - float(fleet.motion.heading[row]))
+        reach = np.where(np.abs(traffic.speed) > STANDS, np.maximum(NEAR, comes), 0.0)
+        reach = np.append(reach, [NEAR, NEAR])[hits]  # the last two: of what is not known, and of walls
+    return behind[-behind[:, 0] - fleet.model.length[row] / 2 < reach]
 
 
 def _near(scan: ScanBatch, k: int, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Returns of the k-th laser within a reach, from the centre of its vehicle (m, 2) [m], and what they belong to."""
     model, ranges = scan.model, scan.ranges[k]
     beams = np.flatnonzero(ranges < reach)  # lost ones, NaN, are not
-    angle = model.angles[beams] + model.mount.yaw
-    x, y = np.maximum(ranges[beams], model.range_min) * np.array([np.cos(angle), np.sin(angle)])
+    places = beams_of(model).T[beams] * np.maximum(ranges[beams], model.range_min)[:, None]
     hits = np.full(len(beams), -2) if scan.hits is None else scan.hits[k, beams]
-    return np.column_stack([x + model.mount.x, y + model.mount.y]), hits
+    return places + np.array([model.mount.x, model.mount.y]), hits

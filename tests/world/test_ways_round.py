@@ -24,7 +24,7 @@ from platoontraffic.world.fleet import NOTHING, Fleet
 from platoontraffic.world.manoeuvres import Order
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.under_way import Seen
-from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE, WaysRound, _returns
+from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE, WaysRound, _behind
 from tests.support.bench import NO_WALLS, Prescribed, StopLine, constant, drive, platoon
 from tests.support.observed import ROAD
 
@@ -316,10 +316,8 @@ def test_what_a_laser_sees_behind_is_read_with_what_was_there_when_it_measured(m
     ended with an IndexError."""
     (member,) = platoon(LAWS["tracking"], leader_eye=EYE, model=CAR)
     sight = replace(PRESETS["car-around"], mount=Mount(0.0), noise=Noise())
-    main, around = (
-        ScanBatch(one, 0.0, (member.id,), np.full((1, one.samples), np.inf), np.full((1, one.samples), -2), np.zeros(1))
-        for one in (EYE, sight)
-    )
+    no_return, no_hit = np.full((1, sight.samples), np.inf), np.full((1, sight.samples), -2)
+    around = ScanBatch(sight, 0.0, (member.id,), no_return, no_hit, np.zeros(1))
     around.ranges[0, 0], around.hits[0, 0] = 60.0, 2  # straight back
     now, then = (
         TrafficSnapshot(0.0, tuple("abcd"[:n]), *np.zeros((3, n)), np.array([0.0, *[0.0] * (n - 2), 15.0]),
@@ -327,26 +325,22 @@ def test_what_a_laser_sees_behind_is_read_with_what_was_there_when_it_measured(m
         for n in (3, 3 + more)
     )  # fmt: skip
     readings = NOTHING._replace(scans={"around": around}, seen={"around": Seen(now, np.array([0]))})
-    _, behind = _returns(Fleet.deployed([member], 0.1), 0, 0, main, then, readings)
-    assert len(behind) == 1
+    assert len(_behind(Fleet.deployed([member], 0.1), 0, 0, then, readings)) == 1
 
 
 @pytest.mark.parametrize(("x", "heading", "counts"), [(-40.0, 0.0, True), (-40.0, np.pi, False), (-20.0, np.pi, True)])
 def test_what_drives_away_behind_does_not_count_from_25_m_on(x, heading, counts):
     (member,) = platoon(LAWS["tracking"], leader_eye=EYE, model=CAR)
     sight = replace(PRESETS["car-around"], mount=Mount(0.0), noise=Noise())
-    nothing, around = (
-        ScanBatch(one, 0.0, (member.id,), np.full((1, one.samples), np.inf), np.full((1, one.samples), -2), np.zeros(1))
-        for one in (EYE, sight)
-    )
+    no_return, no_hit = np.full((1, sight.samples), np.inf), np.full((1, sight.samples), -2)
+    around = ScanBatch(sight, 0.0, (member.id,), no_return, no_hit, np.zeros(1))
     around.ranges[0, 0], around.hits[0, 0] = -x, 1  # straight back
     both = np.ones(2)
     traffic = TrafficSnapshot(
         0.0, (member.id, "c"), x * np.arange(2), 0 * both, heading * both, 12.0 * both, 5.0 * both, 2.0 * both
     )
     readings = NOTHING._replace(scans={"around": around})
-    _, behind = ways_round._returns(Fleet.deployed([member], 0.1), 0, 0, nothing, traffic, readings)
-    assert len(behind) == counts
+    assert len(_behind(Fleet.deployed([member], 0.1), 0, 0, traffic, readings)) == counts
 
 
 def test_without_a_map_it_stands():
