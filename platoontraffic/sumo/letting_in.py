@@ -22,16 +22,17 @@ from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.conflicts import RED
 from platoontraffic.sumo.reads import Once
 from platoontraffic.sumo.room_to_change import Wanted
 
 AFTER = 3.0  # time that a vehicle has stood before it is let in, where that is not urgent [s]
 LONGEST = 20.0  # time that one vehicle waits for another one to begin its lane change, ... [s]
 GOES_OVER = 30.0  # ... for it to be over then, on its lane, where it is seen, ... [s]
-LONGEST_IN_QUEUE = 300.0  # ... and beside that while the vehicle ahead of it stands anyway [s]
+LONGEST_IN_QUEUE = 300.0  # ... and beside that while the vehicle ahead of it stands, or its light is red [s]
 FORGOTTEN = 60.0  # it waits anew for one that has not wanted room for so long [s]
 GIVEN_UP = 1.0  # a vehicle that has not wanted room for so long does not change lanes any more [s]
-IN_QUEUE = 6.0  # distance to a vehicle ahead, beyond a length of the other one, up to which there is no room yet [m]
+IN_QUEUE = 6.0  # distance to a vehicle or red light, beyond a length of the other one, up to which there is no room [m]
 BRAKING = 3.0  # of a vehicle that lets another one in [m/s2]
 PAST = 1.0  # a vehicle with its front so far ahead of the other one's front lets that one in no longer [m]
 LEAST, SPARE = 1.0, 1.0  # distance behind the other one's front: at least, and beyond what the lane change needs [m]
@@ -52,7 +53,7 @@ class Patience:
         return (self.goes_over if begun else self.begins) > 0
 
     def wait(self, step: float, begun: bool, in_queue: bool) -> None:
-        """Wait for a step. in_queue: the vehicle ahead stands, and it could not drive on anyway"""
+        """Wait for a step. in_queue: it could not drive on anyway"""
         if in_queue and self.in_queue > 0:
             self.in_queue -= step
         elif begun:
@@ -147,14 +148,20 @@ class LettingIn:
                 self._hold(foe, name, wanted, where)
 
     def _is_in_queue(self, foe: str, name: str, lane: str) -> bool:
-        """Whether a vehicle that waits could not drive on anyway: the next one on its lane stands close ahead."""
+        """Whether a vehicle that waits could not drive on anyway.
+
+        The next one on its lane stands close ahead, or a light there is red: at that the other one waits half over.
+        """
         vehicle, column = self._sumo.vehicle, self._column(lane)
+        close = vehicle.getLength(name) + IN_QUEUE
+        if any(state in RED and distance < close for _, _, distance, state in vehicle.getNextTLS(foe)[:1]):
+            return True
         names = [one for one, _ in column]
         if foe not in names[:-1]:
             return False
         (_, front), (ahead, its_front) = column[names.index(foe) :][:2]
         room = its_front - vehicle.getLength(ahead) - front
-        return vehicle.getSpeed(ahead) < STANDING and room < vehicle.getLength(name) + IN_QUEUE
+        return vehicle.getSpeed(ahead) < STANDING and room < close
 
     def _column(self, lane: str) -> list[tuple[str, float]]:
         """Vehicles on a lane, and on those that lead to it, the last one first, with the places of their fronts [m]."""

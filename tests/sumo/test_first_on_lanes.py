@@ -32,7 +32,7 @@ class Road:
                 getLanePosition=place.__getitem__, getLength=lambda name: length.get(name, 5.0),
                 getBestLanes=lambda _: [("road_0", 100.0, 0.0, to_left, False, ())],
                 getWaitingTime=lambda _: waited, getRoadID=lambda name: "road" if name in self.lane_of else "",
-                getLaneID=self.lane_of.__getitem__,
+                getLaneID=self.lane_of.__getitem__, getNextTLS=lambda _: (),
             ),
         )  # fmt: skip
 

@@ -131,6 +131,23 @@ def test_it_is_still_there_when_the_queue_before_it_moves_on(column, begins):
     assert (speed[-1, 1] > 2.0) == (begins == np.inf)  # but not for ever; for one that has begun, GOES_OVER
 
 
+@pytest.mark.parametrize("state", ["r", "G"])
+@pytest.mark.parametrize(("to_light", "is_close"), [(9.0, True), (15.0, False)])
+def test_time_at_a_red_light_close_ahead_leaves_its_patience_alone(state, to_light, is_close):
+    """A member stood half over at a light; the car that let it in drove up beside it after 30 s, and against it later.
+
+    At 15 m there is room for it to drive on by a car's length.
+    """
+    now, seconds = SimpleNamespace(time=100.0), GOES_OVER + 10.0
+    client = two_members(FRONT - 8.0, now)
+    client.vehicle.getNextTLS = {"polite": (("c", 1, to_light, state),)}.get
+    letting_in = LettingIn(client, STEP)
+    for _ in range(round(seconds / STEP)):
+        now.time += STEP
+        letting_in.observe({"member": Wanted("wc_1", BEHIND - SPARE, True)}, WHERE)
+    assert bool(letting_in.waiting) == (is_close and state == "r")
+
+
 @pytest.mark.parametrize("begins", [np.inf, AFTER + 5.0])
 def test_it_does_not_wait_for_ever_behind_one_that_has_broken_down(column, monkeypatch, begins):
     monkeypatch.setattr(letting_in, "Patience", partial(Patience, in_queue=50.0))
@@ -162,7 +179,7 @@ def two_members(polite: float, now: SimpleNamespace) -> SimpleNamespace:
         lane=SimpleNamespace(getLength=lambda _: 200.0, getLastStepVehicleIDs=lambda _: ["polite"]),
         vehicle=SimpleNamespace(
             getWaitingTime=lambda _: AFTER, getSpeed=lambda _: 0.0, getLength=lambda _: 5.0,
-            getLanePosition=place.__getitem__, getRoadID=lambda _: "wc",
+            getLanePosition=place.__getitem__, getRoadID=lambda _: "wc", getNextTLS=lambda _: (),
         ),
     )  # fmt: skip
 
@@ -292,7 +309,9 @@ def before_the_junction(before: dict[str, str], crossed=(), unregulated=frozense
     place = {"member": 2.0, "ahead": 10.0, "foe": 46.0}
     on_lane = {"on_1": ["ahead"], ":n_0_1": [], "in_1": ["foe"]}
     client = SimpleNamespace(
-        vehicle=SimpleNamespace(getLanePosition=place.get, getSpeed=lambda _: 0.0, getLength=lambda _: 5.0),
+        vehicle=SimpleNamespace(
+            getLanePosition=place.get, getSpeed=lambda _: 0.0, getLength=lambda _: 5.0, getNextTLS=lambda _: ()
+        ),
         lane=SimpleNamespace(
             getLength=length.get, getLastStepVehicleIDs=on_lane.get, getInternalFoes={":n_0_1": crossed}.get
         ),
@@ -334,7 +353,7 @@ def test_a_member_keeps_its_stop_while_the_one_that_it_lets_in_is_off_the_road_t
     """As a car on a lane for buses: the run ended there."""
     vehicle = SimpleNamespace(
         getLanePosition={"member": 50.0, "foe": 20.0}.get, getLength=lambda _: 5.0, getSpeed=lambda _: 0.0,
-        getWaitingTime=lambda _: 10.0, getRoadID=lambda _: "wc",
+        getWaitingTime=lambda _: 10.0, getRoadID=lambda _: "wc", getNextTLS=lambda _: (),
     )  # fmt: skip
     beside = {"wc_1": ("foe",)}
 
