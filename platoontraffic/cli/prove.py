@@ -125,9 +125,10 @@ def _print_verdict(verdict: Verdict, road: Road) -> None:
         for ratio, seeds in where
         if math.isfinite(ratio)
     ]
+    by_road = f" (and {verdict.by_road} where lanes of two directions overlap)" if verdict.by_road else ""
     out.print(
         f"{road.name}{small}{own}: {''.join(last)}{verdict.hours:.2f} vehicle hours, "
-        f"{counted(verdict.caused, 'contact')} caused, {counted(verdict.red_lights, 'red light')}, "
+        f"{counted(verdict.caused, 'contact')} caused{by_road}, {counted(verdict.red_lights, 'red light')}, "
         f"{counted(verdict.failures_to_yield, 'failure')} to yield (95 % limits {low:.2f} to {high:.2f} an hour)",
         soft_wrap=True,
         markup=False,

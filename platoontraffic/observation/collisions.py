@@ -3,10 +3,11 @@
 A contact is caused by one of the two, whichever of them is a member. The one that entered the other's lane less than
 LANE_CHANGE_BLAME before is the cause (`lane_entries`), whichever struck the other. If neither did, the one behind is
 the cause; and if neither is behind, abreast or head on, the one that has swung its rear into the other (`swings`).
-If neither has, the contact counts as caused by the member, with two exceptions. The other was not there
+If neither has, the contact counts as caused by the member, with three exceptions. The other was not there
 APPEARANCE_BLAME before: SUMO has inserted it before a member that is about to leave the junction there. Or the other
 came from another direction, and struck a member that had stood for STOOD_BLAME on the lanes of its own edge: SUMO's
-drivers see vehicles on their own lane only, and drive through what stands where lanes of two directions overlap.
+drivers see vehicles on their own lane only, and drive through what stands where lanes of two directions overlap. Or
+lanes of two directions overlap so much there that two vehicles that keep to them touch (`overlapping_lanes`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from platoontraffic.observation.lane_entries import SAME_DIRECTION, STANDS, LaneEntries, Together
+from platoontraffic.observation.overlapping_lanes import OnLane, is_caused_by_road
 from platoontraffic.observation.step import Step
 from platoontraffic.observation.swings import Course, swung
 from platoontraffic.observation.thresholds_kernel import comes_near
@@ -32,6 +34,7 @@ DETAILS = {
     "beside": "side by side or head on",
     "swung_out": "swung its rear into the other, in a bend that no vehicle on wheels can drive so",
     "stood": "the other came from another direction, and struck it where it stood on its own lanes",
+    "lanes_overlap": "each was in the middle of its lane, and the lanes of two directions overlap there",
     "other_swung_out": "the other swung its rear into it, in a bend that no vehicle on wheels can drive so",
 }
 SIDE = 0.1  # distance beyond the middle of the road up to which a vehicle is on its own side [m]
@@ -67,6 +70,8 @@ class Collisions:
                 what = self._beside(both)
                 if what == "beside" and self._was_struck(vehicle, both, step.roads[i][0]):
                     what = "stood"
+                elif what == "beside" and self._lanes_overlap(both):
+                    what = "lanes_overlap"
             detail = DETAILS[what]
             if not entry and self._entries.appeared(other):
                 what, detail = "other_appeared", f"SUMO had just inserted {other}"
@@ -82,6 +87,19 @@ class Collisions:
             return False
         course = Course.of(*both.poses[0], both.length[0], both.width[0])
         return self._network.is_on_lanes(edge, course.outline().moved(0.0, 0.0))
+
+    def _lanes_overlap(self, both: Together) -> bool:
+        """Whether two oncoming vehicles keep to their lanes, and these overlap."""
+        found = []
+        for poses, length, width in zip(both.poses, both.length, both.width, strict=True):
+            x, y, heading = (float(values[-1]) for values in poses)
+            middle = self._network.lane_headed(x, y, heading)
+            if middle is None:
+                return False
+            found.append(OnLane(middle, Course.of(*poses, float(length), float(width)).outline()))
+        one, other = found
+        oncoming = math.cos(other.outline.heading - one.outline.heading) < -SAME_DIRECTION
+        return oncoming and is_caused_by_road(one, other)
 
     def _beside(self, both: Together) -> str:
         """The kind of a contact side by side or head on, by which of the two has swung into the other."""

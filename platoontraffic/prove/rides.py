@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from platoontraffic.analysis.results import load
-from platoontraffic.results.metrics import CAUSED_BY_OTHER
+from platoontraffic.results.metrics import CAUSED_BY_OTHER, CAUSED_BY_ROAD
 from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.background import PERSON
@@ -57,13 +57,14 @@ class Ride(NamedTuple):
     delay: float  # mean delay of those against the speed limits [s]; NaN: none arrived
     hours: float  # on the road, all together [h]
     contacts: int
-    caused: int  # contacts but for those of which a vehicle that is no member is the cause
+    caused: int  # contacts but for those of which a vehicle that is no member is the cause, and `by_road`
     red_lights: int
     failures_to_yield: int
     splits: int
     stands: tuple[Stand, ...]
     incidents: tuple[Incident, ...]
     long_on: tuple[str, ...] = ()  # lanes on which vehicles of the traffic stood longer than LONG, if it was recorded
+    by_road: int = 0  # contacts where lanes of two directions overlap, of vehicles in the middles of these
 
     @property
     def last_arrival(self) -> float:
@@ -100,6 +101,7 @@ def ride(folder: Path, free: Mapping[str, float], network: Network) -> Ride:
         splits=int((events.kind == "split").sum()),
         stands=tuple(_stands(events, end, arrived, network)),
         incidents=tuple(_incidents(events, set(departed.index))),
+        by_road=int(((events.kind == "collision") & events.what.isin(CAUSED_BY_ROAD)).sum()),
         long_on=() if found.traffic is None else _long_on(found.traffic, network),
     )
 
@@ -110,7 +112,7 @@ def _incidents(events: pd.DataFrame, members: set[str]) -> Iterator[Incident]:
     found = events[events.kind.isin(["collision", "red_light", "failed_to_yield"])]
     for row in found.assign(**found[texts].fillna("").astype(str)).itertuples():
         by_other = row.what in CAUSED_BY_OTHER and row.other_id not in members
-        if row.kind != "collision" or not by_other:
+        if row.kind != "collision" or not (by_other or row.what in CAUSED_BY_ROAD):
             detail = row.detail if row.kind != "collision" else row.what.replace("_", " ")
             yield Incident(float(row.time_s), row.kind, row.vehicle_id, row.other_id, row.edge_id, detail)
 

@@ -100,6 +100,7 @@ class Verdict(NamedTuple):
     failures_to_yield: int
     yield_limits: tuple[float, float]  # exact 95 % limits of failures to yield [1 / vehicle hour]
     faults: tuple[str, ...]  # bars that do not hold
+    by_road: int = 0  # contacts of two vehicles in the middles of lanes that overlap
 
     @property
     def holds(self) -> bool:
@@ -121,6 +122,7 @@ class Verdict(NamedTuple):
         limits = tuple(limit / hours for limit in poisson_limits(yields)) if hours else (math.nan, math.nan)
         ratio, apart = _ratio(made, overlapping=False), _ratio(made, overlapping=True)
         caused, red = sum(one.caused for one in own), sum(one.red_lights for one in own)
+        by_road = sum(one.by_road for one in own)
         faults = [pair.error for pair in made if pair.error]
         faults += [f"last arrival {ratio:.2f} times SUMO's"] if LATEST < ratio < math.inf else []
         faults += [f"{counted(caused, 'contact')} caused"] if caused else []
@@ -130,7 +132,7 @@ class Verdict(NamedTuple):
         if math.isinf(ratio) and not fewer:
             faults.append("most runs end before all members arrive; a longer --duration may tell")
         faults += [*fewer, *_stuck(made)]
-        return cls(tuple(made), ratio, apart, hours, caused, red, yields, limits, tuple(faults))
+        return cls(tuple(made), ratio, apart, hours, caused, red, yields, limits, tuple(faults), by_road)
 
 
 def _ratio(made: Sequence[Pair], overlapping: bool) -> float:

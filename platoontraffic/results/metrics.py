@@ -25,6 +25,7 @@ from platoontraffic.world.events import ENOUGH_BEAMS, EXPOSED, SHORT_ENCROACHMEN
 
 # Kinds of contact of which the other is the cause.
 CAUSED_BY_OTHER = ("struck_from_behind", "other_changed_lanes", "other_swung_out", "other_appeared", "stood")
+CAUSED_BY_ROAD = ("lanes_overlap",)  # by neither of the two
 LAST_CORNER = 10.0  # a quarter turn counts when this much of it is missing [deg]
 
 
@@ -147,7 +148,8 @@ OF_MEMBERS = (
         "episodes of contact of which it is the cause: it changed lanes into the other's path just before, or else "
         "struck the other from behind, a wall, or the other side by side or head on; not those in which the other "
         "changed lanes, struck it from behind, swung its rear into it, was inserted just before, or came from another "
-        "direction and struck it where it had stood on its own lanes",
+        "direction and struck it where it had stood on its own lanes; nor those of two in the middles of lanes that "
+        "overlap",
         lambda m: _caused(m.collisions, m.vehicle),
         "sum",
     ),
@@ -724,7 +726,7 @@ def _caused(collisions: pd.DataFrame, vehicle: str) -> float:
         return 0.0
     own = collisions[collisions.vehicle_id == vehicle]
     by_other = collisions[(collisions.other_id == vehicle) & collisions.what.isin(CAUSED_BY_OTHER)]
-    return float((~own.what.isin(CAUSED_BY_OTHER)).sum() + len(by_other))
+    return float((~own.what.isin(CAUSED_BY_OTHER + CAUSED_BY_ROAD)).sum() + len(by_other))
 
 
 def _steal_share(member: Own) -> float:

@@ -299,6 +299,22 @@ class Network:
         found = zip((lanes[k] for k in nearest.tolist()), away.tolist(), strict=True)
         return [lane.getID() if distance <= lane.getWidth() / 2 else "" for lane, distance in found]
 
+    def lane_headed(self, x: float, y: float, heading: float) -> LineString | None:
+        """The centre line of the lane on which a vehicle is, by its centre and heading; None inside junctions.
+
+        Of lanes that overlap it is one that leads where the vehicle is headed, the nearest of these.
+        """
+        lanes, lines = self._centre_lines
+        here, found = shapely.Point(x, y), []
+        for k in lines.query(here, predicate="dwithin", distance=self.widest_lane / 2).tolist():
+            lane, line = lanes[k], lines.geometries[k]
+            along, away = line.project(here), line.distance(here)
+            ends = [line.interpolate(min(max(along + by, 0.0), line.length)).coords[0] for by in (-0.1, 0.1)]
+            is_headed = math.cos(_heading(ends) - heading) > 0.5
+            if lane.getEdge().getFunction() != "internal" and away <= lane.getWidth() / 2 and is_headed:
+                found.append((away, k))
+        return lines.geometries[min(found)[1]] if found else None
+
     @cached_property
     def _centre_lines(self) -> tuple[list[Any], shapely.STRtree]:
         lanes = [lane for edge in self._net.getEdges(withInternal=True) for lane in edge.getLanes() if is_road(lane)]

@@ -197,7 +197,8 @@ EVENT_KINDS = {
             "from behind, struck the other from behind, or they met side by side or head on. Or one of them has swung "
             "its rear out, as SUMO's vehicles do at kinks: they would not have touched had its rear axle followed its "
             f"front, and the other was on its own side of the road. Or it had stood for {STOOD_BLAME:g} s, on the "
-            "lanes of its own edge, when one from another direction struck it. Or the other was not there "
+            "lanes of its own edge, when one from another direction struck it. Or each was in the middle of its lane, "
+            "and lanes of two directions overlap there. Or the other was not there "
             f"{APPEARANCE_BLAME:g} s before: SUMO has inserted it. Empty for a wall",
             (
                 "struck_from_behind",
@@ -208,6 +209,7 @@ EVENT_KINDS = {
                 "swung_out",
                 "other_swung_out",
                 "stood",
+                "lanes_overlap",
                 "other_appeared",
             ),
         ),

@@ -12,7 +12,7 @@ import argparse
 from collections.abc import Sequence
 
 from platoontraffic.analysis.limits import poisson_limits
-from platoontraffic.results.metrics import CAUSED_BY_OTHER
+from platoontraffic.results.metrics import CAUSED_BY_OTHER, CAUSED_BY_ROAD
 from platoontraffic.simulation import Simulation
 
 
@@ -24,7 +24,9 @@ def contacts(seed: int, seconds: float, changes: Sequence[str]) -> tuple[list, l
             found += [event for event in now.events if event.kind == "collision"]
             hours += len(now.fleet) * simulation.setting.dt / 3600
         members = {member.id for member in simulation.setting.members}
-    caused = [event for event in found if event.what not in CAUSED_BY_OTHER or event.other in members]
+    by_road = [event for event in found if event.what in CAUSED_BY_ROAD]
+    by_other = [event for event in found if event.what in CAUSED_BY_OTHER and event.other not in members]
+    caused = [event for event in found if event not in by_road + by_other]
     return found, caused, hours
 
 

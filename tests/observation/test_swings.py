@@ -107,6 +107,7 @@ def contact(right_of_middle: float, left_hand: bool = False, swings: str = "othe
         drivable=shapely.box(-100, -50, 100, 50),
         right_of_middle=lambda x, y, heading: np.full(len(x), right_of_middle),
         left_hand=left_hand,
+        lane_headed=lambda x, y, heading: None,
     )
     observed, front = Observed(platoon(constant(0.0), model=CAR), road), hairpin("front")
     keeps = west(-3.0, 1.6, len(front[0]), 8.0)

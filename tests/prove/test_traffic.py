@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from platoontraffic import scenario as scenarios
 from platoontraffic import shipped
 from platoontraffic.cli.main import app
-from platoontraffic.cli.prove import road_of
+from platoontraffic.cli.prove import _print_verdict, road_of
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import Scene
 from platoontraffic.prove import demand, plans
@@ -183,8 +183,19 @@ def test_a_contact_is_an_incident_unless_another_vehicle_made_it():
         (4.0, "collision", "p0.0", "x", "e", "beside", "", np.nan),
         (5.0, "collision", "p0.0", "wall", "e", "", "", np.nan),
         (6.0, "red_light", "p0.0", "", "e", "", "lane", np.nan),
+        (7.0, "collision", "p0.0", "x", "e", "lanes_overlap", "", np.nan),
+        (8.0, "collision", "p0.0", "p0.1", "e", "lanes_overlap", "", np.nan),
     )
     assert [one.time for one in _incidents(found, {"p0.0", "p0.1"})] == [2.0, 4.0, 5.0, 6.0]
+
+
+def test_of_lanes_that_overlap_a_vehicle_is_on_the_one_that_leads_where_it_is_headed(network):
+    edge, lane, _ = next(one for one in network.lanes_for_cars() if one[2] > 60.0)
+    x, y, heading = network.lane_pose(edge, lane, 30.0)
+    middle = network.lane_headed(x, y, heading + 0.2)
+    assert middle.coords[0] == pytest.approx(network.lane_pose(edge, lane, 0.0)[:2])
+    assert network.lane_headed(x, y, heading + math.pi) is None
+    assert network.lane_headed(-1e4, 0.0, heading) is None
 
 
 def ride(**changes) -> Ride:
@@ -234,6 +245,16 @@ def test_a_queue_behind_a_member_that_stands_where_sumos_cars_do_is_no_fault():
     assert not verdict(ride(stands=(*stands, stands[0]._replace(lane="d_0"))), own).holds
     ring = [Stand("p0.0", 90.0, "behind: behind p0.1", "b_0"), Stand("p0.1", 90.0, "behind: behind p0.0", "b_0")]
     assert not verdict(ride(stands=tuple(ring)), own).holds
+
+
+def test_contacts_where_lanes_overlap_are_no_fault_but_printed(capsys):
+    found = verdict(ride(contacts=2, by_road=2))
+    assert found.holds
+    assert found.by_road == 2
+    _print_verdict(found, Road("kinked", CORRIDOR, {"net": "corridor"}, has_traffic=False))
+    assert "0 contacts caused (and 2 where lanes of two directions overlap)" in " ".join(
+        capsys.readouterr().out.split()
+    )
 
 
 def test_a_run_that_failed_is_a_fault():

@@ -213,8 +213,9 @@ def test_the_run_takes_the_worst_or_the_sum_over_its_members():
 
 
 def test_every_contact_of_two_members_has_one_cause():
+    """But where lanes overlap, neither is."""
     rows = [(1.0, "collision", "p.1", "p.0", 0.0, what) for what in ("struck_other_from_behind", "struck_from_behind",
-            "other_changed_lanes", "changed_lanes", "beside", "stood")]  # fmt: skip
+            "other_changed_lanes", "changed_lanes", "beside", "stood", "lanes_overlap")]  # fmt: skip
     table = trajectories(gap_m=[1.0])
     assert values(table, *rows)["collisions_caused"] == 3  # it struck the other, cut in, or met it
     # It struck p.1 from behind or where that stood, or cut in.

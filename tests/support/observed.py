@@ -29,6 +29,7 @@ ROAD = SimpleNamespace(
     right_of_middle=lambda x, y, heading: np.nan * x,
     left_hand=False,
     is_on_lanes=lambda edge, body: False,
+    lane_headed=lambda x, y, heading: None,
 )
 NO_HIT = -2
 

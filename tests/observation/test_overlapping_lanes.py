@@ -1,0 +1,72 @@
+"""Contacts where lanes of two directions overlap: straight lanes, so that every distance is a sum."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import shapely
+
+from platoontraffic.observation.overlapping_lanes import KEEPS, OnLane
+from platoontraffic.observation.swings import Outline
+from platoontraffic.vehicles.bicycle import CARS
+from tests.support.bench import constant, platoon
+from tests.support.observed import ROAD, Observed
+
+CAR = CARS["car"]
+LENGTH, WIDTH = CAR.length, CAR.width
+LITTLE, MUCH = KEEPS * WIDTH - 0.05, KEEPS * WIDTH + 0.05
+
+
+def met(apart: float, off: float = 0.0, its_off: float = 0.0, heading: float = 0.0) -> str:
+    """What is said of the contact of a member that drives east and a car that drives west.
+
+    apart : middles of their lanes [m]
+    off   : distance of the member from the middle of its lane, towards the other one [m]; its_off: of that one
+    """
+    lanes = shapely.LineString([(-200, 0), (200, 0)]), shapely.LineString([(200, apart), (-200, apart)])
+    headed = lambda x, y, heading: lanes[0 if math.cos(heading) > 0 else 1]  # noqa: E731
+    observed = Observed(platoon(constant(0.0), model=CAR), SimpleNamespace(**{**vars(ROAD), "lane_headed": headed}))
+    for k in range(60):
+        other = 20.0 - 0.4 * k, apart - its_off, np.pi
+        found = observed.at(k / 10, x=0.3 * k, y=off, heading=heading, speed=3.0, others=[other]).events
+        if what := [event.what for event in found if event.kind == "collision"]:
+            return what[0]
+    return ""
+
+
+@pytest.mark.parametrize(("apart", "what"), [(WIDTH - 0.05, "lanes_overlap"), (WIDTH + 0.05, "")])
+def test_in_the_middles_of_lanes_two_touch_where_these_are_less_than_a_width_apart(apart, what):
+    """Cars of SUMO's do so on roads with kinks, and members that keep to their lanes cannot help it."""
+    assert met(apart) == what
+
+
+@pytest.mark.parametrize(("off", "what"), [(LITTLE, "lanes_overlap"), (MUCH, "beside"), (-MUCH, "lanes_overlap")])
+def test_a_member_that_has_left_the_middle_of_its_lane_towards_the_other_one_is_the_cause(off, what):
+    assert met(1.2, off) == what
+
+
+def test_so_it_is_if_one_that_stands_askew_reaches_over():
+    """Its front corner is off by half of its length times the sine."""
+    askew = math.asin(2 * MUCH / LENGTH)
+    assert met(1.6, heading=askew) == "beside"
+    assert met(1.6, heading=0.5 * askew) == "lanes_overlap"
+
+
+def test_where_the_lanes_do_not_overlap_the_road_is_not_the_cause():
+    assert met(WIDTH + 0.1, off=0.2) == "beside"
+
+
+def test_the_other_one_must_keep_to_its_lane_too():
+    assert met(1.2, its_off=MUCH) == "beside"
+    assert met(1.2, its_off=LITTLE) == "lanes_overlap"
+
+
+def test_on_a_bend_its_place_is_along_the_bend():
+    """Bumpers of a car across a right angle are 2 m from its corner; the middle of the car is 1.41 m inside of it."""
+    bend = shapely.LineString([(-10, 0), (0, 0), (0, 10)])
+    on = OnLane(bend, Outline(0.0, 2.0, math.radians(45), 2 * math.sqrt(2), WIDTH))
+    expected = shapely.LineString([(-2, 0), (0, 0), (0, 2)]).buffer(WIDTH / 2, cap_style="flat")
+    assert on.in_the_middle().symmetric_difference(expected).area == pytest.approx(0.0, abs=1e-6)
