@@ -304,16 +304,39 @@ class Network:
 
         Of lanes that overlap it is one that leads where the vehicle is headed, the nearest of these.
         """
+        found = [one for one in self._headed(x, y, heading) if one[2].getEdge().getFunction() != "internal"]
+        return min(found, key=lambda one: one[0])[1] if found else None
+
+    def keeps_to_a_lane(self, x: float, y: float, heading: float, body: shapely.Geometry) -> bool:
+        """Whether a body, by its centre and heading, is on one lane, and one before and behind that, `MARGIN` larger.
+
+        Inside a junction that is the path of one connection.
+        """
+
+        def beyond(lane: Any) -> list[Any]:
+            links = [(link.getViaLaneID(), link.getToLane()) for link in lane.getOutgoing()]
+            return [self._net.getLane(via) if via else onto for via, onto in links]
+
+        for _, line, lane in self._headed(x, y, heading):
+            for before in [*lane.getIncoming(onlyDirect=True), None]:
+                for behind in [*beyond(lane), None]:
+                    lines = [(LineString(one.getShape()), one.getWidth()) for one in (before, behind) if one]
+                    areas = [one.buffer(width / 2 + MARGIN) for one, width in [*lines, (line, lane.getWidth())]]
+                    if shapely.union_all(areas).covers(body):
+                        return True
+        return False
+
+    def _headed(self, x: float, y: float, heading: float) -> list[tuple[float, LineString, Any]]:
+        """Distance [m], centre line and lane of those at a place that lead where a vehicle is headed."""
         lanes, lines = self._centre_lines
         here, found = shapely.Point(x, y), []
         for k in lines.query(here, predicate="dwithin", distance=self.widest_lane / 2).tolist():
             lane, line = lanes[k], lines.geometries[k]
             along, away = line.project(here), line.distance(here)
             ends = [line.interpolate(min(max(along + by, 0.0), line.length)).coords[0] for by in (-0.1, 0.1)]
-            is_headed = math.cos(_heading(ends) - heading) > 0.5
-            if lane.getEdge().getFunction() != "internal" and away <= lane.getWidth() / 2 and is_headed:
-                found.append((away, k))
-        return lines.geometries[min(found)[1]] if found else None
+            if away <= lane.getWidth() / 2 and math.cos(_heading(ends) - heading) > 0.5:
+                found.append((away, line, lane))
+        return found
 
     @cached_property
     def _centre_lines(self) -> tuple[list[Any], shapely.STRtree]:

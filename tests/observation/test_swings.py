@@ -101,13 +101,14 @@ def test_a_vehicle_that_is_put_onto_another_lane_has_not_swung():
     assert cause((x, y, heading), west(-3.0, 3.0, len(x), 8.0)) is None
 
 
-def contact(right_of_middle: float, left_hand: bool = False, swings: str = "other") -> str:
+def contact(right_of_middle: float, left_hand: bool = False, swings: str = "other", keeps_lane: bool = False) -> str:
     """What is said of the contact of a member with a car, of which one swings and the other drives west."""
     road = SimpleNamespace(
         drivable=shapely.box(-100, -50, 100, 50),
         right_of_middle=lambda x, y, heading: np.full(len(x), right_of_middle),
         left_hand=left_hand,
         lane_headed=lambda x, y, heading: None,
+        keeps_to_a_lane=lambda x, y, heading, body: keeps_lane,
     )
     observed, front = Observed(platoon(constant(0.0), model=CAR), road), hairpin("front")
     keeps = west(-3.0, 1.6, len(front[0]), 8.0)
@@ -131,6 +132,13 @@ def test_the_observer_names_the_one_that_has_swung():
 )
 def test_the_one_that_is_swung_into_must_be_on_its_own_side(right, left_hand, what):
     assert contact(right, left_hand) == what
+
+
+def test_inside_a_junction_the_one_that_is_swung_into_must_be_on_the_path_of_a_connection():
+    """A bus that turned right swung its rear over the next lane, into a member that waited in the junction."""
+    assert contact(math.nan, keeps_lane=True) == "other_swung_out"
+    assert contact(math.nan, keeps_lane=True, swings="own") == "swung_out"
+    assert contact(-1.6, keeps_lane=True) == "beside"
 
 
 @pytest.mark.parametrize(

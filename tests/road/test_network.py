@@ -1,6 +1,7 @@
 """Reading a network: faults in the file, lanes and routes, the side of the road."""
 
 import gzip
+import math
 import re
 from types import SimpleNamespace
 
@@ -11,7 +12,7 @@ import shapely
 
 from platoontraffic import shipped
 from platoontraffic.errors import InputError
-from platoontraffic.road.network import Network
+from platoontraffic.road.network import MARGIN, Network
 from platoontraffic.road.sumo_files import check_net_file, read_polygons
 from platoontraffic.world.deployment import static_scene
 from tests.support import ODD_NETS, ROOT
@@ -393,3 +394,23 @@ def test_a_route_begins_on_a_lane_that_is_open_to_the_classes_of_its_vehicles(tm
     network = Network.read(file)
     assert network.lane_for(("wc", "ce")) == network.lane_for(("wc", "ce"), {"passenger"}) == 0
     assert network.lane_for(("wc", "ce"), {"passenger", "truck"}) == 1
+
+
+@pytest.mark.parametrize("x", [-150.0, -8.0, 0.0, 8.0])
+def test_a_body_keeps_to_a_lane_up_to_the_margin_beside_it(tmp_path, x):
+    """On lanes of 3.2 m, straight across a junction of 4 arms whose inside begins 7 m before its middle."""
+    network, width = Network.read(crossroads(tmp_path)), 1.8
+    west, y, _ = network.lane_pose("wc", 1)
+    x += west + 200.0
+    spare = (network.lane_width("wc", 1) - width) / 2 + MARGIN
+
+    def keeps(aside: float, heading: float = 0.0) -> bool:
+        body = shapely.box(x - 2.5, y + aside - width / 2, x + 2.5, y + aside + width / 2)
+        return network.keeps_to_a_lane(x, y + aside, heading, body)
+
+    assert keeps(0.0)
+    assert keeps(spare - 0.02)
+    assert keeps(0.02 - spare)
+    assert not keeps(spare + 0.02)
+    assert not keeps(-spare - 0.02)
+    assert not keeps(0.0, heading=math.pi)

@@ -30,6 +30,7 @@ ROAD = SimpleNamespace(
     left_hand=False,
     is_on_lanes=lambda edge, body: False,
     lane_headed=lambda x, y, heading: None,
+    keeps_to_a_lane=lambda x, y, heading, body: False,
 )
 NO_HIT = -2
 
