@@ -110,7 +110,7 @@ class Collisions:
         def on_own_side(n: int) -> bool:
             x, y, heading = (values[-1:] for values in both.poses[n])
             right = float(self._network.right_of_middle(x, y, heading)[0])
-            if math.isnan(right):  # inside a junction, or on a road in one direction
+            if math.isnan(right):  # inside a junction, or on a one-way road
                 body = courses[n].outline().moved(0, 0)
                 return self._network.keeps_to_a_lane(float(x[0]), float(y[0]), float(heading[0]), body)
             return (-right if self._network.left_hand else right) > both.width[n] / 2 - SIDE

@@ -4,7 +4,7 @@ SUMO's vehicles keep their front bumper on the line of their lane and point alon
 sweeps across the road at once. The rear axle of a vehicle on wheels follows the front along a tractrix, the curve of a
 point that is drawn at a fixed distance and does not slip sideways. A vehicle has swung into another one if the two
 would not touch had its rear followed its front, and would not within GOES_ON either if both went straight on. It is the
-cause if the other is on its own side of the road; inside a junction, on the path of a connection.
+cause if the other is on its own side of the road; inside a junction and on a one-way road, on a lane.
 """
 
 from __future__ import annotations

@@ -196,10 +196,10 @@ EVENT_KINDS = {
             f"lanes: of the moves since {LANE_CHANGE_TIME:g} s before that, the larger one counts. Else it was struck "
             "from behind, struck the other from behind, or they met side by side or head on. Or one of them has swung "
             "its rear out, as SUMO's vehicles do at kinks: they would not have touched had its rear axle followed its "
-            f"front, and the other was on its own side of the road. Or it had stood for {STOOD_BLAME:g} s, on the "
-            "lanes of its own edge, when one from another direction struck it. Or each was in the middle of its lane, "
-            "and lanes of two directions overlap there. Or the other was not there "
-            f"{APPEARANCE_BLAME:g} s before: SUMO has inserted it. Empty for a wall",
+            "front, and the other was on its own side of the road; inside a junction and on a one-way road, on a lane. "
+            f"Or it had stood for {STOOD_BLAME:g} s, on the lanes of its own edge, when one from another direction "
+            "struck it. Or each was in the middle of its lane, and lanes of two directions overlap there. Or the other "
+            f"was not there {APPEARANCE_BLAME:g} s before: SUMO has inserted it. Empty for a wall",
             (
                 "struck_from_behind",
                 "struck_other_from_behind",
