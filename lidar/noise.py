@@ -96,6 +96,7 @@ def draws(noise: Noise, seed: int, ids: tuple[str, ...], number: int, scanner: s
 
 
 _NO_ERRORS = np.empty(0, np.uint64), np.uint64(0), np.empty(0)
+_NO_ERRORS[0].setflags(write=False)  # as hashes are, or numba compiles once more
 
 
 def sensor_keys(seed: int, ids: tuple[str, ...], scanner: str = DEFAULT_NAME) -> np.ndarray:

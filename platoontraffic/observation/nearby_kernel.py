@@ -40,5 +40,5 @@ def nearby(x, y, by_x, sorted_x, i, reach, rows):
         if abs(y[by_x[place]] - y[i]) <= reach:
             rows[count] = by_x[place]
             count += 1
-    rows[:count] = np.sort(rows[:count])
+    rows[:count].sort()
     return count

@@ -168,10 +168,13 @@ def _gentlest(line, left, corridor, sharpest, weight):
     place, beyond_place = line.copy(), np.zeros((n, 2))
     bend, beyond_bend = np.zeros((n, 2)), np.zeros((n, 2))
     for i in range(1, n - 1):
-        bend[i] = line[i - 1] - 2 * line[i] + line[i + 1]
+        for c in range(2):
+            bend[i, c] = line[i - 1, c] - 2 * line[i, c] + line[i + 1, c]
     q, solved = line, np.zeros((n + 6, 2))  # of these three at each end stay 0
     for _ in range(ROUNDS):
-        solved[3 : n + 3] = line + PLACES * (place - beyond_place)
+        for i in range(n):
+            for c in range(2):
+                solved[i + 3, c] = line[i, c] + PLACES * (place[i, c] - beyond_place[i, c])
         for i in range(1, n - 1):
             for c in range(2):
                 pull = BENDS * (bend[i, c] - beyond_bend[i, c])

@@ -139,7 +139,9 @@ class Sensing:
                 batch = _with_rows(batch, again, part)
         if blind is None or not blind[rows].any():
             return batch
-        return replace(batch, ranges=np.where(blind[rows, None], np.nan, batch.ranges))
+        ranges = np.where(blind[rows, None], np.nan, batch.ranges)
+        ranges.setflags(write=False)  # as the laser's, or numba compiles the laws once more
+        return replace(batch, ranges=ranges)
 
     def _measured(self, named: NamedSensor, traffic: TrafficSnapshot, fleet: Fleet, group: Group, step: int) -> Any:
         """raises: InputError if the sensor fails, or what it gives has not one row for each vehicle"""

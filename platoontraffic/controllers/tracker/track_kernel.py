@@ -88,7 +88,7 @@ def correct(track, sighting, odometry, laser, route, groups, ranges, hiding, dt)
                 if last != found:
                     _fit(track.mean[i], track.cov[i], rear, pose, dt, state, cov)
                 track.nis[i] = nis
-                track.mean[i], track.cov[i] = state, cov
+                _copy(state, cov, track.mean[i], track.cov[i])
                 track.mean[i, SPEED] = max(track.mean[i, SPEED], 0.0)
             elif track.blind[i] > HIDDEN and _hides(hiding, i, own_speed):
                 found, rear = _first_rear(i, laser, route, turning, groups, ranges)
@@ -160,17 +160,26 @@ def _fit(mean, before, rear, pose, dt, state, cov):
     mean, before : state and covariance, (6,) and (6, 6)
     state, cov   : the corrected ones, filled in
     """
-    state[:], cov[:] = mean, before
+    _copy(mean, before, state, cov)
     nis = _update(state, cov, rear, pose)
     if nis < SURPRISE:
         return nis
     for scans in range(1, 3 if mean[SPEED] > FAST else 2):
-        state[:], cov[:] = mean, before
+        _copy(mean, before, state, cov)
         _add_manoeuvre(mean, scans * dt, cov)
         nis = _update(state, cov, rear, pose)
         if -HARDEST < state[ACCELERATION] < (STRONGEST if scans == 1 else -HARD):
             return nis
     return math.inf
+
+
+@compiled
+def _copy(mean, cov, to_mean, to_cov):
+    """Number by number: an assignment of arrays is compiled with texts of its errors, for seconds."""
+    for a in range(6):
+        to_mean[a] = mean[a]
+        for b in range(6):
+            to_cov[a, b] = cov[a, b]
 
 
 @compiled
@@ -279,10 +288,11 @@ def _begin(i, track, rear, pose, curvature, motion, sigma):
     heading = rear.heading + pose.yaw
     x = pose.x + rear.x * pose.cos - rear.y * pose.sin + OVERHANG * math.cos(heading)
     y = pose.y + rear.x * pose.sin + rear.y * pose.cos + OVERHANG * math.sin(heading)
-    track.mean[i] = (x, y, heading, motion[0], motion[1], curvature)
+    mean = (x, y, heading, motion[0], motion[1], curvature)
     sigmas = (NEW[0], NEW[0], NEW[1], sigma[0], sigma[1], NEW[2])
     track.cov[i] = 0.0
     for a in range(6):
+        track.mean[i, a] = mean[a]
         track.cov[i, a, a] = sigmas[a] ** 2
     track.width[i] = rear.width
 

@@ -121,7 +121,7 @@ def relay(trail, odometry, route):
             dx, dy = x - points[n - 1, 0], y - points[n - 1, 1]
             step = math.sqrt(dx * dx + dy * dy)  # math.hypot takes three times as long
             if n == 0 or step > 1e-3:
-                points[n] = x, y, points[n - 1, 2] + step if n else 0.0
+                points[n, 0], points[n, 1], points[n, 2] = x, y, points[n - 1, 2] + step if n else 0.0
                 n += 1
             if n > 1 and distance[k] > route.length[i]:
                 break
