@@ -29,6 +29,7 @@ def network(inputs="group", k=10, m=2, h=5, seed=1, command="twist"):
 
 def scans(*ranges):
     rows = np.array(ranges, dtype=np.float32)
+    rows.setflags(write=False)  # as the laser's, or numba compiles once more
     return ScanBatch(LASER, 0.0, tuple(f"v{i}" for i in range(len(rows))), rows, None, np.zeros(len(rows), bool))
 
 

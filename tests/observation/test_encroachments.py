@@ -197,7 +197,7 @@ def random_tables(rng):
     observer, rows, events = Encroachments([SimpleNamespace(equip="", platoon=p) for p in platoons]), [], []
     for step in range(150):
         here = [i for i in range(12) if step >= since[i]]
-        x, y, heading = np.array([poses[i](step * DT) for i in here]).T
+        x, y, heading = np.ascontiguousarray(np.array([poses[i](step * DT) for i in here]).T)  # or numba compiles anew
         sizes = np.full(len(here), LENGTH), np.full(len(here), WIDTH)
         traffic = TrafficSnapshot(step * DT, tuple(ids[here]), x, y, heading, 0 * x, *sizes)
         events += observer.observe(Step(traffic, Fleet(number=np.arange(4)), [("", "")] * 4, None, x, y, []))
