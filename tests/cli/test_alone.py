@@ -11,6 +11,9 @@ import time
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner, Result
+
+from platoontraffic.cli.main import app
 
 pytestmark = [pytest.mark.sumo, pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")]
 
@@ -42,22 +45,23 @@ def killed(out: Path, scenario: tuple[str, ...]) -> Path:
     return left
 
 
-def call(out: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(out, *arguments), capture_output=True, text=True)
+def call(out: Path, *arguments: str) -> Result:
+    """In this process: to start one takes longer than the run."""
+    return CliRunner().invoke(app, command(out, *arguments)[3:])
 
 
 def test_a_killed_run_is_tidied_by_the_next_one_with_a_word(tmp_path):
     left = killed(tmp_path, LONG)
-    done = call(tmp_path, *LONG, "-q")
+    done = subprocess.run(command(tmp_path, *LONG, "-q"), capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, f"{left}: was left by a run that was killed; it is removed\n")
     assert list((tmp_path / "paper_loop").iterdir()) == [Path(done.stdout.strip())]
 
 
 def test_a_run_waits_for_an_equal_one_that_lives_and_takes_over_when_that_is_killed(tmp_path):
-    longer = ("paper_loop", "run.duration_s=120", "platoon.size=2")
-    first = started(tmp_path, longer)
+    first = started(tmp_path, LONG)
+    first.send_signal(signal.SIGSTOP)  # so it lives however long the second one takes to start
     (left,) = tmp_path.glob("*/*.partial")
-    second = subprocess.Popen(command(tmp_path, *longer), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    second = subprocess.Popen(command(tmp_path, *LONG), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     said = second.stderr.readline()
     assert "another process executes this run" in said
     assert left.is_dir()
@@ -118,7 +122,7 @@ def test_a_folder_with_files_that_are_not_of_the_run_is_kept_beside_it(place, tm
         (tmp_path / place).mkdir(parents=True)
         (tmp_path / place / "notes.txt").write_text(f"mine {i}")
         done = call(tmp_path, *SHORT, "-q")
-        assert (done.returncode, done.stderr.count("\n")) == (0, 1)
+        assert (done.exit_code, done.stderr.count("\n")) == (0, 1)
         assert "with files that are not of the run; it is kept" in done.stderr
         shutil.rmtree(tmp_path / place)
     kept = [tmp_path / f"{place}.earlier", tmp_path / f"{place}.earlier-2"]
@@ -146,7 +150,7 @@ def test_a_file_or_a_link_in_the_place_of_the_run_is_kept_beside_it(place, tmp_p
         (tmp_path / place).write_text("mine")
     else:
         (tmp_path / place).symlink_to(tmp_path / "elsewhere")
-    assert call(tmp_path, *SHORT, "-q").returncode == 0
+    assert call(tmp_path, *SHORT, "-q").exit_code == 0
     assert (tmp_path / place / "DONE").is_file()
     kept = tmp_path / f"{place}.earlier"
     assert kept.read_text() == "mine" if what == "file" else kept.readlink() == tmp_path / "elsewhere"

@@ -26,6 +26,7 @@ from tests.support.batches import (
     call,
     children,
     done,
+    invoked,
     started,
     statuses,
     tables,
@@ -38,7 +39,7 @@ pytestmark = pytest.mark.sumo
 
 
 def test_a_batch_leaves_tables_and_is_not_repeated(tiny, tmp_path):
-    first = call(tiny(), "-j", 2, "--out", tmp_path / "out")
+    first = invoked(tiny(), "-j", 2, "--out", tmp_path / "out")
     folder = tmp_path / "out" / "tiny"
     assert (first.returncode, first.stderr) == (0, "")
     alone = f"a run alone, RUN being its id in summary.csv: platoontraffic run {folder}/RUN/config.toml"
@@ -48,7 +49,7 @@ def test_a_batch_leaves_tables_and_is_not_repeated(tiny, tmp_path):
     assert [row[1:4] for row in before[0][1:]] == [
         ["done", "1", "1.0"], ["done", "2", "1.0"], ["done", "1", "2.0"], ["done", "2", "2.0"],
     ]  # fmt: skip
-    second = call(tiny(), "--out", tmp_path / "out")
+    second = invoked(tiny(), "--out", tmp_path / "out")
     assert "4 done (4 of them earlier), 0 failed" in second.stdout
     assert done(folder) == made
     assert tables(folder) == before
@@ -247,7 +248,7 @@ def test_a_folder_that_is_not_of_this_study_is_left_unchanged(tiny, tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_reported_in_one_line(tiny, tmp_path):
     (tmp_path / "file").write_text("")
-    ended = call(tiny(), "--out", tmp_path / "file")
+    ended = invoked(tiny(), "--out", tmp_path / "file")
     assert (ended.returncode, ended.stderr) == (2, f"{tmp_path / 'file' / 'tiny'}: Not a directory\n")
 
 
@@ -276,17 +277,17 @@ def test_a_batch_stops_when_an_input_file_changes(tiny, tmp_path, monkeypatch):
 
 
 def test_a_dry_run_writes_nothing_and_counts_finished_runs(tiny, tmp_path):
-    dry = call(tiny(), "--dry-run", "--json", "--out", tmp_path / "out")
+    dry = invoked(tiny(), "--dry-run", "--json", "--out", tmp_path / "out")
     assert [run["status"] for run in json.loads(dry.stdout)["runs"]] == ["waiting"] * 4
     assert not (tmp_path / "out").exists()
     batch.run(study.load(tiny()), tmp_path / "out" / "tiny", "serial")
-    dry = call(tiny(gains=3), "--dry-run", "--out", tmp_path / "out")
+    dry = invoked(tiny(gains=3), "--dry-run", "--out", tmp_path / "out")
     assert "6 runs, 2 to do, about " in dry.stdout
     assert "(from the 4 finished runs)" in dry.stdout
 
 
 def test_json_is_one_document(tiny, tmp_path):
-    ended = call(tiny(), "--json", "-j", 1, "--out", tmp_path / "out")
+    ended = invoked(tiny(), "--json", "--executor", "serial", "--out", tmp_path / "out")
     report = json.loads(ended.stdout)
     assert (report["runs"], report["done"], report["failures"]) == (4, 4, {})
 

@@ -11,7 +11,7 @@ from platoontraffic import scenario
 from platoontraffic.recording import run
 from platoontraffic.simulation import prepare
 from platoontraffic.study import batch, study, worker
-from tests.support.batches import call, done, tables
+from tests.support.batches import done, invoked, tables
 
 pytestmark = pytest.mark.sumo
 
@@ -97,7 +97,7 @@ def test_a_run_is_simulated_if_the_one_that_it_equals_has_failed(tmp_path, monke
 
 def test_a_batch_says_that_it_simulates_one_of_equal_runs(tmp_path):
     written(tmp_path, 1, 2)
-    ended = call(tmp_path / "equal.toml", "-j", 1, "--out", tmp_path / "out")
+    ended = invoked(tmp_path / "equal.toml", "--executor", "serial", "--out", tmp_path / "out")
     said = "2 of these runs are equal to others, because nothing in them is random: one seed is simulated\n"
     assert (ended.returncode, ended.stderr) == (0, said)
     assert "4 runs: 4 done, 0 failed" in ended.stdout

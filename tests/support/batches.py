@@ -9,6 +9,10 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from typer.testing import CliRunner
+
+from platoontraffic.cli.main import app
+
 COMMAND = [sys.executable, "-m", "platoontraffic", "batch"]
 
 TINY = """
@@ -48,6 +52,12 @@ def call(*arguments: object, within: Sequence[str] = (), **options) -> subproces
     """A batch that has ended; within: a command that executes another."""
     words = [*within, *COMMAND, *map(str, arguments)]
     return subprocess.run(words, capture_output=True, text=True, timeout=600, **options)
+
+
+def invoked(*arguments: object) -> subprocess.CompletedProcess:
+    """The same in this process, whose start takes seconds; runs have processes of their own, but for `serial`."""
+    done = CliRunner().invoke(app, ["batch", *map(str, arguments)])
+    return subprocess.CompletedProcess(arguments, done.exit_code, done.stdout, done.stderr)
 
 
 def started(*arguments: object, within: Sequence[str] = ()) -> subprocess.Popen:
