@@ -11,7 +11,7 @@ pytestmark = pytest.mark.sumo
 
 def test_the_list_of_near_vehicles_is_that_of_sumo_as_they_come_and_go():
     came = went = 0
-    with Simulation.load("grid_platoons") as simulation:
+    with Simulation.load("grid_platoons", "sumo.warm_up_s=200") as simulation:
         simulation.reset()
         sumo, background = simulation.sumo, simulation.world._background
         for step in range(200):

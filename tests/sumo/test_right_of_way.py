@@ -1629,7 +1629,7 @@ def test_wishes_for_room_end_with_the_last_member_that_heeds_lines():
 @pytest.mark.sumo
 def test_links_ahead_of_foes_are_those_that_sumo_judges():
     seen = []
-    with Simulation.load("grid_platoons") as simulation:
+    with Simulation.load("grid_platoons", "sumo.warm_up_s=100") as simulation:
         for _ in islice(simulation, 0, 150, 10):
             reads = Reads(simulation.sumo)
             way = RightOfWay(simulation.sumo, reads, {})
