@@ -9,10 +9,10 @@ clearance, and lies within an area that the vehicle may use.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import product, takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +30,9 @@ BESIDE = 0.03  # ... if the way does not come nearer to it by more than this [m]
 KEPT_FREE = 0.2  # a body that is nearer to the path of the own one, on either side, stands in the way [m]
 SPEED = 2.0  # greatest speed beside the body [m/s]
 LOCK = 1.1  # least radius of the way [turning radii]
-STRETCHED = 1.0, 1.5, 2.2  # coming back takes so many times longer where it adds up with a bend to more than the lock
+# Coming back is so many times as long as it must be on a straight road: the longest that is free, if the shortest is
+# that can be steered. By that one the front of a car comes 0.8 m over to the other side of its route.
+STRETCHED = 1.0, 1.5, 2.2
 SPACING = 0.25  # of the poses that are checked [m]
 REACH = 8.0  # distance ahead in which a body is looked for that stands in the way [m]
 LONGEST_BODY = 13.0  # ... and how far beyond it is followed [m]
@@ -95,11 +97,6 @@ class _Section:
     def heading(self) -> np.ndarray:
         cos, sin = self.facing
         return np.arctan2(sin, cos)
-
-    @cached_property
-    def begin(self) -> _Section:
-        """Its first two places."""
-        return _Section(self.distance[:2], self.points[:2])
 
     @property
     def curvature(self) -> np.ndarray:
@@ -175,18 +172,14 @@ def way_round(
     if not shifts:
         return None
     bend = _sharpest(_ahead(route, station, passed + 3 * body.length))
-    ways: dict[float, _Planned | None] = {}
-    seen: dict[float, tuple[np.ndarray, np.ndarray]] = {}
+    ways: dict[float, list[_Planned]] = {}
     for clearance in (_kept(begin, body, returns, one) for one in CLEARANCES):
         for shift in shifts:
             if shift not in ways:
-                ways[shift] = way = _way(route, station, offset, body, shift, passed, bend)
-                if way:
-                    seen[shift] = _seen_from(way.section, body, returns)
-            if (way := ways[shift]) is None or _within(seen[shift], body, clearance).any():
-                continue
-            if may_use(shift, corners(way.section, body)):
-                return _made(way, shift, met)
+                ways[shift] = [*_ways(route, station, offset, body, shift, passed, bend)]
+            free = takewhile(lambda way: _is_free(way, shift, body, returns, clearance, may_use), ways[shift])  # noqa: B023
+            if found := [*free]:
+                return _made(found[-1], shift, met)
     return None
 
 
@@ -268,27 +261,17 @@ def _ahead(route: Route, station: float, distance: float) -> _Section:
 
 def _kept(section: _Section, body: Body, returns: np.ndarray, clearance: float) -> np.ndarray:
     """The clearance, or less for returns close beside the body at the begin of a section [m], (returns,)."""
-    ahead, aside = (place[0] for place in _seen_from(section.begin, body, returns))
+    (x, y), (cos, sin) = (returns - section.points[0]).T, (part[0] for part in section.facing)
+    ahead, aside = cos * x + sin * y + body.axle, cos * y - sin * x
     away = np.abs(aside) - body.width / 2
     close = (away > 0) & (np.abs(ahead) < body.length / 2 + ALONGSIDE)
     return np.where(close, np.clip(away - BESIDE, 0.0, clearance), clearance)
-
-
-def _seen_from(section: _Section, body: Body, returns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places of returns from the body's centre, forward and to the left, (k, returns) each [m]."""
-    return way_round_kernel.seen_from(section.points, *section.facing, body.axle, returns)
 
 
 def _touches(section: _Section, body: Body, returns: np.ndarray, clearance: np.ndarray) -> np.ndarray:
     """Whether each return is within its clearance (returns,) of the body at each place, (k, returns)."""
     half = body.length / 2, body.width / 2, body.axle
     return way_round_kernel.touches(section.points, *section.facing, half, returns, clearance)
-
-
-def _within(seen: tuple[np.ndarray, np.ndarray], body: Body, clearance: np.ndarray) -> np.ndarray:
-    """Whether what is `_seen_from` places is within its clearance of the body there, (k, returns)."""
-    ahead, aside = seen
-    return (np.abs(ahead) < body.length / 2 + clearance) & (np.abs(aside) < body.width / 2 + clearance)
 
 
 def _extent(section: _Section, body: Body, returns: np.ndarray) -> tuple[float, float, float]:
@@ -313,10 +296,22 @@ def _places(section: _Section, returns: np.ndarray) -> tuple[np.ndarray, np.ndar
     return section.distance[k] + cos[k] * x + sin[k] * y, cos[k] * y - sin[k] * x
 
 
-def _way(
+def _is_free(
+    way: _Planned,
+    shift: float,
+    body: Body,
+    returns: np.ndarray,
+    clearance: np.ndarray,
+    may_use: Callable[[float, np.ndarray], bool],
+) -> bool:
+    touched = _touches(way.section, body, returns, clearance)
+    return not touched.any() and may_use(shift, corners(way.section, body))
+
+
+def _ways(
     route: Route, station: float, offset: float, body: Body, shift: float, passed: float, bend: float
-) -> _Planned | None:
-    """The way that may begin to come back at a distance [m]; None if it cannot be steered.
+) -> Iterator[_Planned]:
+    """The ways that may begin to come back at a distance [m] and can be steered, the shortest one first.
 
     bend: sharpest of the route there [1/m]
     """
@@ -325,8 +320,7 @@ def _way(
     for longer in STRETCHED:
         way = _shifted(plan, body, shift, longer * back)
         if way and _sharpest(way.section) <= max(bend, 1 / body.turning_radius):
-            return way
-    return None
+            yield way
 
 
 def _sharpest(section: _Section) -> float:

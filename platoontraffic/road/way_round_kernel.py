@@ -26,25 +26,11 @@ def facing(points):
 
 
 @compiled
-def seen_from(points, cos, sin, axle, returns):
-    """Places of returns (m, 2) from the body's centre, forward and to the left, (k, m) each [m].
-
-    points, cos, sin : of the driven axle, and of the heading there, (k, 2) and (k,)
-    axle             : how far the driven axle is ahead of the centre [m]
-    """
-    ahead, aside = np.empty((len(points), len(returns))), np.empty((len(points), len(returns)))
-    for k in range(len(points)):
-        for j in range(len(returns)):
-            x, y = returns[j, 0] - points[k, 0], returns[j, 1] - points[k, 1]
-            ahead[k, j], aside[k, j] = cos[k] * x + sin[k] * y + axle, cos[k] * y - sin[k] * x
-    return ahead, aside
-
-
-@compiled
 def touches(points, cos, sin, body, returns, clearance):
-    """Whether each return (m, 2) is within its clearance (m,) of the body at each place, (k, m); as `seen_from`.
+    """Whether each return (m, 2) is within its clearance (m,) of the body at each place, (k, m).
 
-    body: half its length and half its width, and how far its driven axle is ahead of the centre [m]
+    points, cos, sin : of the driven axle (k, 2), and of its heading there, (k,)
+    body             : half its length and half its width, and how far the driven axle is ahead of its centre [m]
     """
     half_length, half_width, axle = body
     touched = np.zeros((len(points), len(returns)), np.bool_)
@@ -67,5 +53,4 @@ def touches(points, cos, sin, body, returns, clearance):
 def load() -> None:
     """Load what is compiled here."""
     points = np.array([[0.0, 0.0], [1.0, 0.0]])
-    seen_from(points, *facing(points), 0.0, points)
     touches(points, *facing(points), (1.0, 1.0, 0.0), points, np.zeros(2))

@@ -435,7 +435,8 @@ class StopLines:
         """
         now, length, size = self._now, ego.length, ego.size
         crossings = self._conflicts[line].crossings.values()
-        if not crossings:
+        # Paths that part from its own are no cross traffic. But before a lane change it needs the room beside a queue.
+        if all(one.before == line.lane for one in crossings) and not _changes_on(line.onto, ego.route):
             return True
         inside = [[name for name in now.on_lane[via] if name != ego.id] for via in line.via]
         if midway:
@@ -488,6 +489,11 @@ class StopLines:
                 if _distance(walk.points, start, end) < walk.apart:
                     return False
         return True
+
+
+def _changes_on(lane: str, route: Route | None) -> bool:
+    """Whether a route changes from a lane to another one."""
+    return route is not None and any(line.lane == lane and line.state == CHANGING for line in route.lines)
 
 
 def _not_made(change: Line, over: float, lane: str, route: Route) -> tuple[Line, float]:

@@ -250,10 +250,26 @@ def test_it_never_touches_anything_and_can_be_steered(overlap, ahead, length, an
     assert np.abs(np.gradient(heading, 0.5)).max() < 1.05 / BODY.turning_radius
 
 
-def test_returns_far_from_the_path_are_left_out_without_a_difference():
+def test_what_the_body_touches_is_what_lies_in_its_grown_rectangle():
     section = ways._ahead(street(bend=0.02), 45.0, 20.0)
-    returns, body = np.random.default_rng(1).uniform(-30, 30, (2000, 2)), BODY
-    clearance = np.full(len(returns), 0.3)
-    touched = ways._touches(section, body, returns, clearance)
+    returns = np.random.default_rng(1).uniform(-30, 30, (2000, 2))
+    touched = ways._touches(section, BODY, returns, np.full(len(returns), 0.3))
     assert touched.any()
-    assert (touched == ways._within(ways._seen_from(section, body, returns), body, clearance)).all()
+    grown = BODY._replace(length=BODY.length + 0.6, width=BODY.width + 0.6)
+    places = shapely.polygons(ways.corners(section, grown))
+    assert (touched == shapely.contains_xy(places[:, None], *returns.T)).all()
+
+
+def test_it_comes_back_as_gently_as_there_is_room():
+    """By the shortest way back, a car's front was 0.8 m on the other side of its route, and met what came there."""
+    farther = shapely.box(NOSE + 15.5, -6.0, NOSE + 20.0, -BODY.width / 2 - 0.35)
+
+    def front_over(way) -> float:
+        places = way.route.line.at(np.arange(50.0, way.ends, 0.25))
+        heading = np.arctan2(*np.gradient(places, axis=0).T[::-1])
+        return float((places[:, 1] + np.sin(heading) * NOSE).max())
+
+    gentle, short = found([box(0.9)]), found([box(0.9), farther])
+    assert short.shift == gentle.shift
+    assert front_over(gentle) < 0.3
+    assert front_over(short) > 0.6

@@ -1368,6 +1368,24 @@ def test_room_behind_a_junction_is_left_to_those_that_stand_inside_and_go_to_the
     assert lines._has_room(line, Ego("m.0", "road_0", 0.0, CAR.length)) == (not waits)
 
 
+@pytest.mark.parametrize(
+    ("before", "changes", "drives_up"),
+    [("road_0", False, True), ("road_0", True, False), ("side_0", False, False)],
+)
+def test_paths_that_part_from_the_own_one_are_no_cross_traffic(before, changes, drives_up):
+    """In Bologna a member stood for 72 s at such a line, and SUMO's cars drove up to the queue beyond it."""
+    line = Line(100.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
+    lines = StopLines(ROADS, SimpleNamespace())
+    met = crossed(":b_0")._replace(before=before)
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": met}))
+    lines._now = SimpleNamespace(
+        on_lane={":a_0": [], ":b_0": [], "next_0": ["last"]}, position={"last": 6.0}, speed={"last": 0.0},
+        length={"last": 5.0},
+    )  # fmt: skip
+    route = SimpleNamespace(lines=[line, line._replace(lane="next_0", state=CHANGING)] if changes else [line])
+    assert lines._has_room(line, Ego("m.0", "road_0", 0.0, CAR.length, route=route)) == drives_up
+
+
 @pytest.mark.parametrize(("inside", "has_room"), [("m.0", True), ("c", False)])
 def test_a_member_finds_room_at_the_place_midway_where_sumo_takes_it_to_be_there_itself(inside, has_room):
     """It stands at its line, which SUMO places a little before. It waited for itself, for ever."""

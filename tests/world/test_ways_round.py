@@ -99,8 +99,8 @@ def test_it_goes_round_a_body_and_returns(law, overlap, side, after):
     assert log.x[-1, 0] > PLACE + 30
     assert abs(log.y[-1, 0]) < 0.05
     assert shapely.distance(footprints(log), body).min() > 0.1
-    aside = np.abs(log.y[:, 0]) > 0.2
-    assert log.speed[aside, 0].max() < SPEED + 0.3
+    beside = (np.abs(log.y[:, 0]) > 0.2) & (log.x[:, 0] - CAR.length / 2 < PLACE + 4.0)
+    assert log.speed[beside, 0].max() < SPEED + 0.3
     assert 0.3 < np.abs(log.y[:, 0]).max() < MOST + 0.1
 
 
@@ -118,7 +118,7 @@ def following(aside: float, seconds: float):
 @pytest.mark.parametrize("side", [1, -1])
 def test_it_stays_for_long_behind_a_vehicle_that_it_has_followed(side):
     """As a left-turner that waits midway for a gap; beside it others drive, and before it opposed left-turners wait."""
-    log = following(side * 0.7, AFTER_FOLLOWING + 60.0)
+    log = following(side * 0.7, AFTER_FOLLOWING + 40.0)
     stands = log.time[(log.speed[:, 0] < 0.05) & (log.x[:, 0] > 40.0)]
     assert abs(stands[-1] - stands[0] - AFTER_FOLLOWING) < 3.0
     assert log.x[-1, 0] > log.x[-1, 1] + 20.0
