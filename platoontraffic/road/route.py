@@ -298,10 +298,7 @@ def _look_ahead(rows, station, poses, routes, places, lines, grids, changes, shi
             while k + 1 < len(stations) and stations[k + 1] + begin <= there:
                 k += 1
             ahead.distance[i, j], ahead.limit[i, j] = distance, min(factor[r] * limits[k], top_speed[r])
-            along = max((there - begin) / spacing, 0.0)
-            bend = min(int(along), len(curvature) - 2)
-            less, more = curvature[bend], curvature[bend + 1]
-            ahead.curvature[i, j] = less + (more - less) * min(along - bend, 1.0)
+            ahead.curvature[i, j] = between_even(curvature, spacing, there - begin)
             if shifted:
                 while change + 1 < len(changed) and changed[change + 1] + begin <= there:
                     change += 1
@@ -314,6 +311,14 @@ def _look_ahead(rows, station, poses, routes, places, lines, grids, changes, shi
             east, north = points[k, 0] + slope_x * along - x[i], points[k, 1] + slope_y * along - y[i]
             ahead.points[i, j, 0] = east * cos[i] + north * sin[i]
             ahead.points[i, j, 1] = north * cos[i] - east * sin[i]
+
+
+@compiled
+def between_even(values, spacing, there):
+    """As np.interp, of values at 0, `spacing`, 2 `spacing` and so on."""
+    along = max(there / spacing, 0.0)
+    k = min(int(along), len(values) - 2)
+    return values[k] + (values[k + 1] - values[k]) * min(along - k, 1.0)
 
 
 @compiled

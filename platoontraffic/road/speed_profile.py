@@ -12,14 +12,15 @@ import numpy as np
 from platoontraffic.controllers import path_kernel
 from platoontraffic.controllers.path_kernel import PLANNED, fastest_at
 from platoontraffic.lidar.compiled import compiler
-from platoontraffic.road.route import Route
+from platoontraffic.road import route as route_kernels
+from platoontraffic.road.route import Route, between_even
 
 REACH, STEP = 12.0, 0.25  # distance of the last point, and of one from the next [vehicle lengths]
 AROUND = 0.6  # for so long before and after a bend, a vehicle is as slow as in it: it slows early, speeds up late [s]
 STILL = 1e-6  # speed below which it counts as standing [m/s]
 SLOWEST = 0.3  # speed that it has in the sharpest bend [m/s]
 
-compiled = compiler(__file__, path_kernel.__file__)
+compiled = compiler(__file__, path_kernel.__file__, route_kernels.__file__)
 
 
 class Driving(NamedTuple):
@@ -89,7 +90,7 @@ def load() -> None:
 def _profile(line, limits, begin, rates, length):
     """Distance, time and speed at points ahead, (3, k).
 
-    line   : stations and curvature there, stations and speed limit from there on, length if it is closed or else inf
+    line   : even stations and curvature there, stations and speed limit from there on, length if closed or else inf
     limits : factor of the speed limits, top speed, lateral acceleration, steering rate
     begin  : station, speed, and time until it accelerates
     rates  : acceleration, braking
@@ -107,9 +108,10 @@ def _profile(line, limits, begin, rates, length):
         distance[k] = distance[1] + (k - 1) * STEP * length
     # Greatest speeds: those of the law, also shortly before and after, and slow enough for those farther on.
     bend, fastest = np.empty(count + 1), np.empty(count)
+    spacing = stations[-1] / (len(stations) - 1)
     for k in range(count + 1):
         there = station + (distance[k] if k < count else distance[count - 1] + STEP * length)
-        bend[k] = _between(stations, curvature, there % lap if lap < math.inf else there)
+        bend[k] = between_even(curvature, spacing, there % lap if lap < math.inf else there)
     for k in range(count):
         there = station + distance[k]
         there = there % lap if lap < math.inf else there
@@ -139,15 +141,3 @@ def _profile(line, limits, begin, rates, length):
         else:
             time[k] = 2 * step / (before + speed[k]) if step > 0 else starts_within
     return found
-
-
-@compiled
-def _between(stations, values, there):
-    """As np.interp."""
-    k = np.searchsorted(stations, there, side="right")
-    if k == 0:
-        return values[0]
-    if k == len(stations):
-        return values[k - 1]
-    share = (there - stations[k - 1]) / (stations[k] - stations[k - 1])
-    return values[k - 1] + share * (values[k] - values[k - 1])
