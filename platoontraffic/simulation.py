@@ -444,7 +444,10 @@ def setting_of(
         with ExitStack() as stack:
             files = folder or Path(stack.enter_context(TemporaryDirectory(prefix="platoontraffic-")))
             # SUMO may be reading the files that are made for its options.
-            options = {} if warm else sumo_options(scenario, stack.enter_context(named(files)), prepared.platooning)
+            options = {}
+            if not warm:
+                named_files = stack.enter_context(named(files))
+                options = sumo_options(scenario, named_files, prepared.platooning, prepared.unsorted)
             words, warm_up = files / "run.log", spec.sumo.warm_up_s
             more = client, warm, recruits, spec.record.passages
             world = World(prepared.network, dt, scenario.seed, words, options, warm_up, *more)

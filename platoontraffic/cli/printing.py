@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from platoontraffic.errors import InputError, not_written, shortened
+from platoontraffic.errors import InputError, counted, not_written, shortened
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -93,6 +93,9 @@ def print_remarks(prepared: Prepared) -> None:
 
     for remark in prepared.scenario.remarks():
         print(remark, file=sys.stderr)
+    for file, ids in prepared.unsorted.unsorted.items() if prepared.unsorted else ():
+        what = f"{counted(len(ids), 'element')} not loaded, as by SUMO, such as '{ids[0]}'"
+        print(f"warning: {file}: {what}: one above departs later; sort the file by departure", file=sys.stderr)
     for line in prepared.platooning.plan.summary(prepared.scenario.scale) if prepared.platooning else ():
         print(line, file=sys.stderr)
     for warning in (*sight.warnings(prepared), *tested.warnings(prepared)):
@@ -139,7 +142,7 @@ def not_equipped(facts: dict[str, Any]) -> Iterator[str]:
         yield f"  {fault['vehicles']}{example}: {shortened(fault['why'], FAULT)}"
     if further := faults[ROUTE_FAULTS:]:
         vehicles = sum(fault["vehicles"] for fault in further)
-        yield f"  {vehicles} for {len(further)} other faults: see undrivable_routes in provenance.json"
+        yield f"  {vehicles} for {counted(len(further), 'other fault')}: see undrivable_routes in provenance.json"
 
 
 def _members(results: Results) -> Table:

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 
 from platoontraffic.results.columns import Column
 from platoontraffic.results.recorder import Recorder
+from platoontraffic.road.demand import Demand
 from platoontraffic.road.departures import with_departures
 from platoontraffic.road.network import file_named_in, names_files
 from platoontraffic.scenario import Scenario
@@ -43,10 +44,13 @@ def plainly_named(folder: Path) -> Iterator[Path]:
         yield link
 
 
-def sumo_options(scenario: Scenario, folder: Path, platooning: Platooning | None = None) -> dict[str, str]:
+def sumo_options(
+    scenario: Scenario, folder: Path, platooning: Platooning | None = None, unsorted: Demand | None = None
+) -> dict[str, str]:
     """Options that let SUMO read the scenario's files and write into `folder` only.
 
     platooning: platoons that vehicles of the traffic form
+    unsorted  : the demand, where SUMO ignores a part of it for its order
     """
     folder = folder.absolute()  # SUMO resolves relative names against the file that holds them
     config, record = scenario.configuration, scenario.spec.record
@@ -56,6 +60,8 @@ def sumo_options(scenario: Scenario, folder: Path, platooning: Platooning | None
     if platooning:
         plan, demand, lanes = platooning
         routes, additional = with_departures(demand, plan.waits, folder, expand=True, lanes=lanes)
+    elif unsorted:
+        routes, additional = with_departures(unsorted, {}, folder)
     if scenario.spec.equip:
         options["route-steps"] = "0"  # types and speed factors are drawn alike, whoever waits: `road.departures`
     for option, files in (("route-files", routes), ("additional-files", additional)):

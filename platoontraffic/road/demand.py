@@ -70,6 +70,8 @@ class Demand(NamedTuple):
     dropped: frozenset[tuple[str, str]]  # (tag, id) of elements that SUMO ignores: they are not in order of departure
     persons: int  # flows counted as one
     containers: int
+    in_order: bool  # SUMO ignores what is not in order of departure in route files
+    unsorted: Mapping[Path, tuple[str, ...]]  # route files with such elements -> their ids
 
     def kinds(self, vehicle: Vehicle) -> tuple[Kind, ...]:
         """Types, with their classes, of which the vehicle will have one."""
@@ -119,12 +121,18 @@ def common_beginning(one: tuple[str, ...], other: tuple[str, ...]) -> tuple[str,
 
 
 def read_demand(
-    routes: Iterable[Path], additional: Iterable[Path] = (), begin: float = 0.0, end: float | None = None
+    routes: Iterable[Path],
+    additional: Iterable[Path] = (),
+    begin: float = 0.0,
+    end: float | None = None,
+    in_order: bool = True,
 ) -> Demand:
     """The vehicles of route files and additional files, flows expanded.
 
     begin, end : of the simulation as SUMO is given them [s]: vehicles before its begin are not loaded, and flows
                  without an own begin or end take these
+    in_order   : SUMO ignores what is not in order of departure in route files, as it does if its option `route-steps`
+                 is above 0
     raises     : InputError where a file cannot be read
     """
     routes, additional = tuple(routes), tuple(additional)
@@ -132,13 +140,14 @@ def read_demand(
     for file in additional:
         reader.read(file, in_order=False)
     for file in routes:
-        reader.read(file, in_order=True)
+        reader.read(file, in_order)
     types = {name: (Kind(name, vclass),) for name, vclass in reader.classes.items()}
     for name, drawn in reader.distributions.items():
         types[name] = tuple(kind for part in drawn for kind in types.get(part, (Kind(part, DEFAULT_CLASS),)))
     return Demand(
         routes, additional, begin, end, reader.resolved(), types,
-        reader.random_flows, frozenset(reader.dropped), reader.persons, reader.containers,
+        reader.random_flows, frozenset(reader.dropped), reader.persons, reader.containers, in_order,
+        {file: tuple(names) for file, names in reader.unsorted.items()},
     )  # fmt: skip
 
 
@@ -156,6 +165,7 @@ class Walk:
     end: int | None  # [ms]
     file: Path = Path()
     dropped: set[tuple[str, str]] = field(default_factory=set)
+    unsorted: dict[Path, list[str]] = field(default_factory=dict)  # ids of those that are not in order, by their file
     _in_order: bool = False
     _last: int = -1  # departure of the last element that counts for the order [ms]
     _open: list[str] = field(default_factory=list)  # tags of the elements around
@@ -239,7 +249,10 @@ class Walk:
         if depart is None:
             return False
         flow = tag.lower().endswith("flow")
-        if (self._in_order and depart < self._last) or (depart < self.begin and not flow):
+        if depart < self.begin and not flow:
+            return True
+        if self._in_order and depart < self._last:
+            self.unsorted.setdefault(self.file, []).append(attributes.get("id", ""))
             return True
         if not attributes.get("line"):  # lines of public transport do not count
             self._last = depart

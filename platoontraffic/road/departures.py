@@ -29,7 +29,8 @@ def with_departures(
     """Route files and additional files of a demand with which some vehicles depart later.
 
     Copies differ from their originals in `depart` and `line` of vehicles that wait, in `departLane`, in flows, and in
-    names of files that SUMO reads, which are absolute. Types and speed factors that SUMO draws stay the same; if there
+    names of files that SUMO reads, which are absolute. They lack what SUMO ignores for its order: with `route-steps` 0
+    it would load that. Types and speed factors that SUMO draws stay the same; if there
     are several route files, only with its option `route-steps` 0, which reads each at once.
 
     If a vehicle of a flow waits, all flows are expanded into vehicles, except those with random or triggered
@@ -50,6 +51,7 @@ def with_departures(
     expand = expand or any(movable[name].flow for name in moved.keys() | lanes.keys())
     flows = {v.flow for v in movable.values() if v.flow} if expand else set()
     changed = {v.file for v in movable.values() if v.id in moved or v.id in lanes or v.flow in flows}
+    changed |= demand.unsorted.keys()
     copies = []
     for kind, files in (("routes", demand.routes), ("additional", demand.additional)):
         for i, file in enumerate(files):
@@ -59,7 +61,7 @@ def with_departures(
                 with copy.open("w", encoding="utf-8") as out:
                     begin, end = milliseconds(demand.begin), None if demand.end is None else milliseconds(demand.end)
                     _Copier(begin, end, out=out, waits=moved, flows=flows, lanes=lanes).read(
-                        file, in_order=kind == "routes"
+                        file, in_order=kind == "routes" and demand.in_order
                     )
     return tuple(copies[: len(demand.routes)]), tuple(copies[len(demand.routes) :])
 

@@ -14,6 +14,7 @@ from platoontraffic.lidar import Scene
 from platoontraffic.road.demand import Demand, Selection, read_demand
 from platoontraffic.road.network import Network
 from platoontraffic.road.platooning import Plan, plan
+from platoontraffic.road.sumo_configuration import in_seconds
 from platoontraffic.scenario import Scenario
 from platoontraffic.scenario.equip_tables import VEHICLE_OF
 from platoontraffic.world import manoeuvres, obstacles
@@ -40,6 +41,7 @@ class Prepared:
     obstacles: tuple[ObstaclePlan, ...] = ()  # moving or temporary ones
     orders: tuple[Order, ...] = ()
     platooning: Platooning | None = None  # of members from the traffic; None: they are in no platoons
+    unsorted: Demand | None = None  # of a scenario with `equip`, where SUMO ignores a part of it for its order
     then: tuple[Member, ...] = ()  # the members as they are after the scenario's branch; (): it has none
 
 
@@ -54,8 +56,12 @@ def prepare(scenario: Scenario, network: Network | None = None) -> Prepared:
     plans = obstacles.plans_of(scenario, network, members)
     orders = manoeuvres.orders(scenario, network, members)
     _check_edges(scenario, network)
-    _check_types(scenario)
-    prepared = Prepared(scenario, network, scene, members, plans, orders, _platooning(scenario, network))
+    demand = _demand(scenario) if scenario.spec.equip else None
+    if demand:
+        _check_types(scenario, demand)
+    platooning = _platooning(scenario, network, demand) if demand else None
+    unsorted = demand if demand and demand.unsorted else None
+    prepared = Prepared(scenario, network, scene, members, plans, orders, platooning, unsorted)
     return branched(prepared, scenario) if scenario.then else prepared
 
 
@@ -73,12 +79,12 @@ def _check_edges(scenario: Scenario, network: Network) -> None:
         raise InputError(*faults)
 
 
-def _check_types(scenario: Scenario) -> None:
+def _check_types(scenario: Scenario, demand: Demand) -> None:
     """raises: InputError where a share is to be of a vehicle type that the demand does not have"""
     named = [(i, k, name) for i, equip in enumerate(scenario.spec.equip) for k, name in enumerate(equip.types)]
     if not named:
         return
-    types = _demand(scenario).types
+    types = demand.types
     known = {kind.type for kinds in types.values() for kind in kinds}
     faults = []
     for i, k, name in named:
@@ -96,16 +102,18 @@ def _check_types(scenario: Scenario) -> None:
 
 def _demand(scenario: Scenario) -> Demand:
     """raises: InputError"""
-    end = scenario.configuration.end if scenario.configuration else None
-    return read_demand(scenario.route_files, scenario.additional_of_sumo, scenario.begin, end)
+    config = scenario.configuration
+    in_order = not (config and in_seconds(config.options.get("route-steps", "200")) <= 0)
+    end = config.end if config else None
+    return read_demand(scenario.route_files, scenario.additional_of_sumo, scenario.begin, end, in_order)
 
 
-def _platooning(scenario: Scenario, network: Network) -> Platooning | None:
-    """The platoons of the traffic's share. raises: InputError"""
+def _platooning(scenario: Scenario, network: Network, demand: Demand) -> Platooning | None:
+    """The platoons of the traffic's share."""
     equip = next((one for one in scenario.spec.equip if one.mode == "platoons"), None)
     if equip is None:
         return None
-    demand, start = _demand(scenario), scenario.start
+    start = scenario.start
     end = math.inf if equip.end_s is None else start + equip.end_s
     chosen = Selection(
         scenario.seed,

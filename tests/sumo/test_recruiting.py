@@ -92,6 +92,19 @@ def test_the_demand_is_conserved(file):
     assert len(of_class) == len(everybody) + sum(left.values())
 
 
+@pytest.mark.parametrize("mode", ["single", "platoons"])
+@pytest.mark.parametrize(("steps", "more"), [("200", set()), ("0", {"early.0", "early.1"})])
+def test_what_sumo_ignores_for_its_order_is_no_demand(demand, mode, steps, more):
+    """By its option `route-steps` 0, which shares of the traffic need, SUMO loads that too."""
+    early = '<flow id="early" type="private" begin="1" end="20" number="2" from="west_light" to="light_light_n"/>'
+    routes = demand.parent / "demand.rou.xml"
+    routes.write_text(routes.read_text().replace("</routes>", f"{early}</routes>"))
+    option = f'<processing><route-steps value="{steps}"/></processing></configuration>'
+    demand.write_text(demand.read_text().replace("</configuration>", option))
+    found, *_ = departures(demand, "equip.share=0.0", f"equip.mode={mode}", "run.duration_s=20")
+    assert set(found) == {"first", "second", "flow.0", "flow.1", "bus", "parks"} | more
+
+
 def test_two_runs_of_a_seed_are_the_same_bytes(file, tmp_path):
     first, second = (run(tmp_path / name, file, "equip.share=0.5", "run.duration_s=30") for name in ("a", "b"))
     for table in ("trajectories", "events", "trips", "metrics", "statistics"):
@@ -227,6 +240,8 @@ def test_faults_of_many_routes_are_printed_in_few_lines():
     assert lines[:2] == ["15 of the share stay SUMO's: no route", "  5, such as v.0: fault 0"]
     assert lines[-1] == "  3 for 2 other faults: see undrivable_routes in provenance.json"
     assert len(lines) == 5
+    lines = list(not_equipped({"undrivable_routes": faults[:4]}))
+    assert lines[-1] == "  2 for 1 other fault: see undrivable_routes in provenance.json"
     assert list(not_equipped({"not_equipped": {"has stops": 1}})) == ["1 of the share stay SUMO's: has stops"]  # before
 
 
