@@ -34,7 +34,7 @@ from platoontraffic.cli.printing import (
 )
 from platoontraffic.cli.progress import batch_progress, err, run_progress, say, say_when_compiling, show_stage
 from platoontraffic.cli.signals import end_as_at_control_c
-from platoontraffic.errors import InputError, MissingError, RunError, did_you_mean
+from platoontraffic.errors import InputError, MissingError, RunError, counted, did_you_mean
 
 if TYPE_CHECKING:
     from platoontraffic.scenario.named_code import BeforeCode
@@ -138,7 +138,9 @@ def run(
         print_json({"folder": str(folder), "members": len(prepared.members), "done": (folder / "DONE").is_file()})
         return
     if dry_run:
-        out.print(f"{checked.source}: fine, {len(prepared.members)} members; would write {folder}", soft_wrap=True)
+        more = ["those of the traffic's share"] if prepared.scenario.spec.equip else []
+        who = " and ".join(([counted(len(prepared.members), "member")] if prepared.members else []) + more)
+        out.print(f"{checked.source}: fine, {who}; would write {folder}", soft_wrap=True)
         return
     if runs.is_done(folder) and not force:
         if not quiet and not json:

@@ -116,6 +116,7 @@ def print_run(folder: Path) -> None:
         print_wide(table)
     if "equipped" in set(results.metrics.scope):
         print_wide(_trips(results))
+    lengths = any(str(column.header).startswith(("gap", "cross")) for column in table.columns)
     facts = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     for line in not_equipped(facts):
         out.print(line, soft_wrap=True, markup=False)
@@ -125,7 +126,7 @@ def print_run(folder: Path) -> None:
         f"{facts['simulated_s']:g} s at {facts['real_time_factor']:g} x real time, contacts {whole['collisions']:g}"
         f"{f', {stood:.0%} of the time at a standstill' if stood > 0 else ''}"
         f"{f', {stranded:g} members stranded' if stranded > 0 else ''}"
-        f"{'. Gaps and cross-track in m, while in the platoon' if table.row_count else ''}",
+        f"{'. Gaps and cross-track in m, while in the platoon' if lengths else ''}",
         soft_wrap=True,
     )
     for text in facts.get("sumo_options_replaced", ()):

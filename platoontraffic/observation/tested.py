@@ -1,4 +1,4 @@
-"""What a scenario asks for beyond what holds: sensors of `tracking`, speed profiles of leaders, its network."""
+"""What a scenario asks for beyond what holds: sensors of `tracking`, profiles of leaders, its network and files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from collections.abc import Iterator
 
 from platoontraffic.controllers.path import SMOOTH, PathLeader
 from platoontraffic.controllers.tracking import HEADWAY_PER_DELAY, LEAST_HEADWAY, TrackingFollower
+from platoontraffic.road.demand import WANTED
 from platoontraffic.road.network import Network
+from platoontraffic.road.sumo_files import parse
 from platoontraffic.vehicles.bicycle import Car
 from platoontraffic.world.fleet import Member
 from platoontraffic.world.prepared import Prepared
@@ -18,13 +20,21 @@ MOST_LOST = 0.3  # share of the returns
 GREATEST_BIAS = 1.0  # standard deviation of the yaw rate's bias [deg/s]
 LONGEST_DELAY = 0.3  # of scans and odometry [s]
 
+# Elements of additional files that members do not heed, and what they do instead.
+CLOSED = "members keep the route with which they depart, also on closed roads"
+UNHEEDED = {
+    "variableSpeedSign": "members drive by the speed limits of the network, and their delays are wrong",
+    "calibrator": "members drive by the speed limits of the network, and SUMO may crash where it removes a member",
+    **dict.fromkeys(("closingReroute", "closingLaneReroute", "destProbReroute", "routeProbReroute"), CLOSED),
+}
+
 
 def warnings(prepared: Prepared) -> list[str]:
     """One line for every leader whose vehicle cannot drive its profile, and every limit of `tracking` passed.
 
-    And one for a network where members do not know which vehicles they must give way to.
+    And one for a network where members do not know which vehicles they must give way to, and for what they do not heed.
     """
-    texts = list(_network(prepared))
+    texts = [*_network(prepared), *_unheeded(prepared)]
     number = {platoon.id: i for i, platoon in enumerate(prepared.scenario.spec.platoon)}
     for member in prepared.members:
         role, beyond = ("leader", _profile) if member.place == 0 else ("follower", _sensors)
@@ -42,8 +52,17 @@ def of_network(name: str, network: Network) -> Iterator[str]:
 def _network(prepared: Prepared) -> Iterator[str]:
     spec = prepared.scenario.spec
     if any(member.law.heeds_lines for member in prepared.members) or spec.equip:
-        name = spec.sumo.net or prepared.scenario.configuration or prepared.network.path
-        yield from of_network(name, prepared.network)
+        config = prepared.scenario.configuration
+        yield from of_network(spec.sumo.net or str(config.path if config else prepared.network.path), prepared.network)
+
+
+def _unheeded(prepared: Prepared) -> Iterator[str]:
+    if not prepared.scenario.spec.equip and all(member.law.native for member in prepared.members):
+        return
+    for file in prepared.scenario.additional_of_sumo:
+        found: dict[str, str] = {}  # what members do instead -> the first such element
+        parse(file, lambda tag, *_, found=found: found.setdefault(UNHEEDED.get(tag, ""), tag), WANTED)
+        yield from (f"{file}: <{tag}>: {what}" for what, tag in found.items() if what)
 
 
 def _sensors(member: Member) -> Iterator[str]:

@@ -51,7 +51,9 @@ class Recruiting:
         """
         found = []
         for name in self._sumo.simulation.getDepartedIDList():
-            if name not in own and (member := self._member(name, time)):
+            if name in own or not self._sumo.vehicle.getLaneID(name):  # a calibrator has removed it in the same step
+                continue
+            if member := self._member(name, time):
                 found.append(member)
         if not found:
             return None

@@ -53,6 +53,35 @@ def test_a_network_without_lanes_inside_junctions_is_said():
     )
 
 
+SIGN = '<variableSpeedSign id="s" lanes="west_light_0"><step time="0" speed="5"/></variableSpeedSign>'
+CLOSED = '<rerouter id="r" edges="west_light"><interval begin="0" end="9"><{} id="{}"/></interval></rerouter>'
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (SIGN + SIGN, ["<variableSpeedSign>: members drive by the speed limits of the network"]),
+        (CLOSED.format("closingReroute", "light_prio"), ["<closingReroute>: members keep the route"]),
+        (CLOSED.format("parkingAreaReroute", "lot"), []),
+    ],
+)
+def test_what_members_do_not_heed_is_said_once(tmp_path, content, said):
+    (tmp_path / "more.add.xml").write_text(f"<additional>{content}</additional>")
+    file = tmp_path / "signs.toml"
+    file.write_text('[sumo]\nnet = "corridor"\nadditional = ["more.add.xml"]\n[[equip]]\nshare = 0.5\n')
+    texts = warnings(simulation.prepare(scenario.load(file, ["run.duration_s=9"])))
+    assert len(texts) == len(said)
+    assert all(part in text for part, text in zip(said, texts, strict=True))
+
+
+def test_a_configuration_without_lanes_inside_junctions_is_named_by_its_path(tmp_path):
+    file = tmp_path / "bare.sumocfg"
+    net = ODD_NETS / "bare.net.xml"
+    file.write_text(f"<configuration><input><net-file value='{net}'/></input></configuration>")
+    (text,) = warnings(simulation.prepare(scenario.load(file, ["equip.share=0.5", "run.duration_s=9"])))
+    assert text.startswith(f"{file}: no lanes inside junctions")
+
+
 def test_shipped_scenarios_ask_for_nothing_that_does_not_hold():
     for name in ("corridor_tracking", "highway_tracking"):
         assert not warnings(simulation.prepare(scenario.load(name)))

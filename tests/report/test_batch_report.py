@@ -73,6 +73,18 @@ def test_pictures_suit_the_number_of_keys_and_are_files(varied, drawn, tmp_path)
     assert not (folder / "report-collisions.png").exists()  # the same in all runs
 
 
+def test_of_shares_of_the_traffic_the_delay_of_everybody_is_drawn(tmp_path):
+    """Vehicles that are no members are others at each share, and so is the mean of their delays."""
+    folder = made_batch(tmp_path / "study", {"equip.share": [0.0, 0.5]})
+    table = pd.read_csv(folder / "summary.csv")
+    table["gap_min_m"] = table.gap_mean_m - 1
+    table["traffic_delay_mean_finished_s"] = table["everybody_delay_mean_finished_s"] = table.gap_mean_m
+    table.to_csv(folder / "summary.csv", index=False)
+    report(folder)
+    drawn = {file.stem for file in folder.glob("report-*.png")}
+    assert drawn == {"report-everybody_delay_mean_finished_s", "report-gap_mean_m"}
+
+
 def test_several_keys_have_lines_with_intervals_and_a_map(batch):
     assert "means with their 95 % intervals" in report(batch)
     assert (batch / "report-gap_mean_m-map.png").is_file()

@@ -92,6 +92,16 @@ def test_the_demand_is_conserved(file):
     assert len(of_class) == len(everybody) + sum(left.values())
 
 
+def test_a_vehicle_that_a_calibrator_removes_as_it_departs_is_no_member(demand):
+    none = '<calibrator id="none" edge="west_light" pos="0"><flow begin="0" end="99" vehsPerHour="0" speed="9"/>'
+    (demand.parent / "none.add.xml").write_text(f"<additional>{none}</calibrator></additional>")
+    more = '<additional-files value="none.add.xml"/></input>'
+    demand.write_text(demand.read_text().replace("</input>", more))
+    found, members, _ = departures(demand, "equip.share=1.0", "run.duration_s=20")
+    assert {"first", "second", "flow.0"} <= set(found)
+    assert not members
+
+
 @pytest.mark.parametrize("mode", ["single", "platoons"])
 @pytest.mark.parametrize(("steps", "more"), [("200", set()), ("0", {"early.0", "early.1"})])
 def test_what_sumo_ignores_for_its_order_is_no_demand(demand, mode, steps, more):
