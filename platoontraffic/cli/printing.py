@@ -91,12 +91,14 @@ def result_faults(hint: str = "") -> Iterator[None]:
 def print_remarks(prepared: Prepared) -> None:
     from platoontraffic.observation import sight, tested  # here, because it takes long to import
 
-    for remark in prepared.scenario.remarks():
+    scenario = prepared.scenario
+    for remark in scenario.remarks():
         print(remark, file=sys.stderr)
     for file, ids in prepared.unsorted.unsorted.items() if prepared.unsorted else ():
         what = f"{counted(len(ids), 'element')} not loaded, as by SUMO, such as '{ids[0]}'"
         print(f"warning: {file}: {what}: one above departs later; sort the file by departure", file=sys.stderr)
-    for line in prepared.platooning.plan.summary(prepared.scenario.scale) if prepared.platooning else ():
+    end = scenario.start + scenario.spec.run.duration_s
+    for line in prepared.platooning.plan.summary(scenario.scale, end) if prepared.platooning else ():
         print(line, file=sys.stderr)
     for warning in (*sight.warnings(prepared), *tested.warnings(prepared)):
         print(f"warning: {warning}", file=sys.stderr)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -43,8 +44,12 @@ class Plan(NamedTuple):
         pairs = (pair for platoon in self.platoons for pair in zip(platoon.ids, platoon.waits, strict=True))
         return {name: wait for name, wait in pairs if wait > 0}
 
-    def summary(self, scale: float = 1.0) -> list[str]:
-        """What was found and what is left over, in plain lines. scale: of the demand, in the run"""
+    def summary(self, scale: float = 1.0, end: float = math.inf) -> list[str]:
+        """What was found and what is left over, in plain lines.
+
+        scale : of the demand, in the run
+        end   : of the run [s]
+        """
         waits = [wait for platoon in self.platoons for wait in platoon.waits]
         sizes = sorted(Counter(len(platoon.ids) for platoon in self.platoons).items())
         lines = [f"no two vehicles can form a platoon within {self.window:g} s"]
@@ -54,6 +59,8 @@ class Plan(NamedTuple):
                 + ", ".join(f"{number:,} of {size}" for size, number in sizes)
                 + f"; a vehicle waits {sum(waits) / len(waits):.1f} s on average, {max(waits):.1f} s at most"
             ]
+        if later := sum(platoon.depart >= end for platoon in self.platoons):
+            lines.append(f"{counted(later, 'platoon')} of these would depart after the end of the run")
         if self.single:
             reasons = ", ".join(f"{number:,}: {why}" for why, number in Counter(self.single.values()).most_common())
             lines.append(f"{counted(len(self.single), 'vehicle')} left over, each a platoon of one ({reasons})")

@@ -171,3 +171,5 @@ def test_the_summary_counts_platoons_and_waits(tmp_path, highway):
     assert made.summary() == [
         "2 platoons found, of 5 vehicles: 1 of 2, 1 of 3; a vehicle waits 3.2 s on average, 8.0 s at most"
     ]
+    assert [p.depart for p in made.platoons] == [8.0, 16.0]
+    assert made.summary(end=16.0)[1:] == ["1 platoon of these would depart after the end of the run"]
