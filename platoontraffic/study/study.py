@@ -38,6 +38,8 @@ RANGE = "a range: { from = 1, to = 5, step = 1 }, or with `count`"
 Keys = dict[str, Any]  # scenario keys, dotted or as tables inside one another
 Place = Callable[[tuple], str]  # path of a key -> its place in the study: `file:line`
 
+ROADS = ("sumo.net", "sumo.config")  # keys that name a file of the road
+
 
 class StudyFile(Table):
     """A study file: a scenario at many points, each run with the same seeds."""
@@ -138,9 +140,10 @@ def load(name_or_file: str | Path, arguments: Sequence[str] = (), before_code: B
     source = _find(name_or_file)
     file, place = _read(source)
     base = _base(file.base, source, place)
-    fixed = [Change(key, value, place(path), key) for key, path, value in leaves(file.set, ("set",))]
+    located = partial(_located, beside=(source.parent, shipped.scenarios().get(base, Path(base)).parent))
+    fixed = [located(Change(key, value, place(path), key)) for key, path, value in leaves(file.set, ("set",))]
     fixed += [Change.parse(argument, number) for number, argument in enumerate(arguments, start=1)]
-    axes = _axes(file, place)
+    axes = [axis._replace(rows=tuple(tuple(map(located, row)) for row in axis.rows)) for axis in _axes(file, place)]
     keys = tuple(key for axis in axes for key in axis.keys)
     _check_keys([change for axis in axes for change in axis.rows[0]], fixed)
     seeds = _seeds(file, place)
@@ -217,6 +220,17 @@ def _base(base: str, source: Path, place: Place) -> str:
         )
         raise InputError(f"{place(('base',))}: base: {base!r}: {what}")
     return str(file.resolve())
+
+
+def _located(change: Change, beside: tuple[Path, Path]) -> Change:
+    """The change; a road whose file lies beside the study and not beside the base is named by its whole path.
+
+    beside: folders of the study and of the base, from which a scenario's names of files start
+    """
+    if change.key not in ROADS or not isinstance(change.value, str):
+        return change
+    of_study, of_base = (folder / change.value for folder in beside)
+    return change._replace(value=str(of_study.resolve())) if of_study.is_file() and not of_base.is_file() else change
 
 
 def _axes(file: StudyFile, place: Place) -> list[Axis]:

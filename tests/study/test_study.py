@@ -33,6 +33,18 @@ def points(loaded: study.Study) -> list[tuple]:
     return [(run.seed, *run.values.values()) for run in loaded.runs]
 
 
+@pytest.mark.parametrize("table", ["[set]\nsumo.config = {}", "[grid]\nsumo.config = [{}]"])
+def test_the_road_may_be_a_file_beside_the_study(written, tmp_path, table):
+    """The base may be a shipped scenario, beside which no file of a user lies."""
+    net = shipped.networks()["highway"]
+    (tmp_path / "town.sumocfg").write_text(f"<configuration><input><net-file value='{net}'/></input></configuration>")
+    loaded = study.load(written(f'base = "penetration"\n{table.format(repr("town.sumocfg"))}\n'))
+    again = tmp_path / "results"
+    again.mkdir()
+    (again / "study.toml").write_text(loaded.text(again))
+    assert [run.id for run in study.load(again / "study.toml").runs] == [run.id for run in loaded.runs]
+
+
 def test_a_grid_is_all_combinations_and_the_last_key_changes_fastest(written):
     loaded = study.load(written(f"[grid]\n{GAIN} = [1.0, 2.0]\n{FOV} = [20.0, 30.0, 40.0]\n"))
     assert loaded.keys == (GAIN, FOV)
