@@ -173,12 +173,13 @@ def _trips(results: Results) -> Table:
 
     table = Table(box=None, header_style="bold", pad_edge=False)
     table.add_column("trips of the traffic")
-    for heading in ("arrived", "on the road", "mean delay in s"):
+    for heading in ("arrived", "on the road", "mean delay in s", "before departure in s"):
         table.add_column(heading, justify="right", no_wrap=True)
     for scope, name in (("equipped", "members"), ("traffic", "others"), ("everybody", "all")):
         values = results.metrics[results.metrics.scope == scope].set_index("metric").value
-        arrived, running, delay = (values[m] for m in ("trips_finished", "trips_running", "delay_mean_finished"))
-        table.add_row(name, f"{arrived:g}", f"{running:g}", f"{delay:.1f}" if delay == delay else "")
+        arrived, running = values["trips_finished"], values["trips_running"]
+        delays = (values[m] for m in ("delay_mean_finished", "depart_delay_mean_finished"))
+        table.add_row(name, f"{arrived:g}", f"{running:g}", *(f"{d:.1f}" if d == d else "" for d in delays))
     return table
 
 

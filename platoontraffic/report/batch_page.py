@@ -30,6 +30,7 @@ FIRST = (
     "cross_track_max_m",
     "near_misses",
     "ttc_min_s",
+    "everybody_depart_delay_mean_finished_s",
     "traffic_delay_mean_finished_s",
 )
 DRAWN = 2

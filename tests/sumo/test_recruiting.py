@@ -210,7 +210,7 @@ PLATOONS = """<routes>
 """
 
 
-def test_vehicles_wait_for_each_other_and_are_a_platoon_until_their_routes_part(demand, tmp_path):
+def test_vehicles_wait_for_each_other_and_are_a_platoon_until_their_routes_part(demand, tmp_path, capsys):
     (demand.parent / "demand.rou.xml").write_text(PLATOONS)
     more = "equip.share=1.0", "equip.mode=platoons", "equip.window_s=10"
     folder = run(tmp_path / "run", demand, *more, "run.duration_s=150")
@@ -228,6 +228,10 @@ def test_vehicles_wait_for_each_other_and_are_a_platoon_until_their_routes_part(
     metrics = pd.read_csv(folder / "metrics.csv").query("scope == 'vehicle'").set_index(["vehicle_id", "metric"]).value
     assert metrics["b", "in_platoon_share"] > 0.8
     assert ("late", "in_platoon_share") not in metrics.index
+    print_run(folder)
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    (members,) = (row for row in rows if row[:1] == ["members"])
+    assert float(members[-1]) == pytest.approx(trips.depart_delay_s[trips.member == 1].mean(), abs=0.1)
 
 
 def test_a_run_says_why_members_cannot_drive_a_route(tmp_path, capsys):
@@ -242,6 +246,7 @@ def test_a_run_says_why_members_cannot_drive_a_route(tmp_path, capsys):
     print_run(run(tmp_path / "run", file))
     said = capsys.readouterr().out
     assert "1 of the share stay SUMO's: a route that members cannot drive\n  1, back: turns back from 's_end'" in said
+    assert "Gaps and cross-track" not in said  # no member is in a platoon, so the table has neither
 
 
 def test_faults_of_many_routes_are_printed_in_few_lines():
