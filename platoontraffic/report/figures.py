@@ -132,7 +132,7 @@ def heat_map(batch: Batch, key: str, other: str, metric: str, unit: str) -> Figu
     axes.set_yticks(range(len(up.labels)), up.labels)
     axes.set_xlabel(_plain(key))
     axes.set_ylabel(_plain(other))
-    made.colorbar(drawn, ax=axes, label=_named(metric, unit))
+    made.colorbar(drawn, ax=axes).set_label(_named(metric, unit), fontsize="small")  # long names fit in
     return made
 
 
