@@ -300,14 +300,16 @@ class StopLines:
         if len(line.via) > 1 and ego.lane == line.via[0]:
             inside = self._now.lane_length[ego.lane]
             driven = self._now.position[ego.id]
-            is_open = self._way.may_cross(line, -driven, ego, midway=True)
+            is_open, reason = self._way.may_cross(line, -driven, ego, midway=True), RIGHT_OF_WAY
+            if is_open and not self._is_free_of_people(line, -driven, ego):
+                is_open, reason = False, PEOPLE
             stop = min(inside, self._midway(line, driven - OVERRUN * ego.size)) - driven
             if (before := self._way.stop_before_foes(line, driven, ego, priority_too=False)) < math.inf:
-                is_open, stop = False, min(stop, before)
+                is_open, reason, stop = False, RIGHT_OF_WAY, min(stop, before)
             may_stop = ego.speed < STANDING or ego.speed**2 / (2 * EARLY_BRAKING) < stop
             if is_open and may_stop and not self._has_room(line, ego, midway=True):
                 return LineState(max(stop, 0.0), False, False, False, NO_ROOM)
-            return LineState(stop, is_open, False, False, RIGHT_OF_WAY)
+            return LineState(stop, is_open, False, False, reason)
         if line.state == CHANGING:
             before = self._change.may_change(line, -over, ego)
             if before < np.inf and ego.lane != line.onto:
@@ -472,10 +474,13 @@ class StopLines:
         return ends - now.position[name] < FREE_AHEAD * size
 
     def _is_free_of_people(self, line: Line, distance: float, ego: Ego) -> bool:
-        """Whether nobody on a pedestrian crossing stands where the vehicle drives, or will be there when it comes."""
+        """Whether nobody on a pedestrian crossing stands where the vehicle drives, or will be there when it comes.
+
+        A crossing whose middle is behind its front does not count: the vehicle is in the way there, and leaves it.
+        """
         conflicts = self._conflicts[line]
         for walk in conflicts.walks:
-            if distance + walk.own[1] + ego.length < 0:
+            if distance + sum(walk.own) / 2 < 0:
                 continue
             pace = self._way.pace(line, ego)
             comes = SOONER * pace.time_for(distance + walk.own[0])

@@ -22,7 +22,8 @@ from platoontraffic.road.network import Network
 from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo.conflicts import Conflicts, Walk
 from platoontraffic.sumo.ego import Ego
-from platoontraffic.sumo.stoplines import StopLines
+from platoontraffic.sumo.right_of_way import RightOfWay
+from platoontraffic.sumo.stoplines import PEOPLE, RIGHT_OF_WAY, StopLines
 from platoontraffic.world.contact import Contacts
 from platoontraffic.world.fleet import Member
 from tests.sumo.test_right_of_way import EYE, NETS, STEP, Staged, deployed, insert
@@ -213,3 +214,24 @@ def test_a_line_is_closed_by_people_who_are_or_will_be_in_the_way(where, east_of
     lines, line = crossed_by((1.0, 5.0), where, east_of_north, speed)
     assert lines._is_free_of_people(line, 1.0, Ego("m.0", "in_0", 0.0, 4.74)) is is_free
     assert lines._is_free_of_people(line, -12.0, Ego("m.0", ":x_0_0", 0.0, 4.74))  # it is past the crossing
+
+
+@pytest.mark.parametrize(("crossing", "stays"), [((6.0, 10.0), True), ((1.0, 4.0), False)])
+def test_a_member_that_waits_midway_stays_there_for_people_ahead_not_for_those_that_it_is_in_the_way_of(
+    monkeypatch, crossing, stays
+):
+    """A van set out midway while someone walked over the crossing beyond, and touched them."""
+    lines, line = crossed_by(crossing, (sum(crossing) / 2, 0.0), 0.0, 0.0)
+    line = line._replace(via=(":x_0_0", ":x_1_0"))
+    (lines._conflicts[line],) = lines._conflicts.values()
+    lanes = {":x_0_0": 9.0, ":x_1_0": 9.0}
+    lines._now.lane_length.update(lanes)
+    lines._now.max_speed.update(lanes)
+    lines._now.position["m.0"] = 4.0
+    monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
+    monkeypatch.setattr(StopLines, "_has_room", lambda *_, midway: True)
+    state = lines._passed(line, 4.0, Ego("m.0", ":x_0_0", 0.0, 4.74))
+    assert state.open is not stays
+    assert state.reason == (PEOPLE if stays else RIGHT_OF_WAY)
