@@ -1,8 +1,8 @@
-"""What the body would touch in a bend, compiled.
+"""What the body would touch in a bend, or on its way back to its route. Compiled.
 
-In a tight bend the front of a vehicle swings out of any strip about the path of its axle, and the body is not where the
-path is: steering takes time. So the vehicle is driven on from where it is, steered along its route as far as lock and
-steering rate allow, and every return is compared with the places of the body.
+In a tight bend, and where it is not along its route, the front of a vehicle swings out of any strip about the path of
+its axle, and the body is not where the path is: steering takes time. So the vehicle is driven on from where it is,
+steered along its route as far as lock and steering rate allow, and every return is compared with the places of the body.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ def first_touched(route, points, speed, driven, body, scan, laser, skipped, unti
         swings = 2 * SWINGS / front**2
         reach = max(LEAST, speed[i] * TIME + speed[i] ** 2 / (2 * BRAKING))
         count = min(int(reach / STEP) + 1, MOST)
-        if not _bends(route, i, driven[i], STEP * count, swings):
+        is_off = _is_off(points[i], front)
+        if not (is_off or _bends(route, i, driven[i], STEP * count, swings)):
             continue
         places = all_places[:count]
         drive(route, points[i], i, STEP, speed[i], driven[i], body, places)
@@ -94,6 +95,19 @@ def _since(places, k, x, y, rear, front, half):
         else:
             free = middle
     return free
+
+
+@compiled
+def _is_off(points, front):
+    """Whether the axle, or the front, is farther than SWINGS from the route that begins at points (k, 2).
+
+    On its way back to the route, as in a lane change for which it has stopped, the body is not along that.
+    """
+    x, y = points[0]
+    dx, dy = points[1, 0] - x, points[1, 1] - y
+    length = max(math.hypot(dx, dy), 1e-9)
+    offset = abs(x * dy - y * dx) / length
+    return offset > SWINGS or abs(dy) / length * front > SWINGS
 
 
 @compiled

@@ -112,3 +112,37 @@ def test_what_it_would_touch_does_not_depend_on_what_is_in_memory(monkeypatch, s
     assert np.isfinite(clean).any()
     assert not np.isfinite(clean).all()
     assert found(np.nan) == clean
+
+
+@pytest.mark.parametrize(("aside", "heading"), [(0.5, -0.3), (-0.5, 0.3), (0.0, 0.3), (0.0, 0.0)])
+def test_it_looks_at_its_body_on_a_straight_road_too_where_it_is_not_along_that(aside, heading):
+    """In a lane change, at walking pace, a corner of a car's front touched the one from behind which it came."""
+    along = np.arange(0.0, 30.0, 0.5)
+    cos, sin = math.cos(heading), math.sin(heading)
+    straight = np.column_stack([along, np.full_like(along, -aside)]) @ np.array([[cos, -sin], [sin, cos]])
+    row = np.zeros((1, len(along)))
+    route = RouteAhead(along[None], straight[None], 10 + row, row, row)
+    body = Body(*(np.array([float(getattr(CAR, name))]) for name in Body._fields))
+    places = np.empty((14, 4))
+    swept_kernel.drive(route, straight, 0, swept_kernel.STEP, 0.5, 0.0, body, places)
+    middle, half = CAR.length / 2, CAR.width / 2 + swept_kernel.CLEAR
+    grown = shapely.union_all(
+        [
+            affinity.affine_transform(
+                shapely.box(-middle - CAR.axle, -half, middle - CAR.axle, half), (c, -s, s, c, x, y)
+            )
+            for x, y, c, s in places
+        ]
+    )
+    laser, whole = (np.array([middle - CAR.axle]), 0.0), (np.full((1, 2), -1), np.array([np.inf]))
+    for bearing in np.radians(np.arange(-60.0, 61.0, 5.0)):
+        for r in np.arange(0.5, 4.0, 0.25):
+            beam = np.array([[math.cos(bearing)], [math.sin(bearing)]])
+            place = shapely.Point(laser[0][0] + r * beam[0, 0], r * beam[1, 0])
+            if abs(grown.exterior.distance(place)) < 0.03:
+                continue
+            free, first = np.array([np.inf]), np.array([-1])
+            seen, now = (np.array([[r]]), 0.1, beam), (np.array([0.5]), np.array([0.0]))
+            swept_kernel.first_touched(route, straight[None], *now, body, seen, laser, *whole, free, first)
+            is_along = aside == heading == 0.0
+            assert np.isfinite(free[0]) == (grown.contains(place) and not is_along)
