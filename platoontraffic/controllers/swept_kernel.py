@@ -2,7 +2,7 @@
 
 In a tight bend, and where it is not along its route, the front of a vehicle swings out of any strip about the path of
 its axle, and the body is not where the path is: steering takes time. So the vehicle is driven on from where it is,
-steered along its route as far as lock and steering rate allow, and every return is compared with the places of the body.
+steered along its route as far as lock and steering rate allow, and every return is compared with its places.
 """
 
 from __future__ import annotations
