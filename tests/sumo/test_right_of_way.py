@@ -945,7 +945,7 @@ def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_besi
     links = [("",) * LINK_VIA + (via,) for via in (":a_0", ":a_1")]
     lengths = {":a_0": 6.0, ":a_1": 20.0}
     lines._now = SimpleNamespace(lane_length=lengths, position={"m.0": over}, links={"road_0": links})
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={}))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={}, walks=()))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
@@ -1002,7 +1002,7 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
     links = {"other_0": [("",) * LINK_VIA + (one.via[0], light) for one in met]}
     switch = {"a": 100.0 + changes}
     lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, links=links, next_switch=switch)
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={one.via[0]: one for one in met}))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={one.via[0]: one for one in met}, walks=()))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
@@ -1061,7 +1061,7 @@ def test_a_member_whose_front_is_a_little_over_the_line_stays_there_when_it_is_r
     line = Line(0.0, "G", "a", 0, "road_0", "next_0", via, 20.0)
     lines = StopLines(ROADS, SimpleNamespace())
     lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, lights={"a": light})
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={}))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={}, walks=()))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: True)
     monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
@@ -1285,7 +1285,7 @@ def test_a_member_waits_midway_until_there_is_room_beyond(monkeypatch, at, speed
     """While one waited there for a gap, others filled the lane beyond: it stood in their way, and was struck."""
     line = Line(0.0, "g", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 30.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges=True)}))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges=True)}, walks=()))
     names = {"m.0": at, "behind": 3.0, "last": last}
     lines._now = SimpleNamespace(
         on_lane={":a_0": ["behind", "m.0"], ":a_2": [], ":b_0": [], "next_0": ["last"]}, position=names,
@@ -1359,7 +1359,7 @@ def test_room_behind_a_junction_is_left_to_those_that_stand_inside_and_go_to_the
     """There is room for one more. In a jammed junction a member drove up to them, and stood in everybody's way."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges)}))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0", merges)}, walks=()))
     on_lane = {":a_0": [], ":b_0": ["inside"], "next_0": ["last"]}
     lines._now = SimpleNamespace(
         on_lane=on_lane, position={"last": 16.0, "inside": 8.0}, speed={"last": 0.0, "inside": speed},
@@ -1377,7 +1377,7 @@ def test_paths_that_part_from_the_own_one_are_no_cross_traffic(before, changes, 
     line = Line(100.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
     met = crossed(":b_0")._replace(before=before)
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": met}))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": met}, walks=()))
     lines._now = SimpleNamespace(
         on_lane={":a_0": [], ":b_0": [], "next_0": ["last"]}, position={"last": 6.0}, speed={"last": 0.0},
         length={"last": 5.0},
@@ -1391,7 +1391,7 @@ def test_a_member_finds_room_at_the_place_midway_where_sumo_takes_it_to_be_there
     """It stands at its line, which SUMO places a little before. It waited for itself, for ever."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0")}))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0")}, walks=()))
     on_lane = {":a_0": [inside], ":a_2": [], "next_0": []}
     lines._now = SimpleNamespace(on_lane=on_lane, position={inside: 0.2}, speed={inside: 0.0}, length={inside: 5.0})
     assert lines._has_room(line, Ego("m.0", ":a_0", 0.0, CAR.length)) == has_room
@@ -1413,7 +1413,7 @@ def test_a_vehicle_that_leaves_the_bend_slowly_is_no_queue(speeds, places, has_r
     """Each follower stood until its predecessor was round the bend: 8 s each, where SUMO's own cars take 3 s."""
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
-    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0")}))
+    lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={":b_0": crossed(":b_0")}, walks=()))
     names = [f"c{k}" for k in range(len(speeds))]
     speed, position = (dict(zip(names, values, strict=True)) for values in (speeds, places))
     on_lane, length = {":a_0": [], "next_0": names}, dict.fromkeys(names, 5.0)
