@@ -20,7 +20,7 @@ MOST_ROWS = 500  # rows of a table in the page; runs.csv and summary.csv have al
 MOST_VALUES = 12  # values of a key that are listed
 # Metrics that are listed; the first of them that differ between runs are drawn.
 FIRST = (
-    "everybody_delay_mean_finished_s",  # of shares of the traffic; whom the mean of the rest is of depends on the share
+    "everybody_delay_mean_finished_s",  # in studies of shares: at each share the non-members are other vehicles
     "collisions",
     "lock_on_ratio_min",
     "gap_mean_m",

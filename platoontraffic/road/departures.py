@@ -30,8 +30,8 @@ def with_departures(
 
     Copies differ from their originals in `depart` and `line` of vehicles that wait, in `departLane`, in flows, and in
     names of files that SUMO reads, which are absolute. They lack what SUMO ignores for its order: with `route-steps` 0
-    it would load that. Types and speed factors that SUMO draws stay the same; if there
-    are several route files, only with its option `route-steps` 0, which reads each at once.
+    it would load that. Types and speed factors that SUMO draws stay the same; if there are several route files, only
+    with its option `route-steps` 0, which reads each at once.
 
     If a vehicle of a flow waits, all flows are expanded into vehicles, except those with random or triggered
     departures and those that stop. SUMO then draws the same as for flows only if the demand has nothing but flows,

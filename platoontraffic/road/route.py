@@ -316,7 +316,7 @@ def _look_ahead(rows, station, poses, routes, places, lines, grids, changes, shi
 @compiled
 def between_even(values, spacing, there):
     """As np.interp, of values at 0, `spacing`, 2 `spacing` and so on."""
-    along = max(there / spacing, 0.0)
+    along = max(there / spacing, 0.0) if spacing > 0.0 else 0.0
     k = min(int(along), len(values) - 2)
     return values[k] + (values[k + 1] - values[k]) * min(along - k, 1.0)
 

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product, takewhile
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -30,8 +30,8 @@ BESIDE = 0.03  # ... if the way does not come nearer to it by more than this [m]
 KEPT_FREE = 0.2  # a body that is nearer to the path of the own one, on either side, stands in the way [m]
 SPEED = 2.0  # greatest speed beside the body [m/s]
 LOCK = 1.1  # least radius of the way [turning radii]
-# Coming back is so many times as long as it must be on a straight road: the longest that is free, if the shortest is
-# that can be steered. By that one the front of a car comes 0.8 m over to the other side of its route.
+# Lengths of coming back, in multiples of the shortest on a straight road. If the shortest that can be steered is free,
+# the longest free one is driven: by the shortest, the front of a car comes 0.8 m over to the other side of its route.
 STRETCHED = 1.0, 1.5, 2.2
 SPACING = 0.25  # of the poses that are checked [m]
 REACH = 8.0  # distance ahead in which a body is looked for that stands in the way [m]
@@ -177,9 +177,14 @@ def way_round(
         for shift in shifts:
             if shift not in ways:
                 ways[shift] = [*_ways(route, station, offset, body, shift, passed, bend)]
-            free = takewhile(lambda way: _is_free(way, shift, body, returns, clearance, may_use), ways[shift])  # noqa: B023
-            if found := [*free]:
-                return _made(found[-1], shift, met)
+            found = None
+            for way in ways[shift]:
+                touched = _touches(way.section, body, returns, clearance)
+                if touched.any() or not may_use(shift, corners(way.section, body)):
+                    break
+                found = way
+            if found:
+                return _made(found, shift, met)
     return None
 
 
@@ -294,18 +299,6 @@ def _places(section: _Section, returns: np.ndarray) -> tuple[np.ndarray, np.ndar
     k = away.argmin(axis=1)
     x, y = (returns - section.points[k]).T
     return section.distance[k] + cos[k] * x + sin[k] * y, cos[k] * y - sin[k] * x
-
-
-def _is_free(
-    way: _Planned,
-    shift: float,
-    body: Body,
-    returns: np.ndarray,
-    clearance: np.ndarray,
-    may_use: Callable[[float, np.ndarray], bool],
-) -> bool:
-    touched = _touches(way.section, body, returns, clearance)
-    return not touched.any() and may_use(shift, corners(way.section, body))
 
 
 def _ways(

@@ -223,7 +223,7 @@ def _base(base: str, source: Path, place: Place) -> str:
 
 
 def _located(change: Change, beside: tuple[Path, Path]) -> Change:
-    """The change; a road whose file lies beside the study and not beside the base is named by its whole path.
+    """The change; it names a road's file that lies beside the study, and not beside the base, by its whole path.
 
     beside: folders of the study and of the base, from which a scenario's names of files start
     """

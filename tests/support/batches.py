@@ -55,7 +55,7 @@ def call(*arguments: object, within: Sequence[str] = (), **options) -> subproces
 
 
 def invoked(*arguments: object) -> subprocess.CompletedProcess:
-    """The same in this process, whose start takes seconds; runs have processes of their own, but for `serial`."""
+    """The same, in this process: to start one takes seconds. Runs have their own processes, except with `serial`."""
     done = CliRunner().invoke(app, ["batch", *map(str, arguments)])
     return subprocess.CompletedProcess(arguments, done.exit_code, done.stdout, done.stderr)
 

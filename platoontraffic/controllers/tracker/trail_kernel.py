@@ -261,9 +261,9 @@ def _fit(points, size, here, window, begin, fit):
     With u = (station - middle) / window, x and y each are r0 + r1 u + r2 u^2, where M r = sum of (1, u, u^2) x and
     M_jk = sum of u^(j + k).
 
-    begin   : a point that is not within the window of this station, or any after it, but 0
+    begin   : where the search for the window's first point begins: 0, or what was returned for an earlier station
     fit     : place there, and its first and second derivative by station, (3, 2), filled in
-    returns : the first point within the window: `begin` for a later station
+    returns : the window's first point
     """
     end = points[size - 1, 2]
     # Near the end that of the last points; a tangent from one side is too uncertain.
@@ -296,7 +296,7 @@ def _fit(points, size, here, window, begin, fit):
 
 @compiled
 def _within(points, size, low, high, begin):
-    """First and last + 1 of the points from the first or a later one, `begin`, on that lie between two stations."""
+    """First and last + 1 of the points between two stations; `begin` is none after the first of them."""
     first = begin
     while first < size and points[first, 2] < low:
         first += 1
@@ -308,7 +308,7 @@ def _within(points, size, low, high, begin):
 
 @compiled
 def _at_least(least, first, stop, size):
-    """First and last + 1 of so many points at least about others, as far as there are."""
+    """A range of points, widened on both sides to so many at least, as far as there are."""
     while stop - first < least and (first > 0 or stop < size):
         first, stop = max(first - 1, 0), min(stop + 1, size)
     return first, stop
