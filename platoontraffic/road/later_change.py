@@ -8,8 +8,9 @@ changes where it is.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import takewhile
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +37,17 @@ NEAR = 5.0  # distance by which rounding changes stations, at most [m]
 JOIN = 2.0  # distance before the old change over which the new line takes over from the old one [vehicle lengths]
 LEAD_IN = 1.2  # least length of an edge before a change that is sooner [vehicle lengths]: else it bends too sharply
 SPACING = 0.5  # of points there [m]
+STRAIGHT = 4.0  # length of a straight on which the given line takes over from the new one again [vehicle lengths] ...
+NO_BEND = 0.01  # ... and by which the line turns there over a vehicle length, at most [rad]
+
+
+class _Onward(NamedTuple):
+    """A route from the edge of a lane change on, or from the edge before it, with another change."""
+
+    route: Route
+    before: int  # number of its lines before the edge of the change
+    takes_over: float = math.inf  # station of the given route where it ends, on a straight [m]; inf: both end there
+    rest: tuple[Line, ...] = ()  # of the given route from there on
 
 
 def with_later_change(
@@ -59,10 +71,10 @@ def with_later_change(
     if route.closed or not is_worth_it:
         return None
     first = Change(0, lane, target)
-    onward, before = _onward(route, change, first, network, model, later - CHANGE_AFTER * width, longest)
+    onward = _onward(route, change, first, network, model, later - CHANGE_AFTER * width, longest)
     join = min(JOIN * model.length, begin / 2)
-    ends = change.station - join, onward.lines[before].station - (later - begin) - join
-    return _spliced(route, route.lines.index(change), onward, before, *ends, join)
+    ends = change.station - join, onward.route.lines[onward.before].station - (later - begin) - join
+    return _changed_from(route, change, onward, *ends, join, model)
 
 
 def with_sooner_change(route: Route, change: Line, by: float, network: Network, model: VehicleModel) -> Route | None:
@@ -84,10 +96,10 @@ def with_sooner_change(route: Route, change: Line, by: float, network: Network, 
     latest_begin = length - changes_length(width, 0.0, _lanes_crossed(changes), len(changes))
     position = begin if begin > latest_begin else begin - CHANGE_AFTER * width  # after which the first one begins there
     first = Change(0, lane, index_of(changes[-1].onto))
-    onward, before = _onward(route, change, first, network, model, position, 0.0)
+    onward = _onward(route, change, first, network, model, position, 0.0)
     join = min(JOIN * model.length, begin / 2)
-    ends = change.station - by - join, onward.lines[before].station - join
-    sooner = _spliced(route, i, onward, before, *ends, join)
+    ends = change.station - by - join, onward.route.lines[onward.before].station - join
+    sooner = _changed_from(route, change, onward, *ends, join, model)
     return sooner if sooner.lines[i].station < change.station - by / 2 else None
 
 
@@ -119,18 +131,19 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
         return None
     edge, lane = edge_of(change.lane), index_of(change.lane)
     try:
-        onward, before = _onward(route, change, Change(0, lane, lane), network, model)
+        onward = _onward(route, change, Change(0, lane, lane), network, model)
     except InputError:
         return None
-    room = min((line.to_end for line in _first_changes(onward)), default=math.inf)
+    lines = *onward.route.lines, *onward.rest
+    room = min((line.to_end for line in _first_changes(lines)), default=math.inf)
     if room < min(change.to_end, ENOUGH_ROOM):
         return None
     shape = network.route_line((edge,), lane)
     begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
     join = min(JOIN * model.length, begin / 2)
-    entered = onward.lines[0].station + onward.lines[0].across if before else 0.0
+    entered = lines[0].station + lines[0].across if onward.before else 0.0
     ends = change.station - join, entered + begin - join
-    return _spliced(route, route.lines.index(change), onward, before, *ends, join)
+    return _changed_from(route, change, onward, *ends, join, model)
 
 
 def _changes_from(route: Route, change: Line) -> list[Line]:
@@ -142,9 +155,9 @@ def _lanes_crossed(changes: list[Line]) -> int:
     return abs(index_of(changes[-1].onto) - index_of(changes[0].lane))
 
 
-def _first_changes(route: Route) -> Iterator[Line]:
+def _first_changes(lines: Sequence[Line]) -> Iterator[Line]:
     """The first lane change on each edge."""
-    for before, line in zip((None, *route.lines), route.lines, strict=False):
+    for before, line in zip((None, *lines), lines, strict=False):
         if line.state == CHANGING and (before is None or before.state != CHANGING):
             yield line
 
@@ -157,8 +170,8 @@ def _onward(
     model: VehicleModel,
     position: float = 0.0,
     longest: float = math.inf,
-) -> tuple[Route, int]:
-    """A route from the edge of a lane change on, with another one there, and the number of its lines before that edge.
+) -> _Onward:
+    """A route from the edge of a lane change on, with another one there, up to where it is the given one again.
 
     It begins with the edge before, if there is one, so that the bend between the two is rounded as on the given route;
     but after another lane change on the same edge.
@@ -172,7 +185,58 @@ def _onward(
         before, start = 1, index_of(lines[-1].lane)
     edges, first = route.edges[len(junctions) - before :], first._replace(edge=before)
     onward = Route.along(edges, *network.route_lanes(edges, start, False, position, first, longest))
-    return onward.drivable_by(model), before
+    takes_over = _straight_beyond(route, onward, model.length)
+    if takes_over == math.inf:
+        return _Onward(onward.drivable_by(model), before)
+    # To make a line drivable takes long: only as much of it as is new.
+    rest = tuple(line for line in route.lines if line.station > takes_over)
+    ((x, y),) = route.line.at(np.array([takes_over]))
+    end, _ = onward.line.project(x, y, takes_over - _offset(route, onward), NEAR)
+    count = int(np.searchsorted(onward.line.stations, end - 1e-3))
+    points = np.concatenate([onward.line.points[:count], onward.line.at(np.array([end]))])
+    limit = np.append(onward.limit[:count], onward.limit[count - 1])
+    part = Route.along(edges, points, limit, onward.lines[: len(onward.lines) - len(rest)])
+    return _Onward(part.drivable_by(model), before, takes_over, rest)
+
+
+def _straight_beyond(route: Route, onward: Route, length: float) -> float:
+    """Station of a route at the end of a straight beyond which another one has the same lanes [m]; inf: there is none.
+
+    length: of the vehicle [m]
+    """
+    same, offset = _same_at_the_end(route, onward), _offset(route, onward)
+    ends = [line.station + line.across for line in route.lines[: len(route.lines) - same]]
+    ends += [line.station + line.across + offset for line in onward.lines[: len(onward.lines) - same]]
+    stations, curvature = route.curvature(length)
+    bends = stations[np.abs(curvature) * length > NO_BEND]
+    begins = np.maximum(np.append(0.0, bends), max(ends, default=0.0))
+    straights = np.append(bends, route.length) - begins
+    long = begins[straights > STRAIGHT * length]
+    return float(long[0] + STRAIGHT * length) if len(long) else math.inf
+
+
+def _same_at_the_end(route: Route, onward: Route) -> int:
+    """Number of lines, from the last one back, that are the same on two routes to one place."""
+    pairs = zip(reversed(route.lines), reversed(onward.lines), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0]._replace(station=pair[1].station) == pair[1], pairs))
+
+
+def _offset(route: Route, onward: Route) -> float:
+    """By how much stations of a route are greater than those of another one where they have become the same [m]."""
+    same = _same_at_the_end(route, onward)
+    return route.lines[-same].station - onward.lines[-same].station if same else route.length - onward.length
+
+
+def _changed_from(
+    route: Route, change: Line, onward: _Onward, end: float, near: float, join: float, model: VehicleModel
+) -> Route:
+    """A route with another one from before a lane change on; arguments as of `_spliced`."""
+    new = _spliced(route, route.lines.index(change), onward.route, onward.before, end, near, join)
+    if onward.takes_over == math.inf:
+        return new
+    back, over = (STRAIGHT - 1) * model.length, JOIN * model.length
+    kept = len(route.lines) - len(onward.rest)
+    return _spliced(new, len(new.lines), route, kept, new.length - back, onward.takes_over - back, over)
 
 
 def _spliced(route: Route, i: int, onward: Route, k: int, end: float, near: float, join: float) -> Route:

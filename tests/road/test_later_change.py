@@ -71,6 +71,13 @@ def test_a_change_is_later_and_the_rest_of_the_route_stays(name, by):
     assert set(later.limit) == set(route.limit)
 
 
+def test_the_line_is_made_anew_only_up_to_the_straight_beyond_the_change():
+    network, route, change = given("towards a crossing")
+    later = with_later_change(route, change, 10.0, network, CAR)
+    in_the_turn = slice(-20, -1)
+    np.testing.assert_array_equal(later.line.points[in_the_turn], route.line.points[in_the_turn])
+
+
 def test_a_change_is_later_also_where_the_edge_before_has_more_room_for_it():
     """No later change was found there, so members stopped where theirs began, while others drove by for ever."""
     network, edges = network_of("highway"), ("e0_e1", "e1_e2", "e2_e_exit")
