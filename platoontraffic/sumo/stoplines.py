@@ -256,7 +256,11 @@ class StopLines:
         changes = passed and passed.state == CHANGING
         if self._change.is_beside(lines[0][0], ego) or not (changes or self._change.may_go_over(lines[0][0], ego)):
             return LineState(AT_ONCE * ego.size, False, False, False, LANE_CHANGE)
-        ahead = [self._ahead(line, distance, distance < checks_from, ego, member.route) for line, distance in lines]
+        ahead = []
+        for line, distance in lines:
+            ahead.append(self._ahead(line, distance, distance < checks_from, ego, member.route))
+            if line.state != CHANGING and not ahead[-1].open:  # what lies beyond does not count yet
+                break
         first, (line, distance) = ahead[0], lines[0]
         has_changed = may_stop and ego.lane == passed.onto and over >= passed.across
         may_be_far = distance >= min(checks_from, LOOK * ego.length) and ego.lane == line.lane
