@@ -158,6 +158,11 @@ class LidarModel:
         return _read_only(_unit(self.angles))
 
     @cached_property
+    def body_directions(self) -> np.ndarray:
+        """Unit vectors of the beams in the body frame, (2, k), read-only."""
+        return _read_only(_unit(self.angles + self.mount.yaw))
+
+    @cached_property
     def fans(self) -> tuple[Fan, ...]:
         """The rays that sample the beams, one fan for each sub-beam."""
         offsets = self.divergence * ((np.arange(self.subbeams) + 0.5) / self.subbeams - 0.5)

@@ -224,8 +224,6 @@ def _looked(before: Side, scene: Scene, base: np.ndarray, away: np.ndarray, reac
     ends = -body.length / 2 - body.axle, body.length / 2 - body.axle
     strip = side, base, inner, outer, reach, *ends
     mount = scan.model.mount
-    cos, sin = np.cos(mount.yaw), np.sin(mount.yaw)
-    directions = np.array([[cos, -sin], [sin, cos]]) @ scan.model.directions
     laser = np.column_stack([mount.x - body.axle, np.full(n, mount.y)])
     ahead, behind = np.full((2, n), np.inf)
     route, points, driven = scene.given, scene.given.points, 0.0
@@ -235,8 +233,9 @@ def _looked(before: Side, scene: Scene, base: np.ndarray, away: np.ndarray, reac
         ends = ends[0] - driven, ends[1] - driven
         strip = side, base, inner, outer, reach, *ends
     first_returns(
-        points, route.distance, route.aside, route.curvature, strip, laser, scan.ranges, directions, ahead, behind
-    )
+        points, route.distance, route.aside, route.curvature, strip, laser, scan.ranges, scan.model.body_directions,
+        ahead, behind,
+    )  # fmt: skip
     speed, decisions = scene.scanned.speed, round(1 / (scan.model.rate * scene.dt))  # from its last scan to this one
     interval = max(decisions, 1) * scene.dt
     closings = [

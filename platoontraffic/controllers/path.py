@@ -281,7 +281,7 @@ def first_return(sensed: Sensed, half_width: np.ndarray, driven: np.ndarray) -> 
     scan, body, route = sensed.scan, sensed.body, sensed.route
     model, n = scan.model, len(sensed.speed)
     free, beam, limits = np.empty(n), np.empty(n, dtype=np.intp), (model.range_min, model.range_max)
-    beams, laser, front = beams_of(model), model.mount.x - body.axle, body.length / 2 - body.axle
+    beams, laser, front = model.body_directions, model.mount.x - body.axle, body.length / 2 - body.axle
     points = route.points
     if sensed.age:  # as seen from where the scan was taken, so that the distance is that from where the vehicle is now
         then = Odometry.begin(sensed.speed, sensed.yaw_rate)
@@ -304,7 +304,7 @@ def first_touched(
     from platoontraffic.controllers import swept_kernel  # importing numba takes half a second
 
     scan, body, model = sensed.scan, sensed.body, sensed.scan.model
-    laser, seen = (model.mount.x - body.axle, model.mount.y), (scan.ranges, model.range_min, beams_of(model))
+    laser, seen = (model.mount.x - body.axle, model.mount.y), (scan.ranges, model.range_min, model.body_directions)
     swept_kernel.first_touched(
         sensed.route, points, sensed.speed, driven, body, seen, laser, skipped, until, free, beam
     )
@@ -314,13 +314,6 @@ def first_touched(
 def _all_beams(n: int) -> tuple[np.ndarray, np.ndarray]:
     """`skipped` and `until` of `first_touched` where every return counts."""
     return np.full((n, 2), -1), np.full(n, np.inf)
-
-
-@lru_cache
-def beams_of(model: LidarModel) -> np.ndarray:
-    """Unit vectors of the beams in the vehicle's frame, (2, k)."""
-    angle = model.angles + model.mount.yaw
-    return np.stack([np.cos(angle), np.sin(angle)])
 
 
 def bearing_of(beam: np.ndarray, model) -> np.ndarray:

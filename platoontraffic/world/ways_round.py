@@ -22,7 +22,6 @@ import numpy as np
 import shapely
 
 from platoontraffic.controllers import BRAKES_FOR, Signals
-from platoontraffic.controllers.tracker.trail import beams_of
 from platoontraffic.controllers.tracking import AROUND
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.pose import wrap
@@ -337,6 +336,6 @@ def _near(scan: ScanBatch, k: int, reach: float) -> tuple[np.ndarray, np.ndarray
     """Returns of the k-th laser within a reach, from the centre of its vehicle (m, 2) [m], and what they belong to."""
     model, ranges = scan.model, scan.ranges[k]
     beams = np.flatnonzero(ranges < reach)  # lost ones, NaN, are not
-    places = beams_of(model).T[beams] * np.maximum(ranges[beams], model.range_min)[:, None]
+    places = model.body_directions.T[beams] * np.maximum(ranges[beams], model.range_min)[:, None]
     hits = np.full(len(beams), -2) if scan.hits is None else scan.hits[k, beams]
     return places + np.array([model.mount.x, model.mount.y]), hits

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from platoontraffic.controllers.law import Body
 from platoontraffic.controllers.tracker.track import Odometry, Track
-from platoontraffic.lidar import LidarModel, ScanBatch
+from platoontraffic.lidar import ScanBatch
 from platoontraffic.vehicles.records import some
 
 BLOCK = 32  # least number of points for which there is room
@@ -117,15 +116,8 @@ class Trail(NamedTuple):
         """
         from platoontraffic.controllers.tracker.trail_kernel import first_return
 
-        n, mount, directions = len(self.size), scan.model.mount, beams_of(scan.model)
+        n, mount, directions = len(self.size), scan.model.mount, scan.model.body_directions
         laser = mount.x - body.axle, mount.y
         front, free, first = body.length / 2 - body.axle, np.empty(n), np.empty(n, int)
         first_return(self, odometry, strip, front, laser, scan.ranges, directions, skipped, free, first)
         return free, first
-
-
-@lru_cache
-def beams_of(model: LidarModel) -> np.ndarray:
-    """Unit vectors of the beams in the vehicle's frame, (2, k)."""
-    cos, sin = np.cos(model.mount.yaw), np.sin(model.mount.yaw)
-    return np.array([[cos, -sin], [sin, cos]]) @ model.directions
