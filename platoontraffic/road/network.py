@@ -55,6 +55,7 @@ __all__ = [
 ]
 
 CACHED_LANES = 100  # below this number, computing the drivable area takes some 15 ms: not worth a file in the cache
+OFF_MIDDLE, ALONG = 1.0, 1.0  # of a vehicle that keeps to its lane, at most; least length on which lanes overlap [m]
 MARGIN = 0.3  # by which a corner of a vehicle may be beside its lanes and junctions [m]
 REVERSAL_PENALTY = 3600.0  # extra travel time that a route may take to avoid turning back [s]
 START_POSITION = 40.0  # of a sample trip on its first lane, where that is long enough [m]
@@ -324,6 +325,22 @@ class Network:
                     areas = [one.buffer(width / 2 + MARGIN) for one, width in [*lines, (line, lane.getWidth())]]
                     if shapely.union_all(areas).covers(body):
                         return True
+        return False
+
+    def overlaps_another(self, lane_id: str) -> bool:
+        """Whether a vehicle that keeps to a lane may be within half the width of a lane of another edge.
+
+        Roads with kinks are narrower than their lanes.
+        """
+        lanes, lines = self._centre_lines
+        own = self._net.getLane(lane_id)
+        line, edge = LineString(own.getShape()), own.getEdge()
+        for k in lines.query(line, predicate="dwithin", distance=self.widest_lane / 2 + OFF_MIDDLE).tolist():
+            other = lanes[k].getEdge()
+            if other is not edge and other.getFunction() != "internal":
+                about = lines.geometries[k].buffer(lanes[k].getWidth() / 2 + OFF_MIDDLE, cap_style="flat")
+                if line.intersection(about).length > ALONG:
+                    return True
         return False
 
     def _headed(self, x: float, y: float, heading: float) -> list[tuple[float, LineString, Any]]:

@@ -38,10 +38,13 @@ from platoontraffic.world.fleet import Fleet, Member
 # cheaper than within the default 100 m, and finds the same lanes.
 ANY_LANE = ("", -1)
 EXACTLY = (2, 5.0)
+# Where a vehicle is on each of the lanes that the search finds, SUMO takes the one that it has read first, whatever way
+# that leads: it divides by their greatest distance, 0. So the search must find others too, where lanes overlap.
+WHERE_LANES_OVERLAP = (2, 100.0)
 # The exact pose on a lane of its route, if one is near. On a lane as short as a vehicle: a bend leaves a wedge between
 # two lanes that belongs to none, and SUMO may die of a vehicle that leaves the network in it while its rear is on a
 # third lane. And inside a junction once it is on its path, up to ASIDE from its middle: the driver behind would not see
-# it on another path.
+# it on another path. The same on a lane that overlaps one of another edge: oncoming drivers would stop before it.
 ON_ITS_ROUTE = (3, 5.0)
 SHORT, ASIDE = 6.0, 1.0  # [m]
 
@@ -76,8 +79,10 @@ class Placement:
         self._settled_of: tuple[Member, ...] = ()  # at the last call of `settle`
         self._unsettled: set[str] = set()  # those of them of which the route may have to be set anew
         self._is_short: dict[str, bool] = {}  # by lane
-        self._on_short: set[str] = set()  # members on a short lane ...
-        self._on_path: set[str] = set()  # ... inside a junction, on their path there ...
+        self._overlaps: dict[str, bool] = {}  # by lane
+        self._on_overlapping: set[str] = set()  # members on a lane that overlaps one of another edge ...
+        self._on_short: set[str] = set()  # ... on a short lane ...
+        self._on_path: set[str] = set()  # ... on their path in a junction, or on an overlapping lane of their route ...
         self._bound: set[str] = set()  # ... and those that were moved ON_ITS_ROUTE in the last step
         self._slowed: set[str] = set()  # SUMO-driven members with a failed drive
         self._movers: list[Mover] = []  # the members that SUMO does not drive ...
@@ -102,7 +107,10 @@ class Placement:
         # and moving it onto one inserts it even where another waits at the same position.
         for member in fleet.members:
             x, y, heading = self._network.lane_pose(member.edge, member.lane, member.position)
-            self._sumo.vehicle.moveToXY(member.id, *ANY_LANE, x, y, sumo_angle(heading), *EXACTLY)
+            overlaps = self._overlaps_another(f"{member.edge}_{member.lane}")
+            (self._on_path.add if overlaps else self._on_path.discard)(member.id)
+            how = ON_ITS_ROUTE if overlaps else EXACTLY
+            self._sumo.vehicle.moveToXY(member.id, *ANY_LANE, x, y, sumo_angle(heading), *how)
 
     def _add(self, member: Member, native: bool) -> None:
         types, kind, model = self._sumo.vehicletype, kind_of(member.id), member.model
@@ -216,7 +224,8 @@ class Placement:
             if (inside := self.where[name][1])[:1] == ":":
                 self._was_in[name] = junction_of(inside)
         for i in fleet.moved_rows:
-            name, how = fleet.ids[i], EXACTLY
+            name = fleet.ids[i]
+            how = WHERE_LANES_OVERLAP if name in self._on_overlapping else EXACTLY
             on_path = name in self._on_path and name not in held and abs(aside(name)) < ASIDE
             if name in self._on_short or on_path:
                 bound.add(name)
@@ -234,6 +243,11 @@ class Placement:
         if lane not in self._is_short:
             self._is_short[lane] = bool(lane) and self._sumo.lane.getLength(lane) < SHORT
         return self._is_short[lane]
+
+    def _overlaps_another(self, lane: str) -> bool:
+        if lane not in self._overlaps:
+            self._overlaps[lane] = lane[:1] not in ("", ":") and self._network.overlaps_another(lane)
+        return self._overlaps[lane]
 
     def _slow(self, fleet: Fleet, brakes: np.ndarray | None) -> None:
         """Slow SUMO-driven members with a failed drive; repaired ones drive by themselves again."""
@@ -270,15 +284,19 @@ class Placement:
                 self._routed[name] = "", routed[1]  # SUMO may replace its route before it is on that edge again
             self._unsettled.add(name)
             (self._on_short.add if self._is_a_short_lane(lane) else self._on_short.discard)(name)
-            on_path = lane[:1] == ":" and self._keeps_its_path(fleet.members[row], lane)
+            overlaps = self._overlaps_another(lane)
+            (self._on_overlapping.add if overlaps else self._on_overlapping.discard)(name)
+            on_path = (lane[:1] == ":" or overlaps) and self._keeps_its_path(fleet.members[row], lane)
             (self._on_path.add if on_path else self._on_path.discard)(name)
         self._shadows.observe(self._moved(fleet), where)
 
-    def _keeps_its_path(self, member: Member, inside: str) -> bool:
-        """Whether a member inside a junction is, or was in the last step, on a lane of its route."""
+    def _keeps_its_path(self, member: Member, lane: str) -> bool:
+        """Whether a member is on a lane of its route; inside a junction also whether it was in the last step."""
         if member.route is None:
             return False
-        return member.id in self._bound or any(inside in line.via for line in member.route.lines)
+        if lane[:1] != ":":
+            return edge_of(lane) in member.route.edges
+        return member.id in self._bound or any(lane in line.via for line in member.route.lines)
 
     def _put_back(self, name: str, lane: str) -> bool:
         """Put a member that is in the wedge beyond a lane back at the end of that lane, until its next move.

@@ -1,4 +1,4 @@
-"""On which lane SUMO takes a member to be, inside a junction."""
+"""On which lane SUMO takes a member to be: inside a junction, and where lanes overlap."""
 
 from __future__ import annotations
 
@@ -10,15 +10,58 @@ import pytest
 
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.road.lane_routes import Line
+from platoontraffic.road.netconvert import build_net
+from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
+from platoontraffic.simulation import Simulation
 from platoontraffic.sumo.placement import BEFORE_END, EXACTLY, ON_ITS_ROUTE, Placement
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.world.fleet import Fleet
 from tests.support.bench import platoon
 
 CAR = CARS["car"]
+NODES = """<nodes><node id="a" x="0" y="0"/><node id="b" x="200" y="0"/><node id="c" x="0" y="40"/>
+<node id="d" x="200" y="40"/></nodes>"""
+EDGES = """<edges><edge id="ab" from="a" to="b"><lane index="0" shape="0,{aside} 200,{aside}"/></edge>
+<edge id="ba" from="b" to="a"><lane index="0" shape="200,0 0,0"/></edge><edge id="cd" from="c" to="d"/></edges>"""
+CONFIGURATION = """<configuration><input><node-files value="n.nod.xml"/><edge-files value="n.edg.xml"/></input>
+<processing><no-turnarounds value="true"/></processing></configuration>"""
+SCENARIO = """
+[sumo]
+net = "n.net.xml"
+[run]
+step_s = 0.1
+duration_s = 20
+[[platoon]]
+size = 1
+vehicle = "car"
+start = { edge = "ba", position_m = 10.0 }
+route = ["ba"]
+leader = { law = "path", lidar = "car-leader" }
+"""
 LINE = Line(50.0, "M", "", 0, "road_0", "next_0", (":a_0_0", ":a_9_0"), 20.0)
 ROUTE = Route.along(("road", "next"), np.array([[0.0, 0.0], [200.0, 0.0]]), np.full(2, 10.0), [LINE])
+
+
+def network_of(edges):
+    """What `Placement` asks a network, of edges with the lengths of their lanes."""
+    return SimpleNamespace(left_hand=False, edges=edges, overlaps_another=lambda _: False)
+
+
+@pytest.mark.sumo
+@pytest.mark.parametrize("aside", [1.4, -1.2, 2.4, 3.2])
+def test_a_member_stays_on_its_lane_where_lanes_of_two_directions_overlap(tmp_path, aside):
+    """SUMO had it on the other one: cars that came there stopped before it, and none of the two could drive on."""
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
+    texts = {"n.nod.xml": NODES, "n.edg.xml": EDGES.format(aside=aside), "n.netccfg": CONFIGURATION}
+    for name, text in (texts | {"s.toml": SCENARIO}).items():
+        (tmp_path / name).write_text(text)
+    build_net(tmp_path / "n.netccfg", tmp_path / "n.net.xml")
+    network = Network.read(tmp_path / "n.net.xml")
+    assert [network.overlaps_another(lane) for lane in ("ab_0", "ba_0")] == [abs(aside) < 2.6] * 2
+    with Simulation.load(tmp_path / "s.toml") as simulation:
+        lanes = {lane for now in simulation for _, lane in now.roads}
+    assert lanes == {"ba_0"}
 
 
 @pytest.mark.parametrize(
@@ -41,7 +84,7 @@ def test_a_member_on_its_path_inside_a_junction_is_kept_on_it(lanes, bound, boun
         ),
         lane=SimpleNamespace(getLength=lambda lane: 3.0 if lane == "short_0" else 20.0),
     )  # fmt: skip
-    placement = Placement(client, SimpleNamespace(left_hand=False, edges={}), 0.1)
+    placement = Placement(client, network_of({}), 0.1)
     placement._shadows = SimpleNamespace(observe=lambda *_: None, cast=lambda _: None)
     (member,) = platoon(PathLeader(), model=CAR)
     fleet = Fleet.deployed([replace(member, route=ROUTE if has_route else None)], 0.1)
@@ -59,7 +102,7 @@ def test_a_member_held_a_little_over_its_line_is_before_it_for_sumo():
     client = SimpleNamespace(
         vehicle=SimpleNamespace(moveToXY=lambda *given: moved.append(given), getLateralLanePosition=lambda _: 0.0)
     )
-    placement = Placement(client, SimpleNamespace(left_hand=False, edges={}), 0.1)
+    placement = Placement(client, network_of({}), 0.1)
     placement._shadows = SimpleNamespace(cast=lambda _: None)
     (member,) = platoon(PathLeader(), model=CAR, at=(30.0, 0.0, np.pi / 2))
     fleet = Fleet.deployed([member], 0.1)
@@ -80,7 +123,7 @@ def test_a_member_that_was_set_back_before_its_line_enters_the_junction_once():
         moveToXY=lambda *_: None, getLateralLanePosition=lambda _: 0.0,
     )  # fmt: skip
     client = SimpleNamespace(vehicle=vehicle, lane=SimpleNamespace(getLength=lambda _: 50.0))
-    placement = Placement(client, SimpleNamespace(left_hand=False, edges={}), 0.1)
+    placement = Placement(client, network_of({}), 0.1)
     placement._shadows = SimpleNamespace(cast=lambda _: None, observe=lambda *_: None)
     (member,) = platoon(PathLeader(), model=CAR)
     fleet, held = Fleet.deployed([member], 0.1), {member.id: 0.4}
@@ -100,7 +143,7 @@ def test_a_route_that_comes_to_an_edge_twice_is_not_driven_from_its_first_visit_
         getRoute=lambda _: (here.edge,), getRouteIndex=lambda _: 0, setRoute=lambda _, route: told.append(route)
     )
     client = SimpleNamespace(vehicle=vehicle, vehicletype=None, TraCIException=KeyError)
-    placement = Placement(client, SimpleNamespace(left_hand=False, edges=dict.fromkeys("ABCD", (3.2,))), 0.1)
+    placement = Placement(client, network_of(dict.fromkeys("ABCD", (3.2,))), 0.1)
     route, other = (type("Route", (), {"edges": ("A", "B", "C", "A", "D"), "closed": False}) for _ in range(2))
     for here.edge, driven in [*((edge, route) for edge in "ABCA"), ("A", other)]:
         placement.where["m"] = here.edge, f"{here.edge}_0"
@@ -120,7 +163,7 @@ def test_a_member_that_comes_to_an_edge_again_gets_its_route_again():
     client = SimpleNamespace(
         vehicle=vehicle, lane=SimpleNamespace(getLength=lambda _: 50.0), vehicletype=None, TraCIException=KeyError
     )
-    placement = Placement(client, SimpleNamespace(left_hand=False, edges=dict.fromkeys("ABC", (3.2,))), 0.1)
+    placement = Placement(client, network_of(dict.fromkeys("ABC", (3.2,))), 0.1)
     placement._shadows = SimpleNamespace(observe=lambda *_: None)
     (member,) = platoon(PathLeader(), model=CAR)
     route = Route.along(("A", "B", "C"), np.array([(0.0, 0.0), (300.0, 0.0)]), np.full(2, 14.0))
