@@ -332,12 +332,11 @@ class Network:
 
         Roads with kinks are narrower than their lanes.
         """
-        lanes, lines = self._centre_lines
+        lanes, lines = self._lines_outside
         own = self._net.getLane(lane_id)
         line, edge = LineString(own.getShape()), own.getEdge()
         for k in lines.query(line, predicate="dwithin", distance=self.widest_lane / 2 + OFF_MIDDLE).tolist():
-            other = lanes[k].getEdge()
-            if other is not edge and other.getFunction() != "internal":
+            if lanes[k].getEdge() is not edge:
                 about = lines.geometries[k].buffer(lanes[k].getWidth() / 2 + OFF_MIDDLE, cap_style="flat")
                 if line.intersection(about).length > ALONG:
                     return True
@@ -357,8 +356,12 @@ class Network:
 
     @cached_property
     def _centre_lines(self) -> tuple[list[Any], shapely.STRtree]:
-        lanes = [lane for edge in self._net.getEdges(withInternal=True) for lane in edge.getLanes() if is_road(lane)]
-        return lanes, shapely.STRtree([LineString(lane.getShape()) for lane in lanes])
+        return _lines_of(self._net.getEdges(withInternal=True))
+
+    @cached_property
+    def _lines_outside(self) -> tuple[list[Any], shapely.STRtree]:
+        """As `_centre_lines`, but not of lanes inside junctions: in large networks these are most."""
+        return _lines_of(self._roads)
 
     def upstream(self, lane_id: str, reach: float) -> list[tuple[str, float]]:
         """A lane and the lanes that lead to it within `reach` [m] of its end, those inside junctions too.
@@ -577,6 +580,12 @@ def _leads_out(lane: Any) -> bool:
 def junction_of(lane_id: str) -> str:
     """The junction of a lane inside it; of another lane, something else."""
     return lane_id[1:].rsplit("_", 2)[0]
+
+
+def _lines_of(edges: Iterable[Any]) -> tuple[list[Any], shapely.STRtree]:
+    """Lanes of edges, and their centre lines."""
+    lanes = [lane for edge in edges for lane in edge.getLanes() if is_road(lane)]
+    return lanes, shapely.STRtree([LineString(lane.getShape()) for lane in lanes])
 
 
 def _heading(two: Sequence[Sequence[float]]) -> float:

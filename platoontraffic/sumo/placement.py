@@ -34,12 +34,12 @@ from platoontraffic.sumo.vehicle_types import (
 from platoontraffic.world.fleet import Fleet, Member
 
 # Arguments of moveToXY: edge and lane, before the position; keepRoute and matchThreshold [m], behind the angle.
-# keepRoute 2: the exact pose, on whatever lane lies there, never an error. A search for a lane within 5 m is four times
-# cheaper than within the default 100 m, and finds the same lanes.
+# keepRoute 2: the exact pose, on whatever lane lies there, never an error. A search for a lane within 10 m is cheaper
+# than within the default 100 m, and finds the same lanes, but where roads overlap. For where a vehicle is on each lane
+# that the search finds, SUMO takes the one that it has read first, whatever its direction, as it divides by their
+# greatest distance, which is 0: so the search must find others too. Within 5 m it finds none in many a junction.
 ANY_LANE = ("", -1)
-EXACTLY = (2, 5.0)
-# Where a vehicle is on each of the lanes that the search finds, SUMO takes the one that it has read first, whatever way
-# that leads: it divides by their greatest distance, 0. So the search must find others too, where lanes overlap.
+EXACTLY = (2, 10.0)
 WHERE_LANES_OVERLAP = (2, 100.0)
 # The exact pose on a lane of its route, if one is near. On a lane as short as a vehicle: a bend leaves a wedge between
 # two lanes that belongs to none, and SUMO may die of a vehicle that leaves the network in it while its rear is on a
