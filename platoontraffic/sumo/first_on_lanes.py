@@ -3,6 +3,9 @@
 SUMO's drivers let each other in there. Members are not asked by SUMO: a column of them kept a bus in Bologna at the end
 of its lane, and all that stood behind it, for ten minutes. A driver sees the indicator of such a vehicle. It may stand
 far before the end of its lane, where SUMO's drivers leave room for each other: in Bologna 54 m before it, for 80 s.
+
+One whose lane leads on along its route, and that does not stop for want of room, waits for a light or a gap: it goes on
+from that lane, and changes lanes beyond the junction. Members that waited for it missed their own green light.
 """
 
 from __future__ import annotations
@@ -13,10 +16,11 @@ from platoontraffic.controllers.lane_room import room_needed
 from platoontraffic.road.gap_acceptance import STANDING
 from platoontraffic.road.lane_ids import index_of
 from platoontraffic.sumo.client import Client
-from platoontraffic.sumo.reads import PLAN_LANE, PLAN_OFFSET
+from platoontraffic.sumo.reads import PLAN_LANE, PLAN_LEADS_ON, PLAN_OFFSET
 from platoontraffic.sumo.room_to_change import Wanted
 
 EVERY = 1.0  # time from one look to the next [s]
+URGENT = 256  # bit of SUMO's state of a lane change: the vehicle stops where its lane leads on no further
 
 
 class FirstOnLanes:
@@ -51,10 +55,15 @@ class FirstOnLanes:
             if not there or vehicle.getSpeed(there[-1]) >= STANDING or vehicle.isStopped(there[-1]):
                 continue
             name = there[-1]
-            to_left = (plan[PLAN_OFFSET] for plan in vehicle.getBestLanes(name) if plan[PLAN_LANE] == lane)
-            if side * next(to_left, 0) > 0:
+            plan = next((plan for plan in vehicle.getBestLanes(name) if plan[PLAN_LANE] == lane), None)
+            if plan and side * plan[PLAN_OFFSET] > 0 and (not plan[PLAN_LEADS_ON] or self._is_urgent(name, side)):
                 length = vehicle.getLength(name)
                 yield name, Wanted(onto, length + room_needed(length, 0.0, 0.0), False)
+
+    def _is_urgent(self, name: str, side: int) -> bool:
+        """Whether SUMO's driver must change lanes to a side before it can drive on; side: 1: left, -1: right"""
+        state, _ = self._sumo.vehicle.getLaneChangeState(name, side)
+        return bool(state & URGENT)
 
     def _number(self, edge: str) -> int:
         if edge not in self._numbers:

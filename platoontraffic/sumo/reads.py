@@ -8,9 +8,9 @@ from typing import Any
 
 from platoontraffic.sumo.client import Client, direct
 
-# In a row of getBestLanes: a lane, how many lanes to the left of it the best one is, and the lanes on which a vehicle
-# goes on from it.
-PLAN_LANE, PLAN_OFFSET, PLAN_ONWARD = 0, 3, 5
+# In a row of getBestLanes: a lane, how many lanes to the left of it the best one is, whether it leads on along the
+# route, and the lanes on which a vehicle goes on from it.
+PLAN_LANE, PLAN_OFFSET, PLAN_LEADS_ON, PLAN_ONWARD = 0, 3, 4, 5
 
 
 class Once(dict):

@@ -16,7 +16,14 @@ class Road:
     """Three lanes of 100 m; a bus on the right lane, members on the middle one."""
 
     def __init__(
-        self, speed: float = 0.0, to_end: float = 5.0, to_left: int = 1, waited: float = 10.0, stopped: bool = False
+        self,
+        speed: float = 0.0,
+        to_end: float = 5.0,
+        to_left: int = 1,
+        waited: float = 10.0,
+        stopped: bool = False,
+        leads_on: bool = False,
+        urgent: bool = True,
     ) -> None:
         place, self.time = {"bus": 100.0 - to_end, "m": 40.0, "m2": 70.0}, 0.0
         lanes = {"road_0": ["bus"], "road_1": ["m", "m2"], "road_2": []}
@@ -30,7 +37,8 @@ class Road:
             vehicle=SimpleNamespace(
                 getSpeed=lambda name: speed if name == "bus" else 8.0, isStopped=lambda _: stopped,
                 getLanePosition=place.__getitem__, getLength=lambda name: length.get(name, 5.0),
-                getBestLanes=lambda _: [("road_0", 100.0, 0.0, to_left, False, ())],
+                getBestLanes=lambda _: [("road_0", 100.0, 0.0, to_left, leads_on, ())],
+                getLaneChangeState=lambda name, side: (256 if urgent and side == 1 else 0, 0),
                 getWaitingTime=lambda _: waited, getRoadID=lambda name: "road" if name in self.lane_of else "",
                 getLaneID=self.lane_of.__getitem__, getNextTLS=lambda _: (),
             ),
@@ -46,6 +54,8 @@ class Road:
         (Road(stopped=True), False),
         (Road(to_left=0), False),
         (Road(to_left=-1), False),
+        (Road(leads_on=True, urgent=False), False),  # it waits for its light, and goes on from this lane
+        (Road(leads_on=True), True),
     ],
 )
 def test_a_vehicle_that_stands_first_on_its_lane_and_not_at_a_stop_wants_over(road, wants):
