@@ -2,8 +2,10 @@
 
 As SUMO's drivers judge it (`MSLink::blockedByFoe`), with the times of vehicles as they can really drive: to go first, a
 vehicle must have left the conflict area `FIRST_MARGIN` before the other one comes (SUMO's jmTimegapMinor, 1 s); to go
-behind, the other must have left it before the own vehicle enters the junction, since SUMO's drivers brake for whatever
-is inside. Waiting makes impatient over SUMO's --time-to-impatience.
+behind, the other must have left it before the own vehicle enters the junction, or must have entered it earlier, and
+have left the area that margin before the own one comes there. One that enters later brakes for whatever is inside.
+Where paths merge far beyond the line, a vehicle that waits until each one is gone finds no gap in a stream. Waiting
+makes impatient over SUMO's --time-to-impatience.
 """
 
 from __future__ import annotations
@@ -86,6 +88,7 @@ class Foe(NamedTuple):
     length: float
     clearing_speed: float  # at which it leaves the conflict area, if that is not more than its speed [m/s]
     merges: bool = False  # the paths do not part again
+    foe_to_enter: float = math.inf  # to where it is inside the junction, and does not stop any more; inf: not known
 
 
 def margin_after(waited: float) -> float:
@@ -107,7 +110,7 @@ def may_cross(foe: Foe, own: Driven, length: float, margin: float = FIRST_MARGIN
     pace = foe.pace
     if pace.speed < STANDING and not (pace.acceleration > 0 and foe.foe_to_conflict > 0):
         return foe.foe_to_conflict > 0  # it waits; otherwise it blocks the path
-    return _is_first(foe, own, length, margin) or _is_behind(foe, own, min(margin, BEHIND_MARGIN))
+    return _is_first(foe, own, length, margin) or _is_behind(foe, own, margin)
 
 
 def lets_in(foe: Foe, waited: float) -> bool:
@@ -138,4 +141,8 @@ def _is_behind(foe: Foe, own: Driven, margin: float) -> bool:
     clears = max(foe.foe_to_conflict, 0.0) / foe.pace.speed + left / speed
     if foe.foe_to_conflict < 0:  # it is in the area, or past its begin
         clears = (foe.length + (foe.foe_to_conflict if foe.merges else foe.foe_to_exit)) / speed
-    return clears < own.time_for(foe.to_enter) and clears + margin < own.at_once.time_for(foe.to_conflict)
+    comes, enters = own.at_once.time_for(foe.to_conflict), own.time_for(foe.to_enter)
+    if clears < enters and clears + min(margin, BEHIND_MARGIN) < comes:
+        return True
+    is_inside = foe.foe_to_enter / foe.pace.speed + min(margin, BEHIND_MARGIN) < enters
+    return is_inside and foe.pace.speed >= IN_QUEUE_SPEED and clears + margin < comes

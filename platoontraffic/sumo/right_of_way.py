@@ -339,6 +339,7 @@ class RightOfWay:
                 self._now.length[one.id],
                 crossing.fastest,
                 crossing.merges,
+                math.inf if 0 < one.to_line + crossing.waits < math.inf else one.to_line,
             )
             if may_cross(foe, pace, ego.length, margin):
                 continue

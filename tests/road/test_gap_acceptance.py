@@ -90,6 +90,28 @@ def test_a_vehicle_crosses_behind_a_foe_that_is_gone_before_it_comes():
     assert not may_cross(foe._replace(foe_to_exit=still_there - 5.0), own, LENGTH)
 
 
+def test_a_vehicle_enters_behind_a_foe_that_entered_earlier_and_is_gone_by_a_margin_when_it_comes():
+    """Where paths merge 50 m beyond the line, a stream with a car every few seconds leaves no other gap."""
+    own, there = Pace(0.0, 1.5, 14.0, 0.4), 50.0
+    comes = own.at_once.time_for(1.0 + there)
+    gone = Foe(1.0, 1.0 + there, 80.0, 0.0, 30.0, Pace(12.0), 5.0, np.inf, merges=True)
+    far = 12.0 * (comes - FIRST_MARGIN) - 5.0  # from where it is gone that margin before the own vehicle comes
+
+    def at(to_merge: float) -> Foe:
+        return gone._replace(foe_to_conflict=to_merge, foe_to_exit=to_merge + 30.0, foe_to_enter=to_merge - there)
+
+    assert at(there).foe_to_enter == 0.0
+    assert may_cross(at(there), own, LENGTH)
+    assert not may_cross(at(there)._replace(foe_to_enter=np.inf), own, LENGTH)
+    assert may_cross(at(far - 0.1)._replace(foe_to_enter=0.0), own, LENGTH)
+    assert not may_cross(at(far + 0.1)._replace(foe_to_enter=0.0), own, LENGTH)
+    enters = 12.0 * (own.time_for(1.0) - BEHIND_MARGIN)  # one that is outside when the own vehicle enters would brake
+    assert may_cross(at(there)._replace(foe_to_enter=enters - 0.1), own, LENGTH)
+    assert not may_cross(at(there)._replace(foe_to_enter=enters + 0.1), own, LENGTH)
+    creeps = at(20.0)._replace(pace=Pace(3.9), foe_to_enter=-30.0)  # it may come to a stand behind a queue
+    assert not may_cross(creeps, own, LENGTH)
+
+
 def test_a_foe_that_turns_slowly_clears_later():
     own, foe = Pace(10.0), Foe(40.0, 40.0, 44.0, 5.0, 15.0, Pace(10.0), 5.0, 10.0)
     assert may_cross(foe, own, LENGTH)
@@ -145,10 +167,11 @@ def test_waiting_makes_impatient_down_to_the_least_margin():
 
 
 foes = st.builds(
-    lambda own, across, off, beyond, speed, length: Foe(
-        own, own, own + across, off, off + beyond, Pace(speed), length, np.inf
+    lambda own, across, off, beyond, speed, length, inside: Foe(
+        own, own, own + across, off, off + beyond, Pace(speed), length, np.inf, False, off - inside
     ),
     st.floats(0, 60), st.floats(1, 30), st.floats(0, 200), st.floats(0, 30), st.floats(0.2, 30), st.floats(2, 18),
+    st.floats(0, 50),
 )  # fmt: skip
 
 

@@ -775,6 +775,30 @@ def test_a_member_that_had_a_gap_goes_on_with_half_the_margin_or_without_any_whe
 
 
 @pytest.mark.parametrize(
+    ("to_line", "waits", "may"),
+    [
+        (-10.0, np.inf, True),  # it is inside, and far ahead where the paths meet
+        (-10.0, 30.0, False),  # it may wait inside, before they meet
+        (-10.0, 5.0, True),  # it is past the place where it might have waited
+        (30.0, np.inf, False),  # it will enter later, and would brake for who is inside
+    ],
+)
+def test_where_paths_merge_far_beyond_the_line_a_member_follows_those_that_are_inside(to_line, waits, may):
+    """In Bologna paths merge 50 m beyond the line; one waited for 121 s until each vehicle of a stream was gone."""
+    line = Line(100.0, "m", "", 0, "side_0", "main_0", (":a_0",), 80.0)
+    crossing = Crossing("before_0", (":a_1",), (50.0, 80.0), (50.0, 80.0), True, True, waits, 13.9)
+    client = SimpleNamespace(
+        lane=SimpleNamespace(getMaxSpeed=lambda _: 13.9),
+        vehicle=SimpleNamespace(getLength=lambda _: 5.0, getSpeed=lambda _: 0.0, getWaitingTime=lambda _: 0.0),
+        simulation=SimpleNamespace(getTime=lambda: 100.0),
+    )
+    way = RightOfWay(client, Reads(client), {line: Conflicts((), {":a_1": crossing}, (), np.inf)})
+    way._outside[line] = way._patiently[line] = []
+    way._first_inside[line] = [Approach("c", crossing, to_line, Pace(12.0))]
+    assert way.may_cross(line, 1.0, Ego("m.0", "side_0", 0.0, CAR.length), state="m") == may
+
+
+@pytest.mark.parametrize(
     ("waits", "speed", "to_line", "may"),
     [(19.0, 2.0, 4.0, False), (21.0, 2.0, 4.0, True), (21.0, 5.0, 20.0, False), (21.0, 3.9, 2.0, False)],
 )
