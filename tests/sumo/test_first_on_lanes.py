@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import libsumo
 import pytest
 
 from platoontraffic.sumo.first_on_lanes import EVERY, FirstOnLanes
 from platoontraffic.sumo.letting_in import AFTER, LettingIn
+from platoontraffic.sumo.reads import PLAN_LANE, PLAN_LEADS_ON, PLAN_OFFSET
+from tests.support.generated import lane_that_ends
 
 MEMBERS = {"m": ("road", "road_1"), "inside": (":j_0", ":j_0_0"), "off the road": ("road", "")}
 
@@ -65,6 +68,27 @@ def test_a_vehicle_that_stands_first_on_its_lane_and_not_at_a_stop_wants_over(ro
         assert found["bus"].lane == "road_1"
         assert found["bus"].behind > 12.0
         assert not found["bus"].begun
+
+
+@pytest.mark.parametrize(("length", "wants"), [(10.0, True), (1500.0, False)])
+def test_sumo_says_whether_a_vehicle_whose_lane_leads_on_must_go_over_all_the_same(tmp_path, length, wants):
+    """Its lane leads on for 10 m only: SUMO's driver may stop before that to get in."""
+    libsumo.start(["sumo", "-n", str(lane_that_ends(tmp_path, length)), "--no-step-log", "--no-warnings"])
+    try:
+        vehicle = libsumo.vehicle
+        libsumo.route.add("route", ["A", "B", "C"])
+        vehicle.add("v", "route", departLane="0", departPos="-1", departSpeed="0")
+        vehicle.add("m", "route", departLane="1", departPos="-3", departSpeed="0")
+        for _ in range(3):
+            libsumo.simulationStep()
+            for name in "vm":
+                vehicle.setSpeed(name, 0.0)
+        plan = next(plan for plan in vehicle.getBestLanes("v") if plan[PLAN_LANE] == "A_0")
+        assert (plan[PLAN_OFFSET], plan[PLAN_LEADS_ON]) == (1, True)
+        found = FirstOnLanes(libsumo).room_wanted(["m"], {"m": ("A", "A_1")}, 0.0)
+        assert list(found) == (["v"] if wants else [])
+    finally:
+        libsumo.close()
 
 
 def test_a_member_at_the_end_of_its_lane_asks_by_itself():

@@ -91,6 +91,28 @@ def corner(folder: Path, turn: float) -> Path:
     return file
 
 
+def lane_that_ends(folder: Path, length: float) -> Path:
+    """A road of two lanes, A, and one as long as given, B [m]. From B_1 a road leads on to the north, C.
+
+    A test that needs it is skipped where there is no netconvert.
+    """
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
+    ends = 200 + length
+    nodes = {"a": (0, 0), "b": (200, 0), "c": (ends, 0), "d": (ends + 200, 0), "e": (ends, 200)}
+    nodes = [f'<node id="{name}" x="{x}" y="{y}"/>' for name, (x, y) in nodes.items()]
+    edges = [("A", "a", "b", 2), ("B", "b", "c", 2), ("C", "c", "e", 1), ("D", "c", "d", 1)]
+    edges = [f'<edge id="{name}" from="{a}" to="{b}" numLanes="{lanes}"/>' for name, a, b, lanes in edges]
+    links = [f'<connection from="B" to="{onto}" fromLane="{lane}" toLane="0"/>' for lane, onto in enumerate(("D", "C"))]
+    kinds = {"nod": ("nodes", nodes), "edg": ("edges", edges), "con": ("connections", links)}
+    for kind, (root, rows) in kinds.items():
+        (folder / f"ends.{kind}.xml").write_text(f"<{root}>{''.join(rows)}</{root}>")
+    file = folder / f"ends{length:.0f}.net.xml"
+    options = ("node", "nod"), ("edge", "edg"), ("connection", "con")
+    sources = [f"--{name}-files={folder / f'ends.{kind}.xml'}" for name, kind in options]
+    _run("netconvert", *sources, f"--output-file={file}")
+    return file
+
+
 def roundabouts(folder: Path, lanes: int = 1, arms: int = 4, count: int = 3) -> Path:
     """Write a street with roundabouts, each with side roads."""
     file = folder / f"roundabouts_{lanes}_{arms}_{count}.net.xml"
