@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import takewhile
 from typing import NamedTuple
@@ -10,6 +11,7 @@ import numpy as np
 
 from platoontraffic.errors import InputError
 from platoontraffic.road.network import CHANGING, Line, Network
+from platoontraffic.road.turning import tight_turns
 
 SHORTEST, LONGEST = 300.0, 2500.0  # wanted length of a trip [m]
 ATTEMPTS = 40  # routes that are tried for each one that is wanted
@@ -56,7 +58,7 @@ def draw(network: Network, count: int, rng: np.random.Generator, *, room: float,
     Start and target are edges drawn at random, the route between them is the fastest one, cut to a random length.
 
     room   : length of lane up to the front bumper that vehicles need at the start [m]
-    radius : turning radius below which no route turns back on its road [m]
+    radius : turning radius below which no route turns back, on its road or over several short ones [m]
     raises : InputError where there is no trip
     """
     lanes = network.lanes_for_cars()
@@ -89,8 +91,17 @@ def _attempts(network, starts, targets, count, rng, room, radius) -> Iterator[Tr
         except InputError:
             continue
         trip = Trip(tuple(route), lane, position, line, limit, tuple(lines))
-        if trip.length > room and not _changes_at_once(lines):
+        if trip.length > room and not _changes_at_once(lines) and not _turns_back(line, radius):
             yield trip
+
+
+def _turns_back(line: np.ndarray, radius: float) -> bool:
+    """Whether a line makes half a turn or more on a smaller radius than the given one [m].
+
+    As round a block whose sides are no longer than a car; `check_reversals` knows such turns on one road only. A car
+    that drives there leaves its lane by several metres, and stands in its own platoon's way.
+    """
+    return bool((np.abs(tight_turns([line], radius).angle) >= math.pi).any())
 
 
 def _changes_at_once(lines: Sequence[Line]) -> bool:

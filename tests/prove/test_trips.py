@@ -5,7 +5,7 @@ import pytest
 
 from platoontraffic import shipped
 from platoontraffic.errors import InputError
-from platoontraffic.prove.trips import LONGEST, SHORTEST, Trip, draw
+from platoontraffic.prove.trips import LONGEST, SHORTEST, Trip, _turns_back, draw
 from platoontraffic.road.network import Line, Network
 from platoontraffic.vehicles.catalogue import VEHICLES
 from tests.support import ODD_NETS
@@ -47,6 +47,20 @@ def test_where_all_routes_are_short_the_longest_are_taken():
 def test_there_is_no_trip_without_a_lane_that_is_long_enough(corridor):
     with pytest.raises(InputError, match=r"no lane for cars is 5000\.0 m long"):
         drawn(corridor, 3, room=5000.0)
+
+
+def triangle(side: float) -> np.ndarray:
+    """From the west round a triangle to the left, and back west."""
+    away = side / 2 * np.sqrt(3.0)
+    return np.array([(-50.0, 0.0), (0.0, 0.0), (side, 0.0), (side / 2, away), (0.0, 0.0), (-50.0, 1.0)])
+
+
+def test_no_trip_turns_back_round_a_block_that_is_too_small_for_a_car():
+    assert _turns_back(triangle(7.0), CAR.turning_radius)
+    assert not _turns_back(triangle(60.0), CAR.turning_radius)
+    assert not _turns_back(triangle(7.0), 0.0)  # SUMO's own cars turn on the spot
+    sharp = np.array([(0.0, 0.0), (50.0, 0.0), (20.0, 40.0)])
+    assert not _turns_back(sharp, CAR.turning_radius)
 
 
 def trip(*lines: Line) -> Trip:
