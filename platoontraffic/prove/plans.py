@@ -6,7 +6,6 @@ size from each member's start place on the same route, in the same traffic.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -64,10 +63,9 @@ class Plan(NamedTuple):
     cars: int  # of the random demand; 0 where the road has traffic of its own
 
     @property
-    def free_times(self) -> dict[str, float]:
-        """Time that each vehicle's route takes at the speed limits [s], by id."""
-        times = [trip.free_time(math.inf) for trip in self.trips]
-        return {f"{NAME}{k}.{i}": time for k, time in enumerate(times) for i in range(self.size)}
+    def trip_of(self) -> dict[str, Trip]:
+        """The trip of each vehicle, by id."""
+        return {f"{NAME}{k}.{i}": trip for k, trip in enumerate(self.trips) for i in range(self.size)}
 
 
 def planned(

@@ -13,14 +13,18 @@ import numpy as np
 import pandas as pd
 
 from platoontraffic.analysis.results import load
+from platoontraffic.controllers import CLOSED_BY
+from platoontraffic.prove.trips import Trip
 from platoontraffic.results.metrics import CAUSED_BY_OTHER, CAUSED_BY_ROAD
 from platoontraffic.road.gap_acceptance import STANDING
-from platoontraffic.road.network import Network
+from platoontraffic.road.lane_ids import edge_of
+from platoontraffic.road.network import CHANGING, Line, Network
 from platoontraffic.sumo.background import PERSON
 from platoontraffic.world.events import STANDSTILL_AFTER
 
 NO_REASON = "no reason"
 BEHIND = "behind: behind "  # begin of the reason of one in a queue
+NO_ROOM, RIGHT_OF_WAY = (f"held: held by {CLOSED_BY[k]}" for k in (4, 2))  # reasons of one at a junction
 LONG = 60.0  # a longer standstill needs to be explained [s]
 
 
@@ -31,6 +35,8 @@ class Stand(NamedTuple):
     lasts: float  # [s]
     why: str  # NO_REASON, or a word of the event `standstill` and its text
     lane: str  # "" beside the road
+    queue: str = ""  # edge beyond the junction on which it waits for room; "" if it stands for another reason
+    unregulated: bool = False  # it waits for a gap where nobody has to give way, and SUMO's cars look out for nobody
 
     @property
     def behind(self) -> str:
@@ -76,10 +82,10 @@ class Ride(NamedTuple):
         return max(self.stands, key=lambda stand: stand.lasts, default=Stand("", 0.0, "", ""))
 
 
-def ride(folder: Path, free: Mapping[str, float], network: Network) -> Ride:
+def ride(folder: Path, trips: Mapping[str, Trip], network: Network) -> Ride:
     """What the tables of a finished run say.
 
-    free: time that each vehicle's route takes at the speed limits [s], by id
+    trips: of each vehicle, by id
     """
     found = load(folder)
     events, metrics = found.events, found.metrics
@@ -88,9 +94,9 @@ def ride(folder: Path, free: Mapping[str, float], network: Network) -> Ride:
     departed = events[events.kind == "departed"].set_index("vehicle_id").time_s
     arrived = events[events.kind == "arrived"].set_index("vehicle_id").time_s
     gone = arrived.reindex(departed.index).fillna(end)
-    delays = [at - free[name] for name, at in arrived.items()]
+    delays = [at - trips[name].free_time(math.inf) for name, at in arrived.items()]
     return Ride(
-        vehicles=len(free),
+        vehicles=len(trips),
         arrivals=tuple(arrived.tolist()),
         delay=float(np.mean(delays)) if delays else math.nan,
         hours=float((gone - departed).sum()) / 3600,
@@ -99,7 +105,7 @@ def ride(folder: Path, free: Mapping[str, float], network: Network) -> Ride:
         red_lights=int(run["red_lights"]),
         failures_to_yield=int(run["failures_to_yield"]),
         splits=int((events.kind == "split").sum()),
-        stands=tuple(_stands(events, end, arrived, network)),
+        stands=tuple(_stands(events, end, arrived, network, trips)),
         incidents=tuple(_incidents(events, set(departed.index))),
         by_road=int(((events.kind == "collision") & events.what.isin(CAUSED_BY_ROAD)).sum()),
         long_on=() if found.traffic is None else _long_on(found.traffic, network),
@@ -127,7 +133,9 @@ def _long_on(traffic: pd.DataFrame, network: Network) -> tuple[str, ...]:
     return tuple(sorted({*network.lanes_at(first.x_m, first.y_m)} - {""}))
 
 
-def _stands(events: pd.DataFrame, end: float, arrived: pd.Series, network: Network) -> Iterator[Stand]:
+def _stands(
+    events: pd.DataFrame, end: float, arrived: pd.Series, network: Network, trips: Mapping[str, Trip]
+) -> Iterator[Stand]:
     """Standstills with their length; one that does not end lasts to the end of the run, or of the vehicle's trip."""
     for vehicle, own in events[events.kind.isin(["standstill", "standstill_end"])].groupby("vehicle_id", sort=False):
         rows = list(own.itertuples())
@@ -137,7 +145,16 @@ def _stands(events: pd.DataFrame, end: float, arrived: pd.Series, network: Netwo
             until = float(arrived.get(vehicle, end))
             lasts = until - row.time_s + STANDSTILL_AFTER if after is None else after.duration_s
             (lane,) = network.lanes_at([row.x_m], [row.y_m])
-            yield Stand(str(vehicle), float(lasts), _reason(row), lane)
+            why, line = _reason(row), _junction_ahead(lane, trips[vehicle])
+            queue = edge_of(line.onto) if line and why == NO_ROOM else ""
+            unregulated = bool(line) and why == RIGHT_OF_WAY and not network.unregulated.isdisjoint(line.via)
+            yield Stand(str(vehicle), float(lasts), why, lane, queue, unregulated)
+
+
+def _junction_ahead(lane: str, trip: Trip) -> Line | None:
+    """The line of the next junction on a trip, or of the one inside which a lane is; None where there is none."""
+    junctions = (line for line in trip.lines if line.state != CHANGING)
+    return next((one for one in junctions if lane in one.via or edge_of(lane) == edge_of(one.lane)), None)
 
 
 def _reason(row: Any) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from concurrent.futures import Future, as_completed
 from pathlib import Path
 from typing import NamedTuple
@@ -14,8 +14,9 @@ from platoontraffic import scenario as scenarios
 from platoontraffic.analysis.limits import poisson_limits
 from platoontraffic.errors import counted
 from platoontraffic.prove.plans import LASER, SUMO, Plan
-from platoontraffic.prove.rides import LONG, NO_REASON, Ride, ride
+from platoontraffic.prove.rides import LONG, NO_REASON, Ride, Stand, ride
 from platoontraffic.results.provenance import run_id
+from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.road.network import Network
 from platoontraffic.study.executors import executor_of
 
@@ -76,7 +77,7 @@ def pairs(plans: Sequence[Plan], network: Network, folder: Path) -> Iterator[Pai
         for future in as_completed(futures):
             plan, which, runs = futures[future]
             outcome = future.result()
-            outcomes[plan.seed, which] = outcome.get("error") or ride(runs, plan.free_times, network)
+            outcomes[plan.seed, which] = outcome.get("error") or ride(runs, plan.trip_of, network)
             if len([key for key in outcomes if key[0] == plan.seed]) == len(plan.files):
                 yield _pair(plan, outcomes[plan.seed, LASER], outcomes[plan.seed, SUMO])
 
@@ -157,20 +158,30 @@ def _fewer(made: Sequence[Pair]) -> Iterator[str]:
 def _stuck(made: Sequence[Pair]) -> Iterator[str]:
     """Standstills longer than LONG on lanes on which none of SUMO's cars stands for so long; those without a reason.
 
-    Members behind one that stands where SUMO's cars do are a queue, and no fault.
+    Members behind one that stands where SUMO's cars do are a queue, and no fault; so are those that keep a junction
+    clear before it. Where nobody has to give way, SUMO's cars drive through each other: they show no time to wait.
     """
     for pair in made:
         if pair.platoons is None or pair.sumo is None:
             continue
         long_on = {*pair.sumo.long_on, *(stand.lane for stand in pair.sumo.stands if stand.lasts > LONG)}
         long = [stand for stand in pair.platoons.stands if stand.lasts > LONG]
-        queue = {stand.vehicle for stand in long if stand.lane in long_on}
-        while more := {stand.vehicle for stand in long if stand.behind in queue} - queue:
-            queue |= more
-        own = [stand for stand in long if stand.lane not in long_on and stand.behind not in queue]
+        own = [stand for stand in long if stand not in _excused(long, long_on)]
         if own:
             longest = max(own, key=lambda stand: stand.lasts)
             where = f"for {longest.lasts:.0f} s on {longest.lane} ({longest.why})"
             yield f"seed {pair.seed}: {longest.vehicle} stands {where}, where none of SUMO's cars stands for {LONG:g} s"
         if unknown := sum(stand.why == NO_REASON for stand in pair.platoons.stands):
             yield f"seed {pair.seed}: {unknown} standstills without a reason"
+
+
+def _excused(long: Sequence[Stand], long_on: Set[str]) -> set[Stand]:
+    """Long standstills that are no fault. long_on: lanes on which SUMO's cars stand for as long"""
+    excused = {stand for stand in long if stand.lane in long_on or stand.unregulated}
+    while True:
+        queue, edges = {stand.vehicle for stand in excused}, {edge_of(stand.lane) for stand in excused}
+        edges |= {edge_of(lane) for lane in long_on}
+        more = {stand for stand in long if stand.behind in queue or stand.queue in edges - {""}} - excused
+        if not more:
+            return excused
+        excused |= more

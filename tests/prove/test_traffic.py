@@ -18,12 +18,13 @@ from platoontraffic.cli.main import app
 from platoontraffic.cli.prove import _print_verdict, road_of
 from platoontraffic.errors import InputError
 from platoontraffic.lidar import Scene
-from platoontraffic.prove import demand, plans
+from platoontraffic.prove import demand, plans, rides
 from platoontraffic.prove.demand import write_demand
 from platoontraffic.prove.plans import LASER, SUMO, Road, planned
 from platoontraffic.prove.rides import NO_REASON, Ride, Stand, _incidents, _long_on, _stands
 from platoontraffic.prove.traffic import Pair, Verdict
-from platoontraffic.road.network import Network
+from platoontraffic.prove.trips import Trip
+from platoontraffic.road.network import Line, Network
 from platoontraffic.shipped import networks
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.world.deployment import deploy
@@ -49,7 +50,7 @@ def test_sumos_own_cars_start_in_the_places_of_the_members(plan, network):
         members = deploy(scenarios.load(file), network, Scene.from_shapely())
         poses[which] = np.array([member.pose for member in members])
         assert [member.route.edges for member in members] == [t.edges for t in plan.trips for _ in range(plan.size)]
-        assert [member.id for member in members] == list(plan.free_times)
+        assert [member.id for member in members] == list(plan.trip_of)
         assert {member.law.native for member in members} == {which == SUMO}
     assert len(poses[LASER]) == 10
     np.testing.assert_allclose(poses[LASER], poses[SUMO], atol=1e-6)
@@ -129,12 +130,15 @@ def test_standstills_last_to_their_end_or_that_of_the_run_or_of_the_trip():
         (70.0, "standstill", "p0.1", "", "", "behind", "since 60.000 s, behind x", np.nan),
     )
     found = found.assign(x_m=0.0, y_m=0.0)
-    stands = list(_stands(found, 100.0, pd.Series({"p0.1": 90.0}), Lanes()))
+    stands = list(_stands(found, 100.0, pd.Series({"p0.1": 90.0}), Lanes(), {"p0.0": TRIP, "p0.1": TRIP}))
     assert stands == [
         Stand("p0.0", 25.0, "held: held by light", "lane 0"),
         Stand("p0.0", 50.0, NO_REASON, "lane 0"),
         Stand("p0.1", 30.0, "behind: behind x", "lane 0"),
     ]
+
+
+TRIP = Trip((), 0, 0.0, np.zeros((2, 2)), np.zeros(2), ())
 
 
 class Lanes:
@@ -245,6 +249,48 @@ def test_a_queue_behind_a_member_that_stands_where_sumos_cars_do_is_no_fault():
     assert not verdict(ride(stands=(*stands, stands[0]._replace(lane="d_0"))), own).holds
     ring = [Stand("p0.0", 90.0, "behind: behind p0.1", "b_0"), Stand("p0.1", 90.0, "behind: behind p0.0", "b_0")]
     assert not verdict(ride(stands=tuple(ring)), own).holds
+
+
+def test_a_member_that_keeps_a_junction_clear_of_such_a_queue_is_no_fault():
+    held = Stand("p0.0", 90.0, rides.NO_ROOM, "b_0", queue="a")
+    behind = Stand("p0.1", 80.0, "behind: behind p0.0", "c_0")
+    own = ride(long_on=("a_1",))
+    assert verdict(ride(stands=(behind, held)), own).holds
+    assert not verdict(ride(stands=(behind, held)), ride()).holds
+    assert not verdict(ride(stands=(held._replace(queue="d"),)), own).holds
+    first = Stand("p0.2", 100.0, "behind: behind p0.1", "d_0")  # a queue that has come to the next junction
+    assert verdict(ride(stands=(behind, held, first, held._replace(vehicle="p1.0", lane="e_0", queue="d"))), own).holds
+
+
+def test_a_wait_for_a_gap_is_no_fault_where_sumos_cars_drive_through_each_other():
+    waits = Stand("p0.0", 90.0, rides.RIGHT_OF_WAY, "a_0", unregulated=True)
+    assert verdict(ride(stands=(waits, Stand("p0.1", 80.0, "behind: behind p0.0", "a_0")))).holds
+    assert not verdict(ride(stands=(waits._replace(unregulated=False),))).holds
+
+
+def test_a_standstill_at_a_junction_tells_what_lies_beyond():
+    cross = Line(50.0, "M", "", 0, "a_1", "b_0", (":j_0_0", ":j_4_0"), 8.0)
+    change = Line(10.0, "change", "", 0, "a_0", "a_1", (), 20.0)
+    trip = TRIP._replace(lines=(change, cross))
+    why = {"room": "no room behind the junction", "gap": "right of way", "light": "light"}
+    found = events(
+        *(
+            (30.0, "standstill", name, "", "", "held", f"since 20.000 s, held by {one}", np.nan)
+            for name, one in why.items()
+        )
+    ).assign(x_m=0.0, y_m=0.0)
+
+    class On(Lanes):
+        def lanes_at(self, x, y):
+            return [self.lane]
+
+    for lane, unregulated in (("a_0", True), (":j_4_0", False), ("z_0", True)):
+        network = On()
+        network.lane, network.unregulated = lane, frozenset([":j_0_0"] if unregulated else [])
+        stands = {s.vehicle: s for s in _stands(found, 99.0, pd.Series(dtype=float), network, dict.fromkeys(why, trip))}
+        ahead = lane != "z_0"
+        assert [stands[name].queue for name in why] == ["b" if ahead else "", "", ""]
+        assert [stands[name].unregulated for name in why] == [False, ahead and unregulated, False]
 
 
 def test_contacts_where_lanes_overlap_are_no_fault_but_printed(capsys):
