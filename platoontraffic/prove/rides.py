@@ -24,7 +24,7 @@ from platoontraffic.world.events import STANDSTILL_AFTER
 
 NO_REASON = "no reason"
 BEHIND = "behind: behind "  # begin of the reason of one in a queue
-NO_ROOM, RIGHT_OF_WAY = (f"held: held by {CLOSED_BY[k]}" for k in (4, 2))  # reasons of one at a junction
+RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = (f"held: held by {CLOSED_BY[k]}" for k in (2, 3, 4))  # reasons at lines
 LONG = 60.0  # a longer standstill needs to be explained [s]
 
 
@@ -36,6 +36,7 @@ class Stand(NamedTuple):
     why: str  # NO_REASON, or a word of the event `standstill` and its text
     lane: str  # "" beside the road
     queue: str = ""  # edge beyond the junction on which it waits for room; "" if it stands for another reason
+    onto: str = ""  # lane on which it waits for room to change to it; likewise
     unregulated: bool = False  # it waits for a gap where nobody has to give way, and SUMO's cars look out for nobody
 
     @property
@@ -145,10 +146,13 @@ def _stands(
             until = float(arrived.get(vehicle, end))
             lasts = until - row.time_s + STANDSTILL_AFTER if after is None else after.duration_s
             (lane,) = network.lanes_at([row.x_m], [row.y_m])
-            why, line = _reason(row), _junction_ahead(lane, trips[vehicle])
+            why, trip = _reason(row), trips[vehicle]
+            line = _junction_ahead(lane, trip)
             queue = edge_of(line.onto) if line and why == NO_ROOM else ""
+            changes = (one.onto for one in trip.lines if one.state == CHANGING and one.lane == lane)
+            onto = next(changes, "") if why == LANE_CHANGE else ""
             unregulated = bool(line) and why == RIGHT_OF_WAY and not network.unregulated.isdisjoint(line.via)
-            yield Stand(str(vehicle), float(lasts), why, lane, queue, unregulated)
+            yield Stand(str(vehicle), float(lasts), why, lane, queue, onto, unregulated)
 
 
 def _junction_ahead(lane: str, trip: Trip) -> Line | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from concurrent.futures import Future, as_completed
 from pathlib import Path
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from platoontraffic.study.executors import executor_of
 AT_A_TIME = 2  # runs
 
 # The bars.
-LATEST = 1.25  # last arrival over that of SUMO's own cars, median over the seeds
+LATEST = 1.25  # last arrival over that of SUMO's own cars, median over the seeds; a wait beside theirs over theirs
 YIELD_RATE = 0.1  # failures to yield [1 / vehicle hour]
 
 
@@ -159,14 +159,17 @@ def _stuck(made: Sequence[Pair]) -> Iterator[str]:
     """Standstills longer than LONG on lanes on which none of SUMO's cars stands for so long; those without a reason.
 
     Members behind one that stands where SUMO's cars do are a queue, and no fault; so are those that keep a junction
-    clear before it. Where nobody has to give way, SUMO's cars drive through each other: they show no time to wait.
+    clear before it, and those that wait to change to a lane on which one of SUMO's own cars stands for as long. Where
+    nobody has to give way, SUMO's cars drive through each other: they show no time to wait.
     """
     for pair in made:
         if pair.platoons is None or pair.sumo is None:
             continue
         long_on = {*pair.sumo.long_on, *(stand.lane for stand in pair.sumo.stands if stand.lasts > LONG)}
         long = [stand for stand in pair.platoons.stands if stand.lasts > LONG]
-        own = [stand for stand in long if stand not in _excused(long, long_on)]
+        beside = {stand.lane: stand.lasts for stand in sorted(pair.sumo.stands, key=lambda stand: stand.lasts)}
+        excused = _excused(long, long_on, beside)
+        own = [stand for stand in long if stand not in excused]
         if own:
             longest = max(own, key=lambda stand: stand.lasts)
             where = f"for {longest.lasts:.0f} s on {longest.lane} ({longest.why})"
@@ -175,9 +178,14 @@ def _stuck(made: Sequence[Pair]) -> Iterator[str]:
             yield f"seed {pair.seed}: {unknown} standstills without a reason"
 
 
-def _excused(long: Sequence[Stand], long_on: Set[str]) -> set[Stand]:
-    """Long standstills that are no fault. long_on: lanes on which SUMO's cars stand for as long"""
+def _excused(long: Sequence[Stand], long_on: Set[str], beside: Mapping[str, float]) -> set[Stand]:
+    """Long standstills that are no fault.
+
+    long_on : lanes on which vehicles of SUMO's stand for longer than LONG
+    beside  : longest time for which one of SUMO's own cars stands on a lane [s], by lane
+    """
     excused = {stand for stand in long if stand.lane in long_on or stand.unregulated}
+    excused |= {stand for stand in long if stand.lasts <= LATEST * beside.get(stand.onto, 0.0)}
     while True:
         queue, edges = {stand.vehicle for stand in excused}, {edge_of(stand.lane) for stand in excused}
         edges |= {edge_of(lane) for lane in long_on}

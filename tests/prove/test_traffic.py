@@ -262,17 +262,26 @@ def test_a_member_that_keeps_a_junction_clear_of_such_a_queue_is_no_fault():
     assert verdict(ride(stands=(behind, held, first, held._replace(vehicle="p1.0", lane="e_0", queue="d"))), own).holds
 
 
+def test_a_member_may_wait_beside_a_queue_for_about_as_long_as_sumos_own_cars_stand_in_it():
+    waits = Stand("p0.0", 90.0, rides.LANE_CHANGE, "a_0", onto="a_1")
+    queue = Stand("p0.1", 80.0, "behind: behind x", "a_1")
+    own = ride(stands=(queue, queue._replace(lasts=20.0)))
+    assert verdict(ride(stands=(waits,)), own).holds
+    assert not verdict(ride(stands=(waits._replace(lasts=170.0),)), own).holds  # it was not let in at the next green
+    assert not verdict(ride(stands=(waits._replace(onto="a_2"),)), own).holds
+
+
 def test_a_wait_for_a_gap_is_no_fault_where_sumos_cars_drive_through_each_other():
     waits = Stand("p0.0", 90.0, rides.RIGHT_OF_WAY, "a_0", unregulated=True)
     assert verdict(ride(stands=(waits, Stand("p0.1", 80.0, "behind: behind p0.0", "a_0")))).holds
     assert not verdict(ride(stands=(waits._replace(unregulated=False),))).holds
 
 
-def test_a_standstill_at_a_junction_tells_what_lies_beyond():
+def test_a_standstill_at_a_line_tells_what_lies_beyond():
     cross = Line(50.0, "M", "", 0, "a_1", "b_0", (":j_0_0", ":j_4_0"), 8.0)
     change = Line(10.0, "change", "", 0, "a_0", "a_1", (), 20.0)
     trip = TRIP._replace(lines=(change, cross))
-    why = {"room": "no room behind the junction", "gap": "right of way", "light": "light"}
+    why = {"room": "no room behind the junction", "gap": "right of way", "change": "lane change"}
     found = events(
         *(
             (30.0, "standstill", name, "", "", "held", f"since 20.000 s, held by {one}", np.nan)
@@ -290,6 +299,7 @@ def test_a_standstill_at_a_junction_tells_what_lies_beyond():
         stands = {s.vehicle: s for s in _stands(found, 99.0, pd.Series(dtype=float), network, dict.fromkeys(why, trip))}
         ahead = lane != "z_0"
         assert [stands[name].queue for name in why] == ["b" if ahead else "", "", ""]
+        assert [stands[name].onto for name in why] == ["", "", "a_1" if lane == "a_0" else ""]
         assert [stands[name].unregulated for name in why] == [False, ahead and unregulated, False]
 
 
