@@ -159,8 +159,8 @@ def _stuck(made: Sequence[Pair]) -> Iterator[str]:
     """Standstills longer than LONG on lanes on which none of SUMO's cars stands for so long; those without a reason.
 
     Members behind one that stands where SUMO's cars do are a queue, and no fault; so are those that keep a junction
-    clear before it, and those that wait to change to a lane on which one of SUMO's own cars stands for as long. Where
-    nobody has to give way, SUMO's cars drive through each other: they show no time to wait.
+    clear before it, and those that wait to change to a lane on which one of SUMO's own cars, or such a member, stands
+    for as long. Where nobody has to give way, SUMO's cars drive through each other: they show no time to wait.
     """
     for pair in made:
         if pair.platoons is None or pair.sumo is None:
@@ -185,11 +185,19 @@ def _excused(long: Sequence[Stand], long_on: Set[str], beside: Mapping[str, floa
     beside  : longest time for which one of SUMO's own cars stands on a lane [s], by lane
     """
     excused = {stand for stand in long if stand.lane in long_on or stand.unregulated}
-    excused |= {stand for stand in long if stand.lasts <= LATEST * beside.get(stand.onto, 0.0)}
     while True:
         queue, edges = {stand.vehicle for stand in excused}, {edge_of(stand.lane) for stand in excused}
         edges |= {edge_of(lane) for lane in long_on}
-        more = {stand for stand in long if stand.behind in queue or stand.queue in edges - {""}} - excused
-        if not more:
+        lasts = {**beside}
+        for stand in excused:
+            lasts[stand.lane] = max(stand.lasts, lasts.get(stand.lane, 0.0))
+        more = {
+            stand
+            for stand in long
+            if stand.behind in queue
+            or stand.queue in edges - {""}
+            or (stand.onto and stand.lasts <= LATEST * lasts.get(stand.onto, 0.0))
+        }
+        if more <= excused:
             return excused
         excused |= more

@@ -269,6 +269,9 @@ def test_a_member_may_wait_beside_a_queue_for_about_as_long_as_sumos_own_cars_st
     assert verdict(ride(stands=(waits,)), own).holds
     assert not verdict(ride(stands=(waits._replace(lasts=170.0),)), own).holds  # it was not let in at the next green
     assert not verdict(ride(stands=(waits._replace(onto="a_2"),)), own).holds
+    first = Stand("p0.2", 80.0, rides.RIGHT_OF_WAY, "a_1", unregulated=True)
+    assert verdict(ride(stands=(waits, first))).holds
+    assert not verdict(ride(stands=(waits, first._replace(lasts=65.0)))).holds
 
 
 def test_a_wait_for_a_gap_is_no_fault_where_sumos_cars_drive_through_each_other():
