@@ -49,11 +49,9 @@ def find_class(name: str, folder: Path, group: str, what: str, abstract: type = 
         raise LookupError(f"{name!r}: there is no file {folder / module_name}")
     module, sources = _imported(module_name, file)
     kind = getattr(module, class_name, None)
-    if isinstance(kind, type) and "__call__" not in dir(kind):
+    if isinstance(kind, type) and not any("__call__" in vars(base) for base in kind.__mro__ if base is not abstract):
         raise LookupError(f"{module_name}: the class {class_name} has no __call__; a {what} must have one")
-    if not isinstance(kind, type) or not any(
-        "__call__" in base.__dict__ for base in kind.__mro__ if base is not abstract
-    ):
+    if not isinstance(kind, type):
         own = [n for n, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__]
         hint = did_you_mean(class_name, own)
         raise LookupError(f"{module_name} has no {what} {class_name!r}, a class with __call__{hint}")

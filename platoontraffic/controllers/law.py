@@ -270,6 +270,8 @@ def per_vehicle(law: Callable) -> Callable:
         rows = range(len(sensed.speed))
         memories = memory or [None] * len(rows)
         decisions = [law(self, sensed.row(i), memories[i], dt) for i in rows]
+        for decision in decisions:
+            _check_for_one(decision)
         commands = [d.command for d in decisions]
         if len(kinds := {type(command) for command in commands}) > 1:
             names = " and ".join(sorted(kind.__name__ for kind in kinds))
@@ -281,3 +283,15 @@ def per_vehicle(law: Callable) -> Callable:
         )
 
     return over_rows
+
+
+def _check_for_one(decision: Any) -> None:
+    """raises: TypeError if it is not the decision of one vehicle, a command and a target with one number each"""
+    try:
+        sound = isinstance(decision.command, Twist | Drive) and np.shape(decision.command) == (2,)
+        sound = sound and np.shape(decision.target) == (2,)
+    except (AttributeError, ValueError):  # no Decision; arrays beside numbers
+        sound = False
+    if not sound:
+        what = "a Decision of a Twist, or a Drive, and a Target, of two numbers each"
+        raise TypeError(f"gives {decision!r:.200} to one vehicle; must be {what}")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 from platoontraffic.controllers.law import Law
+from platoontraffic.lidar import PRESETS
 from platoontraffic.plug_ins import find_class, installed_names
 
 LAWS = "platoontraffic.laws"  # entry point group
@@ -23,7 +25,20 @@ def law_names() -> list[str]:
 def find_law(name: str, folder: Path) -> FoundLaw:
     """The class of a law, and the files that it consists of; see `find_class`. raises: LookupError"""
     found = find_class(name, folder, LAWS, "law", abstract=Law)
-    return FoundLaw(_with_defaults(found.kind), found.sources)
+    kind = _with_defaults(found.kind)
+    _check_lidars(kind)
+    return FoundLaw(kind, found.sources)
+
+
+def _check_lidars(kind: type[Law]) -> None:
+    """raises: LookupError if a law declares a lidar that there is not"""
+    further = kind.further_lidars if isinstance(kind.further_lidars, Mapping) else {}  # else a property of each law
+    declared = {"lidar": kind.lidar} | {f"further_lidars[{name!r}]": preset for name, preset in further.items()}
+    for key, preset in declared.items():
+        if (preset is None and key == "lidar") or (isinstance(preset, str) and preset in PRESETS):
+            continue
+        known = ", ".join(PRESETS)
+        raise LookupError(f"{kind.__qualname__} declares {key} = {preset!r}; must be one of: {known}")
 
 
 def _with_defaults(kind: type) -> type[Law]:

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from platoontraffic import scenario, shipped
-from platoontraffic.controllers import Law
+from platoontraffic import Decision, Twist, per_vehicle, scenario, shipped
+from platoontraffic.controllers import Law, Sensed
 from platoontraffic.controllers.registry import find_law
 from platoontraffic.errors import InputError
 from tests.support.runs import run
@@ -170,3 +170,20 @@ def test_an_error_in_a_class_that_does_not_derive_from_law_is_reported_at_its_ow
     (folder / "mine.py").write_text(FILE.replace("return self.gap_m + speed", "return 1 / 0"))
     with pytest.raises(InputError, match=r"mine.py:19: law Wishing failed in desired_distance\(0\): ZeroDivisionError"):
         run(folder / "run", with_law(scenario_file, "mine:Wishing"), "run.duration_s=1", "platoon.size=2")
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        None,
+        (0.1, 0.0),
+        Decision((0.1, 0.0)),
+        Decision(Twist(np.zeros(3), 0.0)),
+        Decision(Twist(0.1, 0.0), target=2.5),  # with two vehicles 2.5 and 2.5 would be taken for one target
+        Decision(Twist(0.1, 0.0), target=(2.5, 0.0, 0.0)),
+    ],
+)
+def test_what_is_no_decision_of_one_vehicle_is_named(given):
+    law = per_vehicle(lambda self, sensed, memory, dt: given)
+    with pytest.raises(TypeError, match="to one vehicle; must be a Decision of a Twist, or a Drive, and a Target"):
+        law(None, Sensed(None, np.zeros(2), np.zeros(2)), None, 0.1)

@@ -199,6 +199,10 @@ def test_a_broken_net_is_a_fault_before_sumo_reads_it(scenario_file, tmp_path, c
     assert "broken.net.xml:" in said
 
 
+DERIVED = "from dataclasses import dataclass\nfrom platoontraffic import Law as L\n@dataclass(frozen=True)\n"
+CALL = "\n    def __call__(self, sensed, memory, dt): ...\n"
+
+
 @pytest.mark.parametrize(
     ("source", "said"),
     [
@@ -207,6 +211,16 @@ def test_a_broken_net_is_a_fault_before_sumo_reads_it(scenario_file, tmp_path, c
         ("1 / 0\n", "law.py:1: cannot be imported: ZeroDivisionError"),
         ("class Lew: ...\n", "law has no law 'Law', a class with __call__; did you mean 'Lew'?"),
         ("class Law:\n    def __call__(self): ...\n", "Law must be a frozen dataclass, of its gains"),
+        (DERIVED + "class Law(L): ...\n", "law: the class Law has no __call__; a law must have one"),
+        (
+            DERIVED + "class Law(L):\n    lidar = 'car'" + CALL,
+            "Law declares lidar = 'car'; must be one of: paper-leader, ",
+        ),
+        (DERIVED + "class Law(L):\n    lidar = 3" + CALL, "Law declares lidar = 3; must be one of: paper-leader, "),
+        (
+            DERIVED + "class Law(L):\n    further_lidars = {'rear': None}" + CALL,
+            "Law declares further_lidars['rear'] = None; must be one of: paper-leader, ",
+        ),
     ],
 )
 def test_a_plug_in_that_cannot_be_used_is_a_fault_of_the_key_law(scenario_file, tmp_path, source, said):
