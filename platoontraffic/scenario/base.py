@@ -21,7 +21,8 @@ Angle = Annotated[float, Field(ge=-360, le=360)]  # [deg]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 LaneIndex = Annotated[int, Field(ge=0)]
 Text = Annotated[str, Field(min_length=1)]
-Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+NAME = r"^[A-Za-z0-9_-]+$"
+Identifier = Annotated[str, Field(pattern=NAME)]
 
 
 class Table(BaseModel):

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel
 
 from platoontraffic.errors import did_you_mean, shortened
+from platoontraffic.scenario.base import NAME
 from platoontraffic.scenario.driver_tables import SHORT
 from platoontraffic.scenario.obstacle_tables import KINDS
 
@@ -59,8 +60,10 @@ def what_of(error: dict, model: type[BaseModel]) -> str:
     if kind == "list_type" and isinstance(value, dict):
         return f"must be a list of tables: there is none here to change, or [[{path[-1]}]] was meant"
     what = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    if kind in ("model_type", "model_attributes_type"):
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
         what = "should be a table, or a name" if path[-1] in SHORT else "should be a table"
+    if kind == "string_pattern_mismatch" and error["ctx"]["pattern"] == NAME:
+        what = "must be of letters A to Z, digits, _ and - only"
     return what if isinstance(value, dict | BaseModel) else f"{shortened(repr(value), VALUE)}: {what}"
 
 

@@ -89,6 +89,7 @@ def key_lines(text: str) -> dict[Path, int]:
         elif header := _TABLE.match(line):
             table = _with_indices(_names(header[2]), counts)
             if header[1] == "[[":
+                lines.setdefault(table, number)
                 counts[table] = counts.get(table, -1) + 1
                 table = (*table, counts[table])
             lines.setdefault(table, number)

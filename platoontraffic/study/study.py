@@ -51,7 +51,7 @@ class StudyFile(Table):
     base: Annotated[str, Field(min_length=1)]
     """The scenario: name of a shipped one, or a file, relative to this one."""
     seeds: list[Any] | dict[str, Any] | None = None
-    """Seeds of every point, a list or a range. Default: the seed of the scenario."""
+    """Seeds of every point, a list or a range such as { from = 1, to = 5 }. Default: the seed of the scenario."""
     replications: Annotated[int, Field(ge=1, le=MOST)] | None = None
     """Number of seeds 1, 2 and so on, in place of `seeds`."""
     set: Keys = Field(default_factory=dict)
@@ -68,7 +68,7 @@ class StudyFile(Table):
     @classmethod
     def list_or_range(cls, seeds: Any) -> Any:
         if not isinstance(seeds, list | dict):
-            raise ValueError("must be a list of whole numbers, or a range { from = 1, to = 5 }")
+            raise ValueError("must be a list of whole numbers, or a range: { from = 1, to = 5 }")
         return seeds
 
 
@@ -322,7 +322,8 @@ def _seeds(file: StudyFile, place: Place) -> list[int]:
     if file.seeds is None:
         return []
     key = f"{place(('seeds',))}: seeds"
-    seeds = _values(file.seeds, key)
+    one_by_one = {"step": 1} if isinstance(file.seeds, dict) and file.seeds.keys() == {"from", "to"} else {}
+    seeds = _values(file.seeds | one_by_one if one_by_one else file.seeds, key)
     for seed in seeds:
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**31:
             raise InputError(f"{key}: {seed!r}: must be whole numbers from 0 to {2**31 - 1}")

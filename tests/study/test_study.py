@@ -80,6 +80,7 @@ def test_every_point_has_the_same_seeds(written):
     some = written(f"seeds = [7, 5]\n[grid]\n{SIZE} = [2]\n")
     assert points(study.load(some)) == [(7, 2), (5, 2)]
     assert [run.seed for run in study.load(written("seeds = { from = 1, to = 3, step = 1 }\n")).runs] == [1, 2, 3]
+    assert [run.seed for run in study.load(written("seeds = { from = 4, to = 6 }\n")).runs] == [4, 5, 6]
 
 
 def test_points_are_left_out_by_what_their_keys_are(written):
@@ -158,8 +159,10 @@ BAD = [
     ("[zip]\nplatoon.size = [2, 3]\nrun.laps = [1.0]", "mine.toml:2: zip: must have equally many values of every key"),
     ("[grid]\nplatoon.size = [2]\n[zip]\nplatoon.size = [2]", "mine.toml:5: platoon.size: is varied twice"),
     ("grd = 1", "mine.toml:2: grd: unknown key; did you mean 'grid'?"),
-    ('name = "a b"', "mine.toml:2: name: 'a b': "),
-    ("grid = [1]", "mine.toml:2: grid: "),
+    ('name = "a b"', "mine.toml:2: name: 'a b': must be of letters A to Z, digits, _ and - only"),
+    ("grid = [1]", "mine.toml:2: grid: [1]: should be a table"),
+    ("[[grid]]\nplatoon.size = [2]", "mine.toml:2: grid: [{'platoon': {'size': [2]}}]: should be a table"),
+    ("seeds = { from = 5, to = 1 }", "must go up from `from` to `to`"),
     ("grid = {", "mine.toml:2: not valid TOML"),
     ('leave_out = ["platoon.size > 1"]\n[grid]\nplatoon.size = [2]', "mine.toml:2: leave_out: leaves out all runs"),
     ('leave_out = ["platoon.sizes > 1"]\n[grid]\nplatoon.size = [2]', "not a varied key of the study; did you"),
