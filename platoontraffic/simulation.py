@@ -176,6 +176,10 @@ class Simulation:
         self._stopped = CLOSED
         self._open.__exit__(kind, error, trace)
 
+    def close(self) -> None:
+        """End SUMO, so that another simulation may begin in this process; as at the end of `with`."""
+        self.__exit__(None, None, None)
+
     def __iter__(self) -> Iterator[Instant]:
         yield self.reset()
         while not self.now.ended:

@@ -206,6 +206,18 @@ def test_a_closed_simulation_says_so():
         _ = simulation.sumo
 
 
+@pytest.mark.sumo
+def test_after_close_another_simulation_may_begin():
+    one, other = (Simulation.load("highway_platoon", "sumo.warm_up_s=0") for _ in range(2))
+    one.reset()
+    one.close()
+    assert other.reset().step == 0
+    other.close()
+    other.close()  # again, which does nothing
+    with pytest.raises(RuntimeError, match="the simulation is closed"):
+        other.step()
+
+
 def test_changes_are_texts():
     with pytest.raises(InputError, match=r"changes: .*: must be texts such as 'platoon.size=3'"):
         Simulation.load("paper_loop", ["platoon.size=3"])

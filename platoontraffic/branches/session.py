@@ -146,4 +146,4 @@ class _Held:
             self._prepared = after_branch(prepared)
 
     def close(self) -> None:
-        self._simulation.__exit__(None, None, None)
+        self._simulation.close()

@@ -328,7 +328,7 @@ class Episodes:
     def end(self) -> None:
         """Close the simulation of the episode, if there is one."""
         if self._simulation:
-            self._simulation.__exit__(None, None, None)
+            self._simulation.close()
             self._simulation = None
 
     def close(self) -> None:
