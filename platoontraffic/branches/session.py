@@ -12,6 +12,7 @@ from platoontraffic import scenario as scenarios
 from platoontraffic.branches.host import Say
 from platoontraffic.branches.process import Process
 from platoontraffic.branches.runs import check_has_no_branch
+from platoontraffic.errors import InputError
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import statistics
 from platoontraffic.results.own_copies import take_own_copies
@@ -66,6 +67,7 @@ class SimulationProcess:
 
     def step(self, override: Mapping[str, Twist | Drive] | None = None) -> Instant:
         """As `Simulation.step`."""
+        self._check_goes_on()
         self.now = self._process.call("step", override)
         return self.now
 
@@ -84,6 +86,8 @@ class SimulationProcess:
         """
         if self._process.closed:
             raise RuntimeError("the simulation is closed")
+        if not all(isinstance(change, str) for change in changes):
+            raise InputError(f"changes: {changes}: must be texts such as 'platoon.follower.law=acc'")
         scenario, parsed = self._scenario, [Change.parse(text, number) for number, text in enumerate(changes, start=1)]
         if parsed:
             check_has_no_branch(scenario)
@@ -105,6 +109,11 @@ class SimulationProcess:
         self._process.close()
         if self._process.is_own:
             self._folder.cleanup()
+
+    def _check_goes_on(self) -> None:
+        """raises: RuntimeError if it has ended, and is not closed"""
+        if self.now.ended and not self._process.closed:
+            raise RuntimeError(f"the simulation has ended ({self.now.ended}); load() begins anew")
 
 
 class _Held:

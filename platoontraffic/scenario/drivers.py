@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import is_dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -112,7 +112,8 @@ def _find_law(
                 key: gain for key, gain in given.items() if (*at, key) not in stale or key in keys_of(kind).values()
             }
         gains = with_files(kind, given, find.folder)
-        law = law_of(kind, gains, lambda keys, what: faults.append(Fault((*at, *keys), what)), what_of, driver.sensors)
+        fault_of = partial(what_of, beside=Driver.model_fields)
+        law = law_of(kind, gains, lambda keys, what: faults.append(Fault((*at, *keys), what)), fault_of, driver.sensors)
     except LookupError as error:
         return Found(None, None, None, frozenset(), (Fault((*at, "law"), str(error)),))
     found, own = _find_sensors(driver, at, find, faults)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import typing
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 from pydantic import BaseModel
@@ -43,8 +44,11 @@ def fault_path(error: dict) -> KeyPath:
     return (*path[:2], *path[3:]) if len(path) > 2 and path[2] in KINDS else path
 
 
-def what_of(error: dict, model: type[BaseModel]) -> str:
-    """`what; what is allowed`, without the key."""
+def what_of(error: dict, model: type[BaseModel], beside: Collection[str] = ()) -> str:
+    """`what; what is allowed`, without the key.
+
+    beside: keys of the same table that are not of the model
+    """
     path, kind, value = error["loc"], error["type"], error["input"]
     if kind == "union_tag_invalid":
         tag = error["ctx"]["tag"]
@@ -54,7 +58,8 @@ def what_of(error: dict, model: type[BaseModel]) -> str:
     if kind == "extra_forbidden" and len(path) > 1 and path[-1] in _known_keys(model, ()):
         return f"unknown key; did you mean {path[-1]!r}, outside all tables?"
     if kind == "extra_forbidden":
-        return f"unknown key{did_you_mean(str(path[-1]), _known_keys(model, path[:-1]))}"
+        known = _known_keys(model, path[:-1]) + list(beside if len(path) == 1 else ())
+        return f"unknown key{did_you_mean(str(path[-1]), known)}"
     if kind == "missing":
         return "missing"
     if kind == "list_type" and isinstance(value, dict):

@@ -346,6 +346,15 @@ def test_faults_of_changes_are_reported_before_the_copy(trunk: SimulationProcess
         pytest.raises(InputError, match="at 1 s itself"),
     ):
         other.branch(f"{HEADWAY}=3")
+    with pytest.raises(InputError, match="must be texts such as"):
+        trunk.branch(3)
     with pytest.raises(ValueError, match="no member"):
         trunk.step({"nobody": None})
     assert trunk.step().time > 1.0
+
+
+def test_a_process_at_its_end_says_what_begins_anew() -> None:
+    with SimulationProcess.load("corridor_tracking", "run.duration_s=0.2") as simulation:
+        simulation.run()
+        with pytest.raises(RuntimeError, match=r"has ended \(duration\); load\(\) begins anew"):  # it has no reset()
+            simulation.step()

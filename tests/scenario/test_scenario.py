@@ -185,6 +185,7 @@ def test_a_route_that_does_not_connect_is_a_fault(scenario_file):
         ("platoon.3.size=2", "argument 1: 'platoon.3.size=2': there are 1, numbered from 0"),
         ("run.duration_s=ten", "argument 1: run.duration_s: 'ten': should be a valid number"),
         ("platoon.follower.stand_of_m=1", "argument 1: platoon.0.follower.stand_of_m: unknown key; did you mean"),
+        ("platoon.follower.lidr=x", "platoon.0.follower.lidr: unknown key; did you mean 'lidar'?"),
         ("platoon.size.x=1", "platoon.0.size is not a table"),
     ],
 )
