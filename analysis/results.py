@@ -61,6 +61,11 @@ class Scans:
     def __len__(self) -> int:
         return len(self.time_s)
 
+    def __repr__(self) -> str:
+        """What it is in short, for notebooks."""
+        when = f", {self.time_s.min():g} to {self.time_s.max():g} s" if len(self) else ""
+        return f"<{len(self)} scans of {len(self.vehicle_id)} lasers{when}>"
+
     @property
     def following(self) -> np.ndarray:
         """Which lasers are those by which their members follow, (v,) bool."""
@@ -91,6 +96,11 @@ class Results:
     events: pd.DataFrame
     metrics: pd.DataFrame
     scene: dict[str, list[list[list[float]]]]
+
+    def __repr__(self) -> str:
+        """What it is in short, for notebooks."""
+        rows, members = len(self.trajectories), self.trajectories.vehicle_id.nunique()
+        return f"<Results of {self.folder}: {rows} rows of {members} members, {len(self.events)} events>"
 
     @cached_property
     def traffic(self) -> pd.DataFrame | None:

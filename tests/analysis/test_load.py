@@ -7,12 +7,15 @@ import shutil
 import subprocess
 import sys
 import warnings
+from dataclasses import fields, replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from platoontraffic.analysis import Batch, ResultsError, load
+from platoontraffic.analysis.results import Scans
 from platoontraffic.study import batch, study
 
 KEY = "platoon.follower.heading_gain_per_s"
@@ -46,6 +49,19 @@ def test_a_batch_is_tidy_tables_with_units(small):
     assert not {"arrived", "members", "gap_mean_m", "lock_on_ratio_min"} & {*results.summary.attrs["counts"]}
     assert results.runs.attrs["units"]["wall_s"] == "s"
     assert len(results.missing) == 0
+
+
+def test_a_run_in_a_notebook_is_one_line(small):
+    results = load(next(small.glob("*-s1")))
+    assert (
+        repr(results)
+        == f"<Results of {results.folder}: {len(results.trajectories)} rows of 2 members, {len(results.events)} events>"
+    )
+    none = np.empty(0)
+    empty = Scans(**{field.name: none for field in fields(Scans)})
+    assert repr(empty) == "<0 scans of 0 lasers>"
+    two = replace(empty, time_s=np.array([0.0, 0.0, 1.5]), vehicle_id=np.array(["a", "b"]))
+    assert repr(two) == "<3 scans of 2 lasers, 0 to 1.5 s>"
 
 
 @pytest.mark.parametrize("name", ["trajectories", "events", "metrics"])
