@@ -492,14 +492,17 @@ def paths(
     columns_of(trajectories, ["platoon_id", "vehicle_id", "place", "x_m", "y_m", "heading_rad"])
     road(scene, axes)
     main, length = main_platoon(trajectories), length or 0.28 * max(1.0, _reach(trajectories) / TOWN * 6)
-    for (platoon, place, vehicle), rows in trajectories.groupby(["platoon_id", "place", "vehicle_id"]):
-        colour = _colour(place) if platoon == main else OTHERS
-        style = line_style(place, rows) if platoon == main else {"color": colour, "linewidth": 0.9}
+    members = list(lines_of_members(trajectories, main))
+    leads = any(place for place, *_ in rows_of_members(trajectories, main))
+    others = trajectories[trajectories.platoon_id != main].groupby(["platoon_id", "place", "vehicle_id"])
+    drawn = [(OTHERS, {"color": OTHERS, "linewidth": 0.9}, rows) for _, rows in others]
+    drawn += [(_colour(number), line_style(number, rows), rows) for number, _, rows in members]
+    for colour, style, rows in drawn:
         axes.plot(rows.x_m, rows.y_m, **style, alpha=0.75)
-        last = rows.iloc[-1]
-        axes.add_patch(Polygon(_arrowhead(last, length), facecolor=colour, edgecolor="white", linewidth=0.5, zorder=3))
-        if platoon == main:
-            axes.plot([], [], **style, label=f"{vehicle}{' (leader)' if place == 0 else ''}")
+        arrow = _arrowhead(rows.iloc[-1], length)
+        axes.add_patch(Polygon(arrow, facecolor=colour, edgecolor="white", linewidth=0.5, zorder=3))
+    for number, vehicle, rows in members:
+        axes.plot([], [], **line_style(number, rows), label=f"{vehicle}{' (leader)' if leads and number == 0 else ''}")
     if events is not None and len(contacts := events[events.kind == "collision"]):
         axes.plot(contacts.x_m, contacts.y_m, "x", color="#D55E00", markersize=9, label="contact", zorder=4)
     return axes

@@ -81,23 +81,55 @@ def figure(results: Results, name: str) -> Figure:
     return made
 
 
+OVER_STRIPS = {  # word and column
+    "gaps": ("gap", "gap_m"),
+    "speeds": ("speed", "speed_mps"),
+    "errors": ("spacing error", "gap_error_m"),
+}
+
+
+def _strips(results: Results) -> list[str]:
+    """The strips of `strips_figure` that have something to show."""
+    table = results.trajectories
+    main = table[table.platoon_id == figures.main_platoon(table)]
+    strips = [name for name, (_, column) in OVER_STRIPS.items() if main[column].notna().any()]
+    if (main.place > 0).any():
+        strips.append("locks")
+    events = results.events[results.events.vehicle_id.isin(main.vehicle_id)]
+    states = events.kind.isin([begin for begin, *_ in figures.STATES.values()]).any()
+    if states or any(figures.splits(events, main).values()):
+        strips.append("states")
+    return strips
+
+
+def _strips_title(strips: Sequence[str]) -> str:
+    words = [word for name, (word, _) in OVER_STRIPS.items() if name in strips]
+    listed = " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+    return f"{listed[0].upper()}{listed[1:]} over time"
+
+
+def strips_caption(results: Results) -> str:
+    """What `strips_figure` shows, in words."""
+    strips = _strips(results)
+    periods = {
+        "locks": "in which a follower had lost its predecessor",
+        "states": "in which a member was held at a stop line, split off or broken down",
+    }
+    there = [what for name, what in periods.items() if name in strips]
+    return "; periods ".join([_strips_title(strips), ", and ".join(there)] if there else [_strips_title(strips)])
+
+
 def strips_figure(results: Results) -> Figure:
     """Gap, speed, spacing error, lock losses and `figures.states` of the main platoon over time."""
-    table = results.trajectories
-    columns = {"gaps": "gap_m", "speeds": "speed_mps", "errors": "gap_error_m"}
+    table, strips = results.trajectories, _strips(results)
     main = table[table.platoon_id == figures.main_platoon(table)]
-    drawn = [name for name, column in columns.items() if main[column].notna().any()]
-    strips = [*drawn, "locks"] if (main.place > 0).any() else drawn
     events = results.events[results.events.vehicle_id.isin(main.vehicle_id)]
-    if events.kind.isin([begin for begin, *_ in figures.STATES.values()]).any() or any(
-        figures.splits(events, main).values()
-    ):
-        strips = [*strips, "states"]
+    drawn = [name for name in strips if name in OVER_STRIPS]
     heights = [4 if name in drawn else 1.5 for name in strips]
     made = _figure(9, 0.8 + 0.53 * sum(heights))
     parts = made.subplot_mosaic([[name] for name in strips], height_ratios=heights, sharex=True)
     for name in drawn:
-        figures.over_time(table, columns[name], parts[name])
+        figures.over_time(table, OVER_STRIPS[name][1], parts[name])
         figures.marks(events, parts[name], main.vehicle_id.unique())
         parts[name].tick_params(labelbottom=name == strips[-1])
         parts[name].set_xlabel("")
@@ -109,7 +141,7 @@ def strips_figure(results: Results) -> Figure:
     if "states" in strips:
         figures.states(events, parts["states"], results.trajectories)
     parts[strips[-1]].set_xlabel("time [s]")
-    _entitle(made, "Gap, speed and spacing error over time", results)
+    _entitle(made, _strips_title(strips), results)
     _name(made, parts["speeds"])
     return made
 

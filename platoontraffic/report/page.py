@@ -16,10 +16,6 @@ from platoontraffic.analysis.writing import write
 from platoontraffic.report.markup import details, document, figure_files, first_figures, read_json, table, text
 
 MOST_EVENTS = 1000  # listed in the page; events.csv has all
-STRIPS = (
-    "Gap, speed and spacing error over time; periods in which a follower had lost its predecessor, and in which a "
-    "member was held at a stop line, split off or broken down"
-)
 CAPTIONS_OF_SCOPES = {
     "run": "The run",
     "everybody": "All trips of the traffic",
@@ -52,8 +48,8 @@ OF_PLATOONS = (  # metrics in that table, where the platoons have them
     "arrived", "collisions", "splits", "in_platoon_share_mean", "gap_mean", "gap_min", "gap_error_rms_max",
     "lock_on_ratio_min", "standstill_share_mean", "accel_rms_max",
 )  # fmt: skip
-# Metrics of the run at the top of the page.
-FIRST = ("duration", "members", "collisions", "near_misses", "lock_on_ratio_min", "lock_losses", "gap_mean", "gap_min")
+# Metrics of the run at the top of the page; the line above has the time that was simulated.
+FIRST = ("members", "collisions", "near_misses", "lock_on_ratio_min", "lock_losses", "gap_mean", "gap_min")
 
 
 def page(folder: Path, to: Path) -> Path:
@@ -118,7 +114,7 @@ def _pictures(results: Results, to: Path) -> Iterable[str]:
     which = "" if many else _which(results)
     yield figure_files(drawn.pop("map"), to, "road", f"{captions['map']}{which and '; the other platoons in grey'}")
     if not many:
-        yield figure_files(pictures.strips_figure(results), to, "strips", STRIPS + which)
+        yield figure_files(pictures.strips_figure(results), to, "strips", pictures.strips_caption(results) + which)
     for name, figure in drawn.items():
         yield figure_files(figure, to, name, captions[name] + which)
 

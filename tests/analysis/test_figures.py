@@ -232,6 +232,14 @@ def test_a_heat_map_has_a_cell_a_point_and_a_cross_where_no_run_is(summary, axes
     assert axes.figure.axes[1].get_ylabel() == "traffic delay mean finished [s]"
 
 
+def test_paths_of_vehicles_in_no_platoon_are_told_apart_and_lead_nobody(ring, axes):
+    single = ring.trajectories.assign(platoon_id="equip", place=0)
+    paths(single, axes, ring.scene)
+    assert legend(axes) == ["platoon.0", "platoon.1", "platoon.2"]
+    lines = [line for line in axes.lines if line.get_label().startswith("platoon")]
+    assert len({line.get_color() for line in lines}) == len({line.get_marker() for line in lines}) == 3
+
+
 def test_paths_lie_on_the_road(ring, axes):
     paths(ring.trajectories, axes, ring.scene, ring.events)
     assert legend(axes) == ["platoon.0 (leader)", "platoon.1", "platoon.2", "contact"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from platoontraffic.analysis import figures, load
-from platoontraffic.analysis.pictures import PICTURES, figure, there
+from platoontraffic.analysis.pictures import PICTURES, figure, strips_caption, strips_figure, there
 from platoontraffic.cli.main import app
 from tests.support.made_runs import made_run
 
@@ -35,6 +36,14 @@ def street(offset: float = 0.0, n: int = 41) -> pd.DataFrame:
 
 def drawn(axes) -> dict[str, np.ndarray]:
     return {line.get_label(): np.column_stack(line.get_data()) for line in axes.lines}
+
+
+def test_strips_are_called_by_what_they_show(ring):
+    assert strips_caption(ring).startswith("Gap, speed and spacing error over time; periods in which a follower had")
+    alone = ring.trajectories.assign(platoon_id="equip", place=0, gap_m=np.nan, gap_error_m=np.nan)
+    single = replace(ring, trajectories=alone, events=ring.events[:0])
+    assert strips_caption(single) == "Speed over time"
+    assert strips_figure(single).get_suptitle().startswith("Speed over time\n")
 
 
 def test_an_unrolled_street_shows_offsets_to_the_left_as_positive():
