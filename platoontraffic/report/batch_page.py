@@ -75,7 +75,7 @@ def page(folder: Path, to: Path, metric: str | None = None) -> Path:
 def _facts(batch: Batch, name: str, points: int) -> str:
     """Line below the title, and key figures."""
     states = batch.runs.status.value_counts()
-    facts = [name, *(f"{n} {kind}" for kind, n in states.items()), "repeat it: platoontraffic batch with its study"]
+    facts = [name, *(f"{n} {kind}" for kind, n in states.items()), "repeat it: platoontraffic batch study.toml"]
     counts = {
         "runs": len(batch.runs),
         "done": len(batch.summary),

@@ -11,12 +11,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from platoontraffic.analysis import figures
 from platoontraffic.analysis.results import Batch
 from platoontraffic.analysis.tables import summarise
 
 LONGEST = 28  # longest label of a value at an axis [characters]
+SHORT = 4  # longest label that stands upright below an axis [characters]
 POINTS = "#56B4E9"
 AT = "place on the axis"  # column
 
@@ -103,8 +105,10 @@ def lines(batch: Batch, keys: Sequence[str], metric: str, unit: str) -> Figure:
         axes.plot(x, summary[metric], "o", color=POINTS, markersize=4, alpha=0.7)
         figures.estimates(points, AT, axes, joined=across.numeric)
     if not across.numeric:
-        axes.set_xticks(range(len(across.labels)), across.labels, rotation=20, ha="right")
+        axes.set_xticks(range(len(across.labels)), across.labels, **_turned(across.labels, 20))
         axes.set_xlim(-0.5, len(across.labels) - 0.5)
+    elif all(float(value).is_integer() for value in across.known):
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel(_plain(keys[0]))
     axes.set_ylabel(_named(metric, unit))
     return made
@@ -117,7 +121,7 @@ def heat_map(batch: Batch, key: str, other: str, metric: str, unit: str) -> Figu
     x, y = across.places(summary[key]), up.places(summary[other])
     means = summary[metric].groupby([y, x]).mean().unstack()
     means = means.reindex(index=range(len(up.known)), columns=range(len(across.known)))
-    made = _figure(max(5.0, min(2.5 + 0.8 * len(across.known), 14)), max(3.0, min(1.8 + 0.5 * len(up.known), 12)))
+    made = _figure(max(7.5, min(2.5 + 0.8 * len(across.known), 14)), max(3.0, min(1.8 + 0.5 * len(up.known), 12)))
     axes = made.subplots()
     drawn = axes.imshow(
         np.ma.masked_invalid(means.to_numpy(dtype=float)), origin="lower", aspect="auto", cmap="cividis"
@@ -128,12 +132,17 @@ def heat_map(batch: Batch, key: str, other: str, metric: str, unit: str) -> Figu
             if not np.isnan(value):
                 colour = "black" if value > middle else "white"
                 axes.text(column, row, figures.number(value), ha="center", va="center", fontsize=8, color=colour)
-    axes.set_xticks(range(len(across.labels)), across.labels, rotation=30, ha="right")
+    axes.set_xticks(range(len(across.labels)), across.labels, **_turned(across.labels, 30))
     axes.set_yticks(range(len(up.labels)), up.labels)
     axes.set_xlabel(_plain(key))
     axes.set_ylabel(_plain(other))
     made.colorbar(drawn, ax=axes).set_label(_named(metric, unit), fontsize="small")  # long names fit in
     return made
+
+
+def _turned(labels: Sequence[str], degrees: float) -> dict[str, Any]:
+    """How labels below an axis stand: turned if one of them is long."""
+    return {"rotation": degrees, "ha": "right"} if max(map(len, labels)) > SHORT else {}
 
 
 def _plain(text: str) -> str:

@@ -90,6 +90,20 @@ def test_several_keys_have_lines_with_intervals_and_a_map(batch):
     assert (batch / "report-gap_mean_m-map.png").is_file()
 
 
+def test_keys_of_whole_numbers_have_whole_numbers_at_their_axes(batch):
+    table = load(batch)
+    for made in (lines(table, [KEY, OTHER], "gap_mean_m", "m"), heat_map(table, KEY, OTHER, "gap_mean_m", "m")):
+        made.canvas.draw()
+        labels = made.axes[0].get_xticklabels()
+        assert {label.get_text() for label in labels} >= {"2", "3"}
+        assert {label.get_rotation() for label in labels} == {0}
+        assert all(label.get_text().isdigit() for label in labels)
+
+
+def test_the_command_that_repeats_the_batch_is_there(batch):
+    assert "repeat it: platoontraffic batch study.toml" in report(batch)
+
+
 def test_metrics_may_be_chosen(batch):
     report(batch, "--metric", "collisions,gap_mean_m")
     assert (batch / "report-collisions.svg").is_file()
