@@ -153,6 +153,8 @@ def test_the_example_follows_by_radar_and_records_both_lasers(tmp_path):
     }  # fmt: skip
     last = pd.read_csv(folder / "trajectories.csv").query("time_s == 4.0 and place > 0")
     assert last.gap_m.between(8, 30).all()
+    assert (last.target_id == ["platoon.0", "platoon.1"]).all()
+    assert not load(folder).events.kind.isin(["split", "lock_lost"]).any()
     again = run(prepare(scenario.load(folder / "config.toml")), tmp_path / "again")
     for name in ("trajectories.csv", "events.csv", "metrics.csv", "scans.npz"):
         assert (again / name).read_bytes() == (folder / name).read_bytes()
