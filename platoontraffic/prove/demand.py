@@ -42,7 +42,7 @@ def write_demand(network: Network, file: Path, seed: int, begin: float, duration
     for radius in RADII:
         if not trips:
             with suppress(InputError):
-                trips = draw(network, ROUTES, rng, room=ROOM, radius=radius)
+                trips = draw(network, ROUTES, rng, room=ROOM, radius=radius, round_blocks=False)
     lane_km = sum(length for _, _, length in network.lanes_for_cars()) / 1000
     wanted = min(DENSITY * lane_km, MOST)
     travel = np.mean([trip.free_time(np.inf) for trip in trips]) / SLOWED if trips else np.inf

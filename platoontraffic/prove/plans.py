@@ -129,7 +129,8 @@ def _startable(
     """Trips from different edges, one for each platoon, fewer where there are not as many; [] where there is none."""
     rng = np.random.default_rng([seed, 2])
     try:
-        drawn = draw(network, DRAWN, rng, room=room, radius=VEHICLES[vehicle].turning_radius)
+        radius = VEHICLES[vehicle].turning_radius
+        drawn = draw(network, DRAWN, rng, room=room, radius=radius, round_blocks=False)
     except InputError:
         return []
     found: list[Trip] = []

@@ -52,14 +52,17 @@ class Trip(NamedTuple):
         return lane
 
 
-def draw(network: Network, count: int, rng: np.random.Generator, *, room: float, radius: float) -> list[Trip]:
+def draw(
+    network: Network, count: int, rng: np.random.Generator, *, room: float, radius: float, round_blocks: bool = True
+) -> list[Trip]:
     """Different trips, at most `count` of them, 300 to 2500 m long; shorter ones where there are not enough of these.
 
     Start and target are edges drawn at random, the route between them is the fastest one, cut to a random length.
 
-    room   : length of lane up to the front bumper that vehicles need at the start [m]
-    radius : turning radius below which no route turns back, on its road or over several short ones [m]
-    raises : InputError where there is no trip
+    room         : length of lane up to the front bumper that vehicles need at the start [m]
+    radius       : turning radius below which no route turns back on its road [m]
+    round_blocks : a route may turn back on a smaller radius over several short edges
+    raises       : InputError where there is no trip
     """
     lanes = network.lanes_for_cars()
     if not lanes:
@@ -70,6 +73,8 @@ def draw(network: Network, count: int, rng: np.random.Generator, *, room: float,
     targets = sorted({edge for edge, _, _ in lanes})
     long, short = {}, {}
     for trip in _attempts(network, starts, targets, count, rng, room, radius):
+        if not round_blocks and _turns_back(trip.line, radius):
+            continue
         (long if trip.length >= SHORTEST else short).setdefault((trip.edges, trip.lane), trip)
         if len(long) == count:
             break
@@ -91,7 +96,7 @@ def _attempts(network, starts, targets, count, rng, room, radius) -> Iterator[Tr
         except InputError:
             continue
         trip = Trip(tuple(route), lane, position, line, limit, tuple(lines))
-        if trip.length > room and not _changes_at_once(lines) and not _turns_back(line, radius):
+        if trip.length > room and not _changes_at_once(lines):
             yield trip
 
 

@@ -9,6 +9,7 @@ from platoontraffic.prove.trips import LONGEST, SHORTEST, Trip, _turns_back, dra
 from platoontraffic.road.network import Line, Network
 from platoontraffic.vehicles.catalogue import VEHICLES
 from tests.support import ODD_NETS
+from tests.support.generated import generated
 
 CAR = VEHICLES["car"]
 
@@ -47,6 +48,16 @@ def test_where_all_routes_are_short_the_longest_are_taken():
 def test_there_is_no_trip_without_a_lane_that_is_long_enough(corridor):
     with pytest.raises(InputError, match=r"no lane for cars is 5000\.0 m long"):
         drawn(corridor, 3, room=5000.0)
+
+
+def test_trips_in_traffic_do_not_turn_back_round_such_blocks(generated_nets):
+    network = Network.read(generated(generated_nets, "short", "priority", 1))
+    given = {"room": CAR.length, "radius": CAR.turning_radius}
+    every, fewer = (draw(network, 24, np.random.default_rng(1), **given, round_blocks=may) for may in (True, False))
+    turn_back = [_turns_back(one.line, CAR.turning_radius) for one in every]
+    assert any(turn_back)
+    assert fewer
+    assert not any(_turns_back(one.line, CAR.turning_radius) for one in fewer)
 
 
 def triangle(side: float) -> np.ndarray:
