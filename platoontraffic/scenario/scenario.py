@@ -109,7 +109,7 @@ class Scenario:
         if config and config.seed not in (None, self.seed):
             texts.append(f"seed = {config.seed} is not used: the run has seed = {self.seed}")
         if config and config.step not in (None, step):
-            why = "" if step_fits(config.step, step) else ", of which it is no whole part"
+            why = "" if step_fits(config.step, step) else ", which is no multiple of it"
             texts.append(f"step-length = {config.step:g} is not used: the run has run.step_s = {step:g}{why}")
         return texts
 

@@ -78,8 +78,8 @@ class Run(Table):
     model_config = filled_in("step_s")
 
     step_s: Positive
-    """Step of the simulation [s]; whole milliseconds. Default: the step-length of a SUMO configuration, if it is a
-    whole part of the following; or else 0.1 where all vehicles are cars, vans or trucks with lasers of at most 10 Hz,
+    """Step of the simulation [s]; whole milliseconds. Default: the step-length of a SUMO configuration, if the
+    following is a multiple of it; or else 0.1 where all vehicles are cars, vans or trucks with lasers of at most 10 Hz,
     and otherwise 0.025."""
     duration_s: Positive
     """Simulated time at which the run ends [s]; a multiple of step_s. Required, unless a SUMO configuration that is

@@ -77,7 +77,7 @@ OF_A_SCENARIO = '[sumo]\nconfig = "theirs/city.sumocfg"\n'
     ("given", "step", "said"),
     [
         ("0.05", 0.05, []),
-        ("1", 0.1, ["step-length = 1 is not used: the run has run.step_s = 0.1, of which it is no whole part"]),
+        ("1", 0.1, ["step-length = 1 is not used: the run has run.step_s = 0.1, which is no multiple of it"]),
         ("0.0003125", 0.1, ["step-length = 0.0003125 is not used: the run has run.step_s = 0.1"]),
     ],
 )
