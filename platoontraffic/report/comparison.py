@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -13,6 +14,7 @@ from platoontraffic.analysis.outcome import headline
 from platoontraffic.analysis.reading import inside, read_table
 from platoontraffic.analysis.results import Results, ResultsError, load_run
 from platoontraffic.analysis.writing import write
+from platoontraffic.report.figures import leaves
 from platoontraffic.report.markup import details, document, figure_files, read_json, table, text
 
 
@@ -30,9 +32,31 @@ def page(folders: Sequence[Path], to: Path) -> Path:
     title = read_json(runs[0].folder, "datapackage.json").get("title") or runs[0].folder.resolve().parent.name
     body = f"""{table("The runs", ("run", "folder", "did it hold?"), _answers(runs, names))}
 <h2>What differs</h2>
+{_keys(runs, names)}
 {_picture(runs, names, Path(to))}
 {_metrics(metrics, names)}"""
     return write(Path(to), document(f"{title}: {len(runs)} runs", title, body).encode())
+
+
+def _keys(runs: Sequence[Results], names: Sequence[str]) -> str:
+    """The keys of the scenario in which the runs differ; those of branches are in their names."""
+    scenarios = [dict(leaves(_config(run))) for run in runs]
+    keys = dict.fromkeys(key for scenario in scenarios for key in scenario if not key.startswith("branch."))
+    values = {key: [scenario.get(key) for scenario in scenarios] for key in keys}
+    differ = {key: row for key, row in values.items() if len(set(map(_value, row))) > 1}
+    of_all = [(key, *map(_value, row)) for key, row in differ.items() if None not in row]
+    of_some = [(key, *map(_value, row)) for key, row in differ.items() if None in row]
+    heading = ("key", *names)
+    shown = table("Keys of the scenario", heading, of_all) if of_all else ""
+    others = "Keys that not all of them have, such as gains of their laws"
+    return shown + (details(f"{others} ({len(of_some)})", table(others, heading, of_some)) if of_some else "")
+
+
+def _value(value: Any) -> str:
+    """A value as in TOML; "" if there is none."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "" if value is None else str(value)
 
 
 def _picture(runs: Sequence[Results], names: Sequence[str], to: Path) -> str:
@@ -88,12 +112,16 @@ def _names(runs: Sequence[Results]) -> list[str]:
 
 def _branch(run: Results) -> str:
     """The keys that change at a run's branch, by the row of its summary; "" if it has none."""
-    branch = tomllib.loads(inside(run.folder, "config.toml").read_text(encoding="utf-8")).get("branch")
+    branch = _config(run).get("branch")
     if not branch:
         return ""
     prefix, values = "branch.then.", read_table(inside(run.folder, "summary.csv")).iloc[0].items()
     changes = [f"{name.removeprefix(prefix)} = {value}" for name, value in values if name.startswith(prefix)]
     return f"from {branch['at_s']:g} s {', '.join(changes) or 'on'}"
+
+
+def _config(run: Results) -> dict[str, Any]:
+    return tomllib.loads(inside(run.folder, "config.toml").read_text(encoding="utf-8"))
 
 
 def _answers(runs: Sequence[Results], names: Sequence[str]) -> Iterator[tuple[str, ...]]:

@@ -58,7 +58,7 @@ def values_of(batch: Batch, key: str) -> Values:
 def _differences(texts: list[str]) -> list[str]:
     """Texts that are tables as JSON, by the keys whose values differ; others as they are."""
     try:
-        tables = [dict(_leaves(json.loads(text))) for text in texts]
+        tables = [dict(leaves(json.loads(text))) for text in texts]
     except ValueError:
         return texts
     keys = dict.fromkeys(key for table in tables for key in table)
@@ -68,13 +68,13 @@ def _differences(texts: list[str]) -> list[str]:
     return [", ".join(f"{key} = {table[key]}" for key in differ if key in table) or "none of these" for table in tables]
 
 
-def _leaves(value: Any, path: str = "") -> list[tuple[str, Any]]:
+def leaves(value: Any, path: str = "") -> list[tuple[str, Any]]:
     """The values in a table with their dotted keys; in a list, keys are numbers."""
     if isinstance(value, list):
         value = {str(i): one for i, one in enumerate(value)}
     if not isinstance(value, dict):
         return [(path, value)]
-    return [leaf for key, one in value.items() for leaf in _leaves(one, f"{path}.{key}" if path else key)]
+    return [leaf for key, one in value.items() for leaf in leaves(one, f"{path}.{key}" if path else key)]
 
 
 def lines(batch: Batch, keys: Sequence[str], metric: str, unit: str) -> Figure:

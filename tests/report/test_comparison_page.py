@@ -55,6 +55,17 @@ def test_of_equal_runs_it_says_that_nothing_differs(first, tmp_path):
     assert "<img" not in page
 
 
+def test_the_keys_in_which_runs_differ_are_there(first, tmp_path):
+    other = made(tmp_path / "other")
+    for folder, law in ((first, 'law = "acc"'), (other, 'law = "idm"\nexponent = 4.0')):
+        (folder / "config.toml").write_text(f"seed = 1\n[[platoon]]\nsize = 3\n[platoon.follower]\n{law}\n")
+    page = text_of(comparison_page([first, other], tmp_path / "page.html"))
+    cells = [re.sub("<.*?>", " ", row).split() for row in re.findall("<tr>(.*?)</tr>", page, re.DOTALL)]
+    assert ["platoon.0.follower.law", "acc", "idm"] in cells
+    assert ["platoon.0.follower.exponent", "4.0"] in cells
+    assert not any(row[:1] in (["seed"], ["platoon.0.size"]) for row in cells)
+
+
 def test_a_folder_that_is_given_twice_has_two_names(first, tmp_path):
     page = comparison_page([first, first], tmp_path / "page.html").read_text(encoding="utf-8")
     assert re.findall(r'<th scope="row">(.*?)</th>', page)[:2] == ["first (1)", "first (2)"]
