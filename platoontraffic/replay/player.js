@@ -46,6 +46,15 @@ const MEANINGS = {
   names: "Names of the platoon's members; where two would overlap, one gives way",
 };
 
+/** The link to a time in the address of the page of two runs in which this one stands: see beside.html. */
+function hashOfPair() {
+  try {
+    return window.parent.location.hash;
+  } catch { // a page of others
+    return "";
+  }
+}
+
 /** The page of a run; `state` is what it shows now. */
 class Player {
   constructor(run) {
@@ -73,7 +82,7 @@ class Player {
     this.#makeNumbers();
     this.#listen();
     this.choose(run.members.ids.indexOf(run.chosen));
-    this.#goTo(location.hash);
+    this.#goTo(location.hash || hashOfPair());
     requestAnimationFrame((now) => this.#frame(now));
   }
 

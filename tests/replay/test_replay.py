@@ -317,6 +317,12 @@ def test_two_runs_play_together(browser, made, tmp_path):
     first, second = tab.frames[1:]
     for frame in (first, second):
         until(frame, "window.replay?.drawn")
+    assert first.evaluate("replay.time") == second.evaluate("replay.time") == 0
+    tab.goto((tmp_path / "two.html").as_uri() + "#t=12.5")
+    tab.reload()
+    first, second = tab.frames[1:]
+    for frame in (first, second):
+        until(frame, "window.replay?.drawn && replay.time === 12.5")
     seek(first, 4.0)
     until(second, "replay.time === 4")
     second.locator("#play").click()
