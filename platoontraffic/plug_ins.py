@@ -47,7 +47,7 @@ def find_class(name: str, folder: Path, group: str, what: str, abstract: type = 
     file = plug_in_file(name, folder)
     if file is None and module_name.endswith(".py"):
         raise LookupError(f"{name!r}: there is no file {folder / module_name}")
-    module, sources = _imported(module_name, file)
+    module, sources = _imported(module_name, file, folder)
     kind = getattr(module, class_name, None)
     if isinstance(kind, type) and not any("__call__" in vars(base) for base in kind.__mro__ if base is not abstract):
         raise LookupError(f"{module_name}: the class {class_name} has no __call__; a {what} must have one")
@@ -91,15 +91,26 @@ def _installed(group: str) -> EntryPoints:
     return entry_points(group=group)  # reads a file of every installed package
 
 
-def _imported(module_name: str, file: Path | None) -> tuple[ModuleType, tuple[Path, ...]]:
-    """A module and the files it consists of, which are known only if it comes from a `file`. raises: LookupError"""
+def _imported(module_name: str, file: Path | None, folder: Path) -> tuple[ModuleType, tuple[Path, ...]]:
+    """A module and the files it consists of, which are known only if it comes from a `file`. raises: LookupError
+
+    folder: in which there is no such file
+    """
     try:
         return _load(file) if file else (importlib.import_module(module_name), ())
     except (Exception, SystemExit) as error:
         where = next((f for f in reversed(traceback.extract_tb(error.__traceback__)) if f.filename == str(file)), None)
         line = error.lineno if isinstance(error, SyntaxError) else where and where.lineno
         place = f"{file.name}:{line}" if file and line else module_name
-        raise LookupError(f"{place}: cannot be imported: {type(error).__name__}: {error}") from error
+        looked = (
+            f"; nor is there a file {folder / module_name}.py" if file is None and _is_of(error, module_name) else ""
+        )
+        raise LookupError(f"{place}: cannot be imported: {type(error).__name__}: {error}{looked}") from error
+
+
+def _is_of(error: BaseException, module_name: str) -> bool:
+    """Whether an error says that there is no such module, and not that it imports another one that is missing."""
+    return isinstance(error, ModuleNotFoundError) and error.name == module_name.partition(".")[0]
 
 
 def _load(file: Path) -> tuple[ModuleType, tuple[Path, ...]]:

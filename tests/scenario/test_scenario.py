@@ -231,6 +231,11 @@ def test_a_plug_in_that_cannot_be_used_is_a_fault_of_the_key_law(scenario_file, 
     assert said in fault
 
 
+def test_of_a_module_that_is_nowhere_the_file_is_named_that_would_be_it(scenario_file, tmp_path):
+    (fault,) = faults(scenario_file(('law = "repaired"', 'law = "nosuch:Law"')))
+    assert fault.endswith(f"No module named 'nosuch'; nor is there a file {tmp_path / 'nosuch.py'}")
+
+
 def test_arguments_change_every_platoon_or_the_numbered_one():
     world = scenario.load("paper_world", ["platoon.gap_m=0.6", "platoon.2.leader.speed_mps=0.2", "run.laps=3"])
     assert {p.gap_m for p in world.spec.platoon} == {0.6}
