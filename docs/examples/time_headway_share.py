@@ -1,8 +1,8 @@
 """A metric of one's own: how often a follower drives too close.
 
-    platoontraffic run ring_platoon.toml "record.metrics=['time_headway_share.py:TimeHeadwayShare']"
+    platoontraffic run mine.toml record.metrics=time_headway_share.py:TimeHeadwayShare
 
-with this file beside the scenario. Its values are in metrics.csv, and for the run in summary.csv.
+with this file beside the scenario mine.toml. Its values are in metrics.csv, and for the run in summary.csv.
 """
 
 from dataclasses import dataclass
