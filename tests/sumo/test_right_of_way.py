@@ -577,6 +577,8 @@ def test_a_vehicle_in_the_junction_stops_for_one_with_priority_that_sets_out_the
         (9.0, 3.0, "side_0", "c", np.inf, 6.5),  # it brakes hard for one that should have given way
         (9.0, 5.0, "side_0", "c", np.inf, 6.5),  # nearer to it, it stops before where its front would touch it
         (9.0, 8.0, "side_0", "c", np.inf, np.inf),  # it cannot stop any more
+        (0.7, 11.7, "side_0", "c", np.inf, 0.035),  # it has braked too gently, but its front is not in the way yet
+        (0.7, 12.1, "side_0", "c", np.inf, np.inf),  # now it is
         (6.0, -3.9, "side_0", "c", 2.0, np.inf),  # it will wait midway
         (6.0, -3.9, "side_0", "c", 0.5, 13.4),  # it is beyond that place
         (6.0, -3.9, "road_1", "c", np.inf, np.inf),  # it is beside it
@@ -585,7 +587,10 @@ def test_a_vehicle_in_the_junction_stops_for_one_with_priority_that_sets_out_the
     ],
 )
 def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over, before, name, waits, stop):
-    """SUMO's drivers do not see a member that comes onto the lane of its turn just before the line."""
+    """SUMO's drivers do not see a member that comes onto the lane of its turn just before the line.
+
+    One that had nearly stopped 0.25 m before the path of a left-turner drove on again, and was touched.
+    """
     line = Line(100.0, "M", "", 0, "road_0", "next_0", (":a_0",), 20.0)
     crossing = Crossing(before, (":a_1",), (10.0, 18.0), (5.0, 12.0), False, False, waits, 10.0, touches=12.0)
     conflicts = Conflicts((), {":a_1": crossing}, (), np.inf)
