@@ -60,12 +60,10 @@ def with_later_change(
     returns: a route whose stations before the change are those of the given one; None on a loop, or where there is no
              room for it
     """
-    edge, lane = edge_of(change.lane), index_of(change.lane)
-    width, shape = network.lane_width(edge, lane), network.route_line((edge,), lane)
+    lane, width, begin = _place_of(change, network)
     changes = _changes_from(route, change)
     target, across = index_of(changes[-1].onto), changes[-1].station + changes[-1].across - change.station
     whole = changes_length(width, longest, _lanes_crossed(changes), len(changes))
-    begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
     later = min(begin + by, begin + change.to_end - whole - model.length)  # so that it comes to the line straight
     is_worth_it = later >= begin + AT_LEAST * model.length or (later >= begin and whole < SHORTER * across)
     if route.closed or not is_worth_it:
@@ -84,10 +82,9 @@ def with_sooner_change(route: Route, change: Line, by: float, network: Network, 
     returns: a route whose stations before that place are those of the given one; None on a loop, near the begin of the
              edge, before the vehicle is straight on its lane after another change, or where it would hardly be sooner
     """
-    edge, lane, i = edge_of(change.lane), index_of(change.lane), route.lines.index(change)
-    width, shape = network.lane_width(edge, lane), network.route_line((edge,), lane)
-    changes, length = _changes_from(route, change), float(np.hypot(*np.diff(shape, axis=0).T).sum())
-    begin = length - change.to_end - by
+    lane, width, begin = _place_of(change, network)
+    changes, length, i = _changes_from(route, change), begin + change.to_end, route.lines.index(change)
+    begin -= by
     if route.closed or begin < LEAD_IN * model.length:
         return None
     last = route.lines[i - 1] if i else None
@@ -129,7 +126,7 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
     """
     if route.closed:
         return None
-    edge, lane = edge_of(change.lane), index_of(change.lane)
+    lane, _, begin = _place_of(change, network)
     try:
         onward = _onward(route, change, Change(0, lane, lane), network, model)
     except InputError:
@@ -138,12 +135,17 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
     room = min((line.to_end for line in _first_changes(lines)), default=math.inf)
     if room < min(change.to_end, ENOUGH_ROOM):
         return None
-    shape = network.route_line((edge,), lane)
-    begin = float(np.hypot(*np.diff(shape, axis=0).T).sum()) - change.to_end
     join = min(JOIN * model.length, begin / 2)
     entered = lines[0].station + lines[0].across if onward.before else 0.0
     ends = change.station - join, entered + begin - join
     return _changed_from(route, change, onward, *ends, join, model)
+
+
+def _place_of(change: Line, network: Network) -> tuple[int, float, float]:
+    """Index and width of the lane on which a change begins, and where it begins on that [m]."""
+    edge, lane = edge_of(change.lane), index_of(change.lane)
+    line = network.route_line((edge,), lane)
+    return lane, network.lane_width(edge, lane), float(np.hypot(*np.diff(line, axis=0).T).sum()) - change.to_end
 
 
 def _changes_from(route: Route, change: Line) -> list[Line]:
