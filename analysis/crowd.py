@@ -16,6 +16,7 @@ from platoontraffic.analysis.tables import columns_of
 
 MOST = 20  # members of a platoon that are told apart
 CELLS = 90  # across a map
+FULL_COLOUR = 97.0  # share of the cells of a map up to which their colours differ [%]
 STANDS = 0.1  # a vehicle that is slower stands, as in SUMO's trips [m/s]
 COLOUR = figures.COLOURS[1]
 
@@ -75,9 +76,14 @@ def _cells(
         x, y, C=values, reduce_C_function=reduce, cmap=colours, mincnt=1,
         gridsize=[max(2, round(np.ptp(one) / size)) for one in (x, y)], linewidths=0.2, zorder=2,
     )  # fmt: skip
+    # One cell in which members stood would leave the others a single colour.
+    filled = np.ma.compressed(drawn.get_array())
+    most = float(np.percentile(filled, FULL_COLOUR))
+    drawn.set_clim(vmax=most)
     axes.figure.colorbar(
-        drawn, ax=axes, location="bottom", shrink=0.5, aspect=40, label=f"{name}; cells of {size:.0f} m"
-    )
+        drawn, ax=axes, location="bottom", shrink=0.5, aspect=40, label=f"{name}; cells of {size:.0f} m",
+        extend="max" if most < filled.max() else "neither",
+    )  # fmt: skip
     return axes
 
 

@@ -60,6 +60,15 @@ def test_the_cells_of_a_map_hold_all_members(axes):
     assert cells.sum() == pytest.approx(len(table) / table.time_s.nunique())
 
 
+def test_a_cell_in_which_members_stand_does_not_take_the_colours_of_the_others(axes):
+    table = driving(30)
+    stands = table[table.vehicle_id == "v3"].assign(vehicle_id="stands", x_m=200.0)
+    crowd.density(pd.concat([table, *[stands] * 20]), axes, SCENE)
+    cells = axes.collections[-1]
+    assert cells.norm.vmax < 0.2 * cells.get_array().max()
+    assert axes.figure.axes[-1].get_xlabel().startswith("mean number of members")
+
+
 def test_stations_are_those_along_the_farthest_path(axes):
     crowd.time_space(driving(30), axes)
     assert len(axes.lines) == 30
