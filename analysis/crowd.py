@@ -56,7 +56,7 @@ def density(trajectories: pd.DataFrame, axes: Axes, scene: figures.Scene) -> Axe
     """Mean number of members in each cell of a grid over the road."""
     columns_of(trajectories, ["time_s", "x_m", "y_m"])
     share = np.full(len(trajectories), 1 / trajectories.time_s.nunique())
-    return _cells(trajectories, axes, scene, "mean number of members", share, np.sum, "viridis_r")
+    return _cells(trajectories, axes, scene, "mean number of members", share, np.sum, "viridis_r", FULL_COLOUR)
 
 
 def speeds(trajectories: pd.DataFrame, axes: Axes, scene: figures.Scene) -> Axes:
@@ -66,9 +66,20 @@ def speeds(trajectories: pd.DataFrame, axes: Axes, scene: figures.Scene) -> Axes
 
 
 def _cells(
-    trajectories: pd.DataFrame, axes: Axes, scene: figures.Scene, name: str, values, reduce: Callable, colours: str
+    trajectories: pd.DataFrame,
+    axes: Axes,
+    scene: figures.Scene,
+    name: str,
+    values,
+    reduce: Callable,
+    colours: str,
+    most: float = 100.0,
 ) -> Axes:
-    """Fill each cell with what `reduce` makes of the values of the rows in it."""
+    """Fill each cell with what `reduce` makes of the values of the rows in it.
+
+    most: share of the cells up to which their colours differ [%]: one in which members stood would leave the others a
+          single colour
+    """
     figures.road(scene, axes)
     x, y = trajectories.x_m, trajectories.y_m
     size = max(np.ptp(x), np.ptp(y)) / CELLS or 1.0
@@ -76,13 +87,14 @@ def _cells(
         x, y, C=values, reduce_C_function=reduce, cmap=colours, mincnt=1,
         gridsize=[max(2, round(np.ptp(one) / size)) for one in (x, y)], linewidths=0.2, zorder=2,
     )  # fmt: skip
-    # One cell in which members stood would leave the others a single colour.
     filled = np.ma.compressed(drawn.get_array())
-    most = float(np.percentile(filled, FULL_COLOUR))
-    drawn.set_clim(vmax=most)
+    top = float(np.percentile(filled, most))
+    clipped = filled.min() < top < filled.max()
+    if clipped:
+        drawn.set_clim(vmax=top)
     axes.figure.colorbar(
         drawn, ax=axes, location="bottom", shrink=0.5, aspect=40, label=f"{name}; cells of {size:.0f} m",
-        extend="max" if most < filled.max() else "neither",
+        extend="max" if clipped else "neither",
     )  # fmt: skip
     return axes
 

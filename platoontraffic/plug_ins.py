@@ -102,15 +102,14 @@ def _imported(module_name: str, file: Path | None, folder: Path) -> tuple[Module
         where = next((f for f in reversed(traceback.extract_tb(error.__traceback__)) if f.filename == str(file)), None)
         line = error.lineno if isinstance(error, SyntaxError) else where and where.lineno
         place = f"{file.name}:{line}" if file and line else module_name
-        looked = (
-            f"; nor is there a file {folder / module_name}.py" if file is None and _is_of(error, module_name) else ""
-        )
+        wanted = (folder / module_name.replace(".", "/")).with_suffix(".py")
+        looked = f"; nor is there a file {wanted}" if file is None and _is_of(error, module_name) else ""
         raise LookupError(f"{place}: cannot be imported: {type(error).__name__}: {error}{looked}") from error
 
 
 def _is_of(error: BaseException, module_name: str) -> bool:
     """Whether an error says that there is no such module, and not that it imports another one that is missing."""
-    return isinstance(error, ModuleNotFoundError) and error.name == module_name.partition(".")[0]
+    return isinstance(error, ModuleNotFoundError) and f"{module_name}.".startswith(f"{error.name}.")
 
 
 def _load(file: Path) -> tuple[ModuleType, tuple[Path, ...]]:

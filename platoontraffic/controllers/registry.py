@@ -35,6 +35,8 @@ def _check_lidars(kind: type[Law]) -> None:
     further = kind.further_lidars if isinstance(kind.further_lidars, Mapping) else {}  # else a property of each law
     declared = {"lidar": kind.lidar} | {f"further_lidars[{name!r}]": preset for name, preset in further.items()}
     for key, preset in declared.items():
+        if isinstance(preset, property):  # of each law, not of the class
+            continue
         if (preset is None and key == "lidar") or (isinstance(preset, str) and preset in PRESETS):
             continue
         known = ", ".join(PRESETS)

@@ -24,7 +24,7 @@ from platoontraffic.world.events import STANDSTILL_AFTER
 
 NO_REASON = "no reason"
 BEHIND = "behind: behind "  # begin of the reason of one in a queue
-RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = (f"held: held by {CLOSED_BY[k]}" for k in (2, 3, 4))  # reasons at lines
+RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = (f"held: held by {reason}" for reason in CLOSED_BY[2:5])  # reasons at lines
 LONG = 60.0  # a longer standstill needs to be explained [s]
 
 

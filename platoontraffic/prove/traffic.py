@@ -24,6 +24,7 @@ AT_A_TIME = 2  # runs
 
 # The bars.
 LATEST = 1.25  # last arrival over that of SUMO's own cars, median over the seeds; a wait beside theirs over theirs
+UNREGULATED = 180.0  # longest wait for a gap where nobody has to give way that is no fault [s]
 YIELD_RATE = 0.1  # failures to yield [1 / vehicle hour]
 
 
@@ -184,13 +185,15 @@ def _excused(long: Sequence[Stand], long_on: Set[str], beside: Mapping[str, floa
     long_on : lanes on which vehicles of SUMO's stand for longer than LONG
     beside  : longest time for which one of SUMO's own cars stands on a lane [s], by lane
     """
-    excused = {stand for stand in long if stand.lane in long_on or stand.unregulated}
+    waits_for_gap = {stand for stand in long if stand.unregulated and stand.lasts <= UNREGULATED}
+    excused = waits_for_gap | {stand for stand in long if stand.lane in long_on}
     while True:
         queue, edges = {stand.vehicle for stand in excused}, {edge_of(stand.lane) for stand in excused}
         edges |= {edge_of(lane) for lane in long_on}
         lasts = {**beside}
         for stand in excused:
-            lasts[stand.lane] = max(stand.lasts, lasts.get(stand.lane, 0.0))
+            if not stand.onto:  # those that wait beside others are no measure for the next
+                lasts[stand.lane] = max(stand.lasts, lasts.get(stand.lane, 0.0))
         more = {
             stand
             for stand in long

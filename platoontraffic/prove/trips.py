@@ -61,7 +61,7 @@ def draw(
 
     room         : length of lane up to the front bumper that vehicles need at the start [m]
     radius       : turning radius below which no route turns back on its road [m]
-    round_blocks : a route may turn back on a smaller radius over several short edges
+    round_blocks : False: no route turns back on a smaller radius over several short edges either
     raises       : InputError where there is no trip
     """
     lanes = network.lanes_for_cars()
@@ -79,7 +79,9 @@ def draw(
         if len(long) == count:
             break
     if not long and not short:
-        raise InputError(f"{network.path}: no route for cars was found; must have two edges that are connected")
+        raise InputError(
+            f"{network.path}: no route for cars was found; must have two edges that are connected, without turning back"
+        )
     rest = sorted(short.values(), key=lambda trip: -trip.length)
     return [*long.values(), *rest][:count]
 

@@ -88,7 +88,7 @@ class Foe(NamedTuple):
     length: float
     clearing_speed: float  # at which it leaves the conflict area, if that is not more than its speed [m/s]
     merges: bool = False  # the paths do not part again
-    foe_to_enter: float = math.inf  # to where it is inside the junction, and does not stop any more; inf: not known
+    foe_to_enter: float = math.inf  # its distance to its line; negative: it is inside; inf: it may still wait inside
 
 
 def margin_after(waited: float) -> float:
@@ -100,7 +100,8 @@ def may_cross(foe: Foe, own: Driven, length: float, margin: float = FIRST_MARGIN
     """Whether the vehicle clears the conflict area before the foe arrives, or arrives after the foe has cleared it.
 
     own, length : how the vehicle drives on, and its length [m]
-    margin      : of the vehicle if it goes first [s]; without margin there is none behind the foe either
+    margin      : if it goes first, or behind a foe that has entered before it [s]; behind one that is gone before it
+                  enters at most BEHIND_MARGIN of it. 0: none at all
 
     A foe that stands before the conflict area and does not set out waits. It clears the area at its present speed, or
     more slowly in a bend.
@@ -144,5 +145,5 @@ def _is_behind(foe: Foe, own: Driven, margin: float) -> bool:
     comes, enters = own.at_once.time_for(foe.to_conflict), own.time_for(foe.to_enter)
     if clears < enters and clears + min(margin, BEHIND_MARGIN) < comes:
         return True
-    is_inside = foe.foe_to_enter / foe.pace.speed + min(margin, BEHIND_MARGIN) < enters
-    return is_inside and foe.pace.speed >= IN_QUEUE_SPEED and clears + margin < comes
+    enters_first = foe.foe_to_enter / foe.pace.speed + min(margin, BEHIND_MARGIN) < enters
+    return enters_first and foe.pace.speed >= IN_QUEUE_SPEED and clears + margin < comes

@@ -206,7 +206,10 @@ def _straight_beyond(route: Route, onward: Route, length: float) -> float:
 
     length: of the vehicle [m]
     """
-    same, offset = _same_at_the_end(route, onward), _offset(route, onward)
+    same = _same_at_the_end(route, onward)
+    if not same:  # they may end on different lanes
+        return math.inf
+    offset = _offset(route, onward)
     ends = [line.station + line.across for line in route.lines[: len(route.lines) - same]]
     ends += [line.station + line.across + offset for line in onward.lines[: len(onward.lines) - same]]
     stations, curvature = route.curvature(length)
@@ -226,7 +229,7 @@ def _same_at_the_end(route: Route, onward: Route) -> int:
 def _offset(route: Route, onward: Route) -> float:
     """By how much stations of a route are greater than those of another one where they have become the same [m]."""
     same = _same_at_the_end(route, onward)
-    return route.lines[-same].station - onward.lines[-same].station if same else route.length - onward.length
+    return route.lines[-same].station - onward.lines[-same].station
 
 
 def _changed_from(

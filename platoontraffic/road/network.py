@@ -55,7 +55,8 @@ __all__ = [
 ]
 
 CACHED_LANES = 100  # below this number, computing the drivable area takes some 15 ms: not worth a file in the cache
-OFF_MIDDLE, ALONG = 1.0, 1.0  # of a vehicle that keeps to its lane, at most; least length on which lanes overlap [m]
+OFF_MIDDLE = 0.3  # of a vehicle that keeps to its lane, at most [lane widths]
+ALONG = 1.0  # least length on which lanes overlap [m]
 MARGIN = 0.3  # by which a corner of a vehicle may be beside its lanes and junctions [m]
 REVERSAL_PENALTY = 3600.0  # extra travel time that a route may take to avoid turning back [s]
 START_POSITION = 40.0  # of a sample trip on its first lane, where that is long enough [m]
@@ -328,16 +329,16 @@ class Network:
         return False
 
     def overlaps_another(self, lane_id: str) -> bool:
-        """Whether a vehicle that keeps to a lane may be within half the width of a lane of another edge.
+        """Whether a lane runs so near to one of another edge that a vehicle which keeps to it may be on both.
 
-        Roads with kinks are narrower than their lanes.
+        So it is on roads with kinks, which are narrower than their lanes, and where a bridge crosses.
         """
         lanes, lines = self._lines_outside
         own = self._net.getLane(lane_id)
         line, edge = LineString(own.getShape()), own.getEdge()
-        for k in lines.query(line, predicate="dwithin", distance=self.widest_lane / 2 + OFF_MIDDLE).tolist():
+        for k in lines.query(line, predicate="dwithin", distance=(0.5 + OFF_MIDDLE) * self.widest_lane).tolist():
             if lanes[k].getEdge() is not edge:
-                about = lines.geometries[k].buffer(lanes[k].getWidth() / 2 + OFF_MIDDLE, cap_style="flat")
+                about = lines.geometries[k].buffer((0.5 + OFF_MIDDLE) * lanes[k].getWidth(), cap_style="flat")
                 if line.intersection(about).length > ALONG:
                     return True
         return False

@@ -322,8 +322,10 @@ def _seeds(file: StudyFile, place: Place) -> list[int]:
     if file.seeds is None:
         return []
     key = f"{place(('seeds',))}: seeds"
-    one_by_one = {"step": 1} if isinstance(file.seeds, dict) and file.seeds.keys() == {"from", "to"} else {}
-    seeds = _values(file.seeds | one_by_one if one_by_one else file.seeds, key)
+    given = file.seeds
+    if isinstance(given, dict) and given.keys() == {"from", "to"}:
+        given = {**given, "step": 1}
+    seeds = _values(given, key)
     for seed in seeds:
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**31:
             raise InputError(f"{key}: {seed!r}: must be whole numbers from 0 to {2**31 - 1}")

@@ -34,10 +34,10 @@ from platoontraffic.sumo.vehicle_types import (
 from platoontraffic.world.fleet import Fleet, Member
 
 # Arguments of moveToXY: edge and lane, before the position; keepRoute and matchThreshold [m], behind the angle.
-# keepRoute 2: the exact pose, on whatever lane lies there, never an error. A search for a lane within 10 m is cheaper
-# than within the default 100 m, and finds the same lanes, but where roads overlap. For where a vehicle is on each lane
-# that the search finds, SUMO takes the one that it has read first, whatever its direction, as it divides by their
-# greatest distance, which is 0: so the search must find others too. Within 5 m it finds none in many a junction.
+# keepRoute 2: the exact pose, on whatever lane lies there, never an error. A search within 10 m is cheaper than within
+# the default 100 m and finds the same lanes; within 5 m it takes wrong ones in junctions. Where roads overlap it is
+# 100 m: SUMO compares lanes by their distances over the greatest of these. A vehicle inside all lanes that are found
+# has only zeros to compare, and SUMO takes the lane that it has read first, of whatever direction.
 ANY_LANE = ("", -1)
 EXACTLY = (2, 10.0)
 WHERE_LANES_OVERLAP = (2, 100.0)
@@ -82,7 +82,7 @@ class Placement:
         self._overlaps: dict[str, bool] = {}  # by lane
         self._on_overlapping: set[str] = set()  # members on a lane that overlaps one of another edge ...
         self._on_short: set[str] = set()  # ... on a short lane ...
-        self._on_path: set[str] = set()  # ... on their path in a junction, or on an overlapping lane of their route ...
+        self._on_route: set[str] = set()  # ... on their path in a junction, or an overlapping lane of their route ...
         self._bound: set[str] = set()  # ... and those that were moved ON_ITS_ROUTE in the last step
         self._slowed: set[str] = set()  # SUMO-driven members with a failed drive
         self._movers: list[Mover] = []  # the members that SUMO does not drive ...
@@ -108,7 +108,8 @@ class Placement:
         for member in fleet.members:
             x, y, heading = self._network.lane_pose(member.edge, member.lane, member.position)
             overlaps = self._overlaps_another(f"{member.edge}_{member.lane}")
-            (self._on_path.add if overlaps else self._on_path.discard)(member.id)
+            for here in (self._on_overlapping, self._on_route):
+                (here.add if overlaps else here.discard)(member.id)
             how = ON_ITS_ROUTE if overlaps else EXACTLY
             self._sumo.vehicle.moveToXY(member.id, *ANY_LANE, x, y, sumo_angle(heading), *how)
 
@@ -226,7 +227,7 @@ class Placement:
         for i in fleet.moved_rows:
             name = fleet.ids[i]
             how = WHERE_LANES_OVERLAP if name in self._on_overlapping else EXACTLY
-            on_path = name in self._on_path and name not in held and abs(aside(name)) < ASIDE
+            on_path = name in self._on_route and name not in held and abs(aside(name)) < ASIDE
             if name in self._on_short or on_path:
                 bound.add(name)
                 how = ON_ITS_ROUTE
@@ -287,7 +288,7 @@ class Placement:
             overlaps = self._overlaps_another(lane)
             (self._on_overlapping.add if overlaps else self._on_overlapping.discard)(name)
             on_path = (lane[:1] == ":" or overlaps) and self._keeps_its_path(fleet.members[row], lane)
-            (self._on_path.add if on_path else self._on_path.discard)(name)
+            (self._on_route.add if on_path else self._on_route.discard)(name)
         self._shadows.observe(self._moved(fleet), where)
 
     def _keeps_its_path(self, member: Member, lane: str) -> bool:

@@ -49,7 +49,7 @@ SETS_OUT_AFTER = 1.5  # a vehicle whose turn it is at an all-way stop sets out w
 NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go before it, and does not [s]
 SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the paths of others without a margin [s] ...
 SWINGS_OUT_LONGEST = 30.0  # ... and after which it does so even if a vehicle comes [s]
-NEARLY_STANDS = 1.0  # speed up to which a vehicle that has stopped too near to the path of another one stays [m/s]
+NEARLY_STANDS = 1.0  # speed up to which a car that has stopped too near to the path of another vehicle stays [m/s]
 BEFORE_PATH = 0.5  # distance that a car which stops inside a junction keeps from the path of another vehicle [m]
 STOPS_BY = 4.5  # hardest braking with which a vehicle stops at a sign, or a yellow light [m/s2]: that of SUMO's cars
 STOPS_MIDWAY_BY = 2.0  # least braking of a vehicle that will wait midway [m/s2]: more than by which drivers dawdle
@@ -195,7 +195,8 @@ class RightOfWay:
         over         : distance driven beyond the line [m]; negative: before it
         priority_too : whether for those that have priority as well
         returns      : to the line where it can stop there by `STOPS_BY`, else to before the path of the first of them;
-                       inf where it can pass them, or cannot stop any more
+                       at once where it has nearly stopped nearer to that path, and is not in it yet; inf where it can
+                       pass them, or cannot stop any more
         """
         stop = math.inf
         if not (self._all_inside[line] or self._conflicts[line].narrow):  # as at most lines
@@ -206,10 +207,11 @@ class RightOfWay:
             if foe.pace.speed < STANDING:
                 continue
             stops_within = ego.speed**2 / (2 * (STOPS_BY if crossing.first else STOPS_HARD_BY))
-            ahead, keeps = [place - over for place in (crossing.own[0], crossing.touches)], BEFORE_PATH * ego.size
-            left = next((place - keeps for place in ahead if stops_within <= place - keeps), math.inf)
-            if left == math.inf and stops_within <= ahead[1] < math.inf and ego.speed < NEARLY_STANDS:
-                left = stops_within  # at once: nearer than it should be, but not in the way yet
+            keeps = BEFORE_PATH * ego.size
+            meets, touches = crossing.own[0] - over, crossing.touches - over
+            left = next((place - keeps for place in (meets, touches) if stops_within <= place - keeps), math.inf)
+            if left == math.inf and stops_within <= touches < math.inf and ego.speed < NEARLY_STANDS * ego.size:
+                left = stops_within
             if left < stop and not self._has_gap_among([foe], line, -over, ego, 0.0, -over):
                 stop = left
         return -over if ego.speed**2 / (2 * STOPS_BY) < -over < stop < math.inf else stop

@@ -278,6 +278,16 @@ def test_a_wait_for_a_gap_is_no_fault_where_sumos_cars_drive_through_each_other(
     waits = Stand("p0.0", 90.0, rides.RIGHT_OF_WAY, "a_0", unregulated=True)
     assert verdict(ride(stands=(waits, Stand("p0.1", 80.0, "behind: behind p0.0", "a_0")))).holds
     assert not verdict(ride(stands=(waits._replace(unregulated=False),))).holds
+    assert not verdict(ride(stands=(waits._replace(lasts=181.0),))).holds
+
+
+def test_who_waits_beside_another_one_that_waits_beside_a_queue_is_compared_with_the_queue():
+    queue = Stand("p0.0", 80.0, "behind: behind x", "a_2")
+    first = Stand("p0.1", 99.0, rides.LANE_CHANGE, "a_1", onto="a_2")
+    second = Stand("p0.2", 120.0, rides.LANE_CHANGE, "a_0", onto="a_1")
+    own = ride(stands=(queue,))
+    assert verdict(ride(stands=(first,)), own).holds
+    assert not verdict(ride(stands=(first, second)), own).holds
 
 
 def test_a_standstill_at_a_line_tells_what_lies_beyond():

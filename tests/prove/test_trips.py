@@ -50,7 +50,7 @@ def test_there_is_no_trip_without_a_lane_that_is_long_enough(corridor):
         drawn(corridor, 3, room=5000.0)
 
 
-def test_trips_in_traffic_do_not_turn_back_round_such_blocks(generated_nets):
+def test_trips_in_traffic_do_not_turn_back_round_blocks_that_are_too_small(generated_nets):
     network = Network.read(generated(generated_nets, "short", "priority", 1))
     given = {"room": CAR.length, "radius": CAR.turning_radius}
     every, fewer = (draw(network, 24, np.random.default_rng(1), **given, round_blocks=may) for may in (True, False))

@@ -18,6 +18,7 @@ from platoontraffic.road.later_change import (
     with_later_change,
     with_sooner_change,
 )
+from platoontraffic.road.netconvert import build_net
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -243,6 +244,30 @@ def test_a_change_is_put_off_to_the_next_edge_where_the_lane_leads_on():
         np.testing.assert_allclose(beyond.line.at(stations), route.line.at(stations), atol=0.1)
     assert np.abs(beyond.curvature(1.0)[1]).max() < np.abs(route.curvature(1.0)[1]).max() + 0.01
     assert beyond.edges == route.edges
+
+
+def test_a_route_with_its_change_beyond_may_end_on_another_lane(tmp_path):
+    """It led along the end of the given route all the same, two lanes aside, where no line of it is the same."""
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
+    nodes = [f'<node id="{name}" x="{x}" y="{y}"/>' for name, x, y in
+             [("a", 0, 0), ("b", 300, 0), ("c", 600, 0), ("d", 900, 0), ("e", 900, 300)]]  # fmt: skip
+    edges = [f'<edge id="{name}" from="{one}" to="{two}" numLanes="{lanes}"/>' for name, one, two, lanes in
+             [("A", "a", "b", 2), ("B", "b", "c", 3), ("C", "c", "d", 3), ("D", "c", "e", 1)]]  # fmt: skip
+    links = [f'<connection from="{one[0]}" to="{two[0]}" fromLane="{one[1]}" toLane="{two[1]}"/>' for one, two in
+             [("A0", "B1"), ("A1", "B2"), ("B0", "C0"), ("B2", "C2"), ("B1", "D0")]]  # fmt: skip
+    texts = {"nod": ("nodes", nodes), "edg": ("edges", edges), "con": ("connections", links)}
+    for kind, (name, lines) in texts.items():
+        (tmp_path / f"n.{kind}.xml").write_text(f"<{name}>{''.join(lines)}</{name}>")
+    sources = '<node-files value="n.nod.xml"/><edge-files value="n.edg.xml"/><connection-files value="n.con.xml"/>'
+    (tmp_path / "n.netccfg").write_text(f"<configuration><input>{sources}</input></configuration>")
+    build_net(tmp_path / "n.netccfg", tmp_path / "n.net.xml")
+    network = Network.read(tmp_path / "n.net.xml")
+    route = Route.along("ABC", *network.route_lanes("ABC", 0)).drivable_by(CAR)
+    beyond = with_change_beyond(route, route.lines[0], network, CAR)
+    assert route.lines[-1].onto != beyond.lines[-1].onto
+    end = LineString(network.route_line(("C",), int(beyond.lines[-1].onto[-1])))
+    assert shapely.Point(beyond.line.at(np.array([beyond.length]))[0]).distance(end) < 0.1
+    assert np.abs(beyond.curvature(CAR.length)[1]).max() < 0.05
 
 
 @pytest.mark.parametrize("name", ["first edge", "after a junction", "towards a crossing"])

@@ -231,9 +231,19 @@ def test_a_plug_in_that_cannot_be_used_is_a_fault_of_the_key_law(scenario_file, 
     assert said in fault
 
 
-def test_of_a_module_that_is_nowhere_the_file_is_named_that_would_be_it(scenario_file, tmp_path):
-    (fault,) = faults(scenario_file(('law = "repaired"', 'law = "nosuch:Law"')))
-    assert fault.endswith(f"No module named 'nosuch'; nor is there a file {tmp_path / 'nosuch.py'}")
+@pytest.mark.parametrize(
+    ("module", "missing", "file"), [("nosuch", "nosuch", "nosuch.py"), ("json.no.such", "json.no", "json/no/such.py")]
+)
+def test_of_a_module_that_is_nowhere_the_file_is_named_that_would_be_it(scenario_file, tmp_path, module, missing, file):
+    (fault,) = faults(scenario_file(('law = "repaired"', f'law = "{module}:Law"')))
+    assert f"No module named '{missing}'" in fault
+    assert fault.endswith(f"; nor is there a file {tmp_path / file}")
+
+
+def test_the_lidar_of_a_law_may_depend_on_its_gains(scenario_file, tmp_path):
+    lidar = "    @property\n    def lidar(self): return 'car-follower'\n"
+    (tmp_path / "law.py").write_text(DERIVED + "class Law(L):\n" + lidar + CALL)
+    simulation.prepare(scenario.load(scenario_file(('law = "repaired"', 'law = "law:Law"'))))  # no fault
 
 
 def test_arguments_change_every_platoon_or_the_numbered_one():

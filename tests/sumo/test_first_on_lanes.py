@@ -70,6 +70,7 @@ def test_a_vehicle_that_stands_first_on_its_lane_and_not_at_a_stop_wants_over(ro
         assert not found["bus"].begun
 
 
+@pytest.mark.sumo
 @pytest.mark.parametrize(("length", "wants"), [(10.0, True), (1500.0, False)])
 def test_sumo_says_whether_a_vehicle_whose_lane_leads_on_must_go_over_all_the_same(tmp_path, length, wants):
     """Its lane leads on for 10 m only: SUMO's driver may stop before that to get in."""

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from platoontraffic import shipped
 from platoontraffic.controllers.path import PathLeader
 from platoontraffic.road.lane_routes import Line
 from platoontraffic.road.netconvert import build_net
@@ -64,6 +65,14 @@ def test_a_member_stays_on_its_lane_where_lanes_of_two_directions_overlap(tmp_pa
     assert lanes == {"ba_0"}
 
 
+@pytest.mark.parametrize("name", ["lab_world", "lab_loop", "corridor", "highway"])
+def test_lanes_side_by_side_do_not_overlap(name):
+    network = Network.read(shipped.networks()[name])
+    lanes = [f"{edge}_{k}" for edge, k, _ in network.lanes_for_cars()]
+    assert lanes
+    assert not any(map(network.overlaps_another, lanes))
+
+
 @pytest.mark.parametrize(
     ("lanes", "bound", "bound_without_route"),
     [
@@ -106,7 +115,7 @@ def test_a_member_held_a_little_over_its_line_is_before_it_for_sumo():
     placement._shadows = SimpleNamespace(cast=lambda _: None)
     (member,) = platoon(PathLeader(), model=CAR, at=(30.0, 0.0, np.pi / 2))
     fleet = Fleet.deployed([member], 0.1)
-    placement._on_path.add(member.id)
+    placement._on_route.add(member.id)
     placement.where[member.id] = ":a_0", ":a_0_0"
     for over in ({}, {member.id: 0.4, "gone": 0.3}):
         placement.place(fleet, None, over)
