@@ -166,7 +166,7 @@ class Law:
     [
         ("return Decision(Twist(float('nan'), 0.0))", "law.py:5: law Law gave speed nan, yaw rate 0.0, target nan"),
         ("return 1 / 0", "law.py:11: law Law failed at 0.000 s: ZeroDivisionError"),
-        ("return None", "law.py:5: law Law failed at 0.000 s: AttributeError"),
+        ("return None", "law.py:5: law Law failed at 0.000 s: TypeError: gives None to one vehicle"),
         ("raise SystemExit(5)", "law.py:11: law Law failed at 0.000 s: SystemExit: 5"),
         ("raise ValueError('a\\nb')", "ValueError: a b"),
         ("return Decision(Twist(0.0, 0.0), target=(1.0, float('inf')))", "target 1.0, inf for robot.1 at 0.000 s"),
