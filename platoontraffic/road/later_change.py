@@ -69,10 +69,11 @@ def with_later_change(
     if route.closed or not is_worth_it:
         return None
     first = Change(0, lane, target)
-    onward = _onward(route, change, first, network, model, later - CHANGE_AFTER * width, longest)
+    i = route.lines.index(change)
+    onward = _onward(route, i, first, network, model, later - CHANGE_AFTER * width, longest)
     join = min(JOIN * model.length, begin / 2)
     ends = change.station - join, onward.route.lines[onward.before].station - (later - begin) - join
-    return _changed_from(route, change, onward, *ends, join, model)
+    return _changed_from(route, i, onward, *ends, join, model)
 
 
 def with_sooner_change(route: Route, change: Line, by: float, network: Network, model: VehicleModel) -> Route | None:
@@ -93,10 +94,10 @@ def with_sooner_change(route: Route, change: Line, by: float, network: Network, 
     latest_begin = length - changes_length(width, 0.0, _lanes_crossed(changes), len(changes))
     position = begin if begin > latest_begin else begin - CHANGE_AFTER * width  # after which the first one begins there
     first = Change(0, lane, index_of(changes[-1].onto))
-    onward = _onward(route, change, first, network, model, position, 0.0)
+    onward = _onward(route, i, first, network, model, position, 0.0)
     join = min(JOIN * model.length, begin / 2)
     ends = change.station - by - join, onward.route.lines[onward.before].station - join
-    sooner = _changed_from(route, change, onward, *ends, join, model)
+    sooner = _changed_from(route, i, onward, *ends, join, model)
     return sooner if sooner.lines[i].station < change.station - by / 2 else None
 
 
@@ -127,8 +128,9 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
     if route.closed:
         return None
     lane, _, begin = _place_of(change, network)
+    i = route.lines.index(change)
     try:
-        onward = _onward(route, change, Change(0, lane, lane), network, model)
+        onward = _onward(route, i, Change(0, lane, lane), network, model)
     except InputError:
         return None
     lines = *onward.route.lines, *onward.rest
@@ -138,7 +140,42 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
     join = min(JOIN * model.length, begin / 2)
     entered = lines[0].station + lines[0].across if onward.before else 0.0
     ends = change.station - join, entered + begin - join
-    return _changed_from(route, change, onward, *ends, join, model)
+    return _changed_from(route, i, onward, *ends, join, model)
+
+
+def with_other_lane(
+    route: Route, station: float, onto: int, network: Network, model: VehicleModel, longest: float = math.inf
+) -> Route | None:
+    """The route by which the edge at a station is left from another lane.
+
+    It changes to that lane there, if it is on another one. Beyond the edge it changes lanes as rarely as it can.
+
+    station : in no lane change [m]
+    onto    : index of the lane from which it leaves the edge
+    longest : greatest length of the change over one lane [m]
+    returns : a route whose stations until there are those of the given one; None on a loop, on the last edge, near the
+              begin of the edge, where there is no room for the change, or where that lane does not lead on
+    """
+    i = next((k for k, line in enumerate(route.lines) if line.station >= station), len(route.lines))
+    end = next((line for line in route.lines[i:] if line.state != CHANGING), None)
+    if route.closed or end is None:
+        return None
+    here = route.lines[i]._replace(station=station, to_end=end.station - station)
+    lane, width, begin = _place_of(here, network)
+    lanes = abs(onto - lane)
+    spare = here.to_end - model.length - changes_length(width, 0.0, lanes, lanes) if lanes else math.inf
+    if spare < 0 or begin < LEAD_IN * model.length:
+        return None
+    if lanes:
+        longest = min(longest, change_length(width, 0.0) + spare / lanes)
+    position = begin - CHANGE_AFTER * width  # after which the change begins there
+    try:
+        onward = _onward(route, i, Change(0, lane, onto), network, model, position, longest)
+    except InputError:
+        return None
+    entered = onward.route.lines[0].station + onward.route.lines[0].across if onward.before else 0.0
+    join = min(JOIN * model.length, begin / 2)
+    return _changed_from(route, i, onward, station - join, entered + begin - join, join, model)
 
 
 def _place_of(change: Line, network: Network) -> tuple[int, float, float]:
@@ -166,21 +203,22 @@ def _first_changes(lines: Sequence[Line]) -> Iterator[Line]:
 
 def _onward(
     route: Route,
-    change: Line,
+    i: int,
     first: Change,
     network: Network,
     model: VehicleModel,
     position: float = 0.0,
     longest: float = math.inf,
 ) -> _Onward:
-    """A route from the edge of a lane change on, with another one there, up to where it is the given one again.
+    """A route from the edge of a route's i-th line on, with another lane change there, up to where it is that route
+    again.
 
     It begins with the edge before, if there is one, so that the bend between the two is rounded as on the given route;
     but after another lane change on the same edge.
 
     first: the lane change there, with the edge's number from there
     """
-    lines = route.lines[: route.lines.index(change)]
+    lines = route.lines[:i]
     junctions = [line for line in lines if line.state != CHANGING]
     before, start = 0, first.lane
     if lines and lines[-1].state != CHANGING:
@@ -233,10 +271,10 @@ def _offset(route: Route, onward: Route) -> float:
 
 
 def _changed_from(
-    route: Route, change: Line, onward: _Onward, end: float, near: float, join: float, model: VehicleModel
+    route: Route, i: int, onward: _Onward, end: float, near: float, join: float, model: VehicleModel
 ) -> Route:
-    """A route with another one from before a lane change on; arguments as of `_spliced`."""
-    new = _spliced(route, route.lines.index(change), onward.route, onward.before, end, near, join)
+    """A route with another one from before its i-th line on; arguments as of `_spliced`."""
+    new = _spliced(route, i, onward.route, onward.before, end, near, join)
     if onward.takes_over == math.inf:
         return new
     back, over = (STRAIGHT - 1) * model.length, JOIN * model.length

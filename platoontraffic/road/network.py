@@ -21,6 +21,7 @@ from platoontraffic.road import levels
 from platoontraffic.road.fastest_routes import TURNS_BACK, FastestRoutes
 from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.road.lane_routes import CHANGING, Change, LaneRoute, Line, inside, least_changes, links_between
+from platoontraffic.road.lane_times import LaneTimes
 from platoontraffic.road.middle_lines import MiddleLines
 from platoontraffic.road.netconvert import build_net
 from platoontraffic.road.permissions import CAR, is_road, users
@@ -226,6 +227,10 @@ class Network:
 
         fit = (lane.getIndex() for lane in road[0].getLanes() if all(map(lane.allows, (CAR, *classes))))
         return min(fit, key=crossed, default=0)
+
+    def lane_times(self, edges: Sequence[str]) -> LaneTimes:
+        """What each lane by which a vehicle may leave an edge of a route costs. edges: of the route"""
+        return LaneTimes([self._net.getEdge(edge) for edge in edges])
 
     def fastest_route(self, start: str, end: str) -> list[str]:
         """The edges of the route that takes the least time at the speed limits, `start` and `end` included.

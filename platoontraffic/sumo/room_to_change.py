@@ -148,12 +148,16 @@ class RoomToChange:
             return Here.DRIVES_ON
         across = min(line.across, SHORTEST_CHANGE * abs(line.aside))
         here, half = from_here(line, distance)._replace(across=across), 0.5 * across
-        if not self._queue_within(here, 0.0, ego) and self._goes(here, 0.0, half, True, ego):
+        if self.has_room_here(here, ego):
             return Here.GOES_OVER
         self._want(here, 0.0, half, ego, False)
         blocking = [gap.name for gap in self._blocking(here, 0.0, half, ego) if gap.name != own]
         leave = own is not None and blocking and all(self._now.speed[name] >= STANDING for name in blocking)
         return Here.STAYS if leave else Here.DRIVES_ON
+
+    def has_room_here(self, line: Line, ego: Ego) -> bool:
+        """Whether there is room for a lane change that begins at the vehicle's front."""
+        return not self._queue_within(line, 0.0, ego) and self._goes(line, 0.0, 0.5 * line.across, True, ego)
 
     def has_missed(self, line: Line, distance: float, ego: Ego) -> bool:
         """Whether a vehicle has driven past a lane change on its lane, as one that followed another vehicle."""

@@ -31,6 +31,7 @@ from platoontraffic.sumo.conflicts import (
 )
 from platoontraffic.sumo.ego import AT_ONCE, EARLY_BRAKING, OVERRUN, Ego
 from platoontraffic.sumo.far_lines import FarLines, LineState
+from platoontraffic.sumo.lane_choice import LaneChoice
 from platoontraffic.sumo.later_changes import LaterChanges
 from platoontraffic.sumo.letting_in import BRAKING, LettingIn
 from platoontraffic.sumo.reads import Once, Reads
@@ -76,6 +77,7 @@ class StopLines:
         self.over_line: dict[str, float] = {}
         self._were_over_line: frozenset[str] = frozenset()  # at the last look
         self._later = LaterChanges(network, sumo, self._change)
+        self._choice = LaneChoice(network, self._now, self._change)
 
     @property
     def room_wanted(self) -> Mapping[str, Wanted]:
@@ -143,6 +145,14 @@ class StopLines:
         if states:
             for values, column in zip(signals, zip(*states, strict=True), strict=True):
                 values[rows[looked_at]] = column
+        if self._choice.is_due(time := self._sumo.simulation.getTime()):
+            drive = zip(asking, lanes, speed, axle, strict=True)
+            routes = [fleet.members[row].route for row in rows.tolist()]
+            egos = (
+                ego._replace(lane=lane, speed=speed, axle=axle, route=route)
+                for (ego, lane, speed, axle), route in zip(drive, routes, strict=True)
+            )
+            self._choice.look(fleet, egos, time)
         return signals
 
     def _begin_look(self) -> None:
@@ -174,9 +184,10 @@ class StopLines:
         far, self._far = self._far, FarLines(self._asking)
         self._far.take_over(far, [(k, j) for k, j, route, now in had if route and route is now])
 
-    def with_later_changes(self, fleet: Fleet) -> Fleet:
-        """The fleet with other routes for members whose lane changes are later or sooner: see `LaterChanges`."""
-        return self._later.put_off(fleet)
+    def with_other_lanes(self, fleet: Fleet) -> Fleet:
+        """The fleet with other routes for members whose lane changes are later or sooner, or that have found a better
+        lane: see `LaterChanges`, `LaneChoice`."""
+        return self._choice.chosen(self._later.put_off(fleet))
 
     def entries(self, fleet: Fleet, entered: Sequence[tuple[str, str, str]]) -> list[Entry]:
         """How members entered junctions; SUMO-driven ones are left out.

@@ -234,7 +234,7 @@ class World:
         for platoon in departing:
             self._later.remove(platoon)
             fleet = fleet.joined(self._taken_over(platoon))
-        return self._lines.with_later_changes(self._with_newcomers(fleet))
+        return self._lines.with_other_lanes(self._with_newcomers(fleet))
 
     def roads(self, fleet: Fleet) -> list[tuple[str, str]]:
         """Edge and lane of each member after the last step; the lane is "" off the road."""

@@ -16,6 +16,7 @@ from platoontraffic.road.later_change import (
     longest_later,
     with_change_beyond,
     with_later_change,
+    with_other_lane,
     with_sooner_change,
 )
 from platoontraffic.road.netconvert import build_net
@@ -281,3 +282,46 @@ def test_a_change_is_put_off_to_an_edge_with_enough_room_only(monkeypatch):
     route = Route.along(edges, *network.route_lanes(edges, 1)).drivable_by(CAR)
     monkeypatch.setattr("platoontraffic.road.later_change.ENOUGH_ROOM", 300.0)  # there are 229 m
     assert with_change_beyond(route, route.lines[0], network, CAR) is None
+
+
+@pytest.mark.parametrize(("lane", "onto", "side"), [(0, 1, 1), (1, 0, -1)])
+def test_another_lane_is_taken_at_once_and_kept_until_the_end_of_the_edge(lane, onto, side):
+    network, edges = network_of("highway"), ("e0_e1", "e1_e2", "e2_e3")
+    route = Route.along(edges, *network.route_lanes(edges, lane)).drivable_by(CAR)
+    other = with_other_lane(route, 60.0, onto, network, CAR, 40.0)
+    change, end = other.lines[:2]
+    assert (change.state, change.lane, change.onto) == (CHANGING, f"e0_e1_{lane}", f"e0_e1_{onto}")
+    assert change.station == pytest.approx(60.0, abs=0.5)
+    assert change.across == pytest.approx(38.4, abs=0.5)  # as long as there is room for, if no shorter one is wanted
+    assert end.lane == f"e0_e1_{onto}"
+    stations = np.linspace(0.0, 60.0 - 2.5 * CAR.length, 20)
+    np.testing.assert_allclose(other.line.at(stations), route.line.at(stations), atol=1e-3)
+    for beyond in (change.station + change.across + CAR.length, end.station):
+        x, y = other.line.at(np.array([beyond]))[0]
+        assert route.line.project(x, y, beyond, 20.0)[1] == pytest.approx(side * 3.2, abs=0.1)
+
+
+def test_a_lane_that_leads_on_is_kept_where_the_route_would_leave_it():
+    network, edges = network_of("highway"), ("e0_e1", "e1_e2", "e2_e_exit")
+    route = Route.along(edges, *network.route_lanes(edges, 1, position=60.0)).drivable_by(CAR)
+    assert (route.lines[0].state, route.lines[1].lane) == (CHANGING, "e0_e1_0")
+    kept = with_other_lane(route, 40.0, 1, network, CAR)
+    assert [(line.state == CHANGING, line.lane) for line in kept.lines] == [
+        (False, "e0_e1_1"), (True, "e1_e2_2"), (True, "e1_e2_1"), (False, "e1_e2_0")
+    ]  # fmt: skip
+    assert kept.length == pytest.approx(route.length, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("edges", "lane", "station", "onto"),
+    [
+        (("e1_e2", "e2_e3"), 1, 60.0, 0),  # from the exit lane it does not lead on
+        (("e1_e2", "e2_e3"), 1, 230.0, 2),  # there is no room for the change before the end
+        (("e1_e2", "e2_e3"), 1, 2.0, 2),  # its line would bend too sharply
+        (("e2_e3",), 0, 60.0, 1),  # the route ends on this edge
+    ],
+)
+def test_another_lane_is_not_taken_where_that_is_not_possible(edges, lane, station, onto):
+    network = network_of("highway")
+    route = Route.along(edges, *network.route_lanes(edges, lane)).drivable_by(CAR)
+    assert with_other_lane(route, station, onto, network, CAR) is None

@@ -1,0 +1,185 @@
+"""Members that come to a queue on the lane of their route take another lane, on which they lose less time.
+
+A route crosses as few lanes as it can. Where a queue stands on the lane by which it leaves an edge, another lane that
+leads on may be the better one, although it costs a lane change, here or beyond. Whoever leads chooses, for those behind
+it too: the first member of a platoon, one that has been left behind, or one that is in no platoon. It changes lanes
+only where each of them has room beside it now, so no other vehicle has to let them in; or it stays on its lane, and
+changes lanes on an edge beyond.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from platoontraffic.road.lane_ids import edge_of, index_of
+from platoontraffic.road.lane_routes import BETWEEN, CHANGING, Line, changes_length
+from platoontraffic.road.lane_times import change_time
+from platoontraffic.road.later_change import with_other_lane
+from platoontraffic.road.network import Network
+from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.reads import Once, Reads
+from platoontraffic.sumo.room_to_change import QUEUE_SPEED, RoomToChange
+from platoontraffic.vehicles.motion import FULL_SIZE
+from platoontraffic.world.fleet import WINDOW, Fleet
+
+EVERY = 1.0  # period of looking [s]
+STAYS_FOR = 10.0  # time for which a member does not choose again [s]
+PER_VEHICLE = 2.0  # time after which the next vehicle of a queue sets out [s]
+GAIN = 6.0  # least time to be gained [s]
+REACH = 200.0  # queues count up to so far beyond the end of the edge [m]
+TOGETHER = 50.0  # a member that is farther behind its predecessor leads those behind itself [m]
+CHANGE_TIME = 3.0  # that a lane change takes at the present speed [s]
+
+
+class _Place(NamedTuple):
+    """Where a vehicle is on its route, outside junctions and lane changes."""
+
+    edge: int  # number of the edge
+    to_end: float  # from the front bumper to the end of the edge [m]
+    end: Line  # the line there
+
+
+class _Chosen(NamedTuple):
+    """Another lane for a member that leads, and for those behind it."""
+
+    ids: tuple[str, ...]  # the one that leads first
+    lane: int  # index, on their edge
+    to_end: float  # from where they change lanes to the end of the edge [m]
+    longest: float  # greatest length of the change over one lane [m]
+
+
+class LaneChoice:
+    """Chooses lanes by the queues that SUMO has on them.
+
+    now : SUMO's values at this instant
+    room: judges whether there is room
+    """
+
+    def __init__(self, network: Network, now: Reads, room: RoomToChange) -> None:
+        self._network, self._now, self._room = network, now, room
+        self._times = Once(network.lane_times)  # by the edges of a route
+        self._due = -math.inf
+        self._since: dict[str, float] = {}  # when members last chose another lane [s]
+        self._chosen: list[_Chosen] = []
+
+    def is_due(self, time: float) -> bool:
+        """Whether to look in this step. time: SUMO's clock [s]"""
+        self._chosen.clear()
+        return time > self._due - 1e-6
+
+    def look(self, fleet: Fleet, egos: Iterable[Ego], time: float) -> None:
+        """Find members for which another lane is better. egos: members with a law that is given lines, as they drive"""
+        self._due = time + EVERY
+        self._since = {name: since for name, since in self._since.items() if time - since < STAYS_FOR}
+        asking = {ego.id: ego for ego in egos}
+        for head, behind in _together(fleet).items():
+            first = asking.get(fleet.ids[head])
+            if first is None or first.id in self._since or first.length < FULL_SIZE:
+                continue
+            followers = [asking[name] for name in (fleet.ids[row] for row in behind) if name in asking]
+            if chosen := self._choose(first, _front(fleet, head), followers):
+                self._chosen.append(chosen)
+                self._since[first.id] = time
+
+    def chosen(self, fleet: Fleet) -> Fleet:
+        """The fleet with other routes for members that have found a better lane."""
+        for one in self._chosen:
+            rows = [fleet.row_of[name] for name in one.ids if name in fleet.row_of]
+            new = Once(lambda key: with_other_lane(*key[:2], one.lane, self._network, key[2], one.longest))  # noqa: B023
+            routes = []
+            for row in rows:
+                member = fleet.members[row]
+                end = _next_junction(member.route.lines, _front(fleet, row))
+                routes.append(end and new[member.route, end.station - one.to_end, member.model])
+            if not all(routes):
+                continue
+            for row, route in zip(rows, routes, strict=True):
+                fleet = fleet.with_route(row, route, WINDOW)
+            fleet = fleet.off_trail(rows[:1])
+        return fleet
+
+    def _choose(self, first: Ego, front: float, behind: Sequence[Ego]) -> _Chosen | None:
+        """Another lane on which they lose less time; None: there is none, or no room for a change to it.
+
+        front: station of the first one's front bumper [m]
+        """
+        place = _place(first, front)
+        if place is None:
+            return None
+        edge, lane, planned = edge_of(first.lane), index_of(first.lane), index_of(place.end.lane)
+        if self._queued(place.end.lane, first) + self._queued(place.end.onto, first) < GAIN:
+            return None
+        times = self._times[first.route.edges].leaving(place.edge, lambda lane: self._queued(lane, first), REACH)
+        times = {k: time + change_time(abs(k - lane), place.to_end) for k, time in times.items()}
+        best = min(times, key=lambda k: (times[k], abs(k - planned)))
+        if best == planned or math.isinf(times[best]) or times[best] > times[planned] - GAIN:
+            return None
+        along = [first, *(one for one in behind if one.lane == first.lane)]
+        width, lanes = self._now.lane_width[first.lane], abs(best - lane)
+        longest = width * math.ceil(CHANGE_TIME * first.speed / width)
+        across = changes_length(width, longest, lanes, lanes) if lanes else 0.0
+        for ego in along if lanes else ():
+            to_end = self._now.lane_length[ego.lane] - self._now.position[ego.id]
+            change = Line(0.0, CHANGING, "", 0, ego.lane, f"{edge}_{best}", (), across, to_end)
+            if not self._room.has_room_here(change, ego):
+                return None
+        return _Chosen(tuple(ego.id for ego in along), best, place.to_end, longest)
+
+    def _queued(self, lane: str, ego: Ego) -> float:
+        """Time that a vehicle waits in the queue on a lane, behind those that are slow there [s]."""
+        now, names = self._now, self._now.on_lane[lane]
+        slow = (name for name in names if now.speed[name] < QUEUE_SPEED)
+        if edge_of(lane) == edge_of(ego.lane):
+            rear = now.position[ego.id] - ego.length
+            slow = (name for name in slow if name != ego.id and now.position[name] > rear)
+        return PER_VEHICLE * sum(1 for _ in slow)
+
+
+def _together(fleet: Fleet) -> dict[int, list[int]]:
+    """Rows of the members that lead, or are far behind their predecessors, and of those behind each of them."""
+    x, y, ahead = fleet.motion.x, fleet.motion.y, fleet.predecessor
+    near = (ahead >= 0) & (np.hypot(x - x[ahead], y - y[ahead]) < TOGETHER)
+    predecessor, found = np.where(near, ahead, -1).tolist(), {}
+    for row in range(len(fleet)):
+        head = row
+        while predecessor[head] >= 0:
+            head = predecessor[head]
+        behind = found.setdefault(head, [])
+        if row != head:
+            behind.append(row)
+    return found
+
+
+def _place(ego: Ego, front: float) -> _Place | None:
+    """None where no lane can be chosen: on a loop, in a junction or a lane change, or beside the own lane.
+
+    front: station of the front bumper [m]
+    """
+    route = ego.route
+    if route is None or route.closed or ego.lane[:1] in ("", ":"):
+        return None
+    passed, over, ahead = route.lines_about(front, 0.0)
+    if not ahead or ahead[0][0].lane != ego.lane:
+        return None
+    goes_over = passed and passed.state == CHANGING and over < passed.across + BETWEEN * abs(passed.aside)
+    end = _next_junction(route.lines, front)
+    if goes_over or end is None:
+        return None
+    edge = sum(line.state != CHANGING for line in route.lines[: route.lines.index(end)])
+    return _Place(edge, end.station - front, end)
+
+
+def _next_junction(lines: Sequence[Line], station: float) -> Line | None:
+    """The next line of a junction from a station on [m]; None: there is none."""
+    return next((line for line in lines if line.station >= station and line.state != CHANGING), None)
+
+
+def _front(fleet: Fleet, row: int) -> float:
+    """Station of a member's front bumper on its route [m]."""
+    progress = fleet.progress
+    k = int(progress.rows.searchsorted(row))
+    return float(progress.station[k] + progress.front[k])

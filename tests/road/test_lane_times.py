@@ -1,0 +1,92 @@
+"""Time lost on the lanes of a route, compared with what an enumeration of all sequences of lanes finds."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+from types import SimpleNamespace
+
+import pytest
+
+from platoontraffic.road.lane_times import CHANGE_COSTS, LITTLE_ROOM_COSTS, NO_CHANGE, LaneTimes, change_time
+
+
+class Edge(SimpleNamespace):
+    __hash__ = object.__hash__
+
+
+def edge(name: str, length: float, lanes: int, closed: int = -1) -> Edge:
+    """closed: the lane that is not for cars"""
+    made = [SimpleNamespace(getIndex=lambda k=k: k, allows=lambda _, k=k: k != closed) for k in range(lanes)]
+    return Edge(getLength=lambda: length, getID=lambda: name, getLanes=lambda: made)
+
+
+def link(lane: SimpleNamespace, onto: SimpleNamespace) -> SimpleNamespace:
+    return SimpleNamespace(getFromLane=lambda: lane, getToLane=lambda: onto)
+
+
+def road(edges: list[Edge], links: list[list[tuple[int, int]]]) -> list[Edge]:
+    """The edges, with links from lane to lane between each and the next one."""
+    for (here, there), pairs in zip(itertools.pairwise(edges), links, strict=True):
+        made = [link(here.getLanes()[k], there.getLanes()[m]) for k, m in pairs]
+        here.getAllowedOutgoing = lambda _, there=there, made=made: {there: made}
+    return edges
+
+
+def two_lanes(*lengths: float) -> list[Edge]:
+    """Each lane leads to the same lane of the next edge; of the last but one, the right lane only."""
+    edges = [edge("abcdef"[i], length, 2) for i, length in enumerate(lengths)]
+    return road(edges, [[(0, 0), (1, 1)]] * (len(edges) - 2) + [[(0, 0)]])
+
+
+def test_without_queues_a_lane_costs_the_changes_that_it_needs():
+    times = LaneTimes(two_lanes(200.0, 200.0, 200.0))
+    assert times.leaving(0, lambda lane: 0.0, 0.0) == {0: 0.0, 1: CHANGE_COSTS}
+    assert times.leaving(1, lambda lane: 0.0, 0.0) == {0: 0.0}
+
+
+def test_a_queue_counts_where_it_is_within_reach():
+    times, queue = LaneTimes(two_lanes(200.0, 200.0, 200.0, 200.0)), {"b_0": 30.0, "b_1": 10.0}
+    queued = lambda lane: queue.get(lane, 0.0)  # noqa: E731
+    # On b it takes the lane with the shorter queue, and changes lanes beyond; from the right lane it must cross twice.
+    assert times.leaving(0, queued, 100.0) == {0: 10.0 + 2 * CHANGE_COSTS, 1: 10.0 + CHANGE_COSTS}
+    assert times.leaving(0, queued, 0.0) == {0: 0.0, 1: CHANGE_COSTS}
+
+
+@pytest.mark.parametrize(
+    ("lanes", "room", "time"),
+    [
+        (0, 0.0, 0.0),
+        (1, 0.99 * NO_CHANGE, math.inf),
+        (1, 1000.0, CHANGE_COSTS),
+        (1, 40.0, CHANGE_COSTS + LITTLE_ROOM_COSTS / 2),
+        (2, 80.0, 2 * (CHANGE_COSTS + LITTLE_ROOM_COSTS / 2)),
+        (2, 1.99 * NO_CHANGE, math.inf),
+    ],
+)
+def test_a_change_costs_more_where_there_is_little_room(lanes, room, time):
+    assert change_time(lanes, room) == pytest.approx(time)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_it_is_the_least_over_all_sequences_of_lanes(seed):
+    rng = random.Random(seed)
+    counts = [rng.randint(1, 3) for _ in range(5)]
+    lengths = [rng.choice([15.0, 30.0, 60.0, 200.0]) for _ in counts]
+    edges = [edge("abcde"[i], length, n) for i, (length, n) in enumerate(zip(lengths, counts, strict=True))]
+    links = []
+    for here, there in itertools.pairwise(counts):
+        every = list(itertools.product(range(here), range(there)))
+        links.append(rng.sample(every, rng.randint(1, len(every))))
+    queue = {f"{one.getID()}_{k}": rng.uniform(0, 20) for one, n in zip(edges, counts, strict=True) for k in range(n)}
+    reach = 1e3  # all queues count, but on the last edge, on which nobody queues for a next one
+
+    expected = {k: math.inf for k, _ in links[0]}
+    for taken in itertools.product(*links):
+        time = sum(queue[f"{edges[i].getID()}_{k}"] for i, (k, _) in enumerate(taken))
+        for i, ((_, onto), (leaves, _)) in enumerate(itertools.pairwise(taken)):
+            time += change_time(abs(onto - leaves), lengths[i + 1])
+        expected[taken[0][0]] = min(expected[taken[0][0]], time)
+
+    assert LaneTimes(road(edges, links)).leaving(0, queue.__getitem__, reach) == pytest.approx(expected)

@@ -1,0 +1,78 @@
+"""A platoon that comes to a queue at a light, and the lanes that it takes."""
+
+from __future__ import annotations
+
+import pytest
+
+from platoontraffic.simulation import Simulation
+from tests.support.generated import crossroads
+
+pytestmark = pytest.mark.sumo
+
+STAYS = 'lcStrategic="-1" lcCooperative="-1" lcSpeedGain="0" lcKeepRight="0" sigma="0"'  # it changes no lanes
+END = 110.0  # position from which the lane counts [m]: beyond a change, and before the end of the longest queue
+SCENARIO = """
+seed = 1
+sumo = {{ net = "cross.net.xml", routes = ["queue.rou.xml"], warm_up_s = 2.0 }}
+run = {{ step_s = 0.1, duration_s = 15.0 }}
+scene.walls = "none"
+
+[[platoon]]
+id = "p"
+size = 3
+gap_m = 3.0
+vehicle = "car"
+start = {{ edge = "wc", lane = {lane}, position_m = 60.0, speed_mps = 8.0 }}
+route = ["wc", "{onto}"]
+leader = {{ law = "path", lidar = "car-leader" }}
+follower = {{ law = "tracking", lidar = "car-tracker", policy = "obey", on_loss = "drive" }}
+"""
+
+
+@pytest.fixture
+def lanes(tmp_path):
+    """The lanes on which members come to a red light, where so many cars stand on each."""
+    crossroads(tmp_path)
+
+    def run(queued: tuple[int, int], lane: int = 0, onto: str = "ce") -> dict[str, set[str]]:
+        cars = "".join(
+            f'<vehicle id="c{k}.{i}" type="stays" depart="0" departLane="{k}" departPos="{190 - 8 * i}"'
+            f' departSpeed="0"><route edges="wc ce"/></vehicle>'
+            for k, n in enumerate(queued)
+            for i in range(n)
+        )
+        (tmp_path / "queue.rou.xml").write_text(f'<routes><vType id="stays" {STAYS}/>{cars}</routes>')
+        (tmp_path / "scenario.toml").write_text(SCENARIO.format(lane=lane, onto=onto))
+        taken: dict[str, set[str]] = {f"p.{k}": set() for k in range(3)}
+        with Simulation.load(tmp_path / "scenario.toml") as simulation:
+            now = simulation.reset()
+            simulation.sumo.trafficlight.setPhase("c", 0)
+            while not now.ended:
+                assert not [event for event in now.events if event.kind == "collision"]
+                for name, (edge, its) in zip(now.fleet.ids, now.roads, strict=True):
+                    if edge == "wc" and simulation.sumo.vehicle.getLanePosition(name) > END:
+                        taken[name].add(its)
+                now = simulation.step()
+        return taken
+
+    return run
+
+
+@pytest.mark.parametrize("lane", [0, 1])
+def test_it_goes_round_a_queue_on_the_lane_beside(lanes, lane):
+    queued = [0, 0]
+    queued[lane] = 6
+    beside = {f"wc_{1 - lane}"}
+    assert lanes(tuple(queued), lane) == {"p.0": beside, "p.1": beside, "p.2": beside}
+
+
+@pytest.mark.parametrize(
+    ("queued", "onto"),
+    [
+        ((6, 5), "ce"),  # hardly shorter
+        ((2, 0), "ce"),  # not worth a lane change
+        ((6, 0), "cs"),  # from the other lane nothing leads to its route
+    ],
+)
+def test_else_it_stays(lanes, queued, onto):
+    assert lanes(queued, 0, onto) == {"p.0": {"wc_0"}, "p.1": {"wc_0"}, "p.2": {"wc_0"}}
