@@ -61,7 +61,7 @@ class LaneChoice:
 
     def __init__(self, network: Network, now: Reads, room: RoomToChange) -> None:
         self._network, self._now, self._room = network, now, room
-        self._times = Once(network.lane_times)  # by the edges of a route
+        self._times = Once(lambda edges: network.lane_times(edges))  # of routes, by their edges
         self._due = -math.inf
         self._since: dict[str, float] = {}  # when members last chose another lane [s]
         self._chosen: list[_Chosen] = []

@@ -29,6 +29,7 @@ from platoontraffic.sumo import conflicts
 from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing, _path
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.far_lines import FarLines
+from platoontraffic.sumo.lane_choice import LaneChoice
 from platoontraffic.sumo.letting_in import Stop
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import LETS_IN_FOR, LETS_IN_LONGEST, Approach, RightOfWay
@@ -1635,7 +1636,10 @@ def test_a_member_that_lets_another_one_in_is_given_its_line(monkeypatch):
         model=SimpleNamespace(length=np.full(2, 5.0), axle=np.zeros(2)),
         motion=SimpleNamespace(speed=np.full(2, 2.0), acceleration=np.zeros(2)), goes_round=np.zeros(2, bool),
     )  # fmt: skip
-    client = SimpleNamespace(vehicle=SimpleNamespace(getLanePosition=lambda _: 30.0))
+    client = SimpleNamespace(
+        vehicle=SimpleNamespace(getLanePosition=lambda _: 30.0), simulation=SimpleNamespace(getTime=lambda: 0.0)
+    )
+    monkeypatch.setattr(LaneChoice, "look", lambda *_: None)
     letting_in = SimpleNamespace(stops={"m.1": Stop("road_0", 36.0)}, waiting={})
     lines = StopLines(ROADS, client, letting_in)
     monkeypatch.setattr(StopLines, "_state", lambda *_: NO_LINE)
@@ -1660,7 +1664,9 @@ def test_a_gap_of_a_member_that_goes_round_a_body_is_judged_by_its_speed_there(m
     )  # fmt: skip
     egos = []
     monkeypatch.setattr(StopLines, "_state", lambda _, __, ___, ego, ____: egos.append(ego) or NO_LINE)
-    StopLines(ROADS, SimpleNamespace()).signals(fleet, dict.fromkeys(fleet.ids, ("road", "road_0")))
+    monkeypatch.setattr(LaneChoice, "look", lambda *_: None)
+    client = SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 0.0))
+    StopLines(ROADS, client).signals(fleet, dict.fromkeys(fleet.ids, ("road", "road_0")))
     free, beside = (ego.profile().time_for(20.0) for ego in egos)
     assert (free < 6.0, beside) == (True, pytest.approx(10.0, rel=0.01))
 
