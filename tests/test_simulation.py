@@ -148,6 +148,7 @@ def test_an_override_lasts_for_one_step():
 @pytest.mark.parametrize(
     ("override", "said"),
     [
+        ([Twist(0.1, 0.0)], "must be commands by member id"),
         ({"robot.7": Twist(0.1, 0.0)}, "'robot.7': no member on the road; did you mean"),
         ({"robot.1": Twist(np.nan, 0.0)}, "'robot.1': .*; must be two finite numbers"),
         ({"robot.1": Drive(np.inf, 0.0)}, "'robot.1': .*; must be two finite numbers"),

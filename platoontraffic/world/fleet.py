@@ -551,8 +551,11 @@ class Fleet(MemberState):
     def commanded(self, override: Mapping[str, Twist | Drive]) -> Fleet:
         """The fleet with other commands for some members, by id.
 
-        raises: ValueError where there is no such member, where SUMO drives it, or where a command is not finite
+        raises: ValueError where these are no commands by id, where there is no such member, where SUMO drives it, or
+                where a command is not finite
         """
+        if not isinstance(override, Mapping):
+            raise ValueError(f"{override!r}; must be commands by member id, such as {{'p.0': Drive(1.0, 0.0)}}")
         row_of = self.row_of
         for name, command in override.items():
             if name not in row_of:
