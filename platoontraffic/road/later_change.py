@@ -191,7 +191,7 @@ def _changes_from(route: Route, change: Line) -> list[Line]:
 
 
 def _lanes_crossed(changes: list[Line]) -> int:
-    return abs(index_of(changes[-1].onto) - index_of(changes[0].lane))
+    return sum(abs(index_of(change.onto) - index_of(change.lane)) for change in changes)
 
 
 def _first_changes(lines: Sequence[Line]) -> Iterator[Line]:

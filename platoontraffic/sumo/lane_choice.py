@@ -28,7 +28,7 @@ from platoontraffic.world.fleet import WINDOW, Fleet
 
 EVERY = 1.0  # period of looking [s]
 STAYS_FOR = 10.0  # time for which a member does not choose again [s]
-PER_VEHICLE = 2.0  # time after which the next vehicle of a queue sets out [s]
+PER_VEHICLE = 2.0  # time after which the next vehicle of a queue sets out [s]: 1,800 vehicles an hour
 GAIN = 6.0  # least time to be gained [s]
 REACH = 200.0  # queues count up to so far beyond the end of the edge [m]
 TOGETHER = 50.0  # a member that is farther behind its predecessor leads those behind itself [m]

@@ -519,8 +519,11 @@ def _changes_on(lane: str, route: Route | None) -> bool:
 def _not_made(change: Line, over: float, lane: str, route: Route) -> tuple[Line, float]:
     """The lane change that a vehicle has passed without making it, and the distance driven since its begin [m].
 
-    Of several on its edge that is the one from the lane on which the vehicle is; else the given one, the last passed.
+    Of several on its edge that is the one from the lane on which the vehicle is; else the given one, the last passed,
+    as where the vehicle is on the lane to which that leads: it may lead back.
     """
+    if change.onto == lane:
+        return change, over
     passed = route.lines[: route.lines.index(change) + 1]
     for line in takewhile(lambda line: line.state == CHANGING, reversed(passed)):
         if line.lane == lane:

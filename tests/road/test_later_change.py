@@ -325,3 +325,16 @@ def test_another_lane_is_not_taken_where_that_is_not_possible(edges, lane, stati
     network = network_of("highway")
     route = Route.along(edges, *network.route_lanes(edges, lane)).drivable_by(CAR)
     assert with_other_lane(route, station, onto, network, CAR) is None
+
+
+def test_a_lane_may_be_left_again_and_that_change_put_off():
+    network, edges = network_of("highway"), ("e0_e1", "e1_e2", "e2_e3")
+    route = Route.along(edges, *network.route_lanes(edges, 0)).drivable_by(CAR)
+    there_and_back = with_other_lane(with_other_lane(route, 60.0, 1, network, CAR), 200.0, 0, network, CAR)
+    first, back, end = there_and_back.lines[:3]
+    assert [(line.lane[-1], line.onto[-1]) for line in (first, back)] == [("0", "1"), ("1", "0")]
+    assert end.lane == "e0_e1_0"
+    later = with_later_change(there_and_back, back, 50.0, network, CAR)
+    assert later.lines[1].station == pytest.approx(back.station + 50.0, abs=0.3)
+    # Both at once: the route stays on its lane, and nothing is divided by the number of lanes between its ends.
+    assert longest_later(there_and_back, first, 50.0, 3.2, CAR.length) > 16.0

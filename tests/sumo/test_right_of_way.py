@@ -1454,6 +1454,13 @@ def test_a_vehicle_that_leaves_the_bend_slowly_is_no_queue(speeds, places, has_r
     assert lines._has_room(line, Ego("m.0", "road_0", 0.0, CAR.length)) == has_room
 
 
+def test_a_change_back_to_the_lane_before_has_been_made_on_that_lane():
+    first = Line(60.0, CHANGING, "", 0, "road_0", "road_1", (), 20.0, 140.0)
+    back = first._replace(station=90.0, lane="road_1", onto="road_0", to_end=110.0)
+    route = SimpleNamespace(lines=[first, back])
+    assert [_not_made(back, 40.0, lane, route) for lane in ("road_0", "road_1")] == [(back, 40.0)] * 2
+
+
 @pytest.mark.parametrize(("lane", "found"), [("road_0", 0), ("road_1", 1), ("road_2", 1), (":a_0", 1)])
 def test_of_two_changes_that_are_passed_the_one_from_the_own_lane_is_still_to_be_made(lane, found):
     """One that had driven past both went over two lanes without a look."""
