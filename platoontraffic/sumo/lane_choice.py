@@ -29,6 +29,7 @@ from platoontraffic.world.fleet import WINDOW, Fleet
 EVERY = 1.0  # period of looking [s]
 STAYS_FOR = 10.0  # time for which a member does not choose again [s]
 PER_VEHICLE = 2.0  # time after which the next vehicle of a queue sets out [s]: 1,800 vehicles an hour
+AT_STOP = 15.0  # time that a vehicle stands at a stop, such as a bus [s]
 GAIN = 6.0  # least time to be gained [s]
 REACH = 200.0  # queues count up to so far beyond the end of the edge [m]
 TOGETHER = 50.0  # a member that is farther behind its predecessor leads those behind itself [m]
@@ -130,13 +131,13 @@ class LaneChoice:
         return _Chosen(tuple(ego.id for ego in along), best, place.to_end, longest)
 
     def _queued(self, lane: str, ego: Ego) -> float:
-        """Time that a vehicle waits in the queue on a lane, behind those that are slow there [s]."""
-        now, names = self._now, self._now.on_lane[lane]
-        slow = (name for name in names if now.speed[name] < QUEUE_SPEED)
+        """Time that a vehicle waits on a lane, behind those that are slow there, or that stand at a stop [s]."""
+        now = self._now
+        slow = [name for name in now.on_lane[lane] if now.speed[name] < QUEUE_SPEED]
         if edge_of(lane) == edge_of(ego.lane):
             rear = now.position[ego.id] - ego.length
-            slow = (name for name in slow if name != ego.id and now.position[name] > rear)
-        return PER_VEHICLE * sum(1 for _ in slow)
+            slow = [name for name in slow if name != ego.id and now.position[name] > rear]
+        return sum(AT_STOP if now.stopped[name] else PER_VEHICLE for name in slow)
 
 
 def _together(fleet: Fleet) -> dict[int, list[int]]:

@@ -63,12 +63,13 @@ class Reads:
         self.next_links = OfSumo(sumo, "vehicle", "getNextLinks")
         self.best_lanes = OfSumo(sumo, "vehicle", "getBestLanes")
         self.waited = OfSumo(sumo, "vehicle", "getWaitingTime")
+        self.stopped = OfSumo(sumo, "vehicle", "isStopped")
         self.lights = OfSumo(sumo, "trafficlight", "getRedYellowGreenState")
         self.next_switch = OfSumo(sumo, "trafficlight", "getNextSwitch")
         self._of_instant = [
             self.max_speed, self.links, self.on_lane, self.people, self.speed, self.position, self.aside,
-            self.acceleration, self.accelerates_by, self.next_links, self.best_lanes, self.waited, self.lights,
-            self.next_switch,
+            self.acceleration, self.accelerates_by, self.next_links, self.best_lanes, self.waited, self.stopped,
+            self.lights, self.next_switch,
         ]  # fmt: skip
 
     def renew(self) -> None:

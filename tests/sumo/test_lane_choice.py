@@ -34,10 +34,10 @@ def lanes(tmp_path):
     """The lanes on which members come to a red light, where so many cars stand on each."""
     crossroads(tmp_path)
 
-    def run(queued: tuple[int, int], lane: int = 0, onto: str = "ce") -> dict[str, set[str]]:
+    def run(queued: tuple[int, int], lane: int = 0, onto: str = "ce", stops: str = "") -> dict[str, set[str]]:
         cars = "".join(
-            f'<vehicle id="c{k}.{i}" type="stays" depart="0" departLane="{k}" departPos="{190 - 8 * i}"'
-            f' departSpeed="0"><route edges="wc ce"/></vehicle>'
+            f'<vehicle id="c{k}.{i}" type="stays" depart="0" departLane="{k}" departPos="{185 - 8 * i}"'
+            f' departSpeed="0"><route edges="wc ce"/>{stops}</vehicle>'
             for k, n in enumerate(queued)
             for i in range(n)
         )
@@ -64,6 +64,11 @@ def test_it_goes_round_a_queue_on_the_lane_beside(lanes, lane):
     queued[lane] = 6
     beside = {f"wc_{1 - lane}"}
     assert lanes(tuple(queued), lane) == {"p.0": beside, "p.1": beside, "p.2": beside}
+
+
+def test_it_goes_round_a_vehicle_at_a_stop(lanes):
+    bus = '<stop lane="wc_0" endPos="186" startPos="150" duration="60"/>'
+    assert lanes((1, 0), stops=bus) == {"p.0": {"wc_1"}, "p.1": {"wc_1"}, "p.2": {"wc_1"}}
 
 
 @pytest.mark.parametrize(
