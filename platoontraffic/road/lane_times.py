@@ -15,6 +15,7 @@ from platoontraffic.road.permissions import CAR
 
 CHANGE_COSTS = 4.0  # time lost for each lane that is crossed [s] ...
 LITTLE_ROOM_COSTS = 8.0  # ... and so much more where there is hardly room [s]
+QUEUE = 4.0  # time in it from which a queue is one that stands [s]
 NO_CHANGE = 20.0  # shorter edges count as too short for a change over one lane [m]
 
 
@@ -39,7 +40,7 @@ class LaneTimes:
         self._entering: list[dict[int, float]] = [{}] * len(road)
         self._entering[-1] = dict.fromkeys(_lanes(road[-1]), 0.0)
         for i in range(len(road) - 2, -1, -1):
-            self._entering[i] = _entering(road[i], self._leaving(i, self._entering[i + 1], lambda lane: 0.0))
+            self._entering[i] = _entering(road[i], self._leaving(i, self._entering[i + 1], _no_queue), _no_queue)
 
     def leaving(self, i: int, queued: Callable[[str], float], reach: float) -> dict[int, float]:
         """Time lost in queues at the end of an edge, and from there on, by index of the lane that leads on [s].
@@ -54,7 +55,7 @@ class LaneTimes:
             last += 1
         entering = self._entering[last]
         for k in range(last - 1, i, -1):
-            entering = _entering(self._road[k], self._leaving(k, entering, queued))
+            entering = _entering(self._road[k], self._leaving(k, entering, queued), queued)
         return self._leaving(i, entering, queued)
 
     def _leaving(self, i: int, entering: Mapping[int, float], queued: Callable[[str], float]) -> dict[int, float]:
@@ -71,10 +72,21 @@ def _lanes(edge: Any) -> list[int]:
     return [lane.getIndex() for lane in edge.getLanes() if lane.allows(CAR)]
 
 
-def _entering(edge: Any, leaving: Mapping[int, float]) -> dict[int, float]:
-    """Time lost from the begin of an edge on, by the lane there. leaving: from its end on, by the lane there [s]"""
-    length = edge.getLength()
-    return {
-        here: min(time + change_time(abs(there - here), length) for there, time in leaving.items())
-        for here in _lanes(edge)
-    }
+def _no_queue(lane: str) -> float:
+    return 0.0
+
+
+def _entering(edge: Any, leaving: Mapping[int, float], queued: Callable[[str], float]) -> dict[int, float]:
+    """Time lost from the begin of an edge on, by the lane there [s]; leaving: from its end on, by the lane there [s].
+
+    Nobody counts on a change to a lane on which a queue stands: it may be longer by then, and have no gap. Who waits
+    beside it for one blocks the own lane.
+    """
+    length, found = edge.getLength(), {}
+    closed = {k for k in leaving if queued(f"{edge.getID()}_{k}") >= QUEUE}
+    for here in _lanes(edge):
+        times = [
+            time + change_time(abs(k - here), length) for k, time in leaving.items() if k == here or k not in closed
+        ]
+        found[here] = min(times, default=math.inf)
+    return found

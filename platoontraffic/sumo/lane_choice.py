@@ -10,7 +10,7 @@ changes lanes on an edge beyond.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +21,9 @@ from platoontraffic.road.lane_times import change_time
 from platoontraffic.road.later_change import with_other_lane
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.later_changes import Blocked
 from platoontraffic.sumo.reads import Once, Reads
-from platoontraffic.sumo.room_to_change import QUEUE_SPEED, RoomToChange
+from platoontraffic.sumo.room_to_change import HARDLY_BEGUN, QUEUE_SPEED, RoomToChange
 from platoontraffic.vehicles.motion import FULL_SIZE
 from platoontraffic.world.fleet import WINDOW, Fleet
 
@@ -51,6 +52,7 @@ class _Chosen(NamedTuple):
     lane: int  # index, on their edge
     to_end: float  # from where they change lanes to the end of the edge [m]
     longest: float  # greatest length of the change over one lane [m]
+    may_stay: str  # the lane on which they are, if their routes do not leave it; else ""
 
 
 class LaneChoice:
@@ -66,6 +68,7 @@ class LaneChoice:
         self._due = -math.inf
         self._since: dict[str, float] = {}  # when members last chose another lane [s]
         self._chosen: list[_Chosen] = []
+        self._may_stay: dict[str, str] = {}  # the lane that members on their way to another one need not leave
 
     def is_due(self, time: float) -> bool:
         """Whether to look in this step. time: SUMO's clock [s]"""
@@ -76,6 +79,7 @@ class LaneChoice:
         """Find members for which another lane is better. egos: members with a law that is given lines, as they drive"""
         self._due = time + EVERY
         self._since = {name: since for name, since in self._since.items() if time - since < STAYS_FOR}
+        self._may_stay = {name: lane for name, lane in self._may_stay.items() if name in fleet.row_of}
         asking = {ego.id: ego for ego in egos}
         for head, behind in _together(fleet).items():
             first = asking.get(fleet.ids[head])
@@ -100,7 +104,25 @@ class LaneChoice:
                 continue
             for row, route in zip(rows, routes, strict=True):
                 fleet = fleet.with_route(row, route, WINDOW)
+                if one.may_stay:
+                    self._may_stay[fleet.ids[row]] = one.may_stay
             fleet = fleet.off_trail(rows[:1])
+        return fleet
+
+    def given_up(self, fleet: Fleet, blocked: Mapping[str, Blocked]) -> Fleet:
+        """The fleet with other routes for slow members without room to leave a lane which they need not leave.
+
+        They stay on it: they would stand there, wait for room beside a queue, and block that lane too.
+        """
+        for name in [name for name in blocked if name in self._may_stay]:
+            change, row = blocked[name].line, fleet.row_of.get(name)
+            if row is None or change.lane != self._may_stay[name] or change not in fleet.members[row].route.lines:
+                del self._may_stay[name]
+            elif blocked[name].over < HARDLY_BEGUN * change.across and fleet.motion.speed[row] < QUEUE_SPEED:
+                member, lane = fleet.members[row], index_of(change.lane)
+                if route := with_other_lane(member.route, change.station, lane, self._network, member.model):
+                    fleet = fleet.with_route(row, route, WINDOW)
+                del self._may_stay[name]
         return fleet
 
     def _choose(self, first: Ego, front: float, behind: Sequence[Ego]) -> _Chosen | None:
@@ -128,7 +150,8 @@ class LaneChoice:
             change = Line(0.0, CHANGING, "", 0, ego.lane, f"{edge}_{best}", (), across, to_end)
             if not self._room.has_room_here(change, ego):
                 return None
-        return _Chosen(tuple(ego.id for ego in along), best, place.to_end, longest)
+        may_stay = first.lane if planned == lane else ""
+        return _Chosen(tuple(ego.id for ego in along), best, place.to_end, longest, may_stay)
 
     def _queued(self, lane: str, ego: Ego) -> float:
         """Time that a vehicle waits on a lane, behind those that are slow there, or that stand at a stop [s]."""

@@ -4,7 +4,7 @@ queue they change where they are."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -63,7 +63,7 @@ class LaterChanges:
     def __init__(self, network: Network, sumo: Client, room: RoomToChange) -> None:
         self._sumo, self._room = sumo, room
         self._width = Once(lambda lane: sumo.lane.getWidth(lane))
-        self._blocked: dict[str, Blocked] = {}  # the first lane change of each member that has no room for it now
+        self._blocked: dict[str, Blocked] = {}
         self._in_queue: dict[str, tuple[Line, float]] = {}  # changes that may be made sooner, and the distances to them
         # Routes, by route, lane change, by how much it is later, vehicle model, and its greatest length.
         self._later = Once(lambda key: with_later_change(*key[:3], network, *key[3:]))
@@ -74,6 +74,11 @@ class LaterChanges:
         """Before the members of a step are asked about."""
         self._blocked.clear()
         self._in_queue.clear()
+
+    @property
+    def blocked(self) -> Mapping[str, Blocked]:
+        """The first lane change of each member that has no room for it now."""
+        return self._blocked
 
     def note_in_queue(self, change: Line, distance: float, ego: Ego) -> None:
         """A member in a queue has room for its lane change where it is. distance: to its begin [m]"""

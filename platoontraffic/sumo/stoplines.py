@@ -187,6 +187,7 @@ class StopLines:
     def with_other_lanes(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members whose lane changes are later or sooner, or that have found a better
         lane: see `LaterChanges`, `LaneChoice`."""
+        fleet = self._choice.given_up(fleet, self._later.blocked)
         return self._choice.chosen(self._later.put_off(fleet))
 
     def entries(self, fleet: Fleet, entered: Sequence[tuple[str, str, str]]) -> list[Entry]:

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from platoontraffic.road.lane_times import CHANGE_COSTS, LITTLE_ROOM_COSTS, NO_CHANGE, LaneTimes, change_time
+from platoontraffic.road.lane_times import CHANGE_COSTS, LITTLE_ROOM_COSTS, NO_CHANGE, QUEUE, LaneTimes, change_time
 
 
 class Edge(SimpleNamespace):
@@ -47,11 +47,17 @@ def test_without_queues_a_lane_costs_the_changes_that_it_needs():
 
 
 def test_a_queue_counts_where_it_is_within_reach():
-    times, queue = LaneTimes(two_lanes(200.0, 200.0, 200.0, 200.0)), {"b_0": 30.0, "b_1": 10.0}
+    times, queue = LaneTimes(two_lanes(200.0, 200.0, 200.0, 200.0)), {"b_0": 30.0, "b_1": 3.0}
     queued = lambda lane: queue.get(lane, 0.0)  # noqa: E731
     # On b it takes the lane with the shorter queue, and changes lanes beyond; from the right lane it must cross twice.
-    assert times.leaving(0, queued, 100.0) == {0: 10.0 + 2 * CHANGE_COSTS, 1: 10.0 + CHANGE_COSTS}
+    assert times.leaving(0, queued, 100.0) == {0: 3.0 + 2 * CHANGE_COSTS, 1: 3.0 + CHANGE_COSTS}
     assert times.leaving(0, queued, 0.0) == {0: 0.0, 1: CHANGE_COSTS}
+
+
+def test_nobody_counts_on_a_change_to_a_lane_on_which_a_queue_stands():
+    """One that passed the queue of its lane on the lane beside stood at its end for good, beside the next queue."""
+    times = LaneTimes(two_lanes(200.0, 200.0, 200.0))
+    assert times.leaving(0, {"a_0": 8.0, "a_1": 0.0, "b_0": QUEUE}.__getitem__, 100.0) == {0: 8.0 + QUEUE, 1: math.inf}
 
 
 @pytest.mark.parametrize(
@@ -79,7 +85,11 @@ def test_it_is_the_least_over_all_sequences_of_lanes(seed):
     for here, there in itertools.pairwise(counts):
         every = list(itertools.product(range(here), range(there)))
         links.append(rng.sample(every, rng.randint(1, len(every))))
-    queue = {f"{one.getID()}_{k}": rng.uniform(0, 20) for one, n in zip(edges, counts, strict=True) for k in range(n)}
+    queue = {
+        f"{one.getID()}_{k}": rng.choice([0.0, 2.0, rng.uniform(4, 20)])
+        for one, n in zip(edges, counts, strict=True)
+        for k in range(n)
+    }
     reach = 1e3  # all queues count, but on the last edge, on which nobody queues for a next one
 
     expected = {k: math.inf for k, _ in links[0]}
@@ -87,6 +97,8 @@ def test_it_is_the_least_over_all_sequences_of_lanes(seed):
         time = sum(queue[f"{edges[i].getID()}_{k}"] for i, (k, _) in enumerate(taken))
         for i, ((_, onto), (leaves, _)) in enumerate(itertools.pairwise(taken)):
             time += change_time(abs(onto - leaves), lengths[i + 1])
+            if onto != leaves and queue[f"{edges[i + 1].getID()}_{leaves}"] >= QUEUE:
+                time = math.inf
         expected[taken[0][0]] = min(expected[taken[0][0]], time)
 
     assert LaneTimes(road(edges, links)).leaving(0, queue.__getitem__, reach) == pytest.approx(expected)

@@ -22,6 +22,7 @@ from platoontraffic.shipped import networks
 from platoontraffic.simulation import Simulation
 from platoontraffic.sumo import later_changes
 from platoontraffic.sumo.ego import Ego
+from platoontraffic.sumo.lane_choice import LaneChoice
 from platoontraffic.sumo.later_changes import Blocked, LaterChanges
 from platoontraffic.sumo.room_to_change import Slowest
 from platoontraffic.vehicles.catalogue import VEHICLES
@@ -60,6 +61,18 @@ def test_the_members_behind_put_it_off_too(fleet_and_later):
     assert changes(after) == ["e0_e1", "e1_e2", "e1_e2", "e1_e2"]
     assert later._put_off_one(after, 2) is after  # it was blocked as well, and has another route now
     np.testing.assert_allclose(after.progress.station, fleet.progress.station, atol=0.1)
+
+
+def test_a_slow_one_without_room_stays_on_a_lane_that_it_need_not_leave(fleet_and_later):
+    """Two members, each of which wanted to go over to the lane of the other, stood side by side for good."""
+    fleet, _, change = fleet_and_later
+    choice, blocked = LaneChoice(Network.read(networks()["highway"]), None, None), Blocked(change, -5.0, False, inf)
+    choice._may_stay = dict.fromkeys(fleet.ids[:3], change.lane)
+    assert choice.given_up(fleet, {}) is fleet
+    slow = changed(fleet, motion=changed(fleet.motion, speed=np.array([0.0, 8.0, 0.0, 0.0])))
+    after = choice.given_up(slow, {name: blocked for name in fleet.ids if name != fleet.ids[2]})
+    assert changes(after) == ["e1_e2", "e0_e1", "e0_e1", "e0_e1"]  # the second is not slow, the last has to leave it
+    assert choice.given_up(after, {fleet.ids[2]: blocked._replace(over=0.2 * change.across)}) is after  # it is over
 
 
 def test_in_a_queue_one_with_room_changes_lanes_where_it_is_and_leaves_the_trail_ahead(fleet_and_later):
