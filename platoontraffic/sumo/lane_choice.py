@@ -3,8 +3,7 @@
 A route crosses as few lanes as it can. Where a queue stands on the lane by which it leaves an edge, another lane that
 leads on may be the better one, although it costs a lane change, here or beyond. Whoever leads chooses, for those behind
 it too: the first member of a platoon, one that has been left behind, or one that is in no platoon. It changes lanes
-only where each of them has room beside it now, so no other vehicle has to let them in; or it stays on its lane, and
-changes lanes on an edge beyond.
+only where each of them has room beside it now; or it stays on its lane, and changes lanes on an edge beyond.
 """
 
 from __future__ import annotations
