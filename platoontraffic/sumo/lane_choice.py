@@ -79,7 +79,8 @@ class LaneChoice:
         self._due = time + EVERY
         self._since = {name: since for name, since in self._since.items() if time - since < STAYS_FOR}
         self._may_stay = {name: lane for name, lane in self._may_stay.items() if name in fleet.row_of}
-        asking = {ego.id: ego for ego in egos}
+        round_it = {fleet.ids[row] for row in np.flatnonzero(fleet.goes_round)}
+        asking = {ego.id: ego for ego in egos if ego.id not in round_it}  # those keep their ways round bodies
         for head, behind in _together(fleet).items():
             first = asking.get(fleet.ids[head])
             if first is None or first.id in self._since or first.length < FULL_SIZE:
