@@ -87,6 +87,7 @@ class RoomToChange:
         self._beside: set[str] = set()  # members that wait beside another vehicle, to go over to their lane
         self.members: frozenset[str] = frozenset()  # their ids
         self._over: dict[str, list[str]] = {}  # members that were going over to a lane at the last look
+        self._wanted_before: dict[str, Wanted] = {}  # `wanted` at the last look
         # The vehicles beside those members that had room for a change to a lane: at the last look, and at this one.
         self._had_room: dict[tuple[str, str], frozenset[str]] = {}
         self._has_room: dict[tuple[str, str], frozenset[str]] = {}
@@ -96,6 +97,7 @@ class RoomToChange:
         """Before the members of a step are asked about."""
         self._had_room, self._has_room = self._has_room, {}
         self._over.clear()
+        self._wanted_before = dict(self.wanted)
         for name, wanted in self.wanted.items():
             if wanted.begun and name in self.members:
                 self._over.setdefault(wanted.lane, []).append(name)
@@ -262,12 +264,23 @@ class RoomToChange:
         """Whether a vehicle without room for its lane change should look for it further on.
 
         Where it would stand near the begin of a long lane, those behind it stand on the junction before. Elsewhere it
-        should if all vehicles that leave no room are faster, and none of them is in a queue.
+        should if all vehicles that leave no room are faster, and none of them is in a queue; or if one of them is a
+        little behind, and waits for room to come to its lane: side by side neither would ever have it.
 
         slowest: as of `slowest_beside`
         """
         blocks_junction = self._begin(line) < ENTRY * ego.size and not self._ends_soon(line, distance)
-        return blocks_junction or slowest >= ego.speed + PASSES_BY
+        return blocks_junction or slowest >= ego.speed + PASSES_BY or self._swaps_ahead(line, distance, ego)
+
+    def _swaps_ahead(self, line: Line, distance: float, ego: Ego) -> bool:
+        """Whether a vehicle that leaves no room waits for room on the own lane, and is not ahead; of two members at one
+        place, the name decides."""
+        here = self._now.position[ego.id], ego.id
+        for gap in self._blocking(line, distance, distance + 0.5 * line.across, ego):
+            wanted = self._wanted_before.get(gap.name)
+            if wanted and wanted.lane == line.lane and (self._now.position[gap.name], gap.name) < here:
+                return True
+        return False
 
     def is_fast(self, line: Line) -> bool:
         """Whether the lane of a lane change is that of a fast road."""

@@ -15,7 +15,7 @@ from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.reads import Reads
-from platoontraffic.sumo.room_to_change import COMES_OVER, Here, RoomToChange
+from platoontraffic.sumo.room_to_change import COMES_OVER, Here, RoomToChange, Wanted
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.catalogue import VEHICLES
 from tests.support.bench import FAR, NO_WALLS, drive, platoon
@@ -424,6 +424,24 @@ def test_at_the_begin_of_a_long_lane_it_does_not_wait_beside_a_queue(begins, len
     line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, length - begins)
     ego = Ego("m.0", "road_0", 0.0, 5.0)
     assert change.may_change(line, 1.0, ego) < np.inf
+    assert change.is_better_later(line, 1.0, 0.0, ego) == further
+
+
+@pytest.mark.parametrize(
+    ("its_place", "its_wish", "further"),
+    [(97.0, "road_0", True), (98.0, "road_0", False), (97.0, "road_2", False), (103.0, "road_0", False)],
+    ids=["a little behind", "ahead by its name", "to a lane beyond", "ahead"],
+)
+def test_of_two_that_wait_for_each_others_lanes_the_one_ahead_drives_on(its_place, its_wish, further):
+    """They stood side by side in the middle of a free road for good, and a direction of a city behind them."""
+    places = {"road_0": [("m.0", 98.0)], "road_1": [("m.1", its_place)], "road_2": []}
+    change = RoomToChange(SimpleNamespace(upstream=lambda lane, reach: [(lane, 0.0)]), Reads(client_of(places, 300.0)))
+    line = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 205.0)  # on its route it is farther back
+    ego = Ego("m.0", "road_0", 0.0, 5.0)
+    assert change.may_change(line, 1.0, ego) < np.inf
+    assert not change.is_better_later(line, 1.0, 0.0, ego)
+    change.wanted["m.1"] = Wanted(its_wish, 10.0, False)
+    change.begin_look()
     assert change.is_better_later(line, 1.0, 0.0, ego) == further
 
 
