@@ -186,8 +186,10 @@ def _place_of(change: Line, network: Network) -> tuple[int, float, float]:
 
 
 def _changes_from(route: Route, change: Line) -> list[Line]:
-    """A lane change, and the next ones on its edge."""
-    return list(takewhile(lambda line: line.state == CHANGING, route.lines[route.lines.index(change) :]))
+    """A lane change, and the next ones on its edge to the same side."""
+    side = index_of(change.onto) - index_of(change.lane)
+    onward = takewhile(lambda line: line.state == CHANGING, route.lines[route.lines.index(change) :])
+    return list(takewhile(lambda line: (index_of(line.onto) - index_of(line.lane)) * side > 0, onward))
 
 
 def _lanes_crossed(changes: list[Line]) -> int:

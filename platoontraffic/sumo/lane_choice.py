@@ -85,8 +85,8 @@ class LaneChoice:
             first = asking.get(fleet.ids[head])
             if first is None or first.id in self._since or first.length < FULL_SIZE:
                 continue
-            followers = [asking[name] for name in (fleet.ids[row] for row in behind) if name in asking]
-            if chosen := self._choose(first, _front(fleet, head), followers):
+            rows = [head, *(row for row in behind if fleet.ids[row] in asking)]
+            if chosen := self._choose([(asking[fleet.ids[row]], _front(fleet, row)) for row in rows]):
                 self._chosen.append(chosen)
                 self._since[first.id] = time
 
@@ -125,11 +125,12 @@ class LaneChoice:
                 del self._may_stay[name]
         return fleet
 
-    def _choose(self, first: Ego, front: float, behind: Sequence[Ego]) -> _Chosen | None:
+    def _choose(self, members: Sequence[tuple[Ego, float]]) -> _Chosen | None:
         """Another lane on which they lose less time; None: there is none, or no room for a change to it.
 
-        front: station of the first one's front bumper [m]
+        members: that which leads, and those behind it, with the station of each one's front bumper [m]
         """
+        first, front = members[0]
         place = _place(first, front)
         if place is None:
             return None
@@ -141,7 +142,9 @@ class LaneChoice:
         best = min(times, key=lambda k: (times[k], abs(k - planned)))
         if best == planned or math.isinf(times[best]) or times[best] > times[planned] - GAIN:
             return None
-        along = [first, *(one for one in behind if one.lane == first.lane)]
+        along = [ego for ego, station in members if ego.lane == first.lane and _place(ego, station)]
+        if len(along) < sum(ego.lane == first.lane for ego, _ in members):  # some are still changing lanes
+            return None
         width, lanes = self._now.lane_width[first.lane], abs(best - lane)
         longest = width * math.ceil(CHANGE_TIME * first.speed / width)
         across = changes_length(width, longest, lanes, lanes) if lanes else 0.0

@@ -336,5 +336,7 @@ def test_a_lane_may_be_left_again_and_that_change_put_off():
     assert end.lane == "e0_e1_0"
     later = with_later_change(there_and_back, back, 50.0, network, CAR)
     assert later.lines[1].station == pytest.approx(back.station + 50.0, abs=0.3)
-    # Both at once: the route stays on its lane, and nothing is divided by the number of lanes between its ends.
+    # If it does not make the first one in time, it makes that one later, and stays on the other lane.
     assert longest_later(there_and_back, first, 50.0, 3.2, CAR.length) > 16.0
+    later = with_later_change(there_and_back, first, 50.0, network, CAR)
+    assert [line.onto for line in later.lines[:2]] == ["e0_e1_1", "e1_e2_2"]
