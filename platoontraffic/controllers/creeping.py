@@ -68,7 +68,8 @@ def acceleration(sensed: Sensed, rows: np.ndarray, curvature: np.ndarray, brakin
     length, speed = sensed.body.length[rows], sensed.speed[rows]
     free = np.array([swept(sensed, int(i), curvature[i]) for i in rows]) - sensed.speed[rows] * sensed.age
     allowed = np.sqrt(braking * np.maximum(free - STOP * length, 0.0))  # half of the braking: it stops early
-    return np.where(speed > allowed, -braking, np.minimum(GAIN * (SPEED * length - speed), braking / 2))
+    faster = (speed > allowed) | (allowed == 0)  # one that stands where it must stop stays: no step of it is too small
+    return np.where(faster, -braking, np.minimum(GAIN * (SPEED * length - speed), braking / 2))
 
 
 def swept(sensed: Sensed, i: int, curvature: float) -> float:

@@ -71,6 +71,15 @@ def test_it_stops_when_what_it_creeps_past_moves():
     assert not state.after(sensed, 2.9 * one, 3.0 * one, ~no, 0 * one, 0.1).active.any()  # a line closes
 
 
+@pytest.mark.parametrize(("free", "speed", "sign"), [(0.0, 0.0, -1), (0.4, 0.0, -1), (0.4, 0.1, -1), (2.0, 0.0, 1)])
+def test_it_does_not_set_out_nearer_than_it_stops(monkeypatch, free, speed, sign):
+    """One that sets out at a stand, and brakes as soon as it moves, comes nearer by millimetres until it touches."""
+    one = np.ones(1)
+    monkeypatch.setattr(creeping, "swept", lambda *_: free)
+    sensed = SimpleNamespace(speed=speed * one, age=0.0, body=SimpleNamespace(length=CAR.length * one))
+    assert np.sign(creeping.acceleration(sensed, np.arange(1), 0 * one, 3.0)) == sign
+
+
 def test_one_that_could_not_pass_tries_again_every_second(monkeypatch):
     """Hundreds stand in a jam: each of them in each step took a twentieth of a city's time."""
     one, tried = np.ones(1), []
