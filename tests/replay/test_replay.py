@@ -362,7 +362,9 @@ def test_the_shorter_of_two_runs_waits_at_its_end(pair):
     assert not short.evaluate("replay.playing")
     long.locator("#slider").evaluate("s => { s.value = 2; s.dispatchEvent(new Event('input')); }")
     until(short, "replay.playing && replay.time > 2.2 && replay.time < 4")
-    assert times(pair)[1] == pytest.approx(times(pair)[0], abs=0.3)
+    long.locator("#play").click()
+    until(short, "!replay.playing")  # while they play, a busy machine draws one later than the other
+    assert times(pair)[1] == times(pair)[0]
 
 
 def test_a_run_that_begins_later_waits_for_the_other(pair):
@@ -372,7 +374,9 @@ def test_a_run_that_begins_later_waits_for_the_other(pair):
     assert long.evaluate("replay.drawn.members") == []
     short.locator("#play").click()
     until(short, "replay.time > 0.4")
-    assert times(pair)[1] == pytest.approx(times(pair)[0], abs=0.3)
+    short.locator("#play").click()
+    until(long, "!replay.playing")
+    assert times(pair)[1] == times(pair)[0]
 
 
 @pytest.mark.parametrize("name", ["run.gif", "frames"])
