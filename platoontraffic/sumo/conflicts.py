@@ -35,7 +35,8 @@ ZIPPER = "Z"  # in the order of arrival
 
 APART = 0.8  # distance of two paths at which vehicles pass each other with a margin [lane widths]: 2.6 m in streets
 TOUCHES = 0.5  # distance of a front bumper from a path at which a vehicle there would touch it [lane widths]
-SWUNG = 0.2  # distance of a front corner from a car beside at which it is in that one's way [m]
+SWUNG = 0.3  # distance of a front corner from a car beside at which it is in that one's way, as both may be askew [m]
+LENGTH = 5.0  # of SUMO's own cars [m]
 SAMPLED = 0.08  # distance of the points at which paths are compared [lane widths]: 0.25 m
 SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at its full lock]
 ABOUT = 15.0  # distance before and beyond a junction from which a vehicle's path through it is rounded [m]
@@ -215,13 +216,25 @@ def _swung_over(
                 if its_onto != onto or not via or via[0] in met or not set(via).isdisjoint(line.via):
                     continue
                 its = paths[via, onto, SAMPLED * width]
-                spans = [span for corner in corners if (span := _met(corner, its, CARS["car"].width / 2 + SWUNG))]
+                apart, places = CARS["car"].width / 2 + SWUNG, (its, _middles(its, LENGTH))
+                met_by = (_met(corner, place, apart) for corner in corners for place in places)
+                spans = [span for span in met_by if span]
                 if not spans:
                     continue
                 swung = tuple((min(of_one)[0], max(end for _, end in of_one)) for of_one in zip(*spans, strict=True))
                 fastest = min(map(sumo.lane.getMaxSpeed, via))
                 found[via[0]] = Crossing(before, via, *swung, False, True, math.inf, fastest, swung[0][0], True)
     return found
+
+
+def _middles(line: Sampled, length: float) -> Sampled:
+    """Where the middle of a vehicle's body comes whose bumpers are on a line, as SUMO has them: inside its bends.
+
+    The line itself where it is no longer than the vehicle.
+    """
+    if (apart := round(length / max(line.stations[1], 1e-9))) >= len(line.stations):
+        return line
+    return Sampled(*((values[apart:] + values[:-apart]) / 2 for values in line))
 
 
 def _front_along(line: Sampled, half: float) -> tuple[Sampled, Sampled, Sampled]:

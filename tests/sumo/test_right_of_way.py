@@ -26,7 +26,7 @@ from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.simulation import Setting, Simulation
 from platoontraffic.sumo import conflicts
-from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing, _path
+from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_STATE, LINK_VIA, Conflicts, Crossing, Sampled, _path
 from platoontraffic.sumo.ego import Ego
 from platoontraffic.sumo.far_lines import FarLines
 from platoontraffic.sumo.lane_choice import LaneChoice
@@ -43,7 +43,7 @@ from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.traffic import TrafficSnapshot
 from tests.support import ODD_NETS
 from tests.support.bench import NO_WALLS
-from tests.support.generated import corner, generated
+from tests.support.generated import corner, generated, roundabouts
 
 NETS = ODD_NETS
 STEP = 0.1
@@ -1532,6 +1532,28 @@ def test_a_sharp_turn_on_the_inner_lane_waits_for_vehicles_that_its_front_would_
             *_, lines = network.route_lanes(("wc", "cx"), lane, position=20.0)
             crossings = Conflicts.at(lines[0]._replace(kind=kind), network, libsumo).crossings.values()
             assert [(one.before, one.first) for one in crossings if one.swings] == expected
+    finally:
+        libsumo.close()
+
+
+def test_the_body_of_a_car_of_sumos_cuts_the_bends_of_its_lane():
+    """In a circle of 7 m by the sagitta of an arc as long as the car."""
+    at = np.linspace(0.0, 2 * np.pi, 400)
+    middles = conflicts._middles(Sampled(7.0 * at, 7.0 * np.column_stack([np.cos(at), np.sin(at)])), 5.0)
+    assert np.hypot(*middles.points.T) == pytest.approx(7.0 * np.cos(2.5 / 7.0), abs=0.02)
+    assert middles.stations[0] == pytest.approx(2.5, abs=0.1)
+
+
+@pytest.mark.sumo
+def test_a_sharp_turn_into_a_roundabout_waits_for_a_car_beside_whose_body_cuts_the_bend(tmp_path):
+    """The lanes stay 1.3 m from the corner of the member's front; the middle of a car's body comes within 1.1 m."""
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
+    network = Network.read(roundabouts(tmp_path, lanes=2, arms=3, count=2))
+    libsumo.start(["sumo", "-n", str(network.path), "--no-step-log", "--no-warnings"])
+    try:
+        *_, lines = network.route_lanes(("o0.0", "c1.1"), 0, position=20.0)
+        crossings = Conflicts.at(lines[0], network, libsumo).crossings.values()
+        assert [one.before for one in crossings if one.swings] == ["o0.0_1"]
     finally:
         libsumo.close()
 
