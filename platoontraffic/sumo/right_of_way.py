@@ -333,6 +333,8 @@ class RightOfWay:
             return True
         pace, asked = self.pace(line, ego), []
         for one in foes:
+            if one.id == ego.id:  # SUMO may have it on a lane beside its own inside
+                continue
             crossing = one.crossing
             foe = Foe(
                 enters if enters > 0 else distance + crossing.own[0],

@@ -541,6 +541,8 @@ def test_a_vehicle_that_has_just_set_out_inside_is_expected_to_accelerate(speed,
     )  # fmt: skip
     ego = Ego("m.0", "road_0", 0.0, CAR.length)
     assert way._has_gap_among([*way.on(crossing)], line, 0.8, ego, 0.0, 0.8) == has_gap
+    # Itself it does not wait for, where SUMO has it on the lane beside its own.
+    assert way._has_gap_among([*way.on(crossing)], line, 0.8, ego._replace(id="c"), 0.0, 0.8)
 
 
 @pytest.mark.parametrize(
