@@ -16,6 +16,7 @@ import shapely
 from shapely.geometry import LineString, Point
 
 from platoontraffic.errors import InputError
+from platoontraffic.geometry.polyline import left_of
 from platoontraffic.road.permissions import CAR
 
 CHANGING = "change"  # state of a line where a change of lanes begins
@@ -26,7 +27,8 @@ BETWEEN = 3.0  # length of lane between two changes, on which a car stands strai
 ROOM_SHARE = 0.6  # of the rest of the lane that a change takes then, so that it ends before a queue at the line
 ENOUGH_ROOM = 80.0  # length of lane with which a lane change has all the room that it needs, in traffic too [m]
 ABREAST = 2.2  # distance of lanes on which cars drive side by side with some room [m]
-TO_BORDER = 0.95  # from the middle of a car to the border of its lane, at least [m]
+TO_BORDER = 0.95  # from the middle of a car to the border of its lane, at least [m] ...
+TO_KERB = 1.1  # ... and where no other lane is beyond that: the laws keep 0.22 m free beside a car
 AS_ONE = 1.2  # distance up to which lanes meet, and do not lead side by side [m]
 EASED = 4.0  # distance from its ends up to which a lane is moved less [m]
 SAMPLED = 2.0  # spacing of the places at which lanes are compared [m]
@@ -129,13 +131,14 @@ class LaneRoute:
     """The centre line of a route, put together lane by lane."""
 
     net: Any
+    left_hand: bool = False  # traffic
     parts: list[np.ndarray] = field(default_factory=list)  # points (k, 2) of each lane [m]
     limits: list[float] = field(default_factory=list)  # speed limit of each lane [m/s]
     lines: list[Line] = field(default_factory=list)
 
     def add(self, lane: Any) -> None:
         """Append a whole lane."""
-        self.parts.append(_line_of(lane))
+        self.parts.append(_line_of(lane, self.left_hand))
         self.limits.append(lane.getSpeed())
 
     def cross(self, lane: Any, link: Any, position: float, longest: float = math.inf) -> None:
@@ -144,7 +147,7 @@ class LaneRoute:
         position : on the lane, before which it is not changed [m]
         longest  : greatest length of a change over one lane [m]
         """
-        points, changes = _crossing_over(lane, link.getFromLane(), position, longest)
+        points, changes = _crossing_over(lane, link.getFromLane(), position, longest, self.left_hand)
         lanes = pairwise(_from_lane_to_lane(lane, link.getFromLane()))
         for (here, there), (before, across) in zip(lanes, changes, strict=True):
             sides, to_end = (here.getID(), there.getID()), _length(points) - before
@@ -176,26 +179,53 @@ class LaneRoute:
         return sum(_length(part) for part in self.parts)
 
 
-def _line_of(lane: Any) -> np.ndarray:
-    """A lane's centre line, moved aside within the lane where the next lane is too close for cars side by side, (k, 2).
+def _line_of(lane: Any, left_hand: bool) -> np.ndarray:
+    """A lane's centre line, moved aside within the lane where another lane is too close for cars side by side, (k, 2).
 
-    Networks have such places in long bends of junctions. Lanes that meet or cross are left as they are.
+    Networks have such places in long bends of junctions. Lanes of one direction that meet or cross are left as they
+    are. Roads with kinks are narrower than their lanes, and those of two directions overlap: there drivers keep to
+    their side of the road.
     """
     shape, edge, index = np.array(lane.getShape()), lane.getEdge().getLanes(), lane.getIndex()
     line, moved = LineString(shape), shape
-    most = max(lane.getWidth() / 2 - TO_BORDER, 0.0)
     for other in (*edge[max(index - 1, 0) : index], *edge[index + 1 : index + 2]):
         beside = LineString(other.getShape())
         if not other.allows(CAR) or not AS_ONE < line.distance(beside) < ABREAST:
             continue
-        along = np.union1d(shapely.line_locate_point(line, shapely.points(shape)), np.arange(0.0, line.length, SAMPLED))
-        there = shapely.line_interpolate_point(line, along)
-        nearest = shapely.line_interpolate_point(beside, shapely.line_locate_point(beside, there))
-        there, nearest = shapely.get_coordinates(there), shapely.get_coordinates(nearest)
-        apart = np.hypot(*(there - nearest).T)
-        by = np.clip(ABREAST - apart, 0.0, most) * np.clip(np.minimum(along, line.length - along) / EASED, 0.0, 1.0)
-        moved = (there if moved is shape else moved) + (by / apart)[:, None] * (there - nearest)
+        there, away, ends = _places_beside(line, beside)
+        apart = np.hypot(*away.T)
+        by = np.clip(ABREAST - apart, 0.0, max(lane.getWidth() / 2 - TO_BORDER, 0.0)) * ends
+        moved = (there if moved is shape else moved) + (by / apart)[:, None] * away
+    most, side = lane.getWidth() / 2 - TO_KERB, -1.0 if left_hand else 1.0  # oncoming vehicles are to the left: 1
+    for other in _oncoming(lane) if most > 0 else ():
+        beside = LineString(other.getShape())
+        if not other.allows(CAR) or line.distance(beside) >= ABREAST:
+            continue
+        there, away, ends = _places_beside(line, beside)
+        outward = -side * left_of(there)
+        apart = (away * outward).sum(axis=1)  # negative where the two have crossed, at a kink
+        by = np.clip(ABREAST - apart, 0.0, most) * (np.abs(apart) < ABREAST) * ends
+        moved = (there if moved is shape else moved) + by[:, None] * outward
     return moved
+
+
+def _places_beside(line: LineString, beside: LineString) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places on a line, the ways there from another line, both (k, 2) [m], and shares that fade at its ends, (k,)."""
+    own = shapely.line_locate_point(line, shapely.points(line.coords))
+    along = np.union1d(own, np.arange(0.0, line.length, SAMPLED))
+    there = shapely.line_interpolate_point(line, along)
+    nearest = shapely.line_interpolate_point(beside, shapely.line_locate_point(beside, there))
+    there, nearest = shapely.get_coordinates(there), shapely.get_coordinates(nearest)
+    return there, there - nearest, np.clip(np.minimum(along, line.length - along) / EASED, 0.0, 1.0)
+
+
+def _oncoming(lane: Any) -> list[Any]:
+    """Lanes of the other direction beside a lane, if it is the innermost one of its road; none inside junctions."""
+    edge = lane.getEdge()
+    if edge.getFunction() == "internal" or lane is not edge.getLanes()[-1]:
+        return []
+    back = [one for one in edge.getToNode().getOutgoing() if one.getToNode() is edge.getFromNode()]
+    return [one.getLanes()[-1] for one in back if one is not edge]
 
 
 def change_length(width: float, longest: float) -> float:
@@ -217,7 +247,7 @@ def _from_lane_to_lane(lane: Any, other: Any) -> list[Any]:
 
 
 def _crossing_over(
-    lane: Any, other: Any, position: float, longest: float
+    lane: Any, other: Any, position: float, longest: float, left_hand: bool
 ) -> tuple[np.ndarray, list[tuple[float, float]]]:
     """A line along a lane that crosses over to another lane of the same edge, from one lane for cars to the next.
 
@@ -226,7 +256,7 @@ def _crossing_over(
     returns  : its points (k, 2) [m]; where each change begins, and its length [m]
     """
     if lane is other:
-        return _line_of(lane), []
+        return _line_of(lane, left_hand), []
     lanes = _from_lane_to_lane(lane, other)
     lines, steps = [LineString(one.getShape()) for one in lanes], np.abs(np.diff([one.getIndex() for one in lanes]))
     width, length, count = lane.getWidth(), lines[0].length, len(steps)

@@ -192,7 +192,7 @@ class Network:
         for edge in road:
             self._check_edge(edge)
         self._check_lane(road[0], lane)
-        first, route = lane, LaneRoute(self._net)
+        first, route = lane, LaneRoute(self._net, self.left_hand)
         lap = [*road, road[0]] if closed else road
         links = least_changes(lap, lane, lane if closed else None, position, change)
         on = change.edge if change else 0
