@@ -142,8 +142,11 @@ def _is_behind(foe: Foe, own: Driven, margin: float) -> bool:
     clears = max(foe.foe_to_conflict, 0.0) / foe.pace.speed + left / speed
     if foe.foe_to_conflict < 0:  # it is in the area, or past its begin
         clears = (foe.length + (foe.foe_to_conflict if foe.merges else foe.foe_to_exit)) / speed
-    comes, enters = own.at_once.time_for(foe.to_conflict), own.time_for(foe.to_enter)
-    if clears < enters and clears + min(margin, BEHIND_MARGIN) < comes:
-        return True
+    enters = own.time_for(foe.to_enter)
+    is_gone = clears < enters
     enters_first = foe.foe_to_enter / foe.pace.speed + min(margin, BEHIND_MARGIN) < enters
-    return enters_first and foe.pace.speed >= IN_QUEUE_SPEED and clears + margin < comes
+    may_follow = enters_first and foe.pace.speed >= IN_QUEUE_SPEED
+    if not (is_gone or may_follow):  # when the own one comes takes long to find
+        return False
+    comes = own.at_once.time_for(foe.to_conflict)
+    return (is_gone and clears + min(margin, BEHIND_MARGIN) < comes) or (may_follow and clears + margin < comes)

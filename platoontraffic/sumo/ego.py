@@ -57,6 +57,13 @@ class Ego(NamedTuple):
         steering_rate = float(member.model.curvature_rate)
         return cls(member.id, "", 0.0, length, min(*gains, strongest), min(lateral), braking, kind, steering_rate)
 
+    def driving(self, lane: str, speed: float, drive: float, route: Route | None, axle: float) -> Ego:
+        """The same vehicle as it drives now. (`_replace` takes three times as long, for hundreds in every step.)"""
+        return Ego(
+            self.id, lane, speed, self.length, self.acceleration, self.lateral, self.braking, self.kind,
+            self.steering_rate, self.top, drive, route, axle,
+        )  # fmt: skip
+
     @property
     def size(self) -> float:
         """Factor for distances."""

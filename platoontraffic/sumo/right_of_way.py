@@ -24,7 +24,7 @@ from platoontraffic.road.gap_acceptance import (
 )
 from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.road.lane_routes import Line
-from platoontraffic.sumo.client import Client
+from platoontraffic.sumo.client import Client, direct
 from platoontraffic.sumo.conflicts import (
     ALL_STOP,
     EQUAL,
@@ -87,12 +87,13 @@ class RightOfWay:
     def __init__(self, sumo: Client, now: Reads, conflicts: Mapping[Line, Conflicts]) -> None:
         self._sumo, self._now, self._conflicts = sumo, now, conflicts
         # By line, at this instant: those outside the junction, the same as they come, paths on which there is somebody
-        # inside, those inside with priority, and all inside.
+        # inside, those inside with priority, all inside, and those that may wait midway in the own path.
         self._outside = Once(self._foes_outside)
         self._patiently = Once(lambda line: [*self._approaching(line)])
         self._occupied = Once(self._occupied_paths)
         self._first_inside = Once(lambda line: [*self._inside(line, first=True)])
         self._all_inside = Once(lambda line: [*self._inside(line, first=False)])
+        self._may_wait = Once(self._those_that_may_wait)
         self._profiles = Once(Ego.profile)
         # For the whole run: paths on which vehicles wait midway, and the lanes inside the junction of all that cross.
         self._waiting_in_path = Once(lambda line: [*self._waiters(line)])
@@ -117,8 +118,14 @@ class RightOfWay:
     def renew(self) -> None:
         """SUMO has made a step: all vehicles are elsewhere."""
         self._profiles.clear()
-        for found in (self._outside, self._patiently, self._occupied, self._first_inside, self._all_inside):
+        for found in (
+            self._outside, self._patiently, self._occupied, self._first_inside, self._all_inside, self._may_wait
+        ):  # fmt: skip
             found.clear()
+
+    def _time(self) -> float:
+        """SUMO's clock [s]."""
+        return direct(self._sumo.simulation.getTime)()
 
     def begin_look(self) -> None:
         """All members' lines are about to be judged."""
@@ -144,8 +151,13 @@ class RightOfWay:
         if state in ZIPPER:  # the nearer one goes first, and one that stands inside may set out at any time
             foes = [foe for foe in foes if (foe.to_line, foe.crossing.before) < (distance, line.lane)]
             foes = [foe if foe.to_line > 0 else self._setting_out(foe) for foe in foes]
+        key, swings = (ego.id, line.lane, midway), self._conflicts[line].swings
+        stood = self._waited(line, distance, ego) if swings or state not in EQUAL else 0.0
+        if not foes:
+            self._goes.add(key)
+            return True
         enters = distance + self._conflicts[line].waits if midway else distance
-        if self._conflicts[line].swings and (stood := self._waited(line, distance, ego)) >= SWINGS_OUT_AFTER:
+        if swings and stood >= SWINGS_OUT_AFTER:
             beside = [foe._replace(pace=Pace(foe.pace.speed)) for foe in foes if foe.crossing.swings]
             foes = [foe for foe in foes if not foe.crossing.swings]
             waits = stood < SWINGS_OUT_LONGEST and ego.speed < STANDING
@@ -153,10 +165,10 @@ class RightOfWay:
             if not self._has_gap_among(met, line, distance, ego, 0.0, enters):
                 return False
         # Where no lane has priority, it is not known which vehicle came first.
-        waited = 0.0 if state in EQUAL else self._waited(line, distance, ego)
+        waited = 0.0 if state in EQUAL else stood
         if waited > WATCHES_QUEUES_AFTER:
             foes = [self._in_queue(foe) for foe in foes]
-        met, key = self._met(line, foes, distance, midway, ego.length), (ego.id, line.lane, midway)
+        met = self._met(line, foes, distance, midway, ego.length)
         margin = margin_after(waited)
         if key in self._went and ego.speed >= STANDING:
             can_stop = ego.speed**2 / (2 * STOPS_BY) < enters + OVERRUN * ego.size
@@ -247,7 +259,7 @@ class RightOfWay:
             for one in self._next_on(crossing):
                 state = self._links_ahead(one.id, crossing.before)[1]
                 may_stop = state in YELLOW and one.pace.speed**2 / (2 * STOPS_BY) < one.to_line
-                if one.id not in self.members and state not in RED + STOP and not may_stop:
+                if state not in RED + STOP and not may_stop:
                     yield one
 
     def _is_sooner(self, foe: Approach, line: Line, over: float) -> bool:
@@ -263,20 +275,29 @@ class RightOfWay:
 
         distance: of its front from the line [m]; negative: beyond it
         """
-        for crossing in self._waiting_in_path[line]:
+        for foe in self._may_wait[line]:
+            crossing = foe.crossing
             if distance + crossing.own[1] + ego.length < 0:
                 continue
-            for foe in [*self.on(crossing), *self._next_on(crossing, STOPS_BY)]:
-                left = foe.to_line + crossing.its[0] - BEFORE_PATH
-                # It is to stop by less, and sooner: one that does so must not drive on for a few centimetres too many.
-                can_stop = left + BEFORE_PATH >= foe.pace.speed**2 / (2 * STOPS_HARD_BY)
-                # Where it stands a little farther, since no member came then, the member can pass, and it is to stay.
-                if not (can_stop or self._stands_before(foe)) or foe.id in self.members:
-                    continue
-                gives_way = distance < 0 or not crossing.first
-                comes = distance + crossing.touches < 0 or self._now.waited[ego.id] <= COMES_UNTIL
-                if (gives_way and comes) or not self._drives_on(foe):
-                    self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
+            left = foe.to_line + crossing.its[0] - BEFORE_PATH
+            # It is to stop by less, and sooner: one that does so must not drive on for a few centimetres too many.
+            can_stop = left + BEFORE_PATH >= foe.pace.speed**2 / (2 * STOPS_HARD_BY)
+            # Where it stands a little farther, since no member came then, the member can pass, and it is to stay.
+            if not (can_stop or self._stands_before(foe)):
+                continue
+            gives_way = distance < 0 or not crossing.first
+            comes = distance + crossing.touches < 0 or self._now.waited[ego.id] <= COMES_UNTIL
+            if (gives_way and comes) or not self._drives_on(foe):
+                self.stops[foe.id] = min(left, self.stops.get(foe.id, math.inf))
+
+    def _those_that_may_wait(self, line: Line) -> list[Approach]:
+        """Vehicles of SUMO's on paths on which they wait midway in the own way, and those that enter there next."""
+        found = []
+        for crossing in self._waiting_in_path[line]:
+            inside = self.on(crossing) if crossing in self._occupied[line] else ()
+            found += [one for one in inside if one.id not in self.members]
+            found += self._next_on(crossing, STOPS_BY)
+        return found
 
     def _drives_on(self, waiting: Approach) -> bool:
         """Whether a vehicle of SUMO's drives on where it may wait midway: it has a gap, and does not brake."""
@@ -295,12 +316,14 @@ class RightOfWay:
         return Line(0.0, MINOR[0], "", 0, crossing.before, onto, crossing.via, across)
 
     def _next_on(self, crossing: Crossing, braking: float = math.inf) -> Iterator[Approach]:
-        """The vehicle that enters the junction next on a path, if it is near.
+        """The vehicle that enters the junction next on a path, if it is one of SUMO's, and near.
 
         braking: near is also from where it would stop at its line by that [m/s2]
         """
         now = self._now
         for name in now.on_lane[crossing.before][-1:]:
+            if name in self.members:
+                continue
             to_line = now.lane_length[crossing.before] - now.position[name]
             near = max(ENTERS_WITHIN, now.speed[name] ** 2 / (2 * braking))
             if to_line < near and self._links_ahead(name, crossing.before)[0][:1] == crossing.via[:1]:
@@ -360,7 +383,7 @@ class RightOfWay:
         """Ask a member that comes in a queue to let the vehicle in; whether it stands at its line by now."""
         if not 0 < one.to_line < AT_LINE * scale(self._now.length[one.id]):
             return False
-        time = self._sumo.simulation.getTime()
+        time = self._time()
         _, since, last = self._asked.get(one.id, ("", time, time))
         since = since if time - last < LETS_IN_FOR else time
         self._asked[one.id] = one.crossing.before, since, time
@@ -370,7 +393,7 @@ class RightOfWay:
         """Whether a member has been asked to stop at the line of its lane, and to let another one in."""
         if name not in self._asked:
             return False
-        (before, since, last), time = self._asked[name], self._sumo.simulation.getTime()
+        (before, since, last), time = self._asked[name], self._time()
         return before == lane and time - last < LETS_IN_FOR and time - since < LETS_IN_LONGEST
 
     def _met(
@@ -432,7 +455,7 @@ class RightOfWay:
         closed = {
             crossing.via[0]
             for crossing in self._waiting_in_path[line]
-            if any(map(self._stands_before, self.on(crossing)))
+            if crossing in self._occupied[line] and any(map(self._stands_before, self.on(crossing)))
         }
         for name, beyond in conflicts.entering:
             to_end = beyond + now.lane_length[name]
@@ -465,7 +488,11 @@ class RightOfWay:
         ends where the vehicle is to stop and at the end of its route, and there is none inside a junction.
         """
         now = self._now
-        lanes = next((plan[PLAN_ONWARD] for plan in now.best_lanes[name] if plan[PLAN_LANE] == lane), ())
+        lanes: Sequence[str] = ()
+        for plan in now.best_lanes[name]:
+            if plan[PLAN_LANE] == lane:
+                lanes = plan[PLAN_ONWARD]
+                break
         if len(lanes) <= JUNCTIONS:
             links = now.next_links[name][:JUNCTIONS]
             return tuple(link[LINK_VIA] for link in links), links[0][LINK_STATE] if links else ""
@@ -486,6 +513,10 @@ class RightOfWay:
         for here, onto in pairwise(lanes):
             found += [link[LINK_VIA] for link in self._sumo.lane.getLinks(here) if link[LINK_ONTO] == onto]
         return tuple(found)
+
+    def occupied(self, line: Line) -> Sequence[Crossing]:
+        """Paths across that of a line on which somebody is inside the junction."""
+        return self._occupied[line]
 
     def _occupied_paths(self, line: Line) -> list[Crossing]:
         on_lane, lanes = self._now.on_lane, self._crossing_lanes[line]
@@ -540,7 +571,7 @@ class RightOfWay:
         if self._now.speed[foe] >= STANDING:
             self._standing.pop((foe, where), None)
             return False
-        time = self._sumo.simulation.getTime()
+        time = self._time()
         since, last = self._standing.get((foe, where), (time, time))
         since = since if time - last < HELD_UP_AFTER else time
         self._standing[foe, where] = since, time
@@ -561,16 +592,16 @@ class RightOfWay:
             self._still.pop((name, lane), None)
         elif before == lane:
             return since
-        if self._now.speed[name] >= STANDING or is_far:
+        if is_far or self._now.speed[name] >= STANDING:
             return None
-        since = self._sumo.simulation.getTime() - self._now.waited[name]
+        since = self._time() - self._now.waited[name]
         self._stood[name] = lane, since
         return since
 
     def _waited(self, line: Line, distance: float, ego: Ego) -> float:
         """Time since a vehicle first stood at this line [s]; 0 if it has not."""
         since = self._stood_since(ego.id, line.lane, distance, ego.length)
-        return 0.0 if since is None else self._sumo.simulation.getTime() - since
+        return 0.0 if since is None else self._time() - since
 
     def _order(self, name: str, lane: str) -> tuple[float, str]:
         """Order in which vehicles that have stood at their lines go; of equal ones, by lane."""
@@ -602,7 +633,7 @@ class RightOfWay:
         The order of arrival is the same for all, so two vehicles never wait for each other. If one that should go does
         not, the next one goes after SETS_OUT_AFTER, the one after that NEXT_IN_TURN later.
         """
-        own, time, key = self._order(ego.id, line.lane), self._sumo.simulation.getTime(), (ego.id, line.lane)
+        own, time, key = self._order(ego.id, line.lane), self._time(), (ego.id, line.lane)
         inside = self._all_inside[line]
         earlier, departs = [], False
         for foe in self._at_lines(line):

@@ -64,7 +64,13 @@ class StopLines:
         paths = Paths(sumo)
         self._conflicts = Once(lambda line: Conflicts.at(line, network, sumo, paths))
         # By line and kind of vehicle: one for all routes over it.
-        self._at_junction = Once(lambda passed: JudgedLine.of(*passed, network))
+        self._judged = Once(lambda passed: JudgedLine.of(*passed, network))
+        self._at_junction = Once(lambda passed: self._judged[passed[0]._replace(station=0.0), passed[1]])
+        # Whether vehicles from elsewhere cross the path, by line; and lanes from which a route changes, by route.
+        self._is_crossed = Once(
+            lambda line: any(one.before != line.lane for one in self._conflicts[line].crossings.values())
+        )
+        self._has_looked = False  # `signals` has asked SUMO since its last step
         self._way = RightOfWay(sumo, self._now, self._conflicts)
         self._change = RoomToChange(network, self._now, letting_in.waiting if letting_in else {})
         self._fleet: tuple[Member, ...] = ()  # at the last look
@@ -108,6 +114,7 @@ class StopLines:
 
         roads: edge and lane of each member
         """
+        self._has_looked = False
         if fleet.members is not self._fleet:
             self._welcome(fleet)
         elif not self._asking:  # as at the last look, so nothing is left of one
@@ -116,6 +123,7 @@ class StopLines:
         if not self._asking:
             return None
         self.renew()
+        self._has_looked = True
         rows, asking = self._rows, self._asking
         axle = fleet.progress.station[self._rows_in_progress]
         front = axle + (fleet.model.length / 2 - fleet.model.axle)[rows]
@@ -134,7 +142,7 @@ class StopLines:
         states = []
         for k, row in zip(looked_at.tolist(), rows[looked_at].tolist(), strict=True):
             member, ego = fleet.members[row], asking[k]
-            ego = ego._replace(lane=lanes[k], speed=speed[k], drive=drive[k], route=member.route, axle=axle[k])
+            ego = ego.driving(lanes[k], speed[k], drive[k], member.route, axle[k])
             if goes_round[row]:
                 ego = ego._replace(top=member.route.limit_at(axle[k]))
             if is_far[k]:
@@ -200,7 +208,9 @@ class StopLines:
         """
         if not entered:
             return []
-        self.renew()
+        if not self._has_looked:
+            self.renew()
+        self._has_looked = False  # used up: another step may follow
         found, row = [], fleet.row_of
         for name, lane, via in entered:
             i = row.get(name)
@@ -278,7 +288,8 @@ class StopLines:
         may_be_far = distance >= min(checks_from, LOOK * ego.length) and ego.lane == line.lane
         stays = line.state == CHANGING and not first.open  # only while it is slow
         if may_be_far and not stays and (has_changed or not may_stop) and not member.route.closed:
-            gives_way = line.state != CHANGING and self._gives_way(self._at_junction[line, ego.kind])
+            judged = None if line.state == CHANGING else self._at_junction[line, ego.kind]
+            gives_way = judged is not None and self._gives_way(judged, self._link_state(judged))
             begins = passed.station if passed else -math.inf
             self._far.note(k, ego, begins, line, first._replace(distance=distance), gives_way)
         if first.open and not first.minor:
@@ -388,8 +399,7 @@ class StopLines:
     def _at_line(self, line: Line, distance: float, near: bool, ego: Ego) -> LineState:
         """State of a junction's line ahead, whatever drives without priority in the junction; as `_ahead`."""
         state, conflicts = self._link_state(line), self._conflicts[line]
-        minor = self._gives_way(line)
-        yellow = state in YELLOW
+        minor, yellow = self._gives_way(line, state), state in YELLOW
         if state in RED + YELLOW:
             return LineState(distance, False, minor, yellow, LIGHT)
         if minor and distance > LOOK * ego.length:
@@ -417,9 +427,8 @@ class StopLines:
             return LineState(distance + stop, False, False, yellow, RIGHT_OF_WAY)  # so slow that it can wait
         return LineState(distance, True, minor, yellow, RIGHT_OF_WAY)
 
-    def _gives_way(self, line: Line) -> bool:
-        """Whether a vehicle looks for others before a junction's line."""
-        state = self._link_state(line)
+    def _gives_way(self, line: Line, state: str) -> bool:
+        """Whether a vehicle looks for others before a junction's line. state: of its link now"""
         return state in STOP or (state in MINOR and bool(self._conflicts[line].entering))
 
     def _link_state(self, line: Line) -> str:
@@ -430,7 +439,7 @@ class StopLines:
 
     def _is_cleared(self, line: Line) -> bool:
         """Whether crossing vehicles that entered the junction before their light became red have left it."""
-        for crossing in self._conflicts[line].crossings.values():
+        for crossing in self._way.occupied(line):
             there = [
                 one
                 for one in self._way.on(crossing)
@@ -452,21 +461,20 @@ class StopLines:
         midway: it is before the place where it may wait midway: the queue may have grown since it passed the line
         """
         now, length, size = self._now, ego.length, ego.size
-        crossings = self._conflicts[line].crossings.values()
         # Paths that part from its own are no cross traffic. But before a lane change it needs the room beside a queue.
-        if all(one.before == line.lane for one in crossings) and not _changes_on(line.onto, ego.route):
+        if not self._is_crossed[line] and not _changes_on(line.onto, ego.route):
             return True
-        inside = [[name for name in now.on_lane[via] if name != ego.id] for via in line.via]
-        if midway:
-            inside[0] = [name for name in inside[0] if now.position[name] > now.position[ego.id]]
-        for name in inside[0] if len(inside) > 1 and not midway else ():
-            behind = now.position[name] - now.length[name]
-            if now.speed[name] < STANDING and behind < length:
+        for name in now.on_lane[line.via[0]] if len(line.via) > 1 and not midway else ():
+            if name != ego.id and now.speed[name] < STANDING and now.position[name] - now.length[name] < length:
                 return False
         onto = now.on_lane[line.onto]  # the last one first
         last = next((k for k in range(len(onto)) if self._queues(onto, k, line, size)), None)
         if last is None:
             return True
+        inside = [[name for name in now.on_lane[via] if name != ego.id] for via in line.via]
+        if midway:
+            inside[0] = [name for name in inside[0] if now.position[name] > now.position[ego.id]]
+        crossings = self._conflicts[line].crossings.values()
         left = now.position[onto[last]] - now.length[onto[last]]
         merging = chain.from_iterable(one.via for one in crossings if one.merges)
         standing = [name for via in merging for name in now.on_lane[via] if now.speed[name] < STANDING]
@@ -494,8 +502,7 @@ class StopLines:
 
         A crossing whose middle is behind its front does not count: the vehicle is in the way there, and leaves it.
         """
-        conflicts = self._conflicts[line]
-        for walk in conflicts.walks:
+        for walk in self._conflicts[line].walks:
             if distance + sum(walk.own) / 2 < 0:
                 continue
             pace = self._way.pace(line, ego)

@@ -1145,8 +1145,10 @@ def test_who_would_wait_midway_in_the_way_of_a_member_stops_before_its_path(
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way.members = {"m.0", "m.1"}
     inside, lengths = place > 0, {":a_1": 9.0, ":a_2": 9.0, "side_0": 50.0}
+    on_lane = Once(lambda _: [])
+    on_lane.update({":a_1": [name] * inside, "side_0": ["b", name][: 2 - inside]})
     way._now = SimpleNamespace(
-        on_lane={":a_1": [name] * inside, ":a_2": [], "side_0": ["b", name][: 2 - inside]}, lane_length=lengths,
+        on_lane=on_lane, lane_length=lengths,
         position={name: place if inside else 50.0 + place, "b": 10.0}, speed={name: speed, "b": 9.0},
         acceleration={name: 2.6}, length={name: 5.0}, waited={"m.0": waited},
         next_links={name: [("",) * LINK_VIA + (":a_1" if speed > 1.5 else ":a_7", "", "")], "b": []},
@@ -1233,9 +1235,10 @@ def test_who_comes_behind_one_that_waits_midway_does_not_count(speed, place, cou
     way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: conflicts})
     way.members = frozenset()
     way._controlled = frozenset()
+    on_lane = Once(lambda _: [])
+    on_lane.update({":a_1": ["first"], "side_0": ["second"]})
     way._now = SimpleNamespace(
-        on_lane={":a_1": ["first"], ":a_2": [], "side_0": ["second"]},
-        lane_length={":a_1": 5.0, ":a_2": 9.0, "side_0": 50.0},
+        on_lane=on_lane, lane_length={":a_1": 5.0, ":a_2": 9.0, "side_0": 50.0},
         position={"first": place, "second": 40.0}, speed={"first": speed, "second": 0.6}, max_speed={"side_0": 14.0},
         acceleration={"first": 2.6, "second": 2.6}, length={"first": 5.0, "second": 5.0}, best_lanes={"second": []},
         next_links={"second": [("",) * LINK_VIA + (":a_1", "M", "")]},
