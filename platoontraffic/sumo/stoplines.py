@@ -195,6 +195,8 @@ class StopLines:
     def with_other_lanes(self, fleet: Fleet) -> Fleet:
         """The fleet with other routes for members whose lane changes are later or sooner, or that have found a better
         lane: see `LaterChanges`, `LaneChoice`."""
+        if not self._asking:
+            return fleet
         fleet = self._choice.given_up(fleet, self._later.blocked)
         return self._choice.chosen(self._later.put_off(fleet))
 
