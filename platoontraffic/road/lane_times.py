@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from platoontraffic.road.lane_routes import ENOUGH_ROOM, links_between
 from platoontraffic.road.permissions import CAR
@@ -17,6 +17,20 @@ CHANGE_COSTS = 4.0  # time lost for each lane that is crossed [s] ...
 LITTLE_ROOM_COSTS = 8.0  # ... and so much more where there is hardly room [s]
 QUEUE = 4.0  # time in it from which a queue is one that stands [s]
 NO_CHANGE = 20.0  # shorter edges count as too short for a change over one lane [m]
+
+
+class Queue(NamedTuple):
+    """A queue at the end of a lane."""
+
+    time: float  # that a vehicle waits in it [s]
+    length: float  # of the lane that it takes [m]
+
+    @property
+    def stands(self) -> bool:
+        return self.time >= QUEUE
+
+
+NO_QUEUE = Queue(0.0, 0.0)
 
 
 def change_time(lanes: int, room: float) -> float:
@@ -42,11 +56,11 @@ class LaneTimes:
         for i in range(len(road) - 2, -1, -1):
             self._entering[i] = _entering(road[i], self._leaving(i, self._entering[i + 1], _no_queue), _no_queue)
 
-    def leaving(self, i: int, queued: Callable[[str], float], reach: float) -> dict[int, float]:
+    def leaving(self, i: int, queue: Callable[[str], Queue], reach: float) -> dict[int, float]:
         """Time lost in queues at the end of an edge, and from there on, by index of the lane that leads on [s].
 
         i     : number of the edge, not the last one
-        queued: time that a vehicle waits in the queue on a lane, by the lane's id [s]
+        queue : on a lane, by its id
         reach : queues count on this edge, and on those that begin within this distance beyond its end [m]
         """
         last = i + 1
@@ -55,38 +69,38 @@ class LaneTimes:
             last += 1
         entering = self._entering[last]
         for k in range(last - 1, i, -1):
-            entering = _entering(self._road[k], self._leaving(k, entering, queued), queued)
-        return self._leaving(i, entering, queued)
+            entering = _entering(self._road[k], self._leaving(k, entering, queue), queue)
+        return self._leaving(i, entering, queue)
 
-    def _leaving(self, i: int, entering: Mapping[int, float], queued: Callable[[str], float]) -> dict[int, float]:
+    def _leaving(self, i: int, entering: Mapping[int, float], queue: Callable[[str], Queue]) -> dict[int, float]:
         found: dict[int, float] = {}
         for link in links_between(self._road[i], self._road[i + 1]):
             lane = link.getFromLane()
             time = entering.get(link.getToLane().getIndex(), math.inf)
             found[lane.getIndex()] = min(found.get(lane.getIndex(), math.inf), time)
         edge = self._road[i].getID()
-        return {k: time + queued(f"{edge}_{k}") for k, time in found.items()}
+        return {k: time + queue(f"{edge}_{k}").time for k, time in found.items()}
 
 
 def _lanes(edge: Any) -> list[int]:
     return [lane.getIndex() for lane in edge.getLanes() if lane.allows(CAR)]
 
 
-def _no_queue(lane: str) -> float:
-    return 0.0
+def _no_queue(lane: str) -> Queue:
+    return NO_QUEUE
 
 
-def _entering(edge: Any, leaving: Mapping[int, float], queued: Callable[[str], float]) -> dict[int, float]:
+def _entering(edge: Any, leaving: Mapping[int, float], queue: Callable[[str], Queue]) -> dict[int, float]:
     """Time lost from the begin of an edge on, by the lane there [s]; leaving: from its end on, by the lane there [s].
 
-    Nobody counts on a change to a lane on which a queue stands: it may be longer by then, and have no gap. Who waits
-    beside it for one blocks the own lane.
+    A vehicle changes lanes before the queue on its own lane. Nobody counts on a change to a lane on which a queue
+    stands: it may be longer by then, and have no gap. Who waits beside it for one blocks the own lane.
     """
-    length, found = edge.getLength(), {}
-    closed = {k for k in leaving if queued(f"{edge.getID()}_{k}") >= QUEUE}
-    for here in _lanes(edge):
-        times = [
-            time + change_time(abs(k - here), length) for k, time in leaving.items() if k == here or k not in closed
-        ]
-        found[here] = min(times, default=math.inf)
+    queues = {lane: queue(f"{edge.getID()}_{lane}") for lane in _lanes(edge)}
+    standing = {lane: one.length for lane, one in queues.items() if one.stands}
+    found = {}
+    for here in queues:
+        room = edge.getLength() - standing.get(here, 0.0)
+        onto = (k for k in leaving if k == here or k not in standing)
+        found[here] = min((leaving[k] + change_time(abs(k - here), room) for k in onto), default=math.inf)
     return found

@@ -9,14 +9,14 @@ only where each of them has room beside it now; or it stays on its lane, and cha
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import NamedTuple
 
 import numpy as np
 
 from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.lane_routes import BETWEEN, CHANGING, Line, changes_length
-from platoontraffic.road.lane_times import change_time
+from platoontraffic.road.lane_times import NO_QUEUE, Queue, change_time
 from platoontraffic.road.later_change import with_other_lane
 from platoontraffic.road.network import Network
 from platoontraffic.sumo.ego import Ego
@@ -81,7 +81,7 @@ class LaneChoice:
         self._may_stay = {name: lane for name, lane in self._may_stay.items() if name in fleet.row_of}
         round_it = {fleet.ids[row] for row in np.flatnonzero(fleet.goes_round)}
         asking = {ego.id: ego for ego in egos if ego.id not in round_it}  # those keep their ways round bodies
-        for head, behind in _together(fleet).items():
+        for head, behind in _together(fleet, asking.keys()).items():
             first = asking.get(fleet.ids[head])
             if first is None or first.id in self._since or first.length < FULL_SIZE:
                 continue
@@ -135,9 +135,9 @@ class LaneChoice:
         if place is None:
             return None
         edge, lane, planned = edge_of(first.lane), index_of(first.lane), index_of(place.end.lane)
-        if self._queued(place.end.lane, first) + self._queued(place.end.onto, first) < GAIN:
+        if self._queue(place.end.lane, first).time + self._queue(place.end.onto, first).time < GAIN:
             return None
-        times = self._times[first.route.edges].leaving(place.edge, lambda lane: self._queued(lane, first), REACH)
+        times = self._times[first.route.edges].leaving(place.edge, lambda lane: self._queue(lane, first), REACH)
         times = {k: time + change_time(abs(k - lane), place.to_end) for k, time in times.items()}
         best = min(times, key=lambda k: (times[k], abs(k - planned)))
         if best == planned or math.isinf(times[best]) or times[best] > times[planned] - GAIN:
@@ -156,21 +156,31 @@ class LaneChoice:
         may_stay = first.lane if planned == lane else ""
         return _Chosen(tuple(ego.id for ego in along), best, place.to_end, longest, may_stay)
 
-    def _queued(self, lane: str, ego: Ego) -> float:
-        """Time that a vehicle waits on a lane, behind those that are slow there, or that stand at a stop [s]."""
+    def _queue(self, lane: str, ego: Ego) -> Queue:
+        """The vehicles before one on a lane that are slow, or stand at a stop."""
         now = self._now
         slow = [name for name in now.on_lane[lane] if now.speed[name] < QUEUE_SPEED]
         if edge_of(lane) == edge_of(ego.lane):
             rear = now.position[ego.id] - ego.length
             slow = [name for name in slow if name != ego.id and now.position[name] > rear]
-        return sum(AT_STOP if now.stopped[name] else PER_VEHICLE for name in slow)
+        if not slow:
+            return NO_QUEUE
+        ends = min(now.position[name] - now.length[name] for name in slow)
+        return Queue(sum(AT_STOP if now.stopped[name] else PER_VEHICLE for name in slow), now.lane_length[lane] - ends)
 
 
-def _together(fleet: Fleet) -> dict[int, list[int]]:
-    """Rows of the members that lead, or are far behind their predecessors, and of those behind each of them."""
+def _together(fleet: Fleet, choose: Set[str]) -> dict[int, list[int]]:
+    """Rows of the members that lead, are far behind their predecessors, or leave their edge by another lane than these
+    did or will; and of those behind each of them.
+
+    choose: ids of the members that may choose their lanes
+    """
     x, y, ahead = fleet.motion.x, fleet.motion.y, fleet.predecessor
     near = (ahead >= 0) & (np.hypot(x - x[ahead], y - y[ahead]) < TOGETHER)
     predecessor, found = np.where(near, ahead, -1).tolist(), {}
+    for row in np.flatnonzero(near).tolist():
+        if fleet.ids[row] in choose and _leaves_elsewhere(fleet, row, predecessor[row]):
+            predecessor[row] = -1
     for row in range(len(fleet)):
         head = row
         while predecessor[head] >= 0:
@@ -179,6 +189,15 @@ def _together(fleet: Fleet) -> dict[int, list[int]]:
         if row != head:
             behind.append(row)
     return found
+
+
+def _leaves_elsewhere(fleet: Fleet, row: int, ahead: int) -> bool:
+    """Whether a member leaves its edge by another lane than the one ahead of it did or will."""
+    own, its = fleet.members[row].route, fleet.members[ahead].route
+    if own is its or own is None or its is None:
+        return False
+    end = _next_junction(own.lines, _front(fleet, row))
+    return end is not None and all(line.lane != end.lane for line in its.lines if line.state != CHANGING)
 
 
 def _place(ego: Ego, front: float) -> _Place | None:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
+from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.simulation import Simulation
+from platoontraffic.sumo.lane_choice import _together
 from tests.support.generated import crossroads
 
 pytestmark = pytest.mark.sumo
@@ -81,3 +86,30 @@ def test_it_goes_round_a_vehicle_at_a_stop(lanes):
 )
 def test_else_it_stays(lanes, queued, onto):
     assert lanes(queued, 0, onto) == {"p.0": {"wc_0"}, "p.1": {"wc_0"}, "p.2": {"wc_0"}}
+
+
+class Fleet(SimpleNamespace):
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
+def test_a_member_chooses_for_itself_where_its_predecessor_has_left_the_edge_by_another_lane():
+    """One stood before a full road for 50 s: those ahead of it had gone round on the lane beside."""
+
+    def route(*lanes: str):
+        lines = [Line(100.0 * k, "M", "", 0, lane, "", (), 8.0) for k, lane in enumerate(lanes, 1)]
+        return SimpleNamespace(lines=(Line(90.0, CHANGING, "", 0, "a_0", "a_1", (), 16.0), *lines))
+
+    right, left, other = route("a_0", "b_0"), route("a_1", "b_0"), route("a_0", "b_1")
+    members = [SimpleNamespace(route=one) for one in (right, left, right, other)]
+    fleet = Fleet(
+        motion=SimpleNamespace(x=np.array([120.0, 80.0, 70.0, 30.0]), y=np.zeros(4)),
+        predecessor=np.array([-1, 0, 1, 2]), ids=list("pqrs"), members=members,
+        progress=SimpleNamespace(
+            rows=np.arange(4), station=np.array([120.0, 80.0, 70.0, 30.0]), front=np.full(4, 2.5)
+        ),
+    )  # fmt: skip
+
+    assert _together(fleet, set("pqrs")) == {0: [], 1: [], 2: [3]}  # all leave by a_0 but the second
+    assert _together(fleet, set("prs")) == {0: [1], 2: [3]}
+    assert _together(fleet, set()) == {0: [1, 2, 3]}
