@@ -100,7 +100,8 @@ class LaneChoice:
                 member = fleet.members[row]
                 end = _next_junction(member.route.lines, _front(fleet, row))
                 routes.append(end and new[member.route, end.station - one.to_end, member.model])
-            if not all(routes):
+            if not all(routes):  # as at the begin of the edge, where it looks again
+                del self._since[one.ids[0]]
                 continue
             for row, route in zip(rows, routes, strict=True):
                 fleet = fleet.with_route(row, route, WINDOW)

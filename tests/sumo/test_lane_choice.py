@@ -24,10 +24,10 @@ scene.walls = "none"
 
 [[platoon]]
 id = "p"
-size = 3
+size = {size}
 gap_m = 3.0
 vehicle = "car"
-start = {{ edge = "wc", lane = {lane}, position_m = 60.0, speed_mps = 8.0 }}
+start = {{ edge = "wc", lane = {lane}, position_m = {position}, speed_mps = 8.0 }}
 route = ["wc", "{onto}"]
 leader = {{ law = "path", lidar = "car-leader" }}
 follower = {{ law = "tracking", lidar = "car-tracker", policy = "obey", on_loss = "drive" }}
@@ -39,7 +39,7 @@ def lanes(tmp_path):
     """The lanes on which members come to a red light, where so many cars stand on each."""
     crossroads(tmp_path)
 
-    def run(queued: tuple[int, int], lane: int = 0, onto: str = "ce", stops: str = "") -> dict[str, set[str]]:
+    def run(queued: tuple[int, int], lane: int = 0, onto: str = "ce", stops: str = "", **start) -> dict[str, set[str]]:
         cars = "".join(
             f'<vehicle id="c{k}.{i}" type="stays" depart="0" departLane="{k}" departPos="{185 - 8 * i}"'
             f' departSpeed="0"><route edges="wc ce"/>{stops}</vehicle>'
@@ -47,8 +47,9 @@ def lanes(tmp_path):
             for i in range(n)
         )
         (tmp_path / "queue.rou.xml").write_text(f'<routes><vType id="stays" {STAYS}/>{cars}</routes>')
-        (tmp_path / "scenario.toml").write_text(SCENARIO.format(lane=lane, onto=onto))
-        taken: dict[str, set[str]] = {f"p.{k}": set() for k in range(3)}
+        start = {"size": 3, "position": 60.0} | start
+        (tmp_path / "scenario.toml").write_text(SCENARIO.format(lane=lane, onto=onto, **start))
+        taken: dict[str, set[str]] = {f"p.{k}": set() for k in range(start["size"])}
         with Simulation.load(tmp_path / "scenario.toml") as simulation:
             now = simulation.reset()
             simulation.sumo.trafficlight.setPhase("c", 0)
@@ -74,6 +75,11 @@ def test_it_goes_round_a_queue_on_the_lane_beside(lanes, lane):
 def test_it_goes_round_a_vehicle_at_a_stop(lanes):
     bus = '<stop lane="wc_0" endPos="186" startPos="150" duration="60"/>'
     assert lanes((1, 0), stops=bus) == {"p.0": {"wc_1"}, "p.1": {"wc_1"}, "p.2": {"wc_1"}}
+
+
+def test_at_the_begin_of_the_edge_it_waits_for_room(lanes):
+    """A change needs some road before it. One did not look again for 10 s, and stood in the queue."""
+    assert lanes((6, 0), size=1, position=5.0) == {"p.0": {"wc_1"}}
 
 
 @pytest.mark.parametrize(
