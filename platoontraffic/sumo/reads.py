@@ -58,6 +58,8 @@ class Reads:
         self.speed = OfSumo(sumo, "vehicle", "getSpeed")
         self.position = OfSumo(sumo, "vehicle", "getLanePosition")
         self.aside = OfSumo(sumo, "vehicle", "getLateralLanePosition")
+        self.front = OfSumo(sumo, "vehicle", "getPosition")
+        self.angle = OfSumo(sumo, "vehicle", "getAngle")
         self.acceleration = OfSumo(sumo, "vehicle", "getAccel")
         self.accelerates_by = OfSumo(sumo, "vehicle", "getAcceleration")
         self.next_links = OfSumo(sumo, "vehicle", "getNextLinks")
@@ -68,8 +70,8 @@ class Reads:
         self.next_switch = OfSumo(sumo, "trafficlight", "getNextSwitch")
         self._of_instant = [
             self.max_speed, self.links, self.on_lane, self.people, self.speed, self.position, self.aside,
-            self.acceleration, self.accelerates_by, self.next_links, self.best_lanes, self.waited, self.stopped,
-            self.lights, self.next_switch,
+            self.front, self.angle, self.acceleration, self.accelerates_by, self.next_links, self.best_lanes,
+            self.waited, self.stopped, self.lights, self.next_switch,
         ]  # fmt: skip
 
     def renew(self) -> None:

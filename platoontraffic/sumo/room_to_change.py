@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from enum import Enum
 from itertools import chain
-from math import inf
+from math import cos, inf, radians, sin
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -36,6 +36,8 @@ COMES_WITHIN = 3.6  # vehicles that come to the adjacent lane within this time a
 ENTRY = 40.0  # first part of a lane, in which no car waits for room [m]
 SWAPS_WITHIN = 50.0  # distance from the end of a lane, for a car, within which two that swap lanes make room [m] ...
 FALLS_BACK_FROM, SWAP_BRAKING = 2.0, 3.0  # ... the least speed of the one behind [m/s], and its braking [m/s2]
+BY_PLACES = 20.0  # two vehicles so near on their lanes [m] are compared by their places ...
+SAME_WAY = 30.0  # ... if they are headed the same way within this [deg]
 OWN_GAP = 4.0  # that a member of a car's length leaves in a queue [m]
 
 
@@ -375,7 +377,7 @@ class RoomToChange:
         for name, foe_to_end in foes:
             if self._waits_for(name, line, distance, ego):
                 continue
-            ahead, foe_speed = to_end - foe_to_end, self._now.speed[name]
+            ahead, foe_speed = self._ahead(name, to_end - foe_to_end, ego), self._now.speed[name]
             if ahead >= 0:
                 gap = ahead - self._now.length[name]
                 closing, rear_speed = max(ego.speed - foe_speed, 0.0), ego.speed
@@ -383,6 +385,22 @@ class RoomToChange:
                 gap = -ahead - ego.length - foe_speed * time + half
                 closing, rear_speed = max(foe_speed - later, 0.0), foe_speed
             yield Gap(name, ahead >= 0, gap, rear_speed, closing)
+
+    def _ahead(self, name: str, along: float, ego: Ego) -> float:
+        """How far the front of another vehicle is ahead of the own one [m].
+
+        Lanes side by side have the same length for SUMO, and do not in a bend: by that, vehicles that drive abreast can
+        be 7 m apart.
+
+        along: the same by their distances from the ends of their lanes [m]
+        """
+        if abs(along) > BY_PLACES:
+            return along
+        front, angle = self._now.front, self._now.angle
+        if cos(radians(angle[name] - angle[ego.id])) < cos(radians(SAME_WAY)):
+            return along
+        (x, y), (its_x, its_y), heading = front[ego.id], front[name], radians(90.0 - angle[ego.id])
+        return (its_x - x) * cos(heading) + (its_y - y) * sin(heading)
 
     def _falls_back(self, line: Line, distance: float, ego: Ego) -> float:
         """Distance within which a vehicle brakes to fall back behind another one, which must come to its lane [m].

@@ -21,6 +21,35 @@ from platoontraffic.vehicles.catalogue import VEHICLES
 from tests.support.bench import FAR, NO_WALLS, drive, platoon
 
 CAR = VEHICLES["car"]
+BY_PLACES = RoomToChange._ahead
+
+
+@pytest.fixture(autouse=True)
+def _on_straight_lanes(monkeypatch):
+    """Scenes without SUMO have positions on lanes only, which are straight, and begin side by side."""
+    monkeypatch.setattr(RoomToChange, "_ahead", lambda _, name, along, ego: along)
+
+
+@pytest.mark.parametrize(
+    ("along", "its_place", "its_angle", "ahead"),
+    [
+        (-9.2, (3.0, -2.4), 0.0, -2.4),  # SUMO has it behind, in a bend; it is beside
+        (-9.2, (3.0, -2.4), 25.0, -2.4),
+        (3.0, (3.0, 5.5), -10.0, 5.5),
+        (-9.2, (3.0, -2.4), 90.0, -9.2),  # round a corner
+        (-30.0, (3.0, -28.0), 0.0, -30.0),  # far away
+    ],
+)
+@pytest.mark.parametrize("turned", [0.0, 130.0, 300.0])
+def test_vehicles_side_by_side_are_compared_by_their_places(along, its_place, its_angle, turned, ahead):
+    """A member changed lanes into another one beside it: in a junction of 70 m that was 7 m farther back for SUMO."""
+    (x, y), turn = its_place, np.radians(turned)  # angles are clockwise
+    place = 100.0 + x * np.cos(turn) + y * np.sin(turn), 50.0 - x * np.sin(turn) + y * np.cos(turn)
+    now = SimpleNamespace(
+        front={"m.0": (100.0, 50.0), "c": place}, angle={"m.0": turned, "c": (its_angle + turned) % 360.0}
+    )
+    ego = Ego("m.0", "road_0", 8.0, CAR.length)
+    assert BY_PLACES(RoomToChange(SimpleNamespace(), now), "c", along, ego) == pytest.approx(ahead)
 
 
 def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
