@@ -210,7 +210,8 @@ def _line_of(lane: Any, left_hand: bool) -> np.ndarray:
 
 
 def _places_beside(line: LineString, beside: LineString) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places on a line, the ways there from another line, both (k, 2) [m], and shares that fade at its ends, (k,)."""
+    """Places on a line, the vectors to them from the nearest places of another line, both (k, 2) [m], and shares that
+    fade from 1 to 0 towards the ends of the line, (k,)."""
     own = shapely.line_locate_point(line, shapely.points(line.coords))
     along = np.union1d(own, np.arange(0.0, line.length, SAMPLED))
     there = shapely.line_interpolate_point(line, along)

@@ -94,7 +94,7 @@ def _entering(edge: Any, leaving: Mapping[int, float], queue: Callable[[str], Qu
     """Time lost from the begin of an edge on, by the lane there [s]; leaving: from its end on, by the lane there [s].
 
     A vehicle changes lanes before the queue on its own lane. Nobody counts on a change to a lane on which a queue
-    stands: it may be longer by then, and have no gap. Who waits beside it for one blocks the own lane.
+    stands: it may be longer by then, and have no gap. A vehicle that waits beside it blocks its own lane.
     """
     queues = {lane: queue(f"{edge.getID()}_{lane}") for lane in _lanes(edge)}
     standing = {lane: one.length for lane, one in queues.items() if one.stands}

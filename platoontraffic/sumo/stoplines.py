@@ -66,7 +66,7 @@ class StopLines:
         # By line and kind of vehicle: one for all routes over it.
         self._judged = Once(lambda passed: JudgedLine.of(*passed, network))
         self._at_junction = Once(lambda passed: self._judged[passed[0]._replace(station=0.0), passed[1]])
-        # Whether vehicles from elsewhere cross the path, by line; and lanes from which a route changes, by route.
+        # Whether vehicles from elsewhere cross the path, by line.
         self._is_crossed = Once(
             lambda line: any(one.before != line.lane for one in self._conflicts[line].crossings.values())
         )
