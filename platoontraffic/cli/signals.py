@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import _thread
 import errno
 import os
 import signal
+import sys
+import threading
 from types import FrameType
+
+AGAIN_AFTER = 1.0  # Ctrl-C that ended nothing comes again after this time [s]
+
+_lost: list[BaseException] = []  # KeyboardInterrupts that ended nothing: see `_raise_again`
 
 
 def end_at_once() -> None:
@@ -15,16 +22,30 @@ def end_at_once() -> None:
 
 
 def command_begins() -> None:
-    """Raise KeyboardInterrupt at Ctrl-C from now on."""
+    """Raise KeyboardInterrupt at Ctrl-C from now on, again if it is lost."""
     if signal.getsignal(signal.SIGINT) is _end:
+        sys.unraisablehook = _raise_again
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def is_of_control_c(error: BaseException | None) -> bool:
-    """Whether it is a KeyboardInterrupt, or compiled code has made a SystemError of one."""
+    """Whether it is a KeyboardInterrupt, or comes of one: compiled code makes a SystemError of it, and the compiler,
+    which loses it in a callback, fails a little later."""
     while isinstance(error, SystemError):
         error = error.__cause__
-    return isinstance(error, KeyboardInterrupt)
+    return isinstance(error, KeyboardInterrupt) or bool(_lost)
+
+
+def _raise_again(unraisable: sys.UnraisableHookArgs) -> None:
+    """Note a KeyboardInterrupt that Python can raise to nobody, as in a callback of C, and raise one a little later,
+    where what called back has not failed by then."""
+    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(unraisable)
+        return
+    _lost.append(unraisable.exc_value)
+    again = threading.Timer(AGAIN_AFTER, _thread.interrupt_main)
+    again.daemon = True
+    again.start()
 
 
 def end_as_at_control_c() -> None:

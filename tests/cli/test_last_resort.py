@@ -64,6 +64,36 @@ def test_ctrl_c_in_compiled_code_is_one_word():
     assert (done.exit_code, done.stderr) == (130, "interrupted\nwhat was recorded until then is kept in x\n")
 
 
+# Ctrl-C in a callback of C, where Python can raise it to nobody: so the compiler of kernels fails later.
+LOST = """
+import ctypes, os, signal, time
+from platoontraffic.cli import entry, main
+from platoontraffic.cli.commands import commands_of
+
+@ctypes.CFUNCTYPE(None)
+def callback():
+    os.kill(os.getpid(), signal.SIGINT)
+    sum(range(10))
+
+def fail() -> None:
+    callback()
+    {then}
+
+commands_of(main.app)(fail)
+import sys
+sys.argv = ["platoontraffic", "fail"]
+signal.signal(signal.SIGINT, signal.default_int_handler)  # the tests may run under nohup
+entry.main()
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize("then", ['raise RuntimeError("no compiled object yet")', "[time.sleep(0.1) for _ in range(100)]"])
+def test_ctrl_c_that_a_callback_loses_is_one_word(then: str):
+    done = subprocess.run([sys.executable, "-c", LOST.format(then=then)], capture_output=True, text=True, cwd=ROOT)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
+
+
 def test_no_file_is_no_fault(monkeypatch: pytest.MonkeyPatch):
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
