@@ -88,7 +88,9 @@ entry.main()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize("then", ['raise RuntimeError("no compiled object yet")', "[time.sleep(0.1) for _ in range(100)]"])
+@pytest.mark.parametrize(
+    "then", ['raise RuntimeError("no compiled object yet")', "[time.sleep(0.1) for _ in range(100)]"]
+)
 def test_ctrl_c_that_a_callback_loses_is_one_word(then: str):
     done = subprocess.run([sys.executable, "-c", LOST.format(then=then)], capture_output=True, text=True, cwd=ROOT)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
