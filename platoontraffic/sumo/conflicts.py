@@ -36,7 +36,7 @@ ZIPPER = "Z"  # in the order of arrival
 APART = 0.8  # distance of two paths at which vehicles pass each other with a margin [lane widths]: 2.6 m in streets
 TOUCHES = 0.5  # distance of a front bumper from a path at which a vehicle there would touch it [lane widths]
 SWUNG = 0.3  # distance of a front corner from a car beside at which it is in that one's way, as both may be askew [m]
-LENGTH = 5.0  # of SUMO's own cars [m]
+SUMO_LENGTH = 5.0  # of SUMO's own cars [m]
 SAMPLED = 0.08  # distance of the points at which paths are compared [lane widths]: 0.25 m
 SHARP = 0.5  # curvature of a path below which no front swings out over another lane [of that at its full lock]
 ABOUT = 15.0  # distance before and beyond a junction from which a vehicle's path through it is rounded [m]
@@ -216,7 +216,7 @@ def _swung_over(
                 if its_onto != onto or not via or via[0] in met or not set(via).isdisjoint(line.via):
                     continue
                 its = paths[via, onto, SAMPLED * width]
-                apart, places = CARS["car"].width / 2 + SWUNG, (its, _middles(its, LENGTH))
+                apart, places = CARS["car"].width / 2 + SWUNG, (its, _middles(its, SUMO_LENGTH))
                 met_by = (_met(corner, place, apart) for corner in corners for place in places)
                 spans = [span for span in met_by if span]
                 if not spans:

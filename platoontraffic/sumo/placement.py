@@ -287,11 +287,11 @@ class Placement:
             (self._on_short.add if self._is_a_short_lane(lane) else self._on_short.discard)(name)
             overlaps = self._overlaps_another(lane)
             (self._on_overlapping.add if overlaps else self._on_overlapping.discard)(name)
-            on_path = (lane[:1] == ":" or overlaps) and self._keeps_its_path(fleet.members[row], lane)
+            on_path = (lane[:1] == ":" or overlaps) and self._keeps_to_its_route(fleet.members[row], lane)
             (self._on_route.add if on_path else self._on_route.discard)(name)
         self._shadows.observe(self._moved(fleet), where)
 
-    def _keeps_its_path(self, member: Member, lane: str) -> bool:
+    def _keeps_to_its_route(self, member: Member, lane: str) -> bool:
         """Whether a member is on a lane of its route; inside a junction also whether it was in the last step."""
         if member.route is None:
             return False

@@ -21,7 +21,7 @@ from platoontraffic.vehicles.catalogue import VEHICLES
 from tests.support.bench import FAR, NO_WALLS, drive, platoon
 
 CAR = VEHICLES["car"]
-BY_PLACES = RoomToChange._ahead
+AHEAD = RoomToChange._ahead
 
 
 @pytest.fixture(autouse=True)
@@ -49,7 +49,7 @@ def test_vehicles_side_by_side_are_compared_by_their_places(along, its_place, it
         front={"m.0": (100.0, 50.0), "c": place}, angle={"m.0": turned, "c": (its_angle + turned) % 360.0}
     )
     ego = Ego("m.0", "road_0", 8.0, CAR.length)
-    assert BY_PLACES(RoomToChange(SimpleNamespace(), now), "c", along, ego) == pytest.approx(ahead)
+    assert AHEAD(RoomToChange(SimpleNamespace(), now), "c", along, ego) == pytest.approx(ahead)
 
 
 def test_a_lane_change_over_two_lanes_is_judged_on_each_of_them():
