@@ -24,7 +24,8 @@ from platoontraffic.world.events import STANDSTILL_AFTER
 
 NO_REASON = "no reason"
 BEHIND = "behind: behind "  # begin of the reason of one in a queue
-RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = (f"held: held by {reason}" for reason in CLOSED_BY[2:5])  # reasons at lines
+LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = (f"held: held by {reason}" for reason in CLOSED_BY[1:5])  # at lines
+SETS_OUT_WITHIN = 3.0  # the first vehicle at a light sets out within this time after it opens [s]
 LONG = 60.0  # a longer standstill needs to be explained [s]
 
 
@@ -38,6 +39,7 @@ class Stand(NamedTuple):
     queue: str = ""  # edge beyond the junction on which it waits for room; "" if it stands for another reason
     onto: str = ""  # lane on which it waits for room to change to it; likewise
     unregulated: bool = False  # it waits for a gap where nobody has to give way, and SUMO's cars look out for nobody
+    one_red: bool = False  # it waits at a light, for no longer than that may be closed
 
     @property
     def behind(self) -> str:
@@ -152,7 +154,9 @@ def _stands(
             changes = (one.onto for one in trip.lines if one.state == CHANGING and one.lane == lane)
             onto = next(changes, "") if why == LANE_CHANGE else ""
             unregulated = bool(line) and why == RIGHT_OF_WAY and not network.unregulated.isdisjoint(line.via)
-            yield Stand(str(vehicle), float(lasts), why, lane, queue, onto, unregulated)
+            closed = network.longest_closed.get((line.light, line.index), 0.0) if line and why == LIGHT else 0.0
+            one_red = 0.0 < lasts <= closed + SETS_OUT_WITHIN
+            yield Stand(str(vehicle), float(lasts), why, lane, queue, onto, unregulated, one_red)
 
 
 def _junction_ahead(lane: str, trip: Trip) -> Line | None:

@@ -161,7 +161,8 @@ def _stuck(made: Sequence[Pair]) -> Iterator[str]:
 
     Members behind one that stands where SUMO's cars do are a queue, and no fault; so are those that keep a junction
     clear before it, and those that wait to change to a lane on which one of SUMO's own cars, or such a member, stands
-    for as long. Where nobody has to give way, SUMO's cars drive through each other: they show no time to wait.
+    for as long. Where nobody has to give way, SUMO's cars drive through each other: they show no time to wait. One that
+    comes to a light as it closes waits until it opens, whether one of SUMO's cars happens to come then or not.
     """
     for pair in made:
         if pair.platoons is None or pair.sumo is None:
@@ -186,7 +187,7 @@ def _excused(long: Sequence[Stand], long_on: Set[str], beside: Mapping[str, floa
     beside  : longest time for which one of SUMO's own cars stands on a lane [s], by lane
     """
     waits_for_gap = {stand for stand in long if stand.unregulated and stand.lasts <= UNREGULATED}
-    excused = waits_for_gap | {stand for stand in long if stand.lane in long_on}
+    excused = waits_for_gap | {stand for stand in long if stand.lane in long_on or stand.one_red}
     while True:
         queue, edges = {stand.vehicle for stand in excused}, {edge_of(stand.lane) for stand in excused}
         edges |= {edge_of(lane) for lane in long_on}

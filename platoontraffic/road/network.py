@@ -17,7 +17,7 @@ from shapely.geometry import LinearRing, LineString, Polygon
 
 from platoontraffic.errors import InputError, did_you_mean
 from platoontraffic.lidar import kerbs
-from platoontraffic.road import levels
+from platoontraffic.road import levels, light_programs
 from platoontraffic.road.fastest_routes import TURNS_BACK, FastestRoutes
 from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.road.lane_routes import CHANGING, Change, LaneRoute, Line, inside, least_changes, links_between
@@ -474,6 +474,11 @@ class Network:
                 part = [end + (2 * share / len(links) - 1) * left for share in (k, k + 1)]
                 found.append((LineString(part), link.getTLSID(), link.getTLLinkIndex()))
         return found
+
+    @cached_property
+    def longest_closed(self) -> Mapping[tuple[str, int], float]:
+        """As `light_programs.longest_closed`."""
+        return light_programs.longest_closed(self.path)
 
     def junctions(self) -> list[shapely.Polygon]:
         """The areas of all junctions that have one."""

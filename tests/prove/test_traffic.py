@@ -147,6 +147,8 @@ class Lanes:
     def lanes_at(self, x, y):
         return [f"lane {round(one)}" for one in y]
 
+    longest_closed = MappingProxyType({("tl", 1): 69.0})
+
 
 def test_lanes_on_which_traffic_stands_for_long():
     """Times of one car do not add up with those of the next one, nor over a short drive."""
@@ -237,6 +239,23 @@ def test_a_member_may_stand_for_long_where_sumos_cars_do(sumo):
     elsewhere = ride(stands=(Stand("p0.0", 61.0, "held: held by light", "b_0"),))
     assert verdict(long, ride(**sumo)).holds
     assert len(verdict(elsewhere, ride(**sumo)).faults) == 1
+
+
+def test_a_wait_for_a_light_that_is_closed_for_long_is_no_fault():
+    red = Stand("p0.0", 69.0, rides.LIGHT, "a_0", one_red=True)
+    assert verdict(ride(stands=(red, Stand("p0.1", 67.0, "behind: behind p0.0", "a_0")))).holds
+    assert not verdict(ride(stands=(red._replace(one_red=False),))).holds
+    line = Line(50.0, "o", "tl", 1, "lane 0", "b_0", (":j_0_0",), 8.0)
+    found = events(
+        (12.0, "standstill", "p0.0", "", "", "held", "since 2.000 s, held by light", np.nan),
+        (72.0, "standstill_end", "p0.0", "", "", "", "", 70.0),
+        (112.0, "standstill", "p0.0", "", "", "held", "since 102.000 s, held by light", np.nan),
+        (175.0, "standstill_end", "p0.0", "", "", "", "", 73.0),
+        (212.0, "standstill", "p0.0", "", "", "held", "since 202.000 s, held by no room behind the junction", np.nan),
+        (272.0, "standstill_end", "p0.0", "", "", "", "", 70.0),
+    ).assign(x_m=0.0, y_m=0.0)
+    stands = _stands(found, 300.0, pd.Series(dtype=float), Lanes(), {"p0.0": TRIP._replace(lines=(line,))})
+    assert [stand.one_red for stand in stands] == [True, False, False]
 
 
 def test_a_queue_behind_a_member_that_stands_where_sumos_cars_do_is_no_fault():
