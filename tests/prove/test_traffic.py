@@ -6,6 +6,7 @@ import json
 import math
 import shutil
 import xml.etree.ElementTree as ET
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
