@@ -395,6 +395,7 @@ class TrackingFollower(Law):
         track = track.forgotten(track.blind > self.patience)
         if now.sensed.route is not None:
             limit = np.where(now.memory.never_lost, ASIDE, ASIDE_ANEW)
+            limit[now.memory.track.guessed] = np.inf  # where it is now is a guess
             track = track.forgotten(track.offset(now.sensed.route.points, now.odometry) > limit)
         return track.forgotten(now.leads)
 
@@ -449,12 +450,15 @@ class TrackingFollower(Law):
         return pursuit._replace(wanted=slower)
 
     def _obstacle(self, now: Now, estimate: Estimate, trail: Trail, ahead: Ahead) -> Obstacle:
-        """In the scan."""
+        """In the scan. A predecessor that is found anew in scan after scan is an obstacle too: its speed is a guess."""
         from platoontraffic.controllers.tracker.obstacle_kernel import follow_obstacle
 
-        sensed, memory = now.sensed, now.memory
+        sensed, memory, beams = now.sensed, now.memory, estimate.sighting.beams
+        followed = estimate.track.known
+        if some(anew := estimate.track.guessed & memory.track.guessed):
+            followed, beams = followed & ~anew, np.where(anew[:, None], -1, beams)
         beyond_end = np.maximum(ahead.length, 0) + sensed.scan.model.range_max / 2
-        reach = np.where(estimate.track.known, ahead.length - OVERHANG - PAST_PREDECESSOR, beyond_end)
+        reach = np.where(followed, ahead.length - OVERHANG - PAST_PREDECESSOR, beyond_end)
         if sensed.age:
             there, then = estimate.now.mean, estimate.track.mean
             driven = np.nan_to_num(np.hypot(there[:, X] - then[:, X], there[:, Y] - then[:, Y]))
@@ -462,13 +466,13 @@ class TrackingFollower(Law):
         given = self.half_width
         half_width = sensed.body.width / 2 + KEPT_FREE if given is None else np.full(len(reach), given)
         strip = Strip(half_width, reach, sensed.body.width / 2 + SWINGS_CLEAR)
-        free, beam = trail.free_distance(now.scanned, sensed.scan, sensed.body, strip, estimate.sighting.beams)
+        free, beam = trail.free_distance(now.scanned, sensed.scan, sensed.body, strip, beams)
         if sensed.route is not None and some(estimate.on_route):
             points = (
                 sensed.route.points if not sensed.age else seen_from(sensed.route.points, now.odometry, now.scanned)
             )
             until = np.where(estimate.on_route, reach - sensed.body.length / 2 + sensed.body.axle, 0.0)
-            first_touched(sensed, points, now.driven_curvature, estimate.sighting.beams, until, free, beam)
+            first_touched(sensed, points, now.driven_curvature, beams, until, free, beam)
         speed, acceleration = np.empty((2, len(free)))
         follow_obstacle(free, now.scanned.speed, memory.obstacle, memory.scanned_speed, now.dt, speed, acceleration)
         return Obstacle(free, speed, acceleration, bearing_of(beam, sensed.scan.model))

@@ -9,6 +9,7 @@ import numpy as np
 X, Y, HEADING, SPEED, ACCELERATION, CURVATURE = range(6)  # elements of a track's state
 
 OVERHANG = 1.0  # assumed distance from a vehicle's rear axle to its rear [m]; cars have 0.8 to 1.2
+UNKNOWN_SPEED = 5.0  # least standard deviation of the speed of a new predecessor, which is taken for the own [m/s]
 HIDDEN = 0.25  # time after which a vehicle that has cut in takes the place of a predecessor that it hides [s]
 CUTS_IN = 0.5  # share of the own speed from which an obstacle on the strip is a vehicle that drives ahead [1]
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from platoontraffic.controllers.tracker.records import Groups, Hiding, Laser, Sighting
+from platoontraffic.controllers.tracker.records import SPEED, UNKNOWN_SPEED, Groups, Hiding, Laser, Sighting
 from platoontraffic.lidar import ScanBatch
 from platoontraffic.lidar.segments import Segments
 from platoontraffic.vehicles.records import some
@@ -76,6 +76,11 @@ class Track(NamedTuple):
     def seen(self) -> np.ndarray:
         """In the last scan."""
         return self.blind == 0
+
+    @property
+    def guessed(self) -> np.ndarray:
+        """Begun with the last scan, at the own speed: another one is not known yet."""
+        return self.seen & (self.cov[:, SPEED, SPEED] >= UNKNOWN_SPEED**2)
 
     def predicted(self, odometry: Odometry, dt: float) -> Track:
         """After dt on the same arc; drivers may change acceleration and curvature.

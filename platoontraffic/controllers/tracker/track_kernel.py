@@ -30,7 +30,17 @@ from platoontraffic.controllers.tracker.rear_kernel import (
     no_rear,
     remainder,
 )
-from platoontraffic.controllers.tracker.records import ACCELERATION, CUTS_IN, HEADING, HIDDEN, OVERHANG, SPEED, X, Y
+from platoontraffic.controllers.tracker.records import (
+    ACCELERATION,
+    CUTS_IN,
+    HEADING,
+    HIDDEN,
+    OVERHANG,
+    SPEED,
+    UNKNOWN_SPEED,
+    X,
+    Y,
+)
 from platoontraffic.geometry import polyline
 from platoontraffic.geometry.polyline import nearest
 from platoontraffic.lidar.compiled import compiler
@@ -45,10 +55,10 @@ HARD, FAST = 5.0, 10.0  # braking that counts as hard [m/s2], and speed above wh
 HARDEST, STRONGEST = 12.0, 6.0  # greatest braking and acceleration of any vehicle [m/s2]
 NEAR = 6.0  # greatest distance of a group from the predicted rear [m]
 BETWEEN = 2.0  # greatest distance of a rear beyond the obstacle that hides the predecessor, for it to be that one's [m]
-LANE = 1.5  # half the width in which a new predecessor is looked for [m]
+LANE = 1.5  # half the width in which a new predecessor, and its axle, are looked for [m]
 OBLIQUE = math.radians(35)  # greatest angle of a new predecessor to the route
 NEW = 0.1, 0.05, 0.05  # standard deviations of a new track: of the axle's place [m], heading [rad], curvature [1/m]
-UNKNOWN_SPEED, UNKNOWN_SHARE, STEADY = 5.0, 0.5, 2.0  # of its speed, taken for the own: [m/s], share of that; [m/s2]
+UNKNOWN_SHARE, STEADY = 0.5, 2.0  # of its speed, taken for the own: beyond UNKNOWN_SPEED, share of that; [m/s2]
 MEASURED = 1.0, 5.0  # of its speed [m/s] and acceleration [m/s2], if they are known from free distances
 LEARNING = 0.1  # share of a seen width by which the known one is corrected
 
@@ -267,11 +277,14 @@ def _first_rear(i, laser, route, curvature, groups, ranges):
 
 @compiled
 def _along_route(points, rear, forward, left):
-    """Distance of a rear along the route; inf if it is behind, off the lane, or crosses the route."""
-    station, offset, heading = _beside_route(points, rear.x + forward, rear.y + left)
+    """Distance of a rear along the route; inf if it is behind, crosses the route, or is off the lane, or its axle is:
+    that would soon be dropped as one that leaves the route."""
+    x, y = rear.x + forward, rear.y + left
+    station, offset, heading = _beside_route(points, x, y)
     if station <= 0 or abs(offset) > LANE or abs(remainder(rear.heading - heading, 2 * math.pi)) > OBLIQUE:
         return math.inf
-    return station
+    axle_x, axle_y = x + OVERHANG * math.cos(rear.heading), y + OVERHANG * math.sin(rear.heading)
+    return math.inf if abs(_beside_route(points, axle_x, axle_y)[1]) > LANE else station
 
 
 @compiled
