@@ -335,12 +335,13 @@ class RoomToChange:
     def _goes(self, line: Line, distance: float, half: float, can_stop: bool, ego: Ego) -> bool:
         """Whether a vehicle makes its lane change: where it has room.
 
-        On a fast road one that is near it, had room at the last look, and cannot stop any more, also makes it where a
-        vehicle that was behind it then has less room now, but need not touch it. That vehicle accelerates as it does,
-        and needs ever more room; by braking the member would take what there is.
+        In traffic that flows, one that is near it, had room at the last look, and cannot stop any more, also makes it
+        where a vehicle that was behind it then has less room now, but need not touch it. That vehicle accelerates as it
+        does, and needs ever more room; by braking the member would take what there is.
         """
         key = ego.id, line.onto
-        is_bound = not can_stop and distance < BOUND_WITHIN * ego.speed and self.is_fast(line)
+        flows = self.is_fast(line) or ego.speed >= FLOWS
+        is_bound = not can_stop and distance < BOUND_WITHIN * ego.speed and flows
         known = self._had_room.get(key, frozenset()) if is_bound else frozenset()
         gaps = [*self._gaps(line, distance, half, ego)]
         goes = all(
