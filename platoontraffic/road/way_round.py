@@ -259,6 +259,17 @@ def corners(section: _Section, body: Body) -> np.ndarray:
     return np.stack([x, y], axis=-1)
 
 
+def farthest_aside(route: Route, station: float, corners: np.ndarray, side: float) -> float:
+    """Greatest distance of the body's corners from the route, on one side of it [m].
+
+    station : of the driven axle
+    corners : as of `corners`
+    side    : 1: to the left, -1: to the right
+    """
+    section = _ahead(route, station, REACH + LONGEST_BODY)
+    return float((side * _places(section, corners.reshape(-1, 2))[1]).max())
+
+
 def _ahead(route: Route, station: float, distance: float) -> _Section:
     places = np.arange(0.0, distance + SPACING, SPACING)
     return _Section(places, route.line.at(station + places))

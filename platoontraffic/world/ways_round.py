@@ -33,6 +33,7 @@ from platoontraffic.road.way_round import (
     Way,
     blocked_at,
     blocked_return,
+    farthest_aside,
     is_free_without,
     way_round,
     with_later_return,
@@ -56,9 +57,10 @@ EVERY_UNDER_WAY, STILL_UNDER_WAY = 0.5, 0.3  # the same two of a member that dri
 NEAR = 25.0  # distance of returns that matter [m]; so far behind where it pulls out only what stands may be [m] ...
 COMES_WITHIN, LOOKS_BACK = 5.0, 80.0  # ... and nothing that would come within that time [s], as far as that [m]
 WITHIN_LANE = 1.5  # greatest shift with which the vehicle is still on its lane [m]
-STAYS = 0.6  # shift up to which it stays on its lane with its whole width [m]
+STAYS = 0.6  # by which its side, or its front as it swings out, moves aside at most while all of it is on its lane [m]
 AWAY_BY, AWAY_WITHIN = 0.5, math.radians(45)  # what is ahead, faster [m/s] and headed so nearly alike [rad] drives away
-APART, BESIDE = 0.3, 0.8  # from the side of the own body, and of the shifted one, between which a strip behind lies [m]
+# Of a strip behind: from the side of the own body to beside the shifted one, and the front as it swings out [m].
+APART, BESIDE = 0.3, 0.8
 
 PREDECESSOR = BRAKES_FOR.index("predecessor")
 
@@ -155,7 +157,7 @@ class WaysRound:
                 continue
             pose = *(float(axle[row]) for axle in fleet.model.axle_position(fleet.motion)), fleet.motion.heading[row]
             behind = _behind(fleet, row, k, traffic, more)
-            may_use = self._may_use(member.route.edges, body, behind)
+            may_use = self._may_use(member.route, station, body, behind)
             way = way_round(member.route, station, pose, body, returns.points, may_use, most)
             if way is None:
                 continue
@@ -202,7 +204,7 @@ class WaysRound:
                 continue
             if not abs(blocked - one.blocked) < STILL_UNDER_WAY:
                 continue
-            may_use = self._may_use(fleet.members[row].route.edges, body, np.empty((0, 2)))
+            may_use = self._may_use(fleet.members[row].route, station, body, np.empty((0, 2)))
             if way := with_later_return(one.way, station, body, returns.points, may_use):
                 routes[row], self._under_way[name] = way.route, one._replace(way=way, at=time, blocked=math.inf)
         return routes
@@ -246,23 +248,28 @@ class WaysRound:
             if time - look.at > every - 1e-6:
                 yield one.row, one.group, one.k, AFTER_FOLLOWING if follows else AFTER
 
-    def _may_use(self, edges: Sequence[str], body: Body, behind: np.ndarray) -> Callable[[float, np.ndarray], bool]:
+    def _may_use(
+        self, route: Route, station: float, body: Body, behind: np.ndarray
+    ) -> Callable[[float, np.ndarray], bool]:
         """Whether a way is on the road, and nothing comes from behind on its side.
 
-        behind: returns of what comes from behind, from the centre, x forward, y to the left (k, 2) [m]
+        station: of the driven axle on the route
+        behind : returns of what comes from behind, from the centre, x forward, y to the left (k, 2) [m]
         """
 
         def may_use(shift: float, corners: np.ndarray) -> bool:
-            if abs(shift) > STAYS:
-                ahead, aside = behind.T
-                aside = math.copysign(1.0, shift) * aside - body.width / 2
-                there = (aside > APART) & (aside < abs(shift) + BESIDE)
-                if (there & (ahead < -body.length / 2)).any():
+            side = math.copysign(1.0, shift)
+            ahead, aside = behind.T
+            aside = side * aside - body.width / 2
+            near = (aside > APART) & (ahead < -body.length / 2)
+            if near.any():
+                reach = farthest_aside(route, station, corners, side) - body.width / 2
+                if reach > STAYS and (aside[near] < max(abs(shift) + BESIDE, reach + APART)).any():
                     return False
             points = shapely.points(corners.reshape(-1, 2))
             on_road = np.zeros(len(points), bool)
             bounds = shapely.box(*shapely.total_bounds(points))
-            for edge in edges:
+            for edge in route.edges:
                 area = self._network.own_side(edge)
                 if shapely.intersects(area, bounds):
                     on_road |= shapely.intersects(area, points)

@@ -15,7 +15,7 @@ from platoontraffic.controllers.tracking import TrackingFollower
 from platoontraffic.lidar import PRESETS, Mount, Noise, ScanBatch, Scene
 from platoontraffic.observation.observer import Observer
 from platoontraffic.road.route import Route
-from platoontraffic.road.way_round import MOST, SPEED, Body, blocked_at, way_round
+from platoontraffic.road.way_round import MOST, SPEED, Body, _ways, blocked_at, corners, way_round
 from platoontraffic.vehicles.bicycle import CARS
 from platoontraffic.vehicles.motion import Drive
 from platoontraffic.world import ways_round
@@ -253,8 +253,22 @@ def test_it_waits_for_what_comes_from_behind_and_would_pass_closely(side, beside
     """A few centimetres of a car's front were in the strip, between two beams: it was touched at 10 m/s in Bologna."""
     shift, body = side * 1.2, Body(*(float(getattr(CAR, key)) for key in Body._fields))
     comes = np.array([[-CAR.length / 2 - 15.0, side * (CAR.width / 2 + 1.2 + beside)]])
-    may_use = WaysRound(Street(6.0))._may_use(("road",), body, comes)
-    assert may_use(shift, np.array([[[0.0, 0.0], [2.0, 1.0]]])) == (not waits)
+    may_use = WaysRound(Street(6.0))._may_use(ROUTE, 200.0, body, comes)
+    assert may_use(shift, np.array([[[0.0, 0.0], [2.0, side * (CAR.width / 2 + 1.2)]]])) == (not waits)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(
+    ("shift", "beside", "waits"), [(0.7, 1.5, True), (0.6, 1.5, True), (0.3, 1.5, False), (0.7, 2.4, False)]
+)
+def test_it_waits_for_what_would_pass_its_front_as_that_swings_out(side, shift, beside, waits):
+    """The front of a car swings out farther than the car goes aside: one in Bologna was touched at 15 m/s, from behind,
+    by one that drove on the lane beside."""
+    body = Body(*(float(getattr(CAR, key)) for key in Body._fields))
+    (way,) = [*_ways(ROUTE, 200.0, 0.0, body, side * shift, 10.0, 0.0)][:1]
+    comes = np.array([[-30.0, side * (CAR.width / 2 + beside)]])
+    may_use = WaysRound(Street(6.0))._may_use(ROUTE, 200.0, body, comes)
+    assert may_use(side * shift, corners(way.section, body)) == (not waits)
 
 
 @pytest.mark.parametrize("side", [1, -1])
