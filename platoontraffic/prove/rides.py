@@ -40,11 +40,22 @@ class Stand(NamedTuple):
     onto: str = ""  # lane on which it waits for room to change to it; likewise
     unregulated: bool = False  # it waits for a gap where nobody has to give way, and SUMO's cars look out for nobody
     one_red: bool = False  # it waits at a light, for no longer than that may be closed
+    begins: float = 0.0  # [s]
+
+    @property
+    def ends(self) -> float:
+        """[s]"""
+        return self.begins + self.lasts
 
     @property
     def behind(self) -> str:
         """Vehicle behind which it stands; "" if it stands for another reason."""
         return self.why.removeprefix(BEHIND) if self.why.startswith(BEHIND) else ""
+
+    def is_in_queue_of(self, other: Stand) -> bool:
+        """Whether it stands behind the other one's vehicle, and for most of its time while that one does."""
+        together = min(self.ends, other.ends) - max(self.begins, other.begins)
+        return self.behind == other.vehicle and together > self.lasts / 2
 
 
 class Incident(NamedTuple):
@@ -156,7 +167,8 @@ def _stands(
             unregulated = bool(line) and why == RIGHT_OF_WAY and not network.unregulated.isdisjoint(line.via)
             closed = network.longest_closed.get((line.light, line.index), 0.0) if line and why == LIGHT else 0.0
             one_red = 0.0 < lasts <= closed + SETS_OUT_WITHIN
-            yield Stand(str(vehicle), float(lasts), why, lane, queue, onto, unregulated, one_red)
+            begins = float(row.time_s) - STANDSTILL_AFTER
+            yield Stand(str(vehicle), float(lasts), why, lane, queue, onto, unregulated, one_red, begins)
 
 
 def _junction_ahead(lane: str, trip: Trip) -> Line | None:

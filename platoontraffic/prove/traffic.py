@@ -159,19 +159,19 @@ def _fewer(made: Sequence[Pair]) -> Iterator[str]:
 def _stuck(made: Sequence[Pair]) -> Iterator[str]:
     """Standstills longer than LONG on lanes on which none of SUMO's cars stands for so long; those without a reason.
 
-    Members behind one that stands where SUMO's cars do are a queue, and no fault; so are those that keep a junction
-    clear before it, and those that wait to change to a lane on which one of SUMO's own cars, or such a member, stands
-    for as long. Where nobody has to give way, SUMO's cars drive through each other: they show no time to wait. One that
-    comes to a light as it closes waits until it opens, whether one of SUMO's cars happens to come then or not.
+    Members behind one that stands where SUMO's cars do are a queue, and no fault, also where that one stands for a
+    little less than LONG; so are those that keep a junction clear before it, and those that wait to change to a lane on
+    which one of SUMO's own cars, or such a member, stands for as long. Where nobody has to give way, SUMO's cars drive
+    through each other: they show no time to wait. One that comes to a light as it closes waits until it opens, whether
+    one of SUMO's cars happens to come then or not.
     """
     for pair in made:
         if pair.platoons is None or pair.sumo is None:
             continue
         long_on = {*pair.sumo.long_on, *(stand.lane for stand in pair.sumo.stands if stand.lasts > LONG)}
-        long = [stand for stand in pair.platoons.stands if stand.lasts > LONG]
         beside = {stand.lane: stand.lasts for stand in sorted(pair.sumo.stands, key=lambda stand: stand.lasts)}
-        excused = _excused(long, long_on, beside)
-        own = [stand for stand in long if stand not in excused]
+        excused = _excused(pair.platoons.stands, long_on, beside)
+        own = [stand for stand in pair.platoons.stands if stand.lasts > LONG and stand not in excused]
         if own:
             longest = max(own, key=lambda stand: stand.lasts)
             where = f"for {longest.lasts:.0f} s on {longest.lane} ({longest.why})"
@@ -180,25 +180,25 @@ def _stuck(made: Sequence[Pair]) -> Iterator[str]:
             yield f"seed {pair.seed}: {unknown} standstills without a reason"
 
 
-def _excused(long: Sequence[Stand], long_on: Set[str], beside: Mapping[str, float]) -> set[Stand]:
-    """Long standstills that are no fault.
+def _excused(stands: Sequence[Stand], long_on: Set[str], beside: Mapping[str, float]) -> set[Stand]:
+    """Standstills that are no fault, however long.
 
     long_on : lanes on which vehicles of SUMO's stand for longer than LONG
     beside  : longest time for which one of SUMO's own cars stands on a lane [s], by lane
     """
-    waits_for_gap = {stand for stand in long if stand.unregulated and stand.lasts <= UNREGULATED}
-    excused = waits_for_gap | {stand for stand in long if stand.lane in long_on or stand.one_red}
+    waits_for_gap = {stand for stand in stands if stand.unregulated and stand.lasts <= UNREGULATED}
+    excused = waits_for_gap | {stand for stand in stands if stand.lane in long_on or stand.one_red}
     while True:
-        queue, edges = {stand.vehicle for stand in excused}, {edge_of(stand.lane) for stand in excused}
-        edges |= {edge_of(lane) for lane in long_on}
+        long = [stand for stand in excused if stand.lasts > LONG]
+        edges = {edge_of(stand.lane) for stand in long} | {edge_of(lane) for lane in long_on}
         lasts = {**beside}
-        for stand in excused:
+        for stand in long:
             if not stand.onto:  # those that wait beside others are no measure for the next
                 lasts[stand.lane] = max(stand.lasts, lasts.get(stand.lane, 0.0))
         more = {
             stand
-            for stand in long
-            if stand.behind in queue
+            for stand in stands
+            if any(map(stand.is_in_queue_of, excused))
             or stand.queue in edges - {""}
             or (stand.onto and stand.lasts <= LATEST * lasts.get(stand.onto, 0.0))
         }

@@ -133,9 +133,9 @@ def test_standstills_last_to_their_end_or_that_of_the_run_or_of_the_trip():
     found = found.assign(x_m=0.0, y_m=0.0)
     stands = list(_stands(found, 100.0, pd.Series({"p0.1": 90.0}), Lanes(), {"p0.0": TRIP, "p0.1": TRIP}))
     assert stands == [
-        Stand("p0.0", 25.0, "held: held by light", "lane 0"),
-        Stand("p0.0", 50.0, NO_REASON, "lane 0"),
-        Stand("p0.1", 30.0, "behind: behind x", "lane 0"),
+        Stand("p0.0", 25.0, "held: held by light", "lane 0", begins=20.0),
+        Stand("p0.0", 50.0, NO_REASON, "lane 0", begins=50.0),
+        Stand("p0.1", 30.0, "behind: behind x", "lane 0", begins=60.0),
     ]
 
 
@@ -269,6 +269,17 @@ def test_a_queue_behind_a_member_that_stands_where_sumos_cars_do_is_no_fault():
     assert not verdict(ride(stands=(*stands, stands[0]._replace(lane="d_0"))), own).holds
     ring = [Stand("p0.0", 90.0, "behind: behind p0.1", "b_0"), Stand("p0.1", 90.0, "behind: behind p0.0", "b_0")]
     assert not verdict(ride(stands=tuple(ring)), own).holds
+
+
+def test_a_queue_behind_one_that_waits_beside_a_queue_is_no_fault_if_that_one_waits_for_a_little_less_than_long():
+    """In Bologna it waited for 58 s, and the one behind it stood for 62 s."""
+    queue = Stand("p0.1", 79.0, "behind: behind x", "a_1")
+    waits = Stand("p1.3", 58.0, rides.LANE_CHANGE, "a_0", onto="a_1", begins=100.0)
+    behind = Stand("p1.4", 62.0, "behind: behind p1.3", "a_0", begins=98.0)
+    own = ride(stands=(queue,))
+    assert verdict(ride(stands=(waits, behind)), own).holds
+    assert not verdict(ride(stands=(waits._replace(onto="b_1"), behind)), own).holds
+    assert not verdict(ride(stands=(waits, behind._replace(begins=140.0))), own).holds  # that one has left
 
 
 def test_a_member_that_keeps_a_junction_clear_of_such_a_queue_is_no_fault():
