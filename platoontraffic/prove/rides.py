@@ -25,7 +25,6 @@ from platoontraffic.world.events import STANDSTILL_AFTER
 NO_REASON = "no reason"
 BEHIND = "behind: behind "  # begin of the reason of one in a queue
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM = (f"held: held by {reason}" for reason in CLOSED_BY[1:5])  # at lines
-SETS_OUT_WITHIN = 3.0  # the first vehicle at a light sets out within this time after it opens [s]
 LONG = 60.0  # a longer standstill needs to be explained [s]
 
 
@@ -39,7 +38,7 @@ class Stand(NamedTuple):
     queue: str = ""  # edge beyond the junction on which it waits for room; "" if it stands for another reason
     onto: str = ""  # lane on which it waits for room to change to it; likewise
     unregulated: bool = False  # it waits for a gap where nobody has to give way, and SUMO's cars look out for nobody
-    one_red: bool = False  # it waits at a light, for no longer than that may be closed
+    one_red: bool = False  # it waits at a light; but for less than STANDSTILL_AFTER while that may be closed
     begins: float = 0.0  # [s]
 
     @property
@@ -166,7 +165,7 @@ def _stands(
             onto = next(changes, "") if why == LANE_CHANGE else ""
             unregulated = bool(line) and why == RIGHT_OF_WAY and not network.unregulated.isdisjoint(line.via)
             closed = network.longest_closed.get((line.light, line.index), 0.0) if line and why == LIGHT else 0.0
-            one_red = 0.0 < lasts <= closed + SETS_OUT_WITHIN
+            one_red = closed > 0 and lasts < closed + STANDSTILL_AFTER
             begins = float(row.time_s) - STANDSTILL_AFTER
             yield Stand(str(vehicle), float(lasts), why, lane, queue, onto, unregulated, one_red, begins)
 

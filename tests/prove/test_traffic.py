@@ -251,7 +251,7 @@ def test_a_wait_for_a_light_that_is_closed_for_long_is_no_fault():
         (12.0, "standstill", "p0.0", "", "", "held", "since 2.000 s, held by light", np.nan),
         (72.0, "standstill_end", "p0.0", "", "", "", "", 70.0),
         (112.0, "standstill", "p0.0", "", "", "held", "since 102.000 s, held by light", np.nan),
-        (175.0, "standstill_end", "p0.0", "", "", "", "", 73.0),
+        (182.0, "standstill_end", "p0.0", "", "", "", "", 80.0),
         (212.0, "standstill", "p0.0", "", "", "held", "since 202.000 s, held by no room behind the junction", np.nan),
         (272.0, "standstill_end", "p0.0", "", "", "", "", 70.0),
     ).assign(x_m=0.0, y_m=0.0)
