@@ -100,7 +100,8 @@ class LaterChanges:
         is_fast = self._room.is_fast(change) and not route.closed  # on a loop it cannot be put off
         flows = is_fast and free == math.inf and slowest.blocking >= FLOWS
         too_fast = is_fast and 0 < distance < ego.speed**2 / (2 * TOO_LATE)
-        further = flows or self._room.is_better_later(line, ahead, slowest.blocking, ego)
+        goes_back = distance < 0 and not missed and self._room.goes_back(change, ego)
+        further = flows or goes_back or self._room.is_better_later(line, ahead, slowest.blocking, ego)
         if ego.id not in self._in_queue:
             self._blocked[ego.id] = Blocked(change, -distance, further, free, flows or too_fast)
         if not (flows or too_fast):

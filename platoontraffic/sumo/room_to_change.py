@@ -31,6 +31,7 @@ QUEUE_STANDS = 1.0  # below this speed a queue leaves no room for a lane change,
 HELD_AFTER = 2.0  # the first one in it stands, and does not just set out, after this time [s] ...
 FREE_AHEAD = 15.0  # ... or with less road before it [m]
 QUEUE_PATIENCE = 20.0  # time that a lane change waits at a stand for a queue to leave [s]
+GOES_BACK_AFTER = 60.0  # a vehicle that has stood partly over for so long without room goes back to its lane [s]
 LOOKS_AHEAD = 10.0  # a lane change is urgent where the lane ends within this time at its speed limit, as SUMO's is [s]
 COMES_WITHIN = 3.6  # vehicles that come to the adjacent lane within this time at its speed limit count [s]
 ENTRY = 40.0  # first part of a lane, in which no car waits for room [m]
@@ -254,13 +255,22 @@ class RoomToChange:
     def may_put_off(self, line: Line, over: float, ego: Ego, *, has_room: bool) -> bool:
         """Whether a vehicle beyond the begin of its lane change may make another one further on.
 
-        It may where it has hardly begun and has no room, and where it has driven past the whole change on its lane.
+        It may where it has hardly begun and has no room, where it has stood for long without, and where it has driven
+        past the whole change on its lane.
 
         over: distance driven since its begin [m]
         """
         if self.has_missed(line, -over, ego):
             return self._share(ego) < HARDLY_BEGUN
-        return not has_room and over < HARDLY_BEGUN * line.across
+        return not has_room and (over < HARDLY_BEGUN * line.across or self.goes_back(line, ego))
+
+    def goes_back(self, line: Line, ego: Ego) -> bool:
+        """Whether a vehicle goes back to the lane that it has not left yet, because it has stood for long.
+
+        One of SUMO's may be abreast of it, and be behind it by SUMO's positions on the lanes: that one stands until the
+        member is over.
+        """
+        return ego.lane == line.lane and self._now.waited[ego.id] > GOES_BACK_AFTER
 
     def is_better_later(self, line: Line, distance: float, slowest: float, ego: Ego) -> bool:
         """Whether a vehicle without room for its lane change should look for it further on.

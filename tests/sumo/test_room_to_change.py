@@ -190,6 +190,17 @@ def test_a_lane_change_that_was_missed_is_put_off_unless_the_vehicle_is_going_ov
         assert not change.may_put_off(line, 5.0, ego, has_room=False)  # a car's front is soon over the border
 
 
+@pytest.mark.parametrize(("waited", "puts_off"), [(59.0, False), (61.0, True)])
+def test_a_lane_change_that_has_begun_is_put_off_where_the_vehicle_has_stood_for_long(waited, puts_off):
+    """In Bologna one stood until the end, a third over, beside one of SUMO's that waited for it to be over."""
+    line, ego = Line(0.0, CHANGING, "", 0, "road_0", "road_1", (), 16.0, 160.0), Ego("m.0", "road_0", 0.0, 5.0)
+    change = RoomToChange(SimpleNamespace(), on_two_lanes({}, {}, 1.1))
+    change._now.waited["m.0"] = waited
+    assert change.may_put_off(line, 7.4, ego, has_room=False) == puts_off
+    assert not change.may_put_off(line, 7.4, ego, has_room=True)
+    assert not change.may_put_off(line, 7.4, ego._replace(lane="road_1"), has_room=False)
+
+
 @pytest.mark.parametrize(
     ("was", "front", "goes"),
     [
