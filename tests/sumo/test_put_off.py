@@ -189,6 +189,7 @@ def test_beside_a_change_that_it_drove_past_room_is_looked_for_where_it_is(fleet
         has_missed=lambda *_: True,
         free_road=lambda line, distance, _: looked.append((line.to_end, distance)) or inf,
         slowest_beside=lambda line, distance, _: looked.append((line.to_end, distance)) or Slowest(inf, inf),
+        goes_back=lambda *_: False,
         is_better_later=lambda line, distance, *_: looked.append((line.to_end, distance)) or True,
         is_fast=lambda _: False,
     )
@@ -201,6 +202,7 @@ def test_of_several_blocked_changes_the_first_one_counts(fleet_and_later):
     fleet, later, change = fleet_and_later
     later._room = SimpleNamespace(
         has_missed=lambda *_: False,
+        goes_back=lambda *_: False,
         is_better_later=lambda *_: True,
         slowest_beside=lambda *_: Slowest(0.0, 0.0),
         free_road=lambda *_: inf,
@@ -215,6 +217,7 @@ def room_beside(slowest: float, free: float = inf, is_fast: bool = True) -> Simp
     """Of a lane change that is blocked by vehicles of a least speed [m/s]."""
     return SimpleNamespace(
         has_missed=lambda *_: False,
+        goes_back=lambda *_: False,
         is_better_later=lambda *_: False,
         slowest_beside=lambda *_: Slowest(slowest, slowest),
         free_road=lambda *_: free,
