@@ -214,7 +214,8 @@ class TrackingFollower(Law):
        distances (`tracker.obstacle_kernel`). As estimates of braking are late, the hardest braking is used from
        EMERGENCY of it on. An obstacle that drives there, a vehicle that has cut in, is also followed, and becomes the
        predecessor after HIDDEN of hiding it. If a gap is shorter than the one in which it could stop behind a vehicle
-       that brakes as hard as it can itself, it is opened (`_open_gap`).
+       that brakes as hard as it can itself, it is opened (`_open_gap`). A predecessor that is found anew in scan after
+       scan is an obstacle too, since its speed is a guess.
     5. Alone. A predecessor not seen for `patience` is lost: the vehicle then stops, in the trail. With
        on_loss = "drive" it is given its route, and drives on along it as the path law `alone` does, until a vehicle is
        ahead on the route. It follows that one, along the route, since a laser cannot identify it; a predecessor that
@@ -395,7 +396,7 @@ class TrackingFollower(Law):
         track = track.forgotten(track.blind > self.patience)
         if now.sensed.route is not None:
             limit = np.where(now.memory.never_lost, ASIDE, ASIDE_ANEW)
-            limit[now.memory.track.guessed] = np.inf  # where it is now is a guess
+            limit[now.memory.track.speed_is_guessed] = np.inf  # where it is now is a guess
             track = track.forgotten(track.offset(now.sensed.route.points, now.odometry) > limit)
         return track.forgotten(now.leads)
 
@@ -455,7 +456,7 @@ class TrackingFollower(Law):
 
         sensed, memory, beams = now.sensed, now.memory, estimate.sighting.beams
         followed = estimate.track.known
-        if some(anew := estimate.track.guessed & memory.track.guessed):
+        if some(anew := estimate.track.speed_is_guessed & memory.track.speed_is_guessed):
             followed, beams = followed & ~anew, np.where(anew[:, None], -1, beams)
         beyond_end = np.maximum(ahead.length, 0) + sensed.scan.model.range_max / 2
         reach = np.where(followed, ahead.length - OVERHANG - PAST_PREDECESSOR, beyond_end)

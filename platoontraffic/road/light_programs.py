@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 
+from platoontraffic.road.sumo_configuration import in_seconds
 from platoontraffic.road.sumo_files import NETWORK, parse
 
 GREEN = ("g", "G")
+STATIC = "static"  # type of a light that keeps to the durations of its phases
 
 Program = list[tuple[str, float]]  # the states of a light, and the longest time of each [s]
 
@@ -21,13 +23,17 @@ def longest_closed(net: Path) -> dict[tuple[str, int], float]:
     raises : InputError (the file cannot be read)
     """
     programs: list[tuple[str, Program]] = []
+    is_static = True  # the light that is read
 
     def start(tag: str, attributes: dict[str, str], _: object) -> None:
+        nonlocal is_static
         if tag == "tlLogic":
             programs.append((attributes.get("id", ""), []))
+            is_static = attributes.get("type", STATIC) == STATIC
         elif tag == "phase" and programs:
-            lasts = attributes.get("maxDur", attributes.get("duration", "0"))
-            programs[-1][1].append((attributes.get("state", ""), float(lasts)))
+            duration = attributes.get("duration", "0")
+            lasts = duration if is_static else attributes.get("maxDur", duration)
+            programs[-1][1].append((attributes.get("state", ""), in_seconds(lasts)))
 
     parse(net, start, f"must be {NETWORK}")
     found: dict[tuple[str, int], float] = {}

@@ -265,10 +265,9 @@ class RoomToChange:
         return not has_room and (over < HARDLY_BEGUN * line.across or self.goes_back(line, ego))
 
     def goes_back(self, line: Line, ego: Ego) -> bool:
-        """Whether a vehicle goes back to the lane that it has not left yet, because it has stood for long.
+        """Whether a vehicle that has stood partly over for long goes back to its lane, and changes lanes further on.
 
-        One of SUMO's may be abreast of it, and be behind it by SUMO's positions on the lanes: that one stands until the
-        member is over.
+        Another vehicle, abreast of it, may be behind it by SUMO's positions on the lanes, and stand until it is over.
         """
         return ego.lane == line.lane and self._now.waited[ego.id] > GOES_BACK_AFTER
 

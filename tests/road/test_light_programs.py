@@ -10,7 +10,7 @@ from platoontraffic.road.network import Network
 
 NET = """<net version="1.20">
     <tlLogic id="a" type="static" programID="0" offset="0">
-        <phase duration="10" state="rGrg"/><phase duration="3" state="ryry"/>
+        <phase duration="0:00:10" state="rGrg"/><phase duration="3" maxDur="50" state="ryry"/>
         <phase duration="20" state="Grrg"/><phase duration="4" state="yrrg"/><phase duration="5" state="rrrg"/>
     </tlLogic>
     <tlLogic id="b" type="actuated" programID="0" offset="0">

@@ -78,8 +78,8 @@ class Track(NamedTuple):
         return self.blind == 0
 
     @property
-    def guessed(self) -> np.ndarray:
-        """Begun with the last scan, at the own speed: another one is not known yet."""
+    def speed_is_guessed(self) -> np.ndarray:
+        """It began with the last scan, at the own speed: its speed is not measured yet."""
         return self.seen & (self.cov[:, SPEED, SPEED] >= UNKNOWN_SPEED**2)
 
     def predicted(self, odometry: Odometry, dt: float) -> Track:

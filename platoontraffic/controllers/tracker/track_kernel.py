@@ -277,8 +277,8 @@ def _first_rear(i, laser, route, curvature, groups, ranges):
 
 @compiled
 def _along_route(points, rear, forward, left):
-    """Distance of a rear along the route; inf if it is behind, crosses the route, or is off the lane, or its axle is:
-    that would soon be dropped as one that leaves the route."""
+    """Distance of a rear along the route; inf if it is behind, or crosses the route, or if it or its axle is off the
+    lane. With its axle there it would soon be dropped, as a vehicle that leaves the route."""
     x, y = rear.x + forward, rear.y + left
     station, offset, heading = _beside_route(points, x, y)
     if station <= 0 or abs(offset) > LANE or abs(remainder(rear.heading - heading, 2 * math.pi)) > OBLIQUE:
