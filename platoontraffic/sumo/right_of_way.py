@@ -33,6 +33,7 @@ from platoontraffic.sumo.conflicts import (
     LINK_STATE,
     LINK_VIA,
     MINOR,
+    PRIORITY,
     RED,
     STOP,
     YELLOW,
@@ -198,23 +199,30 @@ class RightOfWay:
             return self._profiles[ego]
         return ego.pace(max(map(self._now.max_speed.__getitem__, line.via), default=ego.speed))
 
-    def stop_before_foes(self, line: Line, over: float, ego: Ego, *, priority_too: bool) -> float:
+    def stop_before_foes(self, line: Line, over: float, ego: Ego, passed: str = "") -> float:
         """Distance at which a vehicle must stop for others that drive inside the junction [m].
 
         A vehicle without priority may have set out before it saw this one: SUMO's drivers see a member only on the lane
         from which its route goes on. Once inside they do not stop. A vehicle that stands does not count.
 
-        over         : distance driven beyond the line [m]; negative: before it
-        priority_too : whether for those that have priority as well
-        returns      : to the line where it can stop there by `STOPS_BY`, else to before the path of the first of them;
-                       at once where it has nearly stopped nearer to that path, and is not in it yet; inf where it can
-                       pass them, or cannot stop any more
+        One that has passed a line where it gives way stops for those with priority as well, outside too: it had a gap,
+        but may have been slower than it was to be, as behind another one.
+
+        over   : distance driven beyond the line [m]; negative: before it
+        passed : state of the line's link, if it has passed the line and may be in the way of those with priority
+        returns: to the line where it can stop there by `STOPS_BY`, else to before the path of the first of them; at
+                 once where it has nearly stopped nearer to that path, and is not in it yet; inf where it can pass them,
+                 or cannot stop any more
         """
         stop = math.inf
-        if not (self._all_inside[line] or self._conflicts[line].narrow):  # as at most lines
+        priority_too = passed != "" and passed not in PRIORITY + EQUAL  # at equal ones either of two may have to
+        coming: Iterable[Approach] = ()
+        if passed and passed not in PRIORITY + ALL_STOP + ZIPPER + RED + YELLOW:
+            coming = (one for one in self._coming(line, ego, passed) if not one.crossing.swings)
+        elif not (self._all_inside[line] or self._conflicts[line].narrow):  # as at most lines
             return stop
         others = (one for one in self._all_inside[line] if not self._needs_no_stop(one, line, over, priority_too))
-        for foe in chain(others, self._first_where_it_is_narrow(line, over)):
+        for foe in chain(others, self._first_where_it_is_narrow(line, over), coming):
             crossing = foe.crossing
             if foe.pace.speed < STANDING:
                 continue
@@ -224,7 +232,8 @@ class RightOfWay:
             left = next((place - keeps for place in (meets, touches) if stops_within <= place - keeps), math.inf)
             if left == math.inf and stops_within <= touches < math.inf and ego.speed < NEARLY_STANDS * ego.size:
                 left = stops_within
-            if left < stop and not self._has_gap_among([foe], line, -over, ego, 0.0, -over):
+            margin = LEAST_MARGIN if foe.to_line > 0 and crossing.first else 0.0
+            if left < stop and not self._has_gap_among([foe], line, -over, ego, margin, -over):
                 stop = left
         return -over if ego.speed**2 / (2 * STOPS_BY) < -over < stop < math.inf else stop
 

@@ -11,12 +11,12 @@ import numpy as np
 from platoontraffic.controllers import CLOSED_BY, Signals
 from platoontraffic.controllers.path_kernel import LOOK
 from platoontraffic.road.gap_acceptance import STANDING
+from platoontraffic.road.lane_ids import edge_of
 from platoontraffic.road.lane_routes import CHANGING, Line
 from platoontraffic.road.network import Network
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client
 from platoontraffic.sumo.conflicts import (
-    EQUAL,
     LINK_STATE,
     LINK_VIA,
     MINOR,
@@ -303,9 +303,9 @@ class StopLines:
     def _on_its_route(self, line: Line, over: float, ego: Ego) -> Ego:
         """The vehicle on the first lane of its route inside a junction, where SUMO takes it to be on one beside that.
 
-        Lanes that begin at the same line lie side by side at first.
+        Lanes that begin at the end of the same edge lie side by side at first.
         """
-        beside = any(link[LINK_VIA] == ego.lane for link in self._now.links[line.lane])
+        beside = edge_of(self._network.entered_from.get(ego.lane, "")) == edge_of(line.lane)
         is_there = beside and over < self._now.lane_length[line.via[0]]
         return ego._replace(lane=line.via[0]) if is_there else ego
 
@@ -333,7 +333,7 @@ class StopLines:
             if is_open and not self._is_free_of_people(line, -driven, ego):
                 is_open, reason = False, PEOPLE
             stop = min(inside, self._midway(line, driven - OVERRUN * ego.size)) - driven
-            if (before := self._way.stop_before_foes(line, driven, ego, priority_too=False)) < math.inf:
+            if (before := self._way.stop_before_foes(line, driven, ego)) < math.inf:
                 is_open, reason, stop = False, RIGHT_OF_WAY, min(stop, before)
             may_stop = ego.speed < STANDING or ego.speed**2 / (2 * EARLY_BRAKING) < stop
             if is_open and may_stop and not self._has_room(line, ego, midway=True):
@@ -349,8 +349,7 @@ class StopLines:
                 if ego.speed < STANDING:
                     self.over_line[ego.id] = over
                 return LineState(left, False, False, False, RIGHT_OF_WAY)
-            gives_way = state not in PRIORITY + EQUAL  # at equal ones either of two may have to
-            if (stop := self._way.stop_before_foes(line, over, ego, priority_too=gives_way)) < math.inf:
+            if (stop := self._way.stop_before_foes(line, over, ego, state)) < math.inf:
                 return LineState(stop, False, False, False, RIGHT_OF_WAY)
         return None
 
@@ -393,7 +392,7 @@ class StopLines:
         if near and (enters or gives_way):
             self._way.note_waiting(line, distance, ego)
         if near and enters:
-            stop = self._way.stop_before_foes(line, -distance, ego, priority_too=False)
+            stop = self._way.stop_before_foes(line, -distance, ego)
             if stop < (math.inf if found.open else found.distance):
                 return found._replace(distance=stop, open=False, reason=RIGHT_OF_WAY)
         return found

@@ -60,7 +60,7 @@ class Members(SimpleNamespace):
 NOBODY = Members(members=(), ids=(), progress=SimpleNamespace(rows=np.arange(0), station=np.zeros(0)))
 EYE = replace(PRESETS["car-leader"], mount=Mount(CAR.length / 2))
 BLIND = replace(EYE, range_max=0.5)
-ROADS = SimpleNamespace(unregulated=frozenset())  # a network that gives priority everywhere
+ROADS = SimpleNamespace(unregulated=frozenset(), entered_from={})  # a network that gives priority everywhere
 
 # ---- leaders that wait for a gap in SUMO
 
@@ -567,8 +567,39 @@ def test_a_vehicle_in_the_junction_stops_for_one_with_priority_that_sets_out_the
         position={"c": its if its < 5.0 else 18.0}, speed={"c": foe_speed}, acceleration={"c": 2.6}, length={"c": 5.0},
     )  # fmt: skip
     ego = Ego("m.0", ":a_0", own, CAR.length)
-    assert way.stop_before_foes(line, over, ego, priority_too=True) == pytest.approx(stop)
-    assert way.stop_before_foes(line, over, ego, priority_too=False) == np.inf
+    assert way.stop_before_foes(line, over, ego, "m") == pytest.approx(stop)
+    assert way.stop_before_foes(line, over, ego) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("passed", "own", "over", "to_line", "foe_speed", "stop"),
+    [
+        ("m", 2.0, 3.0, 30.0, 12.0, 6.5),  # at a constant speed it would be past in 9 s; the foe is there in 3 s
+        ("=", 2.0, 3.0, 30.0, 12.0, 6.5),
+        ("g", 2.0, 3.0, 30.0, 12.0, 6.5),
+        ("m", 0.0, 3.0, 30.0, 12.0, 6.5),
+        ("m", 2.0, 3.0, 150.0, 12.0, np.inf),
+        ("m", 2.0, 3.0, 0.5, 0.0, np.inf),  # that one stands at its line
+        ("m", 9.0, 6.0, 30.0, 12.0, np.inf),  # it cannot stop any more
+        ("M", 2.0, 3.0, 30.0, 12.0, np.inf),
+        ("w", 2.0, 3.0, 30.0, 12.0, np.inf),  # that one is to stand first
+        ("Z", 2.0, 3.0, 30.0, 12.0, np.inf),
+        ("r", 2.0, 3.0, 30.0, 12.0, np.inf),  # the light has changed: it is to leave
+        ("y", 2.0, 3.0, 30.0, 12.0, np.inf),
+    ],
+)
+def test_a_vehicle_in_the_junction_that_is_slower_than_it_was_to_be_stops_for_those_that_come(
+    monkeypatch, passed, own, over, to_line, foe_speed, stop
+):
+    """One that had set out in a gap was held up by a vehicle that stood inside, and drove on before the next one."""
+    line = Line(100.0, passed, "", 0, "road_0", "next_0", (":a_0",), 20.0)
+    crossing = Crossing("side_0", (":a_1",), (10.0, 18.0), (5.0, 12.0), False, True, np.inf, 10.0)
+    way = RightOfWay(SimpleNamespace(), Reads(SimpleNamespace()), {line: Conflicts((), {}, (), np.inf)})
+    way._now = SimpleNamespace(on_lane=Once(lambda _: []), length={"c": 5.0})
+    monkeypatch.setattr(RightOfWay, "_coming", lambda *_: [Approach("c", crossing, to_line, Pace(foe_speed))])
+    monkeypatch.setattr(RightOfWay, "pace", lambda *_: Pace(own, 1.0 if own == 0 else 0.0, 5.0))
+    ego = Ego("m.0", ":a_0", own, CAR.length)
+    assert way.stop_before_foes(line, over, ego, passed) == pytest.approx(stop)
 
 
 @pytest.mark.parametrize(
@@ -605,7 +636,7 @@ def test_a_vehicle_with_priority_stops_for_one_that_has_set_out_inside(own, over
         position={name: 1.0}, speed={name: 3.0}, acceleration={name: 2.6}, length={name: 5.0},
     )  # fmt: skip
     ego = Ego("m.0", "road_0" if over < 0 else ":a_0", own, CAR.length)
-    assert way.stop_before_foes(line, over, ego, priority_too=False) == pytest.approx(stop)
+    assert way.stop_before_foes(line, over, ego) == pytest.approx(stop)
 
 
 @pytest.mark.parametrize(
@@ -632,7 +663,7 @@ def test_inside_a_zipper_the_one_that_has_farther_to_go_stops(state, over, name,
         position={name: 1.0}, speed={name: 3.0}, acceleration={name: 2.6}, length={name: 5.0},
     )  # fmt: skip
     ego = Ego("m.0", ":a_0", 3.0, CAR.length)
-    assert way.stop_before_foes(line, over, ego, priority_too=True) == pytest.approx(stop)
+    assert way.stop_before_foes(line, over, ego, "m") == pytest.approx(stop)
 
 
 @pytest.mark.parametrize(
@@ -671,7 +702,7 @@ def test_of_two_that_turn_left_against_each_other_one_stops(over, name, position
     )  # fmt: skip
     way._links_ahead = lambda *_: ((":a_1",), name if name in "rsy" else "g")
     ego = Ego("m.0", "road_0" if over < 0 else ":a_0", 4.0, CAR.length)
-    assert way.stop_before_foes(line, over, ego, priority_too=False) == pytest.approx(stop)
+    assert way.stop_before_foes(line, over, ego) == pytest.approx(stop)
 
 
 @pytest.mark.sumo
@@ -727,21 +758,21 @@ def inside_lanes(via: str) -> list[str]:
     return [via, *(inside_lanes(onward) if onward else [])]
 
 
-@pytest.mark.parametrize(("state", "yields"), [("m", True), ("M", False), ("w", False), ("=", False), ("Z", True)])
+@pytest.mark.parametrize("state", ["m", "M", "w", "=", "Z"])
 @pytest.mark.parametrize("stop", [4.0, np.inf])
-def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(state, yields, stop):
+def test_the_line_behind_a_vehicle_is_closed_where_it_must_stop_in_the_junction(state, stop):
     line = Line(100.0, state, "", 0, "road_0", "next_0", (":a_0",), 20.0)
     lines, asked = StopLines(ROADS, None), []
 
-    def stop_before_foes(*_: object, priority_too: bool) -> float:
-        asked.append(priority_too)
+    def stop_before_foes(*given: object) -> float:
+        asked.append(given[-1])
         return stop
 
     lines._way = SimpleNamespace(
         has_way=lambda *_: True, stop_before_foes=stop_before_foes, note_waiting=lambda *_: None
     )
     found = lines._passed(line, 3.0, Ego("m.0", ":a_0", 4.0, CAR.length))
-    assert asked == [yields]
+    assert asked == [state]
     assert (found is not None) == (stop < np.inf)
     assert found is None or (found.distance, found.open) == (stop, False)
 
@@ -969,17 +1000,31 @@ def test_at_an_all_way_stop_who_sets_out_later_has_waived_the_right_of_way(monke
     assert way.may_enter(line, "w", Ego("m.0", ":a_0", own, CAR.length)) == has_gap
 
 
-@pytest.mark.parametrize(("lane", "over", "heeds"), [(":a_0", 4.0, True), (":a_1", 4.0, True), (":a_1", 7.0, False)])
-def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_beside(monkeypatch, lane, over, heeds):
-    """Both lanes begin at its line; its own one leads to the waiting place, 6 m on."""
+@pytest.mark.parametrize(
+    ("lane", "before", "over", "heeds"),
+    [
+        (":a_0", "road_0", 4.0, True),
+        (":a_1", "road_0", 4.0, True),
+        (":a_1", "road_1", 4.0, True),
+        (":a_1", "side_0", 4.0, False),
+        (":a_1", "road_0", 7.0, False),
+    ],
+)
+def test_a_member_waits_midway_also_where_sumo_takes_it_for_one_on_the_lane_beside(
+    monkeypatch, lane, before, over, heeds
+):
+    """Both lanes begin at the end of its edge; its own one leads to the waiting place, 6 m on.
+
+    One that changed lanes just before its line was on the lane beside to SUMO, and did not wait.
+    """
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
-    lines = StopLines(ROADS, SimpleNamespace())
-    links = [("",) * LINK_VIA + (via,) for via in (":a_0", ":a_1")]
+    entered_from = {":a_0": "road_0", ":a_1": before}
+    lines = StopLines(SimpleNamespace(unregulated=frozenset(), entered_from=entered_from), SimpleNamespace())
     lengths = {":a_0": 6.0, ":a_1": 20.0}
-    lines._now = SimpleNamespace(lane_length=lengths, position={"m.0": over}, links={"road_0": links})
+    lines._now = SimpleNamespace(lane_length=lengths, position={"m.0": over})
     lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={}, walks=()))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_link_state", lambda *_: "M")
     member = SimpleNamespace(route=SimpleNamespace(lines_about=lambda *_: (line, over, [])))
@@ -1036,7 +1081,7 @@ def test_a_member_waits_midway_before_the_paths_of_those_with_priority(
     lines._now = SimpleNamespace(lane_length={":a_0": 9.0}, position={"m.0": over}, links=links, next_switch=switch)
     lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={one.via[0]: one for one in met}, walks=()))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: False)
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, over, Ego("m.0", ":a_0", 3.0, CAR.length))
     assert state.distance == pytest.approx(stops_at - over)
@@ -1096,7 +1141,7 @@ def test_a_member_whose_front_is_a_little_over_the_line_stays_there_when_it_is_r
     lines._conflicts = defaultdict(lambda: SimpleNamespace(crossings={}, walks=()))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: True)
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, over, Ego("m.0", ":a_0", speed, CAR.length))
     closed = state is not None and not state.open
@@ -1211,7 +1256,7 @@ def test_who_waits_midway_is_looked_for_where_a_member_comes_or_gives_way(monkey
     lines = StopLines(ROADS, SimpleNamespace())
     monkeypatch.setattr(StopLines, "_at_line", lambda *_: LineState(*found))
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: looked.append(1))
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     lines._ahead(line, distance, True, Ego("m.0", "road_0", 2.0, CAR.length), None)
     assert bool(looked) == noted
 
@@ -1267,7 +1312,7 @@ def test_a_member_whose_front_is_a_little_over_its_line_gives_way_wherever_sumo_
     lines = StopLines(ROADS, SimpleNamespace())
     lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
     monkeypatch.setattr(RightOfWay, "has_way", lambda *_: way)
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: looked.append(lane))
     state = lines._passed(line, 0.01, Ego("m.0", lane, 0.0, CAR.length))
     assert (state is not None and not state.open) == (heeds and not way)
@@ -1300,7 +1345,7 @@ def test_a_member_that_may_wait_midway_stops_before_that_for_a_vehicle_that_has_
     lines._now = SimpleNamespace(lane_length={":a_0": 6.0}, position={"m.0": 1.0})
     lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: stop)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: stop)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     state = lines._passed(line, 1.0, Ego("m.0", ":a_0", 3.0, CAR.length))
     assert (state.open, state.distance) == (stop == np.inf, min(stop, 5.0))
@@ -1328,7 +1373,7 @@ def test_a_member_waits_midway_until_there_is_room_beyond(monkeypatch, at, speed
         links={"side_0": []},
     )  # fmt: skip
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: has_gap)
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     found = lines._passed(line, 10.0, Ego("m.0", ":a_0", speed, CAR.length))
     assert (found.open, found.reason, found.distance) == pytest.approx(state)
@@ -1351,9 +1396,7 @@ def test_a_line_with_priority_is_closed_while_a_vehicle_that_has_set_out_crosses
     line = Line(0.0, "M", "", 0, "road_0", "next_0", (":a_0",), 10.0)
     lines = StopLines(ROADS, SimpleNamespace())
     lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
-    monkeypatch.setattr(
-        RightOfWay, "stop_before_foes", lambda *given, priority_too: stop if given[2] == -7.0 else np.inf
-    )
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *given: stop if given[2] == -7.0 else np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_has_room", lambda *_: has_room)
     state = lines._ahead(line, 7.0, near, Ego("m.0", "road_0", 2.0, CAR.length), None)
@@ -1374,7 +1417,7 @@ def test_of_two_places_at_which_a_member_must_stop_the_nearer_one_counts(monkeyp
     lines = StopLines(ROADS, SimpleNamespace())
     monkeypatch.setattr(StopLines, "_at_line", lambda *_: LineState(*at_line, False, False, 2))
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: stop)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: stop)
     assert lines._ahead(line, 7.0, True, Ego("m.0", "road_0", 2.0, CAR.length), None)[:2] == state
 
 
@@ -1491,7 +1534,7 @@ def test_a_line_without_lanes_inside_leaves_a_member_where_sumo_takes_it_to_be(m
         Line(100.0, state, "", 0, "road_0", "next_0", via, 20.0),
         StopLines(ROADS, SimpleNamespace()),
     )
-    lines._now = SimpleNamespace(lane_length={}, position={}, links={"road_0": []})
+    lines._now = SimpleNamespace(lane_length={}, position={})
     monkeypatch.setattr(RoomToChange, "may_change", lambda *_: np.inf)
     member = SimpleNamespace(route=SimpleNamespace(lines=[line], lines_about=lambda *_: (line, 2.0, [])))
     assert lines._state(member, 102.0, Ego("m.0", ":a_1", 3.0, CAR.length), 0).open
@@ -1656,7 +1699,7 @@ def test_the_line_of_a_member_that_is_asked_to_let_another_one_in_is_closed(monk
     lines = StopLines(ROADS, SimpleNamespace())
     lines._conflicts = defaultdict(lambda: Conflicts((), {}, (), np.inf))
     monkeypatch.setattr(RightOfWay, "is_asked", lambda *given: asked and given[1:] == ("m.0", "road_0"))
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_has_room", lambda *_: True)
     assert lines._ahead(line, 3.0, True, Ego("m.0", "road_0", 2.0, CAR.length), None).open == (not asked)

@@ -229,7 +229,7 @@ def test_a_member_that_waits_midway_stays_there_for_people_ahead_not_for_those_t
     lines._now.max_speed.update(lanes)
     lines._now.position["m.0"] = 4.0
     monkeypatch.setattr(RightOfWay, "may_cross", lambda *_, midway: True)
-    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_, priority_too: np.inf)
+    monkeypatch.setattr(RightOfWay, "stop_before_foes", lambda *_: np.inf)
     monkeypatch.setattr(RightOfWay, "note_waiting", lambda *_: None)
     monkeypatch.setattr(StopLines, "_has_room", lambda *_, midway: True)
     state = lines._passed(line, 4.0, Ego("m.0", ":x_0_0", 0.0, 4.74))
