@@ -73,6 +73,13 @@ class Approach(NamedTuple):
     pace: Pace
 
 
+class Standing(NamedTuple):
+    """A vehicle that stands outside the junction, and the distance of its front bumper to the line [m]."""
+
+    id: str
+    to_line: float
+
+
 class RightOfWay:
     """Judges right of way by the vehicles that SUMO has about a junction.
 
@@ -446,15 +453,16 @@ class RightOfWay:
         return self._approaching(line, ego) if state in EQUAL else self._patiently[line]
 
     def _approaching(self, line: Line, ego: Ego | None = None) -> Iterator[Approach]:
-        """The same as they come; ego: where nobody has priority."""
-        for foe, hurrying in self._outside[line]:
-            patience = HELD_UP_AFTER
-            if ego and self._order(foe.id, foe.crossing.before) > self._order(ego.id, line.lane):
+        """The same as they come, but for those behind one that does not set out; ego: where nobody has priority."""
+        for foe, hurrying, ahead in self._outside[line]:
+            before, patience = foe.crossing.before, HELD_UP_AFTER
+            if ego and self._order(ahead.id if ahead else foe.id, before) > self._order(ego.id, line.lane):
                 patience = 0.0  # both stand, and it came later
-            yield hurrying if self._hurries(foe.id, foe.to_line, patience) else foe
+            if ahead is None or self._hurries(*ahead, patience):
+                yield hurrying if self._hurries(foe.id, foe.to_line, patience) else foe
 
-    def _foes_outside(self, line: Line) -> list[tuple[Approach, Approach]]:
-        """Those vehicles at their speed, and as they hurry.
+    def _foes_outside(self, line: Line) -> list[tuple[Approach, Approach, Standing | None]]:
+        """Those vehicles at their speed, and as they hurry; the next one before each that stands on its lane.
 
         One that comes to a stop sign stops there first. One that can stop at a yellow light does, but for a member of a
         convoy. A vehicle behind one that stands midway, before the own path, does not count: that one stays while a
@@ -467,14 +475,16 @@ class RightOfWay:
             if crossing in self._occupied[line] and any(map(self._stands_before, self.on(crossing)))
         }
         for name, beyond in conflicts.entering:
-            to_end = beyond + now.lane_length[name]
-            for foe in now.on_lane[name]:
+            to_end, stands = beyond + now.lane_length[name], None
+            for foe in reversed(now.on_lane[name]):
+                ahead, to_line, speed = stands, to_end - now.position[foe], now.speed[foe]
+                if speed < STANDING:
+                    stands = Standing(foe, to_line)
                 inside, state = self._links_ahead(foe, name)
                 via = next((one for one in inside if one in conflicts.crossings), None)
                 crossing = conflicts.crossings.get(via)
                 if crossing is None or not crossing.first or state in RED or via in closed:
                     continue
-                to_line, speed = to_end - now.position[foe], now.speed[foe]
                 stops_here = inside[0] == via and (foe in self.obedient or foe not in self.members)
                 if state in YELLOW and stops_here and speed**2 / (2 * STOPS_BY) < to_line:
                     continue
@@ -483,7 +493,7 @@ class RightOfWay:
                 if state in STOP and inside[0] == via and speed >= STANDING:
                     stops_after = max(to_line, 0.0) / speed + speed / (2 * STOPS_BY)
                     to_line, paces = 0.0, (hurrying._replace(speed=0.0, delay=stops_after),) * 2
-                found.append(tuple(Approach(foe, crossing, to_line, pace) for pace in paces))
+                found.append((*(Approach(foe, crossing, to_line, pace) for pace in paces), ahead))
         return found
 
     def _stands_before(self, foe: Approach) -> bool:
@@ -571,7 +581,8 @@ class RightOfWay:
             return True  # even if it brakes now: two that brake for each other would both count on that
         if to_line > self._now.length[foe]:
             return False
-        if foe not in self.members and not self._now.next_links[foe][0][LINK_OPEN]:
+        links = self._now.next_links[foe] if foe not in self.members else ()
+        if foe not in self.members and not (links and links[0][LINK_OPEN]):
             return False
         return not self.held_up(foe, "", patience)
 

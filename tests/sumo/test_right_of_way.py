@@ -965,6 +965,35 @@ def test_a_vehicle_that_stops_at_its_yellow_light_does_not_come(monkeypatch, nam
     assert bool(way._foes_outside(line)) == counts
 
 
+@pytest.mark.parametrize(
+    ("first", "place", "stands_for", "opens", "come"),
+    [
+        (0.0, 99.0, 9.0, True, ["c.1"]),  # it stands at its open line, held up by something else
+        (0.0, 99.0, 9.0, False, ["c.1"]),
+        (0.0, 99.0, 1.0, True, ["c.1", "c.2"]),  # it may set out
+        (0.0, 80.0, 1.0, True, ["c.1"]),  # it stands in a queue
+        (0.5, 99.0, 0.0, True, ["c.1", "c.2"]),  # it drives
+    ],
+)
+@pytest.mark.parametrize("state", ["m", "="])
+def test_a_vehicle_behind_one_that_stands_does_not_come(monkeypatch, state, first, place, stands_for, opens, come):
+    """A member waited for each car that came up to a queue: for 38 s at a junction that SUMO's own did not stop at."""
+    line = Line(100.0, state, "", 0, "side_0", "main_0", (":a_0",), 15.0)
+    crossing = Crossing("before_0", (":a_1",), (10.0, 16.0), (7.0, 12.0), False, True, np.inf, 10.0)
+    names, time = ("c.1", "c.2"), SimpleNamespace(simulation=SimpleNamespace(getTime=lambda: 50.0))
+    now = SimpleNamespace(
+        on_lane=Once(lambda lane: ["c.2", "c.1"] if lane == "before_0" else []), lane_length={"before_0": 100.0},
+        position={"c.1": place, "c.2": 40.0}, speed={"c.1": first, "c.2": 12.0},
+        acceleration=dict.fromkeys(names, 2.6), length=dict.fromkeys(names, 5.0), max_speed={"before_0": 13.9},
+        next_links={"c.1": [("main_0", True, opens)]},
+    )  # fmt: skip
+    way = RightOfWay(time, now, {line: Conflicts((("before_0", 0.0),), {":a_1": crossing}, (), np.inf)})
+    way._standing["c.1", ""] = 50.0 - stands_for, 49.9
+    monkeypatch.setattr(RightOfWay, "_links_ahead", lambda *_: ((":a_1",), "M"))
+    ego = Ego("m.0", "side_0", 0.0, CAR.length)
+    assert [foe.id for foe in way._coming(line, ego, state)] == come
+
+
 @pytest.mark.parametrize(("policy", "heeds"), [("convoy", False), ("obey", True)])
 def test_a_member_of_a_convoy_is_not_expected_to_stop_at_lines(policy, heeds):
     assert TrackingFollower(policy=policy, on_loss="drive").heeds_lines == heeds
