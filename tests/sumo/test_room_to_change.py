@@ -330,6 +330,38 @@ def test_a_slow_member_waits_for_another_one_abreast_and_of_two_only_one_waits()
     assert not change.is_beside(second, behind)
 
 
+@pytest.mark.parametrize(
+    ("wanted", "place", "speed", "is_beside"),
+    [
+        (Wanted("road_0", 5.0, begun=False), 29.0, 0.0, False),
+        (Wanted("road_0", 5.0, begun=False), 31.0, 0.0, True),  # it is ahead
+        (Wanted("road_0", 5.0, begun=False), 29.0, 0.5, True),  # it drives
+        (Wanted("road_0", 5.0, begun=True), 29.0, 0.0, True),  # it is going over
+        (Wanted("road_2", 5.0, begun=False), 29.0, 0.0, True),
+        (None, 29.0, 0.0, True),
+    ],
+)
+def test_a_member_goes_over_beside_one_that_stands_behind_and_waits_for_room_on_its_lane(
+    wanted, place, speed, is_beside
+):
+    """Each of two waited for the other one until the end of a run, and 64 vehicles of a city with them."""
+    client = SimpleNamespace(
+        lane=SimpleNamespace(
+            getLength=lambda _: 200.0, getLastStepVehicleIDs=lambda lane: ["m.1"] if lane == "road_1" else []
+        ),
+        vehicle=SimpleNamespace(
+            getLength=lambda _: CAR.length, getSpeed=lambda _: speed,
+            getLanePosition=lambda name: {"m.0": 30.0, "m.1": place}[name],
+        ),
+    )  # fmt: skip
+    change = RoomToChange(SimpleNamespace(), Reads(client))
+    change.members = frozenset({"m.0", "m.1"})
+    change.wanted = {"m.1": wanted} if wanted else {}
+    change.begin_look()
+    line = Line(100.0, "M", "", 0, "road_1", "next_0", (":a_0",), 10.0)
+    assert change.is_beside(line, Ego("m.0", "road_0", 0.0, CAR.length)) == is_beside
+
+
 @pytest.mark.parametrize("let_in", [True, False])
 def test_a_member_that_is_let_in_beside_a_queue_goes_over_at_once(let_in):
     """It waited 20 s for the queue to leave, and the vehicle that let it in 20 s for the member; then that drove on."""
