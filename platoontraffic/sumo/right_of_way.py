@@ -51,6 +51,7 @@ NEXT_IN_TURN = 2.0  # a vehicle waits so much longer for each one that should go
 SWINGS_OUT_AFTER = 5.0  # time at a stand after which its front swings over the paths of others without a margin [s] ...
 SWINGS_OUT_LONGEST = 30.0  # ... and after which it does so even if a vehicle comes [s]
 NEARLY_STANDS = 1.0  # speed up to which a car that has stopped too near to the path of another vehicle stays [m/s]
+PASSED_WITHIN = 0.5  # distance by which a car may stand in the way of another path, and a car passes by 0.2 m [m]
 BEFORE_PATH = 0.5  # distance that a car which stops inside a junction keeps from the path of another vehicle [m]
 STOPS_BY = 4.5  # hardest braking with which a vehicle stops at a sign, or a yellow light [m/s2]: that of SUMO's cars
 STOPS_MIDWAY_BY = 2.0  # least braking of a vehicle that will wait midway [m/s2]: more than by which drivers dawdle
@@ -176,7 +177,7 @@ class RightOfWay:
         waited = 0.0 if state in EQUAL else stood
         if waited > WATCHES_QUEUES_AFTER:
             foes = [self._in_queue(foe) for foe in foes]
-        met = self._met(line, foes, distance, midway, ego.length)
+        met = self._met(line, foes, distance, midway, ego.length, _still_clear(ego))
         margin = margin_after(waited)
         if key in self._went and ego.speed >= STANDING:
             can_stop = ego.speed**2 / (2 * STOPS_BY) < enters + OVERRUN * ego.size
@@ -413,7 +414,13 @@ class RightOfWay:
         return before == lane and time - last < LETS_IN_FOR and time - since < LETS_IN_LONGEST
 
     def _met(
-        self, line: Line, foes: Sequence[Approach], distance: float, midway: bool, length: float = math.inf
+        self,
+        line: Line,
+        foes: Sequence[Approach],
+        distance: float,
+        midway: bool,
+        length: float = math.inf,
+        still_clear: float = 0.0,
     ) -> list[Approach]:
         """The foes that are met after, or before, the place where the vehicle may wait midway.
 
@@ -422,11 +429,13 @@ class RightOfWay:
         already blocks. In a large junction SUMO's place may lie beyond paths that it touches. Then it waits before
         these, if they are far enough beyond the line.
 
-        length: of the vehicle [m]
+        length     : of the vehicle [m]
+        still_clear: `_still_clear`
         """
         begins = ((foe, foe.crossing.own[0], foe.crossing.touches) for foe in foes)
         if midway:
-            return [foe for foe, own, touches in begins if own + distance > 0 or 0 < touches + distance < math.inf]
+            clear = distance + still_clear
+            return [foe for foe, own, touches in begins if own + distance > 0 or 0 < touches + clear < math.inf]
         waits = self._conflicts[line].waits
         if waits < math.inf:
             waits = min(waits, WAITS_FROM * length)
@@ -672,3 +681,13 @@ class RightOfWay:
 def _state_of(links: Iterable[Sequence], inside: str) -> str:
     """State of that one of the links of a lane which leads onto a lane inside a junction."""
     return next(link[LINK_STATE] for link in links if link[LINK_VIA] == inside)
+
+
+def _still_clear(ego: Ego) -> float:
+    """How far beyond where its front begins to be in the way of another path a vehicle can stop, and be passed [m].
+
+    0 if it does not nearly stand: then it is to leave that path.
+    """
+    if ego.speed >= NEARLY_STANDS * ego.size:
+        return 0.0
+    return max(PASSED_WITHIN * ego.size - ego.speed**2 / (2 * STOPS_BY), 0.0)

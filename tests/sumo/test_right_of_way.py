@@ -1569,9 +1569,17 @@ def test_a_line_without_lanes_inside_leaves_a_member_where_sumo_takes_it_to_be(m
     assert lines._state(member, 102.0, Ego("m.0", ":a_1", 3.0, CAR.length), 0).open
 
 
-@pytest.mark.parametrize(("front", "waits"), [(4.0, True), (4.9, True), (5.1, False)])
-def test_a_member_that_waits_midway_lets_those_pass_that_pass_closely_before_its_front(monkeypatch, front, waits):
-    """Before its place in the junction, their path is near, but does not touch it before 5 m."""
+@pytest.mark.parametrize(
+    ("front", "speed", "waits"),
+    [(4.0, 0.0, True), (4.9, 0.0, True), (5.4, 0.0, True), (5.6, 0.0, False), (5.3, 0.9, True), (5.1, 2.0, False)],
+)
+def test_a_member_that_waits_midway_lets_those_pass_that_pass_closely_before_its_front(
+    monkeypatch, front, speed, waits
+):
+    """Before its place in the junction, their path is near, but does not touch it before 5 m.
+
+    One that stood a little too far on there, where a stream passed it for 22 s, drove on, and touched three of them.
+    """
     line = Line(100.0, "m", "", 0, "road_0", "next_0", (":a_0", ":a_2"), 20.0)
     crossing = Crossing("side_0", (":a_1",), (3.0, 12.0), (4.0, 16.0), False, True, np.inf, 10.0, 5.0)
     client = SimpleNamespace(
@@ -1583,7 +1591,7 @@ def test_a_member_that_waits_midway_lets_those_pass_that_pass_closely_before_its
     monkeypatch.setattr(RightOfWay, "_coming", lambda *_: coming)
     monkeypatch.setattr(RightOfWay, "_inside", lambda *_, first: [])
     monkeypatch.setattr(RightOfWay, "_waited", lambda *_: 0.0)
-    ego = Ego("m.0", ":a_0", 0.0, CAR.length)
+    ego = Ego("m.0", ":a_0", speed, CAR.length)
     assert way.may_cross(line, -front, ego, midway=True) == (not waits)
 
 
