@@ -54,14 +54,14 @@ def only(kinds: list[str], folder: Path) -> list[str]:
 
 def test_a_run_that_hangs_is_stopped_and_its_row_says_so(bad, tmp_path):
     folder, file = tmp_path / "out" / "bad", bad("hangs and ignores signals", "fine", "hangs")
-    ended = call(file, "-j", 2, "--timeout", 5, "--out", tmp_path / "out")
+    ended = call(file, "-j", 2, "--timeout", 15, "--out", tmp_path / "out")
     assert ended.returncode == 1
-    assert [row["error"] for row in rows(folder)] == ["timeout after 5 s", "", "timeout after 5 s"]
+    assert [row["error"] for row in rows(folder)] == ["timeout after 15 s", "", "timeout after 15 s"]
     kept = folder / f"{rows(folder)[2]['id']}.unfinished"
     assert "in sleep" in json.loads((kept / "failure.json").read_text())["traceback"]
     assert (kept / "trajectories.csv").is_file()
     assert not list(folder.glob("*.partial"))
-    again = invoked(file, "-j", 2, "--timeout", 5, "--out", tmp_path / "out")
+    again = invoked(file, "-j", 2, "--timeout", 15, "--out", tmp_path / "out")
     assert "(1 of them earlier), 2 failed" in again.stdout
     again = batch.run(study.load(file), folder, slots=2, retry_failed=True, limits=batch.Limits(timeout=1.0))
     assert (again.progress.ended_now, set(again.failures.values())) == (2, {"timeout after 1 s"})
