@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from importlib import import_module
+from math import degrees
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -352,7 +353,8 @@ def list_(
         "laws": lambda: {name: first_line(find_law(name, Path()).kind) for name in law_names()},
         "vehicles": lambda: {name: f"{v.length:g} x {v.width:g} m" for name, v in VEHICLES.items()},
         "lidars": lambda: {
-            name: f"{m.samples} beams, {m.angle_max - m.angle_min:.4g} rad, {m.range_min:g} to {m.range_max:g} m"
+            name: f"{m.samples} beams, {degrees(m.angle_max - m.angle_min):.4g} deg, "
+            f"{m.range_min:g} to {m.range_max:g} m"
             for name, m in PRESETS.items()
         },
     }
@@ -384,17 +386,25 @@ def prove(
     net: Annotated[
         str, typer.Argument(metavar="NET|CFG", help="network file, name of a shipped one, or SUMO configuration")
     ],
-    routes: Annotated[int, typer.Option(min=1, help="number of random routes")] = 24,
+    routes: Annotated[
+        int | None, typer.Option(min=1, show_default="24", help="without --traffic: number of random routes")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="seed of the routes and of the sensors' errors")] = 1,
     vehicle: Annotated[str, typer.Option(help="car, van or truck")] = "car",
     traffic: Annotated[
         bool, typer.Option("--traffic", help="two platoons of five in traffic, against SUMO's own cars")
     ] = False,
-    seeds: Annotated[int, typer.Option(min=1, help="with --traffic: number of seeds, each with routes of its own")] = 5,
+    seeds: Annotated[
+        int | None,
+        typer.Option(min=1, show_default="5", help="with --traffic: number of seeds, each with routes of its own"),
+    ] = None,
     warm_up: Annotated[
-        float, typer.Option("--warm-up", min=0, help="with --traffic: time before the platoons start [s]")
-    ] = 300.0,
-    duration: Annotated[float, typer.Option(min=1, help="with --traffic: time that the platoons have [s]")] = 600.0,
+        float | None,
+        typer.Option("--warm-up", min=0, show_default="300", help="with --traffic: time before the platoons start [s]"),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(min=1, show_default="600", help="with --traffic: time that the platoons have [s]")
+    ] = None,
     results: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="with --traffic: folder to keep scenarios and runs in")
     ] = None,
@@ -406,14 +416,18 @@ def prove(
     end_as_at_control_c()
     check_vehicle(vehicle)
     road = road_of(net)
-    if results and not traffic:
-        raise InputError("--results: goes with --traffic; must be left out")
+    in_traffic = {"--seeds": seeds, "--warm-up": warm_up, "--duration": duration, "--results": results}
+    if alien := [name for name, value in in_traffic.items() if value is not None and not traffic]:
+        raise InputError(*(f"{name}: goes with --traffic; must be left out" for name in alien))
+    if routes is not None and traffic:
+        raise InputError("--routes: does not go with --traffic; must be left out")
     if traffic:
         with TemporaryDirectory(prefix="platoontraffic-") as temporary:
-            folder, numbers = results or Path(temporary), range(seed, seed + seeds)
-            holds = prove_traffic(road, numbers, vehicle, warm_up, duration, folder, json)
+            folder, numbers = results or Path(temporary), range(seed, seed + (seeds or 5))
+            times = 300.0 if warm_up is None else warm_up, duration or 600.0
+            holds = prove_traffic(road, numbers, vehicle, *times, folder, json)
     else:
-        holds = prove_alone(road, routes, seed, vehicle, json)
+        holds = prove_alone(road, routes or 24, seed, vehicle, json)
     if not holds:
         raise typer.Exit(1)
 

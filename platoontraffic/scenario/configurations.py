@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +33,10 @@ def is_configuration(file: Path) -> bool:
         return False
 
 
-def complete(table: dict[str, Any], config: Configuration, changes: Sequence[Change]) -> None:
+def complete(table: dict[str, Any], config: Configuration, changes: Sequence[Change], file: str = "") -> None:
     """Add the configuration and its defaults to the table of a platoon file, or to an empty one.
 
+    file  : that of the platoons; "": there is none
     raises: InputError if the table names a network of its own, or if no platoon is given
     """
     if not all(isinstance(table.setdefault(key, {}), dict) for key in ("sumo", "run")):
@@ -47,10 +49,19 @@ def complete(table: dict[str, Any], config: Configuration, changes: Sequence[Cha
         table.setdefault("equip", [{}])
     if "platoon" not in table and "equip" not in table:
         if not any(change.key.startswith("platoon.") for change in changes):
-            raise InputError(f"{config.path}: no platoon is given; a complete command, for example: {_example(config)}")
+            raise InputError(*_without_platoon(table, config, file))
         table["platoon"] = [{}]
     if isinstance(table.get("platoon"), list):
         table["platoon"] = [{"vehicle": "car"} | p if isinstance(p, dict) else p for p in table["platoon"]]
+
+
+def _without_platoon(table: dict[str, Any], config: Configuration, file: str) -> list[str]:
+    """Faults of a run of a configuration to which no platoon is given."""
+    if not file:
+        return [f"{config.path}: no platoon is given; a complete command, for example: {_example(config)}"]
+    misspelt = {key: get_close_matches(key, ("platoon", "equip"), n=1) for key in table}
+    meant = [f"{file}: {key}: unknown key; did you mean {close[0]!r}?" for key, close in misspelt.items() if close]
+    return meant or [f"{file}: has no table [[platoon]] or [[equip]]"]
 
 
 def take_values(table: dict[str, Any], config: Configuration) -> None:

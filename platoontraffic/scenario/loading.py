@@ -78,7 +78,7 @@ def load(
         raise InputError(f"{source}: is a study; `platoontraffic batch {source}` runs it")
     table.setdefault("name", _name(source))
     if config:
-        configurations.complete(table, config, changes)
+        configurations.complete(table, config, changes, str(platoons or ""))
         source = Path(platoons or source)
     set_by, stale = _change(table, changes, seed)
     if used := config or _configuration_in(table, source.parent):

@@ -43,6 +43,9 @@ def test_it_ends_with_1_where_a_bar_does_not_hold(monkeypatch):
         (("corridor", "--traffic", "--duration", 10.05), "--duration: 10.05: must be a multiple of 0.1 s"),
         (("corridor", "--traffic", "--results", __file__), "File exists; must be a folder"),
         (("corridor", "--results", "anywhere"), "--results: goes with --traffic; must be left out"),
+        (("corridor", "--seeds", "9"), "--seeds: goes with --traffic; must be left out"),
+        (("corridor", "--warm-up", "0"), "--warm-up: goes with --traffic; must be left out"),
+        (("corridor", "--traffic", "--routes", "3"), "--routes: does not go with --traffic; must be left out"),
     ],
 )
 def test_bad_input_is_one_line(arguments, said):
