@@ -153,13 +153,16 @@ def with_other_lane(
     station : in no lane change [m]
     onto    : index of the lane from which it leaves the edge
     longest : greatest length of the change over one lane [m]
-    returns : a route whose stations until there are those of the given one; None on a loop, on the last edge, near the
-              begin of the edge, where there is no room for the change, or where that lane does not lead on
+    returns : a route whose stations until there are those of the given one; that one itself where it leaves the edge
+              so; None on a loop, on the last edge, near the begin of the edge, where there is no room for the change,
+              or where that lane does not lead on
     """
     i = next((k for k, line in enumerate(route.lines) if line.station >= station), len(route.lines))
     end = next((line for line in route.lines[i:] if line.state != CHANGING), None)
     if route.closed or end is None:
         return None
+    if route.lines[i] is end and index_of(end.lane) == onto:
+        return route
     here = route.lines[i]._replace(station=station, to_end=end.station - station)
     lane, width, begin = _place_of(here, network)
     lanes = abs(onto - lane)

@@ -312,6 +312,18 @@ def test_a_lane_that_leads_on_is_kept_where_the_route_would_leave_it():
     assert kept.length == pytest.approx(route.length, abs=0.5)
 
 
+@pytest.mark.parametrize("share", [0.2, 0.6])
+@pytest.mark.parametrize("edge", [0, 1])
+def test_a_route_that_leaves_the_edge_from_that_lane_is_kept(edge, share):
+    """A run of a city ended with an IndexError: the lane had become better that one behind the first had anyway."""
+    network, edges = network_of("grid"), ("A2_B2", "B2_C2", "C2_D2", "D2_E2")
+    route = Route.along(edges, *network.route_lanes(edges, 0)).drivable_by(CAR)
+    first, second = route.lines[:2]
+    begin, end = ((0.0, first), (first.station + first.across, second))[edge]
+    station = begin + share * (end.station - begin)
+    assert with_other_lane(route, station, int(end.lane[-1]), network, CAR) is route
+
+
 @pytest.mark.parametrize(
     ("edges", "lane", "station", "onto"),
     [
