@@ -128,7 +128,7 @@ class Results:
 
     def _optional(self, name: str) -> pd.DataFrame | None:
         file = inside(self.folder, f"{name}.csv")
-        return read_table(file, OPTIONAL[name]) if file.is_file() else None
+        return _read(file, OPTIONAL[name], resources(self.folder).get(name, [])) if file.is_file() else None
 
 
 @dataclass(frozen=True)
@@ -161,13 +161,16 @@ class Batch:
         folders = [inside(self.folder, run) for run in self.summary.id]
         have = [not folder.is_dir() or name in resources(folder) for folder in folders]
         summary = self.summary[have] if any(have) else self.summary
-        table, rows = _read_all([self._file(run_id, name) for run_id in summary.id])
+        files = [self._file(run_id, name) for run_id in summary.id]
+        table, rows = _read_all(files)
         if missing := set(NEEDED.get(name, ())) - set(table.columns):
             raise ResultsError(f"{self.folder}: {name}.csv: columns are missing: {', '.join(sorted(missing))}")
+        fields = resources(inside(self.folder, summary.id.iloc[0])).get(name, [])
+        _check_numbers(table, fields, files, rows)
         points = summary[["id", "seed", *self.varied]]
         points = points.loc[points.index.repeat(rows)].reset_index(drop=True)
         joined = pd.concat([points, table], axis=1)
-        joined.attrs["units"] = _units(resources(inside(self.folder, summary.id.iloc[0]))).get(name, {})
+        joined.attrs["units"] = {f["name"]: f["unit"] for f in fields}
         return joined
 
     def _file(self, run_id: str, name: str) -> Path:
@@ -239,15 +242,15 @@ def load_run(folder: Path) -> Results:
     if not (folder / "DONE").is_file():
         what = "an unfinished run" if (folder / "trajectories.csv").is_file() else "not the folder of a run"
         raise ResultsError(f"{folder}: {what}: a finished run has a file DONE")
-    files = {name: inside(folder, f"{name}.csv") for name in NEEDED}
     drawn = inside(folder, "scene.geojson")
-    for file in (*files.values(), drawn, folder / "datapackage.json"):
+    for file in (*(inside(folder, f"{name}.csv") for name in NEEDED), drawn, folder / "datapackage.json"):
         if not file.is_file():
             raise ResultsError(f"{folder}: {file.name} is missing")
-    units = _units(resources(folder))
+    described = resources(folder)
+    units = _units(described)
     tables = {}
-    for name, file in files.items():
-        tables[name] = read_table(file, NEEDED[name])
+    for name, needed in NEEDED.items():
+        tables[name] = _read(inside(folder, f"{name}.csv"), needed, described.get(name, []))
         tables[name].attrs["units"] = units.get(name, {})
     try:
         scene = json.loads(drawn.read_text(encoding="utf-8"))
@@ -263,15 +266,47 @@ def shapes_of(scene: dict) -> dict[str, list[list[list[float]]]]:
 
 
 def resources(folder: Path) -> dict[str, list[dict[str, str]]]:
-    """Table -> its columns (name, type, unit, description), from datapackage.json. raises: ResultsError"""
+    """Table -> its columns (name, type, unit, description), from datapackage.json.
+
+    raises: ResultsError, also if a file has another size than the run wrote
+    """
     file = inside(folder, "datapackage.json")
     try:
         package = json.loads(file.read_text(encoding="utf-8"))
-        return {r["name"]: r.get("schema", {}).get("fields", []) for r in package["resources"] if "format" in r}
+        tables = {r["name"]: r.get("schema", {}).get("fields", []) for r in package["resources"] if "format" in r}
+        sizes = {r["path"]: r["bytes"] for r in package["resources"] if "bytes" in r}  # none before version 0.4.5
     except OSError as error:
         raise ResultsError(f"{file}: {error.strerror}") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise ResultsError(f"{file}: is not the data package of results: {error}") from error
+    for name, size in sizes.items():
+        described = inside(folder, name)
+        if described.is_file() and (found := described.stat().st_size) != size:
+            raise ResultsError(f"{described}: damaged or changed: it has {found} bytes; the run wrote {size}")
+    return tables
+
+
+def _read(file: Path, needed: Sequence[str], described: list[dict[str, str]]) -> pd.DataFrame:
+    """described: its columns, as from `resources`. raises: ResultsError"""
+    table = read_table(file, needed)
+    _check_numbers(table, described, [file], [len(table)])
+    return table
+
+
+def _check_numbers(
+    table: pd.DataFrame, described: list[dict[str, str]], files: Sequence[Path], rows: Sequence[int]
+) -> None:
+    """files, rows: of which the table is made. raises: ResultsError if a cell of a column of numbers is none"""
+    for field in described:
+        name = field["name"]
+        if field["type"] not in ("number", "integer") or name not in table or not len(table):
+            continue
+        if not pd.api.types.is_numeric_dtype(table[name]):
+            wrong = np.flatnonzero(pd.to_numeric(table[name], errors="coerce").isna() & table[name].notna())[0]
+            ends = np.cumsum(rows)
+            file = int(np.searchsorted(ends, wrong, side="right"))
+            row = wrong - ends[file] + rows[file] + 1
+            raise ResultsError(f"{files[file]}: row {row}: {name}: {table[name].iloc[wrong]!r} is no number")
 
 
 def _units(tables: dict[str, list[dict[str, str]]]) -> dict[str, dict[str, str]]:

@@ -17,6 +17,7 @@ import pytest
 from platoontraffic.analysis import Batch, ResultsError, load
 from platoontraffic.analysis.results import Scans
 from platoontraffic.study import batch, study
+from tests.support.runs import forget_sizes
 
 KEY = "platoon.follower.heading_gain_per_s"
 
@@ -83,6 +84,7 @@ def test_cells_with_line_feeds_stay_with_their_run(copy):
     events = sorted(copy.glob("*-s1/events.csv"))[0]
     lines = events.read_text().rstrip("\n")
     events.write_text(f'{lines}\n0.5,odd,robot.0,,0,0,,,"two\nlines"\n')
+    forget_sizes(events.parent)
     table = load(copy).table("events")
     assert table[table.kind == "odd"].id.to_list() == [events.parent.name]
     assert len(table) == sum(len(pd.read_csv(file)) for file in copy.glob("*/events.csv"))
@@ -92,6 +94,7 @@ def test_a_run_without_rows_does_not_make_numbers_objects(copy):
     """As the run of a study of shares that has no members."""
     file = sorted(copy.glob("*-s1/trajectories.csv"))[0]
     file.write_text(file.read_text().partition("\n")[0] + "\n")
+    forget_sizes(file.parent)
     table = load(copy).table("trajectories")
     assert file.parent.name not in set(table.id)
     assert table.x_m.dtype == float
@@ -112,6 +115,26 @@ def test_what_is_missing_is_said(copy):
         (copy / name / "DONE").unlink()
     with pytest.warns(UserWarning, match="2 of 4 runs are missing: 1 failed, 1 waiting"):
         assert load(copy).missing.error.to_list()[0] == "why"
+
+
+@pytest.mark.parametrize("name", ["trajectories.csv", "vehicles.csv", "summary.csv"])
+def test_a_table_that_was_cut_off_is_refused(copy, name):
+    """Its last row was read as one with empty cells, and the rest of the run was missing without a word."""
+    file = next(copy.glob(f"*-s1/{name}"))
+    file.write_bytes(file.read_bytes()[:-9])
+    with pytest.raises(ResultsError, match=rf"{name}: damaged or changed: it has \d+ bytes; the run wrote \d+"):
+        load(file.parent)
+    with pytest.raises(ResultsError, match=rf"{file.parent.name}.{name}: damaged"):
+        load(copy).table("trajectories")
+
+
+def test_a_cell_that_is_no_number_is_named(copy):
+    file = sorted(copy.glob("*-s1/trajectories.csv"))[1]
+    first, second, *rest = file.read_text().splitlines()
+    file.write_text("\n".join([first, second, "x" + rest[0][1:], *rest[1:], ""]))
+    for table in (lambda: load(file.parent), lambda: load(copy).table("trajectories")):
+        with pytest.raises(ResultsError, match=r"trajectories.csv: row 2: time_s: 'x.*' is no number"):
+            table()
 
 
 @pytest.mark.parametrize("name", ["runs.csv", "summary.csv", "datapackage.json"])
