@@ -30,6 +30,8 @@ from platoontraffic.controllers.gains import keys_of
 from platoontraffic.controllers.law import Law
 from platoontraffic.controllers.registry import find_law, law_names
 from platoontraffic.lidar import PRESETS
+from platoontraffic.observation.instant import Instant
+from platoontraffic.observation.observer import Measures
 from platoontraffic.results import columns, metrics
 from platoontraffic.results.data_package import SUMMARY
 from platoontraffic.results.scans import FIELDS
@@ -38,8 +40,10 @@ from platoontraffic.results.sumo_tables import TABLES
 from platoontraffic.scenario import Spec
 from platoontraffic.study.study import StudyFile
 from platoontraffic.vehicles.catalogue import VEHICLES
+from platoontraffic.vehicles.motion import Motion
 from platoontraffic.vehicles.odometry import ODOMETRY
-from platoontraffic.world.events import EVENT_KINDS
+from platoontraffic.world.events import EVENT_KINDS, Event
+from platoontraffic.world.traffic import TrafficSnapshot
 
 MARK = re.compile(r"^<!-- from the code: (.+) -->$", re.MULTILINE)
 FAR = 1e9  # limits beyond this are not worth a word
@@ -370,6 +374,36 @@ def _titles(files: Mapping[str, Path]) -> Iterator[tuple[str, str]]:
     return ((f"`{name}`", _prose(title(file))) for name, file in files.items())
 
 
+# ---- Python
+
+
+def instant() -> str:
+    """The fields of an instant, and of what it consists of."""
+    parts = {
+        "instant": Instant,
+        "instant.traffic": TrafficSnapshot,
+        "instant.fleet.motion": Motion,
+        "instant.measures": Measures,
+        "instant.events[i]": Event,
+    }
+    text = []
+    for name, kind in parts.items():
+        first = inspect.getdoc(kind).partition("\n\n")[0]
+        text += [f"### `{name}`", _prose(first), _table(("field", "meaning"), _commented(kind))]
+    return "\n\n".join(text)
+
+
+def _commented(kind: type) -> Iterator[tuple[str, str]]:
+    """Fields of a class and the comments on them in its source."""
+    above: list[str] = []
+    for line in inspect.getsource(kind).splitlines():
+        if line.startswith("    # "):
+            above.append(line.strip(" #"))
+        elif field := re.fullmatch(r"    (\w+): .*?(?:  # (.*))?", line):
+            yield f"`{field[1]}`", _prose(" ".join((*above, field[2] or "")).strip())
+            above = []
+
+
 def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     head = tuple(head)
     lines = [head, ("---",) * len(head), *rows]
@@ -388,6 +422,7 @@ PARTS: Mapping[str, Callable[[], str]] = {
     "metrics": metrics_of_runs,
     "commands": commands,
     "shipped": shipped_files,
+    "instant": instant,
 }
 
 

@@ -13,8 +13,11 @@ _checkout.add_subpackages()
 _HOMES = {
     "Decision": "controllers",
     "Drive": "vehicles.motion",
+    "InputError": "errors",
     "Instant": "observation.instant",
     "Law": "controllers",
+    "MissingError": "errors",
+    "RunError": "errors",
     "Sensed": "controllers",
     "Sensor": "vehicles.sensor",
     "Simulation": "simulation",
@@ -29,8 +32,11 @@ _HOMES = {
 __all__ = [
     "Decision",
     "Drive",
+    "InputError",
     "Instant",
     "Law",
+    "MissingError",
+    "RunError",
     "Sensed",
     "Sensor",
     "Simulation",

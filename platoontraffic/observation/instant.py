@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -31,12 +31,17 @@ class Instant:
     scans: Sequence[ScanBatch | None] = ()  # that the laws used, a batch for each of `fleet.groups`; None: none was due
     roads: Sequence[tuple[str, str]] = ()  # edge and lane of each member, as SUMO has them; the lane is "" off the road
     events: Sequence[Event] = ()  # since the instant before
-    measure: Callable[[Fleet], Measures] | None = field(default=None, repr=False)
+    measure: Callable[[Fleet], Measures] | None = None  # computes `measures`
     ended: str = ""  # "arrived", "laps", "contact", "gridlock" or "duration" at the last instant
     passages: Sequence[Passage] = ()  # of vehicles at the ends of counted edges, in the last step
     readings: Sequence[Readings] = ()  # of further lasers and own sensors, for each group; (): there are none
     seen: Sequence[Seen | None] = ()  # the world at the instant of each scan, to whose traffic its hits belong
     odometry: Twist | None = None  # own speed and yaw rate that the laws used, (n,); None: those of `fleet.motion`
+
+    def __repr__(self) -> str:
+        """What it is in short, for notebooks."""
+        others = len(self.traffic.ids) - len(self.fleet)
+        return f"<Instant at {self.time:g} s: {len(self.fleet)} members, {others} others, {len(self.events)} events>"
 
     @property
     def time(self) -> float:

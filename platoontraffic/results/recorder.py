@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, TextIO
 import pandas as pd
 
 from platoontraffic.analysis.reading import read_table
-from platoontraffic.errors import RunError
+from platoontraffic.errors import kind_of
 from platoontraffic.observation.instant import Instant
 from platoontraffic.results import csv_text
 from platoontraffic.results.columns import EVENTS, PASSAGES, TRAFFIC, TRAJECTORIES, VEHICLES, Column
@@ -79,7 +79,7 @@ class Recorder:
             self._passages = self._open("passages.csv", PASSAGES) if clocks.passages else None
             self._scans = ScanRecorder(self.folder) if clocks.scans else None
         except OSError as error:
-            raise RunError(f"{folder.parent}: results cannot be written: {error.strerror}") from error
+            raise kind_of(error)(f"{folder.parent}: results cannot be written: {error.strerror}") from error
 
     def _goes_to(self, folder: Path) -> None:
         self._final = folder

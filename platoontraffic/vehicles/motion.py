@@ -90,9 +90,9 @@ class Command(NamedTuple):
 class Motion:
     """Poses of vehicles and how they move, at one instant. Arrays (n,)."""
 
-    x: np.ndarray  # of the footprint's centre [m]
-    y: np.ndarray
-    heading: np.ndarray  # [rad], in (-pi, pi]
+    x: np.ndarray  # of the footprint's centre, east [m]
+    y: np.ndarray  # of it, north [m]
+    heading: np.ndarray  # counter-clockwise from east [rad], in (-pi, pi]
     turned: np.ndarray  # heading since the start, not wrapped [rad]
     speed: np.ndarray  # of the driven axle's middle, forward [m/s]
     yaw_rate: np.ndarray  # to the left [rad/s]

@@ -42,13 +42,13 @@ GONE = ("arrived", "stranded", "given_up")  # kinds of events by which a member 
 class Event(NamedTuple):
     """One row of events.csv."""
 
-    time: float  # [s]
+    time: float  # since the platoons were placed [s]
     kind: str  # a name in EVENT_KINDS
     vehicle: str  # id; "" for the run
     other: str  # id of another vehicle, WALL, or ""
-    x: float  # centre of the vehicle [m]; NaN: it is not on the road
-    y: float
-    edge: str
+    x: float  # of the vehicle's centre, east [m]; NaN: it is not on the road
+    y: float  # of it, north [m]
+    edge: str  # on which it is, as SUMO has it; "": it is not on the road
     duration: float  # of what this event ends [s]; NaN: it ends nothing
     detail: str  # for people to read; nothing computes with it
     what: str = ""  # one of the kind's words, or ""

@@ -19,14 +19,14 @@ from platoontraffic.world.events import WALL
 class TrafficSnapshot:
     """Arrays (n,): platoon members first, in the fleet's order, then background traffic, then obstacles."""
 
-    time: float  # [s]
-    ids: tuple[str, ...]
-    x: np.ndarray  # centre of the footprint [m]
-    y: np.ndarray
+    time: float  # since the platoons were placed [s]
+    ids: tuple[str, ...]  # of members and vehicles, as SUMO has them, and of obstacles
+    x: np.ndarray  # of the footprint's centre, east [m]
+    y: np.ndarray  # of it, north [m]
     heading: np.ndarray  # counter-clockwise from east [rad]
     speed: np.ndarray  # forward [m/s]
     length: np.ndarray  # of the footprint [m]
-    width: np.ndarray
+    width: np.ndarray  # of it [m]
     # Rows of members, and of the bodies on a bridge over their road, or below it: neither sees or touches the others.
     other_levels: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
 

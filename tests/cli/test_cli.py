@@ -260,7 +260,7 @@ def test_a_full_disk_is_one_line_and_exit_code_1(tmp_path, monkeypatch):
 def test_results_that_cannot_be_written_are_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     done = call("run", "paper_loop", *SHORT, "--out", tmp_path / "file")
-    assert (done.exit_code, done.stderr.count("\n")) == (1, 1)
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
     assert "results cannot be written" in done.stderr
 
 
