@@ -222,28 +222,25 @@ class RightOfWay:
                  once where it has nearly stopped nearer to that path, and is not in it yet; inf where it can pass them,
                  or cannot stop any more
         """
+        if not (passed or self._all_inside[line] or self._conflicts[line].narrow):  # as at most lines
+            return math.inf
         stop = math.inf
-        priority_too = passed != "" and passed not in PRIORITY + EQUAL  # at equal ones either of two may have to
-        coming: Iterable[Approach] = ()
-        if passed and passed not in PRIORITY + ALL_STOP + ZIPPER + RED + YELLOW:
-            coming = (one for one in self._coming(line, ego, passed) if not one.crossing.swings)
-        elif not (self._all_inside[line] or self._conflicts[line].narrow):  # as at most lines
-            return stop
-        others = (one for one in self._all_inside[line] if not self._needs_no_stop(one, line, over, priority_too))
-        for foe in chain(others, self._first_where_it_is_narrow(line, over), coming):
-            crossing = foe.crossing
+        for foe in self._not_to_cut_off(line, over, ego, passed):
             if foe.pace.speed < STANDING:
                 continue
-            stops_within = ego.speed**2 / (2 * (STOPS_BY if crossing.first else STOPS_HARD_BY))
-            keeps = BEFORE_PATH * ego.size
-            meets, touches = crossing.own[0] - over, crossing.touches - over
-            left = next((place - keeps for place in (meets, touches) if stops_within <= place - keeps), math.inf)
-            if left == math.inf and stops_within <= touches < math.inf and ego.speed < NEARLY_STANDS * ego.size:
-                left = stops_within
-            margin = LEAST_MARGIN if foe.to_line > 0 and crossing.first else 0.0
+            left = _stop_before(foe.crossing, over, ego)
+            margin = LEAST_MARGIN if foe.to_line > 0 and foe.crossing.first else 0.0
             if left < stop and not self._has_gap_among([foe], line, -over, ego, margin, -over):
                 stop = left
         return -over if ego.speed**2 / (2 * STOPS_BY) < -over < stop < math.inf else stop
+
+    def _not_to_cut_off(self, line: Line, over: float, ego: Ego, passed: str) -> Iterator[Approach]:
+        """The vehicles that `stop_before_foes` is about."""
+        priority_too = passed != "" and passed not in PRIORITY + EQUAL  # at equal ones either of two may have to
+        yield from (one for one in self._all_inside[line] if not self._needs_no_stop(one, line, over, priority_too))
+        yield from self._first_where_it_is_narrow(line, over)
+        if passed and passed not in PRIORITY + ALL_STOP + ZIPPER + RED + YELLOW:
+            yield from (one for one in self._coming(line, ego, passed) if not one.crossing.swings)
 
     def _needs_no_stop(self, foe: Approach, line: Line, over: float, priority_too: bool) -> bool:
         """Whether `stop_before_foes` may leave out a vehicle that is inside the junction.
@@ -681,6 +678,21 @@ class RightOfWay:
 def _state_of(links: Iterable[Sequence], inside: str) -> str:
     """State of that one of the links of a lane which leads onto a lane inside a junction."""
     return next(link[LINK_STATE] for link in links if link[LINK_VIA] == inside)
+
+
+def _stop_before(crossing: Crossing, over: float, ego: Ego) -> float:
+    """Distance at which a vehicle stops before another path in the junction [m]; inf: it cannot.
+
+    over: distance driven beyond the line [m]
+    """
+    stops_within = ego.speed**2 / (2 * (STOPS_BY if crossing.first else STOPS_HARD_BY))
+    keeps = BEFORE_PATH * ego.size
+    meets, touches = crossing.own[0] - over, crossing.touches - over
+    for place in (meets - keeps, touches - keeps):
+        if stops_within <= place:
+            return place
+    nearly_stands = stops_within <= touches < math.inf and ego.speed < NEARLY_STANDS * ego.size
+    return stops_within if nearly_stands else math.inf
 
 
 def _still_clear(ego: Ego) -> float:
