@@ -381,13 +381,17 @@ def new(name: Annotated[str, typer.Argument(help="folder to make; also the name 
     out.print(f"  platoontraffic run {folder / folder.name}.toml", soft_wrap=True)
 
 
+ROUTES = 24  # of `prove` ...
+SEEDS, WARM_UP, DURATION = 5, 300.0, 600.0  # ... and with --traffic [s]; an option that has no effect is refused
+
+
 @command
 def prove(
     net: Annotated[
         str, typer.Argument(metavar="NET|CFG", help="network file, name of a shipped one, or SUMO configuration")
     ],
     routes: Annotated[
-        int | None, typer.Option(min=1, show_default="24", help="without --traffic: number of random routes")
+        int | None, typer.Option(min=1, show_default=f"{ROUTES}", help="without --traffic: number of random routes")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="seed of the routes and of the sensors' errors")] = 1,
     vehicle: Annotated[str, typer.Option(help="car, van or truck")] = "car",
@@ -396,14 +400,19 @@ def prove(
     ] = False,
     seeds: Annotated[
         int | None,
-        typer.Option(min=1, show_default="5", help="with --traffic: number of seeds, each with routes of its own"),
+        typer.Option(
+            min=1, show_default=f"{SEEDS}", help="with --traffic: number of seeds, each with routes of its own"
+        ),
     ] = None,
     warm_up: Annotated[
         float | None,
-        typer.Option("--warm-up", min=0, show_default="300", help="with --traffic: time before the platoons start [s]"),
+        typer.Option(
+            "--warm-up", min=0, show_default=f"{WARM_UP:g}", help="with --traffic: time before the platoons start [s]"
+        ),
     ] = None,
     duration: Annotated[
-        float | None, typer.Option(min=1, show_default="600", help="with --traffic: time that the platoons have [s]")
+        float | None,
+        typer.Option(min=1, show_default=f"{DURATION:g}", help="with --traffic: time that the platoons have [s]"),
     ] = None,
     results: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="with --traffic: folder to keep scenarios and runs in")
@@ -423,11 +432,11 @@ def prove(
         raise InputError("--routes: does not go with --traffic; must be left out")
     if traffic:
         with TemporaryDirectory(prefix="platoontraffic-") as temporary:
-            folder, numbers = results or Path(temporary), range(seed, seed + (seeds or 5))
-            times = 300.0 if warm_up is None else warm_up, duration or 600.0
+            folder, numbers = results or Path(temporary), range(seed, seed + (seeds or SEEDS))
+            times = WARM_UP if warm_up is None else warm_up, duration or DURATION
             holds = prove_traffic(road, numbers, vehicle, *times, folder, json)
     else:
-        holds = prove_alone(road, routes or 24, seed, vehicle, json)
+        holds = prove_alone(road, routes or ROUTES, seed, vehicle, json)
     if not holds:
         raise typer.Exit(1)
 

@@ -34,7 +34,7 @@ ABOVE_LOCK = 1.02  # greatest curvature [of the lock, or of the line before]
 TOTAL = 1.6  # greatest distance from the given line beyond the least [tolerances]: 0.8 m for a car; `prove` allows 1 m
 PLACES, BENDS = 1e2, 1e6  # penalties of the method for places and second differences beyond their limits
 ROUNDS = 100  # of the method: more change the time in which a car drives a route by less than 0.2 %
-WITHIN = 0.05  # by which q may be beyond its limits [of the corridor's width, of the greatest curvature]
+BESIDE, SHARPER = 0.1, 0.05  # by which q may be beyond its limits [of the corridor's width, of the greatest curvature]
 
 compiled = compiler(__file__)
 
@@ -71,7 +71,7 @@ def eased(
     turn = _turn_about(onward, round(width / spacing))
     aside = tolerance * np.where(np.column_stack([-turn, turn]) > TURNS, 1.0, OUTSIDE)  # to the right, and to the left
     corridor = np.column_stack([np.maximum(-aside[:, 0], -farthest - off), np.minimum(aside[:, 1], farthest - off)])
-    moved = _gentlest(onward, left, corridor, sharpest, (width / spacing) ** 6) - onward
+    moved = _gentlest(onward, left, corridor, tolerance, sharpest, (width / spacing) ** 6) - onward
     share = _share_within(moved, onward, left, corridor, sharpest, round(width / spacing), closed)
     moved = (share[:, None] * moved)[lap : lap + len(line)]
     if closed:
@@ -113,9 +113,9 @@ def _share_within(
     share = np.ones(len(line)) if closed else _rising(np.minimum(place, place[::-1]) - 2, around)
     for reach in around * 2 ** np.arange(6):
         now = share[:, None] * moved
-        aside, slack = (now * left).sum(axis=1), WITHIN * np.ptp(corridor, axis=1)
+        aside, slack = (now * left).sum(axis=1), BESIDE * np.ptp(corridor, axis=1)
         beyond = (aside < corridor[:, 0] - slack) | (aside > corridor[:, 1] + slack)
-        beyond[1:-1] |= _curvature(line + now) > (1 + WITHIN) * sharpest[1:-1]
+        beyond[1:-1] |= _curvature(line + now) > (1 + SHARPER) * sharpest[1:-1]
         beyond[1:] |= np.diff(stations_of(line) + (now * _ahead_of(left)).sum(axis=1)) <= 0
         if not (beyond & (share > 0)).any():
             return share
@@ -155,11 +155,12 @@ def _curvature(points: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def _gentlest(line, left, corridor, sharpest, weight):
+def _gentlest(line, left, corridor, ahead, sharpest, weight):
     """The q of the sum above, (m, 2), for points p (m, 2).
 
     left     : unit vectors to the left of the line, (m, 2)
     corridor : least and greatest displacement to the left, (m, 2) [m]; 0 lies within
+    ahead    : greatest displacement ahead, or back [m]: points that crowd in a sharp bend make it look gentle
     sharpest : greatest curvature, (m,) [1/m]; the line has no greater
     """
     n = len(line)
@@ -183,20 +184,21 @@ def _gentlest(line, left, corridor, sharpest, weight):
                 solved[i + 4, c] += pull
         _solve(solved, factors, pivot)
         q = solved[3 : n + 3]
-        _limit_places(q, line, left, corridor, place, beyond_place)
+        _limit_places(q, line, left, corridor, ahead, place, beyond_place)
         _limit_bends(q, sharpest, bend, beyond_bend)
     return q.copy()
 
 
 @compiled
-def _limit_places(q, line, left, corridor, place, beyond):
-    """Renew the places in the corridor, in place. Points may move along the line."""
+def _limit_places(q, line, left, corridor, ahead, place, beyond):
+    """Renew the places in the corridor, in place."""
     for i in range(len(q)):
         x, y = q[i, 0] + beyond[i, 0] - line[i, 0], q[i, 1] + beyond[i, 1] - line[i, 1]
         aside = x * left[i, 0] + y * left[i, 1]
-        back = min(max(aside, corridor[i, 0]), corridor[i, 1]) - aside
-        place[i, 0] = line[i, 0] + x + back * left[i, 0]
-        place[i, 1] = line[i, 1] + y + back * left[i, 1]
+        along = min(max(x * left[i, 1] - y * left[i, 0], -ahead), ahead)
+        aside = min(max(aside, corridor[i, 0]), corridor[i, 1])
+        place[i, 0] = line[i, 0] + aside * left[i, 0] + along * left[i, 1]
+        place[i, 1] = line[i, 1] + aside * left[i, 1] - along * left[i, 0]
         beyond[i, 0] += q[i, 0] - place[i, 0]
         beyond[i, 1] += q[i, 1] - place[i, 1]
 

@@ -21,6 +21,8 @@ EARLY_BRAKING = 2.0  # deceleration that sets how early the adjacent lane and th
 AT_ONCE = 0.9  # distance of a closed line, for a car, that a slow vehicle stops before at once [m]
 OVERRUN = 1.0  # distance beyond a stop line, for a car, up to which a vehicle may still stop there [m]
 GATHERS_SPEED = 8.0  # at which its engine is asked for its acceleration: a truck has less than its law wants [m/s]
+QUEUE_ROOM = 4.0  # that a car whose law names no distance at rest needs behind one that stands [m]
+FALLS_SHORT = 0.25  # by which a vehicle may stop farther from one that stands than its law names, for a car [m]
 STARTING = 0.4  # from the decision to set out until the vehicle accelerates: a scan and the lag of the drive [s]
 
 
@@ -40,6 +42,7 @@ class Ego(NamedTuple):
     drive: float = 0.0  # acceleration now [m/s2]
     route: Route | None = None  # None: its law is given none, or SUMO drives it
     axle: float = 0.0  # station of its driven axle on its route [m]
+    keeps: float = QUEUE_ROOM  # distance within which it surely stops behind one that stands [m]
 
     @classmethod
     def of(cls, member: Member) -> Ego:
@@ -55,13 +58,16 @@ class Ego(NamedTuple):
         braking = _gain(_drivers(law)[-1], "braking", cls._field_defaults["braking"])
         strongest = float(member.model.strongest_acceleration(np.array(GATHERS_SPEED)))
         steering_rate = float(member.model.curvature_rate)
-        return cls(member.id, "", 0.0, length, min(*gains, strongest), min(lateral), braking, kind, steering_rate)
+        return cls(
+            member.id, "", 0.0, length, min(*gains, strongest), min(lateral), braking, kind, steering_rate,
+            keeps=max(_keeps(member, one) for one in _drivers(law)),
+        )  # fmt: skip
 
     def driving(self, lane: str, speed: float, drive: float, route: Route | None, axle: float) -> Ego:
         """The same vehicle as it drives now. (`_replace` takes three times as long, for hundreds in every step.)"""
         return Ego(
             self.id, lane, speed, self.length, self.acceleration, self.lateral, self.braking, self.kind,
-            self.steering_rate, self.top, drive, route, axle,
+            self.steering_rate, self.top, drive, route, axle, self.keeps,
         )  # fmt: skip
 
     @property
@@ -123,3 +129,12 @@ def _drivers(law: Law) -> list[object]:
 def _gain(law: object, name: str, default: float) -> float:
     value = getattr(law, name, default)
     return float(value) if isinstance(value, (int, float)) and value > 0 else default
+
+
+def _keeps(member: Member, law: object) -> float:
+    """`Ego.keeps` of a member that a law drives. The law `path` keeps half a length if it is given no `stand_off`."""
+    length, size = float(member.model.length), scale(float(member.model.length))
+    if not hasattr(law, "stand_off"):
+        return QUEUE_ROOM * size
+    seen = member.seen_ahead_of_gap if getattr(law, "distance_from", "") == "laser" else 0.0
+    return _gain(law, "stand_off", length / 2) - seen + FALLS_SHORT * size

@@ -36,7 +36,7 @@ from platoontraffic.sumo.later_changes import LaterChanges
 from platoontraffic.sumo.letting_in import BRAKING, LettingIn
 from platoontraffic.sumo.reads import Once, Reads
 from platoontraffic.sumo.right_of_way import RightOfWay
-from platoontraffic.sumo.room_to_change import FREE_AHEAD, OWN_GAP, QUEUE_SPEED, Here, RoomToChange, Wanted
+from platoontraffic.sumo.room_to_change import FREE_AHEAD, QUEUE_SPEED, Here, RoomToChange, Wanted
 from platoontraffic.world import ground
 from platoontraffic.world.fleet import Fleet, Member
 from platoontraffic.world.ground import Entry
@@ -44,7 +44,7 @@ from platoontraffic.world.ground import Entry
 LIGHT, RIGHT_OF_WAY, LANE_CHANGE, NO_ROOM, STOP_SIGN, PEOPLE = range(1, len(CLOSED_BY))
 
 SETS_OUT = 1.0  # a vehicle faster than that [m/s], with `FREE_AHEAD` before it, is in no queue
-QUEUE_GAP = 2.5  # between cars that stand in a queue [m]
+QUEUE_GAP = 2.5  # between cars of SUMO's that stand in a queue [m]
 SOONER, LATER = 0.7, 1.3  # a vehicle may come to people, and be past them, by these shares of the expected times
 CHANGES_SOON = 4.0  # a red light that changes within this time lets vehicles come to whoever waits in their path [s]
 WALKING = 0.3  # speed below which a person on a crossing stands [m/s]
@@ -480,8 +480,10 @@ class StopLines:
         merging = chain.from_iterable(one.via for one in crossings if one.merges)
         standing = [name for via in merging for name in now.on_lane[via] if now.speed[name] < STANDING]
         before = [*onto[:last], *chain.from_iterable(inside), *standing]
-        taken = sum(now.length[name] + QUEUE_GAP * size for name in before)
-        return left > taken + length + OWN_GAP * size
+        taken = sum(
+            now.length[name] + (ego.keeps if name in self._way.members else QUEUE_GAP * size) for name in before
+        )
+        return left > taken + length + ego.keeps
 
     def _queues(self, onto: Sequence[str], k: int, line: Line, size: float) -> bool:
         """Whether the k-th vehicle on the lane behind a junction, from the last one on, stands, or soon will.

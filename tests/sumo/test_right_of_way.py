@@ -279,10 +279,10 @@ def test_a_member_waits_at_green_for_a_vehicle_still_in_the_junction(scene):
 @pytest.mark.parametrize(
     ("others", "goes"),
     [
-        ([("q", ("south_out",), 13.5, 0.0)], False),  # its rear is 8.5 m behind the junction: 4.74 m and a gap
-        ([("q", ("south_out",), 14.0, 0.0)], True),
-        ([("q", ("south_out",), 14.0, 0.0), ("before", MINOR, 230.0, 10.0)], False),  # it takes the room
-        ([("q", ("south_out",), 21.5, 0.0), ("before", MINOR, 230.0, 10.0)], True),
+        ([("q", ("south_out",), 12.0, 0.0)], False),  # its rear is 7 m behind the junction: 4.74 m, and 2.4 m to it
+        ([("q", ("south_out",), 12.5, 0.0)], True),  # it stood 4 m before the queue: for a cycle where SUMO's went
+        ([("q", ("south_out",), 12.5, 0.0), ("before", MINOR, 230.0, 10.0)], False),  # it takes the room
+        ([("q", ("south_out",), 20.0, 0.0), ("before", MINOR, 230.0, 10.0)], True),
     ],
 )
 def test_a_member_does_not_stop_in_the_junction(scene, others, goes):
@@ -1684,8 +1684,18 @@ def test_a_member_is_judged_as_the_shortest_kind_of_vehicle_that_is_as_long(leng
 @pytest.mark.parametrize(("kind", "acceleration"), [("car", 2.5), ("van", 2.5), ("truck", 1.45)])
 def test_a_gap_is_judged_by_what_the_engine_has(kind, acceleration):
     """A truck merged before cars by the 2.5 m/s2 that its law wants."""
-    ego = Ego.of(SimpleNamespace(id="m", law=PathLeader(), model=VEHICLES[kind]))
+    ego = Ego.of(SimpleNamespace(id="m", law=PathLeader(), model=VEHICLES[kind], seen_ahead_of_gap=0.0))
     assert ego.acceleration == pytest.approx(acceleration, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("law", "keeps"),
+    [(PathLeader(), 2.59), (PathLeader(stand_off=4.0), 4.22), (TrackingFollower(), 3.22), (None, 4.0)],
+)
+def test_room_in_a_queue_is_judged_by_the_distance_that_a_law_keeps(law, keeps):
+    """Half a length, or a distance from the laser, 3 cm behind the bumper, and 0.25 m; 4 m where a law names none."""
+    ego = Ego.of(SimpleNamespace(id="m", law=law, model=VEHICLES["car"], seen_ahead_of_gap=0.03))
+    assert ego.keeps == pytest.approx(keeps, abs=0.01)
 
 
 @pytest.mark.sumo
