@@ -202,3 +202,16 @@ def test_any_line_stays_drivable_and_near_and_its_mirror_image_is_eased_alike(st
     assert off.max() <= TOLERANCE + WITHIN
     mirrored, _ = easy(given_line * (1, -1))
     assert mirrored == pytest.approx(points * (1, -1), abs=1e-6)
+
+
+@pytest.mark.parametrize("begin", np.linspace(0.0, 0.9, 10))
+def test_a_line_is_eased_about_a_sharp_bend_wherever_its_points_lie(begin):
+    """A bend of 130 degrees at full lock, and two lane changes behind it. Points crowded in the bend, so four in ten
+    such lines were not eased 40 m about it: members drove 3 m/s in each lane change, where SUMO's cars drove 12."""
+    first, bend, beyond = (30.0, -39.2), [(98.61, -64.68), (101.29, -65.97), (102.3, -67.44), (101.62, -69.09)], [
+        (99.26, -70.91), (93.81, -74.16), (79.56, -86.37), (75.59, -88.73), (61.35, -100.94), (48.06, -108.86),
+        (20.5, -143.8),
+    ]  # fmt: skip
+    line, _ = easy([np.add(first, np.multiply(begin, (1.37, -0.5))), *bend, *beyond])
+    changes = np.hypot(*(line - (93.81, -74.16)).T).argmin() + 8
+    assert curvature(line)[changes:-60].max() < 0.03
