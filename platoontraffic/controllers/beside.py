@@ -24,6 +24,7 @@ from platoontraffic.controllers.law import RouteAhead, Sensed
 from platoontraffic.controllers.tracker.own_motion import seen_from
 from platoontraffic.controllers.tracker.records import X, Y
 from platoontraffic.controllers.tracker.track import Odometry, Track
+from platoontraffic.controllers.tracker.trail import Trail
 from platoontraffic.lidar import ScanBatch
 
 INNER, OUTER = (
@@ -131,6 +132,7 @@ class Scene(NamedTuple):
     given: RouteAhead  # not shifted
     odometry: Odometry
     track: Track  # of the predecessor
+    trail: Trail
     follows: np.ndarray  # its goal is its predecessor, bool (n,); else it is the route
     sensed: Sensed
     scan: ScanBatch | None  # of the laser that looks beside; None: not due
@@ -148,29 +150,41 @@ def places(track: Track, given: RouteAhead, odometry: Odometry) -> tuple[np.ndar
     return station, offset, heading
 
 
+class Trails(NamedTuple):
+    """Lane offsets of the trails on which slow followers drive, arrays (n,) [m]; NaN: of the others."""
+
+    least: np.ndarray  # up to the predecessor
+    greatest: np.ndarray
+    soon: np.ndarray  # where the follower would stop
+
+
 class Goals(NamedTuple):
     """Where followers drive, and where they are to drive, arrays (n,). Offsets are lane offsets [m]."""
 
     there: np.ndarray  # of the goal: of the predecessor, or of the route
     lane: np.ndarray  # as of `Beside`
     base: np.ndarray  # of the lane that is driven along
-    away: np.ndarray  # the goal from that
+    away: np.ndarray  # the goal from that; of a slow follower, the place farthest aside of the trail up to it
     reach: np.ndarray  # distance ahead at which the strip ends [m]; inf: without a predecessor
     steady_for: np.ndarray  # time for which the goal has kept within STEADY [s]
 
 
 def look(beside: Beside, scene: Scene) -> Beside:
     """After a scan: whether each follower stays on its lane or goes over to that of its goal."""
-    from platoontraffic.controllers.beside_kernel import change, find_goals
+    from platoontraffic.controllers.beside_kernel import BEGINS, SOON, YIELDS_BY, change, find_goals
+    from platoontraffic.controllers.tracker.beside_kernel import find_trails
 
     given, speed, length = scene.given, scene.odometry.speed, scene.sensed.body.length
     n, own = len(speed), _own_offset(given) + given.aside[:, 0]
     station, offset, _ = places(scene.track, given, scene.odometry)
     goals, before = Goals(*np.empty((6, n))), Side(*np.empty((5, n)))
-    find_goals(given, scene.follows, own, (station, offset), beside, scene.dt, goals, before)
+    on_trail = scene.follows & ~beside.active & (speed < BEGINS)
+    trails, soon = Trails(*np.empty((3, n))), SOON + speed**2 / (2 * YIELDS_BY)
+    find_trails(given, scene.trail, scene.odometry, station, on_trail, soon, trails)
+    find_goals(given, scene.follows, own, (station, offset), trails, beside, scene.dt, goals, before)
     side, values = _looked(before, scene, goals.base, goals.away, goals.reach), np.empty((9, n))
     after = Beside(*values[:5], side, *values[5:], np.empty(n, dtype=bool))
-    change(beside, own, goals, length, speed, scene.age, scene.dt, after)
+    change(beside, own, goals, trails.soon, length, speed, scene.age, scene.dt, after)
     return after
 
 

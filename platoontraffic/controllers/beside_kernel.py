@@ -26,18 +26,20 @@ UNTIL_CLEAR = 3.0  # where it no longer looks for room: least time until what is
 PATIENCE = 4.0  # time that it waits for room beside what keeps pace, before it falls back [s]
 SLOWER, FALLS_BACK, GENTLE = 2.0, 25.0, 1.0  # falls back: slower by [m/s], as far as [m], braking by [m/s2]
 LEAVES, YIELDS_BY = 0.1, 3.5  # a slow follower that leaves its lane by that [m] stops for what is beside it [m/s2]
+SOON = 2.0  # as one does that would leave it within that beyond its stopping distance [m]
 
 room_needed = compiled(lane_room.room_needed)
 
 
 @compiled
-def find_goals(given, follows, own, place, before, dt, goals, side):
+def find_goals(given, follows, own, place, trails, before, dt, goals, side):
     """Fill in `beside.Goals`, and the `beside.Side` that is known before the scan.
 
     given   : the routes, not shifted
     follows : the goal is the predecessor, if that is beside the route, bool (n,)
     own     : lane offset [m], (n,)
     place   : of the predecessors: distance along the route, and offset from it [m], (n,) each; NaN: none
+    trails  : `beside.Trails`
     before  : `beside.Beside`
     """
     station, offset = place
@@ -49,6 +51,9 @@ def find_goals(given, follows, own, place, before, dt, goals, side):
         lane = own[i] if math.isnan(before.lane[i]) else before.lane[i]
         base = lane if math.isnan(before.stays[i]) else before.stays[i]
         away = there - base
+        for place_aside in (trails.least[i], trails.greatest[i]):
+            if abs(place_aside - base) > abs(away):
+                away = place_aside - base
         keeps = abs(there - before.seen_at[i]) < STEADY
         goals.there[i], goals.lane[i], goals.base[i], goals.away[i], goals.reach[i] = there, lane, base, away, reach
         goals.steady_for[i] = before.steady_for[i] + dt if keeps else 0.0
@@ -63,10 +68,11 @@ def find_goals(given, follows, own, place, before, dt, goals, side):
 
 
 @compiled
-def change(before, own, goals, length, speed, age, dt, after):
+def change(before, own, goals, soon, length, speed, age, dt, after):
     """Fill in the `beside.Beside` after a scan; `after.side` is what that shows.
 
     own           : lane offset [m], (n,)
+    soon          : the same where it would stop, by its trail [m], (n,); NaN: not known
     length, speed : own [m], [m/s], (n,)
     age           : of the scan [s]
     """
@@ -83,7 +89,8 @@ def change(before, own, goals, length, speed, age, dt, after):
         left = abs(own[i] - base) > COMMITTED  # its lane
         no_way = not room and not left and abs(away) > ANOTHER
         begins = not active and speed[i] > BEGINS and no_way
-        leaves = not left and abs(away) > ANOTHER and (own[i] - base) * side.side[i] > LEAVES
+        aside = np.fmax((soon[i] - base) * side.side[i], (own[i] - base) * side.side[i])
+        leaves = not left and abs(away) > ANOTHER and aside > LEAVES
         after.yields[i] = not active and not begins and leaves and not _is_clear(side, i)
         stops = crossing and no_way
         goes = held and after.room_for[i] > SURE - 1e-6

@@ -319,7 +319,7 @@ class TrackingFollower(Law):
         predecessor = Predecessor(distance, estimate.now.mean[:, SPEED], estimate.now.mean[:, ACCELERATION])
         memory = Memory(now.odometry, bias, estimate.track, trail, *command, now.driven_curvature, drive_line, past,
                         scanned, now.scanned.speed, never_lost, creeps, limit, stop,
-                        self._look_beside(now, estimate, past), predecessor)  # fmt: skip
+                        self._look_beside(now, estimate, trail, past), predecessor)  # fmt: skip
         return Decision(command, memory, Target(*estimate.sighting.rear.T))
 
     def remembered_path(self, memory: Memory) -> np.ndarray:
@@ -412,7 +412,7 @@ class TrackingFollower(Law):
             section = RouteSection(estimate.on_route, route.points, route.distance, length, rounding)
         return now.memory.trail.extended(track, odometry, gap | estimate.on_route, section)
 
-    def _look_beside(self, now: Now, estimate: Estimate, past: Past) -> Beside:
+    def _look_beside(self, now: Now, estimate: Estimate, trail: Trail, past: Past) -> Beside:
         if now.given is None:
             return now.memory.beside
         scan = now.sensed.scans.get(AROUND)
@@ -420,7 +420,9 @@ class TrackingFollower(Law):
         age, scanned = now.sensed.ages.get(AROUND, 0.0), now.odometry
         if age:
             scanned = past.at(age, now.sensed.odometry_age, now.dt)
-        scene = beside.Scene(now.given, now.odometry, estimate.now, follows, now.sensed, scan, age, scanned, now.dt)
+        scene = beside.Scene(
+            now.given, now.odometry, estimate.now, trail, follows, now.sensed, scan, age, scanned, now.dt
+        )
         return beside.look(now.memory.beside, scene)
 
     def _look_ahead(self, now: Now, estimate: Estimate, trail: Trail) -> Ahead:

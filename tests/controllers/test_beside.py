@@ -30,6 +30,7 @@ SIGHT = replace(PRESETS["car-around"], name=AROUND)
 FOLLOWER = TrackingFollower(on_loss="drive")
 BEGINS, LASTS = 8.0, 4.0  # of the leader's lane change [s]; at most 1.3 m/s sideways
 BENDS = 6.0  # when the leader comes to the bend of the road [s]
+ROUND = 3.0  # how far aside a leader goes that comes back [m]
 LEAVES = 16.0  # when the other car goes over to a third lane [s]
 BETWEEN_LANES = LANE - CAR.width  # clearance of cars in the middle of both lanes [m]
 LEAST_CLEARANCE = 0.9  # between the follower that stays and the car on the other lane, of that [m]
@@ -49,7 +50,7 @@ def road(bend: float, begin: float, aside=0.0) -> Route:
 
 
 def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: float = 0.0, seed: int = 0,
-          lasts: float = LASTS, leaves: float = LEAVES, speed: float = SPEED) -> Log:  # fmt: skip
+          lasts: float = LASTS, leaves: float = LEAVES, speed: float = SPEED, returns=False) -> Log:  # fmt: skip
     """A leader that changes lanes to the left (1), the right (-1) or not (0), its follower, and a car on the left lane.
 
     other: where that car begins, ahead of the follower [m], and its speed above the follower's [m/s]; it goes over to
@@ -58,6 +59,7 @@ def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: flo
     lasts: the leader's lane change [s]
     leaves: when the other car begins to go over to the third lane [s]
     speed : of the leader [m/s]
+    returns: the leader does not change lanes, but goes aside by ROUND and comes back
     """
     members = platoon(
         PathLeader(speed=speed), FOLLOWER, 1, distance=FOLLOWER.desired_distance(speed), model=CAR,
@@ -67,10 +69,14 @@ def scene(side: float = 1.0, other: tuple[float, float] | None = None, bend: flo
 
     def over(place: float) -> np.ndarray:
         """Aside of a road on which a lane change begins at a place on the x axis [m]."""
-        share = np.clip((np.arange(-500.0, 900.0) + begin - place) / (speed * lasts), 0.0, 1.0)
-        return LANE * (1 - np.cos(math.pi * share)) / 2
+        return LANE * (1 - np.cos(math.pi * share_from(place))) / 2
 
-    members[0] = replace(members[0], route=road(bend, begin, side * over(start + speed * BEGINS)))
+    def share_from(place: float) -> np.ndarray:
+        return np.clip((np.arange(-500.0, 900.0) + begin - place) / (speed * lasts), 0.0, 1.0)
+
+    place = start + speed * BEGINS
+    leads = ROUND * (1 - np.cos(2 * math.pi * share_from(place))) / 2 if returns else over(place)
+    members[0] = replace(members[0], route=road(bend, begin, side * leads))
     members[1] = replace(members[1], further_lidars=(SIGHT,), route=road(bend, begin))
     if other:
         ahead, faster = other
@@ -159,6 +165,17 @@ def test_in_a_street_it_stops_beside_what_is_abreast_where_its_predecessor_left_
         assert log.x[-1, 1] > log.x[0, 1] + 40.0  # and goes on when that has passed
     else:  # it is on the other side
         np.testing.assert_allclose(aside(log), aside(alone), atol=0.05)
+
+
+@pytest.mark.parametrize("ahead", [-3.0, 0.0, 2.0])
+def test_it_stops_before_its_trail_leads_beside_its_lane_into_what_is_abreast(ahead):
+    """Its predecessor has come back when it gets there; it looked at where that was, and drove into the car."""
+    log, alone = (
+        scene(1.0, one, lasts=3.2, leaves=60.0, speed=5.0, returns=True) for one in ((ahead, 0.0), None)
+    )  # fmt: skip
+    assert aside(alone).max() > BETWEEN_LANES
+    assert clearance(log, 1, 2) > 0.5
+    assert log.x[-1, 1] > log.x[0, 1] + 40.0  # and goes on when that has passed
 
 
 def test_it_does_not_wait_for_a_car_that_falls_behind():

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from platoontraffic.controllers.tracker import records
 from platoontraffic.controllers.tracker.records import X, Y
 from platoontraffic.geometry import polyline
-from platoontraffic.geometry.polyline import nearest
+from platoontraffic.geometry.polyline import nearest, project
 from platoontraffic.lidar.compiled import compiler
 
 compiled = compiler(__file__, records.__file__, polyline.__file__)
 
 DETOUR, NEAR = 1.5, 20.0  # a place is looked for on the route up to DETOUR times its distance, and NEAR [m]
+NEXT = 2.0  # a place of a trail is looked for up to that far from the next one [m]
 
 
 @compiled
@@ -42,6 +45,31 @@ def _place(points, distance, x, y):
     while last + 1 < len(distance) and distance[last] < limit:
         last += 1
     return nearest(points, 0, last, x, y, -math.inf, math.inf)
+
+
+@compiled
+def find_trails(given, trail, odometry, station, rows, soon, trails):
+    """Fill in `beside.Trails`.
+
+    station : of the predecessors, as of `find_places`
+    rows    : for which it is wanted, bool (n,)
+    soon    : distance ahead of `trails.soon` [m], (n,)
+    """
+    for i in range(len(station)):
+        trails.least[i] = trails.greatest[i] = trails.soon[i] = math.nan
+        if not rows[i]:
+            continue
+        points, distance, places = given.points[i], given.distance[i], trail.points[i]
+        cos, sin, along = math.cos(odometry.heading[i]), math.sin(odometry.heading[i]), station[i]
+        for k in range(trail.size[i] - 1, -1, -1):
+            dx, dy = places[k, 0] - odometry.x[i], places[k, 1] - odometry.y[i]
+            along, offset = project(points, distance, dx * cos + dy * sin, dy * cos - dx * sin, along, NEXT)
+            if along <= 0.0:
+                break
+            offset += given.aside[i, max(np.searchsorted(distance, along, side="right") - 1, 0)]
+            trails.least[i], trails.greatest[i] = np.fmin(trails.least[i], offset), np.fmax(trails.greatest[i], offset)
+            if along >= soon[i] or math.isnan(trails.soon[i]):
+                trails.soon[i] = offset
 
 
 @compiled
