@@ -141,15 +141,24 @@ class LaneRoute:
         self.parts.append(_line_of(lane, self.left_hand))
         self.limits.append(lane.getSpeed())
 
-    def cross(self, lane: Any, link: Any, position: float, longest: float = math.inf) -> None:
-        """Append a lane, the change to the lane on which a link begins, the stop line and the junction.
+    def cross(
+        self, lane: Any, link: Any, position: float, longest: float = math.inf, first: Sequence[Line] = ()
+    ) -> None:
+        """Append a lane, the changes to the lane on which a link begins, the stop line and the junction.
 
         position : on the lane, before which it is not changed [m]
         longest  : greatest length of a change over one lane [m]
+        first    : changes before these, with their stations on the lane
         """
-        points, changes = _crossing_over(lane, link.getFromLane(), position, longest, self.left_hand)
-        lanes = pairwise(_from_lane_to_lane(lane, link.getFromLane()))
-        for (here, there), (before, across) in zip(lanes, changes, strict=True):
+        length = LineString(lane.getShape()).length
+        places = [(line.station / length, line.across / length) for line in first]
+        lanes = [lane, *(self.net.getLane(line.onto) for line in first)]
+        onward = _from_lane_to_lane(lanes[-1], link.getFromLane())
+        places += _places_of_changes(onward, position, longest, sum(places[-1]) if places else 0.0)
+        lanes += onward[1:]
+        points = _crossing_over(lanes, places) if places else _line_of(lane, self.left_hand)
+        for (here, there), (begin, share) in zip(pairwise(lanes), places, strict=True):
+            before, across = begin * length, share * length
             sides, to_end = (here.getID(), there.getID()), _length(points) - before
             at, aside = self._length() + before, _aside(here, there)
             self.lines.append(Line(at, CHANGING, "", 0, *sides, (), across, to_end, aside))
@@ -247,28 +256,38 @@ def _from_lane_to_lane(lane: Any, other: Any) -> list[Any]:
     return [one for one in lanes if one in (lane, other) or one.allows(CAR)]
 
 
-def _crossing_over(
-    lane: Any, other: Any, position: float, longest: float, left_hand: bool
-) -> tuple[np.ndarray, list[tuple[float, float]]]:
-    """A line along a lane that crosses over to another lane of the same edge, from one lane for cars to the next.
+def _places_of_changes(
+    lanes: Sequence[Any], position: float, longest: float, earliest: float
+) -> list[tuple[float, float]]:
+    """Where each change from one of an edge's lanes to the next begins, and its length, as shares of the lane.
 
-    position : after which it does [m]
-    longest  : greatest length of that over one lane [m]
-    returns  : its points (k, 2) [m]; where each change begins, and its length [m]
+    position : after which they are made [m]
+    longest  : greatest length of a change over one lane [m]
+    earliest : share of the lane before which none begins
     """
-    if lane is other:
-        return _line_of(lane, left_hand), []
-    lanes = _from_lane_to_lane(lane, other)
-    lines, steps = [LineString(one.getShape()) for one in lanes], np.abs(np.diff([one.getIndex() for one in lanes]))
-    width, length, count = lane.getWidth(), lines[0].length, len(steps)
+    if len(lanes) == 1:
+        return []
+    steps, count = np.abs(np.diff([one.getIndex() for one in lanes])), len(lanes) - 1
+    width, length = lanes[0].getWidth(), LineString(lanes[0].getShape()).length
     shortest, wanted = (changes_length(width, most, int(steps.sum()), count) / length for most in (0.0, longest))
     # As early as that, or as early as its length needs; but not before the position, if that leaves room.
+    latest = 1 - min(shortest, EARLIEST_SHARE)
     begin = min((position + CHANGE_AFTER * width) / length, max(1 - wanted, EARLIEST_SHARE))
-    begin = max(begin, min(position / length, 1 - min(shortest, EARLIEST_SHARE)))
+    begin = max(begin, min(max(position / length, earliest), latest))
     whole = min(wanted, max(shortest, ROOM_SHARE * (1 - begin)), 1 - begin)
     across = steps * change_length(width, longest) / length * whole / wanted
     between = BETWEEN * width / length * whole / wanted
     begins = begin + np.cumsum(np.concatenate([[0.0], across[:-1] + between]))
+    return list(zip(begins.tolist(), across.tolist(), strict=True))
+
+
+def _crossing_over(lanes: Sequence[Any], places: Sequence[tuple[float, float]]) -> np.ndarray:
+    """The line along the first of an edge's lanes that crosses over from each to the next; its points (k, 2) [m].
+
+    places: as of `_places_of_changes`
+    """
+    lines, count = [LineString(one.getShape()) for one in lanes], len(places)
+    begins, across = np.array(places).T
     ends = [one.project(Point(p), normalized=True) for one in lines for p in one.coords]
     share = np.unique([*ends, *begins, *(begins + across)])
     crossed = np.clip((share[:, None] - begins) / across, 0.0, 1.0).sum(axis=1)
@@ -277,8 +296,7 @@ def _crossing_over(
         shapely.get_coordinates(shapely.line_interpolate_point(np.array(lines)[k], share, normalized=True))
         for k in (left, left + 1)
     )
-    points = here + (crossed - left)[:, None] * (there - here)
-    return points, list(zip((begins * length).tolist(), (across * length).tolist(), strict=True))
+    return here + (crossed - left)[:, None] * (there - here)
 
 
 def _aside(lane: Any, other: Any) -> float:

@@ -45,7 +45,8 @@ class _Onward(NamedTuple):
     """A route from the edge of a lane change on, or from the edge before it, with another change."""
 
     route: Route
-    before: int  # number of its lines before the edge of the change
+    before: int  # number of its lines before the change
+    entered: float  # station where the edge of the change begins [m]
     takes_over: float = math.inf  # station of the given route where it ends, on a straight [m]; inf: both end there
     rest: tuple[Line, ...] = ()  # of the given route from there on
 
@@ -138,8 +139,7 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
     if room < min(change.to_end, ENOUGH_ROOM):
         return None
     join = min(JOIN * model.length, begin / 2)
-    entered = lines[0].station + lines[0].across if onward.before else 0.0
-    ends = change.station - join, entered + begin - join
+    ends = change.station - join, onward.entered + begin - join
     return _changed_from(route, i, onward, *ends, join, model)
 
 
@@ -176,9 +176,8 @@ def with_other_lane(
         onward = _onward(route, i, Change(0, lane, onto), network, model, position, longest)
     except InputError:
         return None
-    entered = onward.route.lines[0].station + onward.route.lines[0].across if onward.before else 0.0
     join = min(JOIN * model.length, begin / 2)
-    return _changed_from(route, i, onward, station - join, entered + begin - join, join, model)
+    return _changed_from(route, i, onward, station - join, onward.entered + begin - join, join, model)
 
 
 def _place_of(change: Line, network: Network) -> tuple[int, float, float]:
@@ -218,21 +217,26 @@ def _onward(
     """A route from the edge of a route's i-th line on, with another lane change there, up to where it is that route
     again.
 
-    It begins with the edge before, if there is one, so that the bend between the two is rounded as on the given route;
-    but after another lane change on the same edge.
+    It begins with the edge before, if there is one, so that the bend between the two is rounded as on the given route,
+    and makes the changes before on its edge as well, so that its line comes from there as the given one does.
 
     first: the lane change there, with the edge's number from there
     """
     lines = route.lines[:i]
+    earlier = list(takewhile(lambda line: line.state == CHANGING, reversed(lines)))[::-1]
     junctions = [line for line in lines if line.state != CHANGING]
-    before, start = 0, first.lane
-    if lines and lines[-1].state != CHANGING:
-        before, start = 1, index_of(lines[-1].lane)
-    edges, first = route.edges[len(junctions) - before :], first._replace(edge=before)
-    onward = Route.along(edges, *network.route_lanes(edges, start, False, position, first, longest))
+    entered = junctions[-1].station + junctions[-1].across if junctions else 0.0
+    earlier = [line._replace(station=line.station - entered) for line in earlier]
+    lane = index_of(earlier[0].lane) if earlier else first.lane
+    before = len(junctions[-1:])
+    start = index_of(junctions[-1].lane) if junctions else lane
+    edges, first = route.edges[len(junctions) - before :], first._replace(edge=before, lane=lane)
+    onward = Route.along(edges, *network.route_lanes(edges, start, False, position, first, longest, earlier))
+    entered = onward.lines[0].station + onward.lines[0].across if before else 0.0
+    known = before + len(earlier)
     takes_over = _straight_beyond(route, onward, model.length)
     if takes_over == math.inf:
-        return _Onward(onward.drivable_by(model), before)
+        return _Onward(onward.drivable_by(model), known, entered)
     # To make a line drivable takes long: only as much of it as is new.
     rest = tuple(line for line in route.lines if line.station > takes_over)
     ((x, y),) = route.line.at(np.array([takes_over]))
@@ -241,7 +245,7 @@ def _onward(
     points = np.concatenate([onward.line.points[:count], onward.line.at(np.array([end]))])
     limit = np.append(onward.limit[:count], onward.limit[count - 1])
     part = Route.along(edges, points, limit, onward.lines[: len(onward.lines) - len(rest)])
-    return _Onward(part.drivable_by(model), before, takes_over, rest)
+    return _Onward(part.drivable_by(model), known, entered, takes_over, rest)
 
 
 def _straight_beyond(route: Route, onward: Route, length: float) -> float:

@@ -175,7 +175,7 @@ class Network:
 
     def route_lanes(
         self, edges: Sequence[str], lane: int = 0, closed: bool = False, position: float = 0.0,
-        change: Change | None = None, longest: float = math.inf,
+        change: Change | None = None, longest: float = math.inf, before: Sequence[Line] = (),
     ) -> tuple[np.ndarray, np.ndarray, list[Line]]:  # fmt: skip
         """The centre line of the lanes of a route, across its junctions; a closed one ends where it starts.
 
@@ -183,6 +183,7 @@ class Network:
         position : before which lanes are not changed [m], on the first edge, where driving starts, or on the change's
         change   : the first one; None: any
         longest  : greatest length of a change over one lane of that edge [m]
+        before   : changes that are made before on that edge, with their stations on it
         returns  : points (k, 2) [m]; speed limit from each point on (k,) [m/s]; stop lines and lane changes
         raises   : InputError where there is no such route
         """
@@ -197,7 +198,7 @@ class Network:
         links = least_changes(lap, lane, lane if closed else None, position, change)
         on = change.edge if change else 0
         for i, (here, link) in enumerate(zip(lap, links, strict=False)):
-            route.cross(here.getLane(lane), link, *((position, longest) if i == on else (0.0,)))
+            route.cross(here.getLane(lane), link, *((position, longest, before) if i == on else (0.0,)))
             lane = link.getToLane().getIndex()
         if not closed:
             route.add(road[-1].getLane(lane))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,6 +45,26 @@ def given(name: str) -> tuple[Network, Route, Line]:
     network = network_of(net)
     route = Route.along(edges, *network.route_lanes(edges, lane)).drivable_by(CAR)
     return network, route, next(line for line in route.lines if line.state == CHANGING)
+
+
+def built(
+    folder: Path, nodes: dict[str, tuple[int, int]], edges: dict[str, tuple[str, int]], links: list[tuple[str, str]]
+) -> Network:
+    """nodes: places [m]; edges: ends and number of lanes; links: from and to, an edge and an index each"""
+    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
+    texts = {
+        "nod": ("nodes", [f'<node id="{name}" x="{x}" y="{y}"/>' for name, (x, y) in nodes.items()]),
+        "edg": ("edges", [f'<edge id="{name}" from="{one}" to="{two}" numLanes="{lanes}"/>'
+                          for name, ((one, two), lanes) in edges.items()]),
+        "con": ("connections", [f'<connection from="{one[0]}" to="{two[0]}" fromLane="{one[1]}" toLane="{two[1]}"/>'
+                                for one, two in links]),
+    }  # fmt: skip
+    for kind, (name, lines) in texts.items():
+        (folder / f"n.{kind}.xml").write_text(f"<{name}>{''.join(lines)}</{name}>")
+    sources = '<node-files value="n.nod.xml"/><edge-files value="n.edg.xml"/><connection-files value="n.con.xml"/>'
+    (folder / "n.netccfg").write_text(f"<configuration><input>{sources}</input></configuration>")
+    build_net(folder / "n.netccfg", folder / "n.net.xml")
+    return Network.read(folder / "n.net.xml")
 
 
 def changes_of(route: Route, change: Line) -> list[Line]:
@@ -249,26 +270,32 @@ def test_a_change_is_put_off_to_the_next_edge_where_the_lane_leads_on():
 
 def test_a_route_with_its_change_beyond_may_end_on_another_lane(tmp_path):
     """It led along the end of the given route all the same, two lanes aside, where no line of it is the same."""
-    pytest.importorskip("sumo", reason="netconvert comes with eclipse-sumo: pip install platoontraffic[gui]")
-    nodes = [f'<node id="{name}" x="{x}" y="{y}"/>' for name, x, y in
-             [("a", 0, 0), ("b", 300, 0), ("c", 600, 0), ("d", 900, 0), ("e", 900, 300)]]  # fmt: skip
-    edges = [f'<edge id="{name}" from="{one}" to="{two}" numLanes="{lanes}"/>' for name, one, two, lanes in
-             [("A", "a", "b", 2), ("B", "b", "c", 3), ("C", "c", "d", 3), ("D", "c", "e", 1)]]  # fmt: skip
-    links = [f'<connection from="{one[0]}" to="{two[0]}" fromLane="{one[1]}" toLane="{two[1]}"/>' for one, two in
-             [("A0", "B1"), ("A1", "B2"), ("B0", "C0"), ("B2", "C2"), ("B1", "D0")]]  # fmt: skip
-    texts = {"nod": ("nodes", nodes), "edg": ("edges", edges), "con": ("connections", links)}
-    for kind, (name, lines) in texts.items():
-        (tmp_path / f"n.{kind}.xml").write_text(f"<{name}>{''.join(lines)}</{name}>")
-    sources = '<node-files value="n.nod.xml"/><edge-files value="n.edg.xml"/><connection-files value="n.con.xml"/>'
-    (tmp_path / "n.netccfg").write_text(f"<configuration><input>{sources}</input></configuration>")
-    build_net(tmp_path / "n.netccfg", tmp_path / "n.net.xml")
-    network = Network.read(tmp_path / "n.net.xml")
+    nodes = {"a": (0, 0), "b": (300, 0), "c": (600, 0), "d": (900, 0), "e": (900, 300)}
+    edges = {"A": ("ab", 2), "B": ("bc", 3), "C": ("cd", 3), "D": ("ce", 1)}
+    network = built(tmp_path, nodes, edges, [("A0", "B1"), ("A1", "B2"), ("B0", "C0"), ("B2", "C2"), ("B1", "D0")])
     route = Route.along("ABC", *network.route_lanes("ABC", 0)).drivable_by(CAR)
     beyond = with_change_beyond(route, route.lines[0], network, CAR)
     assert route.lines[-1].onto != beyond.lines[-1].onto
     end = LineString(network.route_line(("C",), int(beyond.lines[-1].onto[-1])))
     assert shapely.Point(beyond.line.at(np.array([beyond.length]))[0]).distance(end) < 0.1
     assert np.abs(beyond.curvature(CAR.length)[1]).max() < 0.05
+
+
+@pytest.mark.parametrize("length", [80, 90, 105])
+def test_with_the_second_of_two_changes_beyond_the_line_can_be_driven_as_fast(tmp_path, length):
+    """It began on the lane between, as if the first change had not been: with a kink, good for 4 to 7 m/s."""
+    nodes = {"o": (-200, 0), "a": (0, 0), "b": (length, 0), "c": (500, 0), "d": (500, 300)}
+    edges = {"O": ("oa", 3), "A": ("ab", 3), "B": ("bc", 3), "C": ("cd", 1)}
+    straight = [(f"{one}{k}", f"{two}{k}") for one, two in ("OA", "AB") for k in range(3)]
+    network = built(tmp_path, nodes, edges, [*straight, ("B2", "C0")])
+    route = Route.along("OABC", *network.route_lanes("OABC", 0, position=190.0)).drivable_by(CAR)
+    first, second = (line for line in route.lines if line.state == CHANGING)
+    beyond = with_change_beyond(route, second, network, CAR)
+    assert [line.lane for line in beyond.lines if line.state == CHANGING] == [first.lane, "B_1"]
+    stations, curvature = beyond.curvature(1.0)
+    on_edge = (stations > 200.0) & (stations < 200.0 + length)
+    fastest = CAR.curvature_rate / np.abs(np.gradient(curvature, stations)[on_edge]).max()
+    assert fastest > 10.0
 
 
 @pytest.mark.parametrize("name", ["first edge", "after a junction", "towards a crossing"])
