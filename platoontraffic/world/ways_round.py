@@ -7,9 +7,9 @@ one it stays for `AFTER_FOLLOWING`, unless that one faces it. Where a little to 
 nor come to a stand: it would hold up a junction. At a closed stop line it does wait: the body may be gone when the line
 opens.
 
-The way keeps to the lanes of its own direction and to junctions; nothing may be there, nor come from behind on the side
-to which it goes. What drives away ahead of it, or stands behind, does not count. Until it is past, it follows no
-vehicle: it stops for whatever is in its way.
+The way keeps to the lanes of its own direction and to junctions; a member that has stood for `LONG` leaves them by
+`VERGE`, if it must. Nothing may be there, nor come from behind on the side to which it goes. What drives away ahead of
+it, or stands behind, does not count. Until it is past, it follows no vehicle: it stops for whatever is in its way.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ AFTER = 5.0  # time that a member has stood before it takes a way [s] ...
 AFTER_FOLLOWING = 120.0  # ... round the vehicle that it has followed: longer than that waits at a light ...
 LITTLE = 0.8  # greatest shift that it does not wait with [m] ...
 ROLLS = 2.5  # ... from this speed down [m/s]
+LONG, VERGE = 30.0, 0.3  # after that time at a stand [s] its corners may leave the road by so much [m]
 EVERY = 1.0  # least period after which it looks again [s] ...
 LATER, LATER_FOLLOWING = 0.1, 0.5  # ... and the least share of its time at a stand: what has stood for long will stand
 STILL = 0.3  # by which a body that stands may seem to move between two looks [m]: its place is found to 0.25 m
@@ -157,7 +158,8 @@ class WaysRound:
                 continue
             pose = *(float(axle[row]) for axle in fleet.model.axle_position(fleet.motion)), fleet.motion.heading[row]
             behind = _behind(fleet, row, k, traffic, more)
-            may_use = self._may_use(member.route, station, body, behind)
+            verge = VERGE if time - last.since > LONG - 1e-6 else 0.0
+            may_use = self._may_use(member.route, station, body, behind, verge)
             way = way_round(member.route, station, pose, body, returns.points, may_use, most)
             if way is None:
                 continue
@@ -249,12 +251,13 @@ class WaysRound:
                 yield one.row, one.group, one.k, AFTER_FOLLOWING if follows else AFTER
 
     def _may_use(
-        self, route: Route, station: float, body: Body, behind: np.ndarray
+        self, route: Route, station: float, body: Body, behind: np.ndarray, verge: float = 0.0
     ) -> Callable[[float, np.ndarray], bool]:
         """Whether a way is on the road, and nothing comes from behind on its side.
 
         station: of the driven axle on the route
         behind : returns of what comes from behind, from the centre, x forward, y to the left (k, 2) [m]
+        verge  : by which the body's corners may leave the road [m]
         """
 
         def may_use(shift: float, corners: np.ndarray) -> bool:
@@ -271,8 +274,8 @@ class WaysRound:
             bounds = shapely.box(*shapely.total_bounds(points))
             for edge in route.edges:
                 area = self._network.own_side(edge)
-                if shapely.intersects(area, bounds):
-                    on_road |= shapely.intersects(area, points)
+                if shapely.dwithin(area, bounds, verge):
+                    on_road |= shapely.dwithin(area, points, verge)
             return bool(on_road.all())
 
         return may_use

@@ -24,7 +24,7 @@ from platoontraffic.world.fleet import NOTHING, Fleet
 from platoontraffic.world.manoeuvres import Order
 from platoontraffic.world.traffic import TrafficSnapshot
 from platoontraffic.world.under_way import Seen
-from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE, WaysRound, _behind
+from platoontraffic.world.ways_round import AFTER, AFTER_FOLLOWING, EVERY, LITTLE, LONG, VERGE, WaysRound, _behind
 from tests.support.bench import NO_WALLS, Prescribed, StopLine, constant, drive, platoon
 from tests.support.observed import ROAD
 
@@ -234,9 +234,22 @@ def test_the_body_is_known_while_it_drives_round_it(since):
 @pytest.mark.parametrize("law", LAWS)
 def test_it_stands_where_there_is_no_room(law):
     body = box(1.0)
-    log = driven(law, body, half=CAR.width / 2 + 0.6, seconds=30.0)
+    log = driven(law, body, half=CAR.width / 2 + 0.6, seconds=2 * LONG)
     assert log.speed[-1, 0] < 0.01
     assert shapely.distance(footprints(log), body).min() > 0.5
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_one_that_has_stood_for_long_leaves_the_road_by_a_little_if_it_must(law):
+    """It stood for ever in a turn, before a car that waited for it: a corner of its front would have been 4 cm off."""
+    body, half = box(1.0), CAR.width / 2 + 1.7
+    log = driven(law, body, half=half, seconds=LONG + 40.0)
+    stood = log.time[(log.speed[:, 0] < 0.05) & (log.time > 2.0)]
+    assert LONG - EVERY < stood[-1] - stood[0] < 1.5 * LONG
+    assert log.x[-1, 0] > PLACE + 30
+    assert shapely.distance(footprints(log), body).min() > 0.1
+    off = shapely.get_coordinates(footprints(log))[:, 1].min() + half
+    assert -VERGE - 0.05 < off < 0
 
 
 @pytest.mark.parametrize("law", LAWS)
