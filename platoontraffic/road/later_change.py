@@ -134,7 +134,7 @@ def with_change_beyond(route: Route, change: Line, network: Network, model: Vehi
         onward = _onward(route, i, Change(0, lane, lane), network, model)
     except InputError:
         return None
-    lines = *onward.route.lines, *onward.rest
+    lines = *onward.route.lines[onward.before :], *onward.rest
     room = min((line.to_end for line in _first_changes(lines)), default=math.inf)
     if room < min(change.to_end, ENOUGH_ROOM):
         return None
@@ -184,7 +184,8 @@ def _place_of(change: Line, network: Network) -> tuple[int, float, float]:
     """Index and width of the lane on which a change begins, and where it begins on that [m]."""
     edge, lane = edge_of(change.lane), index_of(change.lane)
     line = network.route_line((edge,), lane)
-    return lane, network.lane_width(edge, lane), float(np.hypot(*np.diff(line, axis=0).T).sum()) - change.to_end
+    begin = float(np.hypot(*np.diff(line, axis=0).T).sum()) - change.to_end
+    return lane, network.lane_width(edge, lane), max(begin, SPACING)  # on a very short edge, changes are longer than it
 
 
 def _changes_from(route: Route, change: Line) -> list[Line]:

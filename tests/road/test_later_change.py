@@ -11,7 +11,7 @@ import shapely
 from shapely.geometry import LineString
 
 from platoontraffic import shipped
-from platoontraffic.road.lane_routes import BETWEEN, CHANGING, Line
+from platoontraffic.road.lane_routes import BETWEEN, CHANGING, Change, Line
 from platoontraffic.road.later_change import (
     latest,
     longest_later,
@@ -296,6 +296,20 @@ def test_with_the_second_of_two_changes_beyond_the_line_can_be_driven_as_fast(tm
     on_edge = (stations > 200.0) & (stations < 200.0 + length)
     fastest = CAR.curvature_rate / np.abs(np.gradient(curvature, stations)[on_edge]).max()
     assert fastest > 10.0
+
+
+def test_on_an_edge_shorter_than_its_changes_one_is_put_off_as_well(tmp_path):
+    """The run ended with an unexpected ValueError: the second change seemed to begin before the edge."""
+    nodes = {"a": (0, 0), "b": (5, 0), "c": (500, 0), "d": (500, 300)}
+    edges = {"A": ("ab", 4), "B": ("bc", 4), "C": ("cd", 1)}
+    network = built(tmp_path, nodes, edges, [*((f"A{k}", f"B{k}") for k in range(4)), ("B3", "C0")])
+    route = Route.along("ABC", *network.route_lanes("ABC", 0, change=Change(0, 0, 3))).drivable_by(CAR)
+    changes = [line for line in route.lines if line.state == CHANGING]
+    assert changes[-1].to_end > LineString(network.route_line(("A",), 2)).length
+    for k, change in enumerate(changes):
+        beyond = with_change_beyond(route, change, network, CAR)
+        assert [line.lane for line in beyond.lines if line.state == CHANGING][k] == f"B_{k}"
+        assert np.isfinite(beyond.line.points).all()
 
 
 @pytest.mark.parametrize("name", ["first edge", "after a junction", "towards a crossing"])
