@@ -6,16 +6,17 @@ can stop where it leaves room for the member does so: at once where the member's
 else once the member has stood for `AFTER`. One that SUMO drives gets speeds from which it brakes by no more than
 `BRAKING`; SUMO's driver model keeps it slower where it must, as always. Where the member drives on beside it, it does
 not stop, but keeps so far behind that it could stop behind the member if both braked by that. A member is given a line
-to stop at, for one of SUMO's too (`first_on_lanes`); followers of a platoon let nobody in before them. Where the lane
-has just begun, the vehicle that lets in may be on a lane before, if all vehicles there come to this one, and nobody
-crosses their path.
+to stop at, for one of SUMO's too (`first_on_lanes`). A follower of a platoon lets in nobody but those of the platoon
+that belong before it. Where the lane has just begun, the vehicle that lets in may be on a lane before, if all vehicles
+there come to this one, and nobody crosses their path.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NamedTuple
 
 from platoontraffic.road.gap_acceptance import STANDING
@@ -99,13 +100,20 @@ class LettingIn:
         room_wanted: Mapping[str, Wanted],
         where: Mapping[str, tuple[str, str]],
         unwilling: Set[str] = frozenset(),
+        places: Mapping[str, tuple[str, int]] = MappingProxyType({}),
     ) -> None:
         """Before every step.
 
         room_wanted : by each that wants in: `StopLines.room_wanted`, `FirstOnLanes.room_wanted`
         where       : edge and lane of each member
         unwilling   : vehicles that let nobody in
+        places      : `Fleet.places`
         """
+
+        def refuses(foe: str, name: str) -> bool:
+            (platoon, place), (its, before) = places.get(foe, ("", 0)), places.get(name, ("", 0))
+            return foe in unwilling or (place > 0 and not (its == platoon and before < place))
+
         before = dict(self.stops)
         self.stops.clear()
         if not room_wanted and not self._wishes:
@@ -121,11 +129,11 @@ class LettingIn:
                 self._end(name, where)
             wish.wanted, wish.last = wanted, time
             if name not in self.waiting and (wanted.urgent or vehicle.getWaitingTime(name) >= AFTER - 1e-6):
-                found = self._first(name, wish, where, unwilling)
+                found = self._first(name, wish, where, refuses)
                 if found is not None:
                     self.waiting[name] = found
         for name, foe in list(self.waiting.items()):
-            if not self._is_on_road(foe) or foe in unwilling:
+            if not self._is_on_road(foe) or refuses(foe, name):
                 del self.waiting[name]
                 continue
             if not self._is_on_road(name):
@@ -212,7 +220,9 @@ class LettingIn:
         if (foe := self.waiting.pop(name)) not in where:
             self._sumo.vehicle.setSpeed(foe, OWN_DRIVER)
 
-    def _first(self, name: str, wish: Wish, where: Mapping[str, tuple[str, str]], unwilling: Set[str]) -> str | None:
+    def _first(
+        self, name: str, wish: Wish, where: Mapping[str, tuple[str, str]], refuses: Callable[[str, str], bool]
+    ) -> str | None:
         """The first vehicle on the wanted lane that can leave the room; for one of SUMO's only a member."""
         wanted = wish.wanted
         if edge_of(self._lane(name, where)) != edge_of(wanted.lane):
@@ -224,7 +234,7 @@ class LettingIn:
                 continue  # SUMO's let each other in
             patience = wish.patience.get(foe)
             is_patient = patience is None or patience.has_any(wanted.begun)
-            if foe not in unwilling and place < front and self._can_stop(foe, before - place) and is_patient:
+            if not refuses(foe, name) and place < front and self._can_stop(foe, before - place) and is_patient:
                 return foe
         return None
 

@@ -200,11 +200,11 @@ class World:
         """
         self._letting_go.observe(fleet, self._placement.where, self._clock)
         told = self._waiting_places.observe(self._lines.waiting_places, passed - self._placement.where.keys())
-        unwilling = self._obstacles.in_sumo | fleet.followers_of_platoons | told | self._lines.heedless
+        unwilling = self._obstacles.in_sumo | told | self._lines.heedless
         where, wanted, obstacles = self._placement.where, self._lines.room_wanted, self._obstacles.in_sumo
         theirs = self._first_on_lanes.room_wanted(fleet.ids, where, self._clock)
         theirs = {name: theirs[name] for name in theirs if name not in obstacles}
-        self._letting_in.observe({**wanted, **theirs}, where, unwilling)
+        self._letting_in.observe({**wanted, **theirs}, where, unwilling, fleet.places)
         self._lane_swaps.observe(where, wanted, self._clock, obstacles)
         self._placement.place(fleet, brakes, self._lines.over_line)
 

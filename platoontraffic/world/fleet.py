@@ -337,9 +337,9 @@ class Fleet(MemberState):
         return np.flatnonzero(self.native)
 
     @cached_property
-    def followers_of_platoons(self) -> frozenset[str]:
-        """Ids of the members that belong behind another one."""
-        return frozenset(m.id for m in self.members if m.place and not m.single)
+    def places(self) -> dict[str, tuple[str, int]]:
+        """Platoon and place of each member of one, by its id."""
+        return {m.id: (m.platoon, m.place) for m in self.members if not m.single}
 
     @cached_property
     def moved_rows(self) -> list[int]:

@@ -197,7 +197,7 @@ def test_one_that_could_not_stop_and_has_gone_past_lets_nobody_in_any_more():
 
 @pytest.mark.parametrize(("start", "stops_at"), [(20.0, FRONT - 5.0), (FRONT - 4.5, FRONT - BEHIND)])
 def test_a_member_is_given_a_line_to_stop_at(start, stops_at):
-    """Behind the other one's rear, or nearer where it is farther already; a follower of a platoon is not asked."""
+    """Behind the other one's rear, or nearer where it is farther already."""
     client = two_members(start, SimpleNamespace(time=100.0))
     letting_in = LettingIn(client, STEP)
     wanted = {"member": Wanted("wc_1", BEHIND - SPARE, False)}
@@ -217,6 +217,23 @@ def test_a_member_is_given_a_line_to_stop_at(start, stops_at):
         assert told.distance == pytest.approx(min(stops_at - start, 50.0 if state is near else np.inf))
     assert lines._letting_in(red, ego) is red
     assert lines._letting_in(far, ego._replace(lane="wc_0")) is far
+
+
+@pytest.mark.parametrize(
+    ("places", "waits"),
+    [
+        ({"polite": ("p", 1)}, False),
+        ({"polite": ("p", 1), "member": ("q", 0)}, False),
+        ({"polite": ("p", 1), "member": ("p", 2)}, False),
+        ({"polite": ("p", 2), "member": ("p", 0)}, True),
+        ({"polite": ("p", 0), "member": ("q", 1)}, True),
+    ],
+)
+def test_a_follower_lets_in_nobody_but_those_before_it_in_its_platoon(places, waits):
+    """A leader stood for 128 s beside its followers, which drove past it on the lane to which it was to change."""
+    letting_in = LettingIn(two_members(20.0, SimpleNamespace(time=100.0)), STEP)
+    letting_in.observe({"member": Wanted("wc_1", BEHIND - SPARE, False)}, WHERE, frozenset(), places)
+    assert letting_in.waiting == ({"member": "polite"} if waits else {})
 
 
 def test_nobody_waits_for_a_member_that_is_gone_or_off_the_road(column):
@@ -296,7 +313,9 @@ def test_a_member_that_drives_on_is_let_in_by_a_vehicle_behind_it():
     lane = SimpleNamespace(getLength=lambda _: 1e3, getLastStepVehicleIDs=lambda _: ["behind", "ahead"])
     wish = letting_in.Wish(Wanted("road_1", 17.5, False, True, 25.0), 0.0)
     where = {"member": ("road", "road_0")}
-    found = LettingIn(SimpleNamespace(vehicle=vehicle, lane=lane), STEP)._first("member", wish, where, frozenset())
+    found = LettingIn(SimpleNamespace(vehicle=vehicle, lane=lane), STEP)._first(
+        "member", wish, where, lambda foe, name: False
+    )
     assert found == "behind"
 
 
@@ -328,7 +347,7 @@ WISH = letting_in.Wish(Wanted("on_1", 8.0, False, True), 0.0)
 def test_where_the_lane_has_just_begun_a_vehicle_on_the_lane_before_lets_it_in():
     """In a city a member stood for five minutes on a lane of 20 m: the queue beside it came from the lane before."""
     asked = before_the_junction(AHEAD_AND_BEFORE)
-    assert asked._first("member", WISH, ON_TWO_EDGES, frozenset()) == "foe"
+    assert asked._first("member", WISH, ON_TWO_EDGES, lambda foe, name: False) == "foe"
     assert asked._stop("foe", "member", WISH.wanted, ON_TWO_EDGES) == ("in_1", 2.0 - 8.0 + 53.0, 0.0)
     assert not asked._is_in_queue("foe", "member", "on_1")  # there is room behind the one ahead
 
@@ -339,7 +358,7 @@ def test_where_the_lane_has_just_begun_a_vehicle_on_the_lane_before_lets_it_in()
 )
 def test_nobody_lets_in_from_where_others_cross_its_path(given):
     asked = before_the_junction(**{"before": AHEAD_AND_BEFORE, **given})
-    assert asked._first("member", WISH, ON_TWO_EDGES, frozenset()) is None
+    assert asked._first("member", WISH, ON_TWO_EDGES, lambda foe, name: False) is None
 
 
 def test_on_a_ring_a_lane_is_not_before_itself():

@@ -81,7 +81,7 @@ def test_the_world_asks_that_of_all_but_members():
     world._waiting_places = SimpleNamespace(observe=lambda *given: asked.append(given) or {"c"})
     world._lane_swaps = SimpleNamespace(observe=lambda *given: apart.append(given[-1]))
     world._clock = 0.0
-    world.place(SimpleNamespace(ids=("m.0",), followers_of_platoons={"m.1"}), None, {"bus", "m.0"})
+    world.place(SimpleNamespace(ids=("m.0",), places={"m.1": ("m", 1)}), None, {"bus", "m.0"})
     assert asked == [({"c": 3.0}, {"bus"})]
-    assert let_in == [({"bus": "room"}, {"m.0": ("road", "road_0")}, {"cone", "m.1", "c", "native"})]
+    assert let_in == [({"bus": "room"}, {"m.0": ("road", "road_0")}, {"cone", "c", "native"}, {"m.1": ("m", 1)})]
     assert apart == [{"cone"}]
