@@ -16,9 +16,11 @@ from platoontraffic.road.lane_ids import edge_of, index_of
 from platoontraffic.road.network import Network, junction_of
 from platoontraffic.road.route import Route
 from platoontraffic.sumo.client import Client, direct
+from platoontraffic.sumo.conflicts import LINK_ONTO, LINK_VIA
 from platoontraffic.sumo.frame import centre_of, heading_of, sumo_angle
 from platoontraffic.sumo.placement_kernel import fill_in_poses
 from platoontraffic.sumo.plexe import feed, switch_on
+from platoontraffic.sumo.reads import Once
 from platoontraffic.sumo.shadows import Mover, Shadows
 from platoontraffic.sumo.vehicle_types import (
     ALL_CHECKS_ON,
@@ -84,6 +86,8 @@ class Placement:
         self._on_short: set[str] = set()  # ... on a short lane ...
         self._on_route: set[str] = set()  # ... on their path in a junction, or an overlapping lane of their route ...
         self._bound: set[str] = set()  # ... and those that were moved ON_ITS_ROUTE in the last step
+        self._edge_inside = Once(self._find_edge_inside)
+        self._class_of = Once(lambda name: sumo.vehicle.getVehicleClass(name))
         self._slowed: set[str] = set()  # SUMO-driven members with a failed drive
         self._movers: list[Mover] = []  # the members that SUMO does not drive ...
         self._movers_of: tuple[str, ...] = ()  # ... of these
@@ -179,17 +183,21 @@ class Placement:
     def _put_on_its_route(self, member: Member) -> str:
         """Put a member onto the nearest lane of the edge of its route that it was on, or of the next one; that edge."""
         vehicle, lanes, found = self._sumo.vehicle, self._sumo.lane, []
-        here, own = shapely.Point(vehicle.getPosition(member.id)), vehicle.getVehicleClass(member.id)
+        here, own = shapely.Point(vehicle.getPosition(member.id)), self._class_of[member.id]
         for edge in member.route.edges[self._leg.get(member.id, 0) :][:2]:
             for name in (f"{edge}_{k}" for k in range(len(self._network.edges[edge]))):
-                allowed = lanes.getAllowed(name)
-                if (not allowed or own in allowed) and own not in lanes.getDisallowed(name):
+                if self._allows(name, own):
                     line = shapely.LineString(lanes.getShape(name))
                     found.append((line.distance(here), edge, name, line.project(here, normalized=True)))
         _, edge, name, share = min(found)
         place = min(share * lanes.getLength(name), lanes.getLength(name) - BEFORE_END)
         self._move_to(member.id, name, place)
         return edge
+
+    def _allows(self, lane: str, kind: str) -> bool:
+        """Whether a lane is open to vehicles of a class."""
+        allowed = self._sumo.lane.getAllowed(lane)
+        return (not allowed or kind in allowed) and kind not in self._sumo.lane.getDisallowed(lane)
 
     def _move_to(self, name: str, lane: str, place: float) -> None:
         """Move a vehicle that may be off the road. SUMO does nothing where it has just left that lane."""
@@ -297,7 +305,26 @@ class Placement:
             return False
         if lane[:1] != ":":
             return edge_of(lane) in member.route.edges
-        return member.id in self._bound or any(lane in line.via for line in member.route.lines)
+        line = next((line for line in member.route.lines if lane in line.via), None)
+        if line is None:
+            return member.id in self._bound
+        edges = edge_of(line.lane), edge_of(line.onto)
+        return self._edge_inside[*edges, self._class_of[member.id]] == edge_of(line.via[0])
+
+    def _find_edge_inside(self, key: tuple[str, str, str]) -> str:
+        """The edge inside a junction on which SUMO looks for vehicles of a route from one edge to the next.
+
+        It is that of the first lane that leads there, though others may have others, as beside a lane for buses.
+
+        key: edges before and beyond the junction, class of the vehicle
+        """
+        before, beyond, kind = key
+        for k in range(len(self._network.edges[before])):
+            for link in self._sumo.lane.getLinks(f"{before}_{k}"):
+                via = link[LINK_VIA]
+                if edge_of(link[LINK_ONTO]) == beyond and via and self._allows(via, kind):
+                    return edge_of(via)
+        return ""
 
     def _put_back(self, name: str, lane: str) -> bool:
         """Put a member that is in the wedge beyond a lane back at the end of that lane, until its next move.
